@@ -1,0 +1,45 @@
+"""Is this linear light? Is this an alpha? Do these sizes agree?
+
+Called by the constructors of the types and by the verbs, nowhere else: kernels trust their input.
+Sizes are (width, height); shapes are NumPy's (height, width, ...).
+"""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Floats = npt.NDArray[np.floating[Any]]
+Bools = npt.NDArray[np.bool_]
+
+
+def check_light(name: str, value: object) -> None:
+    """Raise unless `value` is an (H, W, 3) float array, the form of linear light."""
+    if not isinstance(value, np.ndarray):
+        raise TypeError(f"{name} must be a NumPy array of linear light, got {type(value).__name__}")
+    if value.dtype.kind != "f":
+        raise TypeError(
+            f"{name} must hold linear light as floats, got {value.dtype}; "
+            "decode code values first, e.g. with blurmatte.SRGB.decode(codes / 255)"
+        )
+    if value.ndim != 3 or value.shape[2] != 3 or value.size == 0:
+        raise ValueError(f"{name} must have the shape (height, width, 3), got {value.shape}")
+
+
+def check_map(name: str, value: object, shape: tuple[int, ...], kinds: str = "f") -> None:
+    """Raise unless `value` is an array of `shape` whose dtype kind is one of `kinds`."""
+    if not isinstance(value, np.ndarray):
+        raise TypeError(f"{name} must be a NumPy array, got {type(value).__name__}")
+    if value.dtype.kind not in kinds:
+        raise TypeError(f"{name} must have a dtype of kind {kinds!r}, got {value.dtype}")
+    if value.shape != shape:
+        raise ValueError(f"{name} must have the shape {shape}, got {value.shape}")
+
+
+def check_same_size(first: str, a: tuple[int, int], second: str, b: tuple[int, int]) -> None:
+    """Raise unless the sizes (width, height) of two named pictures agree."""
+    if a != b:
+        raise ValueError(
+            f"{first} is {a[0]}x{a[1]} pixels and {second} {b[0]}x{b[1]}; "
+            "they must show the same scene at the same size"
+        )

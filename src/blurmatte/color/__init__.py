@@ -1,0 +1,3 @@
+"""Which colors the object may have."""
+
+from blurmatte.color.model import ColorModel as ColorModel

@@ -1,0 +1,248 @@
+"""ColorModel: which colors the object may have.
+
+In this file a color is a point of linear RGB, `l` the unit direction of a line of colors, `n` the
+unit normal of a plane of colors. Line and plane both pass through black, for every shade of a paint
+belongs to it. Of either, one unit vector says everything: l or n, called the pole.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.errors import ColorModelError
+from blurmatte.radiometry import SRGB
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class ColorModel:
+    """All colors the object may show: a subspace of linear RGB through black.
+
+    Rank 1 is a line (one paint and its shades), rank 2 a plane (two paints, or one paint with
+    highlights, or in two lights). Sections 2.2 and 3.3 of [GC07].
+
+    Parameters
+    ----------
+    basis : (3, rank) float
+        Orthonormal columns that span the colors; rank 1 or 2.
+    covariance : (3, 3) float
+        Of the pole, radians²; zeros for a model that was given, not measured.
+    evidence : mapping of str to float
+        What the estimate rests on: the standard deviation, in degrees, that each kind of evidence
+        alone would leave (infinite: nothing).
+
+    Raises
+    ------
+    ValueError
+        If the basis is not orthonormal or the covariance not (3, 3).
+    """
+
+    basis: Array
+    covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
+    evidence: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        basis = np.asarray(self.basis, dtype=float)
+        if basis.ndim != 2 or basis.shape[0] != 3 or basis.shape[1] not in (1, 2):
+            raise ValueError(f"basis must have the shape (3, 1) or (3, 2), got {basis.shape}")
+        if not np.allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-6):
+            raise ValueError("basis must have orthonormal columns; use ColorModel.from_samples")
+        covariance = np.asarray(self.covariance, dtype=float)
+        if covariance.shape != (3, 3) or not np.all(np.isfinite(covariance)):
+            raise ValueError(f"covariance must be finite, (3, 3), got {covariance.shape}")
+        object.__setattr__(self, "basis", basis)
+        object.__setattr__(self, "covariance", covariance)
+
+    def __repr__(self) -> str:
+        return f"ColorModel(rank {self.rank}, {' + '.join(self.hex)}, ±{self.angle_std:.2g}°)"
+
+    @property
+    def rank(self) -> int:
+        """1 for a line of colors, 2 for a plane."""
+        return self.basis.shape[1]
+
+    @property
+    def normals(self) -> Array:
+        """(3, 3 − rank) orthonormal directions that no object color has."""
+        return np.asarray(np.linalg.svd(self.basis)[0][:, self.rank :])
+
+    @property
+    def pole(self) -> Array:
+        """(3,) the line's direction l (rank 1) or the plane's normal n (rank 2)."""
+        return self.basis[:, 0] if self.rank == 1 else self.normals[:, 0]
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of the pole along its least certain direction, degrees."""
+        return float(np.degrees(np.sqrt(max(np.linalg.eigvalsh(self.covariance)[-1], 0))))
+
+    @property
+    def rgb(self) -> Array:
+        """(rank, 3) colors that span the model, linear, each with brightest channel 1.
+
+        Rank 2: the two extreme colors of the plane without negative light, so that every color the
+        object can show lies between them.
+        """
+        colors = self.basis.T if self.rank == 1 else _extremes(self.pole)
+        return np.asarray(colors / np.abs(colors).max(axis=1, keepdims=True))
+
+    @property
+    def hex(self) -> tuple[str, ...]:
+        """The colors of `rgb` as sRGB-coded #rrggbb."""
+        codes = np.rint(255 * SRGB.encode(np.clip(self.rgb, 0, 1))).astype(int)
+        return tuple("#{:02x}{:02x}{:02x}".format(*code) for code in codes)
+
+    @classmethod
+    def from_hex(cls, *colors: str) -> ColorModel:
+        """One or two sRGB-coded colors such as "#d8ff3c"; as many as the model shall have ranks.
+
+        Raises
+        ------
+        ValueError
+            If a color is not six hexadecimal digits, is black, or both have one hue.
+        """
+        codes = []
+        for color in colors:
+            digits = re.fullmatch(r"#?([0-9a-fA-F]{6})", color)
+            if digits is None:
+                raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
+            codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
+        light = SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255)
+        if len(light) not in (1, 2) or np.any(light.max(axis=1) == 0):
+            raise ValueError("give one or two colors, neither of them black")
+        basis = np.linalg.svd(light.T, full_matrices=False)[0]
+        if len(light) == 2 and _angle(*light) < 1:
+            raise ValueError(f"{' and '.join(colors)} are shades of one color; rank 2 needs two")
+        return cls(_bright(basis))
+
+    @classmethod
+    def from_samples(
+        cls, colors: Floats, rank: int = 1, std: float | None = None, robust: bool = False
+    ) -> ColorModel:
+        """The line or plane nearest to sampled colors of the object ([GC07 §3.3]).
+
+        Parameters
+        ----------
+        colors : (n, 3) float
+            Linear light of pixels that show nothing but the object.
+        rank : int
+            1 or 2.
+        std : float, optional
+            Noise of one sample, light. Measured from the samples' own scatter if not given.
+        robust : bool
+            Samples far from the rest lose their weight (Cauchy loss) instead of their vote counting
+            like any other.
+
+        Raises
+        ------
+        ColorModelError
+            If there are too few samples, they are black, or show one hue where two are asked for.
+        """
+        samples = np.asarray(colors, dtype=float).reshape(-1, 3)
+        if rank not in (1, 2):
+            raise ValueError(f"rank must be 1 or 2, got {rank}")
+        needed = rank if std is not None else rank + 1
+        if len(samples) < needed:
+            raise ColorModelError(
+                f"a model of rank {rank} needs {needed} or more color samples, got {len(samples)}; "
+                "pick more pixels or a larger radius"
+            )
+        pole = _pole_of(samples, rank)
+        if robust:
+            pole = _robust_pole(samples, rank, pole)
+        residual = _residual(samples, pole, rank)
+        freedom = max(len(samples) * (3 - rank) - 2, 1)
+        center, scale = np.median(residual), np.median(np.abs(residual)) * 1.4826
+        kept = np.abs(residual - center) <= 4 * max(scale, 1e-12) if robust else residual == residual
+        scatter = std if std is not None else float(np.sqrt(np.sum(residual[kept] ** 2) / freedom))
+        basis = pole[:, None] if rank == 1 else np.linalg.svd(pole[:, None])[0][:, 1:]
+        covariance = _sample_covariance(samples, pole, rank, scatter)
+        model = cls(_bright(basis), covariance, {})
+        if not model.angle_std < 20:
+            raise ColorModelError(
+                f"the {len(samples)} samples leave the {'line' if rank == 1 else 'plane'} of colors "
+                f"open by {model.angle_std:.0f}°; rank 2 needs two clearly different colors, "
+                "and no sample may be black"
+            )
+        return cls(model.basis, covariance, {"samples": model.angle_std})
+
+
+def _bright(basis: Array) -> Array:
+    """The same subspace with each column's sum positive."""
+    return np.asarray(basis * np.where(basis.sum(axis=0) < 0, -1, 1))
+
+
+def _angle(a: Array, b: Array) -> float:
+    return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
+
+
+def _extremes(n: Array) -> Array:
+    """(2, 3) where the plane with normal n leaves the octant of non-negative colors."""
+    edges = np.array([[0, n[2], -n[1]], [n[2], 0, -n[0]], [n[1], -n[0], 0]])
+    edges = edges * np.where(edges.sum(axis=1) < 0, -1, 1)[:, None]
+    length = np.linalg.norm(edges, axis=1)
+    inside = (edges.min(axis=1) >= -1e-9) & (length > 1e-9)
+    rays = edges[inside] / length[inside, None]
+    if len(rays) < 2:  # the plane holds no color but black: show its basis
+        return np.asarray(np.abs(np.linalg.svd(n[:, None])[0][:, 1:].T))
+    pair = np.unravel_index(np.argmin(rays @ rays.T), (len(rays), len(rays)))
+    return np.asarray(rays[list(pair)])
+
+
+def _pole_of(samples: Array, rank: int) -> Array:
+    directions = np.linalg.svd(samples, full_matrices=True)[2]
+    return np.asarray(directions[0 if rank == 1 else 2])
+
+
+def _residual(samples: Array, pole: Array, rank: int) -> Array:
+    """(m,) distances of the samples from the line (two per sample) or plane (one)."""
+    normals = np.linalg.svd(pole[:, None])[0][:, 1:] if rank == 1 else pole[:, None]
+    return np.asarray((samples @ normals).ravel())
+
+
+def _robust_pole(samples: Array, rank: int, start: Array) -> Array:
+    """Least squares with a Cauchy loss, from several starts: no single outlier decides the first."""
+    from scipy.optimize import least_squares
+
+    strong = samples[np.argsort(-np.linalg.norm(samples, axis=1))]
+    picks = strong[np.linspace(0, len(strong) - 1, min(12, len(strong))).astype(int)]
+    if rank == 1:
+        starts = [start, *picks]
+    else:
+        starts = [start, *(np.cross(a, b) for i, a in enumerate(picks) for b in picks[i + 1 :])]
+    best, best_cost = start, np.inf
+    for first in starts:
+        if np.linalg.norm(first) < 1e-9:
+            continue
+        pole = first / np.linalg.norm(first)
+        spread = max(float(np.median(np.abs(_residual(samples, pole, rank)))), 1e-9)
+        tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
+
+        def residual(step: Array, pole: Array = pole, tangent: Array = tangent) -> Array:
+            moved = pole + tangent @ step
+            return _residual(samples, moved / np.linalg.norm(moved), rank)
+
+        fit = least_squares(residual, np.zeros(2), loss="cauchy", f_scale=spread)
+        cost = float(np.median(np.abs(residual(fit.x))))
+        if cost < best_cost:
+            moved = pole + tangent @ fit.x
+            best, best_cost = moved / np.linalg.norm(moved), cost
+    return best
+
+
+def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -> Array:
+    """Of the pole: scatter² over the samples' second moment, within the pole's tangent plane."""
+    tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
+    if rank == 1:
+        moment = np.eye(2) * np.sum((samples @ pole) ** 2)
+    else:
+        moment = tangent.T @ (samples.T @ samples) @ tangent
+    covariance = scatter**2 * np.linalg.inv(moment + 1e-18 * np.eye(2))
+    return np.asarray(tangent @ covariance @ tangent.T)

@@ -1,0 +1,106 @@
+"""Solution: alpha and color of every pixel, each with its error, and what is known against it."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import IntFlag, auto
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats, check_light, check_map
+from blurmatte.color import ColorModel
+from blurmatte.layer import Layer
+
+
+class Quality(IntFlag):
+    """Why a pixel should be used with care. 0: nothing is known against it."""
+
+    SATURATED = auto()  #: image or plate is clipped or missing here
+    PLATE_IN_MODEL = auto()  #: the plate has a color the object could have; alpha is not known
+    OUT_OF_RANGE = auto()  #: alpha is outside [0, 1] by more than three sigma
+    MISFIT = auto()  #: image, plate and model disagree beyond the noise
+    OUTSIDE = auto()  #: nothing moved here: not part of the streak
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """Alpha and premultiplied light of a moving object, with errors.
+
+    Parameters
+    ----------
+    alpha, alpha_std : (H, W) float
+        Fraction of the exposure the object was there, and its standard deviation; the raw
+        estimate, not clipped, so that sums stay unbiased. Measure on these.
+    premultiplied, premultiplied_std : (H, W, 3) float
+        Light of the object, alpha times its color, linear, and its standard deviation.
+    quality : (H, W) uint8
+        `Quality` bits.
+    model : ColorModel
+        The colors the object was allowed.
+    solver : str
+        How it was solved, e.g. "Pixelwise(max_alpha_std=0.5)".
+    stats : mapping
+        Numbers about the solve: the streak's box and evidence, the noise, how well the model fits.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arrays of another kind or shape.
+    """
+
+    alpha: Floats
+    alpha_std: Floats
+    premultiplied: Floats
+    premultiplied_std: Floats
+    quality: npt.NDArray[np.uint8]
+    model: ColorModel
+    solver: str
+    stats: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        check_light("premultiplied", self.premultiplied)
+        shape = self.premultiplied.shape[:2]
+        check_map("alpha", self.alpha, shape)
+        check_map("alpha_std", self.alpha_std, shape)
+        check_map("premultiplied_std", self.premultiplied_std, self.premultiplied.shape)
+        check_map("quality", self.quality, shape, kinds="u")
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        inside = self.streak & self.known
+        if not inside.any():
+            return f"Solution({width}x{height}, nothing known)"
+        peak = np.percentile(self.alpha[inside], 99.5)
+        std = np.median(self.alpha_std[inside])
+        flagged = np.mean(self.quality[self.streak] != 0)
+        return (
+            f"Solution({width}x{height}, alpha up to {peak:.2f}, typical std {std:.3f}, "
+            f"{flagged:.1%} of the streak's pixels flagged)"
+        )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        height, width = self.alpha.shape
+        return width, height
+
+    @property
+    def streak(self) -> Bools:
+        """(H, W) True where something moved."""
+        return np.asarray((self.quality & Quality.OUTSIDE) == 0)
+
+    @property
+    def known(self) -> Bools:
+        """(H, W) True where the pixel could be answered at all."""
+        unknown = Quality.SATURATED | Quality.PLATE_IN_MODEL
+        return np.asarray((self.quality & unknown) == 0)
+
+    @property
+    def layer(self) -> Layer:
+        """The object as a picture: alpha clipped to [0, 1], no negative light, and nothing where
+        the pixel is unknown or outside the streak. Compose with this; measure on `alpha`.
+        """
+        alpha = np.where(self.streak & self.known, np.clip(self.alpha, 0, 1), 0)
+        light = np.where(alpha[..., None] > 0, np.maximum(self.premultiplied, 0), 0)
+        return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))

@@ -1,0 +1,13 @@
+"""Numbers in a file ⇄ linear light, and how well that light is known."""
+
+from blurmatte.radiometry.image import LinearImage as LinearImage
+from blurmatte.radiometry.image import Meta as Meta
+from blurmatte.radiometry.image import decode as decode
+from blurmatte.radiometry.noise import NoiseModel as NoiseModel
+from blurmatte.radiometry.noise import fit_noise as fit_noise
+from blurmatte.radiometry.transfer import LINEAR as LINEAR
+from blurmatte.radiometry.transfer import REC709 as REC709
+from blurmatte.radiometry.transfer import SRGB as SRGB
+from blurmatte.radiometry.transfer import Transfer as Transfer
+from blurmatte.radiometry.transfer import gamma as gamma
+from blurmatte.radiometry.transfer import named_transfer as named_transfer

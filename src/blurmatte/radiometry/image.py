@@ -1,0 +1,127 @@
+"""LinearImage: light, how well it is known, and where it can be trusted."""
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats, check_light, check_map
+from blurmatte.radiometry.noise import NoiseModel
+from blurmatte.radiometry.transfer import Transfer
+
+
+@dataclass(frozen=True)
+class Meta:
+    """What a file says about its picture.
+
+    Parameters
+    ----------
+    source : str
+        Name of the file, for messages.
+    transfer : Transfer or None
+        The curve its code values were decoded with; None for light that never was encoded.
+    levels : int or None
+        How many code values it can hold: 256, 65536; None for floats.
+    exposure_time : float or None
+        Seconds.
+    icc_profile : bytes or None
+        The colour profile that came with it.
+    gray : bool
+        One channel was all there was.
+    """
+
+    source: str = ""
+    transfer: Transfer | None = None
+    levels: int | None = None
+    exposure_time: float | None = None
+    icc_profile: bytes | None = field(default=None, repr=False)
+    gray: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class LinearImage:
+    """Linear light, its noise, and where it can be trusted.
+
+    Parameters
+    ----------
+    rgb : (H, W, 3) float
+        Linear light, 1 = sensor white, unclipped.
+    noise : NoiseModel, (H, W, 3) float variance, or None
+        How well `rgb` is known, light². None: not measured yet; `solve` will, against the plate.
+    valid : (H, W) bool, optional
+        False where saturated, dead or missing. All True if not given.
+    meta : Meta
+        What the file said.
+
+    Raises
+    ------
+    TypeError, ValueError
+        For arrays of another kind or shape.
+    """
+
+    rgb: Floats
+    noise: NoiseModel | Floats | None = None
+    valid: Bools = None  # type: ignore[assignment]
+    meta: Meta = Meta()
+
+    def __post_init__(self) -> None:
+        check_light("rgb", self.rgb)
+        if self.valid is None:
+            object.__setattr__(self, "valid", np.ones(self.rgb.shape[:2], dtype=bool))
+        check_map("valid", self.valid, self.rgb.shape[:2], kinds="b")
+        if not isinstance(self.noise, NoiseModel | None):
+            check_map("noise", self.noise, self.rgb.shape)
+
+    def __repr__(self) -> str:
+        width, height = self.size
+        name = f"{self.meta.source}, " if self.meta.source else ""
+        trusted = f"{np.mean(self.valid):.1%} valid"
+        return f"LinearImage({name}{width}x{height}, up to {np.max(self.rgb):.2f}, {trusted})"
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        height, width = self.valid.shape
+        return width, height
+
+    @property
+    def variance(self) -> Floats:
+        """(H, W, 3) noise variance, light².
+
+        Raises
+        ------
+        ValueError
+            If the noise was not measured yet.
+        """
+        if self.noise is None:
+            raise ValueError("the noise of this image is not known; measure it with fit_noise")
+        if isinstance(self.noise, NoiseModel):
+            return self.noise.variance(self.rgb)
+        return self.noise
+
+    def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":
+        """The same light, with `noise`."""
+        return replace(self, noise=noise)
+
+
+def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
+    """Linear light of an (H, W, 3) array of integer code values, by table.
+
+    Code values at the top of the range are saturated: the light was at least that strong.
+
+    Parameters
+    ----------
+    codes : (H, W, 3) uint8 or uint16
+    transfer : Transfer
+
+    Returns
+    -------
+    LinearImage
+        float32 light; `valid` is False where a channel is saturated.
+    """
+    if codes.dtype not in (np.uint8, np.uint16):
+        raise TypeError(f"codes must be uint8 or uint16, got {codes.dtype}")
+    top = np.iinfo(codes.dtype).max
+    light = transfer.table(top + 1).astype(np.float32)[codes]
+    valid = (codes != top).all(axis=-1)
+    return LinearImage(light, valid=valid, meta=Meta(transfer=transfer, levels=int(top) + 1))

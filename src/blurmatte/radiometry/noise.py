@@ -1,0 +1,202 @@
+"""How well a linear value is known.
+
+In this file `light` is linear (1 = sensor white) and σ² a variance in light². A sensor's noise has a
+part that does not depend on light (reading), a part whose variance grows with it (photons), and a
+part that is a fixed fraction of it (unequal pixels). Noise that is constant in *code* values, such
+as rounding to 8 bits, grows nearly like the last two together: the slope of sRGB is ∝ light^0.58.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from blurmatte.checks import Bools, Floats
+from blurmatte.radiometry.transfer import LINEAR, Transfer
+
+if TYPE_CHECKING:
+    from blurmatte.radiometry.image import LinearImage
+
+PerChannel = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Variance of a linear value: read_std² + gain · light + (relative_std · light)².
+
+    Parameters
+    ----------
+    gain : float or three floats
+        Light per photo-electron, >= 0.
+    read_std : float or three floats
+        Standard deviation of reading, light, >= 0.
+    relative_std : float or three floats
+        Standard deviation that is a fraction of the light, >= 0.
+
+    Raises
+    ------
+    ValueError
+        If a number is negative, infinite or NaN.
+    """
+
+    gain: PerChannel | float = (0.0, 0.0, 0.0)
+    read_std: PerChannel | float = (0.0, 0.0, 0.0)
+    relative_std: PerChannel | float = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "read_std", "relative_std"):
+            value = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (3,))
+            if not np.all(np.isfinite(value) & (value >= 0)):
+                raise ValueError(f"{name} must be finite and not negative, got {value.tolist()}")
+            object.__setattr__(self, name, tuple(value.tolist()))
+
+    def __repr__(self) -> str:
+        middle = np.sqrt(self.variance(np.full(3, 0.2))).mean()
+        return f"NoiseModel(std {middle:.2g} at light 0.2)"
+
+    @property
+    def coefficients(self) -> Floats:
+        """(3 channels, 3) of 1, light and light² in the variance."""
+        read, gain, relative = map(np.asarray, (self.read_std, self.gain, self.relative_std))
+        return np.stack([read**2, gain, relative**2], axis=1)
+
+    @classmethod
+    def from_coefficients(cls, coefficients: Floats) -> NoiseModel:
+        """The model with these (3 channels, 3) coefficients of 1, light and light²."""
+        constant, linear, quadratic = np.asarray(coefficients, dtype=float).T
+        return cls(tuple(linear), tuple(constant**0.5), tuple(quadratic**0.5))
+
+    @classmethod
+    def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
+        """The least noise a file of `levels` code values can have: rounding, to 10 % of its std."""
+        light = np.geomspace(0.005, 1, 100)
+        return cls.from_coefficients(
+            np.tile(_fit_polynomial(light, _rounding_variance(light, levels, transfer)), (3, 1))
+        )
+
+    def variance(self, light: Floats) -> Floats:
+        """σ² of linear `light`, shape (..., 3); the dtype of `light`."""
+        constant, linear, quadratic = self.coefficients.T.astype(light.dtype)
+        positive = np.maximum(light, 0)
+        variance: Floats = constant + positive * (linear + quadratic * positive)
+        return variance
+
+
+def _rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
+    return (transfer.slope(light) / (levels - 1)) ** 2 / 12
+
+
+def _fit_polynomial(light: Floats, variance: Floats, weight: Floats | float = 1.0) -> Floats:
+    """(3,) non-negative coefficients of 1, light, light² with the least relative error."""
+    from scipy.optimize import nnls
+
+    x = np.maximum(light, 0)
+    relative = np.broadcast_to(np.asarray(weight) / variance, x.shape)
+    coefficients, _ = nnls(np.stack([x**0, x, x**2], axis=1) * relative[:, None], relative * variance)
+    return np.asarray(coefficients)
+
+
+def fit_noise(
+    image: LinearImage, plate: LinearImage, still: Bools | None = None
+) -> tuple[NoiseModel, NoiseModel]:
+    """Measure the noise of image and plate from their difference where nothing moved.
+
+    The variance of the difference is collected by brightness and fitted by `NoiseModel`. How it
+    divides between the two pictures shows in the fine structure: both share the scene's, so what
+    the difference has in common with the image's is the image's own noise.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The same size.
+    still : (H, W) bool, optional
+        Where nothing moved. Without it, differences far outside the scatter of the rest are left
+        out, which holds as long as less than about a third of the picture changed.
+
+    Returns
+    -------
+    tuple of NoiseModel
+        Of the image and of the plate.
+    """
+    rows = slice(None, None, max(1, round(image.valid.size / 1e6)))
+    C, B = (picture.rgb[rows].astype(float) for picture in (image, plate))
+    usable = image.valid[rows] & plate.valid[rows]
+    if still is not None:
+        usable &= still[rows]
+    least = [_rounding_coefficients(picture) for picture in (image, plate)]
+    total, kept = np.empty((3, 3)), np.zeros(C.shape, bool)
+    for c in range(3):
+        total[c], kept[..., c] = _fit_channel(
+            B[..., c], (C - B)[..., c], usable, (least[0] + least[1])[c]
+        )
+    share = _plate_share(C, B, NoiseModel.from_coefficients(total).variance(B) + 1e-14, kept)
+    return (
+        NoiseModel.from_coefficients(np.maximum((1 - share) * total, least[0])),
+        NoiseModel.from_coefficients(np.maximum(share * total, least[1])),
+    )
+
+
+def _rounding_coefficients(picture: LinearImage) -> Floats:
+    if picture.meta.levels is None:
+        return np.zeros((3, 3))
+    transfer = picture.meta.transfer or LINEAR
+    return NoiseModel.rounding(picture.meta.levels, transfer).coefficients
+
+
+def _fit_channel(
+    light: Floats, difference: Floats, usable: Bools, least: Floats
+) -> tuple[Floats, Bools]:
+    """Coefficients of the variance of one channel's difference, and which pixels were believed."""
+    x, d = light[usable], difference[usable]
+    kept = np.zeros(usable.shape, bool)
+    if len(x) == 0:
+        return least, kept
+    bins = np.searchsorted(np.quantile(x, np.linspace(0, 1, 25)[1:-1]), x)
+    inside = np.zeros(len(x), bool)
+    level, variance, count = [], [], []
+    for b in np.unique(bins):
+        members = np.flatnonzero(bins == b)
+        at = max(float(np.median(x[members])), 0.0)
+        believed, scatter = _clipped_scatter(d[members], float(np.polyval(least[::-1], at)))
+        inside[members[believed]] = True
+        level.append(at)
+        variance.append(scatter + 1e-14)
+        count.append(believed.sum())
+    kept[usable] = inside
+    return _fit_polynomial(np.array(level), np.array(variance), np.sqrt(count)), kept
+
+
+def _clipped_scatter(d: Floats, least: float) -> tuple[Bools, float]:
+    """Second moment about zero of the central part of `d`: within four sigma, in a few rounds."""
+    s2 = max((1.4826 * float(np.median(np.abs(d)))) ** 2, least)
+    believed = np.ones(len(d), bool)
+    for _ in range(4):
+        believed = d**2 <= 16 * s2
+        s2 = max(float(np.mean(d[believed] ** 2)) if believed.any() else s2, least)
+    return believed, s2
+
+
+def _plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> float:
+    """The plate's part of the variance of C − B, from E[(C − B) · fine structure of C] = σ_C².
+
+    The scene's own fine structure is what blurs the answer, so pixels count the less the more of it
+    the next row shows (that row's noise is another one), and a blurred answer is drawn to one half.
+    """
+    scene = np.roll(_fine_structure((C + B) / 2), 1, axis=0)
+    weight = np.where(kept[:, 1:-1], 1 / (s2[:, 1:-1] + scene**2), 0)
+    d = (C - B)[:, 1:-1] * weight
+    of_image, of_plate = d * _fine_structure(C), -d * _fine_structure(B)
+    both = float(np.sum(of_image + of_plate))
+    if not both > 0.1 * float(np.sum(s2[:, 1:-1] * weight)):
+        return 0.5  # noise too smooth, or none, to tell from the scene
+    share = float(np.sum(of_plate)) / both
+    variance = float(np.sum(((1 - share) * of_plate - share * of_image) ** 2)) / both**2
+    prior = 0.3**2
+    return float(np.clip((share * prior + 0.5 * variance) / (prior + variance), 0, 1))
+
+
+def _fine_structure(x: Floats) -> Floats:
+    fine: Floats = x[:, 1:-1] - (x[:, :-2] + x[:, 2:]) / 2
+    return fine

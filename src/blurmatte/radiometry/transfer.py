@@ -1,0 +1,113 @@
+"""Transfer curves: code values in a file ⇄ linear light.
+
+In this file `v` is a code value scaled to 0…1 (255 or 65535 is 1) and `light` is linear, 1 = white.
+Every curve continues oddly below zero, so noise below black survives a round trip.
+"""
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+
+Curve = Callable[[Any], Any]
+
+
+@dataclass(frozen=True, repr=False)
+class Transfer:
+    """A pair of inverse curves between code values and linear light.
+
+    Parameters
+    ----------
+    name : str
+        What `--transfer` and the reports call it.
+    decode, encode : callable
+        Arrays of code values (0…1) to linear light, and back; any shape.
+    """
+
+    name: str
+    decode: Curve
+    encode: Curve
+
+    def __repr__(self) -> str:
+        return f"Transfer({self.name})"
+
+    def table(self, levels: int) -> npt.NDArray[np.float64]:
+        """(levels,) linear light of every code value of an integer file, `levels` = 256 or 65536."""
+        return np.asarray(self.decode(np.arange(levels) / (levels - 1)), dtype=np.float64)
+
+    def slope(self, light: Floats) -> Floats:
+        """Linear light per unit of code value at `light`: how far one code step reaches there."""
+        v = self.encode(light)
+        h = 1 / 1024
+        slope: Floats = (self.decode(v + h) - self.decode(v - h)) / (2 * h)
+        return slope
+
+
+def _odd(curve: Curve) -> Curve:
+    return lambda x: np.copysign(curve(np.abs(x)), x)
+
+
+def _srgb_decode(v: Floats) -> Floats:
+    return np.where(v <= 0.04045, v / 12.92, ((v + 0.055) / 1.055) ** 2.4)
+
+
+def _srgb_encode(light: Floats) -> Floats:
+    return np.where(
+        light <= 0.04045 / 12.92, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055
+    )
+
+
+# The continuous solution of Rec. 709's rounded 1.099 and 0.018, as Rec. 2020 prints it.
+_A, _B = 1.09929682680944, 0.018053968510807
+
+
+def _rec709_decode(v: Floats) -> Floats:
+    return np.where(v < 4.5 * _B, v / 4.5, ((v + _A - 1) / _A) ** (1 / 0.45))
+
+
+def _rec709_encode(light: Floats) -> Floats:
+    return np.where(light < _B, 4.5 * light, _A * light**0.45 - (_A - 1))
+
+
+SRGB = Transfer("srgb", _odd(_srgb_decode), _odd(_srgb_encode))  # IEC 61966-2-1:1999
+REC709 = Transfer("rec709", _odd(_rec709_decode), _odd(_rec709_encode))  # ITU-R BT.709-6 §1.2
+LINEAR = Transfer("linear", lambda v: v, lambda light: light)
+
+
+def gamma(exponent: float) -> Transfer:
+    """Pure power curve: light = v ** exponent.
+
+    Raises
+    ------
+    ValueError
+        Unless 0.1 <= exponent <= 10.
+    """
+    if not 0.1 <= exponent <= 10:
+        raise ValueError(f"gamma must lie between 0.1 and 10, got {exponent}")
+    return Transfer(
+        f"gamma{exponent:g}",
+        _odd(lambda v: v**exponent),
+        _odd(lambda light: light ** (1 / exponent)),
+    )
+
+
+def named_transfer(name: str) -> Transfer:
+    """The curve that is called `name`: srgb, rec709, linear, or gamma2.2 with any exponent.
+
+    Raises
+    ------
+    ValueError
+        For any other name.
+    """
+    known = {curve.name: curve for curve in (SRGB, REC709, LINEAR)}
+    if name in known:
+        return known[name]
+    power = re.fullmatch(r"gamma(\d+(\.\d+)?)", name)
+    if power is None:
+        raise ValueError(f"no transfer is called {name!r}; use {', '.join(known)} or e.g. gamma2.2")
+    return gamma(float(power[1]))
