@@ -70,11 +70,11 @@ class NoiseModel:
 
     @classmethod
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
-        """The least noise a file of `levels` code values can have: rounding, to 10 % of its std."""
+        """The least noise a file of `levels` code values can have: rounding, to about 10 % of its std."""
         light = np.geomspace(0.005, 1, 100)
-        return cls.from_coefficients(
-            np.tile(_fit_polynomial(light, _rounding_variance(light, levels, transfer)), (3, 1))
-        )
+        coefficients = _fit_polynomial(light, _rounding_variance(light, levels, transfer))
+        coefficients[0] += _rounding_variance(np.zeros(1), levels, transfer)[0]
+        return cls.from_coefficients(np.tile(coefficients, (3, 1)))
 
     def variance(self, light: Floats) -> Floats:
         """σ² of linear `light`, shape (..., 3); the dtype of `light`."""
@@ -200,3 +200,14 @@ def _plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> float:
 def _fine_structure(x: Floats) -> Floats:
     fine: Floats = x[:, 1:-1] - (x[:, :-2] + x[:, 2:]) / 2
     return fine
+
+
+def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
+    """Image and plate with their noise known: measured by `fit_noise` if either's is not."""
+    if image.noise is not None and plate.noise is not None:
+        return image, plate
+    of_image, of_plate = fit_noise(image, plate)
+    return (
+        image if image.noise is not None else image.with_noise(of_image),
+        plate if plate.noise is not None else plate.with_noise(of_plate),
+    )

@@ -1,0 +1,159 @@
+"""The closed form: each pixel alone, all of them in threads over strips of rows."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from os import cpu_count
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats, check_map
+from blurmatte.color import ColorModel
+from blurmatte.radiometry import NoiseModel
+
+Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
+
+# Light is stored as float32, so no value is known better than to about 1e-6 of full scale. It also
+# keeps the fit's weights finite where image and plate are exact.
+_LEAST_VARIANCE = 1e-12
+
+
+class PixelMaps(NamedTuple):
+    """What the closed form says of each pixel; reuse one as `out=` for the next picture.
+
+    alpha, alpha_std are (H, W) floats, premultiplied and premultiplied_std (H, W, 3) floats, and
+    quality (H, W) uint8 with the bits of `Quality`.
+    """
+
+    alpha: Floats
+    alpha_std: Floats
+    premultiplied: Floats
+    premultiplied_std: Floats
+    quality: npt.NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
+        """Maps of a size, not filled."""
+        one, three = (height, width), (height, width, 3)
+        return cls(
+            np.empty(one, dtype), np.empty(one, dtype),
+            np.empty(three, dtype), np.empty(three, dtype), np.empty(one, np.uint8),
+        )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Pixelwise:
+    """Solve each pixel alone, in closed form ([GC07 §3.2], weighted by the noise).
+
+    Parameters
+    ----------
+    max_alpha_std : float
+        A pixel whose alpha is less certain than this is marked PLATE_IN_MODEL, > 0.
+    """
+
+    max_alpha_std: float = 0.5
+
+    def __post_init__(self) -> None:
+        if not self.max_alpha_std > 0:
+            raise ValueError(f"max_alpha_std must be positive, got {self.max_alpha_std}")
+
+    def __call__(
+        self,
+        image: Floats | Codes,
+        plate: Floats | Codes,
+        model: ColorModel,
+        image_noise: NoiseModel | Floats,
+        plate_noise: NoiseModel | Floats,
+        flags: npt.NDArray[np.uint8] | None = None,
+        tables: tuple[Floats, Floats] | None = None,
+        out: PixelMaps | None = None,
+    ) -> PixelMaps:
+        """Alpha and premultiplied light of every pixel; NumPy in, NumPy out.
+
+        Parameters
+        ----------
+        image, plate : (H, W, 3)
+            Linear light as floats; or code values, uint8 or uint16, decoded by `tables`.
+        model : ColorModel
+        image_noise, plate_noise : NoiseModel or (H, W, 3) variances
+            Variances per pixel are for light only, not for code values.
+        flags : (H, W) uint8, optional
+            `Quality` bits known beforehand; the result's `quality` starts from them.
+        tables : two (levels,) floats, optional
+            Linear light of each code value of image and plate (`Transfer.table`).
+        out : PixelMaps, optional
+            Where to write; its dtype is the one computed in. Filling fresh arrays takes twice as long.
+
+        Returns
+        -------
+        PixelMaps
+            Raw estimates, neither clipped nor masked.
+        """
+        shape = image.shape[:2]
+        dtype = (tables[0] if tables else image).dtype if out is None else out.alpha.dtype
+        maps = PixelMaps.empty(*shape, dtype) if out is None else out
+        check_map("out", maps.premultiplied, (*shape, 3))
+        N = _normals(model, dtype)
+        max_std = dtype.type(self.max_alpha_std)
+        noise = (image_noise, plate_noise)
+
+        from blurmatte.matting import kernel  # numba takes half a second to import
+
+        def solve_rows(rows: slice) -> None:
+            maps.quality[rows] = 0 if flags is None else flags[rows]
+            C, B = _flat(image[rows]), _flat(plate[rows])
+            outputs = [np.reshape(m[rows], -1) for m in maps]
+            if tables:
+                light = [np.asarray(table, dtype) for table in tables]
+                variance = [_coefficients(n, dtype) for n in noise]
+                kernel.solve_codes(C, B, *light, *variance, N, max_std, *outputs)
+            elif all(isinstance(n, NoiseModel) for n in noise):
+                variance = [_coefficients(n, dtype) for n in noise]
+                kernel.solve_light(
+                    C.astype(dtype, copy=False), B.astype(dtype, copy=False),
+                    *variance, N, max_std, *outputs,
+                )  # fmt: skip
+            else:
+                variance = [
+                    _flat(_variances(n, light[rows])).astype(dtype, copy=False)
+                    for n, light in zip(noise, (image, plate), strict=True)
+                ]
+                kernel.solve_light_with_variances(
+                    C.astype(dtype, copy=False), B.astype(dtype, copy=False),
+                    *variance, N, max_std, *outputs,
+                )  # fmt: skip
+
+        with ThreadPoolExecutor(cpu_count()) as threads:
+            list(threads.map(solve_rows, _strips(shape[0])))
+        return maps
+
+
+def _strips(height: int) -> list[slice]:
+    """Strips of rows, a few for each processor, so that none waits long for the last."""
+    edges = np.linspace(0, height, min(height, 8 * (cpu_count() or 1)) + 1).astype(int)
+    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+
+
+def _flat(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    return np.ascontiguousarray(array).reshape(-1)
+
+
+def _normals(model: ColorModel, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+    """Six numbers of the two normals, the second zero for a plane, and the second's variance pad."""
+    normals = np.zeros((2, 3))
+    normals[: 3 - model.rank] = model.normals.T
+    return tuple(dtype.type(x) for x in (*normals.ravel(), model.rank - 1))
+
+
+def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+    if not isinstance(noise, NoiseModel):
+        raise TypeError("code values need a NoiseModel, not a variance for each pixel")
+    coefficients = noise.coefficients.copy()
+    coefficients[:, 0] += _LEAST_VARIANCE
+    return tuple(dtype.type(x) for x in coefficients.ravel())
+
+
+def _variances(noise: NoiseModel | Floats, light: Any) -> Floats:
+    variance = noise.variance(light) if isinstance(noise, NoiseModel) else noise
+    return np.asarray(variance + variance.dtype.type(_LEAST_VARIANCE))

@@ -1,0 +1,227 @@
+"""Where something moved: regions of the image that differ from the plate by more than noise.
+
+In this file d = C − B is the difference of image and plate, z the same in units of its standard
+deviation, and T the sum of z² over the channels after smoothing, scaled so that it would be χ² with
+three degrees of freedom if nothing had moved. Large pictures are looked at in cells of several
+pixels, so that the search costs no more than for a picture of a million pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats, check_map, check_same_size
+from blurmatte.errors import PlateError
+from blurmatte.radiometry import LinearImage, with_noise
+
+Box = tuple[int, int, int, int]
+
+_SURE, _POSSIBLE = 6.0**2, 3.5**2  # T: something moved here; part of it if it touches a sure place
+_FAINTEST = 0.1  # of a streak's own strength: what is weaker beside it is its shadow or its halo
+_SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad streaks
+_JOIN, _RIM = 2, 3  # cells: gaps that are bridged; rim added where the edge fades below all noise
+_MAX_CELLS = 1e6
+
+
+@dataclass(frozen=True, eq=False)
+class Streak:
+    """A region of the image in which something moved.
+
+    Parameters
+    ----------
+    mask : (H, W) bool
+        True inside.
+    box : (x0, y0, x1, y1)
+        The smallest box around it, pixels; x1 and y1 are one past the last.
+    evidence : float
+        Sum of T over the region: how strongly the data say so.
+
+    Raises
+    ------
+    ValueError
+        If the mask is empty.
+    """
+
+    mask: Bools
+    box: Box = (0, 0, 0, 0)
+    evidence: float = float("nan")
+
+    def __post_init__(self) -> None:
+        check_map("mask", self.mask, self.mask.shape[:2], kinds="b")
+        rows, columns = self.mask.any(axis=1).nonzero()[0], self.mask.any(axis=0).nonzero()[0]
+        if len(rows) == 0:
+            raise ValueError("a streak needs at least one pixel; its mask is empty")
+        box = (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
+        object.__setattr__(self, "box", box)
+
+    def __repr__(self) -> str:
+        x0, y0, x1, y1 = self.box
+        area = int(np.count_nonzero(self.mask))
+        return f"Streak({x1 - x0}x{y1 - y0} at {x0},{y0}, {area} pixels)"
+
+    @classmethod
+    def from_box(cls, box: Box, size: tuple[int, int]) -> "Streak":
+        """All of a box (x0, y0, x1, y1) in a picture of `size` (width, height).
+
+        Raises
+        ------
+        ValueError
+            If the box is empty or leaves the picture.
+        """
+        x0, y0, x1, y1 = box
+        width, height = size
+        if not (0 <= x0 < x1 <= width and 0 <= y0 < y1 <= height):
+            raise ValueError(
+                f"region {x0},{y0},{x1},{y1} must lie in the picture of {width}x{height} pixels, "
+                "with x0 < x1 and y0 < y1"
+            )
+        mask = np.zeros((height, width), bool)
+        mask[y0:y1, x0:x1] = True
+        return cls(mask)
+
+    @property
+    def rows_columns(self) -> tuple[slice, slice]:
+        """The box as slices of an array."""
+        x0, y0, x1, y1 = self.box
+        return slice(y0, y1), slice(x0, x1)
+
+
+def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
+    """Find the regions where something moved, the one with the largest evidence first.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The same size, at least 16x16 pixels; noise that is not known is measured.
+
+    Returns
+    -------
+    list of Streak
+        Empty if nothing moved.
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ.
+    PlateError
+        If the pictures are too small or have no unclipped pixel in common.
+    """
+    from scipy import ndimage
+
+    check_same_size("image", image.size, "plate", plate.size)
+    if min(image.size) < 16:
+        width, height = image.size
+        raise PlateError(f"the picture is {width}x{height} pixels; 16x16 is the least to work with")
+    if not (image.valid & plate.valid).any():
+        raise PlateError("image and plate have no unclipped pixel in common; expose shorter")
+    image, plate = with_noise(image, plate)
+    cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_CELLS)))
+    T = _evidence(image, plate, cell)
+    moved = ndimage.binary_opening(T > _POSSIBLE, np.ones((3, 3)))  # thin plate edges fall away
+    labels, _ = ndimage.label(ndimage.binary_dilation(moved, iterations=_JOIN), np.ones((3, 3)))
+    streaks = []
+    for number, place in enumerate(ndimage.find_objects(labels), start=1):
+        near = np.where((labels[place] == number) & moved[place], T[place], 0)
+        if near.max() > _SURE:
+            region = np.zeros(T.shape, bool)
+            region[place] = _strong_part(near)
+            evidence = float(T[region].sum())
+            streaks.append(Streak(_to_pixels(region, cell, image.valid.shape), evidence=evidence))
+    return sorted(streaks, key=lambda streak: -streak.evidence)
+
+
+def _strong_part(T: Floats) -> Bools:
+    """The piece around the strongest place, without the weak shadows and halos that touch it."""
+    from scipy import ndimage
+
+    typical = np.quantile(T[T > 0], 0.9)
+    strong = max(_POSSIBLE, _FAINTEST**2 * typical) < T
+    pieces, _ = ndimage.label(ndimage.binary_dilation(strong, iterations=_JOIN), np.ones((3, 3)))
+    return np.asarray(strong & (pieces == pieces[np.unravel_index(np.argmax(T), T.shape)]))
+
+
+def _to_pixels(region: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
+    """The region of cells with its gaps and holes filled and its faint rim, as a mask of pixels."""
+    from scipy import ndimage
+
+    joined = ndimage.binary_dilation(region, iterations=_JOIN)
+    grown = ndimage.binary_dilation(ndimage.binary_fill_holes(joined), iterations=_RIM - _JOIN)
+    mask = grown.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]]
+    return np.asarray(mask)
+
+
+def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
+    """(h, w) T of every cell: the largest over the scales of smoothing."""
+    from scipy import ndimage
+
+    z = _normalized_difference(image, plate, cell)
+    T = np.zeros(z.shape[:2], np.float32)
+    for scale in _SCALES:
+        smooth = np.stack([ndimage.gaussian_filter(z[..., c], scale) for c in range(3)], axis=-1)
+        smooth -= np.median(smooth, axis=(0, 1))
+        T = np.maximum(T, np.sum(smooth**2 / _spread2(smooth, scale), axis=-1))
+    return T
+
+
+def _spread2(smooth: Floats, scale: float) -> Floats:
+    """(3,) variance of a smoothed z where nothing moved.
+
+    White noise leaves 1 / (4π scale²). What there is beyond that is correlated noise of JPEG and
+    video, light that drifts, soft shadows: long-tailed, so it counts nine times. The quantile
+    believes what four fifths of the picture say.
+    """
+    white = 1 / (4 * np.pi * scale**2)
+    seen = (np.quantile(np.abs(smooth), 0.8, axis=(0, 1)) / 1.2816) ** 2
+    return np.asarray(white + 9 * np.maximum(seen - white, 0), dtype=smooth.dtype)
+
+
+def _normalized_difference(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
+    """(h, w, 3) difference of the cells' means over its standard deviation; 0 where not valid.
+
+    Where the plate has edges, a shift by a fraction of a pixel makes a difference too. How large the
+    shifts are is read off the edges themselves.
+    """
+    used = image.valid & plate.valid
+    d = _cells(np.where(used[..., None], image.rgb - plate.rgb, 0), cell)
+    B = _cells(plate.rgb, cell)
+    weight = _cells(used[..., None].astype(np.float32), cell)
+    variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
+    edge = _edge_energy(B)
+    excess = np.median((d**2).sum(-1)[_strong(edge)]) - np.median(variance.sum(-1)[_strong(edge)])
+    shift2 = max(float(excess / np.median(edge.sum(-1)[_strong(edge)])), 0.0)
+    z = d / np.sqrt(variance + 9 * shift2 * edge + 1e-14)
+    return np.asarray(np.where(weight > 0.5, z, 0), dtype=np.float32)
+
+
+def _strong(edge: Floats) -> Bools:
+    """Where the plate's edges are among its strongest tenth."""
+    energy = edge.sum(axis=-1)
+    return np.asarray(energy >= np.quantile(energy, 0.9))
+
+
+def _edge_energy(B: Floats) -> Floats:
+    """(h, w, 3) squared gradient, the largest of the neighbours: light² per cell²."""
+    from scipy import ndimage
+
+    energy = np.gradient(B, axis=0) ** 2 + np.gradient(B, axis=1) ** 2
+    return np.asarray(ndimage.maximum_filter(energy, size=(3, 3, 1)))
+
+
+def _cells(values: npt.NDArray[np.floating], cell: int) -> Floats:
+    """Means over cells of cell × cell pixels; the last ones reach to the border."""
+    if cell == 1:
+        return values
+    height, width = (n // cell * cell for n in values.shape[:2])
+    pad = [(0, -n % cell) for n in values.shape[:2]] + [(0, 0)]
+    padded = np.pad(values, pad, mode="edge") if (height, width) != values.shape[:2] else values
+    rows, columns = padded.shape[0] // cell, padded.shape[1] // cell
+    return np.asarray(padded.reshape(rows, cell, columns, cell, -1).mean(axis=(1, 3)))
+
+
+def _mean_variance(picture: LinearImage, B: Floats, cell: int) -> Floats:
+    from blurmatte.radiometry import NoiseModel
+
+    if isinstance(picture.noise, NoiseModel):
+        return np.asarray(picture.noise.variance(B) / cell**2)
+    return np.asarray(_cells(picture.variance, cell) / cell**2)
