@@ -23,13 +23,13 @@ from blurmatte.rendering import (
 from blurmatte.trajectory import Trajectory
 
 SIZE = (400, 300)
-SEED = 2007
+SEED = 36
 NOISE = NoiseModel(gain=2e-5, read_std=0.0008)
-BALL = Ball(radius=18, color=np.array([0.92, 0.50, 0.03]))
+BALL = Ball(18, np.array([0.95, 0.50, 0.03]), ambient=0.4, lamp=(-0.4, -0.6, 0.9))
 PATH = Trajectory.arc((118, 196), (200, 140), (274, 118))
 PLATES = {
     "colorful": colorful_plate(SIZE, SEED),
-    "plain": plain_plate(SIZE, (0.30, 0.42, 0.52), SEED),
+    "plain": plain_plate(SIZE, (0.10, 0.20, 0.24), SEED),
 }
 
 
@@ -49,14 +49,16 @@ def truth(rendering: Rendering) -> dict[str, object]:
     return {
         "radius": BALL.radius,
         "color": BALL.color.tolist(),
+        "ambient": BALL.ambient,
+        "lamp": BALL.lamp,
         "color_hex": rendering.model.hex[0],
         "alpha_sum": round(float(rendering.layer.alpha.sum()), 6),
         "path_length": round(PATH.length, 4),
         "trajectory": {"xy": PATH.xy.round(4).tolist(), "t": PATH.t.round(6).tolist()},
         "noise": {"gain": NOISE.gain[0], "read_std": NOISE.read_std[0]},
         "seed": SEED,
-        "units": "pixels (x right, y down, pixel centers at whole numbers); linear light, 1 = white;"
-        " color_hex is sRGB-coded with its brightest channel at ff; t is a fraction of the exposure",
+        "units": "pixels, x right, y down, pixel centers at whole numbers; light: linear, 1 white; "
+        "color_hex: sRGB-coded, brightest channel at ff; t: fraction of the exposure",
     }
 
 

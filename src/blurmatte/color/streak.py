@@ -1,0 +1,330 @@
+"""The color line from the streak itself: hue variation and feasibility.
+
+In this file, per pixel of the streak, C is the image's light, B the plate's, l a candidate for the
+unit direction of the color line, w = B − (B·l) l the plate's part across it, and
+
+    α = 1 − C·w / |w|²          k = (C − (1 − α)B)·l          P = k l
+
+are the closed form's answers. What that cannot explain is the part of C along n = l × B / |l × B|,
+
+    r = n·C = l·(B × C) / |l × B|          s² = Σ n²(σ_C² + (1 − α)²σ_B²).
+
+*Hue variation*: with the true l, r / s is a standard normal at every pixel, whatever α and k. The
+published sum of squares of l·(B × C) lacks the denominators; noise makes its minimum the plate's own
+color. Divided by what noise alone would cause, no direction is preferred.
+*Feasibility*: 0 <= α <= 1, and P is not negative and not brighter than a bound.
+
+Both are likelihoods, so they add. They are evaluated on a grid of directions that adapts to
+what is possible; the answer is the mean of what is left, its covariance the spread. A plate of one hue leaves an arc from the plate's color to the truth and beyond: then there
+is no answer, and `ColorModelError` says so.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import check_same_size
+from blurmatte.color.model import ColorModel
+from blurmatte.errors import ColorModelError
+from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.streaks import Streak, find_streaks
+
+Array = npt.NDArray[np.float64]
+
+_MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
+_MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
+_OUTLIER = 3.0  # sigma: beyond, a residual counts linearly, not squared
+_TOLERANCE = 2.0  # sigma: an infeasible alpha within this may be noise
+_BLOCK = 8  # pixels: noise of neighbours this near may be the same noise (JPEG)
+
+
+@dataclass(frozen=True, eq=False)
+class _Pixels:
+    """The streak's pixels as columns: light, variances and the block each lies in."""
+
+    C: Array  # (n, 3)
+    B: Array  # (n, 3)
+    vC: Array  # (n, 3)
+    vB: Array  # (n, 3)
+    block: npt.NDArray[np.intp]  # (n,)
+
+    def every(self, step: int) -> "_Pixels":
+        return _Pixels(*(a[::step] for a in (self.C, self.B, self.vC, self.vB, self.block)))
+
+
+def fit_color(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak | None = None,
+    max_brightness: float = np.inf,
+) -> ColorModel:
+    """Find the object's line of colors from its streak alone (in place of [GC07 §3.1]).
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The same size; noise that is not known is measured.
+    streak : Streak, optional
+        Where the object moved; the strongest of `find_streaks` if not given.
+    max_brightness : float
+        The brightest that the object's largest channel can be, linear light, 1 = sensor white. An
+        object that would be clipped if it stood still is brighter than 1, so the default is no bound.
+
+    Returns
+    -------
+    ColorModel
+        Rank 1, with the covariance of its direction and what each kind of evidence says.
+
+    Raises
+    ------
+    ColorModelError
+        If the streak leaves a whole family of colors possible, or no single line explains it. The
+        message says what would help.
+    """
+    check_same_size("image", image.size, "plate", plate.size)
+    if not max_brightness > 0:
+        raise ValueError(f"max_brightness must be positive, got {max_brightness}")
+    image, plate = with_noise(image, plate)
+    if streak is None:
+        found = find_streaks(image, plate)
+        if not found:
+            raise ColorModelError("nothing moved between plate and image, so no color can be found")
+        streak = found[0]
+    pixels = _streak_pixels(image, plate, streak)
+
+    def hue(directions: Array, some: _Pixels) -> Array:
+        return _hue_cost(directions, some)
+
+    def feasible(directions: Array, some: _Pixels) -> Array:
+        return _infeasibility(directions, some, max_brightness)
+
+    def both(directions: Array, some: _Pixels) -> Array:
+        return hue(directions, some) + feasible(directions, some)
+
+    l, covariance = _posterior(both, pixels)
+    model = ColorModel(l[:, None], covariance)
+    alone = {"hue variation": hue, "feasibility": feasible}
+    evidence = {}
+    for name, cost in alone.items():
+        evidence[name] = ColorModel(l[:, None], _posterior(cost, pixels)[1]).angle_std
+    _refuse_the_open(model, pixels, evidence)
+    _refuse_the_unfit(l, pixels)
+    return ColorModel(model.basis, covariance, evidence)
+
+
+def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _Pixels:
+    place = streak.rows_columns
+    used = streak.mask[place] & image.valid[place] & plate.valid[place]
+    # Noise that was cut off at black has another mean, which looks like color.
+    used &= (plate.rgb[place] > 2 * np.sqrt(_variance(image, place))).all(axis=-1)
+    y, x = np.nonzero(used)
+    if len(y) < 20:
+        raise ColorModelError(
+            f"only {len(y)} pixels of the streak are neither clipped nor before a black plate, 20 are "
+            "the least; give the color, or expose otherwise"
+        )
+    chosen = slice(None, None, -(-len(y) // _MAX_PIXELS))
+    y, x = y[chosen], x[chosen]
+    columns = [
+        np.asarray(a[y, x], dtype=float)
+        for a in (image.rgb[place], plate.rgb[place], *(_variance(p, place) for p in (image, plate)))
+    ]
+    block = y // _BLOCK * (1 + x.max() // _BLOCK) + x // _BLOCK
+    return _Pixels(*columns, np.unique(block, return_inverse=True)[1])
+
+
+def _variance(picture: LinearImage, place: tuple[slice, slice]) -> Array:
+    part = picture.noise
+    variance = part[place] if isinstance(part, np.ndarray) else part.variance(picture.rgb[place])  # type: ignore[union-attr]
+    return np.asarray(variance, dtype=float) + 1e-12  # float32 light is no better known
+
+
+def _closed_form(l: Array, p: _Pixels) -> tuple[Array, Array, Array, Array, Array]:
+    """(r, s, α, |w|, k), each (directions, pixels)."""
+    B_l, C_l = l @ p.B.T, l @ p.C.T
+    across = np.stack([np.cross(l, axis) for axis in np.eye(3)])  # l × B = Σ B_c (l × e_c)
+    n = np.einsum("cgi,pc->igp", across, p.B)  # (3, directions, pixels)
+    w2 = np.sum(n**2, axis=0) + 1e-30
+    alpha = 1 - (np.sum(p.C * p.B, axis=1) - C_l * B_l) / w2
+    k = C_l - (1 - alpha) * B_l
+    through2 = (1 - np.clip(alpha, 0, 1)) ** 2
+    s2 = np.einsum("igp,pi->gp", n**2, p.vC) + through2 * np.einsum("igp,pi->gp", n**2, p.vB)
+    r = (l @ np.cross(p.B, p.C).T) / np.sqrt(w2)
+    return r, np.sqrt(s2 / w2), alpha, np.sqrt(w2), k
+
+
+def _hue_cost(l: Array, p: _Pixels) -> Array:
+    """(directions, pixels) −2 log likelihood of r, with tails that outliers may sit in."""
+    r, s, *_ = _closed_form(l, p)
+    return np.asarray(2 * _OUTLIER**2 * (np.sqrt(1 + (r / s / _OUTLIER) ** 2) - 1))
+
+
+def _infeasibility(l: Array, p: _Pixels, max_brightness: float) -> Array:
+    """(directions, pixels) how far beyond noise α, P or the brightness leave what is possible."""
+    _, s, alpha, w, k = _closed_form(l, p)
+    alpha_std = s / w
+    # k moves with alpha by B·l, and by its own noise.
+    k_std = np.hypot(s, np.abs(l @ p.B.T) * alpha_std)
+    beyond = [np.maximum(-alpha, alpha - 1) / alpha_std, -k / k_std]
+    if np.isfinite(max_brightness):
+        excess = k * l.max(axis=1)[:, None] - max_brightness * alpha
+        beyond.append(excess / np.hypot(k_std, max_brightness * alpha_std))
+    cost = sum(np.maximum(z - _TOLERANCE, 0) ** 2 for z in beyond)
+    return np.asarray(2 * _OUTLIER**2 * (np.sqrt(1 + cost / _OUTLIER**2) - 1))
+
+
+Cost = Callable[[Array, _Pixels], Array]
+
+
+def _posterior(cost: Cost, pixels: _Pixels) -> tuple[Array, Array]:
+    """Mean direction and (3, 3) covariance of what the cost leaves possible.
+
+    A grid of directions around the best one is turned and stretched until it reaches four standard
+    deviations either way along both axes of the spread. Where the spread is a narrow valley, as
+    before a plate of one hue, the grid first finds its width and then grows along it.
+    """
+    center = _best_direction(cost, pixels)
+    inflation = _inflation(cost, center, pixels)
+    axes, half = _tangent(center), np.full(2, np.radians(1.0))
+    for _ in range(40):
+        grid = _patch(center, axes, half)
+        mean, covariance = _moments(grid, cost(grid, pixels).sum(axis=1) / inflation)
+        spread, turned = np.linalg.eigh(axes.T @ covariance @ axes)
+        std = np.sqrt(np.maximum(spread, (half.max() / 1e6) ** 2))
+        settled = np.all((std > half[_order(turned)] / 8) & (std < half[_order(turned)] / 3))
+        if settled or half.max() > 1:
+            break
+        axes = axes @ turned
+        half = np.clip(4 * std, half[_order(turned)] / 4, 3 * half[_order(turned)])
+        center, axes = _moved(center, axes, mean)
+    return mean, covariance
+
+
+def _order(turned: Array) -> npt.NDArray[np.intp]:
+    """Which old axis each new one mostly is."""
+    return np.argmax(np.abs(turned), axis=0)
+
+
+def _moved(center: Array, axes: Array, to: Array) -> tuple[Array, Array]:
+    """The new center, and the old axes made perpendicular to it."""
+    first = _unit(axes[:, 1] - (axes[:, 1] @ to) * to)
+    return to, np.stack([np.cross(to, first), first], axis=1)
+
+
+def _best_direction(cost: Cost, pixels: _Pixels) -> Array:
+    """The least cost over all directions of non-negative light: a grid, then a polish."""
+    from scipy.optimize import minimize
+
+    few = pixels.every(max(1, len(pixels.C) // 500))
+    grid = _octant(2.0)
+    total = cost(grid, few).sum(axis=1)
+    best, least = grid[0], np.inf
+    for _ in range(3):
+        start = grid[np.argmin(total)]
+        total[grid @ start > np.cos(np.radians(15))] = np.inf
+        tangent = _tangent(start)
+
+        def step(x: Array, start: Array = start, tangent: Array = tangent) -> float:
+            direction = _unit(start + tangent @ x)
+            if direction.min() < 0:
+                return np.inf
+            return float(cost(direction[None], few).sum())
+
+        simplex = np.radians([[0, 0], [1.5, 0], [0, 1.5]])
+        found = minimize(step, np.zeros(2), method="Nelder-Mead", options={
+            "initial_simplex": simplex, "xatol": 1e-6, "fatol": 1e-3})  # fmt: skip
+        if found.fun < least:
+            best, least = _unit(start + tangent @ found.x), float(found.fun)
+    return best
+
+
+def _octant(step: float) -> Array:
+    """(g, 3) unit directions of non-negative light about `step` degrees apart."""
+    theta = np.radians(np.arange(step / 2, 90, step))  # from the blue axis
+    rings = []
+    for t in theta:
+        count = max(1, round(90 * np.sin(t) / step))
+        phi = (np.arange(count) + 0.5) * np.pi / 2 / count
+        ring = [np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.full(count, np.cos(t))]
+        rings.append(np.stack(ring, axis=1))
+    return np.concatenate(rings)
+
+
+def _tangent(l: Array) -> Array:
+    return np.asarray(np.linalg.svd(l[:, None])[0][:, 1:])
+
+
+def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> Array:
+    """Directions around one, `half` to either side along the two axes, within non-negative light.
+
+    Great circles are straight lines here, and so are the valleys that a plate of one hue leaves.
+    """
+    u, v = np.meshgrid(*(np.linspace(-h, h, count) for h in half))
+    moved = center + np.stack([u.ravel(), v.ravel()], axis=1) @ axes.T
+    inside = moved[(moved >= 0).all(axis=1)]
+    grid = inside if len(inside) else np.maximum(moved, 0)
+    return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
+
+
+def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
+    """Mean direction and covariance under exp(−cost / 2)."""
+    weight = np.exp(-0.5 * (cost - cost.min()))
+    weight /= weight.sum()
+    center = _unit(weight @ grid)
+    away = grid - center
+    return center, np.asarray((away * weight[:, None]).T @ away)
+
+
+def _inflation(cost: Cost, l: Array, pixels: _Pixels) -> float:
+    """By how much the cost overstates its own certainty: 1 for independent, well-modelled noise.
+
+    Compares the scatter of the blocks' slopes with the curvature of their sum (the sandwich
+    estimate of a covariance), so that noise that neighbours share, and whatever the model does not
+    know of, widens the answer instead of being believed.
+    """
+    tangent, step = _tangent(l), 1e-3
+    moves = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1]]) * step
+    around = l + moves @ tangent.T
+    q = cost(around / np.linalg.norm(around, axis=1, keepdims=True), pixels)
+    slopes = np.stack([q[1] - q[2], q[3] - q[4]]) / (2 * step)  # (2, pixels)
+    by_block = np.stack([np.bincount(pixels.block, slope) for slope in slopes])
+    by_block -= by_block.mean(axis=1, keepdims=True)
+    scatter = by_block @ by_block.T
+    t = q.sum(axis=1)
+    a, b = (t[1] + t[2] - 2 * t[0]) / step**2, (t[3] + t[4] - 2 * t[0]) / step**2
+    c = ((t[5] + t[6] - 2 * t[0]) / step**2 - a - b) / 2
+    if a <= 0 or a * b <= c**2:
+        return 1.0
+    ratio = np.linalg.solve(2 * np.array([[a, c], [c, b]]), scatter)
+    return max(1.0, float(np.trace(ratio)) / 2)
+
+
+def _refuse_the_open(model: ColorModel, pixels: _Pixels, evidence: dict[str, float]) -> None:
+    if model.angle_std <= _MAX_ANGLE_STD:
+        return
+    B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
+    spread = np.degrees(np.sqrt(np.mean(1 - np.clip(B @ _unit(B.mean(axis=0)), -1, 1) ** 2)))
+    said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in evidence.items())
+    raise ColorModelError(
+        f"the streak leaves the object's color open by {model.angle_std:.1f}° ({said}; the plate's "
+        f"hue varies by {spread:.1f}° behind it): give the color, pick pixels of the object where it "
+        "is sharp or opaque, or bound its brightness; only a plate of more hues could tell it"
+    )
+
+
+def _refuse_the_unfit(l: Array, pixels: _Pixels) -> None:
+    r, s, *_ = _closed_form(l[None], pixels)
+    unexplained = float(np.sum(r**2 - s**2))
+    moved = float(np.sum((pixels.C - pixels.B) ** 2 - pixels.vC - pixels.vB))
+    if unexplained > 0.25 * moved:
+        raise ColorModelError(
+            f"no single line of colors explains the streak: the best leaves "
+            f"{np.sqrt(unexplained / moved):.0%} of the change; give two colors of the object "
+            "(rank 2), or choose a region that holds one object and not its shadow"
+        )
+
+
+def _unit(v: Array) -> Array:
+    return np.asarray(v / np.linalg.norm(v))

@@ -1,0 +1,203 @@
+"""ICC profiles that are a curve per channel and a matrix: what their code values mean as light.
+
+In this file `v` is a code value (0…1), `light` linear, and XYZ is relative to D50, the white of
+the profile connection space [ICC.1:2022]. Profiles that need look-up tables (printers, Lab) are
+refused: converting those is a color management system's job.
+"""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.radiometry import LINEAR, SRGB, Transfer, gamma
+
+Matrix = npt.NDArray[np.float64]
+
+# Columns: red, green and blue of sRGB in XYZ, adapted to D50 by the Bradford transform.
+_SRGB_TO_XYZ = np.array(
+    [
+        [0.4360747, 0.3850649, 0.1430804],
+        [0.2225045, 0.7168786, 0.0606169],
+        [0.0139322, 0.0971045, 0.7141733],
+    ]
+)
+_CURVE_TOLERANCE = 1e-3  # of white: sRGB profiles round their curve to a table or to 16 bits
+_STEP = 1e-4  # a measured or rounded curve may fall by so much from one value to the next
+_MATRIX_TOLERANCE = 3e-3  # sRGB profiles differ by this much in how they adapt to D50
+
+
+class ProfileError(ValueError):
+    """The profile cannot be used; the message says why."""
+
+
+@dataclass(frozen=True, eq=False)
+class Profile:
+    """Code values to linear light with the primaries of sRGB and Rec. 709.
+
+    Parameters
+    ----------
+    curves : three Transfer
+        Of red, green and blue.
+    matrix : (3, 3) float or None
+        Linear light in the profile's primaries to linear light in sRGB's; None: they are the same.
+    """
+
+    curves: tuple[Transfer, Transfer, Transfer]
+    matrix: Matrix | None
+
+
+@lru_cache(maxsize=8)  # the pictures of one camera share one profile, and then one Transfer
+def parse_profile(data: bytes) -> Profile:
+    """Read an ICC profile.
+
+    Raises
+    ------
+    ProfileError
+        If the profile is damaged, or is no matrix profile for RGB or gray.
+    """
+    try:
+        space, connection = data[16:20], data[20:24]
+        if space not in (b"RGB ", b"GRAY"):
+            raise ProfileError(f"is for {_text(space)} pictures")
+        tags = _tags(data)
+        needed = {b"kTRC"} if space == b"GRAY" else {b"rTRC", b"gTRC", b"bTRC", b"rXYZ", b"gXYZ"}
+        if connection != b"XYZ " or not needed <= tags.keys():
+            raise ProfileError("is made of look-up tables")
+        return _gray(tags) if space == b"GRAY" else _rgb(tags)
+    except (struct.error, KeyError, IndexError) as error:
+        raise ProfileError("is damaged") from error
+
+
+def _text(signature: bytes) -> str:
+    text = signature.decode("latin-1").strip()
+    return text if text.isascii() and text.isprintable() and text else "unknown"
+
+
+def _tags(data: bytes) -> dict[bytes, bytes]:
+    (count,) = struct.unpack_from(">I", data, 128)
+    if count > 1000:
+        raise ProfileError("is damaged")
+    entries = (struct.unpack_from(">4sII", data, 132 + 12 * i) for i in range(count))
+    return {name: data[start : start + length] for name, start, length in entries}
+
+
+def _gray(tags: Mapping[bytes, bytes]) -> Profile:
+    curve = _curve(tags[b"kTRC"])
+    return Profile((curve, curve, curve), None)
+
+
+def _rgb(tags: Mapping[bytes, bytes]) -> Profile:
+    red, green, blue = (_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC"))
+    to_xyz = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
+    matrix = np.linalg.solve(_SRGB_TO_XYZ, to_xyz)
+    same = bool(np.all(np.abs(matrix - np.eye(3)) < _MATRIX_TOLERANCE))
+    return Profile((red, green, blue), None if same else matrix)
+
+
+def _xyz(tag: bytes) -> Matrix:
+    return np.array(struct.unpack_from(">3i", tag, 8)) / 65536
+
+
+def _curve(tag: bytes) -> Transfer:
+    """The tone curve of a tag; sRGB itself where the profile only rounded it."""
+    if tag[:4] == b"curv":
+        curve = _sampled(tag)
+    elif tag[:4] == b"para":
+        curve = _parametric(tag)
+    else:
+        raise ProfileError(f"has a curve of another kind ({_text(tag[:4])})")
+    v = np.linspace(0, 1, 1025)
+    light = curve.decode(v)
+    if not np.all(np.isfinite(light)) or np.any(np.diff(light) < -_STEP) or light[-1] <= light[0]:
+        raise ProfileError("has a curve that does not rise")
+    if np.abs(light - SRGB.decode(v)).max() < _CURVE_TOLERANCE:
+        return SRGB
+    return curve
+
+
+def _sampled(tag: bytes) -> Transfer:
+    (count,) = struct.unpack_from(">I", tag, 8)
+    if count == 0:
+        return LINEAR
+    values = struct.unpack_from(f">{count}H", tag, 12)
+    if count == 1:
+        return _power(values[0] / 256)
+    light = np.array(values) / 65535
+    v = np.linspace(0, 1, count)
+    return Transfer("icc", _Polyline(v, light), _Polyline(np.maximum.accumulate(light), v))
+
+
+def _power(exponent: float) -> Transfer:
+    if exponent == 1:
+        return LINEAR
+    if not 0.1 <= exponent <= 10:
+        raise ProfileError(f"has a curve with the exponent {exponent:g}")
+    return gamma(exponent)
+
+
+@dataclass(frozen=True, eq=False)
+class _Polyline:
+    """Straight lines between points, oddly below zero, in proportion above the last point."""
+
+    x: Matrix
+    y: Matrix
+
+    def __call__(self, value: Floats) -> Floats:
+        size = np.abs(value)
+        above = np.maximum(size / self.x[-1], 1)
+        return np.asarray(np.copysign(np.interp(size, self.x, self.y) * above, value))
+
+
+_PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # by function type [ICC.1 table 68]
+
+
+def _parametric(tag: bytes) -> Transfer:
+    """Every function type is light = (a v + b)^g + e from v = d on, and c v + f below."""
+    (kind,) = struct.unpack_from(">H", tag, 8)
+    if kind not in _PARAMETERS:
+        raise ProfileError(f"has a curve of the unknown type {kind}")
+    count = _PARAMETERS[kind]
+    g, *rest = (p / 65536 for p in struct.unpack_from(f">{count}i", tag, 12))
+    if kind == 0:
+        return _power(g)
+    a, b = rest[:2]
+    if g <= 0 or a <= 0:
+        raise ProfileError("has a curve that does not rise")
+    if kind < 3:
+        offset = rest[2] if kind == 2 else 0.0
+        power = _PowerWithFoot(g, a, b, 0.0, -b / a, offset, offset)
+    else:
+        c, d, *shift = rest[2:]
+        e, f = shift or (0.0, 0.0)
+        power = _PowerWithFoot(g, a, b, c, d, e, f)
+    return Transfer("icc", power.decode, power.encode)
+
+
+@dataclass(frozen=True)
+class _PowerWithFoot:
+    """light = (a v + b)^g + e from v = d on, c v + f below; oddly below zero."""
+
+    g: float
+    a: float
+    b: float
+    c: float
+    d: float
+    e: float
+    f: float
+
+    def decode(self, value: Floats) -> Floats:
+        v = np.abs(value)
+        upper = np.maximum(self.a * v + self.b, 0) ** self.g + self.e
+        return np.copysign(np.where(v >= self.d, upper, self.c * v + self.f), value)
+
+    def encode(self, value: Floats) -> Floats:
+        light = np.abs(value)
+        knee = max(self.a * self.d + self.b, 0) ** self.g + self.e
+        upper = (np.maximum(light - self.e, 0) ** (1 / self.g) - self.b) / self.a
+        foot = (light - self.f) / self.c if self.c else np.zeros_like(light)
+        return np.copysign(np.maximum(np.where(light >= knee, upper, foot), 0), value)

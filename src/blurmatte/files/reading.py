@@ -1,0 +1,144 @@
+"""Picture files to linear light with the primaries of sRGB: images, and layers with alpha.
+
+Light is decoded once, here. Integers are decoded by table; code values at the top of their range
+are saturated. Straight and premultiplied files both end premultiplied.
+"""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats
+from blurmatte.errors import FileError
+from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
+from blurmatte.files.icc import Profile
+from blurmatte.files.raster import MAX_PIXELS, Raster, load
+from blurmatte.layer import Layer
+from blurmatte.radiometry import LinearImage, Meta, Transfer, decode
+
+
+def read(
+    path: str | Path, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
+) -> LinearImage:
+    """Read a picture as linear light.
+
+    PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR. ICC profile and EXIF orientation are
+    honoured; EXR and float TIFF are linear unless a profile says otherwise.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    transfer : Transfer, optional
+        The curve of its code values, if you know better than the file.
+    max_pixels : int
+        Larger pictures are refused before memory is taken.
+
+    Returns
+    -------
+    LinearImage
+        float32. `valid` is False where a channel is saturated or alpha is below 1.
+
+    Raises
+    ------
+    FileError
+        If there is no light to be had from the file; the message says what to do.
+
+    Warns
+    -----
+    TransferWarning
+        If nothing says how code values encode light, and they are taken as sRGB.
+    """
+    raster = load(Path(path), max_pixels)
+    encoding = encoding_of(raster, transfer, stacklevel=2)
+    image = _decoded(raster.colors, encoding)
+    valid = image.valid & raster.inside
+    if raster.alpha is not None:
+        valid &= raster.alpha >= 1
+    _check_finite(raster.path, image.rgb)
+    return replace(image, valid=valid, meta=_meta(raster, encoding))
+
+
+def read_layer(
+    path: str | Path, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
+) -> Layer:
+    """Read a picture with alpha: EXR (a Solution's too), PNG, TIFF.
+
+    Parameters
+    ----------
+    path, transfer, max_pixels
+        As in `read`.
+
+    Returns
+    -------
+    Layer
+        float32, premultiplied whatever the file is.
+
+    Raises
+    ------
+    FileError
+        As in `read`, and if there is no alpha.
+    """
+    raster = load(Path(path), max_pixels)
+    alpha = raster.alpha
+    if alpha is None:
+        raise FileError(
+            f"{path}: has no alpha, so it is no layer; give an EXR, PNG or TIFF with alpha"
+        )
+    encoding = encoding_of(raster, transfer, stacklevel=2)
+    light = _premultiplied(raster, alpha, encoding)
+    _check_finite(raster.path, light, alpha)
+    return Layer(alpha, light)
+
+
+def _decoded(colors: npt.NDArray[Any], encoding: Profile | None) -> LinearImage:
+    """Light of code values by table, of floats by formula; `valid` where not saturated."""
+    if encoding is None or colors.dtype.kind == "f":
+        return LinearImage(to_light(colors, encoding))
+    red, green, blue = encoding.curves
+    image = decode(colors, green)
+    for c, curve in ((0, red), (2, blue)):
+        if curve is not green:
+            table = curve.table(np.iinfo(colors.dtype).max + 1)
+            image.rgb[..., c] = table.astype(np.float32)[colors[..., c]]
+    return replace(image, rgb=to_srgb_primaries(image.rgb, encoding))
+
+
+def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> Floats:
+    """Light times alpha. Curves are meant for straight colors, so those come first."""
+    cover = alpha[..., None]
+    if not raster.associated:
+        return np.asarray(_decoded(raster.colors, encoding).rgb * cover)
+    if encoding is None:
+        return to_light(raster.colors, None)
+    codes = raster.colors / np.float32((raster.levels or 2) - 1)
+    straight = np.divide(codes, cover, out=np.zeros_like(codes), where=cover > 0)
+    return np.asarray(to_light(straight, encoding) * cover)
+
+
+def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> None:
+    finite: Bools = np.asarray(np.isfinite(light).all(axis=-1))
+    if alpha is not None:
+        finite = finite & np.isfinite(alpha)
+    bad = finite.size - int(np.count_nonzero(finite))
+    if bad:
+        raise FileError(
+            f"{path}: {bad} of {finite.size} pixels are NaN or infinite; "
+            "repair them in the program that wrote the file"
+        )
+
+
+def _meta(raster: Raster, encoding: Profile | None) -> Meta:
+    seconds = float(raster.tags.get("ExposureTime", 0))
+    return Meta(
+        source=raster.path.name,
+        transfer=encoding.curves[1] if encoding else None,
+        levels=raster.levels,
+        exposure_time=seconds if math.isfinite(seconds) and seconds > 0 else None,
+        icc_profile=icc_profile(raster),
+        gray=raster.gray,
+    )

@@ -1,0 +1,127 @@
+"""What can be wrong with a picture file, told in one line: the file, what is wrong, what to do."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import OpenImageIO as oiio
+
+from blurmatte.errors import FileError
+from blurmatte.files.png import SIGNATURE as PNG_SIGNATURE
+from blurmatte.files.png import PngFacts
+
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+
+_SIGNATURES = {
+    PNG_SIGNATURE: "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"II+\0": "TIFF",  # the 64-bit offsets of BigTIFF
+    b"MM\0+": "TIFF",
+    b"\x76\x2f\x31\x01": "EXR",
+}
+_BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
+_PHOTOMETRIC = (0, 1, 2, 6)  # TIFF: gray, gray, RGB, YCbCr (which libtiff turns into RGB)
+
+
+def kind_of(path: Path) -> str:
+    """PNG, JPEG, TIFF or EXR, by the first bytes: names lie."""
+    if path.is_dir():
+        raise FileError(f"{path}: is a folder; give a picture file")
+    if path.suffix.lower() not in EXTENSIONS:
+        raise FileError(
+            f"{path}: cannot read this kind of file; convert it to {', '.join(EXTENSIONS)}"
+        )
+    try:
+        with path.open("rb") as file:
+            start = file.read(8)
+    except FileNotFoundError as error:
+        raise FileError(f"{path}: there is no such file; check the name") from error
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    if not start:
+        raise FileError(f"{path}: the file is empty; copy or export it again")
+    for signature, kind in _SIGNATURES.items():
+        if start.startswith(signature):
+            return kind
+    raise FileError(
+        f"{path}: holds no PNG, JPEG, TIFF or OpenEXR picture, whatever its name says; "
+        "export it again"
+    )
+
+
+def check_size(path: Path, size: tuple[int, int], max_pixels: int) -> None:
+    """Refuse a (width, height) beyond the limit."""
+    width, height = size
+    if width * height > max_pixels:
+        raise FileError(
+            f"{path}: claims {width} x {height} pixels, more than the limit of {max_pixels}; "
+            "if that is true, raise the limit with max_pixels= (--max-pixels)"
+        )
+
+
+def check_png(path: Path, png: PngFacts) -> None:
+    """Refuse palettes and fewer than 8 bits; OpenImageIO would make 8 bits of both."""
+    if png.palette:
+        raise FileError(
+            f"{path}: a palette PNG has lost the light of most pixels; export it as RGB"
+        )
+    if png.bits < 8:
+        raise FileError(f"{path}: {png.bits} bits per pixel are too few; export 8 or 16 bits")
+
+
+def check_format(path: Path, kind: str, spec: oiio.ImageSpec, tags: Mapping[str, Any]) -> None:
+    """Refuse numbers that are no light: CMYK, palettes, Lab, odd depths."""
+    color = str(tags.get(f"{kind.lower()}:ColorSpace", ""))
+    if color in ("CMYK", "YCbCrK") or color.startswith("YCCK"):
+        raise FileError(f"{path}: a CMYK {kind} is meant for printing; convert it to sRGB first")
+    if tags.get("tiff:PhotometricInterpretation", 2) not in _PHOTOMETRIC:
+        raise FileError(f"{path}: its pixels are {color or 'no light'}; convert it to RGB first")
+    if spec.deep:
+        raise FileError(f"{path}: a deep EXR has no single light per pixel; flatten it first")
+    form = str(spec.format)
+    bits = int(tags.get("oiio:BitsPerSample", _BITS.get(form, 0)))
+    if bits != _BITS.get(form) or (kind == "JPEG" and form != "uint8"):
+        raise FileError(
+            f"{path}: {bits or ''} bits per channel ({form}) are not supported; "
+            "export 8 or 16 bits, or float"
+        )
+
+
+def wanted_channels(
+    path: Path, present: tuple[str, ...], names: tuple[str, ...] | None
+) -> tuple[str, ...]:
+    """Those of the channels `present` that are asked for: `names`, or else the picture's own."""
+    told = ", ".join(present[:12])
+    if names is not None:
+        missing = [name for name in names if name not in present]
+        if missing:
+            raise FileError(
+                f"{path}: holds no Solution (no channel {missing[0]}, but {told}); "
+                "give an EXR that blurmatte.write made of one"
+            )
+        return tuple(name for name in present if name in names)
+    colors = next((p for p in ({"R", "G", "B"}, {"Y"}) if p <= set(present)), None)
+    if colors is None or {"RY", "BY"} & set(present):
+        raise FileError(
+            f"{path}: has no channels R, G, B and no gray Y, but {told}; export a plain RGB picture"
+        )
+    return tuple(name for name in present if name in colors | {"A"})
+
+
+def damaged(path: Path, kind: str, complaints: list[str]) -> FileError:
+    """The error for a file of which a library complained."""
+    return FileError(
+        f"{path}: the {kind} is damaged or cut short{_told(complaints, path)}; "
+        "copy or export it again"
+    )
+
+
+def _told(complaints: list[str], path: Path) -> str:
+    """The first of a library's complaints in brackets, without the file's name again."""
+    line = next((text.strip() for text in complaints if text.strip()), "")
+    for name in (f' ("{path}")', f"({path})", f"{path}: "):
+        line = line.replace(name, "")
+    told = "".join(c if c.isprintable() else "?" for c in line.replace(f'"{path}"', "it"))
+    return f" ({told})" if told else ""

@@ -1,0 +1,119 @@
+"""Trajectory: where the object's center was, over the exposure.
+
+Points are (x, y) in pixels, x right, y down, pixel centers at whole numbers. Times are fractions of
+the exposure: 0 when the shutter opens, 1 when it closes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trajectory:
+    """Positions over the exposure, joined by straight pieces.
+
+    Parameters
+    ----------
+    xy : (T, 2) float
+        Points in pixels, T >= 2.
+    t : (T,) float
+        When the object was there: increasing from 0 to 1.
+
+    Raises
+    ------
+    ValueError
+        For other shapes, values that are not finite, or times that do not run from 0 to 1.
+    """
+
+    xy: Array
+    t: Array
+
+    def __post_init__(self) -> None:
+        xy, t = np.array(self.xy, dtype=float), np.array(self.t, dtype=float)
+        if xy.ndim != 2 or xy.shape[1] != 2 or len(xy) < 2:
+            raise ValueError(f"xy must have the shape (T, 2) with T >= 2, got {xy.shape}")
+        if t.shape != xy.shape[:1]:
+            raise ValueError(f"t must have the shape {xy.shape[:1]}, got {t.shape}")
+        if not np.all(np.isfinite(xy)):
+            raise ValueError("xy must be finite")
+        if not (t[0] == 0 and t[-1] == 1 and np.all(np.diff(t) > 0)):
+            raise ValueError(f"t must increase from 0 to 1, got {t[0]:g} to {t[-1]:g}")
+        object.__setattr__(self, "xy", xy)
+        object.__setattr__(self, "t", t)
+
+    def __repr__(self) -> str:
+        (x0, y0), (x1, y1) = self.xy[0], self.xy[-1]
+        return (
+            f"Trajectory(({x0:.1f}, {y0:.1f}) to ({x1:.1f}, {y1:.1f}), "
+            f"{self.length:.1f} px, {len(self.t)} points)"
+        )
+
+    @property
+    def length(self) -> float:
+        """Length of the path, pixels."""
+        return float(np.linalg.norm(np.diff(self.xy, axis=0), axis=1).sum())
+
+    @property
+    def top_speed(self) -> float:
+        """Largest speed, pixels per exposure."""
+        steps = np.linalg.norm(np.diff(self.xy, axis=0), axis=1)
+        return float(np.max(steps / np.diff(self.t)))
+
+    def at(self, t: npt.ArrayLike) -> Array:
+        """(..., 2) position at exposure fractions `t` (...); held still before 0 and after 1."""
+        x, y = (np.interp(np.asarray(t, dtype=float), self.t, axis) for axis in self.xy.T)
+        return np.stack([x, y], axis=-1)
+
+    @classmethod
+    def line(cls, start: npt.ArrayLike, end: npt.ArrayLike) -> Trajectory:
+        """Straight from `start` to `end`, (x, y) each, at constant speed; at rest if they agree."""
+        return cls(np.stack([_point("start", start), _point("end", end)]), np.array([0.0, 1.0]))
+
+    @classmethod
+    def arc(
+        cls, start: npt.ArrayLike, middle: npt.ArrayLike, end: npt.ArrayLike, points: int = 65
+    ) -> Trajectory:
+        """Along the circle through three points (x, y), at constant speed.
+
+        `middle` need not be half way. Three points on a line give that line.
+
+        Raises
+        ------
+        ValueError
+            If the points lie on a line but `middle` is not between the others, or `points` < 3.
+        """
+        if points < 3:
+            raise ValueError(f"points must be 3 or more, got {points}")
+        a, b, c = _point("start", start), _point("middle", middle), _point("end", end)
+        # In units of the chord from a to c: a = -1, c = 1, and the circle's center is h·i.
+        half = (c - a) / 2
+        chord = complex(half[0], half[1])
+        if chord == 0:
+            raise ValueError("start and end of an arc must differ")
+        offset = b - (a + c) / 2
+        m = complex(offset[0], offset[1]) / chord
+        if abs(m.imag) < 1e-9:
+            if abs(m.real) >= 1:
+                raise ValueError("middle must lie between start and end when all are on a line")
+            return cls.line(a, c)
+        h = (abs(m) ** 2 - 1) / (2 * m.imag)
+        start_angle, middle_angle, end_angle = np.angle([-1 - 1j * h, m - 1j * h, 1 - 1j * h])
+        turn = (end_angle - start_angle) % (2 * np.pi)
+        if (middle_angle - start_angle) % (2 * np.pi) > turn:
+            turn -= 2 * np.pi
+        t = np.linspace(0, 1, points)
+        z = (1j * h + np.hypot(1, h) * np.exp(1j * (start_angle + turn * t))) * chord
+        return cls((a + c) / 2 + np.stack([z.real, z.imag], axis=-1), t)
+
+
+def _point(name: str, value: npt.ArrayLike) -> Array:
+    point = np.asarray(value, dtype=float)
+    if point.shape != (2,):
+        raise ValueError(f"{name} must be one point (x, y), got the shape {point.shape}")
+    return point

@@ -1,0 +1,65 @@
+import dataclasses
+import json
+
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import FileError
+from blurmatte.files import read_color_model, write
+
+
+@pytest.mark.parametrize("colors", [("#d8ff3c",), ("#d8ff3c", "#3c10ff")])
+def test_every_digit_comes_back(tmp_path, colors):
+    basis = ColorModel.from_hex(*colors).basis
+    covariance = np.random.default_rng(0).random((3, 3)) / 7
+    model = ColorModel(basis, covariance, {"hue": 1 / 3, "feasible": np.inf})
+    write(tmp_path / "m.json", model)
+    back = read_color_model(tmp_path / "m.json")
+    assert np.array_equal(back.basis, basis)
+    assert np.array_equal(back.covariance, covariance)
+    assert back.evidence == model.evidence
+
+
+def test_no_field_is_forgotten():
+    """A new field of ColorModel must be written and read too."""
+    names = {field.name for field in dataclasses.fields(ColorModel)}
+    assert names == {"basis", "covariance", "evidence"}
+
+
+def test_the_file_is_json_for_people_and_programs(tmp_path):
+    write(tmp_path / "m.json", ColorModel.from_hex("#d8ff3c"))
+    fields = json.loads((tmp_path / "m.json").read_text(), parse_constant=pytest.fail)
+    assert fields["rank"] == 1
+    assert fields["hex"] == ["#d8ff3c"]
+
+
+@pytest.mark.parametrize(
+    ("content", "says"),
+    [
+        (b"", "is no JSON"),
+        (b"{", "is no JSON"),
+        (b"\x89PNG\xff\xfe", "is no JSON"),
+        (b"[1, 2]", "is no color model"),
+        (b"3", "is no color model"),
+        (b'{"basis": [[1], [0], [0]]}', "is no color model"),
+        (
+            b'{"basis": [[2], [0], [0]], "covariance": [[0,0,0],[0,0,0],[0,0,0]], "evidence": {}}',
+            "is no color model",
+        ),
+    ],
+)
+def test_other_content_is_refused(tmp_path, content, says):
+    path = tmp_path / "m.json"
+    path.write_bytes(content)
+    with pytest.raises(FileError) as caught:
+        read_color_model(path)
+    assert str(caught.value).startswith(f"{path}: {says}")
+    assert "\n" not in str(caught.value)
+
+
+def test_missing_model_and_folder(tmp_path):
+    with pytest.raises(FileError, match="No such file"):
+        read_color_model(tmp_path / "m.json")
+    with pytest.raises(FileError, match="Is a directory"):
+        read_color_model(tmp_path)

@@ -1,0 +1,193 @@
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio
+import pytest
+import tifffile
+from numpy.testing import assert_allclose
+from PIL import Image, ImageOps
+
+from blurmatte.errors import FileError
+from blurmatte.files import read, read_layer
+from blurmatte.radiometry import SRGB
+
+EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_every_code_value_is_decoded_by_the_table(tmp_path, make_png, dtype, extension):
+    levels = np.iinfo(dtype).max + 1
+    codes = np.arange(levels, dtype=dtype).reshape(-1, 64, 1).repeat(3, axis=2)
+    path = tmp_path / f"all.{extension}"
+    if extension == "png":
+        path.write_bytes(make_png(codes))
+    else:
+        tifffile.imwrite(path, codes, photometric="rgb")
+    image = read(path, transfer=SRGB)
+    light = SRGB.decode(codes / (levels - 1))
+    assert_allclose(image.rgb, light, rtol=1e-6)
+    assert image.rgb.dtype == np.float32
+    assert image.meta.levels == levels
+    assert not image.valid[-1, -1]
+    assert image.valid.sum() == image.valid.size - 1
+
+
+def test_one_saturated_channel_is_enough(tmp_path, ramp, make_png):
+    ramp[3, 5, 1] = 255
+    (tmp_path / "a.png").write_bytes(make_png(ramp))
+    valid = read(tmp_path / "a.png", transfer=SRGB).valid
+    assert not valid[3, 5]
+    assert valid.sum() == valid.size - 1
+
+
+def test_jpeg_is_what_pillow_decodes(tmp_path, ramp):
+    Image.fromarray(ramp).save(tmp_path / "a.jpg", quality=90)
+    theirs = np.asarray(Image.open(tmp_path / "a.jpg")).astype(int)
+    ours = 255 * SRGB.encode(read(tmp_path / "a.jpg", transfer=SRGB).rgb)
+    assert_allclose(ours, theirs, atol=1.01)  # their upsampling of color may round otherwise
+
+
+@pytest.mark.parametrize("dtype", [np.float16, np.float32])
+def test_exr_of_another_library_is_read_to_the_bit(tmp_path, ramp, dtype):
+    light = (ramp / 100 - 0.2).astype(dtype)
+    OpenEXR.File(dict(EXR), {"RGB": light}).write(str(tmp_path / "a.exr"))
+    image = read(tmp_path / "a.exr")
+    assert np.array_equal(image.rgb, light.astype(np.float32))
+    assert image.valid.all()
+    assert image.meta.levels is None
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_float_tiff_of_another_library(tmp_path, ramp, dtype):
+    light = (ramp / 100 - 0.2).astype(dtype)
+    tifffile.imwrite(tmp_path / "a.tif", light, photometric="rgb")
+    assert np.array_equal(read(tmp_path / "a.tif").rgb, light.astype(np.float32))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+@pytest.mark.parametrize("extension", ["png", "tif", "jpg"])
+def test_pixels_are_turned_as_pillow_turns_them(tmp_path, ramp, orientation, extension):
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / f"a.{extension}"
+    Image.fromarray(ramp).save(path, exif=exif, **({"quality": 100} if extension == "jpg" else {}))
+    theirs = np.asarray(ImageOps.exif_transpose(Image.open(path)))
+    image = read(path, transfer=SRGB)
+    assert image.rgb.shape == theirs.shape
+    assert_allclose(255 * SRGB.encode(image.rgb), theirs, atol=2 if extension == "jpg" else 1e-3)
+
+
+@pytest.mark.parametrize("extension", ["jpg", "tif", "exr"])
+def test_exposure_time_is_kept(tmp_path, extension):
+    path = str(tmp_path / f"a.{extension}")
+    spec = oiio.ImageSpec(4, 3, 3, oiio.FLOAT if extension == "exr" else oiio.UINT8)
+    spec["ExposureTime"] = 0.25
+    target = oiio.ImageOutput.create(path)
+    target.open(path, spec)
+    target.write_image(np.zeros((3, 4, 3), np.uint8))
+    target.close()
+    assert read(path, transfer=SRGB).meta.exposure_time == 0.25
+
+
+def test_gray_is_three_equal_channels(tmp_path, ramp, make_png):
+    gray = ramp[..., :1]
+    (tmp_path / "g.png").write_bytes(make_png(gray))
+    OpenEXR.File(dict(EXR), {"Y": (gray[..., 0] / 255).astype(np.float32)}).write(
+        str(tmp_path / "g.exr")
+    )
+    coded, linear = read(tmp_path / "g.png", transfer=SRGB), read(tmp_path / "g.exr")
+    assert_allclose(coded.rgb, SRGB.decode(gray / 255).repeat(3, axis=2), atol=1e-7)
+    assert_allclose(linear.rgb, (gray / 255).repeat(3, axis=2), atol=1e-7)
+    assert coded.meta.gray
+    assert linear.meta.gray
+    assert coded.meta.source == "g.png"
+
+
+def test_opaque_alpha_is_dropped(tmp_path, ramp, make_png):
+    opaque = np.dstack([ramp, np.full((24, 32), 255, np.uint8)])
+    (tmp_path / "a.png").write_bytes(make_png(opaque))
+    image = read(tmp_path / "a.png", transfer=SRGB)
+    assert image.valid.all()
+    assert_allclose(image.rgb, SRGB.decode(ramp / 255), atol=1e-7)
+
+
+def test_straight_colors_survive_a_small_alpha(tmp_path, ramp, make_png):
+    """And the pixel is not the whole truth about the scene, so it is not valid."""
+    alpha = np.full((24, 32), 255, np.uint8)
+    alpha[2, 3] = 1
+    (tmp_path / "a.png").write_bytes(make_png(np.dstack([ramp, alpha])))
+    image = read(tmp_path / "a.png", transfer=SRGB)
+    assert_allclose(image.rgb, SRGB.decode(ramp / 255), atol=1e-7)
+    assert not image.valid[2, 3]
+    assert image.valid.sum() == image.valid.size - 1
+
+
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_straight_layer_is_premultiplied_in_light(tmp_path, ramp, make_png, extension):
+    rgba = np.dstack([ramp, ramp[::-1, :, 0]])
+    path = tmp_path / f"a.{extension}"
+    if extension == "png":
+        path.write_bytes(make_png(rgba))
+    else:
+        tifffile.imwrite(path, rgba, photometric="rgb", extrasamples=["unassalpha"])
+    layer = read_layer(path, transfer=SRGB)
+    alpha = rgba[..., 3:] / 255
+    assert_allclose(layer.alpha, alpha[..., 0], atol=1e-7)
+    assert_allclose(layer.premultiplied, alpha * SRGB.decode(ramp / 255), atol=1e-6)
+
+
+def test_premultiplied_tiff_is_divided_before_its_curve(tmp_path):
+    """sRGB code 128 at alpha 0.5 (128 of 255) was white before it was multiplied."""
+    rgba = np.full((2, 2, 4), 128, np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", rgba, photometric="rgb", extrasamples=["assocalpha"])
+    layer = read_layer(tmp_path / "a.tif", transfer=SRGB)
+    assert_allclose(layer.straight(), 1, atol=1e-6)
+    assert_allclose(layer.alpha, 128 / 255)
+
+
+def test_exr_layer_is_taken_as_it_is(tmp_path, ramp):
+    rgba = np.dstack([ramp / 300, ramp[..., 0] / 255]).astype(np.float32)
+    OpenEXR.File(dict(EXR), {"RGBA": rgba}).write(str(tmp_path / "a.exr"))
+    layer = read_layer(tmp_path / "a.exr")
+    assert np.array_equal(layer.premultiplied, rgba[..., :3])
+    assert np.array_equal(layer.alpha, rgba[..., 3])
+
+
+def test_a_picture_without_alpha_is_no_layer(tmp_path, ramp, make_png):
+    (tmp_path / "a.png").write_bytes(make_png(ramp))
+    with pytest.raises(FileError, match=r"a\.png: has no alpha"):
+        read_layer(tmp_path / "a.png", transfer=SRGB)
+
+
+def test_a_data_window_is_put_in_its_place(tmp_path, ramp):
+    """Compositing programs store only the part of a picture that is not empty."""
+    rgb = (ramp / 255).astype(np.float32)
+    window = (np.array([-2, 5], np.int32), np.array([29, 28], np.int32))
+    full = (np.array([0, 0], np.int32), np.array([39, 26], np.int32))
+    header = EXR | {"dataWindow": window, "displayWindow": full}
+    OpenEXR.File(header, {"RGB": rgb}).write(str(tmp_path / "a.exr"))
+    image = read(tmp_path / "a.exr")
+    assert image.size == (40, 27)
+    assert np.array_equal(image.rgb[5:27, 0:30], rgb[:22, 2:])
+    assert image.valid[5:27, 0:30].all()
+    assert image.valid.sum() == 22 * 30
+
+
+def test_channels_of_others_do_not_disturb(tmp_path, ramp):
+    light = (ramp / 255).astype(np.float32)
+    extra = {"B.depth": light[..., 0].copy(), "RGB": light, "beauty.R": light[..., 1].copy()}
+    OpenEXR.File(dict(EXR), extra).write(str(tmp_path / "a.exr"))
+    assert np.array_equal(read(tmp_path / "a.exr").rgb, light)
+
+
+@pytest.mark.parametrize("name", ["white room.png", "Übung 猫.png", "ÅÄÖ é/x y.png"])
+def test_any_name_will_do(tmp_path, ramp, make_png, name):
+    path = tmp_path / name
+    path.parent.mkdir(exist_ok=True)
+    path.write_bytes(make_png(ramp))
+    assert read(str(path), transfer=SRGB).meta.source == path.name
+
+
+def test_one_pixel(tmp_path, make_png):
+    (tmp_path / "a.png").write_bytes(make_png(np.full((1, 1, 3), 100, np.uint8)))
+    assert read(tmp_path / "a.png", transfer=SRGB).size == (1, 1)

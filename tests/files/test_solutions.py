@@ -1,0 +1,114 @@
+import numpy as np
+import OpenEXR
+import OpenImageIO as oiio
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import FileError
+from blurmatte.files import read, read_layer, read_solution, write
+from blurmatte.matting import Quality, Solution
+
+ARRAYS = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
+
+
+@pytest.fixture
+def solution():
+    rng = np.random.default_rng(0)
+    alpha = rng.uniform(-0.1, 1.1, (24, 32)).astype(np.float32)
+    quality = rng.choice([0, 0, 0, Quality.MISFIT, Quality.SATURATED, Quality.OUTSIDE], (24, 32))
+    std = rng.uniform(0.01, 0.1, (24, 32)).astype(np.float32)
+    std[3, 4] = np.inf  # where the plate shows an object color
+    light = (alpha[..., None] * [0.7, 0.9, 0.1]).astype(np.float32)
+    model = ColorModel(ColorModel.from_hex("#d8ff3c").basis, 1e-4 * np.eye(3), {"hue": np.inf})
+    stats = {"box": (1, 2, 30, 20), "noise": np.float32(0.25), "streaks": [(1, 2), (3, 4)], "n": 3}
+    return Solution(
+        alpha,
+        std,
+        light,
+        0.1 * np.abs(light),
+        quality.astype(np.uint8),
+        model,
+        "Pixelwise()",
+        stats,
+    )
+
+
+@pytest.fixture
+def path(tmp_path, solution):
+    write(tmp_path / "s.exr", solution)
+    return tmp_path / "s.exr"
+
+
+def test_a_solution_comes_back(path, solution):
+    back = read_solution(path)
+    for name in ARRAYS:
+        assert np.array_equal(getattr(back, name), getattr(solution, name)), name
+        assert getattr(back, name).dtype == getattr(solution, name).dtype
+    assert np.array_equal(back.model.basis, solution.model.basis)
+    assert np.array_equal(back.model.covariance, solution.model.covariance)
+    assert back.model.evidence == solution.model.evidence
+    assert back.solver == "Pixelwise()"
+    assert back.stats == {
+        **{"box": (1, 2, 30, 20), "noise": 0.25, "streaks": ((1, 2), (3, 4)), "n": 3}
+    }
+
+
+def test_double_precision_comes_back_as_float32(tmp_path, solution):
+    doubled = Solution(
+        *(getattr(solution, name).astype(float) / 3 for name in ARRAYS[:4]),
+        solution.quality,
+        solution.model,
+        "Pixelwise()",
+    )
+    write(tmp_path / "s.exr", doubled)
+    assert np.array_equal(read_solution(tmp_path / "s.exr").alpha, doubled.alpha.astype(np.float32))
+
+
+def test_its_picture_is_the_layer(path, solution):
+    layer = read_layer(path)
+    assert np.array_equal(layer.alpha, solution.layer.alpha)
+    assert np.array_equal(layer.premultiplied, solution.layer.premultiplied)
+    assert np.array_equal(read(path).rgb, solution.layer.premultiplied)
+
+
+def test_another_library_sees_every_channel(path, solution):
+    file = OpenEXR.File(str(path), separate_channels=True)
+    seen = {name: channel.pixels for name, channel in file.channels().items()}
+    expected = {"A": solution.layer.alpha, "alpha.raw": solution.alpha}
+    expected |= {"alpha.std": solution.alpha_std, "quality.flags": solution.quality}
+    for c, color in enumerate("RGB"):
+        expected[color] = solution.layer.premultiplied[..., c]
+        expected[f"premultiplied.{color}"] = solution.premultiplied[..., c]
+        expected[f"premultiplied_std.{color}"] = solution.premultiplied_std[..., c]
+    assert seen.keys() == expected.keys()
+    for name, values in expected.items():
+        assert np.array_equal(seen[name], values.astype(np.float32)), name
+    assert file.header()["blurmatte:solver"] == "Pixelwise()"
+    assert "#d8ff3c" in file.header()["blurmatte:model"]
+
+
+def test_a_changed_header_is_refused(path, solution):
+    source = oiio.ImageInput.open(str(path))
+    spec, pixels = source.spec(), source.read_image(oiio.FLOAT)
+    source.close()
+    spec["blurmatte:model"] = "{}"
+    target = oiio.ImageOutput.create(str(path))
+    target.open(str(path), spec)
+    target.write_image(pixels)
+    target.close()
+    with pytest.raises(FileError, match="another program has changed its header"):
+        read_solution(path)
+
+
+def test_a_solution_is_an_exr(tmp_path, solution):
+    with pytest.raises(FileError, match=r"a Solution is written as \.exr"):
+        write(tmp_path / "s.png", solution)
+
+
+def test_stats_that_are_no_data_are_a_mistake(tmp_path, solution):
+    odd = Solution(
+        *(getattr(solution, name) for name in ARRAYS), solution.model, "", {"f": object()}
+    )
+    with pytest.raises(TypeError, match="stats must hold"):
+        write(tmp_path / "s.exr", odd)
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,87 @@
+"""Trajectory: points, lengths, constant speed, and what the door refuses."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.trajectory import Trajectory
+
+
+def test_line_runs_at_constant_speed():
+    line = Trajectory.line((10, 20), (13, 24))
+    assert line.length == 5
+    assert line.top_speed == 5
+    assert_allclose(line.at(0.5), (11.5, 22))
+    assert_allclose(line.at([[0, 1]]), [[(10, 20), (13, 24)]])
+
+
+def test_at_is_linear_between_its_points_and_holds_at_the_ends():
+    path = Trajectory(np.array([[0, 0], [4, 0], [4, 2]]), np.array([0, 0.8, 1]))
+    assert path.length == 6
+    assert path.top_speed == pytest.approx(10)
+    assert_allclose(path.at([-1, 0.4, 0.9, 2]), [(0, 0), (2, 0), (4, 1), (4, 2)])
+
+
+@pytest.mark.parametrize("middle", [(0, -5), (3, -4), (-4, 3), (0, 5), (-3, -4)])
+def test_arc_lies_on_the_circle_through_its_points(middle):
+    """Start (5, 0) and end (-5, 0) on the circle around the origin: by way of the middle."""
+    arc = Trajectory.arc((5, 0), middle, (-5, 0), points=1001)
+    assert_allclose(np.hypot(*arc.xy.T), 5)
+    assert_allclose(arc.xy[[0, -1]], [(5, 0), (-5, 0)], atol=1e-12)
+    assert np.linalg.norm(arc.xy - middle, axis=1).min() < 0.02
+    assert_allclose(arc.length, 5 * np.pi, rtol=1e-5)
+    assert_allclose(np.linalg.norm(np.diff(arc.xy, axis=0), axis=1), arc.length / 1000)
+
+
+def test_arc_may_take_the_long_way_round():
+    center, angles = np.array([30, 40]), np.radians([0, 200, 300])
+    start, middle, end = center + 10 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    arc = Trajectory.arc(start, middle, end, points=2001)
+    assert_allclose(arc.length, 10 * np.radians(300), rtol=1e-6)
+    assert_allclose(np.linalg.norm(arc.xy - center, axis=1), 10)
+
+
+def test_arc_through_points_on_a_line_is_that_line():
+    arc = Trajectory.arc((0, 0), (1, 1), (4, 4))
+    assert_allclose(arc.xy, [(0, 0), (4, 4)])
+
+
+def test_nothing_reaches_in_from_outside():
+    xy = np.zeros((2, 2))
+    path = Trajectory(xy, np.array([0, 1]))
+    xy[:] = 7
+    assert_allclose(path.xy, 0)
+
+
+def test_prints_on_one_line():
+    assert repr(Trajectory.line((1, 2), (4, 6))) == (
+        "Trajectory((1.0, 2.0) to (4.0, 6.0), 5.0 px, 2 points)"
+    )
+
+
+@pytest.mark.parametrize(
+    ("xy", "t", "says"),
+    [
+        ([[0, 0]], [0], r"xy must have the shape \(T, 2\)"),
+        ([[0, 0, 0], [1, 1, 1]], [0, 1], "xy must have the shape"),
+        ([[0, 0], [1, 1]], [0, 0.5, 1], "t must have the shape"),
+        ([[0, 0], [np.nan, 1]], [0, 1], "xy must be finite"),
+        ([[0, 0], [1, 1]], [0, 2], "t must increase from 0 to 1, got 0 to 2"),
+        ([[0, 0], [1, 1], [2, 2]], [0, 0, 1], "t must increase"),
+        ([[0, 0], [1, 1]], [0, np.nan], "t must increase"),
+    ],
+)
+def test_door(xy, t, says):
+    with pytest.raises(ValueError, match=says):
+        Trajectory(np.array(xy), np.array(t))
+
+
+def test_door_of_the_constructors():
+    with pytest.raises(ValueError, match="end must be one point"):
+        Trajectory.line((0, 0), (1, 2, 3))
+    with pytest.raises(ValueError, match="middle must lie between"):
+        Trajectory.arc((0, 0), (9, 9), (4, 4))
+    with pytest.raises(ValueError, match="must differ"):
+        Trajectory.arc((1, 1), (9, 9), (1, 1))
+    with pytest.raises(ValueError, match="points must be 3 or more"):
+        Trajectory.arc((0, 0), (1, 2), (4, 4), points=2)
