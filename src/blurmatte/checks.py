@@ -36,6 +36,14 @@ def check_map(name: str, value: object, shape: tuple[int, ...], kinds: str = "f"
         raise ValueError(f"{name} must have the shape {shape}, got {value.shape}")
 
 
+def check_finite(name: str, value: Floats) -> None:
+    """Raise if there is a NaN or an infinite number in `value`."""
+    if not (np.isfinite(np.min(value)) and np.isfinite(np.max(value))):
+        raise ValueError(
+            f"{name} must be finite; put any number where it is missing and mark it in `valid`"
+        )
+
+
 def check_same_size(first: str, a: tuple[int, int], second: str, b: tuple[int, int]) -> None:
     """Raise unless the sizes (width, height) of two named pictures agree."""
     if a != b:

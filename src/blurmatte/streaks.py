@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage, rounding_noise, with_noise
 
 Box = tuple[int, int, int, int]
 
@@ -22,6 +22,8 @@ _FAINTEST = 0.1  # of a streak's own strength: what is weaker beside it is its s
 _SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad streaks
 _JOIN, _RIM = 2, 3  # cells: gaps that are bridged; rim added where the edge fades below all noise
 _MAX_CELLS = 1e6
+_STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
+_MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,46 +154,65 @@ def _to_pixels(region: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
 
 
 def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
-    """(h, w) T of every cell: the largest over the scales of smoothing."""
-    from scipy import ndimage
+    """(h, w) T of every cell: the largest over the scales of smoothing.
 
-    z = _normalized_difference(image, plate, cell)
-    T = np.zeros(z.shape[:2], np.float32)
+    A sum of z weighted by w has the variance Σw²; with Gaussian weights that is a Gaussian sum too,
+    of 1/√2 the scale. Dividing by it leaves noise at the border as it is elsewhere. Rounding errors
+    are alike in neighbors of like light, JPEG's above all, and do not average out, unless there is
+    noise to dither them: hence the square of their part.
+    """
+    z, weight, rounding = _normalized_difference(image, plate, cell)
+    T = np.zeros(weight.shape, np.float32)
     for scale in _SCALES:
-        smooth = np.stack([ndimage.gaussian_filter(z[..., c], scale) for c in range(3)], axis=-1)
+        white = _smoothed(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
+        smooth = np.stack([_smoothed(z[..., c], scale) for c in range(3)], axis=-1)
+        smooth /= np.sqrt(np.maximum(white, 1e-6))[..., None]
         smooth -= np.median(smooth, axis=(0, 1))
-        T = np.maximum(T, np.sum(smooth**2 / _spread2(smooth, scale), axis=-1))
+        coherent = _STEPS**2 * rounding**2 * (4 * np.pi * scale**2)
+        T = np.maximum(T, np.sum(smooth**2 / (_spread2(smooth) + coherent), axis=-1))
     return T
 
 
-def _spread2(smooth: Floats, scale: float) -> Floats:
+def _smoothed(values: Floats, scale: float) -> Floats:
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(values, scale, mode="constant"))
+
+
+def _spread2(smooth: Floats) -> Floats:
     """(3,) variance of a smoothed z where nothing moved.
 
-    White noise leaves 1 / (4π scale²). What there is beyond that is correlated noise of JPEG and
-    video, light that drifts, soft shadows: long-tailed, so it counts nine times. The quantile
-    believes what four fifths of the picture say.
+    White noise leaves 1. What there is beyond that is correlated noise of JPEG and video, light
+    that drifts, soft shadows: long-tailed, so it counts twelve times. The quantile believes what
+    two thirds of the picture say.
     """
-    white = 1 / (4 * np.pi * scale**2)
-    seen = (np.quantile(np.abs(smooth), 0.8, axis=(0, 1)) / 1.2816) ** 2
-    return np.asarray(white + 9 * np.maximum(seen - white, 0), dtype=smooth.dtype)
+    seen = (np.quantile(np.abs(smooth), 0.65, axis=(0, 1)) / 0.9346) ** 2
+    return np.asarray(1 + 12 * np.maximum(seen - 1, 0), dtype=smooth.dtype)
 
 
-def _normalized_difference(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
-    """(h, w, 3) difference of the cells' means over its standard deviation; 0 where not valid.
+def _normalized_difference(
+    image: LinearImage, plate: LinearImage, cell: int
+) -> tuple[Floats, Floats, Floats]:
+    """(h, w, 3) difference of the cells' means over its standard deviation, (h, w) 1 where it is
+    known and 0 elsewhere, (h, w, 3) the part of that variance which rounding alone has.
 
-    Where the plate has edges, a shift by a fraction of a pixel makes a difference too. How large the
-    shifts are is read off the edges themselves.
+    Where the plate has edges, a shift by a fraction of a pixel makes a difference too. How large
+    the shifts are is read off the edges themselves.
     """
     used = image.valid & plate.valid
     d = _cells(np.where(used[..., None], image.rgb - plate.rgb, 0), cell)
     B = _cells(plate.rgb, cell)
-    weight = _cells(used[..., None].astype(np.float32), cell)
+    known = _cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
     variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
     edge = _edge_energy(B)
-    excess = np.median((d**2).sum(-1)[_strong(edge)]) - np.median(variance.sum(-1)[_strong(edge)])
-    shift2 = max(float(excess / np.median(edge.sum(-1)[_strong(edge)])), 0.0)
-    z = d / np.sqrt(variance + 9 * shift2 * edge + 1e-14)
-    return np.asarray(np.where(weight > 0.5, z, 0), dtype=np.float32)
+    strong = _strong(edge)
+    of_noise = _MEDIAN_CHI2 * np.median(variance.sum(axis=-1)[strong])
+    excess = np.median((d**2).sum(axis=-1)[strong]) - of_noise
+    shift2 = max(float(excess / (np.median(edge.sum(axis=-1)[strong]) + 1e-14)), 0.0)
+    variance = variance + 9 * shift2 * edge + 1e-14
+    z = np.where(known[..., None], d / np.sqrt(variance), 0)
+    rounding = (rounding_noise(image).variance(B) + rounding_noise(plate).variance(B)) / variance
+    return tuple(np.asarray(a, dtype=np.float32) for a in (z, known, rounding))  # type: ignore[return-value]
 
 
 def _strong(edge: Floats) -> Bools:

@@ -63,3 +63,27 @@ def test_missing_model_and_folder(tmp_path):
         read_color_model(tmp_path / "m.json")
     with pytest.raises(FileError, match="Is a directory"):
         read_color_model(tmp_path)
+
+
+def test_a_report_is_json_that_any_program_reads(tmp_path):
+    report = {
+        "größe": (np.int64(3), np.float32(0.5)),
+        "open": [1.0, np.inf, -np.inf, np.nan],
+        "array": np.eye(2),
+        "deep": {"empty": {}, "none": None, "words": ["a", "b"], "yes": np.bool_(True)},
+        "name": "bytes \udcff",
+    }
+    write(tmp_path / "r.json", report)
+    assert json.loads((tmp_path / "r.json").read_text("utf-8")) == {
+        "größe": [3, 0.5],
+        "open": [1.0, None, None, None],
+        "array": [[1.0, 0.0], [0.0, 1.0]],
+        "deep": {"empty": {}, "none": None, "words": ["a", "b"], "yes": True},
+        "name": r"bytes \udcff",
+    }
+
+
+def test_a_report_of_other_things_is_refused(tmp_path):
+    with pytest.raises(TypeError, match="must hold numbers, text"):
+        write(tmp_path / "r.json", {"a": object()})
+    assert not (tmp_path / "r.json").exists()

@@ -1,3 +1,6 @@
 """Which colors the object may have."""
 
 from blurmatte.color.model import ColorModel as ColorModel
+from blurmatte.color.samples import core_colors as core_colors
+from blurmatte.color.samples import pick_colors as pick_colors
+from blurmatte.color.streak import fit_color as fit_color

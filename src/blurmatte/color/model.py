@@ -165,10 +165,10 @@ class ColorModel:
         basis = pole[:, None] if rank == 1 else np.linalg.svd(pole[:, None])[0][:, 1:]
         covariance = _sample_covariance(samples, pole, rank, scatter)
         model = cls(_bright(basis), covariance, {})
-        if not model.angle_std < 20:
+        if not model.angle_std < 20 or (rank == 2 and _one_hue(samples, scatter)):
             raise ColorModelError(
                 f"the {len(samples)} samples leave the {'line' if rank == 1 else 'plane'} of colors "
-                f"open by {model.angle_std:.0f}°; rank 2 needs two clearly different colors, "
+                f"open by {model.angle_std:.0f}° or more; rank 2 needs two clearly different colors, "
                 "and no sample may be black"
             )
         return cls(model.basis, covariance, {"samples": model.angle_std})
@@ -235,6 +235,16 @@ def _robust_pole(samples: Array, rank: int, start: Array) -> Array:
             moved = pole + tangent @ fit.x
             best, best_cost = moved / np.linalg.norm(moved), cost
     return best
+
+
+def _one_hue(samples: Array, scatter: float) -> bool:
+    """Whether the samples lie beside their line no further than noise would put them.
+
+    The second moment beside the line is n · scatter² for noise alone, times 1 ± √(2/n).
+    """
+    n = len(samples)
+    beside = float(np.linalg.svd(samples, compute_uv=False)[1] ** 2)
+    return beside <= (1 + 6 * np.sqrt(2 / n)) * n * scatter**2
 
 
 def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -> Array:

@@ -19,7 +19,6 @@ what is possible; the answer is the mean of what is left, its covariance the spr
 is no answer, and `ColorModelError` says so.
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,7 +41,7 @@ _BLOCK = 8  # pixels: noise of neighbours this near may be the same noise (JPEG)
 
 @dataclass(frozen=True, eq=False)
 class _Pixels:
-    """The streak's pixels as columns: light, variances and the block each lies in."""
+    """The streak's pixels as columns: light, variances and the block each lies in, in its order."""
 
     C: Array  # (n, 3)
     B: Array  # (n, 3)
@@ -94,31 +93,27 @@ def fit_color(
         streak = found[0]
     pixels = _streak_pixels(image, plate, streak)
 
-    def hue(directions: Array, some: _Pixels) -> Array:
-        return _hue_cost(directions, some)
-
-    def feasible(directions: Array, some: _Pixels) -> Array:
-        return _infeasibility(directions, some, max_brightness)
-
-    def both(directions: Array, some: _Pixels) -> Array:
-        return hue(directions, some) + feasible(directions, some)
-
-    l, covariance = _posterior(both, pixels)
-    model = ColorModel(l[:, None], covariance)
-    alone = {"hue variation": hue, "feasibility": feasible}
-    evidence = {}
-    for name, cost in alone.items():
-        evidence[name] = ColorModel(l[:, None], _posterior(cost, pixels)[1]).angle_std
-    _refuse_the_open(model, pixels, evidence)
-    _refuse_the_unfit(l, pixels)
-    return ColorModel(model.basis, covariance, evidence)
+    kinds = {
+        name: _Evidence(hue, feasibility, max_brightness)
+        for name, hue, feasibility in (
+            ("together", True, True), ("hue variation", True, False), ("feasibility", False, True)
+        )
+    }  # fmt: skip
+    spread = {name: _posterior(evidence, pixels) for name, evidence in kinds.items()}
+    l, covariance = spread.pop("together")
+    evidence = {name: ColorModel(m[:, None], c).angle_std for name, (m, c) in spread.items()}
+    model = ColorModel(l[:, None], covariance, evidence)
+    _refuse_the_open(model, pixels)
+    _refuse_the_unfit(model, pixels)
+    return model
 
 
 def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _Pixels:
     place = streak.rows_columns
     used = streak.mask[place] & image.valid[place] & plate.valid[place]
     # Noise that was cut off at black has another mean, which looks like color.
-    used &= (plate.rgb[place] > 2 * np.sqrt(_variance(image, place))).all(axis=-1)
+    for picture in (image, plate):
+        used &= (picture.rgb[place] > 2 * np.sqrt(_variance(image, place))).all(axis=-1)
     y, x = np.nonzero(used)
     if len(y) < 20:
         raise ColorModelError(
@@ -127,11 +122,13 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _P
         )
     chosen = slice(None, None, -(-len(y) // _MAX_PIXELS))
     y, x = y[chosen], x[chosen]
+    block = y // _BLOCK * (1 + x.max() // _BLOCK) + x // _BLOCK
+    order = np.argsort(block, kind="stable")
+    y, x, block = y[order], x[order], block[order]
     columns = [
         np.asarray(a[y, x], dtype=float)
         for a in (image.rgb[place], plate.rgb[place], *(_variance(p, place) for p in (image, plate)))
     ]
-    block = y // _BLOCK * (1 + x.max() // _BLOCK) + x // _BLOCK
     return _Pixels(*columns, np.unique(block, return_inverse=True)[1])
 
 
@@ -141,64 +138,90 @@ def _variance(picture: LinearImage, place: tuple[slice, slice]) -> Array:
     return np.asarray(variance, dtype=float) + 1e-12  # float32 light is no better known
 
 
-def _closed_form(l: Array, p: _Pixels) -> tuple[Array, Array, Array, Array, Array]:
-    """(r, s, α, |w|, k), each (directions, pixels)."""
+@dataclass(frozen=True, eq=False)
+class _Answers:
+    """The closed form for every direction and pixel, (directions, pixels) each."""
+
+    n: Array  # (3, directions, pixels) unit vectors across l and B
+    r: Array  # what no alpha explains, light
+    r_std: Array
+    alpha: Array
+    alpha_std: Array
+    k: Array
+    k_std: Array
+
+
+def _closed_form(l: Array, p: _Pixels) -> _Answers:
     B_l, C_l = l @ p.B.T, l @ p.C.T
     across = np.stack([np.cross(l, axis) for axis in np.eye(3)])  # l × B = Σ B_c (l × e_c)
     n = np.einsum("cgi,pc->igp", across, p.B)  # (3, directions, pixels)
-    w2 = np.sum(n**2, axis=0) + 1e-30
-    alpha = 1 - (np.sum(p.C * p.B, axis=1) - C_l * B_l) / w2
+    length = np.sqrt(np.sum(n**2, axis=0)) + 1e-15
+    n /= length
+    alpha = 1 - (np.sum(p.C * p.B, axis=1) - C_l * B_l) / length**2
     k = C_l - (1 - alpha) * B_l
     through2 = (1 - np.clip(alpha, 0, 1)) ** 2
-    s2 = np.einsum("igp,pi->gp", n**2, p.vC) + through2 * np.einsum("igp,pi->gp", n**2, p.vB)
-    r = (l @ np.cross(p.B, p.C).T) / np.sqrt(w2)
-    return r, np.sqrt(s2 / w2), alpha, np.sqrt(w2), k
+    w = (p.B.T[:, None, :] - l.T[:, :, None] * B_l) / length
+    r_std, w_std, l_std = (
+        np.sqrt(np.einsum("igp,pi->gp", d**2, p.vC) + through2 * np.einsum("igp,pi->gp", d**2, p.vB))
+        for d in (n, w, np.broadcast_to(l.T[:, :, None], n.shape))
+    )
+    r = (l @ np.cross(p.B, p.C).T) / length
+    alpha_std = w_std / length
+    return _Answers(n, r, r_std, alpha, alpha_std, k, np.hypot(l_std, B_l * alpha_std))
 
 
-def _hue_cost(l: Array, p: _Pixels) -> Array:
-    """(directions, pixels) −2 log likelihood of r, with tails that outliers may sit in."""
-    r, s, *_ = _closed_form(l, p)
-    return np.asarray(2 * _OUTLIER**2 * (np.sqrt(1 + (r / s / _OUTLIER) ** 2) - 1))
+@dataclass(frozen=True)
+class _Evidence:
+    """Which kinds of evidence to listen to."""
+
+    hue: bool
+    feasibility: bool
+    max_brightness: float
+
+    def cost(self, a: _Answers, l: Array) -> Array:
+        """(directions, pixels) −2 log likelihood, with tails that outliers may sit in."""
+        cost = np.zeros_like(a.r)
+        if self.hue:
+            cost += _bounded(a.r / a.r_std)
+        if self.feasibility:
+            cost += _infeasibility(a, l, self.max_brightness)
+        return cost
 
 
-def _infeasibility(l: Array, p: _Pixels, max_brightness: float) -> Array:
+def _infeasibility(a: _Answers, l: Array, max_brightness: float) -> Array:
     """(directions, pixels) how far beyond noise α, P or the brightness leave what is possible."""
-    _, s, alpha, w, k = _closed_form(l, p)
-    alpha_std = s / w
-    # k moves with alpha by B·l, and by its own noise.
-    k_std = np.hypot(s, np.abs(l @ p.B.T) * alpha_std)
-    beyond = [np.maximum(-alpha, alpha - 1) / alpha_std, -k / k_std]
+    beyond = [np.maximum(-a.alpha, a.alpha - 1) / a.alpha_std, -a.k / a.k_std]
     if np.isfinite(max_brightness):
-        excess = k * l.max(axis=1)[:, None] - max_brightness * alpha
-        beyond.append(excess / np.hypot(k_std, max_brightness * alpha_std))
-    cost = sum(np.maximum(z - _TOLERANCE, 0) ** 2 for z in beyond)
-    return np.asarray(2 * _OUTLIER**2 * (np.sqrt(1 + cost / _OUTLIER**2) - 1))
+        excess = a.k * l.max(axis=1)[:, None] - max_brightness * a.alpha
+        beyond.append(excess / np.hypot(a.k_std, max_brightness * a.alpha_std))
+    return _bounded(np.sqrt(sum(np.maximum(z - _TOLERANCE, 0) ** 2 for z in beyond)))
 
 
-Cost = Callable[[Array, _Pixels], Array]
+def _bounded(z: Array) -> Array:
+    """z² for small z; grows only like |z| for outliers."""
+    return np.asarray(2 * _OUTLIER**2 * (np.sqrt(1 + (z / _OUTLIER) ** 2) - 1))
 
 
-def _posterior(cost: Cost, pixels: _Pixels) -> tuple[Array, Array]:
+def _posterior(evidence: _Evidence, pixels: _Pixels) -> tuple[Array, Array]:
     """Mean direction and (3, 3) covariance of what the cost leaves possible.
 
     A grid of directions around the best one is turned and stretched until it reaches four standard
     deviations either way along both axes of the spread. Where the spread is a narrow valley, as
     before a plate of one hue, the grid first finds its width and then grows along it.
     """
-    center = _best_direction(cost, pixels)
-    inflation = _inflation(cost, center, pixels)
+    center = _best_direction(evidence, pixels)
     axes, half = _tangent(center), np.full(2, np.radians(1.0))
     for _ in range(40):
         grid = _patch(center, axes, half)
-        mean, covariance = _moments(grid, cost(grid, pixels).sum(axis=1) / inflation)
+        mean, covariance = _moments(grid, _implausibility(evidence, grid, pixels))
         spread, turned = np.linalg.eigh(axes.T @ covariance @ axes)
+        reach = half[_order(turned)]
         std = np.sqrt(np.maximum(spread, (half.max() / 1e6) ** 2))
-        settled = np.all((std > half[_order(turned)] / 8) & (std < half[_order(turned)] / 3))
-        if settled or half.max() > 1:
+        aside = np.abs((mean - center) @ axes @ turned)
+        if np.all((std > reach / 8) & (std < reach / 3) & (aside < reach / 4)) or half.max() > 1:
             break
-        axes = axes @ turned
-        half = np.clip(4 * std, half[_order(turned)] / 4, 3 * half[_order(turned)])
-        center, axes = _moved(center, axes, mean)
+        center, axes = _moved(axes @ turned, mean)
+        half = np.clip(4 * std, reach / 4, 3 * reach)
     return mean, covariance
 
 
@@ -207,19 +230,23 @@ def _order(turned: Array) -> npt.NDArray[np.intp]:
     return np.argmax(np.abs(turned), axis=0)
 
 
-def _moved(center: Array, axes: Array, to: Array) -> tuple[Array, Array]:
-    """The new center, and the old axes made perpendicular to it."""
+def _moved(axes: Array, to: Array) -> tuple[Array, Array]:
+    """The new center, and the axes made perpendicular to it."""
     first = _unit(axes[:, 1] - (axes[:, 1] @ to) * to)
     return to, np.stack([np.cross(to, first), first], axis=1)
 
 
-def _best_direction(cost: Cost, pixels: _Pixels) -> Array:
+def _best_direction(evidence: _Evidence, pixels: _Pixels) -> Array:
     """The least cost over all directions of non-negative light: a grid, then a polish."""
     from scipy.optimize import minimize
 
     few = pixels.every(max(1, len(pixels.C) // 500))
+
+    def cost(l: Array) -> Array:
+        return evidence.cost(_closed_form(l, few), l).sum(axis=1)
+
     grid = _octant(2.0)
-    total = cost(grid, few).sum(axis=1)
+    total = cost(grid)
     best, least = grid[0], np.inf
     for _ in range(3):
         start = grid[np.argmin(total)]
@@ -230,7 +257,7 @@ def _best_direction(cost: Cost, pixels: _Pixels) -> Array:
             direction = _unit(start + tangent @ x)
             if direction.min() < 0:
                 return np.inf
-            return float(cost(direction[None], few).sum())
+            return float(cost(direction[None])[0])
 
         simplex = np.radians([[0, 0], [1.5, 0], [0, 1.5]])
         found = minimize(step, np.zeros(2), method="Nelder-Mead", options={
@@ -277,36 +304,44 @@ def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
     return center, np.asarray((away * weight[:, None]).T @ away)
 
 
-def _inflation(cost: Cost, l: Array, pixels: _Pixels) -> float:
-    """By how much the cost overstates its own certainty: 1 for independent, well-modelled noise.
+def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
+    """(directions,) χ² against each direction, next to the best of them.
 
-    Compares the scatter of the blocks' slopes with the curvature of their sum (the sandwich
-    estimate of a covariance), so that noise that neighbours share, and whatever the model does not
-    know of, widens the answer instead of being believed.
+    The excess Δ of a direction's cost over the least comes from a true difference λ and from noise
+    of variance V that has nothing to do with it: two directions see one pixel's noise differently,
+    with a correlation ρ. If that direction were the truth, Δ would be −λ with the variance 4λ + V.
+    The λ that speaks least against it gives
+
+        χ² = Δ² / V          for Δ < V / 2
+             Δ − V / 4       beyond,                  V = Σ 4(1 − ρ²).
+
+    Both are widened by φ, by which blocks of residuals scatter more than independent pixels would:
+    for noise that neighbours share, and for what the model misses.
     """
-    tangent, step = _tangent(l), 1e-3
-    moves = np.array([[0, 0], [1, 0], [-1, 0], [0, 1], [0, -1], [1, 1], [-1, -1]]) * step
-    around = l + moves @ tangent.T
-    q = cost(around / np.linalg.norm(around, axis=1, keepdims=True), pixels)
-    slopes = np.stack([q[1] - q[2], q[3] - q[4]]) / (2 * step)  # (2, pixels)
-    by_block = np.stack([np.bincount(pixels.block, slope) for slope in slopes])
-    by_block -= by_block.mean(axis=1, keepdims=True)
-    scatter = by_block @ by_block.T
-    t = q.sum(axis=1)
-    a, b = (t[1] + t[2] - 2 * t[0]) / step**2, (t[3] + t[4] - 2 * t[0]) / step**2
-    c = ((t[5] + t[6] - 2 * t[0]) / step**2 - a - b) / 2
-    if a <= 0 or a * b <= c**2:
-        return 1.0
-    ratio = np.linalg.solve(2 * np.array([[a, c], [c, b]]), scatter)
-    return max(1.0, float(np.trace(ratio)) / 2)
+    a = _closed_form(l, p)
+    cost = evidence.cost(a, l)
+    best = np.argmin(cost.sum(axis=1))
+    delta = np.sum(cost - cost[best], axis=1)
+    if not evidence.hue:
+        return delta
+    through = 1 - np.clip(a.alpha, 0, 1)
+    both = a.n * a.n[:, best : best + 1]
+    shared = np.einsum("igp,pi->gp", both, p.vC)
+    shared += through * through[best] * np.einsum("igp,pi->gp", both, p.vB)
+    rho = shared / (a.r_std * a.r_std[best])
+    z = (a.r / a.r_std)[best]
+    by_block = np.bincount(p.block, np.clip(z, -_OUTLIER, _OUTLIER))
+    phi = max(1.0, float(np.sum(by_block**2)) / len(z))
+    V = 4 * phi * np.sum(np.maximum(1 - rho**2, 0), axis=1) + 1e-12
+    return np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi
 
 
-def _refuse_the_open(model: ColorModel, pixels: _Pixels, evidence: dict[str, float]) -> None:
+def _refuse_the_open(model: ColorModel, pixels: _Pixels) -> None:
     if model.angle_std <= _MAX_ANGLE_STD:
         return
     B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
     spread = np.degrees(np.sqrt(np.mean(1 - np.clip(B @ _unit(B.mean(axis=0)), -1, 1) ** 2)))
-    said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in evidence.items())
+    said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in model.evidence.items())
     raise ColorModelError(
         f"the streak leaves the object's color open by {model.angle_std:.1f}° ({said}; the plate's "
         f"hue varies by {spread:.1f}° behind it): give the color, pick pixels of the object where it "
@@ -314,9 +349,9 @@ def _refuse_the_open(model: ColorModel, pixels: _Pixels, evidence: dict[str, flo
     )
 
 
-def _refuse_the_unfit(l: Array, pixels: _Pixels) -> None:
-    r, s, *_ = _closed_form(l[None], pixels)
-    unexplained = float(np.sum(r**2 - s**2))
+def _refuse_the_unfit(model: ColorModel, pixels: _Pixels) -> None:
+    answers = _closed_form(model.basis.T, pixels)
+    unexplained = float(np.sum(answers.r**2 - answers.r_std**2))
     moved = float(np.sum((pixels.C - pixels.B) ** 2 - pixels.vC - pixels.vB))
     if unexplained > 0.25 * moved:
         raise ColorModelError(

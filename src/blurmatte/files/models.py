@@ -1,9 +1,12 @@
-"""A ColorModel as JSON: in a file of its own, and in the header of a Solution."""
+"""JSON: a ColorModel, in a file of its own and in the header of a Solution; and reports."""
 
 import json
 import math
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
@@ -23,6 +26,49 @@ def model_to_json(model: ColorModel) -> str:
     }
     lines = (f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in fields.items())
     return "{\n" + ",\n".join(lines) + "\n}"
+
+
+def mapping_to_json(mapping: Mapping[str, Any]) -> str:
+    """A report; NumPy's arrays as lists, numbers that are not finite as null.
+
+    Raises
+    ------
+    TypeError
+        If it holds something that JSON has no word for.
+    """
+    return _indented(_plain(mapping), "")
+
+
+def _indented(value: Any, margin: str) -> str:
+    """A line for each name and each text; numbers side by side."""
+    inner = margin + "  "
+    if isinstance(value, dict) and value:
+        lines = [f"{inner}{_dumped(k)}: {_indented(v, inner)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{margin}}}"
+    if isinstance(value, list) and value and all(isinstance(part, str) for part in value):
+        return "[\n" + ",\n".join(inner + _dumped(part) for part in value) + f"\n{margin}]"
+    return _dumped(value)
+
+
+def _dumped(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    match value:
+        case np.generic() | np.ndarray():
+            return _plain(value.tolist())
+        case Mapping():
+            return {str(name): _plain(part) for name, part in value.items()}
+        case list() | tuple():
+            return [_plain(part) for part in value]
+        case float() if not math.isfinite(value):
+            return None
+        case str():  # the name of a file may hold bytes that are no text
+            return value.encode("utf-8", "backslashreplace").decode()
+        case int() | float() | None:
+            return value
+    raise TypeError(f"a report must hold numbers, text, and lists of them, got {value!r}")
 
 
 def model_from_json(text: str) -> ColorModel:

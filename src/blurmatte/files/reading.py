@@ -7,10 +7,8 @@ are saturated. Straight and premultiplied files both end premultiplied.
 import math
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import FileError
@@ -55,11 +53,10 @@ def read(
     """
     raster = load(Path(path), max_pixels)
     encoding = encoding_of(raster, transfer, stacklevel=2)
-    image = _decoded(raster.colors, encoding)
+    image = _decoded(raster, encoding)
     valid = image.valid & raster.inside
     if raster.alpha is not None:
         valid &= raster.alpha >= 1
-    _check_finite(raster.path, image.rgb)
     return replace(image, valid=valid, meta=_meta(raster, encoding))
 
 
@@ -95,10 +92,13 @@ def read_layer(
     return Layer(alpha, light)
 
 
-def _decoded(colors: npt.NDArray[Any], encoding: Profile | None) -> LinearImage:
+def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
     """Light of code values by table, of floats by formula; `valid` where not saturated."""
+    colors = raster.colors
     if encoding is None or colors.dtype.kind == "f":
-        return LinearImage(to_light(colors, encoding))
+        light = to_light(colors, encoding)
+        _check_finite(raster.path, light)
+        return LinearImage(light)
     red, green, blue = encoding.curves
     image = decode(colors, green)
     for c, curve in ((0, red), (2, blue)):
@@ -112,7 +112,7 @@ def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> F
     """Light times alpha. Curves are meant for straight colors, so those come first."""
     cover = alpha[..., None]
     if not raster.associated:
-        return np.asarray(_decoded(raster.colors, encoding).rgb * cover)
+        return np.asarray(_decoded(raster, encoding).rgb * cover)
     if encoding is None:
         return to_light(raster.colors, None)
     codes = raster.colors / np.float32((raster.levels or 2) - 1)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files.models import model_to_json
+from blurmatte.files.models import mapping_to_json, model_to_json
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.layer import Layer
@@ -36,7 +36,13 @@ _TOP = 65535
 
 def write(
     path: str | Path,
-    thing: LinearImage | Layer | Solution | ColorModel | Floats | npt.NDArray[np.uint8],
+    thing: LinearImage
+    | Layer
+    | Solution
+    | ColorModel
+    | Mapping[str, Any]
+    | Floats
+    | npt.NDArray[np.uint8],
 ) -> None:
     """Write to a file whose ending says how.
 
@@ -45,6 +51,7 @@ def write(
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, everything in it
     ColorModel        .json
+    mapping           .json; numbers that are not finite become null
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
     (H, W, 3) uint8   .png .jpg, as is: already sRGB
     ================  ================================================================
@@ -85,6 +92,8 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {".exr": lambda path: _save_solution(path, thing)}
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
+        case Mapping():
+            return {".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n")}
         case np.ndarray() if thing.ndim == 2 and thing.dtype.kind == "f":
             return {".png": lambda path: _save_map(path, thing)}
         case np.ndarray() if thing.ndim == 3 and thing.shape[2] == 3 and thing.dtype == np.uint8:
@@ -182,9 +191,9 @@ def _replacing(target: Path, extension: str) -> Iterator[Path]:
         yield temporary
         os.replace(temporary, final)
     except OSError as error:
+        reason = (error.strerror or str(error)).replace(str(temporary), target.name)
         raise FileError(
-            f"{target}: cannot be written ({error.strerror or error}); "
-            "check the folder and the space on its disk"
+            f"{target}: cannot be written ({reason}); check the folder and the space on its disk"
         ) from error
     finally:
         _forget(temporary)

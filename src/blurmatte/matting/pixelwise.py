@@ -116,7 +116,7 @@ class Pixelwise:
                 )  # fmt: skip
             else:
                 variance = [
-                    _flat(_variances(n, light[rows])).astype(dtype, copy=False)
+                    _flat(_variances(n, light, rows)).astype(dtype, copy=False)
                     for n, light in zip(noise, (image, plate), strict=True)
                 ]
                 kernel.solve_light_with_variances(
@@ -154,6 +154,6 @@ def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any
     return tuple(dtype.type(x) for x in coefficients.ravel())
 
 
-def _variances(noise: NoiseModel | Floats, light: Any) -> Floats:
-    variance = noise.variance(light) if isinstance(noise, NoiseModel) else noise
+def _variances(noise: NoiseModel | Floats, light: Any, rows: slice) -> Floats:
+    variance = noise.variance(light[rows]) if isinstance(noise, NoiseModel) else noise[rows]
     return np.asarray(variance + variance.dtype.type(_LEAST_VARIANCE))

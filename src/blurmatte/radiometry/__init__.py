@@ -5,6 +5,7 @@ from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import decode as decode
 from blurmatte.radiometry.noise import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise import fit_noise as fit_noise
+from blurmatte.radiometry.noise import rounding_noise as rounding_noise
 from blurmatte.radiometry.noise import with_noise as with_noise
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
 from blurmatte.radiometry.transfer import REC709 as REC709

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_light, check_map
+from blurmatte.checks import Bools, Floats, check_finite, check_light, check_map
 from blurmatte.radiometry.noise import NoiseModel
 from blurmatte.radiometry.transfer import Transfer
 
@@ -56,7 +56,7 @@ class LinearImage:
     Raises
     ------
     TypeError, ValueError
-        For arrays of another kind or shape.
+        For arrays of another kind or shape, NaN and infinite values, negative variances.
     """
 
     rgb: Floats
@@ -66,11 +66,15 @@ class LinearImage:
 
     def __post_init__(self) -> None:
         check_light("rgb", self.rgb)
+        check_finite("rgb", self.rgb)
         if self.valid is None:
             object.__setattr__(self, "valid", np.ones(self.rgb.shape[:2], dtype=bool))
         check_map("valid", self.valid, self.rgb.shape[:2], kinds="b")
         if not isinstance(self.noise, NoiseModel | None):
             check_map("noise", self.noise, self.rgb.shape)
+            check_finite("noise", self.noise)
+            if np.min(self.noise) < 0:
+                raise ValueError(f"noise holds variances, got {np.min(self.noise):g}")
 
     def __repr__(self) -> str:
         width, height = self.size

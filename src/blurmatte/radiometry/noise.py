@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Bools, Floats, check_map, check_same_size
 from blurmatte.radiometry.transfer import LINEAR, Transfer
 
 if TYPE_CHECKING:
@@ -73,7 +73,8 @@ class NoiseModel:
         """The least noise a file of `levels` code values can have: rounding, to about 10 % of its std."""
         light = np.geomspace(0.005, 1, 100)
         coefficients = _fit_polynomial(light, _rounding_variance(light, levels, transfer))
-        coefficients[0] += _rounding_variance(np.zeros(1), levels, transfer)[0]
+        black = _rounding_variance(np.zeros(1), levels, transfer)[0]
+        coefficients[0] = max(coefficients[0], black)
         return cls.from_coefficients(np.tile(coefficients, (3, 1)))
 
     def variance(self, light: Floats) -> Floats:
@@ -113,42 +114,78 @@ def fit_noise(
         The same size.
     still : (H, W) bool, optional
         Where nothing moved. Without it, differences far outside the scatter of the rest are left
-        out, which holds as long as less than about a third of the picture changed.
+        out, and places where neighbors differ alike, which holds as long as less than about a third
+        of the picture changed.
 
     Returns
     -------
     tuple of NoiseModel
         Of the image and of the plate.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the sizes differ, or `still` is not (H, W) bool.
     """
+    check_same_size("image", image.size, "plate", plate.size)
     rows = slice(None, None, max(1, round(image.valid.size / 1e6)))
     C, B = (picture.rgb[rows].astype(float) for picture in (image, plate))
     usable = image.valid[rows] & plate.valid[rows]
+    least = [rounding_noise(picture).coefficients for picture in (image, plate)]
     if still is not None:
+        check_map("still", still, image.valid.shape, kinds="b")
         usable &= still[rows]
-    least = [_rounding_coefficients(picture) for picture in (image, plate)]
-    total, kept = np.empty((3, 3)), np.zeros(C.shape, bool)
-    for c in range(3):
-        total[c], kept[..., c] = _fit_channel(
-            B[..., c], (C - B)[..., c], usable, (least[0] + least[1])[c]
-        )
-    share = _plate_share(C, B, NoiseModel.from_coefficients(total).variance(B) + 1e-14, kept)
+    else:
+        few = slice(None, None, 4)
+        first, _ = _fit_total(B[few], (C - B)[few], usable[few], least[0] + least[1])
+        usable &= _quiet(C - B, first.variance(B) + 1e-14, usable)
+    model, kept = _fit_total(B, C - B, usable, least[0] + least[1])
+    share, total = _plate_share(C, B, model.variance(B) + 1e-14, kept), model.coefficients
     return (
         NoiseModel.from_coefficients(np.maximum((1 - share) * total, least[0])),
         NoiseModel.from_coefficients(np.maximum(share * total, least[1])),
     )
 
 
-def _rounding_coefficients(picture: LinearImage) -> Floats:
+def _quiet(d: Floats, s2: Floats, usable: Bools) -> Bools:
+    """(H, W) where the mean of d over a neighborhood is no larger than such means usually are."""
+    from scipy.ndimage import uniform_filter
+
+    if not usable.any():
+        return usable
+    z = np.where(usable[..., None], d, 0) / np.sqrt(s2)
+    mean = np.abs(uniform_filter(z, size=(7, 7, 1)))
+    usual = np.maximum(1.4826 * np.median(mean[usable], axis=0), 1 / 7)  # white noise leaves 1/7
+    return np.asarray((mean <= 4 * usual).all(axis=-1))
+
+
+def _fit_total(
+    light: Floats, difference: Floats, usable: Bools, least: Floats
+) -> tuple[NoiseModel, Bools]:
+    """Noise of the difference, and which of its (H, W, 3) values were believed."""
+    total, kept = np.empty((3, 3)), np.zeros(light.shape, bool)
+    for c in range(3):
+        x, d = light[..., c], difference[..., c]
+        cut_off = (x == 0) | (x + d == 0)  # at black, noise can only go up
+        lowest = 2.0 if np.mean(cut_off) > 0.01 else 0.0
+        total[c], kept[..., c] = _fit_channel(x, d, usable & ~cut_off, least[c], lowest)
+    return NoiseModel.from_coefficients(total), kept
+
+
+def rounding_noise(picture: LinearImage) -> NoiseModel:
+    """What the rounding of a picture's file alone makes; none if it held floats."""
     if picture.meta.levels is None:
-        return np.zeros((3, 3))
-    transfer = picture.meta.transfer or LINEAR
-    return NoiseModel.rounding(picture.meta.levels, transfer).coefficients
+        return NoiseModel()
+    return NoiseModel.rounding(picture.meta.levels, picture.meta.transfer or LINEAR)
 
 
 def _fit_channel(
-    light: Floats, difference: Floats, usable: Bools, least: Floats
+    light: Floats, difference: Floats, usable: Bools, least: Floats, lowest: float
 ) -> tuple[Floats, Bools]:
-    """Coefficients of the variance of one channel's difference, and which pixels were believed."""
+    """Coefficients of the variance of one channel's difference, and which pixels were believed.
+
+    Light below `lowest` standard deviations of itself is not used if there is any other.
+    """
     x, d = light[usable], difference[usable]
     kept = np.zeros(usable.shape, bool)
     if len(x) == 0:
@@ -165,7 +202,12 @@ def _fit_channel(
         variance.append(scatter + 1e-14)
         count.append(believed.sum())
     kept[usable] = inside
-    return _fit_polynomial(np.array(level), np.array(variance), np.sqrt(count)), kept
+    # A sample variance errs by √(2/count) of itself, the shape of the model by about a tenth.
+    weight = (2 / np.maximum(count, 1) + 0.1**2) ** -0.5
+    x, variances = np.array(level), np.array(variance)
+    clear = x >= lowest * np.sqrt(variances)
+    some = clear if clear.any() else ~clear
+    return _fit_polynomial(x[some], variances[some], weight[some]), kept
 
 
 def _clipped_scatter(d: Floats, least: float) -> tuple[Bools, float]:

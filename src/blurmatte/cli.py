@@ -1,0 +1,469 @@
+"""The command line: one function for each command, a thin skin over the public API.
+
+Answers go to stdout, everything else to stderr. What goes wrong is one line and exit code 2; an
+answer that rests on an assumption comes with one line of warning.
+"""
+
+import functools
+import re
+import shlex
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from glob import glob
+from pathlib import Path
+from typing import Annotated, Any, ParamSpec, TypeVar
+
+import numpy as np
+import typer
+
+import blurmatte as bm
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+app = typer.Typer(
+    help="Alpha and color of motion-blurred objects over a known background.",
+    add_completion=False,
+    no_args_is_help=True,
+    rich_markup_mode=None,  # rich takes longer to import than everything else
+    pretty_exceptions_enable=False,
+)
+
+Image = Annotated[Path, typer.Argument(metavar="IMAGE", help="The picture with the streak.")]
+Images = Annotated[
+    list[str], typer.Argument(metavar="IMAGE", help="Pictures with a streak; quoted globs work.")
+]
+Plate = Annotated[Path, typer.Option(help="The same scene without the object.")]
+Colors = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--color",
+        metavar="HEX|X,Y[,RADIUS]|FILE.json|core",
+        help="The object's color: sRGB-coded like #d8ff3c, pixels that show nothing else, a model "
+        "that was written before, or the streak's opaque core. Repeat for more samples or a "
+        "second color. Without it, the streak itself must tell.",
+    ),
+]
+ColorFrom = Annotated[
+    Path | None, typer.Option(help="A sharp picture of the object in which X,Y are picked.")
+]
+Rank = Annotated[int, typer.Option(help="1: shades of one color. 2: two colors, or highlights.")]
+Region = Annotated[
+    str | None,
+    typer.Option(metavar="X0,Y0,X1,Y1", help="Where the object moved; X1 and Y1 are excluded."),
+]
+Mask = Annotated[Path | None, typer.Option(help="A picture that is white where the object moved.")]
+TransferName = Annotated[
+    str | None,
+    typer.Option(
+        metavar="srgb|rec709|linear|gamma2.2",
+        help="How code values encode light, if you know better than the files.",
+    ),
+]
+MaxBrightness = Annotated[
+    float | None,
+    typer.Option(help="How bright the object can be at most, linear, 1 = white; helps find it."),
+]
+MaxPixels = Annotated[int, typer.Option(help="Larger pictures are refused.")]
+
+
+def _told(command: Callable[P, T]) -> Callable[P, T]:
+    """End with one line and exit code 2 instead of a traceback; quietly if interrupted."""
+
+    @functools.wraps(command)
+    def told(*args: P.args, **kwargs: P.kwargs) -> T:
+        try:
+            return command(*args, **kwargs)
+        except KeyboardInterrupt:
+            raise typer.Exit(130) from None
+        except (bm.BlurmatteError, ValueError, TypeError) as error:
+            _complain(str(error))
+            raise typer.Exit(2) from None
+
+    return told
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        _print(f"blurmatte {bm.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _blurmatte(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", is_eager=True, callback=_print_version
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+@_told
+def solve(
+    images: Images,
+    plate: Plate,
+    out: Annotated[Path, typer.Option(help="Folder for the results, made if it is not there.")],
+    color: Colors = None,
+    color_from: ColorFrom = None,
+    rank: Rank = 1,
+    region: Region = None,
+    mask: Mask = None,
+    transfer: TransferName = None,
+    max_brightness: MaxBrightness = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Separate the moving object in each IMAGE from its background.
+
+    Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
+    the folder; for several images, each into a folder of its own in there.
+    """
+    files = _Files(transfer, max_pixels)
+    B, notes = files.read(plate)
+    task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    failed = 0
+    for path, folder in _with_progress(_places(images, out)):
+        try:
+            with _about(path) as said:
+                C, _ = files.read(path, said)
+                streak = task.streak(C)
+                solution = bm.solve(C, B, task.model(C, streak), streak=streak)
+                called = shlex.join(["blurmatte", *sys.argv[1:]])
+                bm.save_results(folder, C, B, solution, called, notes + said)
+        except bm.BlurmatteError as error:
+            _complain(str(error))
+            failed += 1
+        else:
+            _print(f"{solution}\n{solution.model}\n{folder / 'overview.png'}")
+    if failed:
+        raise typer.Exit(2)
+
+
+@app.command()
+@_told
+def color(
+    image: Image,
+    plate: Plate,
+    out: Annotated[Path | None, typer.Option(help="Where to write the model: a .json.")] = None,
+    color: Colors = None,
+    color_from: ColorFrom = None,
+    rank: Rank = 1,
+    region: Region = None,
+    mask: Mask = None,
+    transfer: TransferName = None,
+    max_brightness: MaxBrightness = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Find the color of the moving object, and say how sure that is."""
+    files = _Files(transfer, max_pixels)
+    B, _ = files.read(plate)
+    task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    with _about(image) as said:
+        C, _ = files.read(image, said)
+        streak = task.streak(C)
+        model = task.model(C, streak) or bm.fit_color(C, B, streak)
+        if out is not None:
+            bm.write(out, model)
+    _print("\n".join([_in_degrees(model), *bm.explain(model)]))
+
+
+@app.command()
+@_told
+def compose(
+    layer: Annotated[
+        Path, typer.Argument(metavar="LAYER", help="A layer with alpha: EXR, PNG, TIFF.")
+    ],
+    over: Annotated[Path, typer.Option(help="The picture to put it over.")],
+    out: Annotated[Path, typer.Option(help="Where to write: .png, .tif, .jpg or .exr.")],
+    fit: Annotated[
+        str | None,
+        typer.Option(metavar="cover", help="Scale the picture to the layer's size and crop it."),
+    ] = None,
+    transfer: TransferName = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Put LAYER over another picture, in linear light."""
+    if fit not in (None, "cover"):
+        raise ValueError(f"--fit {fit}: there is only one fit, cover")
+    files = _Files(transfer, max_pixels)
+    with _about(layer):
+        top = bm.read_layer(layer, files.curve, max_pixels)
+    picture, _ = files.read(over)
+    with _about(over):
+        if fit == "cover":
+            picture = bm.cover(picture, top.size)
+        if picture.size != top.size:
+            raise ValueError(
+                f"the picture is {_by(picture.size)} pixels and the layer {_by(top.size)}; "
+                "add --fit cover to scale and crop the picture"
+            )
+    with _about(out):
+        bm.write(out, top.over(picture))
+
+
+@app.command()
+@_told
+def info(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A picture, a layer, a solution or a model.")
+    ],
+    transfer: TransferName = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Say what is in FILE."""
+    files = _Files(transfer, max_pixels)
+    with _about(file) as said:
+        if file.suffix.lower() == ".json":
+            model = bm.read_color_model(file)
+            lines = [_in_degrees(model), *bm.explain(model)]
+        elif (solution := _solution(file, max_pixels)) is not None:
+            facts = (f"{name}: {value}" for name, value in solution.stats.items())
+            lines = [str(solution), f"solver: {solution.solver}"]
+            lines += [_in_degrees(solution.model), *bm.explain(solution), *facts]
+        else:
+            picture, _ = files.read(file, said)
+            lines = list(_facts(file, picture, transfer, guessed=bool(said)))
+            lines += _alpha(file, files.curve, max_pixels)
+    _print("\n".join(lines))
+
+
+@dataclass(frozen=True)
+class _Files:
+    """How picture files are read."""
+
+    transfer: str | None
+    max_pixels: int
+
+    @property
+    def curve(self) -> bm.Transfer | None:
+        return None if self.transfer is None else bm.named_transfer(self.transfer)
+
+    def read(self, path: Path, said: list[str] | None = None) -> tuple[bm.LinearImage, list[str]]:
+        """The picture, and what there was to warn of (also added to `said`)."""
+        with _about(path) as notes:
+            picture = bm.read(path, self.curve, self.max_pixels)
+        if said is not None:
+            said += notes
+        return picture, notes
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What the options of `solve` and `color` ask for."""
+
+    plate: bm.LinearImage
+    files: _Files
+    colors: tuple[str, ...]
+    color_from: Path | None
+    rank: int
+    region: str | None
+    mask: Path | None
+    max_brightness: float | None
+
+    def streak(self, image: bm.LinearImage) -> bm.Streak | None:
+        """Where to look; None: wherever something moved."""
+        if self.region is not None and self.mask is not None:
+            raise ValueError("give --region or --mask, not both")
+        if self.region is not None:
+            x0, y0, x1, y1 = _numbers("--region", self.region, 4)
+            return bm.Streak.from_box((int(x0), int(y0), int(x1), int(y1)), image.size)
+        if self.mask is None:
+            return None
+        mask = bm.read(self.mask, bm.LINEAR, self.files.max_pixels)
+        if mask.size != image.size:
+            raise ValueError(
+                f"the mask {self.mask} is {_by(mask.size)} pixels, the image {_by(image.size)}"
+            )
+        return bm.Streak(np.asarray(mask.rgb.max(axis=-1) > 0.5))
+
+    def model(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+        """The model that the colors make; None: the streak itself must tell."""
+        kinds = {_kind(color) for color in self.colors}
+        if self.color_from is not None and "point" not in kinds:
+            raise ValueError("--color-from needs points to pick: add --color X,Y")
+        if not kinds:
+            return self._fitted(image, streak)
+        if len(kinds & {"hex", "file"}) and len(kinds) > 1:
+            raise ValueError("give hex colors, or a model file, or points and core: not a mixture")
+        if kinds == {"file"}:
+            return self._from_file()
+        if kinds == {"hex"}:
+            if len(self.colors) != self.rank:
+                raise ValueError(
+                    f"--rank {self.rank} takes {self.rank} hex color{'s' * (self.rank - 1)}, got "
+                    f"{len(self.colors)}: one color is --rank 1, two colors are --rank 2"
+                )
+            return bm.ColorModel.from_hex(*self.colors)
+        samples = np.concatenate([self._samples(c, image, streak) for c in self.colors])
+        return bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
+
+    def _fitted(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+        if self.rank != 1:
+            raise ValueError("--rank 2 needs colors: give two with --color, hex or points")
+        if self.max_brightness is None:
+            return None
+        return bm.fit_color(image, self.plate, streak, self.max_brightness)
+
+    def _from_file(self) -> bm.ColorModel:
+        if len(self.colors) > 1:
+            raise ValueError("give one model file, not several")
+        return bm.read_color_model(self.colors[0])
+
+    def _samples(self, color: str, image: bm.LinearImage, streak: bm.Streak | None) -> Any:
+        if color == "core":
+            return bm.core_colors(image, self.plate, streak)
+        x, y, *radius = _numbers("--color", color, 2, 3)
+        if self.color_from is None:
+            return bm.pick_colors(image, x, y, *radius)
+        return bm.pick_colors(self.files.read(self.color_from)[0], x, y, *radius)
+
+
+def _kind(color: str) -> str:
+    if color == "core":
+        return "core"
+    if color.lower().endswith(".json"):
+        return "file"
+    return "point" if "," in color else "hex"
+
+
+def _numbers(name: str, text: str, *counts: int) -> list[float]:
+    """Numbers with commas between them, as many as one of `counts`."""
+    parts = text.split(",")
+    whole = r"\s*-?\d+\s*" if 4 in counts else r"\s*-?\d+(\.\d*)?\s*"
+    if len(parts) not in counts or not all(re.fullmatch(whole, part) for part in parts):
+        what = "x0,y0,x1,y1 in whole pixels" if 4 in counts else "x,y or x,y,radius"
+        raise ValueError(f"{name} must be {what}, got {text!r}")
+    return [float(part) for part in parts]
+
+
+def _places(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
+    """Each image and the folder for its results: `out` itself if there is but one."""
+    paths = [path for text in images for path in _expanded(text)]
+    if len(paths) == 1:
+        return [(paths[0], out)]
+    stems = [path.stem for path in paths]
+    for stem in stems:
+        if stems.count(stem) > 1:
+            raise ValueError(f"{stems.count(stem)} images are called {stem}; solve them apart")
+    return [(path, out / path.stem) for path in paths]
+
+
+def _expanded(text: str) -> list[Path]:
+    if Path(text).exists() or not re.search(r"[*?\[]", text):
+        return [Path(text)]
+    found = sorted(glob(text, recursive=True))
+    if not found:
+        raise bm.FileError(f"{text}: there are no such files; check the pattern")
+    return [Path(path) for path in found]
+
+
+def _with_progress(things: list[T]) -> Iterator[T]:
+    """A bar on stderr for several things, if a person is watching."""
+    if len(things) < 2 or not sys.stderr.isatty():
+        yield from things
+        return
+    from rich.console import Console
+    from rich.progress import Progress
+
+    with Progress(console=Console(stderr=True), redirect_stdout=False) as progress:
+        yield from progress.track(things, description="solving")
+
+
+class _NamedError(bm.BlurmatteError):
+    """Its message begins with the name of the file, as that of every FileError does."""
+
+
+@contextmanager
+def _about(path: Path) -> Iterator[list[str]]:
+    """Name the file in whatever goes wrong with it; the list grows by what is warned of."""
+    said: list[str] = []
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            if not issubclass(category, bm.BlurmatteWarning):
+                usual(message, category, *place)
+                return
+            named = issubclass(category, bm.TransferWarning)
+            line = str(message) if named else f"{path}: {message}"
+            if line not in said:
+                said.append(line)
+                _complain(f"warning: {line}")
+
+        warnings.simplefilter("always", bm.BlurmatteWarning)
+        warnings.showwarning = show  # type: ignore[assignment]
+        try:
+            yield said
+        except (bm.FileError, _NamedError):
+            raise
+        except MemoryError as error:
+            raise _NamedError(f"{path}: too large for the memory; reduce it") from error
+        except (bm.BlurmatteError, ValueError, TypeError, OSError) as error:
+            raise _NamedError(f"{path}: {error}") from error
+
+
+def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
+    """The Solution in an EXR, if it is one."""
+    if path.suffix.lower() != ".exr":
+        return None
+    try:
+        return bm.read_solution(path, max_pixels)
+    except bm.FileError:  # whatever is wrong, reading it as a picture will tell
+        return None
+
+
+def _alpha(path: Path, curve: bm.Transfer | None, max_pixels: int) -> Iterator[str]:
+    """What there is to say about a picture's alpha, if it has one."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bm.TransferWarning)  # reading the picture told it
+            alpha = bm.read_layer(path, curve, max_pixels).alpha
+    except bm.FileError:
+        return
+    yield f"alpha: up to {alpha.max():.4g}, sum {alpha.sum(dtype=float):.6g}"
+
+
+def _facts(
+    path: Path, picture: bm.LinearImage, transfer: str | None, guessed: bool
+) -> Iterator[str]:
+    from blurmatte.files.refusals import kind_of
+
+    meta = picture.meta
+    bits = "float" if meta.levels is None else f"{int(np.log2(meta.levels))} bit"
+    colors = "gray" if meta.gray else "RGB"
+    yield f"{path}: {kind_of(path)}, {_by(picture.size)} pixels, {bits} {colors}"
+    source = "as you said" if transfer else "a guess: nothing in the file says"
+    if not (transfer or guessed):
+        source = "its ICC profile says" if meta.icc_profile else "its tags or its kind say"
+    yield f"transfer: {meta.transfer.name if meta.transfer else 'linear'} ({source})"
+    time = f"{meta.exposure_time:.6g} s" if meta.exposure_time else "not told"
+    yield f"exposure time: {time}"
+    profile = f"{len(meta.icc_profile)} bytes" if meta.icc_profile else "none"
+    yield f"ICC profile: {profile}"
+    yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
+    yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
+
+
+def _in_degrees(model: bm.ColorModel) -> str:
+    sure = f"± {model.angle_std:.2g}°" if model.evidence else "given"
+    return f"{' + '.join(model.hex)}  rank {model.rank}, {sure}"
+
+
+def _by(size: tuple[int, int]) -> str:
+    return f"{size[0]}x{size[1]}"
+
+
+def _print(text: str) -> None:
+    """To stdout, whatever bytes the names of files hold."""
+    typer.echo(text.encode("utf-8", "backslashreplace").decode())
+
+
+def _complain(text: str) -> None:
+    """One line to stderr."""
+    typer.echo(f"blurmatte: {' '.join(text.split())}", err=True)

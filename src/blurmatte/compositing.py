@@ -1,0 +1,50 @@
+"""Backgrounds for a layer."""
+
+import math
+
+import numpy as np
+import OpenImageIO as oiio
+
+from blurmatte.radiometry import LinearImage
+
+
+def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
+    """Scale a picture until it covers `size`, and cut off evenly what stands out.
+
+    Light is averaged, not code values; every pixel of the part that is kept has its weight.
+
+    Parameters
+    ----------
+    picture : LinearImage
+    size : (int, int)
+        Width and height of the result.
+
+    Returns
+    -------
+    LinearImage
+        Of that size; `valid` where everything that went into a pixel was. Its noise is not known.
+
+    Raises
+    ------
+    ValueError
+        If a side is less than 1.
+    """
+    width, height = size
+    if min(size) < 1:
+        raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
+    if picture.size == size:
+        return picture
+    scale = max(width / picture.size[0], height / picture.size[1])
+    whole = [
+        max(side, math.ceil(scale * old - 1e-9))
+        for side, old in zip(size, picture.size, strict=True)
+    ]
+    left, top = ((side - wanted) // 2 for side, wanted in zip(whole, size, strict=True))
+    numbers = np.dstack([picture.rgb, ~picture.valid]).astype(np.float32)
+    pixels = oiio.ImageBuf(np.ascontiguousarray(numbers))
+    scaled = oiio.ImageBufAlgo.resize(
+        pixels, "blackman-harris", roi=oiio.ROI(0, whole[0], 0, whole[1], 0, 1, 0, 4)
+    )
+    kept = np.asarray(scaled.get_pixels(oiio.FLOAT))[top : top + height, left : left + width]
+    rgb = np.ascontiguousarray(kept[..., :3]).astype(picture.rgb.dtype, copy=False)
+    return LinearImage(rgb, valid=kept[..., 3] < 1e-3, meta=picture.meta)

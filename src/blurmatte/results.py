@@ -1,0 +1,183 @@
+"""Everything a solution gives, as files in one folder.
+
+============  ==========================================================================
+alpha.png     alpha of the layer, 16 bit, not encoded: 65535 is 1
+color.png     color of the object where alpha is above three sigma, black elsewhere
+layer.exr     the Solution: the picture for other programs, and every number (`read_solution`)
+layer.png     the layer, straight, 16 bit
+model.json    the color model (`read_color_model`)
+overview.png  a sheet to look at
+report.json   model, evidence, errors, noise, versions
+============  ==========================================================================
+"""
+
+import platform
+import secrets
+import shutil
+from collections.abc import Mapping, Sequence
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurmatte.checks import check_same_size
+from blurmatte.errors import FileError
+from blurmatte.explain import alpha_peak, explain
+from blurmatte.files import write
+from blurmatte.matting import Quality, Solution
+from blurmatte.overview import draw_overview, sure_pixels
+from blurmatte.radiometry import LinearImage
+
+_PACKAGES = ("blurmatte", "numpy", "scipy", "numba", "OpenImageIO")
+
+
+def save_results(
+    folder: str | Path,
+    image: LinearImage,
+    plate: LinearImage,
+    solution: Solution,
+    command: str = "",
+    warnings: Sequence[str] = (),
+) -> list[Path]:
+    """Write a solution as files that other programs open, and a sheet to look at.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there. Files of the same names in it are replaced, but only when all of
+        the new ones are whole.
+    image, plate : LinearImage
+        What was solved.
+    solution : Solution
+        What was found.
+    command : str
+        How it was called, for the report.
+    warnings : sequence of str
+        What there was to warn of, for the report.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ.
+    FileError
+        If the folder cannot be made or written to. What was there before stays as it was.
+    """
+    for name, picture in (("image", image), ("plate", plate)):
+        check_same_size(name, picture.size, "the solution", solution.size)
+    layer = solution.layer
+    color = np.where(sure_pixels(solution)[..., None], layer.straight(), 0)
+    results = {
+        "alpha.png": layer.alpha,
+        "color.png": LinearImage(color.astype(layer.premultiplied.dtype)),
+        "layer.exr": solution,
+        "layer.png": layer,
+        "model.json": solution.model,
+        "overview.png": draw_overview(image, plate, solution),
+        "report.json": _report(image, plate, solution, command, warnings),
+    }
+    return _write_together(Path(folder), results)
+
+
+def _write_together(folder: Path, results: Mapping[str, Any]) -> list[Path]:
+    """All of the files or none: they are written beside their places and then moved."""
+    for name in results:
+        if (folder / name).is_dir():
+            raise FileError(f"{folder / name}: is a folder; move it out of the way")
+    made = _missing_folders(folder)
+    aside = folder / f".blurmatte-{secrets.token_hex(6)}"
+    try:
+        aside.mkdir(parents=True)
+        for name, thing in results.items():
+            write(aside / name, thing)
+        for name in results:
+            (aside / name).replace(folder / name)
+        made.clear()
+    except FileError as error:
+        raise FileError(str(error).replace(str(aside), str(folder))) from error
+    except OSError as error:
+        raise FileError(
+            f"{folder}: cannot be written ({error.strerror or error}); "
+            "check the folder and the space on its disk"
+        ) from error
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+        for empty in made:
+            _forget(empty)
+    return [folder / name for name in results]
+
+
+def _missing_folders(folder: Path) -> list[Path]:
+    """The folder and its parents as far as they are not there, the innermost first."""
+    return [place for place in (folder, *folder.parents) if not place.exists()]
+
+
+def _forget(folder: Path) -> None:
+    try:
+        folder.rmdir()
+    except OSError:  # it never was, or somebody put something there
+        return
+
+
+def _report(
+    image: LinearImage,
+    plate: LinearImage,
+    solution: Solution,
+    command: str,
+    warnings: Sequence[str],
+) -> dict[str, Any]:
+    model = solution.model
+    inside = solution.quality[solution.streak]
+    return {
+        "command": command,
+        "image": _facts(image),
+        "plate": _facts(plate),
+        "model": {
+            "rank": model.rank,
+            "hex": model.hex,
+            "rgb": model.rgb,
+            "basis": model.basis,
+            "covariance": model.covariance,
+            "angle_std_degrees": model.angle_std,
+            "evidence_degrees": model.evidence,
+            "in_words": explain(model),
+        },
+        "solver": solution.solver,
+        "alpha_peak": alpha_peak(solution),
+        "stats": solution.stats,
+        "flagged": {
+            flag.name: int(np.count_nonzero(inside & flag))
+            for flag in Quality
+            if flag != Quality.OUTSIDE
+        },
+        "in_words": explain(solution),
+        "warnings": list(warnings),
+        "versions": {"python": platform.python_version(), **_versions()},
+    }
+
+
+def _facts(picture: LinearImage) -> dict[str, Any]:
+    meta = picture.meta
+    return {
+        "file": meta.source,
+        "size": picture.size,
+        "transfer": meta.transfer.name if meta.transfer else "linear",
+        "levels": meta.levels,
+        "exposure_time_seconds": meta.exposure_time,
+        "valid_share": float(np.mean(picture.valid)),
+    }
+
+
+def _versions() -> dict[str, str]:
+    found = {}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "not installed as a package"
+    return found

@@ -1,0 +1,196 @@
+"""ColorModel: a subspace through black, from what people have at hand, with a true covariance."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import ColorModelError
+from blurmatte.radiometry import SRGB
+
+ORANGE, BLUE = np.array([0.7, 0.35, 0.1]), np.array([0.1, 0.3, 0.7])
+
+
+def unit(v):
+    return v / np.linalg.norm(v)
+
+
+def shades(rng, rank, count=200):
+    """Exact colors of one paint in all shades, or of mixtures of two."""
+    paints = np.stack([ORANGE, BLUE][:rank])
+    return rng.uniform(0.2, 1, (count, rank)) @ paints
+
+
+def angle(a, b):
+    """Degrees between two poles, whichever way they point."""
+    return np.degrees(np.arcsin(np.linalg.norm(np.cross(a, b))))
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_normals_are_perpendicular_to_every_color(rank):
+    colors = shades(np.random.default_rng(0), rank)
+    model = ColorModel.from_samples(colors, rank)
+    assert model.rank == rank
+    assert model.normals.shape == (3, 3 - rank)
+    assert_allclose(colors @ model.normals, 0, atol=1e-14)
+    assert_allclose(model.normals.T @ model.normals, np.eye(3 - rank), atol=1e-14)
+    assert_allclose(model.basis.T @ model.normals, 0, atol=1e-14)
+
+
+def test_pole_of_a_line_is_its_direction_of_a_plane_its_normal():
+    assert_allclose(ColorModel.from_samples(ORANGE[None], std=0).pole, unit(ORANGE), atol=1e-14)
+    plane = ColorModel.from_samples(np.stack([ORANGE, BLUE]), 2, std=0)
+    assert_allclose(angle(plane.pole, unit(np.cross(ORANGE, BLUE))), 0, atol=1e-6)
+
+
+def test_line_is_the_color_at_its_brightest():
+    model = ColorModel.from_samples(0.1 * ORANGE[None], std=0)
+    assert_allclose(model.rgb, [ORANGE / 0.7])
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_every_color_lies_between_those_it_shows(rank):
+    colors = shades(np.random.default_rng(0), rank)
+    model = ColorModel.from_samples(colors, rank)
+    mixture = np.linalg.lstsq(model.rgb.T, colors.T)[0]
+    assert_allclose(model.rgb.T @ mixture, colors.T, atol=1e-12)
+    assert mixture.min() >= 0
+    assert model.rgb.min() >= -1e-9
+    assert_allclose(model.rgb.max(axis=1), 1)
+
+
+def test_hex_goes_in_and_out():
+    assert ColorModel.from_hex("#ff8000").hex == ("#ff8000",)
+    assert ColorModel.from_hex("FF8000").hex == ("#ff8000",)
+    assert_allclose(
+        ColorModel.from_hex("#ff8000").rgb[0], SRGB.decode(np.array([255, 128, 0]) / 255)
+    )
+    assert ColorModel.from_hex("#804000").rank == 1  # a shade
+    assert set(ColorModel.from_hex("#ff0000", "#0000ff").hex) == {"#ff0000", "#0000ff"}
+
+
+def test_given_colors_are_exact():
+    assert_array_equal(ColorModel.from_hex("#d8ff3c").covariance, 0)
+    assert ColorModel.from_hex("#d8ff3c").angle_std == 0
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_least_squares_is_nearest(rank):
+    """Oracle: no direction of a fine grid around the answer leaves less distance."""
+    rng = np.random.default_rng(0)
+    samples = shades(rng, rank) + rng.normal(0, 0.03, (200, 3))
+    model = ColorModel.from_samples(samples, rank)
+
+    def distance2(pole):
+        along = (samples @ unit(pole)) ** 2
+        return np.sum(samples**2) - along.sum() if rank == 1 else along.sum()
+
+    tangent = np.linalg.svd(model.pole[:, None])[0][:, 1:]
+    least = distance2(model.pole)
+    for step in 1e-3 * np.stack([np.cos(np.arange(12)), np.sin(np.arange(12))], axis=1):
+        assert distance2(model.pole + tangent @ step) > least
+
+
+@pytest.mark.parametrize("std", [None, 0.02], ids=["measured", "given"])
+@pytest.mark.parametrize("rank", [1, 2])
+def test_covariance_is_true(rank, std):
+    rng, errors = np.random.default_rng(0), []
+    true = ColorModel.from_samples(shades(rng, rank), rank).pole
+    tangent = np.linalg.svd(true[:, None])[0][:, 1:]
+    for _ in range(500):
+        samples = shades(rng, rank, 60)
+        noisy = samples + rng.normal(0, 0.02, samples.shape)
+        model = ColorModel.from_samples(noisy, rank, std)
+        assert_allclose(model.covariance @ model.pole, 0, atol=1e-12)
+        assert model.evidence["samples"] == model.angle_std
+        step = tangent.T @ model.pole * np.sign(true @ model.pole)
+        root = np.linalg.cholesky(tangent.T @ model.covariance @ tangent)
+        errors.append(np.linalg.solve(root, step))
+    z = np.array(errors)
+    assert np.all(np.abs(z.mean(axis=0)) < 0.15)
+    assert_allclose(z.std(axis=0), 1, atol=0.1)
+
+
+def test_angle_std_is_in_degrees_along_the_worst_direction():
+    covariance = np.diag([0, np.radians(0.5) ** 2, np.radians(2) ** 2])
+    model = ColorModel(np.array([[1.0], [0], [0]]), covariance)
+    assert_allclose(model.angle_std, 2)
+    assert repr(model) == "ColorModel(rank 1, #ff0000, ±2°)"
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_robust_fit_ignores_strangers(rank):
+    rng = np.random.default_rng(3)
+    samples = shades(rng, rank) + rng.normal(0, 0.01, (200, 3))
+    true = ColorModel.from_samples(shades(rng, rank), rank).pole
+    samples[:50] = unit(np.array([0.1, 0.9, 0.2])) * rng.uniform(0.5, 1, (50, 1))  # grass
+    assert angle(ColorModel.from_samples(samples, rank).pole, true) > 5
+    assert angle(ColorModel.from_samples(samples, rank, robust=True).pole, true) < 1
+
+
+def test_swapped_channels_swap_the_model():
+    samples = shades(np.random.default_rng(0), 2)
+    model, swapped = (ColorModel.from_samples(s, 2) for s in (samples, samples[:, [2, 0, 1]]))
+    assert_allclose(angle(swapped.pole, model.pole[[2, 0, 1]]), 0, atol=1e-6)
+
+
+def test_brightness_of_samples_does_not_matter():
+    samples = shades(np.random.default_rng(0), 1)
+    model, dim = (ColorModel.from_samples(s) for s in (samples, samples / 50))
+    assert_allclose(dim.pole, model.pole, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("basis", "covariance", "words"),
+    [
+        (np.ones(3), None, r"shape \(3, 1\) or \(3, 2\), got \(3,\)"),
+        (np.eye(3), None, r"got \(3, 3\)"),
+        (np.ones((3, 1)), None, "orthonormal columns; use ColorModel.from_samples"),
+        (np.array([[1.0, 1], [0, 0], [0, 0]]), None, "orthonormal columns"),
+        (np.eye(3)[:, :1], np.zeros((2, 2)), r"covariance must be finite, \(3, 3\), got \(2, 2\)"),
+        (np.eye(3)[:, :1], np.full((3, 3), np.nan), "covariance must be finite"),
+    ],
+)
+def test_not_a_model(basis, covariance, words):
+    fields = {} if covariance is None else {"covariance": covariance}
+    with pytest.raises(ValueError, match=words):
+        ColorModel(basis, **fields)
+
+
+@pytest.mark.parametrize("colors", [["orange"], ["#ff80"], ["#ff80001"], ["#gg0000"]])
+def test_not_a_hex_color(colors):
+    with pytest.raises(ValueError, match="must look like #d8ff3c, got"):
+        ColorModel.from_hex(*colors)
+
+
+@pytest.mark.parametrize("colors", [[], ["#000000"], ["#ff0000", "#000000"], ["#ff0000"] * 3])
+def test_no_or_too_many_hex_colors(colors):
+    with pytest.raises(ValueError, match="one or two colors, neither of them black"):
+        ColorModel.from_hex(*colors)
+
+
+def test_two_shades_are_one_color():
+    with pytest.raises(ValueError, match="shades of one color; rank 2 needs two"):
+        ColorModel.from_hex("#ff0000", "#800000")
+
+
+def test_samples_that_do_not_answer():
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 0.01, (50, 3))
+    with pytest.raises(ValueError, match="rank must be 1 or 2, got 3"):
+        ColorModel.from_samples(noise, rank=3)
+    with pytest.raises(ColorModelError, match="needs 3 or more color samples, got 2"):
+        ColorModel.from_samples(noise[:2], rank=2)
+    with pytest.raises(ColorModelError, match="needs 2 or more color samples, got 1"):
+        ColorModel.from_samples(noise[:1])
+    with pytest.raises(ColorModelError, match="no sample may be black"):
+        ColorModel.from_samples(np.zeros((5, 3)), std=0.01)
+
+
+@pytest.mark.parametrize("count", [50, 1000])
+def test_noise_is_no_second_paint(count):
+    rng = np.random.default_rng(count)
+    for _ in range(20):
+        one_paint = shades(rng, 1, count) + rng.normal(0, 0.01, (count, 3))
+        with pytest.raises(ColorModelError, match="plane of colors open .*two clearly different"):
+            ColorModel.from_samples(one_paint, rank=2)

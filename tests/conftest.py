@@ -1,0 +1,46 @@
+"""Scenes with a known answer that several tests look at, and where real pictures lie."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.trajectory import Trajectory
+
+SIZE = (192, 128)
+
+
+def moving_ball(plate, second_color=None):
+    """An orange ball of radius 14 that moves by twice its width; alpha up to 0.28."""
+    ball = Ball(14, np.array([0.7, 0.35, 0.1]), second_color=second_color)
+    return render(Scene(plate, Trajectory.line((45, 35), (145, 92)), ball))
+
+
+@pytest.fixture(scope="session")
+def paint():
+    """One paint, before tiles of all hues."""
+    return moving_ball(colorful_plate(SIZE, 1, tile=30))
+
+
+@pytest.fixture(scope="session")
+def paints():
+    """Two paints, before tiles of all hues."""
+    return moving_ball(colorful_plate(SIZE, 1, tile=30), np.array([0.1, 0.3, 0.7]))
+
+
+@pytest.fixture(params=["paint", "paints"])
+def rendering(request):
+    """A scene of rank 1, then one of rank 2."""
+    return request.getfixturevalue(request.param)
+
+
+@pytest.fixture(scope="session")
+def real_data():
+    """Folder of the real pictures, which are not part of the repository."""
+    folder = Path(os.environ.get("BLURMATTE_REAL_DATA", "../shared/data/real"))
+    folder = Path(__file__).parents[1] / folder
+    if not (folder / "floorball_plate.png").exists():
+        pytest.skip(f"no real pictures in {folder}; BLURMATTE_REAL_DATA names their folder")
+    return folder

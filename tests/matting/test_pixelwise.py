@@ -1,0 +1,344 @@
+"""Pixelwise: exact where nothing is uncertain, honest where it is, and the same whichever way."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from blurmatte.color import ColorModel
+from blurmatte.matting import PixelMaps, Pixelwise, Quality, pixelwise
+from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, with_noise
+from blurmatte.rendering import encode_codes, photograph
+
+NONE = NoiseModel()
+SENSOR = NoiseModel(
+    gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.001, 0.004), relative_std=(0.003, 0.002, 0.006)
+)
+PLATE = NoiseModel(gain=(5e-5, 1e-4, 1e-4), read_std=(0.001, 0.002, 0.001))
+
+
+def solve(image, plate, model, **options) -> PixelMaps:
+    return Pixelwise()(image.rgb, plate.rgb, model, image.noise, plate.noise, **options)
+
+
+def told_apart(rendering, least=1e-2):
+    """Where the exact plate is clearly no color of the model."""
+    plate = rendering.plate.rgb
+    across = np.linalg.norm(plate @ rendering.model.normals, axis=-1)
+    return across > least * np.linalg.norm(plate, axis=-1)
+
+
+def errors(image, plate, rendering):
+    """(estimate − truth) / std of alpha and light, in and outside the streak; outliers and all.
+
+    Only where the exact plate is clearly told from the model: elsewhere alpha is not linear in the
+    plate's noise, which biases it by about alpha_std², and the noisy plate must not choose.
+    """
+    exact = (rendering.plate.with_noise(p.noise) for p in (image, plate))
+    known = (solve(*exact, rendering.model).alpha_std < 0.1) & image.valid & plate.valid
+    maps, layer = solve(image, plate, rendering.model), rendering.layer
+    for place in (known & (layer.alpha > 0.01), known & (layer.alpha == 0)):
+        yield ((maps.alpha - layer.alpha) / maps.alpha_std)[place]
+        yield ((maps.premultiplied - layer.premultiplied) / maps.premultiplied_std)[place].ravel()
+
+
+def assert_honest(trials):
+    """Each kind of error has mean 0 and spread 1 over all trials."""
+    for z in map(np.concatenate, zip(*trials, strict=True)):
+        assert len(z) > 5000
+        assert abs(z.mean()) < 0.1
+        assert 0.9 < z.std() < 1.1
+
+
+# Exact
+
+
+def test_exact_on_exact_data(rendering):
+    noiseless = (p.with_noise(NONE) for p in (rendering.image, rendering.plate))
+    maps = solve(*noiseless, rendering.model)
+    clear = told_apart(rendering)
+    assert clear.mean() > 0.95
+    assert_allclose(maps.alpha[clear], rendering.layer.alpha[clear], rtol=0, atol=1e-10)
+    assert_allclose(
+        maps.premultiplied[clear], rendering.layer.premultiplied[clear], rtol=0, atol=1e-9
+    )
+    assert not (maps.quality[clear] & ~np.uint8(Quality.PLATE_IN_MODEL)).any()
+
+
+def test_exact_whatever_the_noise_says(rendering):
+    """The weights choose between equations that agree."""
+    maps = solve(
+        *(p.with_noise(SENSOR) for p in (rendering.image, rendering.plate)), rendering.model
+    )
+    clear = told_apart(rendering)
+    assert_allclose(maps.alpha[clear], rendering.layer.alpha[clear], rtol=0, atol=1e-10)
+    assert_allclose(
+        maps.premultiplied[clear], rendering.layer.premultiplied[clear], rtol=0, atol=1e-9
+    )
+
+
+def test_layer_over_plate_gives_the_image_back(rendering):
+    """What the model does not explain is noise: a plane leaves nothing over."""
+    rng = np.random.default_rng(0)
+    image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
+    maps = solve(image, rendering.plate.with_noise(NONE), rendering.model)
+    back = maps.premultiplied + (1 - maps.alpha[..., None]) * rendering.plate.rgb
+    rest = ((back - image.rgb) / np.sqrt(image.variance))[told_apart(rendering)]
+    if rendering.model.rank == 2:
+        assert np.abs(rest).max() < 1e-6
+    else:
+        assert_allclose(np.sum(rest**2, axis=-1).mean(), 1, atol=0.05)  # one equation is left over
+
+
+# Honest
+
+
+def test_honest_with_known_noise(rendering):
+    rng, trials = np.random.default_rng(1), []
+    for _ in range(6):
+        image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
+        plate = photograph(rendering.plate.rgb, PLATE, rng, bits=None)
+        trials.append(errors(image, plate, rendering))
+    assert_honest(trials)
+
+
+@pytest.mark.parametrize("plate_part", [0, 0.5, 1])
+@pytest.mark.parametrize("code_std", [1 / 255, 2 / 255], ids=["1/255", "2/255"])
+def test_honest_in_eight_bits_with_measured_noise(rendering, code_std, plate_part):
+    rng, trials = np.random.default_rng(2), []
+    for _ in range(4):
+        image = photograph(rendering.image.rgb, NONE, rng, code_std=code_std)
+        plate = photograph(rendering.plate.rgb, NONE, rng, code_std=code_std * plate_part)
+        trials.append(errors(*with_noise(image, plate), rendering))
+    assert_honest(trials)
+
+
+def test_misfit_is_rare_where_the_model_fits(rendering):
+    rng = np.random.default_rng(3)
+    image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
+    plate = photograph(rendering.plate.rgb, PLATE, rng, bits=None)
+    quality = solve(image, plate, rendering.model).quality
+    assert np.mean((quality & Quality.MISFIT) != 0) < 5e-4
+
+
+def test_misfit_shows_the_wrong_model(paint):
+    image = photograph(paint.image.rgb, SENSOR, 3, bits=None)
+    wrong = solve(image, paint.plate.with_noise(NONE), ColorModel.from_hex("#2060ff"))
+    misfit = (wrong.quality & Quality.MISFIT) != 0
+    assert np.mean(misfit[paint.layer.alpha > 0.1]) > 0.3
+    assert np.mean(misfit[paint.layer.alpha == 0]) < 5e-4
+
+
+# Flags
+
+
+def test_plate_in_the_model_has_no_answer(rendering):
+    """A plate painted with the object's own colors: the error says so by itself."""
+    color = rendering.model.basis @ np.full(rendering.model.rank, 0.3)
+    plate = LinearImage(np.tile(color, (4, 4, 1)), noise=SENSOR)
+    maps = solve(plate, plate, rendering.model)
+    assert np.all(maps.alpha_std > 100)
+    assert np.all(maps.quality & Quality.PLATE_IN_MODEL)
+
+
+def test_black_plate_has_no_answer(rendering):
+    black = LinearImage(np.zeros((4, 4, 3)), noise=NONE)
+    maps = solve(black, black, rendering.model)
+    assert np.isfinite(maps.alpha).all()
+    assert np.all(maps.quality & Quality.PLATE_IN_MODEL)
+
+
+@pytest.mark.parametrize(
+    ("alpha", "flagged"), [(-0.05, True), (0.0, False), (1.0, False), (1.05, True)]
+)
+def test_alpha_out_of_range_by_more_than_three_sigma(alpha, flagged):
+    model = ColorModel(np.array([[1.0], [0], [0]]))
+    plate = LinearImage(np.full((1, 1, 3), 0.5), noise=NoiseModel())
+    image = LinearImage((1 - alpha) * plate.rgb, noise=NoiseModel(read_std=0.01))
+    maps = solve(image, plate, model)
+    assert_allclose(maps.alpha_std, 0.01 / np.sqrt(0.5), rtol=1e-6)  # α = ±0.05 is 3.5 sigma
+    assert bool(maps.quality[0, 0] & Quality.OUT_OF_RANGE) is flagged
+
+
+def test_limit_of_what_is_known():
+    model = ColorModel(np.array([[1.0], [0], [0]]))
+    plate = LinearImage(np.full((1, 1, 3), 0.5), noise=NoiseModel())
+    image = LinearImage(plate.rgb, noise=NoiseModel(read_std=0.01))
+    for limit, unknown in ((0.02, False), (0.01, True)):
+        solver = Pixelwise(max_alpha_std=limit)
+        maps = solver(image.rgb, plate.rgb, model, image.noise, plate.noise)
+        assert bool(maps.quality[0, 0] & Quality.PLATE_IN_MODEL) is unknown
+
+
+def test_saturated_pixels_are_not_known(paint):
+    flags = np.zeros(paint.image.valid.shape, np.uint8)
+    flags[:5] = Quality.SATURATED
+    flags[5:9] = Quality.OUTSIDE
+    maps = solve(
+        paint.image.with_noise(SENSOR), paint.plate.with_noise(PLATE), paint.model, flags=flags
+    )
+    assert np.all(np.isinf(maps.alpha_std[:5]))
+    assert np.isfinite(maps.alpha_std[5:]).all()
+    assert np.all(maps.quality[:5] & Quality.SATURATED)
+    assert np.all(maps.quality[5:9] & Quality.OUTSIDE)
+    assert not flags[9:].any()  # what was handed in is not written to
+
+
+# The same whichever way
+
+
+@pytest.fixture(scope="module")
+def noisy(paints):
+    rng = np.random.default_rng(5)
+    image = photograph(paints.image.rgb.astype(np.float32), SENSOR, rng, bits=None)
+    return (
+        image,
+        photograph(paints.plate.rgb.astype(np.float32), PLATE, rng, bits=None),
+        paints.model,
+    )
+
+
+def assert_same(a: PixelMaps, b: PixelMaps, tolerance):
+    """Within a fraction of a pixel's own error, where alpha is known to better than 1."""
+    well = a.alpha_std < 1
+    a, b = (PixelMaps(*(m[well].astype(float) for m in maps)) for maps in (a, b))
+    assert np.mean(well) > 0.9
+    assert_allclose((b.alpha - a.alpha) / a.alpha_std, 0, atol=tolerance)
+    assert_allclose((b.premultiplied - a.premultiplied) / a.premultiplied_std, 0, atol=tolerance)
+    assert_allclose(b.alpha_std, a.alpha_std, rtol=tolerance)
+    assert_allclose(b.premultiplied_std, a.premultiplied_std, rtol=tolerance)
+    assert np.mean(a.quality != b.quality) <= tolerance
+
+
+def test_single_precision_is_enough(rendering):
+    rng = np.random.default_rng(6)
+    image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
+    plate = photograph(rendering.plate.rgb, PLATE, rng, bits=None)
+    double = solve(image, plate, rendering.model)
+    single = solve(*(LinearImage(p.rgb.astype(np.float32), p.noise) for p in (image, plate)),
+                   rendering.model)  # fmt: skip
+    assert single.alpha.dtype == np.float32
+    assert_same(double, single, 2e-3)
+
+
+@pytest.mark.parametrize("bits", [8, 16])
+@pytest.mark.parametrize("transfer", [SRGB, LINEAR], ids=lambda transfer: transfer.name)
+def test_codes_are_solved_like_their_light(noisy, bits, transfer):
+    image, plate, model = noisy
+    codes = [encode_codes(p.rgb, bits, transfer) for p in (image, plate)]
+    table = transfer.table(2**bits).astype(np.float32)
+    by_light = Pixelwise()(*(table[c] for c in codes), model, SENSOR, PLATE)
+    by_codes = Pixelwise()(*codes, model, SENSOR, PLATE, tables=(table, table))
+    for a, b in zip(by_light, by_codes, strict=True):
+        assert_array_equal(a, b)
+
+
+def test_image_and_plate_may_have_their_own_codes(noisy):
+    image, plate, model = noisy
+    tables = SRGB.table(256).astype(np.float32), LINEAR.table(65536).astype(np.float32)
+    codes = encode_codes(image.rgb, 8, SRGB), encode_codes(plate.rgb, 16, LINEAR)
+    mixed = Pixelwise()(*codes, model, SENSOR, PLATE, tables=tables)
+    light = (table[c] for table, c in zip(tables, codes, strict=True))
+    assert_same(Pixelwise()(*light, model, SENSOR, PLATE), mixed, 1e-5)
+
+
+def test_variances_are_solved_like_their_model(noisy):
+    image, plate, model = noisy
+    by_model = solve(image, plate, model)
+    by_pixel = Pixelwise()(image.rgb, plate.rgb, model, image.variance, plate.variance)
+    mixed = Pixelwise()(image.rgb, plate.rgb, model, SENSOR, plate.variance)
+    assert_same(by_model, by_pixel, 1e-3)
+    assert_same(by_pixel, mixed, 1e-3)
+
+
+@pytest.mark.parametrize("strips", [1, 2, 7, 128])
+def test_strips_change_nothing(noisy, strips, monkeypatch):
+    whole = solve(*noisy)
+    edges = np.linspace(0, 128, strips + 1).astype(int)
+    monkeypatch.setattr(pixelwise, "_strips", lambda height: [
+        slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)])  # fmt: skip
+    monkeypatch.setattr(pixelwise, "cpu_count", lambda: 3)
+    for a, b in zip(whole, solve(*noisy), strict=True):
+        assert a.tobytes() == b.tobytes()
+
+
+@pytest.mark.parametrize("height", [1, 5, 16, 17, 1000])
+def test_strips_cover_every_row_once(height):
+    rows = np.concatenate([np.arange(height)[strip] for strip in pixelwise._strips(height)])
+    assert_array_equal(rows, np.arange(height))
+
+
+def test_out_is_written_to_and_reused(noisy):
+    fresh = solve(*noisy)
+    out = PixelMaps.empty(*fresh.alpha.shape)
+    for m in out:
+        m.fill(77)
+    again = solve(*noisy, out=out)
+    assert again is out
+    for a, b in zip(fresh, out, strict=True):
+        assert_array_equal(a, b)
+
+
+def test_out_decides_the_precision(noisy):
+    out = PixelMaps.empty(*noisy[0].valid.shape, np.float64)
+    assert solve(*noisy, out=out).alpha.dtype == np.float64
+    assert_same(out, solve(*noisy), 0.02)
+
+
+def test_pictures_need_not_be_contiguous(noisy):
+    image, plate, model = noisy
+    whole = solve(image, plate, model)
+    C, B = (np.asfortranarray(p.rgb)[:, ::-1] for p in (image, plate))
+    flipped = Pixelwise()(C, B, model, SENSOR, PLATE)
+    for a, b in zip(whole, flipped, strict=True):
+        assert_array_equal(a[:, ::-1], b)
+
+
+def test_more_light_is_the_same_alpha(noisy):
+    image, plate, model = noisy
+    double = [(p.rgb.astype(float), p.noise.coefficients) for p in (image, plate)]
+    dim, bright = (
+        Pixelwise()(*(k * light for light, _ in double), model,
+                    *(NoiseModel.from_coefficients(c * [k**2, k, 1]) for _, c in double))
+        for k in (1, 8)
+    )  # fmt: skip
+    assert_same(dim, bright._replace(premultiplied=bright.premultiplied / 8,
+                                     premultiplied_std=bright.premultiplied_std / 8), 1e-4)  # fmt: skip
+
+
+def test_swapped_channels_swap_the_light(noisy):
+    image, plate, model = noisy
+    order = [2, 0, 1]
+
+    def swapped(noise):
+        return NoiseModel.from_coefficients(noise.coefficients[order])
+
+    maps = Pixelwise()(image.rgb.astype(float), plate.rgb.astype(float), model, SENSOR, PLATE)
+    turned = Pixelwise()(
+        image.rgb[..., order].astype(float), plate.rgb[..., order].astype(float),
+        ColorModel(model.basis[order]), swapped(SENSOR), swapped(PLATE),
+    )  # fmt: skip
+    assert_same(maps._replace(premultiplied=maps.premultiplied[..., order],
+                              premultiplied_std=maps.premultiplied_std[..., order]), turned, 1e-6)  # fmt: skip
+
+
+# The door
+
+
+@pytest.mark.parametrize("limit", [0, -1, np.nan])
+def test_impossible_limit(limit):
+    with pytest.raises(ValueError, match="max_alpha_std must be positive"):
+        Pixelwise(max_alpha_std=limit)
+
+
+def test_out_of_another_size(noisy):
+    with pytest.raises(
+        ValueError, match=r"out must have the shape \(128, 192, 3\), got \(4, 4, 3\)"
+    ):
+        solve(*noisy, out=PixelMaps.empty(4, 4))
+
+
+def test_codes_have_no_variance_per_pixel(noisy):
+    codes = np.zeros((2, 2, 3), np.uint8)
+    table = SRGB.table(256)
+    with pytest.raises(TypeError, match="code values need a NoiseModel"):
+        Pixelwise()(codes, codes, noisy[2], np.ones((2, 2, 3)), SENSOR, tables=(table, table))

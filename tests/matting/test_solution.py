@@ -1,0 +1,92 @@
+"""Solution: raw estimates to measure on, a layer to look at."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_array_equal
+
+from blurmatte.color import ColorModel
+from blurmatte.matting import Quality, Solution
+
+RED = ColorModel(np.array([[1.0], [0], [0]]))
+GOOD = 0
+UNKNOWN = [Quality.SATURATED, Quality.PLATE_IN_MODEL, Quality.OUTSIDE]
+DOUBTFUL = [Quality.OUT_OF_RANGE, Quality.MISFIT]
+
+
+def solution(alpha, quality, light=0.5):
+    alpha, quality = np.array([alpha]), np.array([quality], np.uint8)
+    premultiplied = np.repeat(light * alpha[..., None], 3, axis=-1)
+    return Solution(alpha, np.full_like(alpha, 0.02), premultiplied,
+                    np.full_like(premultiplied, 0.01), quality, RED, "Pixelwise()")  # fmt: skip
+
+
+def test_layer_is_clipped_and_the_estimate_is_not():
+    raw = solution([-0.1, 0.5, 1.2], [GOOD, GOOD, GOOD])
+    assert_array_equal(raw.alpha, [[-0.1, 0.5, 1.2]])
+    assert_array_equal(raw.layer.alpha, [[0, 0.5, 1]])
+    assert_array_equal(raw.layer.premultiplied[0, :, 0], [0, 0.25, 0.6])
+
+
+@pytest.mark.parametrize("flag", UNKNOWN)
+def test_layer_is_empty_where_nothing_is_known(flag):
+    layer = solution([0.5, 0.5], [flag, GOOD]).layer
+    assert_array_equal(layer.alpha, [[0, 0.5]])
+    assert_array_equal(layer.premultiplied[0, 0], 0)
+
+
+@pytest.mark.parametrize("flag", DOUBTFUL)
+def test_doubtful_pixels_stay_in_the_layer(flag):
+    assert solution([0.5], [flag]).layer.alpha[0, 0] == 0.5
+
+
+def test_layer_has_no_negative_light():
+    assert_array_equal(solution([0.5], [GOOD], light=-0.3).layer.premultiplied, np.zeros((1, 1, 3)))
+
+
+def test_where_it_moved_and_where_it_is_known():
+    flags = [GOOD, Quality.MISFIT, *UNKNOWN, Quality.OUTSIDE | Quality.SATURATED]
+    pixels = solution([0.5] * 6, flags)
+    assert_array_equal(pixels.streak, [[True, True, True, True, False, False]])
+    assert_array_equal(pixels.known, [[True, True, False, False, True, False]])
+
+
+def test_one_line_says_what_it_is():
+    some = solution([0.5, 0.5, 0.1, 0.3], [GOOD, Quality.MISFIT, Quality.OUTSIDE, GOOD])
+    assert repr(some) == (
+        "Solution(4x1, alpha up to 0.50, typical std 0.020, 33.3% of the streak's pixels flagged)"
+    )
+    assert repr(solution([0.5], [Quality.SATURATED])) == "Solution(1x1, nothing known)"
+    assert some.size == (4, 1)
+
+
+def test_bits_are_powers_of_two_that_fit_a_byte():
+    assert [flag.value for flag in Quality] == [1, 2, 4, 8, 16]
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "error"),
+    [
+        ("alpha", np.zeros((2, 1)), ValueError),
+        ("alpha_std", np.zeros((1, 1), int), TypeError),
+        ("premultiplied", np.zeros((1, 1)), ValueError),
+        ("premultiplied_std", np.zeros((1, 1)), ValueError),
+        ("quality", np.zeros((1, 1)), TypeError),
+        ("quality", np.zeros((1, 2), np.uint8), ValueError),
+    ],
+)
+def test_door(field, value, error):
+    good = solution([0.5], [GOOD])
+    fields = {
+        name: getattr(good, name)
+        for name in (
+            "alpha",
+            "alpha_std",
+            "premultiplied",
+            "premultiplied_std",
+            "quality",
+            "model",
+            "solver",
+        )
+    }
+    with pytest.raises(error, match=f"{field} must"):
+        Solution(**{**fields, field: value})

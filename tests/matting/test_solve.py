@@ -1,0 +1,276 @@
+"""solve, the one verb: the whole way from two pictures to alpha, color and their errors."""
+
+import warnings
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import ColorModelError, MotionError, PlateError, PlateWarning
+from blurmatte.files import read
+from blurmatte.matting import PixelMaps, Pixelwise, Quality, solve
+from blurmatte.matting.solve import _looks_swapped
+from blurmatte.radiometry import LinearImage, Meta, NoiseModel, with_noise
+from blurmatte.rendering import (
+    Ball,
+    Scene,
+    colorful_plate,
+    photograph,
+    plain_plate,
+    render,
+    two_hue_plate,
+)
+from blurmatte.streaks import Streak, find_streaks
+from blurmatte.trajectory import Trajectory
+
+SENSOR = NoiseModel(gain=2e-4, read_std=0.002)
+SIZE = (192, 128)
+PAIRS = [("floorball1", "floorball"), ("floorball2", "floorball"), ("pen", "pen"),
+         ("tennis", "tennis"), ("volleyball", "volleyball")]  # fmt: skip
+
+
+def taken(scene, seed=0, code_std=1 / 255, plate_part=1.0):
+    """Eight-bit pictures of a scene and its plate; their noise not known."""
+    rng = np.random.default_rng(seed)
+    image = photograph(scene.image.rgb, NoiseModel(), rng, code_std=code_std)
+    return image, photograph(scene.plate.rgb, NoiseModel(), rng, code_std=plate_part * code_std)
+
+
+@pytest.fixture(scope="module")
+def solved(paint):
+    """(solution, image, plate) with everything found by itself."""
+    image, plate = taken(paint)
+    return solve(image, plate), image, plate
+
+
+# The whole way
+
+
+def test_exact_pictures_give_the_exact_layer(rendering):
+    solution = solve(rendering.image, rendering.plate, rendering.model)
+    across = np.linalg.norm(rendering.plate.rgb @ rendering.model.normals, axis=-1) > 1e-3
+    assert_allclose(solution.alpha[across], rendering.layer.alpha[across], rtol=0, atol=1e-9)
+    assert_allclose(solution.premultiplied[across], rendering.layer.premultiplied[across],
+                    rtol=0, atol=1e-9)  # fmt: skip
+    assert solution.layer.alpha.sum() > 0.98 * rendering.layer.alpha[solution.known].sum()
+
+
+def test_finds_the_streak_and_its_color_by_itself(solved, paint):
+    solution, *_ = solved
+    true = paint.layer.alpha
+    assert true[solution.streak].sum() > 0.99 * true.sum()
+    angle = np.degrees(np.arccos(solution.model.pole @ paint.model.pole))
+    assert angle < 3 * solution.model.angle_std < 3
+    assert np.sqrt(np.mean((solution.layer.alpha - true)[solution.streak] ** 2)) < 0.03
+    assert solution.solver == "Pixelwise(max_alpha_std=0.5)"
+
+
+def test_nothing_is_left_outside_the_streak(solved):
+    layer, streak = solved[0].layer, solved[0].streak
+    assert not layer.alpha[~streak].any()
+    assert not layer.premultiplied[~streak].any()
+    assert np.isfinite(solved[0].alpha_std[~streak]).all()  # but its error is known there
+
+
+def test_layer_over_the_plate_gives_the_image_back(solved):
+    """Where the layer is not empty, up to noise: the one equation left over, and clipped alpha."""
+    solution, image, plate = solved
+    image, plate = with_noise(image, plate)
+    inside = solution.streak & solution.known & (solution.quality == 0) & (solution.alpha > 0)
+    rest = (solution.layer.over(plate).rgb - image.rgb)[inside]
+    std = np.sqrt(image.variance + plate.variance)[inside]
+    assert np.sqrt(np.mean((rest / std) ** 2)) < 1.0
+
+
+def test_stats_are_about_the_streak(solved, paint):
+    stats, solution = solved[0].stats, solved[0]
+    inside = solution.streak & solution.known
+    assert stats["pixels"] == np.count_nonzero(solution.streak)
+    assert stats["pixels_known"] == np.count_nonzero(inside)
+    misfit = (solution.quality & Quality.MISFIT) != 0
+    assert stats["pixels_misfit"] == np.count_nonzero(inside & misfit)
+    assert_allclose(stats["sum_alpha"], solution.alpha[inside].sum(dtype=float))
+    assert_allclose(stats["sum_alpha"], paint.layer.alpha.sum(), rtol=0.05)
+    assert stats["streak_box"] == find_streaks(*solved[1:])[0].box
+    assert set(stats["image_noise"]) == {"gain", "read_std", "relative_std"}
+
+
+@pytest.mark.parametrize("plate_part", [0, 1])
+def test_error_of_the_sum_is_honest(paint, plate_part):
+    """Over new plates too: noise of a plate that stays is the same error every time."""
+    z = []
+    for seed in range(24):
+        solution = solve(*taken(paint, seed, plate_part=plate_part), paint.model)
+        truth = paint.layer.alpha[solution.streak & solution.known].sum()
+        z.append((solution.stats["sum_alpha"] - truth) / solution.stats["sum_alpha_std"])
+    assert abs(np.mean(z)) < 0.5
+    assert 0.7 < np.std(z) < 1.3
+
+
+def test_error_of_the_scale_is_honest(paint):
+    """A color that errs by its covariance scales alpha by what the stats say."""
+    rng, std, z = np.random.default_rng(0), np.radians(0.5), []
+    image, plate = taken(paint)
+    true = paint.model.pole
+    tangent = np.linalg.svd(true[:, None])[0][:, 1:]
+    exact = solve(image, plate, paint.model).stats
+    assert exact["alpha_scale_std"] == 0  # a model that was given is exact
+    for _ in range(30):
+        pole = true + tangent @ rng.normal(0, std, 2)
+        model = ColorModel(pole[:, None] / np.linalg.norm(pole), std**2 * tangent @ tangent.T)
+        stats = solve(image, plate, model).stats
+        z.append((stats["sum_alpha"] / exact["sum_alpha"] - 1) / stats["alpha_scale_std"])
+    assert abs(np.mean(z)) < 0.5
+    assert 0.7 < np.std(z) < 1.3
+
+
+# What may be given
+
+
+def test_streak_may_be_given(paint):
+    image, plate = taken(paint)
+    streak = Streak.from_box((30, 20, 90, 70), image.size)
+    solution = solve(image, plate, paint.model, streak=streak)
+    assert_array_equal(solution.streak, streak.mask)
+    assert solution.stats["streak_box"] == (30, 20, 90, 70)
+    assert solution.stats["other_boxes"] == ()
+
+
+def test_out_is_reused(paint):
+    image, plate = taken(paint)
+    out = PixelMaps.empty(128, 192)
+    fresh, again = (solve(image, plate, paint.model, out=o) for o in (None, out))
+    for name, m in out._asdict().items():
+        assert getattr(again, name) is m
+        assert_array_equal(m, getattr(fresh, name))
+
+
+def test_solver_may_be_given(paint):
+    image, plate = taken(paint)
+    strict = solve(image, plate, paint.model, Pixelwise(max_alpha_std=0.02))
+    assert strict.solver == "Pixelwise(max_alpha_std=0.02)"
+    assert strict.known.mean() < solve(image, plate, paint.model).known.mean()
+
+
+def test_plate_may_bring_its_own_noise(paint):
+    """A variance for each pixel, as an average of many frames has it."""
+    image = photograph(paint.image.rgb, SENSOR, 0, bits=None)
+    variance = np.full_like(image.rgb, 1e-8)
+    variance[64:] = 2e-5
+    rng = np.random.default_rng(1)
+    plate = LinearImage(
+        paint.plate.rgb + np.sqrt(variance) * rng.normal(size=variance.shape), variance
+    )
+    solution = solve(image, plate, paint.model)
+    still = paint.layer.alpha == 0
+    z = np.where(still, solution.alpha / solution.alpha_std, np.nan)
+    for half in (z[:64], z[64:]):
+        assert_allclose(np.nanstd(half), 1, atol=0.1)
+    assert_allclose(solution.stats["plate_noise"]["median_std"], np.sqrt(np.median(variance)))
+
+
+def test_clipped_pixels_are_flagged_and_left_out(paint):
+    light = paint.image.rgb.copy()
+    light[50:60, 80:90] = 2
+    image = photograph(light, SENSOR, 0)
+    solution = solve(image, photograph(paint.plate.rgb, SENSOR, 1), paint.model)
+    assert np.all(solution.quality[50:60, 80:90] & Quality.SATURATED)
+    assert not solution.layer.alpha[50:60, 80:90].any()
+
+
+# The door
+
+
+def test_not_pictures(paint):
+    with pytest.raises(
+        TypeError, match=r"image must be a LinearImage, got ndarray; use blurmatte\.read"
+    ):
+        solve(paint.image.rgb, paint.plate)
+    with pytest.raises(TypeError, match="plate must be a LinearImage, got str"):
+        solve(paint.image, "plate.png")
+
+
+def test_sizes_that_differ(paint):
+    with pytest.raises(ValueError, match="image is 192x128 pixels and plate 20x20"):
+        solve(paint.image, LinearImage(np.ones((20, 20, 3))))
+
+
+def test_gray_pictures(paint):
+    gray = LinearImage(paint.plate.rgb, meta=Meta("wall.png", gray=True))
+    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is told from color"):
+        solve(paint.image, gray)
+
+
+@pytest.mark.parametrize("bits", [8, 16, None])
+def test_nothing_moved(paint, bits):
+    image, plate = (photograph(paint.plate.rgb, SENSOR, seed, bits=bits) for seed in (0, 1))
+    with pytest.raises(MotionError, match="nothing moved: .* say where to look with a region"):
+        solve(image, plate)
+    with pytest.raises(MotionError, match="nothing moved"):
+        solve(image, image)
+
+
+def test_black_pictures():
+    black = LinearImage(np.zeros((32, 32, 3), np.float32))
+    with pytest.raises(MotionError, match="nothing moved"):
+        solve(black, black)
+
+
+def test_too_small():
+    small = LinearImage(np.full((1, 1, 3), 0.5))
+    with pytest.raises(PlateError, match="1x1 pixels; 16x16 is the least"):
+        solve(small, small)
+
+
+def test_all_clipped(paint):
+    clipped = photograph(paint.plate.rgb + 2, SENSOR, 0)
+    with pytest.raises(PlateError, match="no unclipped pixel in common; expose shorter"):
+        solve(paint.image, clipped)
+
+
+# Swapped
+
+
+@pytest.fixture(scope="module")
+def textured():
+    """A ball before small tiles: where it was, their contrast is lower."""
+    path = Trajectory.line((50, 40), (110, 75))
+    return render(Scene(colorful_plate(SIZE, 3, tile=8), path, Ball(14, (0.7, 0.35, 0.1))))
+
+
+def test_swapped_pictures_warn(textured):
+    image, plate = taken(textured)
+    with pytest.warns(PlateWarning, match="image and plate look swapped"):
+        solve(plate, image, textured.model)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        solve(image, plate, textured.model)
+
+
+@pytest.mark.parametrize("color", [(0.7, 0.35, 0.1), (0.1, 0.1, 0.12), (0.8, 0.8, 0.8)], ids=str)
+@pytest.mark.parametrize(
+    "wall",
+    [colorful_plate(SIZE, 1, tile=30), colorful_plate(SIZE, 3, tile=8), 0.1 * colorful_plate(SIZE, 2),
+     plain_plate(SIZE, (0.3, 0.25, 0.2), 1), two_hue_plate(SIZE, (0.5, 0.1, 0.1), (0.1, 0.2, 0.5), 1)],
+    ids=["tiles", "small tiles", "dark", "plain", "two hues"],
+)  # fmt: skip
+def test_right_order_is_no_false_alarm(wall, color):
+    for end in ((140, 90), (70, 50)):
+        scene = render(Scene(wall, Trajectory.line((50, 40), end), Ball(14, color)))
+        for code_std, plate_part in ((0.3, 0), (2, 1)):
+            pictures = with_noise(*taken(scene, 5, code_std / 255, plate_part))
+            assert not _looks_swapped(*pictures, find_streaks(*pictures)[0])
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
+@pytest.mark.parametrize(("name", "plate"), PAIRS, ids=[name for name, _ in PAIRS])
+def test_real_pictures_are_no_false_alarm(real_data, name, plate):
+    image, plate = read(real_data / f"{name}.png"), read(real_data / f"{plate}_plate.png")
+    if name == "tennis":  # two players move beside the ball
+        image, plate = (
+            LinearImage(p.rgb[:600], valid=p.valid[:600], meta=p.meta) for p in (image, plate)
+        )
+    image, plate = with_noise(image, plate)
+    for streak in find_streaks(image, plate):
+        assert not _looks_swapped(image, plate, streak)

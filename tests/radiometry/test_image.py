@@ -1,0 +1,90 @@
+"""LinearImage is valid because it exists; decode is the way in for code values."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from blurmatte.radiometry import LINEAR, SRGB, LinearImage, Meta, NoiseModel, decode
+
+NOISE = NoiseModel(gain=1e-3, read_std=0.01)
+
+
+@pytest.fixture
+def rgb():
+    return np.random.default_rng(0).uniform(0, 1, (4, 6, 3))
+
+
+def test_all_pixels_are_valid_unless_said(rgb):
+    image = LinearImage(rgb)
+    assert image.valid.all()
+    assert image.size == (6, 4)
+    assert repr(image) == f"LinearImage(6x4, up to {rgb.max():.2f}, 100.0% valid)"
+    named = LinearImage(rgb, valid=rgb[..., 0] < 2, meta=Meta(source="throw.png"))
+    assert repr(named).startswith("LinearImage(throw.png, 6x4")
+
+
+def test_light_may_be_negative_or_above_white(rgb):
+    assert_array_equal(LinearImage(rgb - 0.5).rgb, rgb - 0.5)
+    assert_array_equal(LinearImage(rgb * 5).rgb, rgb * 5)
+
+
+def test_variance_comes_from_the_model_or_is_given(rgb):
+    assert_allclose(LinearImage(rgb, noise=NOISE).variance, 1e-4 + 1e-3 * rgb)
+    given = np.full_like(rgb, 4e-6)
+    assert LinearImage(rgb, noise=given).variance is given
+    assert LinearImage(rgb).with_noise(NOISE).noise is NOISE
+    with pytest.raises(ValueError, match="not known; measure it with fit_noise"):
+        _ = LinearImage(rgb).variance
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("transfer", [SRGB, LINEAR], ids=lambda transfer: transfer.name)
+def test_decode_is_the_curve(dtype, transfer):
+    top = np.iinfo(dtype).max
+    codes = np.random.default_rng(0).integers(0, top, (5, 7, 3)).astype(dtype)
+    codes[0, 0, 1] = top
+    image = decode(codes, transfer)
+    assert image.rgb.dtype == np.float32
+    assert_allclose(image.rgb, transfer.decode(codes / top), rtol=1e-6)
+    assert_array_equal(np.argwhere(~image.valid), [[0, 0]])
+    assert (image.meta.levels, image.meta.transfer) == (top + 1, transfer)
+    assert image.noise is None
+
+
+@pytest.mark.parametrize(
+    ("rgb", "error", "words"),
+    [
+        ([[1.0, 2.0, 3.0]], TypeError, "rgb must be a NumPy array of linear light, got list"),
+        (np.zeros((4, 6, 3), np.uint8), TypeError, "as floats, got uint8; decode code values"),
+        (np.zeros((4, 6)), ValueError, r"rgb must have the shape \(height, width, 3\), got \(4, 6"),
+        (np.zeros((4, 6, 4)), ValueError, r"\(height, width, 3\), got \(4, 6, 4\)"),
+        (np.zeros((0, 6, 3)), ValueError, r"\(height, width, 3\), got \(0, 6, 3\)"),
+        (np.full((4, 6, 3), np.nan), ValueError, "rgb must be finite; .* mark it in `valid`"),
+        (np.full((4, 6, 3), -np.inf), ValueError, "rgb must be finite"),
+    ],
+)
+def test_light_of_another_kind(rgb, error, words):
+    with pytest.raises(error, match=words):
+        LinearImage(rgb)
+
+
+@pytest.mark.parametrize(
+    ("fields", "error", "words"),
+    [
+        ({"valid": np.ones((6, 4), bool)}, ValueError, r"valid must have the shape \(4, 6\)"),
+        ({"valid": np.ones((4, 6))}, TypeError, "valid must have a dtype of kind 'b', got float64"),
+        ({"valid": [True]}, TypeError, "valid must be a NumPy array, got list"),
+        ({"noise": np.ones((4, 6))}, ValueError, r"noise must have the shape \(4, 6, 3\)"),
+        ({"noise": 0.01}, TypeError, "noise must be a NumPy array, got float"),
+        ({"noise": np.full((4, 6, 3), -1e-6)}, ValueError, "noise holds variances, got -1e-06"),
+        ({"noise": np.full((4, 6, 3), np.inf)}, ValueError, "noise must be finite"),
+    ],
+)
+def test_fields_that_do_not_fit(rgb, fields, error, words):
+    with pytest.raises(error, match=words):
+        LinearImage(rgb, **fields)
+
+
+def test_only_integer_codes_are_decoded(rgb):
+    with pytest.raises(TypeError, match="codes must be uint8 or uint16, got float64"):
+        decode(rgb, SRGB)

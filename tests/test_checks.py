@@ -1,0 +1,51 @@
+"""Each check names the argument, the rule and the fact."""
+
+import numpy as np
+import pytest
+
+from blurmatte.checks import check_finite, check_light, check_map, check_same_size
+
+
+def test_good_values_pass():
+    check_light("image", np.zeros((2, 3, 3), np.float32))
+    check_map("alpha", np.zeros((2, 3)), (2, 3))
+    check_map("valid", np.zeros((2, 3), bool), (2, 3), kinds="b")
+    check_map("quality", np.zeros((2, 3), np.uint8), (2, 3), kinds="u")
+    check_finite("rgb", np.array([-1e30, 1e30]))
+    check_same_size("image", (3, 2), "plate", (3, 2))
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "words"),
+    [
+        ("picture.png", TypeError, "image must be a NumPy array of linear light, got str"),
+        (np.zeros((2, 3, 3), int), TypeError, "image must hold linear light as floats, got int64"),
+        (np.zeros((2, 3, 3), complex), TypeError, "as floats, got complex128"),
+        (np.zeros((3, 3)), ValueError, r"image must have the shape .*, got \(3, 3\)"),
+        (np.zeros((2, 3, 1)), ValueError, r"got \(2, 3, 1\)"),
+        (np.zeros((2, 0, 3)), ValueError, r"got \(2, 0, 3\)"),
+    ],
+)
+def test_not_light(value, error, words):
+    with pytest.raises(error, match=words):
+        check_light("image", value)
+
+
+def test_not_a_map():
+    with pytest.raises(TypeError, match="alpha must be a NumPy array, got float"):
+        check_map("alpha", 0.5, (2, 3))
+    with pytest.raises(TypeError, match="alpha must have a dtype of kind 'f', got bool"):
+        check_map("alpha", np.zeros((2, 3), bool), (2, 3))
+    with pytest.raises(ValueError, match=r"alpha must have the shape \(2, 3\), got \(3, 2\)"):
+        check_map("alpha", np.zeros((3, 2)), (2, 3))
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_not_finite(bad):
+    with pytest.raises(ValueError, match="rgb must be finite"):
+        check_finite("rgb", np.array([0, bad, 1]))
+
+
+def test_sizes_that_differ():
+    with pytest.raises(ValueError, match="image is 3x2 pixels and plate 2x3; they must show"):
+        check_same_size("image", (3, 2), "plate", (2, 3))

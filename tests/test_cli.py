@@ -1,0 +1,530 @@
+"""Every command, and the whole list of what people feed to them by mistake."""
+
+import json
+import os
+import shutil
+import signal
+import struct
+import subprocess
+import sys
+import time
+import zlib
+from pathlib import Path
+
+import numpy as np
+import OpenEXR
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import add_noise, colorful_plate
+
+NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
+COLOR = "#ffbc43"
+NAMES = [
+    *("alpha.png", "color.png", "layer.exr", "layer.png"),
+    *("model.json", "overview.png", "report.json"),
+]
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A folder with image.png, plate.png (16 bit) and a mask, and what is true of them."""
+    folder = tmp_path_factory.mktemp("scene")
+    path = bm.Trajectory.line((30, 34), (90, 46))
+    body = bm.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
+    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, body))
+    rng = np.random.default_rng(5)
+    for name, picture in (("image", truth.image), ("plate", truth.plate)):
+        noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
+        bm.write(folder / f"{name}.png", bm.LinearImage(noisy))
+    bm.write(folder / "mask.png", (truth.layer.alpha > 0).astype(float))
+    bm.write(folder / "sharp.png", bm.LinearImage(np.full((9, 9, 3), [0.8, 0.4, 0.04])))
+    return folder
+
+
+@pytest.fixture
+def here(scene, tmp_path):
+    """A copy of the scene that a test may spoil."""
+    shutil.copytree(scene, tmp_path / "scene")
+    return tmp_path / "scene"
+
+
+def run(*args):
+    """Run a command in this process."""
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def good(*args):
+    result = run(*args)
+    assert result.exit_code == 0, result.stderr
+    return result
+
+
+def solve(scene, out):
+    """Results of the scene in a folder."""
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    return good("solve", *files, "--out", out)
+
+
+def complaint(result):
+    """The one line that a command ended with."""
+    assert result.exit_code == 2, (result.stdout, result.stderr)
+    assert "Traceback" not in result.stderr
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: ")
+    assert not line.startswith("blurmatte: warning")
+    return line.removeprefix("blurmatte: ")
+
+
+def content(folder):
+    return {path.name: path.read_bytes() for path in Path(folder).iterdir()}
+
+
+def test_solve_writes_all_results(scene, tmp_path):
+    out = tmp_path / "new" / "results"
+    result = good("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", out)
+    assert sorted(path.name for path in out.iterdir()) == NAMES
+    assert result.stderr == ""
+    first, second, third = result.stdout.splitlines()
+    assert first.startswith("Solution(128x80, alpha up to 0.")
+    assert second.startswith("ColorModel(rank 1, #ff")
+    assert third == str(out / "overview.png")
+    solution = bm.read_solution(out / "layer.exr")
+    assert solution.stats["sum_alpha"] == pytest.approx(np.pi * 12**2, rel=0.03)
+    report = json.loads((out / "report.json").read_text())
+    assert report["model"]["rank"] == 1
+    assert report["command"].startswith("blurmatte ")
+
+
+def test_solve_is_what_the_api_says(scene, tmp_path):
+    image, plate = (bm.read(scene / f"{name}.png") for name in ("image", "plate"))
+    expected = bm.solve(image, plate, bm.ColorModel.from_hex(COLOR))
+    good(
+        *("solve", scene / "image.png", "--plate", scene / "plate.png"),
+        *("--out", tmp_path, "--color", COLOR),
+    )
+    solution = bm.read_solution(tmp_path / "layer.exr")
+    assert np.array_equal(solution.alpha, expected.alpha)
+    assert np.array_equal(solution.quality, expected.quality)
+
+
+def test_nothing_lies_outside_the_streak(scene, tmp_path):
+    solve(scene, tmp_path)
+    codes = np.asarray(bm.read_layer(tmp_path / "layer.png").alpha)
+    solution = bm.read_solution(tmp_path / "layer.exr")
+    assert not codes[~solution.streak].any()
+    assert codes.max() <= 1
+
+
+@pytest.mark.parametrize(
+    ("options", "rank", "evidence"),
+    [
+        (["--color", COLOR], 1, set()),
+        (["--color", COLOR, "--color", "2040c0", "--rank", "2"], 2, set()),
+        (["--color", "60,40", "--color", "62,41,3"], 1, {"samples"}),
+        (["--color", "4,4", "--color-from", "SHARP"], 1, {"samples"}),
+        (["--max-brightness", "2"], 1, {"hue variation", "feasibility"}),
+        (["--mask", "MASK"], 1, {"hue variation", "feasibility"}),
+    ],
+)
+def test_every_way_to_say_the_color(scene, tmp_path, options, rank, evidence):
+    files = {"SHARP": scene / "sharp.png", "MASK": scene / "mask.png"}
+    options = [files.get(option, option) for option in options]
+    out = tmp_path / "m.json"
+    result = good(
+        *("color", scene / "image.png", "--plate", scene / "plate.png"),
+        *("--out", out, *options),
+    )
+    model = bm.read_color_model(out)
+    assert model.rank == rank
+    assert evidence <= set(model.evidence)
+    assert " + ".join(model.hex) in result.stdout
+    assert ("°" in result.stdout.splitlines()[0]) == bool(model.evidence)
+    again = tmp_path / "again.json"
+    good(
+        *("color", scene / "image.png", "--plate", scene / "plate.png"),
+        *("--color", out, "--out", again),
+    )
+    assert again.read_text() == out.read_text()
+
+
+def test_a_mask_and_a_region_say_where(scene, tmp_path):
+    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    good(*base, "--out", tmp_path / "r", "--region", "20,20,70,60")
+    good(*base, "--out", tmp_path / "m", "--mask", scene / "mask.png")
+    region = bm.read_solution(tmp_path / "r" / "layer.exr")
+    assert region.stats["streak_box"] == (20, 20, 70, 60)
+    masked = bm.read_solution(tmp_path / "m" / "layer.exr")
+    white = bm.read(scene / "mask.png", bm.LINEAR).rgb[..., 0] > 0.5
+    assert np.array_equal(masked.streak, white)
+
+
+def test_several_images_get_a_folder_each_and_one_may_fail(here, tmp_path):
+    shutil.copy(here / "image.png", here / "throw2.png")
+    shutil.copy(here / "image.png", here / "throw1.png")
+    (here / "throw3.png").write_text("not a picture")
+    out = tmp_path / "out"
+    files = (here / "throw*.png", "--plate", here / "plate.png", "--color", COLOR)
+    result = run("solve", *files, "--out", out)
+    assert "throw3.png: holds no PNG" in complaint(result)
+    assert sorted(path.name for path in out.iterdir()) == ["throw1", "throw2"]
+    assert len(result.stdout.splitlines()) == 6
+    assert sorted(content(out / "throw2")) == NAMES
+
+
+def test_two_images_of_one_name_are_not_mixed_up(here, tmp_path):
+    (tmp_path / "b").mkdir()
+    shutil.copy(here / "image.png", tmp_path / "b")
+    images = here / "image.png", tmp_path / "b" / "image.png"
+    line = complaint(run("solve", *images, "--plate", here / "plate.png", "--out", tmp_path / "o"))
+    assert "2 images are called image" in line
+    assert not (tmp_path / "o").exists()
+
+
+def test_compose(scene, tmp_path):
+    solve(scene, tmp_path)
+    sea = tmp_path / "sea.png"
+    light = np.random.default_rng(0).uniform(0, 0.5, (200, 200, 3)).astype(np.float32)
+    bm.write(sea, bm.LinearImage(light))
+    target = tmp_path / "at sea.png"
+    refused = run("compose", tmp_path / "layer.exr", "--over", sea, "--out", target)
+    line = complaint(refused)
+    assert "sea.png" in line
+    assert "--fit cover" in line
+    assert not target.exists()
+    good("compose", tmp_path / "layer.exr", "--over", sea, "--out", target, "--fit", "cover")
+    layer = bm.read_layer(tmp_path / "layer.exr")
+    expected = layer.over(bm.cover(bm.read(sea), layer.size))
+    assert np.allclose(bm.read(target).rgb, expected.rgb, atol=1e-4)
+    same = tmp_path / "same.exr"
+    good("compose", tmp_path / "layer.png", "--over", scene / "plate.png", "--out", same)
+    assert bm.read(same).size == (128, 80)
+    odd = run("compose", tmp_path / "layer.exr", "--over", sea, "--out", target, "--fit", "fill")
+    assert "only one fit" in complaint(odd)
+
+
+def test_info_of_a_picture(scene, tmp_path):
+    said = good("info", scene / "image.png").stdout
+    assert "image.png: PNG, 128x80 pixels, 16 bit RGB" in said
+    assert "transfer: srgb (its tags" in said
+    assert "valid (not clipped, opaque): 100.00%" in said
+    plain = tmp_path / "plain.jpg"
+    Image.new("RGB", (30, 20), (10, 20, 30)).save(plain)
+    guess = good("info", plain)
+    assert "srgb (a guess: nothing in the file says)" in guess.stdout
+    assert guess.stderr.startswith("blurmatte: warning: ")
+    assert len(guess.stderr.splitlines()) == 1
+    told = good("info", plain, "--transfer", "gamma2.2")
+    assert "gamma2.2 (as you said)" in told.stdout
+    assert told.stderr == ""
+
+
+def test_info_of_results(scene, tmp_path):
+    solve(scene, tmp_path)
+    solution = good("info", tmp_path / "layer.exr").stdout
+    assert "Solution(128x80" in solution
+    assert "solver: Pixelwise" in solution
+    assert "sum_alpha" in solution
+    assert "rank 1, given" in good("info", tmp_path / "model.json").stdout
+    assert "alpha: up to" in good("info", tmp_path / "layer.png").stdout
+
+
+def test_version_and_help():
+    assert good("--version").stdout == f"blurmatte {bm.__version__}\n"
+    for command in ("solve", "color", "compose", "info"):
+        assert command in good("--help").stdout
+        assert "--" in good(command, "--help").stdout
+
+
+# What people feed to it by mistake. Each writes to `path` and returns a part of what must be said.
+
+
+def _missing(path, here):
+    return "there is no such file"
+
+
+def _empty(path, here):
+    path.write_bytes(b"")
+    return "empty"
+
+
+def _text(path, here):
+    path.write_text("I am not a picture.\n" * 30)
+    return "holds no PNG"
+
+
+def _truncated(path, here):
+    picture = Image.fromarray(np.random.default_rng(0).integers(0, 255, (80, 128, 3), np.uint8))
+    if path.suffix == ".exr":
+        bm.write(path, bm.read(here / "image.png"))
+    else:
+        picture.save(path)
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    return "cut short"
+
+
+def _other_size(path, here):
+    bm.write(path, bm.LinearImage(bm.read(here / "image.png").rgb[:60]))
+    return "128x60"
+
+
+def _gray(path, here):
+    bm.write(path, bm.read(here / "image.png").rgb[..., 1])
+    return "is gray"
+
+
+def _infinite(value):
+    def forge(path, here):
+        light = bm.read(here / "image.png").rgb.copy()
+        light[3, 4, 1] = value
+        OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": light}).write(str(path))
+        return "1 of 10240 pixels are NaN or infinite"
+
+    return forge
+
+
+def _same(path, here):
+    shutil.copy(here / "plate.png", path)
+    return "nothing moved"
+
+
+def _palette(path, here):
+    Image.new("P", (128, 80)).save(path)
+    return "palette"
+
+
+def _cmyk(path, here):
+    Image.new("CMYK", (128, 80)).save(path)
+    return "CMYK"
+
+
+def _huge(path, here):
+    header = struct.pack(">IIBBBBB", 100_000, 100_000, 8, 2, 0, 0, 0)
+    chunks = ((b"IHDR", header), (b"IDAT", zlib.compress(b"\0" * 4)), (b"IEND", b""))
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n"
+        + b"".join(
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+            for kind, data in chunks
+        )
+    )
+    return "--max-pixels"
+
+
+BAD = [
+    ("nowhere.png", _missing),
+    *((f"a.{kind}", _empty) for kind in ("png", "jpg", "tif", "exr")),
+    ("a.png", _text),
+    *((f"a.{kind}", _truncated) for kind in ("png", "jpg", "tif", "exr")),
+    ("a.png", _other_size),
+    ("a.png", _gray),
+    ("a.exr", _infinite(np.nan)),
+    ("a.exr", _infinite(np.inf)),
+    ("a.png", _same),
+    ("a.png", _palette),
+    ("a.jpg", _cmyk),
+    ("a.png", _huge),
+]
+
+
+@pytest.mark.parametrize(("name", "forge"), BAD, ids=lambda x: getattr(x, "__name__", x))
+@pytest.mark.parametrize("spoiled", ["image", "plate"])
+def test_a_bad_picture_is_one_line_and_nothing_changes(here, tmp_path, name, forge, spoiled):
+    bad = here / "für Ärger 猫" / name
+    bad.parent.mkdir()
+    says = forge(bad, here)
+    if forge is _same and spoiled == "plate":
+        shutil.copy(here / "image.png", bad)
+    out = tmp_path / "out"
+    out.mkdir()
+    for result in NAMES:
+        (out / result).write_text("from yesterday")
+    before = content(out)
+    files = {"image": here / "image.png", "plate": here / "plate.png", spoiled: bad}
+    options = ("--transfer", "srgb", "--color", COLOR, "--out", out)
+    line = complaint(run("solve", files["image"], "--plate", files["plate"], *options))
+    assert says in line
+    assert name in line or str(files["image"]) in line
+    assert content(out) == before
+
+
+@pytest.mark.parametrize("code", [0, 255])
+@pytest.mark.parametrize("kind", ["png", "jpg"])
+def test_black_and_clipped_pictures(tmp_path, code, kind):
+    for name in ("image", "plate"):
+        Image.new("RGB", (64, 48), (code,) * 3).save(tmp_path / f"{name}.{kind}")
+    files = (tmp_path / f"image.{kind}", "--plate", tmp_path / f"plate.{kind}")
+    line = complaint(run("solve", *files, "--out", tmp_path / "o", "--transfer", "srgb"))
+    assert "nothing moved" in line if code == 0 else "no unclipped pixel" in line
+    assert f"image.{kind}" in line
+    assert not (tmp_path / "o").exists()
+
+
+def test_one_pixel(tmp_path):
+    for name in ("image", "plate"):
+        Image.new("RGB", (1, 1), (10, 20, 30)).save(tmp_path / f"{name}.png")
+    files = (tmp_path / "image.png", "--plate", tmp_path / "plate.png")
+    line = complaint(run("solve", *files, "--out", tmp_path / "o", "--transfer", "srgb"))
+    assert "image.png: the picture is 1x1 pixels" in line
+
+
+def test_swapped_pictures_are_warned_of(tmp_path):
+    path, body = bm.Trajectory.line((44, 34), (84, 40)), bm.Ball(14, np.array([0.9, 0.45, 0.05]))
+    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body))
+    rng = np.random.default_rng(0)
+    for name, picture in (("plate", truth.image), ("image", truth.plate)):
+        noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
+        bm.write(tmp_path / f"{name}.png", bm.LinearImage(noisy))
+    result = good(
+        *("solve", tmp_path / "image.png", "--plate", tmp_path / "plate.png"),
+        *("--color", COLOR, "--out", tmp_path),
+    )
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: warning: ")
+    assert "image.png" in line
+    assert "swapped" in line
+    assert "swapped" in json.loads((tmp_path / "report.json").read_text())["warnings"][0]
+
+
+def test_a_guess_is_told_once(here, tmp_path):
+    for name in ("image", "plate"):
+        codes = np.rint(255 * bm.SRGB.encode(bm.read(here / f"{name}.png").rgb)).astype(np.uint8)
+        Image.fromarray(codes).save(here / f"plain {name}.png")
+    files = (here / "plain image.png", "--plate", here / "plain plate.png", "--color", COLOR)
+    result = good("solve", *files, "--out", tmp_path / "o")
+    assert [line.split(": has")[0] for line in result.stderr.splitlines()] == [
+        f"blurmatte: warning: {here / f'plain {name}.png'}" for name in ("plate", "image")
+    ]
+    assert good("solve", *files, "--out", tmp_path / "o", "--transfer", "srgb").stderr == ""
+
+
+@pytest.mark.parametrize("out", ["file", "file/below/it"])
+def test_a_folder_that_cannot_be(here, tmp_path, out):
+    (tmp_path / "file").write_text("mine")
+    files = (here / "image.png", "--plate", here / "plate.png", "--color", COLOR)
+    line = complaint(run("solve", *files, "--out", tmp_path / out))
+    assert str(tmp_path / "file") in line
+    assert (tmp_path / "file").read_text() == "mine"
+    line = complaint(run("color", *files, "--out", tmp_path / out / "m.json"))
+    assert "m.json" in line
+
+
+def test_any_name_will_do(here, tmp_path):
+    odd = tmp_path / "my pictures — Größe 100% [1]"
+    shutil.copytree(here, odd)
+    files = (odd / "image.png", "--plate", odd / "plate.png", "--color", COLOR)
+    result = good("solve", *files, "--out", odd / "ergebnisse für dich")
+    assert "Größe" in result.stdout
+    report = json.loads((odd / "ergebnisse für dich" / "report.json").read_text("utf-8"))
+    assert report["image"]["file"] == "image.png"
+
+
+@pytest.mark.parametrize(
+    ("options", "says"),
+    [
+        (["--color", "#12345"], "must look like #d8ff3c"),
+        (["--color", "#000000"], "black"),
+        (["--color", COLOR, "--color", "#2040c0"], "two colors are --rank 2"),
+        (["--color", COLOR, "--rank", "2"], "takes 2 hex colors"),
+        (["--rank", "2"], "--rank 2 needs colors"),
+        (["--color", "60,40", "--rank", "3"], "rank must be 1 or 2"),
+        (["--color", COLOR, "--color", "60,40"], "not a mixture"),
+        (["--color", "600,40"], "must lie in the picture"),
+        (["--color", "6,x"], "x,y or x,y,radius"),
+        (["--color", "core"], "no opaque core"),
+        (["--color", "nowhere.json"], "nowhere.json"),
+        (["--color-from", "sharp.png"], "needs points"),
+        (["--transfer", "rec2020"], "no transfer is called"),
+        (["--region", "0,0,9"], "x0,y0,x1,y1"),
+        (["--region", "0,0,999,50"], "must lie in the picture"),
+        (["--mask", "nowhere.png"], "nowhere.png"),
+        (["--mask", "SHARP"], "the mask"),
+        (["--mask", "SHARP", "--region", "0,0,9,9"], "not both"),
+        (["--max-brightness", "-1"], "must be positive"),
+        (["--max-pixels", "100"], "more than the limit of 100"),
+    ],
+)
+def test_bad_options_are_one_line(scene, tmp_path, options, says):
+    options = [str(scene / "sharp.png") if option == "SHARP" else option for option in options]
+    files = ("--plate", scene / "plate.png", "--out", tmp_path / "o")
+    assert says in complaint(run("solve", scene / "image.png", *files, *options))
+    assert not (tmp_path / "o").exists()
+
+
+def test_an_empty_pattern_is_named(scene, tmp_path):
+    pattern = scene / "no*.png"
+    line = complaint(run("solve", pattern, "--plate", scene / "plate.png", "--out", tmp_path / "o"))
+    assert f"{pattern}: there are no such files" in line
+
+
+def test_no_memory_is_one_line(scene, tmp_path, monkeypatch):
+    def full(*args, **kwargs):
+        raise MemoryError
+
+    monkeypatch.setattr(bm, "solve", full)
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    line = complaint(run("solve", *files, "--out", tmp_path / "o"))
+    assert "image.png: too large for the memory" in line
+
+
+@pytest.mark.parametrize("command", ["info", "compose"])
+def test_other_commands_complain_alike(scene, tmp_path, command):
+    (tmp_path / "bad.exr").write_bytes(b"")
+    options = ("--over", scene / "plate.png", "--out", tmp_path / "c.png")
+    line = complaint(run(command, tmp_path / "bad.exr", *(options if command == "compose" else ())))
+    assert "bad.exr: the file is empty" in line
+    assert not (tmp_path / "c.png").exists()
+
+
+# The program itself.
+
+PROGRAM = (sys.executable, "-c", "from blurmatte.cli import app; app()")
+
+
+def test_the_program_starts_quickly_and_quietly():
+    start = time.perf_counter()
+    done = subprocess.run([*PROGRAM, "--help"], capture_output=True, text=True, check=False)
+    assert done.returncode == 0
+    assert done.stderr == ""
+    assert time.perf_counter() - start < 3  # 0.3 s on a machine that does nothing else
+
+
+def test_help_loads_nothing_heavy():
+    code = "import sys, blurmatte.cli; print(*sorted({m.split('.')[0] for m in sys.modules}))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert not {"numba", "scipy", "PIL", "rich"} & set(done.stdout.split())
+
+
+def test_the_program_ends_with_one_line(tmp_path):
+    done = subprocess.run(
+        [*PROGRAM, "info", tmp_path / "Ä b.png"], capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert (
+        done.stderr == f"blurmatte: {tmp_path / 'Ä b.png'}: there is no such file; check the name\n"
+    )
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
+def test_ctrl_c_is_quiet(scene, tmp_path):
+    code = (
+        "import time, blurmatte as bm; from blurmatte.cli import app\n"
+        "def slow(*a, **k):\n    print('ready', flush=True); time.sleep(60)\n"
+        "bm.solve = slow; app()"
+    )
+    files = [scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR]
+    running = subprocess.Popen(
+        [sys.executable, "-c", code, "solve", *files, "--out", tmp_path / "o"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert running.stdout.readline() == "ready\n"
+    running.send_signal(signal.SIGINT)
+    said, complained = running.communicate(timeout=30)
+    assert (running.returncode, said, complained) == (130, "", "")
+    assert not (tmp_path / "o").exists()

@@ -1,0 +1,51 @@
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.compositing import cover
+from blurmatte.radiometry import LinearImage
+
+
+def test_the_same_size_is_the_same_picture():
+    picture = LinearImage(np.random.default_rng(0).uniform(size=(9, 7, 3)))
+    assert cover(picture, (7, 9)) is picture
+
+
+@pytest.mark.parametrize("size", [(40, 30), (30, 30), (10, 60), (200, 100), (1, 1), (81, 60)])
+def test_any_size_is_covered_with_the_same_light(size):
+    picture = LinearImage(np.full((60, 80, 3), [0.2, 0.5, 7.0], np.float32))
+    covered = cover(picture, size)
+    assert covered.size == size
+    assert covered.valid.all()
+    assert_allclose(covered.rgb, np.broadcast_to([0.2, 0.5, 7.0], covered.rgb.shape), rtol=1e-5)
+
+
+def test_it_is_scaled_about_its_middle():
+    x = np.broadcast_to(np.arange(80.0)[:, None], (60, 80, 3)).astype(np.float32)
+    half = cover(LinearImage(x), (30, 30))
+    assert_allclose(
+        half.rgb[:, 3:-3, 0], np.tile(2 * np.arange(30) + 10.5, (30, 1))[:, 3:-3], atol=0.01
+    )
+
+
+def test_light_is_averaged_and_not_sharpened():
+    checks = np.indices((64, 64)).sum(axis=0) % 2
+    picture = LinearImage(checks[..., None].repeat(3, axis=-1).astype(np.float32))
+    small = cover(picture, (8, 8)).rgb
+    assert_allclose(small, 0.5, atol=0.02)
+    step = LinearImage((picture.rgb * 0 + (np.arange(64) > 30)[:, None]).astype(np.float32))
+    assert cover(step, (100, 100)).rgb.min() >= 0
+    assert cover(step, (100, 100)).rgb.max() <= 1 + 1e-6
+
+
+def test_what_is_not_valid_stays_so():
+    valid = np.ones((60, 80), bool)
+    valid[30, 40] = False
+    covered = cover(LinearImage(np.ones((60, 80, 3), np.float32), valid=valid), (40, 30))
+    assert not covered.valid[15, 20]
+    assert covered.valid.mean() > 0.98
+
+
+def test_no_size_at_all_is_refused():
+    with pytest.raises(ValueError, match="1 or more"):
+        cover(LinearImage(np.ones((4, 4, 3))), (0, 5))

@@ -1,0 +1,75 @@
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.explain import explain
+from blurmatte.matting import Quality, Solution
+
+
+def solution(**stats):
+    alpha = np.full((20, 30), 0.3)
+    light = np.ones((20, 30, 3))
+    quality = np.full((20, 30), Quality.OUTSIDE, np.uint8)
+    quality[5:15, 5:25] = 0
+    quality[5, 5:25] = Quality.MISFIT
+    model = ColorModel.from_hex("#ffffff")
+    return Solution(alpha, alpha, light, light, quality, model, "Pixelwise()", stats)
+
+
+def test_a_given_color():
+    assert explain(ColorModel.from_hex("#ff0000")) == [
+        "One paint and its shades: all multiples of the linear RGB color (1.000, 0.000, 0.000).",
+        "The color was given, not measured.",
+    ]
+    assert explain(ColorModel.from_hex("#ff0000", "#0000ff"))[0].startswith("Two paints")
+
+
+def test_evidence_is_told_and_nothing_is_nothing():
+    given = ColorModel.from_hex("#ff0000")
+    evidence = {"hue variation": 0.123, "feasibility": np.inf, "shape": 2.0}
+    model = ColorModel(given.basis, np.eye(3) * 1e-4, evidence)
+    assert explain(model)[1:] == [
+        "From the hues of the plate behind the streak alone: to 0.12°.",
+        "From alpha between 0 and 1, and no negative light, alone: nothing.",
+        "From shape alone: to 2°.",
+    ]
+
+
+def test_the_sum_of_alpha_is_an_area():
+    said = " ".join(
+        explain(solution(sum_alpha=np.pi * 100, sum_alpha_std=3.0, alpha_scale_std=0.02))
+    )
+    assert "Alpha up to 0.30." in said
+    # hypot(3, 0.02 * 314) = 6.96
+    assert "Sum of alpha 314 ± 7, if the given color is right: the area" in said
+    assert "radius would be 10.0 ± 0.1." in said
+    assert "not explained by the color model 10.0%" in said
+
+
+def test_what_limits_the_sum_is_told():
+    said = " ".join(
+        explain(
+            solution(
+                **{"sum_alpha": 100.0, "pixels": 200, "pixels_known": 150},
+                **{"streak_box": (0, 5, 25, 15), "other_boxes": ((1, 1, 2, 2),)},
+            )
+        )
+    )
+    assert "50 pixels of the streak are unknown" in said
+    assert "touches the border" in said
+    assert "1 other thing moved" in said
+
+
+def test_an_impossible_sum_is_called_so():
+    assert "must be wrong" in explain(solution(sum_alpha=-50.0, sum_alpha_std=2.0))[1]
+
+
+def test_noise_is_told_at_medium_light():
+    noise = {"gain": (0, 0, 0), "read_std": (0.002,) * 3, "relative_std": (0, 0, 0)}
+    said = explain(solution(image_noise=noise, plate_noise={"median_std": 0.001}))
+    assert "Noise (std, white is 1): 0.002 in the image, 0.001 in the plate." in said
+
+
+def test_other_things_are_refused():
+    with pytest.raises(TypeError, match="got int"):
+        explain(3)

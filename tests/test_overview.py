@@ -1,0 +1,131 @@
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.matting import Pixelwise, Quality, Solution, solve
+from blurmatte.overview import draw_overview
+from blurmatte.radiometry import LinearImage, Meta, NoiseModel
+from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
+from blurmatte.streaks import Streak
+from blurmatte.trajectory import Trajectory
+
+NOISE = NoiseModel(gain=1e-5, read_std=5e-4)
+PAINT = np.array([0.9, 0.45, 0.05])
+
+
+def solved(size, start, end, radius=6, region=None, name="image.png"):
+    """A noisy image, its plate, and its solution with the true color."""
+    rng = np.random.default_rng(1)
+    scene = Scene(
+        colorful_plate(size, rng=2, tile=20), Trajectory.line(start, end), Ball(radius, PAINT)
+    )
+    truth = render(scene)
+    image, plate = (
+        LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE, meta=Meta(name))
+        for p in (truth.image, truth.plate)
+    )
+    streak = Streak.from_box(region, size) if region else Streak(truth.layer.alpha > 0)
+    return image, plate, solve(image, plate, truth.model, streak=streak)
+
+
+def texts(monkeypatch):
+    """Everything that is written on sheets from now on, with the room it takes."""
+    from PIL import ImageDraw
+
+    written = []
+    usual = ImageDraw.ImageDraw.text
+
+    def text(pen, place, words, *args, **kwargs):
+        written.append((words, pen.textbbox(place, words, font=args[1])))
+        return usual(pen, place, words, *args, **kwargs)
+
+    monkeypatch.setattr(ImageDraw.ImageDraw, "text", text)
+    return written
+
+
+@pytest.mark.parametrize(
+    ("size", "start", "end", "region"),
+    [
+        ((16, 16), (8, 8), (8, 8), (0, 0, 16, 16)),
+        ((16, 16), (8, 8), (10, 8), (4, 4, 9, 8)),
+        ((120, 90), (30, 40), (80, 50), None),
+        ((120, 90), (-5, -5), (40, 30), None),
+        ((120, 90), (119, 89), (60, 40), None),
+        ((900, 60), (20, 30), (880, 30), None),
+        ((60, 900), (30, 20), (30, 880), None),
+        ((30, 400), (15, 20), (15, 60), None),
+    ],
+)
+def test_every_size_and_place_is_shown(monkeypatch, size, start, end, region):
+    written = texts(monkeypatch)
+    sheet = draw_overview(*solved(size, start, end, region=region))
+    assert sheet.dtype == np.uint8
+    assert sheet.shape[1:] == (1800, 3)
+    assert 600 < sheet.shape[0] < 3200
+    for words, (left, top, right, bottom) in written:
+        assert left >= 0, words
+        assert top >= 0, words
+        assert right <= 1800 - 40, words
+        assert bottom <= sheet.shape[0], words
+    said = " ".join(words for words, _ in written)
+    for title in ("image", "plate", "alpha", "color", "error", "layer", "white = 0."):
+        assert title in said or "white = 1" in said
+
+
+def test_a_4k_picture_is_reduced():
+    y, x = np.mgrid[:2160, :3840].astype(np.float32)
+    light = np.stack([0.2 + x / 8000, 0.3 + y / 8000, 0.5 - x / 9000], axis=-1)
+    image = light.copy()
+    image[400:1700, 500:3300] *= 0.9
+    little = NoiseModel(read_std=1e-6)
+    image, plate = (LinearImage(a.astype(np.float32), little) for a in (image, light))
+    streak = Streak.from_box((500, 400, 3300, 1700), (3840, 2160))
+    solution = solve(image, plate, ColorModel.from_hex("#ff8000"), streak=streak)
+    assert draw_overview(image, plate, solution).shape[1] == 1800
+
+
+def test_captions_do_not_lie_on_each_other(monkeypatch):
+    written = texts(monkeypatch)
+    draw_overview(*solved((120, 90), (30, 40), (80, 50), name="a long name " * 12 + "猫.png"))
+    boxes = [box for _, box in written]
+    for i, a in enumerate(boxes):
+        for b in boxes[:i]:
+            apart = a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+            assert apart
+
+
+def test_flagged_pixels_are_named(monkeypatch):
+    image, plate, solution = solved((120, 90), (30, 40), (80, 50))
+    quality = solution.quality.copy()
+    y, x = (part[:4] for part in np.nonzero(solution.streak))
+    quality[y, x] |= np.uint8(Quality.SATURATED)
+    written = texts(monkeypatch)
+    flagged = Solution(
+        *(solution.alpha, solution.alpha_std, solution.premultiplied, solution.premultiplied_std),
+        *(quality, solution.model, solution.solver, solution.stats),
+    )
+    sheet = draw_overview(image, plate, flagged)
+    assert any(words.startswith("clipped ") for words, _ in written)
+    assert (sheet == (236, 64, 190)).all(axis=-1).any()
+
+
+def test_faint_streaks_are_shown_white(monkeypatch):
+    written = texts(monkeypatch)
+    image, plate, solution = solved((300, 60), (15, 30), (285, 30))
+    draw_overview(image, plate, solution)
+    (white,) = (float(w.removeprefix("white = ")) for w, _ in written if w.startswith("white"))
+    assert white < 0.12
+
+
+def test_what_is_unknown_everywhere_is_still_drawn():
+    image, plate, _ = solved((60, 40), (20, 20), (40, 20))
+    gray = ColorModel.from_samples(plate.rgb[20:22, 20:22].reshape(-1, 3), std=1e-3)
+    unknown = solve(image, plate, gray, Pixelwise(1e-9), streak=Streak(np.ones((40, 60), bool)))
+    assert not unknown.known.any()
+    assert draw_overview(image, plate, unknown).shape[1] == 1800
+
+
+def test_sizes_must_agree():
+    image, plate, solution = solved((60, 40), (20, 20), (40, 20))
+    with pytest.raises(ValueError, match="same size"):
+        draw_overview(image, LinearImage(plate.rgb[:30]), solution)

@@ -1,0 +1,167 @@
+import json
+import os
+import resource
+import stat
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from PIL import Image
+
+import blurmatte as bm
+from blurmatte.rendering import add_noise, colorful_plate
+
+NOISE = bm.NoiseModel(gain=1e-5, read_std=5e-4)
+NAMES = [
+    *("alpha.png", "color.png", "layer.exr", "layer.png"),
+    *("model.json", "overview.png", "report.json"),
+]
+
+
+@pytest.fixture(scope="module")
+def solved():
+    """An image with one clipped pixel in the streak, its plate, and its solution."""
+    rng = np.random.default_rng(1)
+    body = bm.Ball(9, np.array([0.9, 0.45, 0.05]))
+    path = bm.Trajectory.line((30, 30), (60, 36))
+    truth = bm.render(bm.Scene(colorful_plate((96, 64), rng=2, tile=20), path, body))
+    image, plate = (
+        bm.LinearImage(add_noise(p.rgb, NOISE, rng).astype(np.float32), NOISE)
+        for p in (truth.image, truth.plate)
+    )
+    image.valid[33, 45] = False
+    streak = bm.Streak(truth.layer.alpha > 0)
+    return image, plate, bm.solve(image, plate, truth.model, streak=streak)
+
+
+def content(folder):
+    return {path.name: path.read_bytes() for path in folder.iterdir()}
+
+
+@contextmanager
+def room_for(size):
+    """A disk that is full after `size` bytes of any one file."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def test_everything_is_there_and_comes_back(tmp_path, solved):
+    folder = tmp_path / "a" / "b"
+    written = bm.save_results(folder, *solved, command="blurmatte solve …", warnings=["swapped?"])
+    assert [path.name for path in written] == NAMES
+    assert sorted(content(folder)) == NAMES
+    solution = solved[2]
+    assert np.array_equal(bm.read_solution(folder / "layer.exr").alpha, solution.alpha)
+    assert np.array_equal(bm.read_color_model(folder / "model.json").basis, solution.model.basis)
+    alpha = bm.read(folder / "alpha.png", bm.LINEAR).rgb[..., 0]
+    assert np.abs(alpha - solution.layer.alpha).max() <= 0.51 / 65535
+    assert np.abs(bm.read_layer(folder / "layer.png").alpha - solution.layer.alpha).max() < 1e-5
+    with Image.open(folder / "overview.png") as overview:
+        assert overview.width == 1800
+
+
+def test_color_is_shown_where_alpha_is_sure(tmp_path, solved):
+    bm.save_results(tmp_path, *solved)
+    solution = solved[2]
+    color = bm.read(tmp_path / "color.png").rgb
+    sure = solution.streak & solution.known & (solution.alpha > 3 * solution.alpha_std)
+    assert sure.sum() > 300
+    assert not color[~sure].any()
+    straight = np.clip(solution.layer.straight(), 0, 1)[sure]
+    assert np.abs(bm.SRGB.encode(color[sure]) - bm.SRGB.encode(straight)).max() < 1e-4
+
+
+def test_the_report_is_plain_json(tmp_path, solved):
+    bm.save_results(tmp_path, *solved, command="blurmatte solve …", warnings=["swapped?"])
+
+    def refuse(literal):
+        raise AssertionError(literal)
+
+    text = (tmp_path / "report.json").read_text("utf-8")
+    report = json.loads(text, parse_constant=refuse)
+    image, _, solution = solved
+    assert report["command"] == "blurmatte solve …"
+    assert report["warnings"] == ["swapped?"]
+    assert report["image"]["size"] == list(image.size)
+    assert report["model"]["hex"] == list(solution.model.hex)
+    assert np.allclose(report["model"]["basis"], solution.model.basis, atol=0)
+    assert report["solver"] == solution.solver
+    assert report["stats"]["sum_alpha"] == solution.stats["sum_alpha"]
+    assert report["flagged"]["SATURATED"] == 1
+    assert "OUTSIDE" not in report["flagged"]
+    assert report["versions"]["numpy"] == np.__version__
+    assert {"blurmatte", "numba", "OpenImageIO", "python"} <= set(report["versions"])
+
+
+def test_old_results_are_replaced_and_others_left_alone(tmp_path, solved):
+    bm.save_results(tmp_path, *solved)
+    (tmp_path / "notes.txt").write_text("mine")
+    (tmp_path / "alpha.png").write_text("old")
+    bm.save_results(tmp_path, *solved)
+    assert sorted(content(tmp_path)) == sorted([*NAMES, "notes.txt"])
+    assert (tmp_path / "alpha.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_same_solution_gives_the_same_bytes(tmp_path, solved):
+    for name in "ab":
+        bm.save_results(tmp_path / name, *solved)
+    assert content(tmp_path / "a") == content(tmp_path / "b")
+
+
+@pytest.mark.parametrize("size", [500, 60_000])
+def test_a_full_disk_changes_nothing(tmp_path, solved, size):
+    folder = tmp_path / "there"
+    folder.mkdir()
+    for name in NAMES[::2]:
+        (folder / name).write_text("old")
+    before = content(folder)
+    with room_for(size), pytest.raises(bm.FileError) as caught:
+        bm.save_results(folder, *solved)
+    assert str(caught.value).startswith(f"{folder}/")
+    assert ".blurmatte-" not in str(caught.value)
+    assert content(folder) == before
+    with room_for(size), pytest.raises(bm.FileError):
+        bm.save_results(tmp_path / "new" / "one", *solved)
+    assert not (tmp_path / "new").exists()
+
+
+def test_a_path_through_a_file_is_one_line(tmp_path, solved):
+    (tmp_path / "file").write_text("mine")
+    for folder in (tmp_path / "file", tmp_path / "file" / "below"):
+        with pytest.raises(bm.FileError) as caught:
+            bm.save_results(folder, *solved)
+        assert str(caught.value).startswith(f"{folder}: cannot be written")
+        assert "\n" not in str(caught.value)
+    assert (tmp_path / "file").read_text() == "mine"
+
+
+def test_a_folder_in_the_way_is_named(tmp_path, solved):
+    (tmp_path / "layer.exr").mkdir()
+    with pytest.raises(bm.FileError, match=r"layer\.exr: is a folder"):
+        bm.save_results(tmp_path, *solved)
+    assert sorted(os.listdir(tmp_path)) == ["layer.exr"]
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_closed_folder_is_one_line(tmp_path, solved):
+    (tmp_path / "closed").mkdir(mode=0o500)
+    with pytest.raises(bm.FileError, match="Permission denied"):
+        bm.save_results(tmp_path / "closed", *solved)
+
+
+def test_folders_have_the_usual_permissions(tmp_path, solved):
+    (tmp_path / "usual").mkdir()
+    bm.save_results(tmp_path / "ours", *solved)
+    usual, ours = ((tmp_path / name).stat().st_mode for name in ("usual", "ours"))
+    assert stat.S_IMODE(ours) == stat.S_IMODE(usual)
+
+
+def test_sizes_must_agree(tmp_path, solved):
+    image, plate, solution = solved
+    with pytest.raises(ValueError, match="plate is 96x30"):
+        bm.save_results(tmp_path / "o", image, bm.LinearImage(plate.rgb[:30]), solution)
+    assert not (tmp_path / "o").exists()
