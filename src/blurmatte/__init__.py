@@ -7,6 +7,7 @@ from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
 from blurmatte.color import fit_color as fit_color
 from blurmatte.color import pick_colors as pick_colors
+from blurmatte.color import published_color_line as published_color_line
 from blurmatte.compositing import cover as cover
 from blurmatte.errors import BlurmatteError as BlurmatteError
 from blurmatte.errors import BlurmatteWarning as BlurmatteWarning

@@ -157,9 +157,7 @@ def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
     """(h, w) T of every cell: the largest over the scales of smoothing.
 
     A sum of z weighted by w has the variance Σw²; with Gaussian weights that is a Gaussian sum too,
-    of 1/√2 the scale. Dividing by it leaves noise at the border as it is elsewhere. Rounding errors
-    are alike in neighbors of like light, JPEG's above all, and do not average out, unless there is
-    noise to dither them: hence the square of their part.
+    of 1/√2 the scale. Dividing by it leaves noise at the border as it is elsewhere.
     """
     z, weight, rounding = _normalized_difference(image, plate, cell)
     T = np.zeros(weight.shape, np.float32)
@@ -168,8 +166,8 @@ def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
         smooth = np.stack([_smoothed(z[..., c], scale) for c in range(3)], axis=-1)
         smooth /= np.sqrt(np.maximum(white, 1e-6))[..., None]
         smooth -= np.median(smooth, axis=(0, 1))
-        coherent = _STEPS**2 * rounding**2 * (4 * np.pi * scale**2)
-        T = np.maximum(T, np.sum(smooth**2 / (_spread2(smooth) + coherent), axis=-1))
+        steps = _STEPS**2 * rounding * (4 * np.pi * scale**2)
+        T = np.maximum(T, np.sum(smooth**2 / _spread2(smooth, steps), axis=-1))
     return T
 
 
@@ -179,15 +177,19 @@ def _smoothed(values: Floats, scale: float) -> Floats:
     return np.asarray(gaussian_filter(values, scale, mode="constant"))
 
 
-def _spread2(smooth: Floats) -> Floats:
-    """(3,) variance of a smoothed z where nothing moved.
+def _spread2(smooth: Floats, steps: Floats) -> Floats:
+    """(h, w, 3) variance of a smoothed z where nothing moved.
 
     White noise leaves 1. What there is beyond that is correlated noise of JPEG and video, light
     that drifts, soft shadows: long-tailed, so it counts twelve times. The quantile believes what
-    two thirds of the picture say.
+    two thirds of the picture say. A tenth is believed too, but no further than a few code values,
+    `steps`: where neighbors have like light, a codec may round all of them up or down.
     """
-    seen = (np.quantile(np.abs(smooth), 0.65, axis=(0, 1)) / 0.9346) ** 2
-    return np.asarray(1 + 12 * np.maximum(seen - 1, 0), dtype=smooth.dtype)
+    most, some = (
+        12 * np.maximum((np.quantile(np.abs(smooth), q, axis=(0, 1)) / sigmas) ** 2 - 1, 0)
+        for q, sigmas in ((0.65, 0.9346), (0.9, 1.6449))
+    )
+    return np.asarray(1 + np.maximum(most, np.minimum(some, steps)), dtype=smooth.dtype)
 
 
 def _normalized_difference(

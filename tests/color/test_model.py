@@ -192,5 +192,5 @@ def test_noise_is_no_second_paint(count):
     rng = np.random.default_rng(count)
     for _ in range(20):
         one_paint = shades(rng, 1, count) + rng.normal(0, 0.01, (count, 3))
-        with pytest.raises(ColorModelError, match="plane of colors open .*two clearly different"):
+        with pytest.raises(ColorModelError, match=r"plane of colors open .*two clearly different"):
             ColorModel.from_samples(one_paint, rank=2)

@@ -85,7 +85,7 @@ def test_error_of_the_light_is_the_scatter_of_its_derivatives(pixels):
 
 def test_misfit_is_four_sigma(pixels):
     """A pixel pushed off the model by χ = 3.9 is believed, by 4.1 it is not; a plane fits all."""
-    model, C, B, vC, vB = pixels
+    model, C, B, *_ = pixels
     flags = {}
     for sigmas in (3.9, 4.1):
         alpha = 0.5

@@ -1,6 +1,7 @@
 """Which colors the object may have."""
 
 from blurmatte.color.model import ColorModel as ColorModel
+from blurmatte.color.published import published_color_line as published_color_line
 from blurmatte.color.samples import core_colors as core_colors
 from blurmatte.color.samples import pick_colors as pick_colors
 from blurmatte.color.streak import fit_color as fit_color

@@ -137,8 +137,8 @@ class ColorModel:
         std : float, optional
             Noise of one sample, light. Measured from the samples' own scatter if not given.
         robust : bool
-            Samples far from the rest lose their weight (Cauchy loss) instead of their vote counting
-            like any other.
+            Leave out samples that lie further than four sigma from a first, robust fit (Cauchy
+            loss); up to about two fifths may be something else than the object.
 
         Raises
         ------
@@ -154,14 +154,12 @@ class ColorModel:
                 f"a model of rank {rank} needs {needed} or more color samples, got {len(samples)}; "
                 "pick more pixels or a larger radius"
             )
-        pole = _pole_of(samples, rank)
         if robust:
-            pole = _robust_pole(samples, rank, pole)
+            samples = _inliers(samples, rank)
+        pole = _pole_of(samples, rank)
         residual = _residual(samples, pole, rank)
-        freedom = max(len(samples) * (3 - rank) - 2, 1)
-        center, scale = np.median(residual), np.median(np.abs(residual)) * 1.4826
-        kept = np.abs(residual - center) <= 4 * max(scale, 1e-12) if robust else residual == residual
-        scatter = std if std is not None else float(np.sqrt(np.sum(residual[kept] ** 2) / freedom))
+        freedom = max(len(residual) - 2, 1)
+        scatter = std if std is not None else float(np.sqrt(np.sum(residual**2) / freedom))
         basis = pole[:, None] if rank == 1 else np.linalg.svd(pole[:, None])[0][:, 1:]
         covariance = _sample_covariance(samples, pole, rank, scatter)
         model = cls(_bright(basis), covariance, {})
@@ -207,34 +205,34 @@ def _residual(samples: Array, pole: Array, rank: int) -> Array:
     return np.asarray((samples @ normals).ravel())
 
 
-def _robust_pole(samples: Array, rank: int, start: Array) -> Array:
-    """Least squares with a Cauchy loss, from several starts: no single outlier decides the first."""
+def _inliers(samples: Array, rank: int) -> Array:
+    """The samples within four sigma of a robust fit from several starts: no outlier decides alone."""
     from scipy.optimize import least_squares
 
     strong = samples[np.argsort(-np.linalg.norm(samples, axis=1))]
     picks = strong[np.linspace(0, len(strong) - 1, min(12, len(strong))).astype(int)]
     if rank == 1:
-        starts = [start, *picks]
+        starts = [_pole_of(samples, rank), *picks]
     else:
-        starts = [start, *(np.cross(a, b) for i, a in enumerate(picks) for b in picks[i + 1 :])]
-    best, best_cost = start, np.inf
-    for first in starts:
-        if np.linalg.norm(first) < 1e-9:
+        starts = [_pole_of(samples, rank)]
+        starts += [np.cross(a, b) for i, a in enumerate(picks) for b in picks[i + 1 :]]
+    best, least = np.zeros(1), np.inf
+    for start in starts:
+        if np.linalg.norm(start) < 1e-9:
             continue
-        pole = first / np.linalg.norm(first)
-        spread = max(float(np.median(np.abs(_residual(samples, pole, rank)))), 1e-9)
+        pole = start / np.linalg.norm(start)
         tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
 
         def residual(step: Array, pole: Array = pole, tangent: Array = tangent) -> Array:
             moved = pole + tangent @ step
             return _residual(samples, moved / np.linalg.norm(moved), rank)
 
-        fit = least_squares(residual, np.zeros(2), loss="cauchy", f_scale=spread)
-        cost = float(np.median(np.abs(residual(fit.x))))
-        if cost < best_cost:
-            moved = pole + tangent @ fit.x
-            best, best_cost = moved / np.linalg.norm(moved), cost
-    return best
+        spread = max(float(np.median(np.abs(residual(np.zeros(2))))), 1e-9)
+        found = residual(least_squares(residual, np.zeros(2), loss="cauchy", f_scale=spread).x)
+        if np.median(np.abs(found)) < least:
+            best, least = found, float(np.median(np.abs(found)))
+    distance = np.abs(best).reshape(len(samples), -1).max(axis=1)
+    return samples[distance <= 4 * 1.4826 * least + 1e-12]
 
 
 def _one_hue(samples: Array, scatter: float) -> bool:
@@ -244,7 +242,7 @@ def _one_hue(samples: Array, scatter: float) -> bool:
     """
     n = len(samples)
     beside = float(np.linalg.svd(samples, compute_uv=False)[1] ** 2)
-    return beside <= (1 + 6 * np.sqrt(2 / n)) * n * scatter**2
+    return bool(beside <= (1 + 6 * np.sqrt(2 / n)) * n * scatter**2)
 
 
 def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -> Array:

@@ -14,9 +14,10 @@ published sum of squares of l·(B × C) lacks the denominators; noise makes its 
 color. Divided by what noise alone would cause, no direction is preferred.
 *Feasibility*: 0 <= α <= 1, and P is not negative and not brighter than a bound.
 
-Both are likelihoods, so they add. They are evaluated on a grid of directions that adapts to
-what is possible; the answer is the mean of what is left, its covariance the spread. A plate of one hue leaves an arc from the plate's color to the truth and beyond: then there
-is no answer, and `ColorModelError` says so.
+Both are likelihoods, so they add. They are evaluated on a grid of directions that adapts to what is
+possible; the answer is the mean of what is left, its covariance the spread. A plate of one hue
+leaves an arc from the plate's color to the truth and beyond: then there is no answer, and
+`ColorModelError` says so.
 """
 
 from dataclasses import dataclass
@@ -36,7 +37,7 @@ _MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
 _OUTLIER = 3.0  # sigma: beyond, a residual counts linearly, not squared
 _TOLERANCE = 2.0  # sigma: an infeasible alpha within this may be noise
-_BLOCK = 8  # pixels: noise of neighbours this near may be the same noise (JPEG)
+_BLOCK = 16  # pixels: noise of neighbours this near may be the same noise (JPEG, its halved color)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,16 +323,15 @@ def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
     cost = evidence.cost(a, l)
     best = np.argmin(cost.sum(axis=1))
     delta = np.sum(cost - cost[best], axis=1)
+    z = np.clip((a.r / a.r_std)[best], -_OUTLIER, _OUTLIER)
+    phi = max(1.0, float(np.sum(np.bincount(p.block, z) ** 2)) / len(z))
     if not evidence.hue:
-        return delta
+        return np.asarray(delta / phi)
     through = 1 - np.clip(a.alpha, 0, 1)
     both = a.n * a.n[:, best : best + 1]
     shared = np.einsum("igp,pi->gp", both, p.vC)
     shared += through * through[best] * np.einsum("igp,pi->gp", both, p.vB)
     rho = shared / (a.r_std * a.r_std[best])
-    z = (a.r / a.r_std)[best]
-    by_block = np.bincount(p.block, np.clip(z, -_OUTLIER, _OUTLIER))
-    phi = max(1.0, float(np.sum(by_block**2)) / len(z))
     V = 4 * phi * np.sum(np.maximum(1 - rho**2, 0), axis=1) + 1e-12
     return np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi
 

@@ -18,7 +18,6 @@ from blurmatte.matting.solution import Quality, Solution
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.streaks import Streak, find_streaks
 
-
 _BLOCK = 8  # pixels: texture in one block counts as one piece of evidence
 
 
@@ -154,10 +153,10 @@ def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bo
     # Texture and the object's own edges stay alike over many pixels: blocks scatter, not pixels.
     rows, columns = (np.arange(n) // _BLOCK for n in inside.shape)
     block = (rows[:, None] * (columns[-1] + 1) + columns).ravel()
-    excess, own = np.bincount(block, excess.ravel()), np.bincount(block, own.ravel())
-    gain = float(excess.sum() / max(own.sum(), 1e-30))
-    std = float(np.sqrt(np.sum((excess - gain * own) ** 2)))
-    return gain > 0.1 and float(excess.sum()) > 4 * std
+    more, all_own = (np.bincount(block, part.ravel()) for part in (excess, own))
+    gain = float(more.sum() / max(all_own.sum(), 1e-30))
+    std = float(np.sqrt(np.sum((more - gain * all_own) ** 2)))
+    return gain > 0.1 and float(more.sum()) > 4 * std
 
 
 def _measures(

@@ -95,7 +95,9 @@ def _fit_polynomial(light: Floats, variance: Floats, weight: Floats | float = 1.
 
     x = np.maximum(light, 0)
     relative = np.broadcast_to(np.asarray(weight) / variance, x.shape)
-    coefficients, _ = nnls(np.stack([x**0, x, x**2], axis=1) * relative[:, None], relative * variance)
+    coefficients, _ = nnls(
+        np.stack([x**0, x, x**2], axis=1) * relative[:, None], relative * variance
+    )
     return np.asarray(coefficients)
 
 

@@ -1,0 +1,43 @@
+"""The color line as the paper of 2007 finds it, to compare with.
+
+In this file C and B are the light of image and plate at n pixels of the streak, and m = C × B.
+"""
+
+import numpy as np
+
+from blurmatte.checks import Floats
+from blurmatte.color.model import ColorModel
+
+
+def published_color_line(image_colors: Floats, plate_colors: Floats) -> ColorModel:
+    """The line through black that best meets the lines C–B of all pixels ([GC07 §3.1]).
+
+    Black, C and B span a plane that also holds the object's color, so the line lies across every
+    m = C × B: it is m₁ × m₂ for two pixels, and the eigenvector of Σ m mᵀ with the least eigenvalue
+    for more. Right on exact data. On photographs noise adds σ²(|B|² I − B Bᵀ) to each m mᵀ, whose
+    least eigenvector is the plate's own color; `fit_color` does not have that flaw.
+
+    Parameters
+    ----------
+    image_colors, plate_colors : (n, 3) float
+        Linear light of image and plate at n >= 2 pixels of the streak.
+
+    Returns
+    -------
+    ColorModel
+        Rank 1. The paper gives no error, so the covariance is zero.
+
+    Raises
+    ------
+    ValueError
+        For fewer than two pixels, or shapes that differ.
+    """
+    C, B = (np.asarray(a, dtype=float).reshape(-1, 3) for a in (image_colors, plate_colors))
+    if C.shape != B.shape or len(C) < 2:
+        raise ValueError(
+            f"two or more pixels of both pictures are needed, got {len(C)} of the image and "
+            f"{len(B)} of the plate"
+        )
+    m = np.cross(C, B)
+    line = np.linalg.eigh(m.T @ m)[1][:, :1]
+    return ColorModel(line if line.sum() > 0 else -line)
