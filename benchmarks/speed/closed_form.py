@@ -84,7 +84,9 @@ def main() -> None:
 
         in_threads(run, HEIGHT * WIDTH)
 
-    moved = (image.nbytes + plate.nbytes + 2 * maps.quality.nbytes + sum(m.nbytes for m in maps)) // 2
+    moved = (
+        image.nbytes + plate.nbytes + 2 * maps.quality.nbytes + sum(m.nbytes for m in maps)
+    ) // 2
     source, target = np.ones(moved, np.uint8), np.empty(moved, np.uint8)
 
     def solve(model, C, B, tables=None):

@@ -49,9 +49,12 @@ class _Pixels:
     vC: Array  # (n, 3)
     vB: Array  # (n, 3)
     block: npt.NDArray[np.intp]  # (n,)
+    neighbors: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]  # blocks that lie side by side
 
     def every(self, step: int) -> "_Pixels":
-        return _Pixels(*(a[::step] for a in (self.C, self.B, self.vC, self.vB, self.block)))
+        columns = (self.C, self.B, self.vC, self.vB)
+        C, B, vC, vB = (a[::step] for a in columns)
+        return _Pixels(C, B, vC, vB, self.block[::step], self.neighbors)
 
 
 def fit_color(
@@ -93,7 +96,6 @@ def fit_color(
             raise ColorModelError("nothing moved between plate and image, so no color can be found")
         streak = found[0]
     pixels = _streak_pixels(image, plate, streak)
-
     kinds = {
         name: _Evidence(hue, feasibility, max_brightness)
         for name, hue, feasibility in (
@@ -110,6 +112,7 @@ def fit_color(
 
 
 def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _Pixels:
+    """A regular selection of the streak's usable pixels, ordered by block."""
     place = streak.rows_columns
     used = streak.mask[place] & image.valid[place] & plate.valid[place]
     # Noise that was cut off at black has another mean, which looks like color.
@@ -121,16 +124,21 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _P
             f"only {len(y)} pixels of the streak are neither clipped nor before a black plate, 20 are "
             "the least; give the color, or expose otherwise"
         )
-    chosen = slice(None, None, -(-len(y) // _MAX_PIXELS))
-    y, x = y[chosen], x[chosen]
-    block = y // _BLOCK * (1 + x.max() // _BLOCK) + x // _BLOCK
+    step = max(1, -(-len(y) // _MAX_PIXELS))
+    y, x = y[::step], x[::step]
+    # Blocks on the grid that JPEG has too, which starts at the picture's corner.
+    tile = np.stack([(y + place[0].start) // _BLOCK, (x + place[1].start) // _BLOCK], axis=1)
+    tiles, block = np.unique(tile, axis=0, return_inverse=True)
     order = np.argsort(block, kind="stable")
-    y, x, block = y[order], x[order], block[order]
-    columns = [
+    y, x = y[order], x[order]
+    C, B, vC, vB = (
         np.asarray(a[y, x], dtype=float)
-        for a in (image.rgb[place], plate.rgb[place], *(_variance(p, place) for p in (image, plate)))
-    ]
-    return _Pixels(*columns, np.unique(block, return_inverse=True)[1])
+        for a in (
+            image.rgb[place], plate.rgb[place], _variance(image, place), _variance(plate, place)
+        )
+    )  # fmt: skip
+    apart = np.abs(tiles[:, None] - tiles[None]).sum(axis=-1)
+    return _Pixels(C, B, vC, vB, block[order], np.nonzero(np.triu(apart == 1)))
 
 
 def _variance(picture: LinearImage, place: tuple[slice, slice]) -> Array:
@@ -163,7 +171,9 @@ def _closed_form(l: Array, p: _Pixels) -> _Answers:
     through2 = (1 - np.clip(alpha, 0, 1)) ** 2
     w = (p.B.T[:, None, :] - l.T[:, :, None] * B_l) / length
     r_std, w_std, l_std = (
-        np.sqrt(np.einsum("igp,pi->gp", d**2, p.vC) + through2 * np.einsum("igp,pi->gp", d**2, p.vB))
+        np.sqrt(
+            np.einsum("igp,pi->gp", d**2, p.vC) + through2 * np.einsum("igp,pi->gp", d**2, p.vB)
+        )
         for d in (n, w, np.broadcast_to(l.T[:, :, None], n.shape))
     )
     r = (l @ np.cross(p.B, p.C).T) / length
@@ -228,7 +238,8 @@ def _posterior(evidence: _Evidence, pixels: _Pixels) -> tuple[Array, Array]:
 
 def _order(turned: Array) -> npt.NDArray[np.intp]:
     """Which old axis each new one mostly is."""
-    return np.argmax(np.abs(turned), axis=0)
+    order: npt.NDArray[np.intp] = np.argmax(np.abs(turned), axis=0)
+    return order
 
 
 def _moved(axes: Array, to: Array) -> tuple[Array, Array]:
@@ -316,15 +327,13 @@ def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
         χ² = Δ² / V          for Δ < V / 2
              Δ − V / 4       beyond,                  V = Σ 4(1 − ρ²).
 
-    Both are widened by φ, by which blocks of residuals scatter more than independent pixels would:
-    for noise that neighbours share, and for what the model misses.
+    Both are widened by φ, see `_misfit`.
     """
     a = _closed_form(l, p)
     cost = evidence.cost(a, l)
     best = np.argmin(cost.sum(axis=1))
     delta = np.sum(cost - cost[best], axis=1)
-    z = np.clip((a.r / a.r_std)[best], -_OUTLIER, _OUTLIER)
-    phi = max(1.0, float(np.sum(np.bincount(p.block, z) ** 2)) / len(z))
+    phi = _misfit(l[best], p)
     if not evidence.hue:
         return np.asarray(delta / phi)
     through = 1 - np.clip(a.alpha, 0, 1)
@@ -336,16 +345,38 @@ def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
     return np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi
 
 
+def _misfit(l: Array, p: _Pixels) -> float:
+    """By how much to widen a variance, for residuals that are not independent noise; 1 or more.
+
+    The sums of z = r / s over m blocks scatter φ times as much as for independent pixels, where
+    neighbours share noise (JPEG) or the model misses something (a highlight, a second paint, a
+    shadow). What it misses is alike from block to block, so more blocks do not average it away: the
+    correlation of blocks side by side tells how much of it all of them share.
+    """
+    answers = _closed_form(l[None], p)
+    z = np.clip(answers.r / answers.r_std, -_OUTLIER, _OUTLIER)[0]
+    sums = np.bincount(p.block, z)
+    phi = max(1.0, float(np.sum(sums**2)) / len(z))
+    first, second = p.neighbors
+    shared = np.sum(sums[first] * sums[second])
+    both = np.sqrt(np.sum(sums[first] ** 2) * np.sum(sums[second] ** 2)) + 1e-12
+    alike = max(float(shared / both), 0.0) * min(phi - 1, 1)
+    return phi * (1 + (len(sums) - 1) * alike)
+
+
 def _refuse_the_open(model: ColorModel, pixels: _Pixels) -> None:
     if model.angle_std <= _MAX_ANGLE_STD:
         return
     B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
     spread = np.degrees(np.sqrt(np.mean(1 - np.clip(B @ _unit(B.mean(axis=0)), -1, 1) ** 2)))
+    misfit = np.sqrt(_misfit(model.pole, pixels))
     said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in model.evidence.items())
+    why = f"{said}; the plate's hue varies by {spread:.1f}° behind it"
+    if misfit > 3:
+        why += "; the colors do not lie on one line: a highlight, a second color, or a shadow"
     raise ColorModelError(
-        f"the streak leaves the object's color open by {model.angle_std:.1f}° ({said}; the plate's "
-        f"hue varies by {spread:.1f}° behind it): give the color, pick pixels of the object where it "
-        "is sharp or opaque, or bound its brightness; only a plate of more hues could tell it"
+        f"the streak leaves the object's color open by {model.angle_std:.1f}° ({why}): give the "
+        "color, pick pixels of the object where it is sharp or opaque, or bound its brightness"
     )
 
 
@@ -353,9 +384,9 @@ def _refuse_the_unfit(model: ColorModel, pixels: _Pixels) -> None:
     answers = _closed_form(model.basis.T, pixels)
     unexplained = float(np.sum(answers.r**2 - answers.r_std**2))
     moved = float(np.sum((pixels.C - pixels.B) ** 2 - pixels.vC - pixels.vB))
-    if unexplained > 0.25 * moved:
+    if unexplained > 0.15**2 * moved:
         raise ColorModelError(
-            f"no single line of colors explains the streak: the best leaves "
+            "no single line of colors explains the streak: the best leaves "
             f"{np.sqrt(unexplained / moved):.0%} of the change; give two colors of the object "
             "(rank 2), or choose a region that holds one object and not its shadow"
         )

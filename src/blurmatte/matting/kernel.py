@@ -22,7 +22,12 @@ from numba import njit
 
 # Not "nnan" and "ninf": a pixel that cannot answer has an infinite error, and that must survive.
 _FAST = {"nsz", "arcp", "contract", "reassoc", "afn"}
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "fastmath": _FAST, "cache": True, "nogil": True}
+_COMPILED: dict[str, Any] = {
+    "error_model": "numpy",
+    "fastmath": _FAST,
+    "cache": True,
+    "nogil": True,
+}
 
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _INFINITE = np.float32(np.inf)
@@ -91,10 +96,13 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
 @njit(inline="always", **_COMPILED)
 def _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
     a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
-    std = np.sqrt(variance) if quality[i] & SATURATED == 0 else _INFINITE
-    alpha[i], alpha_std[i] = a, std
+    std = np.sqrt(variance)
+    lost = _ZERO if quality[i] & SATURATED == 0 else _INFINITE
+    alpha[i], alpha_std[i] = a, std + lost
     P[3 * i], P[3 * i + 1], P[3 * i + 2] = P0, P1, P2
-    P_std[3 * i], P_std[3 * i + 1], P_std[3 * i + 2] = np.sqrt(v0), np.sqrt(v1), np.sqrt(v2)
+    P_std[3 * i] = np.sqrt(v0) + lost
+    P_std[3 * i + 1] = np.sqrt(v1) + lost
+    P_std[3 * i + 2] = np.sqrt(v2) + lost
     reach = _SIGMAS_OUT * std
     quality[i] |= (
         (std > max_std) * PLATE_IN_MODEL

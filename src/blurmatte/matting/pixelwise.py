@@ -1,7 +1,9 @@
 """The closed form: each pixel alone, all of them in threads over strips of rows."""
 
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from os import cpu_count
 from typing import Any, NamedTuple
 
@@ -52,7 +54,7 @@ class Pixelwise:
         A pixel whose alpha is less certain than this is marked PLATE_IN_MODEL, > 0.
     """
 
-    max_alpha_std: float = 0.5
+    max_alpha_std: float = 0.3
 
     def __post_init__(self) -> None:
         if not self.max_alpha_std > 0:
@@ -90,53 +92,50 @@ class Pixelwise:
         PixelMaps
             Raw estimates, neither clipped nor masked.
         """
-        shape = image.shape[:2]
+        height, width = image.shape[:2]
         dtype = (tables[0] if tables else image).dtype if out is None else out.alpha.dtype
-        maps = PixelMaps.empty(*shape, dtype) if out is None else out
-        check_map("out", maps.premultiplied, (*shape, 3))
+        maps = PixelMaps.empty(height, width, dtype) if out is None else out
+        check_map("out", maps.premultiplied, (height, width, 3))
         N = _normals(model, dtype)
         max_std = dtype.type(self.max_alpha_std)
-        noise = (image_noise, plate_noise)
-
-        from blurmatte.matting import kernel  # numba takes half a second to import
 
         def solve_rows(rows: slice) -> None:
             maps.quality[rows] = 0 if flags is None else flags[rows]
-            C, B = _flat(image[rows]), _flat(plate[rows])
-            outputs = [np.reshape(m[rows], -1) for m in maps]
-            if tables:
-                light = [np.asarray(table, dtype) for table in tables]
-                variance = [_coefficients(n, dtype) for n in noise]
-                kernel.solve_codes(C, B, *light, *variance, N, max_std, *outputs)
-            elif all(isinstance(n, NoiseModel) for n in noise):
-                variance = [_coefficients(n, dtype) for n in noise]
-                kernel.solve_light(
-                    C.astype(dtype, copy=False), B.astype(dtype, copy=False),
-                    *variance, N, max_std, *outputs,
-                )  # fmt: skip
-            else:
-                variance = [
-                    _flat(_variances(n, light, rows)).astype(dtype, copy=False)
-                    for n, light in zip(noise, (image, plate), strict=True)
-                ]
-                kernel.solve_light_with_variances(
-                    C.astype(dtype, copy=False), B.astype(dtype, copy=False),
-                    *variance, N, max_std, *outputs,
-                )  # fmt: skip
+            noise = [n if isinstance(n, NoiseModel) else n[rows] for n in (image_noise, plate_noise)]
+            solve, arguments = _compiled(image[rows], plate[rows], noise, tables, dtype)
+            solve(*arguments, N, max_std, *(np.reshape(m[rows], -1) for m in maps))
 
         with ThreadPoolExecutor(cpu_count()) as threads:
-            list(threads.map(solve_rows, _strips(shape[0])))
+            list(threads.map(solve_rows, _strips(height)))
         return maps
+
+
+def _compiled(
+    image: Any, plate: Any, noise: list[NoiseModel | Floats], tables: Any, dtype: np.dtype[Any]
+) -> tuple[Callable[..., None], tuple[Any, ...]]:
+    """The compiled loop for this kind of input, and its arguments up to the noise."""
+    from blurmatte.matting import kernel  # numba takes half a second to import
+
+    C, B = (np.ascontiguousarray(a).reshape(-1) for a in (image, plate))
+    if tables is not None:
+        light = [np.asarray(table, dtype) for table in tables]
+        return kernel.solve_codes, (C, B, *light, *(_coefficients(n, dtype) for n in noise))
+    C, B = (a.astype(dtype, copy=False) for a in (C, B))
+    if all(isinstance(n, NoiseModel) for n in noise):
+        return kernel.solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))
+    variances = (
+        (n.variance(light) if isinstance(n, NoiseModel) else n) + _LEAST_VARIANCE
+        for n, light in zip(noise, (image, plate), strict=True)
+    )
+    return kernel.solve_light_with_variances, (
+        C, B, *(np.ascontiguousarray(v, dtype).reshape(-1) for v in variances),
+    )  # fmt: skip
 
 
 def _strips(height: int) -> list[slice]:
     """Strips of rows, a few for each processor, so that none waits long for the last."""
     edges = np.linspace(0, height, min(height, 8 * (cpu_count() or 1)) + 1).astype(int)
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
-
-
-def _flat(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
-    return np.ascontiguousarray(array).reshape(-1)
+    return [slice(a, b) for a, b in pairwise(edges)]
 
 
 def _normals(model: ColorModel, dtype: np.dtype[Any]) -> tuple[Any, ...]:
@@ -152,8 +151,3 @@ def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any
     coefficients = noise.coefficients.copy()
     coefficients[:, 0] += _LEAST_VARIANCE
     return tuple(dtype.type(x) for x in coefficients.ravel())
-
-
-def _variances(noise: NoiseModel | Floats, light: Any, rows: slice) -> Floats:
-    variance = noise.variance(light[rows]) if isinstance(noise, NoiseModel) else noise[rows]
-    return np.asarray(variance + variance.dtype.type(_LEAST_VARIANCE))

@@ -70,7 +70,7 @@ class NoiseModel:
 
     @classmethod
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
-        """The least noise a file of `levels` code values can have: rounding, to about 10 % of its std."""
+        """The least noise a file of `levels` code values can have: rounding, to about 10 %."""
         light = np.geomspace(0.005, 1, 100)
         coefficients = _fit_polynomial(light, _rounding_variance(light, levels, transfer))
         black = _rounding_variance(np.zeros(1), levels, transfer)[0]

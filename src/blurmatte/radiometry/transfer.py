@@ -57,9 +57,7 @@ def _srgb_decode(v: Floats) -> Floats:
 
 
 def _srgb_encode(light: Floats) -> Floats:
-    return np.where(
-        light <= 0.04045 / 12.92, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055
-    )
+    return np.where(light <= 0.04045 / 12.92, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
 # The continuous solution of Rec. 709's rounded 1.099 and 0.018, as Rec. 2020 prints it.

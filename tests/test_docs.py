@@ -1,0 +1,97 @@
+"""The documents and the command line agree, and every link leads somewhere."""
+
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+from PIL import Image
+
+import blurmatte as bm
+from blurmatte.cli import app
+
+ROOT = Path(__file__).parents[1]
+DOCUMENTS = [ROOT / "README.md", *ROOT.glob("C*.md"), *sorted((ROOT / "docs").glob("*.md"))]
+TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in DOCUMENTS}
+CLI = TEXTS["docs/cli.md"]
+GROUP = typer.main.get_command(app)
+
+
+def calls():
+    """Every `blurmatte …` in a console block or between backticks, as it is typed."""
+    for text in TEXTS.values():
+        for block in re.findall(r"```console\n(.*?)```", text, re.DOTALL):
+            yield from re.findall(r"(?:^\$ |/)blurmatte (.*)$", block, re.MULTILINE)
+        yield from re.findall(r"`blurmatte ([^`]* [^`]*)`", text)
+
+
+@pytest.mark.parametrize("call", sorted(set(calls())))
+def test_calls_are_understood(call):
+    name, *arguments = shlex.split(call)
+    if name.startswith("--") or arguments == ["--help"]:
+        assert name in {"--help", "--version", *GROUP.commands}
+        return
+    GROUP.commands[name].make_context(name, arguments)  # raises what a user would see
+
+
+def test_there_are_calls_to_check():
+    assert len(set(calls())) > 20
+
+
+@pytest.mark.parametrize("name", sorted(GROUP.commands))
+def test_commands_are_documented(name):
+    section = re.split(r"^## ", CLI.split(f"\n## blurmatte {name}\n")[1], flags=re.MULTILINE)[0]
+    summary = GROUP.commands[name].help.splitlines()[0]
+    assert summary.rstrip(".") in section.replace("\n", " ")
+    for parameter in GROUP.commands[name].params:
+        if parameter.param_type_name == "option":
+            assert parameter.opts[0] in section
+        else:
+            assert parameter.metavar in section
+
+
+def test_documented_options_exist():
+    real = {o for c in GROUP.commands.values() for p in c.params for o in p.opts}
+    documented = re.findall(r"(?<![\w-])--[a-z][a-z-]*", CLI)
+    assert set(documented) <= real | {"--help", "--version"}
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_links_lead_somewhere(name):
+    for link in re.findall(r"\]\(([^)\s#]+)\)", TEXTS[name]):
+        if not link.startswith("https://"):
+            assert ((ROOT / name).parent / link).exists(), link
+
+
+@pytest.mark.parametrize("name", TEXTS)
+def test_named_files_exist(name):
+    for path in re.findall(
+        r"`((?:docs|scripts|tests|examples|benchmarks|\.ci)/[^` ]*)`", TEXTS[name]
+    ):
+        assert (ROOT / path).exists(), path
+
+
+def test_the_map_of_modules_is_complete():
+    tree = re.findall(r"[├└]── (\w+)", TEXTS["docs/design.md"])
+    modules = (
+        path for path in (ROOT / "src" / "blurmatte").iterdir() if path.name != "__pycache__"
+    )
+    assert sorted(tree) == sorted(path.stem for path in modules if path.name != "py.typed")
+
+
+def test_the_picture_is_small():
+    path = ROOT / "docs" / "overview.png"
+    assert path.stat().st_size < 500_000
+    with Image.open(path) as picture:
+        assert picture.width == 900
+
+
+def test_versions_agree():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    citation = (ROOT / "CITATION.cff").read_text()
+    assert project["version"] == bm.__version__
+    assert f"\nversion: {bm.__version__}\n" in citation
+    assert f"\nlicense: {project['license']}\n" in citation
+    assert bm.__version__ in TEXTS["CHANGELOG.md"]

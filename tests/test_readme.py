@@ -1,0 +1,99 @@
+"""The README keeps its promises: its Python runs, its commands work, its tables are complete."""
+
+import re
+import shlex
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import colorful_plate
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXAMPLES = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+COMMANDS = re.findall(r"^\$ (.*)$", README, re.MULTILINE)
+NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
+
+
+def table(heading):
+    """First cells of the table whose head begins with `heading`, without backticks."""
+    rows = README.split(f"| {heading}")[1].split("\n\n")[0].splitlines()[2:]
+    return [row.split("|")[1].strip().strip("`") for row in rows]
+
+
+@pytest.fixture(scope="module")
+def pictures(tmp_path_factory):
+    """A folder with everything that the README's Python reads."""
+    folder = tmp_path_factory.mktemp("readme")
+    ball = bm.Ball(12, 0.9 * bm.ColorModel.from_hex("#ffc032").rgb[0], ambient=0.6)
+    path = bm.Trajectory.line((30, 34), (90, 46))
+    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, ball))
+    throw, empty_room = (
+        bm.photograph(picture.rgb, NOISE, seed, bits=16)
+        for seed, picture in enumerate((truth.image, truth.plate))
+    )
+    bm.write(folder / "throw.png", throw)
+    bm.write(folder / "empty_room.png", empty_room)
+    bm.write(folder / "beach.jpg", bm.LinearImage(np.full((90, 160, 3), [0.2, 0.4, 0.7])))
+    np.save(folder / "throw.npy", throw.rgb)
+    codes = np.rint(65535 * bm.SRGB.encode(empty_room.rgb)).astype(np.uint16)
+    np.save(folder / "empty_room.npy", codes)
+    return folder
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.TransferWarning")
+def test_quick_start_runs(pictures, monkeypatch, capsys):
+    monkeypatch.chdir(pictures)
+    names = {}
+    exec(EXAMPLES[0], names)
+    assert capsys.readouterr().out.startswith("Solution(128x80, alpha up to 0.")
+    assert bm.read_solution("ball.exr").size == (128, 80)
+    assert bm.read("at_sea.png", bm.SRGB).size == (128, 80)
+    assert sorted(path.name for path in Path("out").iterdir()) == sorted(table("file in"))
+
+
+def test_numpy_arrays_run(pictures, monkeypatch):
+    monkeypatch.chdir(pictures)
+    names = {}
+    exec(EXAMPLES[1], names)
+    assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
+    assert len(EXAMPLES) == 2
+
+
+def test_first_command_solves_the_example(tmp_path, monkeypatch):
+    command = COMMANDS[0].split(" && ")[-1]
+    assert command.startswith(".venv/bin/blurmatte ")
+    monkeypatch.chdir(ROOT)
+    arguments = shlex.split(command)[1:]
+    place = arguments.index("--out") + 1
+    assert arguments[place] == "out/"
+    arguments[place] = str(tmp_path / "out")
+    result = CliRunner().invoke(app, arguments)
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(table("file in"))
+
+
+@pytest.mark.parametrize(("options", "code"), [([], 2), (["--color", "#ffc032"], 0)])
+def test_plain_wall_needs_a_color(tmp_path, monkeypatch, options, code):
+    pattern = r"`blurmatte (solve examples/plain/.*? --out) out/plain/` refuses"
+    command = re.search(pattern, README)[1]
+    assert '`--color "#ffc032"` it works' in README
+    monkeypatch.chdir(ROOT)
+    result = CliRunner().invoke(app, [*command.split(), str(tmp_path / "plain"), *options])
+    assert result.exit_code == code, result.output
+    assert (tmp_path / "plain").exists() == (code == 0)
+
+
+def test_second_command_is_what_ci_runs():
+    assert COMMANDS[1].endswith("&& scripts/check")
+    assert COMMANDS[1] in (ROOT / ".ci" / "run").read_text().splitlines()
+    assert f"$ {COMMANDS[1]}\n" in (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+
+
+def test_every_flag_is_explained():
+    flags = re.findall(r"^\| `([A-Z_]+)` \| (\d+) \|", README, re.MULTILINE)
+    assert flags == [(flag.name, str(flag.value)) for flag in bm.Quality]
