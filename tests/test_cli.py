@@ -96,7 +96,7 @@ def test_solve_writes_all_results(scene, tmp_path):
     assert solution.stats["sum_alpha"] == pytest.approx(np.pi * 12**2, rel=0.03)
     report = json.loads((out / "report.json").read_text())
     assert report["model"]["rank"] == 1
-    assert report["command"].startswith("blurmatte ")
+    assert report["command"].startswith("blurmatte")
 
 
 def test_solve_is_what_the_api_says(scene, tmp_path):

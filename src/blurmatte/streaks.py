@@ -51,7 +51,7 @@ class Streak:
 
     def __post_init__(self) -> None:
         check_map("mask", self.mask, self.mask.shape[:2], kinds="b")
-        rows, columns = self.mask.any(axis=1).nonzero()[0], self.mask.any(axis=0).nonzero()[0]
+        rows, columns = (np.flatnonzero(np.any(self.mask, axis=axis)) for axis in (1, 0))
         if len(rows) == 0:
             raise ValueError("a streak needs at least one pixel; its mask is empty")
         box = (int(columns[0]), int(rows[0]), int(columns[-1]) + 1, int(rows[-1]) + 1)
@@ -137,8 +137,8 @@ def _strong_part(T: Floats) -> Bools:
     """The piece around the strongest place, without the weak shadows and halos that touch it."""
     from scipy import ndimage
 
-    typical = np.quantile(T[T > 0], 0.9)
-    strong = max(_POSSIBLE, _FAINTEST**2 * typical) < T
+    typical = float(np.quantile(T[T > 0], 0.9))
+    strong = np.asarray(max(_POSSIBLE, _FAINTEST**2 * typical) < T)
     pieces, _ = ndimage.label(ndimage.binary_dilation(strong, iterations=_JOIN), np.ones((3, 3)))
     return np.asarray(strong & (pieces == pieces[np.unravel_index(np.argmax(T), T.shape)]))
 

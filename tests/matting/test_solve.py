@@ -10,7 +10,7 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError, PlateError, PlateWarning
 from blurmatte.files import read
 from blurmatte.matting import PixelMaps, Pixelwise, Quality, solve
-from blurmatte.matting.solve import _looks_swapped
+from blurmatte.matting.plate_check import _looks_swapped
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
@@ -63,7 +63,7 @@ def test_finds_the_streak_and_its_color_by_itself(solved, paint):
     angle = np.degrees(np.arccos(solution.model.pole @ paint.model.pole))
     assert angle < 3 * solution.model.angle_std < 3
     assert np.sqrt(np.mean((solution.layer.alpha - true)[solution.streak] ** 2)) < 0.03
-    assert solution.solver == "Pixelwise(max_alpha_std=0.5)"
+    assert solution.solver == "Pixelwise(max_alpha_std=0.3)"
 
 
 def test_nothing_is_left_outside_the_streak(solved):

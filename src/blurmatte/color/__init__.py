@@ -5,3 +5,4 @@ from blurmatte.color.published import published_color_line as published_color_li
 from blurmatte.color.samples import core_colors as core_colors
 from blurmatte.color.samples import pick_colors as pick_colors
 from blurmatte.color.streak import fit_color as fit_color
+from blurmatte.color.streak import refuse_gray as refuse_gray

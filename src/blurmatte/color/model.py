@@ -66,7 +66,7 @@ class ColorModel:
     @property
     def rank(self) -> int:
         """1 for a line of colors, 2 for a plane."""
-        return self.basis.shape[1]
+        return int(self.basis.shape[1])
 
     @property
     def normals(self) -> Array:
@@ -232,7 +232,7 @@ def _inliers(samples: Array, rank: int) -> Array:
         if np.median(np.abs(found)) < least:
             best, least = found, float(np.median(np.abs(found)))
     distance = np.abs(best).reshape(len(samples), -1).max(axis=1)
-    return samples[distance <= 4 * 1.4826 * least + 1e-12]
+    return np.asarray(samples[distance <= 4 * 1.4826 * least + 1e-12])
 
 
 def _one_hue(samples: Array, scatter: float) -> bool:

@@ -87,6 +87,7 @@ def fit_color(
         message says what would help.
     """
     check_same_size("image", image.size, "plate", plate.size)
+    refuse_gray(image, plate)
     if not max_brightness > 0:
         raise ValueError(f"max_brightness must be positive, got {max_brightness}")
     image, plate = with_noise(image, plate)
@@ -111,6 +112,16 @@ def fit_color(
     return model
 
 
+def refuse_gray(image: LinearImage, plate: LinearImage) -> None:
+    """Raise ColorModelError if either picture has one channel: alpha is told from color."""
+    for picture in (image, plate):
+        if picture.meta.gray:
+            raise ColorModelError(
+                f"{picture.meta.source or 'a picture'} is gray: alpha is told from color, so image "
+                "and plate must both have it"
+            )
+
+
 def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _Pixels:
     """A regular selection of the streak's usable pixels, ordered by block."""
     place = streak.rows_columns
@@ -122,7 +133,7 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _P
     if len(y) < 20:
         raise ColorModelError(
             f"only {len(y)} pixels of the streak are neither clipped nor before a black plate, 20 are "
-            "the least; give the color, or expose otherwise"
+            "the least; give the color (--color, model=), or expose otherwise"
         )
     step = max(1, -(-len(y) // _MAX_PIXELS))
     y, x = y[::step], x[::step]
@@ -138,7 +149,8 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _P
         )
     )  # fmt: skip
     apart = np.abs(tiles[:, None] - tiles[None]).sum(axis=-1)
-    return _Pixels(C, B, vC, vB, block[order], np.nonzero(np.triu(apart == 1)))
+    first, second = np.nonzero(np.triu(apart == 1))
+    return _Pixels(C, B, vC, vB, block[order], (first, second))
 
 
 def _variance(picture: LinearImage, place: tuple[slice, slice]) -> Array:
@@ -255,7 +267,7 @@ def _best_direction(evidence: _Evidence, pixels: _Pixels) -> Array:
     few = pixels.every(max(1, len(pixels.C) // 500))
 
     def cost(l: Array) -> Array:
-        return evidence.cost(_closed_form(l, few), l).sum(axis=1)
+        return np.asarray(evidence.cost(_closed_form(l, few), l).sum(axis=1))
 
     grid = _octant(2.0)
     total = cost(grid)
@@ -269,7 +281,7 @@ def _best_direction(evidence: _Evidence, pixels: _Pixels) -> Array:
             direction = _unit(start + tangent @ x)
             if direction.min() < 0:
                 return np.inf
-            return float(cost(direction[None])[0])
+            return cost(direction[None]).item()
 
         simplex = np.radians([[0, 0], [1.5, 0], [0, 1.5]])
         found = minimize(step, np.zeros(2), method="Nelder-Mead", options={
@@ -282,13 +294,11 @@ def _best_direction(evidence: _Evidence, pixels: _Pixels) -> Array:
 def _octant(step: float) -> Array:
     """(g, 3) unit directions of non-negative light about `step` degrees apart."""
     theta = np.radians(np.arange(step / 2, 90, step))  # from the blue axis
-    rings = []
-    for t in theta:
-        count = max(1, round(90 * np.sin(t) / step))
-        phi = (np.arange(count) + 0.5) * np.pi / 2 / count
-        ring = [np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.full(count, np.cos(t))]
-        rings.append(np.stack(ring, axis=1))
-    return np.concatenate(rings)
+    count = np.maximum(1, np.rint(90 * np.sin(theta) / step)).astype(int)
+    t = np.repeat(theta, count)
+    nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    phi = (nth + 0.5) * np.pi / 2 / np.repeat(count, count)
+    return np.stack([np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.cos(t)], axis=1)
 
 
 def _tangent(l: Array) -> Array:
@@ -300,7 +310,8 @@ def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> Array:
 
     Great circles are straight lines here, and so are the valleys that a plate of one hue leaves.
     """
-    u, v = np.meshgrid(*(np.linspace(-h, h, count) for h in half))
+    steps = np.linspace(-1, 1, count)
+    u, v = np.meshgrid(half[0] * steps, half[1] * steps)
     moved = center + np.stack([u.ravel(), v.ravel()], axis=1) @ axes.T
     inside = moved[(moved >= 0).all(axis=1)]
     grid = inside if len(inside) else np.maximum(moved, 0)
@@ -309,7 +320,7 @@ def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> Array:
 
 def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
     """Mean direction and covariance under exp(−cost / 2)."""
-    weight = np.exp(-0.5 * (cost - cost.min()))
+    weight = np.asarray(np.exp(-0.5 * (cost - cost.min())))
     weight /= weight.sum()
     center = _unit(weight @ grid)
     away = grid - center
@@ -342,7 +353,7 @@ def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
     shared += through * through[best] * np.einsum("igp,pi->gp", both, p.vB)
     rho = shared / (a.r_std * a.r_std[best])
     V = 4 * phi * np.sum(np.maximum(1 - rho**2, 0), axis=1) + 1e-12
-    return np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi
+    return np.asarray(np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi)
 
 
 def _misfit(l: Array, p: _Pixels) -> float:
@@ -351,7 +362,8 @@ def _misfit(l: Array, p: _Pixels) -> float:
     The sums of z = r / s over m blocks scatter φ times as much as for independent pixels, where
     neighbours share noise (JPEG) or the model misses something (a highlight, a second paint, a
     shadow). What it misses is alike from block to block, so more blocks do not average it away: the
-    correlation of blocks side by side tells how much of it all of them share.
+    correlation of blocks side by side, and one standard deviation of it to be safe, says how much
+    of it all of them share.
     """
     answers = _closed_form(l[None], p)
     z = np.clip(answers.r / answers.r_std, -_OUTLIER, _OUTLIER)[0]
@@ -360,8 +372,9 @@ def _misfit(l: Array, p: _Pixels) -> float:
     first, second = p.neighbors
     shared = np.sum(sums[first] * sums[second])
     both = np.sqrt(np.sum(sums[first] ** 2) * np.sum(sums[second] ** 2)) + 1e-12
-    alike = max(float(shared / both), 0.0) * min(phi - 1, 1)
-    return phi * (1 + (len(sums) - 1) * alike)
+    correlation = float(shared / both) + 1 / np.sqrt(max(len(first), 1))
+    alike = min(max(correlation, 0.0), 1.0) * min(phi - 1, 1)
+    return float(phi * (1 + (len(sums) - 1) * alike))
 
 
 def _refuse_the_open(model: ColorModel, pixels: _Pixels) -> None:
@@ -376,7 +389,8 @@ def _refuse_the_open(model: ColorModel, pixels: _Pixels) -> None:
         why += "; the colors do not lie on one line: a highlight, a second color, or a shadow"
     raise ColorModelError(
         f"the streak leaves the object's color open by {model.angle_std:.1f}° ({why}): give the "
-        "color, pick pixels of the object where it is sharp or opaque, or bound its brightness"
+        "color (--color, model=), pick pixels of the object where it is sharp or opaque, or bound "
+        "its brightness"
     )
 
 

@@ -101,7 +101,9 @@ class Pixelwise:
 
         def solve_rows(rows: slice) -> None:
             maps.quality[rows] = 0 if flags is None else flags[rows]
-            noise = [n if isinstance(n, NoiseModel) else n[rows] for n in (image_noise, plate_noise)]
+            noise = [
+                n if isinstance(n, NoiseModel) else n[rows] for n in (image_noise, plate_noise)
+            ]
             solve, arguments = _compiled(image[rows], plate[rows], noise, tables, dtype)
             solve(*arguments, N, max_std, *(np.reshape(m[rows], -1) for m in maps))
 

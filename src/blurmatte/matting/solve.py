@@ -4,21 +4,19 @@ The closed form runs over the whole picture, for the error of alpha outside the 
 knowing too; everything beyond it looks at the streak's surroundings only.
 """
 
-import warnings
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import check_same_size
-from blurmatte.color import ColorModel, fit_color
-from blurmatte.errors import ColorModelError, MotionError, PlateWarning
+from blurmatte.color import ColorModel, fit_color, refuse_gray
+from blurmatte.errors import MotionError
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
+from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.streaks import Streak, find_streaks
-
-_BLOCK = 8  # pixels: texture in one block counts as one piece of evidence
 
 
 def solve(
@@ -64,7 +62,7 @@ def solve(
     Warns
     -----
     PlateWarning
-        If image and plate look swapped.
+        If image and plate look swapped, or differ in brightness around the streak.
     """
     for name, picture in (("image", image), ("plate", plate)):
         if not isinstance(picture, LinearImage):
@@ -73,11 +71,7 @@ def solve(
                 "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
             )
     check_same_size("image", image.size, "plate", plate.size)
-    if image.meta.gray or plate.meta.gray:
-        raise ColorModelError(
-            f"{(image if image.meta.gray else plate).meta.source or 'a picture'} is gray: alpha is "
-            "told from color, so image and plate must both have it"
-        )
+    refuse_gray(image, plate)
     image, plate = with_noise(image, plate)
     found = [] if streak is not None else find_streaks(image, plate)
     if streak is None:
@@ -87,13 +81,7 @@ def solve(
                 "pictures, or say where to look with a region"
             )
         streak = found[0]
-    if _looks_swapped(image, plate, streak):
-        warnings.warn(
-            "image and plate look swapped: the plate's texture is fainter than the image's where "
-            "something moved; the plate is the picture without the object",
-            PlateWarning,
-            stacklevel=2,
-        )
+    warn_if_plate_differs(image, plate, streak)
     if model is None:
         model = fit_color(image, plate, streak)
     solver = solver or Pixelwise()
@@ -129,34 +117,6 @@ def _flags(image: LinearImage, plate: LinearImage, streak: Streak) -> npt.NDArra
     return np.asarray(
         saturated * np.uint8(Quality.SATURATED) | ~streak.mask * np.uint8(Quality.OUTSIDE), np.uint8
     )
-
-
-def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
-    """Whether more of the plate's texture is in the image than there is in the plate.
-
-    Behind an object that was there for α of the exposure, 1 − α of the texture is left:
-    v = Σ⟨∇C, ∇B⟩ / Σ|∇B|² (less the noise in the sum) lies below 1. Seen the other way round, it
-    lies above.
-    """
-    y, x = streak.rows_columns
-    inside = streak.mask[y, x] & image.valid[y, x] & plate.valid[y, x]
-    if not inside.any():
-        return False
-    C, B = (np.asarray(p.rgb[y, x], float) for p in (image, plate))
-    noise = 2 * np.median(plate.variance[y, x][inside], axis=0)
-    excess, own = np.zeros(inside.shape), np.zeros(inside.shape)
-    for axis in (0, 1):
-        both = (inside & np.roll(inside, -1, axis))[..., None]
-        step_C, step_B = (np.roll(a, -1, axis) - a for a in (C, B))
-        excess += np.sum(both * (step_B * (step_C - step_B) + noise), axis=-1)
-        own += np.sum(both * (step_B**2 - noise), axis=-1)
-    # Texture and the object's own edges stay alike over many pixels: blocks scatter, not pixels.
-    rows, columns = (np.arange(n) // _BLOCK for n in inside.shape)
-    block = (rows[:, None] * (columns[-1] + 1) + columns).ravel()
-    more, all_own = (np.bincount(block, part.ravel()) for part in (excess, own))
-    gain = float(more.sum() / max(all_own.sum(), 1e-30))
-    std = float(np.sqrt(np.sum((more - gain * all_own) ** 2)))
-    return gain > 0.1 and float(more.sum()) > 4 * std
 
 
 def _measures(

@@ -1,0 +1,90 @@
+"""Does the plate belong to the image? What the surroundings and the texture behind a streak say.
+
+In this file C is the image's light and B the plate's.
+"""
+
+import warnings
+
+import numpy as np
+
+from blurmatte.errors import PlateWarning
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
+
+_BLOCK = 8  # pixels: texture and the object's own edges stay alike over many pixels
+_MAX_GAIN = 0.01  # a plate brighter or darker by more scales alpha by several percent
+
+
+def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak) -> None:
+    """Warn where image and plate look swapped, or differ in brightness around the streak.
+
+    Warns
+    -----
+    PlateWarning
+        One line that says what differs and what to do.
+    """
+    if _looks_swapped(image, plate, streak):
+        warnings.warn(
+            "image and plate look swapped: the plate's texture is fainter than the image's where "
+            "something moved; the plate is the picture without the object",
+            PlateWarning,
+            stacklevel=3,
+        )
+    gain = _brightness_around(image, plate, streak)
+    if np.max(np.abs(gain)) > _MAX_GAIN:
+        said = ", ".join(
+            f"{g:+.1%} in {name}" for g, name in zip(gain, ("R", "G", "B"), strict=True)
+        )
+        warnings.warn(
+            f"around the streak the image is brighter than the plate by {said}: alpha and its sum "
+            "will be off by several times that; use a plate of the same exposure and light",
+            PlateWarning,
+            stacklevel=3,
+        )
+
+
+def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
+    """Whether more of the plate's texture is in the image than there is in the plate.
+
+    Behind an object that was there for α of the exposure, 1 − α of the texture is left:
+    v = Σ⟨∇C, ∇B⟩ / Σ|∇B|² (less the noise in the sum) lies below 1. Seen the other way round, it
+    lies above.
+    """
+    y, x = streak.rows_columns
+    inside = streak.mask[y, x] & image.valid[y, x] & plate.valid[y, x]
+    if not inside.any():
+        return False
+    C, B = (np.asarray(p.rgb[y, x], float) for p in (image, plate))
+    noise = 2 * np.median(plate.variance[y, x][inside], axis=0)
+    excess, own = np.zeros(inside.shape), np.zeros(inside.shape)
+    for axis in (0, 1):
+        both = (inside & np.roll(inside, -1, axis))[..., None]
+        step_C, step_B = (np.roll(a, -1, axis) - a for a in (C, B))
+        excess += np.sum(both * (step_B * (step_C - step_B) + noise), axis=-1)
+        own += np.sum(both * (step_B**2 - noise), axis=-1)
+    # Texture and the object's own edges stay alike over many pixels: blocks scatter, not pixels.
+    rows, columns = (np.arange(n) // _BLOCK for n in inside.shape)
+    block = (rows[:, None] * (columns[-1] + 1) + columns).ravel()
+    more, all_own = (np.bincount(block, part.ravel()) for part in (excess, own))
+    gain = float(more.sum() / max(all_own.sum(), 1e-30))
+    std = float(np.sqrt(np.sum((more - gain * all_own) ** 2)))
+    return gain > 0.1 and float(more.sum()) > 4 * std
+
+
+def _brightness_around(
+    image: LinearImage, plate: LinearImage, streak: Streak
+) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
+    """(3,) by which fraction the image is brighter than the plate next to the streak; 0 if unknown."""
+    x0, y0, x1, y1 = streak.box
+    margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
+    place = slice(max(0, y0 - margin), y1 + margin), slice(max(0, x0 - margin), x1 + margin)
+    still = ~streak.mask[place] & image.valid[place] & plate.valid[place]
+    C, B = (np.asarray(p.rgb[place][still], float) for p in (image, plate))
+    if len(B) < 100:
+        return np.zeros(3)
+    # Medians: another thing that moves beside the streak has no vote.
+    bright = B.mean(axis=0)
+    difference = np.median(C - B, axis=0)
+    std = 1.253 * np.sqrt(np.median((C - B - difference) ** 2, axis=0) / 0.455 / len(B))
+    told = np.abs(difference) > 5 * std
+    return np.asarray(np.where(told & (bright > 0), difference / np.maximum(bright, 1e-6), 0.0))
