@@ -207,20 +207,33 @@ def _normalized_difference(
     known = _cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
     variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
     edge = _edge_energy(B)
-    strong = _strong(edge)
-    of_noise = _MEDIAN_CHI2 * np.median(variance.sum(axis=-1)[strong])
-    excess = np.median((d**2).sum(axis=-1)[strong]) - of_noise
-    shift2 = max(float(excess / (np.median(edge.sum(axis=-1)[strong]) + 1e-14)), 0.0)
-    variance = variance + 9 * shift2 * edge + 1e-14
+    variance = variance + 9 * _shift2(d, variance, edge) * edge + 1e-14
     z = np.where(known[..., None], d / np.sqrt(variance), 0)
     rounding = (rounding_noise(image).variance(B) + rounding_noise(plate).variance(B)) / variance
     return tuple(np.asarray(a, dtype=np.float32) for a in (z, known, rounding))  # type: ignore[return-value]
 
 
-def _strong(edge: Floats) -> Bools:
-    """Where the plate's edges are among its strongest tenth."""
+def shift_variance(image: LinearImage, plate: LinearImage, still: Bools) -> Floats:
+    """(H, W, 3) variance that a plate shifted by a fraction of a pixel has at its own edges, light².
+
+    How far it is shifted is read off the edges where `still`, (H, W) bool: nothing moved there.
+    """
+    d = np.asarray(image.rgb - plate.rgb, float)
+    edge = _edge_energy(np.asarray(plate.rgb, float))
+    return np.asarray(
+        _shift2(d[still], (image.variance + plate.variance)[still], edge[still]) * edge
+    )
+
+
+def _shift2(d: Floats, variance: Floats, edge: Floats) -> float:
+    """Mean squared shift, pixels², from what d² has beyond its variance at the strongest edges."""
     energy = edge.sum(axis=-1)
-    return np.asarray(energy >= np.quantile(energy, 0.9))
+    if energy.size == 0:
+        return 0.0
+    strong = energy >= np.quantile(energy, 0.9)
+    of_noise = _MEDIAN_CHI2 * np.median(variance.sum(axis=-1)[strong])
+    excess = np.median((d**2).sum(axis=-1)[strong]) - of_noise
+    return max(float(excess / (np.median(energy[strong]) + 1e-14)), 0.0)
 
 
 def _edge_energy(B: Floats) -> Floats:

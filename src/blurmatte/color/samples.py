@@ -124,10 +124,10 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
 
 def _terms(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[Array, Array, Array]:
     """(h, w) each, of the streak's box: ⟨∇C, ∇B⟩, |∇B|², and what noise adds to the latter."""
-    place = streak.rows_columns
-    C, B = (np.asarray(picture.rgb[place], dtype=float) for picture in (image, plate))
-    noise = np.asarray(plate.variance[place], dtype=float).sum(axis=-1)
-    valid = image.valid[place] & plate.valid[place]
+    image, plate = image.crop(streak.box), plate.crop(streak.box)
+    C, B = (np.asarray(picture.rgb, dtype=float) for picture in (image, plate))
+    noise = np.asarray(plate.variance, dtype=float).sum(axis=-1)
+    valid = image.valid & plate.valid
     shared, own, extra = (np.zeros(valid.shape) for _ in range(3))
     for first, second in ((np.s_[:-1], np.s_[1:]), (np.s_[:, :-1], np.s_[:, 1:])):
         both = valid[first] & valid[second]

@@ -29,7 +29,7 @@ from blurmatte.checks import check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, with_noise
-from blurmatte.streaks import Streak, find_streaks
+from blurmatte.streaks import Streak, find_streaks, shift_variance
 
 Array = npt.NDArray[np.float64]
 
@@ -37,6 +37,7 @@ _MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
 _OUTLIER = 3.0  # sigma: beyond, a residual counts linearly, not squared
 _TOLERANCE = 2.0  # sigma: an infeasible alpha within this may be noise
+_SLACK = 0.02  # of the exposure: an alpha this far outside may be a plate that is not quite right
 _BLOCK = 16  # pixels: noise of neighbours this near may be the same noise (JPEG, its halved color)
 
 
@@ -124,11 +125,21 @@ def refuse_gray(image: LinearImage, plate: LinearImage) -> None:
 
 def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _Pixels:
     """A regular selection of the streak's usable pixels, ordered by block."""
-    place = streak.rows_columns
-    used = streak.mask[place] & image.valid[place] & plate.valid[place]
+    height, width = streak.mask.shape
+    x0, y0, x1, y1 = streak.box
+    box = (
+        max(0, x0 - _BLOCK),
+        max(0, y0 - _BLOCK),
+        min(width, x1 + _BLOCK),
+        min(height, y1 + _BLOCK),
+    )
+    image, plate = image.crop(box), plate.crop(box)
+    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+    usable = image.valid & plate.valid
+    used = inside & usable
     # Noise that was cut off at black has another mean, which looks like color.
     for picture in (image, plate):
-        used &= (picture.rgb[place] > 2 * np.sqrt(_variance(image, place))).all(axis=-1)
+        used &= (picture.rgb > 2 * np.sqrt(image.variance)).all(axis=-1)
     y, x = np.nonzero(used)
     if len(y) < 20:
         raise ColorModelError(
@@ -138,25 +149,21 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _P
     step = max(1, -(-len(y) // _MAX_PIXELS))
     y, x = y[::step], x[::step]
     # Blocks on the grid that JPEG has too, which starts at the picture's corner.
-    tile = np.stack([(y + place[0].start) // _BLOCK, (x + place[1].start) // _BLOCK], axis=1)
+    tile = np.stack([(y + box[1]) // _BLOCK, (x + box[0]) // _BLOCK], axis=1)
     tiles, block = np.unique(tile, axis=0, return_inverse=True)
     order = np.argsort(block, kind="stable")
     y, x = y[order], x[order]
     C, B, vC, vB = (
         np.asarray(a[y, x], dtype=float)
         for a in (
-            image.rgb[place], plate.rgb[place], _variance(image, place), _variance(plate, place)
+            image.rgb, plate.rgb, image.variance,
+            plate.variance + shift_variance(image, plate, usable & ~inside),
         )
     )  # fmt: skip
+    least = 1e-12  # float32 light is no better known
     apart = np.abs(tiles[:, None] - tiles[None]).sum(axis=-1)
     first, second = np.nonzero(np.triu(apart == 1))
-    return _Pixels(C, B, vC, vB, block[order], (first, second))
-
-
-def _variance(picture: LinearImage, place: tuple[slice, slice]) -> Array:
-    part = picture.noise
-    variance = part[place] if isinstance(part, np.ndarray) else part.variance(picture.rgb[place])  # type: ignore[union-attr]
-    return np.asarray(variance, dtype=float) + 1e-12  # float32 light is no better known
+    return _Pixels(C, B, vC + least, vB + least, block[order], (first, second))
 
 
 @dataclass(frozen=True, eq=False)
@@ -213,7 +220,7 @@ class _Evidence:
 
 def _infeasibility(a: _Answers, l: Array, max_brightness: float) -> Array:
     """(directions, pixels) how far beyond noise α, P or the brightness leave what is possible."""
-    beyond = [np.maximum(-a.alpha, a.alpha - 1) / a.alpha_std, -a.k / a.k_std]
+    beyond = [(np.maximum(-a.alpha, a.alpha - 1) - _SLACK) / a.alpha_std, -a.k / a.k_std]
     if np.isfinite(max_brightness):
         excess = a.k * l.max(axis=1)[:, None] - max_brightness * a.alpha
         beyond.append(excess / np.hypot(a.k_std, max_brightness * a.alpha_std))
@@ -283,12 +290,12 @@ def _best_direction(evidence: _Evidence, pixels: _Pixels) -> Array:
                 return np.inf
             return cost(direction[None]).item()
 
-        simplex = np.radians([[0, 0], [1.5, 0], [0, 1.5]])
+        simplex = np.radians([[0.0, 0.0], [1.5, 0.0], [0.0, 1.5]])
         found = minimize(step, np.zeros(2), method="Nelder-Mead", options={
             "initial_simplex": simplex, "xatol": 1e-6, "fatol": 1e-3})  # fmt: skip
         if found.fun < least:
             best, least = _unit(start + tangent @ found.x), float(found.fun)
-    return best
+    return np.asarray(best)
 
 
 def _octant(step: float) -> Array:

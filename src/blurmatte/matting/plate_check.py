@@ -50,12 +50,12 @@ def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bo
     v = Σ⟨∇C, ∇B⟩ / Σ|∇B|² (less the noise in the sum) lies below 1. Seen the other way round, it
     lies above.
     """
-    y, x = streak.rows_columns
-    inside = streak.mask[y, x] & image.valid[y, x] & plate.valid[y, x]
+    image, plate = image.crop(streak.box), plate.crop(streak.box)
+    inside = streak.mask[streak.rows_columns] & image.valid & plate.valid
     if not inside.any():
         return False
-    C, B = (np.asarray(p.rgb[y, x], float) for p in (image, plate))
-    noise = 2 * np.median(plate.variance[y, x][inside], axis=0)
+    C, B = (np.asarray(p.rgb, float) for p in (image, plate))
+    noise = 2 * np.median(plate.variance[inside], axis=0)
     excess, own = np.zeros(inside.shape), np.zeros(inside.shape)
     for axis in (0, 1):
         both = (inside & np.roll(inside, -1, axis))[..., None]

@@ -103,6 +103,13 @@ class LinearImage:
             return self.noise.variance(self.rgb)
         return self.noise
 
+    def crop(self, box: tuple[int, int, int, int]) -> "LinearImage":
+        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
+        x0, y0, x1, y1 = box
+        place = slice(y0, y1), slice(x0, x1)
+        noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
+        return replace(self, rgb=self.rgb[place], noise=noise, valid=self.valid[place])
+
     def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":
         """The same light, with `noise`."""
         return replace(self, noise=noise)
