@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import shutil
 import signal
 import struct
@@ -90,7 +91,7 @@ def test_solve_writes_all_results(scene, tmp_path):
     assert result.stderr == ""
     first, second, third = result.stdout.splitlines()
     assert first.startswith("Solution(128x80, alpha up to 0.")
-    assert second.startswith("ColorModel(rank 1, #ff")
+    assert re.fullmatch(r"#ff\w{4}  rank 1, ± 0\.\d+°", second)
     assert third == str(out / "overview.png")
     solution = bm.read_solution(out / "layer.exr")
     assert solution.stats["sum_alpha"] == pytest.approx(np.pi * 12**2, rel=0.03)
@@ -156,10 +157,44 @@ def test_a_mask_and_a_region_say_where(scene, tmp_path):
     good(*base, "--out", tmp_path / "r", "--region", "20,20,70,60")
     good(*base, "--out", tmp_path / "m", "--mask", scene / "mask.png")
     region = bm.read_solution(tmp_path / "r" / "layer.exr")
-    assert region.stats["streak_box"] == (20, 20, 70, 60)
+    image, plate = (bm.read(scene / f"{name}.png") for name in ("image", "plate"))
+    found = bm.find_streaks(image, plate)[0].mask
+    assert np.array_equal(region.streak[20:60, 20:70], found[20:60, 20:70])
+    assert np.count_nonzero(region.streak) == np.count_nonzero(found[20:60, 20:70])
     masked = bm.read_solution(tmp_path / "m" / "layer.exr")
     white = bm.read(scene / "mask.png", bm.LINEAR).rgb[..., 0] > 0.5
     assert np.array_equal(masked.streak, white)
+
+
+def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
+    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    told = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
+    (line,) = told.stderr.splitlines()
+    assert line.startswith(f"blurmatte: warning: {scene / 'image.png'}: Alpha adds up to ")
+    assert bm.read_solution(tmp_path / "layer.exr").stats["streak_box"] == (90, 0, 120, 20)
+    report = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    assert report["warnings"] == [line.removeprefix("blurmatte: warning: ")]
+
+
+def test_other_things_that_moved_are_told_and_can_be_chosen(here, tmp_path):
+    image = bm.read(here / "image.png")
+    image.rgb[5:14, 100:112] *= 0.3
+    bm.write(here / "two.png", image)
+    base = ("solve", here / "two.png", "--plate", here / "plate.png", "--color", COLOR)
+    first = good(*base, "--out", tmp_path / "a").stdout
+    assert f"{COLOR}  rank 1, given" in first
+    (region,) = re.findall(r"also moved, choose with --region: (\S+)\n", first)
+    second = good(*base, "--out", tmp_path / "b", "--region", region)
+    assert "also moved" not in second.stdout
+    solution = bm.read_solution(tmp_path / "b" / "layer.exr")
+    assert ",".join(map(str, solution.stats["streak_box"])) == region
+
+
+def test_a_wrong_color_is_warned_of(scene, tmp_path):
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path)
+    warned = good("solve", *files, "--color", "#3040ff").stderr
+    assert warned.startswith(f"blurmatte: warning: {scene / 'image.png'}: ")
+    assert "in_words" in (tmp_path / "report.json").read_text("utf-8")
 
 
 def test_several_images_get_a_folder_each_and_one_may_fail(here, tmp_path):
@@ -229,7 +264,20 @@ def test_info_of_results(scene, tmp_path):
     assert "solver: Pixelwise" in solution
     assert "sum_alpha" in solution
     assert "rank 1, given" in good("info", tmp_path / "model.json").stdout
-    assert "alpha: up to" in good("info", tmp_path / "layer.png").stdout
+    straight = good("info", tmp_path / "layer.png").stdout
+    assert "16 bit RGB and straight alpha: a layer" in straight
+    assert "alpha: up to" in straight
+    assert "valid" not in straight
+    layer = bm.read_layer(tmp_path / "layer.png")
+    bm.write(tmp_path / "layer.tif", layer)
+    assert "RGB and premultiplied alpha" in good("info", tmp_path / "layer.tif").stdout
+
+
+def test_alpha_that_is_1_everywhere_makes_no_layer(tmp_path):
+    bm.write(tmp_path / "full.png", bm.Layer(np.ones((9, 9)), np.full((9, 9, 3), 0.2)))
+    said = good("info", tmp_path / "full.png").stdout
+    assert "layer" not in said
+    assert "valid (not clipped, opaque): 100.00%" in said
 
 
 def test_version_and_help():
@@ -382,7 +430,7 @@ def test_swapped_pictures_are_warned_of(tmp_path):
         *("solve", tmp_path / "image.png", "--plate", tmp_path / "plate.png"),
         *("--color", COLOR, "--out", tmp_path),
     )
-    (line,) = result.stderr.splitlines()
+    line = result.stderr.splitlines()[0]  # alpha below 0 may be told after it
     assert line.startswith("blurmatte: warning: ")
     assert "image.png" in line
     assert "swapped" in line
@@ -452,6 +500,24 @@ def test_bad_options_are_one_line(scene, tmp_path, options, says):
     files = ("--plate", scene / "plate.png", "--out", tmp_path / "o")
     assert says in complaint(run("solve", scene / "image.png", *files, *options))
     assert not (tmp_path / "o").exists()
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (["solve"], "Missing argument 'IMAGE'; see"),
+        (["solve", "a.png", "--out", "o"], "Missing option '--plate'; see"),
+        (["solve", "--plat", "b.png"], "No such option: --plat"),
+        (["solve", "a.png", "--plate", "b.png", "--out"], "requires an argument"),
+        (["solve", "a.png", "--plate", "b.png", "--out", "o", "--rank", "two"], "valid integer"),
+        (["slove"], "No such command 'slove'"),
+        (["--colour"], "No such option"),
+    ],
+)
+def test_wrong_usage_is_one_line(words, says):
+    line = complaint(run(*words))
+    assert says in line
+    assert line.endswith("--help")
 
 
 def test_an_empty_pattern_is_named(scene, tmp_path):

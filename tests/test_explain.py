@@ -1,8 +1,10 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
-from blurmatte.explain import explain
+from blurmatte.explain import doubts, explain
 from blurmatte.matting import Quality, Solution
 
 
@@ -61,7 +63,56 @@ def test_what_limits_the_sum_is_told():
 
 
 def test_an_impossible_sum_is_called_so():
-    assert "must be wrong" in explain(solution(sum_alpha=-50.0, sum_alpha_std=2.0))[1]
+    nothing = solution(sum_alpha=-50.0, sum_alpha_std=2.0)
+    (doubt,) = doubts(nothing)
+    assert doubt.startswith("Alpha adds up to -50, no more than nothing: what moved here does not")
+    assert explain(nothing)[0] == doubt
+    assert "the area" not in " ".join(explain(nothing))
+
+
+def changed(**values):
+    """A sound solution with other values in some of the 200 pixels of its streak."""
+    sound = solution(sum_alpha=60.0, sum_alpha_std=1.0)
+    maps = {name: getattr(sound, name).copy() for name in ("alpha", "alpha_std", "quality")}
+    maps["alpha_std"][:] = 0.02
+    for name, (rows, value) in values.items():
+        maps[name][5 : 5 + rows, 5:25] = value
+    return replace(sound, **maps)
+
+
+def test_a_sound_solution_leaves_no_doubt():
+    assert doubts(changed()) == []
+    assert doubts(changed(quality=(2, Quality.MISFIT))) == []
+    assert doubts(changed(alpha=(10, 1.05))) == []  # noise may do that
+    outside = np.full((20, 30), Quality.OUTSIDE, np.uint8)
+    assert doubts(replace(changed(), quality=outside)) == []
+
+
+@pytest.mark.parametrize(
+    ("flag", "says"),
+    [
+        (Quality.PLATE_IN_MODEL, "40% of the streak lies before a plate of the object's own"),
+        (Quality.SATURATED, "40% of the streak is clipped"),
+        (Quality.MISFIT, "40% of the streak does not fit the color"),
+    ],
+)
+def test_a_large_flagged_part_is_a_doubt(flag, says):
+    (doubt,) = doubts(changed(quality=(4, flag)))
+    assert doubt.startswith(says)
+
+
+def test_alpha_that_cannot_be_is_a_doubt():
+    (above,) = doubts(changed(alpha=(1, 1.5)))
+    assert above.startswith("Alpha goes up to 1.50, which cannot be (above 1 in 10.0% of the")
+    (below,) = doubts(changed(alpha=(1, -0.5)))
+    assert below.startswith("Alpha is below 0 in 10% of the streak, which cannot be: a shadow")
+    assert doubts(changed(alpha=(1, -0.5), quality=(10, Quality.PLATE_IN_MODEL)))[1:] == []
+
+
+def test_samples_are_only_as_good_as_the_pixels_that_were_picked():
+    picked = ColorModel.from_samples(np.array([[0.8, 0.4, 0.1], [0.81, 0.4, 0.1]]))
+    said = " ".join(explain(replace(solution(sum_alpha=100.0), model=picked)))
+    assert "if the sampled pixels show nothing but the object: the area" in said
 
 
 def test_noise_is_told_at_medium_light():

@@ -1,9 +1,11 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Solution, solve
-from blurmatte.overview import draw_overview
+from blurmatte.overview import _WARNING, _layout, _surroundings, draw_overview
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
 from blurmatte.streaks import Streak
@@ -43,6 +45,7 @@ def texts(monkeypatch):
     return written
 
 
+@pytest.mark.filterwarnings("ignore:around the streak")  # a region may cut through the streak
 @pytest.mark.parametrize(
     ("size", "start", "end", "region"),
     [
@@ -70,6 +73,30 @@ def test_every_size_and_place_is_shown(monkeypatch, size, start, end, region):
     said = " ".join(words for words, _ in written)
     for title in ("image", "plate", "alpha", "color", "error", "layer", "white = 0."):
         assert title in said or "white = 1" in said
+
+
+def test_a_tall_streak_fills_its_columns(monkeypatch):
+    written = texts(monkeypatch)
+    draw_overview(*solved((300, 520), (150, 150), (180, 260), radius=10))
+    assert "THE STREAK, 4X ENLARGED" in [words for words, _ in written]
+
+
+def test_what_the_border_takes_the_far_side_gets():
+    _, _, solution = solved((400, 120), (390, 60), (399, 60))
+    rows, columns = _surroundings(solution, _layout(solution))
+    assert columns.stop == 400
+    left, _, right, _ = solution.stats["streak_box"]
+    assert columns.stop - columns.start >= right - left + 2 * 4  # a rim for either side
+    assert 0 < rows.start < rows.stop < 120
+
+
+def test_doubts_stand_out():
+    image, plate, good = solved((120, 90), (30, 40), (80, 50))
+    bad = replace(good, alpha=good.alpha * 5)
+    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == _WARNING).all(-1))
+              for s in (good, bad)]  # fmt: skip
+    assert orange[0] == 0
+    assert orange[1] > 100
 
 
 def test_a_4k_picture_is_reduced():

@@ -18,13 +18,43 @@ from typing import Annotated, Any, ParamSpec, TypeVar
 
 import numpy as np
 import typer
+from typer.core import TyperGroup
 
 import blurmatte as bm
+
+_TOLD = 5  # other things that moved
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
+
+class _Program(TyperGroup):
+    """Tells what is wrong with the options in one line, like everything else."""
+
+    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+        with _usage_in_one_line():
+            return super().make_context(*args, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        with _usage_in_one_line():
+            return super().invoke(ctx)
+
+
+@contextmanager
+def _usage_in_one_line() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        message = error.format_message().strip() if hasattr(error, "format_message") else "\n"
+        if "\n" not in message:  # else it is the help, or nothing about usage
+            where = getattr(getattr(error, "ctx", None), "command_path", "blurmatte")
+            line = f"{message.rstrip('.')}; see {where} --help"
+            error.show = lambda file=None: _complain(line)  # type: ignore[attr-defined]
+        raise
+
+
 app = typer.Typer(
+    cls=_Program,
     help="Alpha and color of motion-blurred objects over a known background.",
     add_completion=False,
     no_args_is_help=True,
@@ -134,13 +164,15 @@ def solve(
                 C, _ = files.read(path, said)
                 streak = task.streak(C)
                 solution = bm.solve(C, B, task.model(C, streak), streak=streak)
+                said += _doubted(path, solution)
                 called = shlex.join(["blurmatte", *sys.argv[1:]])
                 bm.save_results(folder, C, B, solution, called, notes + said)
         except bm.BlurmatteError as error:
             _complain(str(error))
             failed += 1
         else:
-            _print(f"{solution}\n{solution.model}\n{folder / 'overview.png'}")
+            _print("\n".join([str(solution), _in_degrees(solution.model), *_others(solution)]))
+            _print(str(folder / "overview.png"))
     if failed:
         raise typer.Exit(2)
 
@@ -228,8 +260,8 @@ def info(
             lines += [_in_degrees(solution.model), *bm.explain(solution), *facts]
         else:
             picture, _ = files.read(file, said)
-            lines = list(_facts(file, picture, transfer, guessed=bool(said)))
-            lines += _alpha(file, files.curve, max_pixels)
+            layer = _layer(file, files.curve, max_pixels)
+            lines = list(_facts(file, picture, layer, transfer, guessed=bool(said)))
     _print("\n".join(lines))
 
 
@@ -271,8 +303,8 @@ class _Task:
         if self.region is not None and self.mask is not None:
             raise ValueError("give --region or --mask, not both")
         if self.region is not None:
-            x0, y0, x1, y1 = _numbers("--region", self.region, 4)
-            return bm.Streak.from_box((int(x0), int(y0), int(x1), int(y1)), image.size)
+            x0, y0, x1, y1 = (int(n) for n in _numbers("--region", self.region, 4))
+            return self._moved(image, bm.Streak.from_box((x0, y0, x1, y1), image.size))
         if self.mask is None:
             return None
         mask = bm.read(self.mask, bm.LINEAR, self.files.max_pixels)
@@ -281,6 +313,20 @@ class _Task:
                 f"the mask {self.mask} is {_by(mask.size)} pixels, the image {_by(image.size)}"
             )
         return bm.Streak(np.asarray(mask.rgb.max(axis=-1) > 0.5))
+
+    def _moved(self, image: bm.LinearImage, region: bm.Streak) -> bm.Streak:
+        """What moved in a region; all of the region if nothing is found that belongs there.
+
+        Something belongs there if most of it lies in the region, or if it fills a good part of it.
+        """
+        inside = np.zeros_like(region.mask)
+        for found in bm.find_streaks(image, self.plate):
+            part = found.mask & region.mask
+            count = np.count_nonzero(part)
+            most = count > 0.5 * np.count_nonzero(found.mask)
+            if most or count > 0.1 * np.count_nonzero(region.mask):
+                inside |= part
+        return bm.Streak(inside) if inside.any() else region
 
     def model(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
         """The model that the colors make; None: the streak itself must tell."""
@@ -408,6 +454,24 @@ def _about(path: Path) -> Iterator[list[str]]:
             raise _NamedError(f"{path}: {error}") from error
 
 
+def _doubted(path: Path, solution: bm.Solution) -> list[str]:
+    """Warn of what cannot be true in a solution; returns the warnings."""
+    from blurmatte.explain import doubts
+
+    lines = [f"{path}: {doubt.rstrip('.')}" for doubt in doubts(solution)]
+    for line in lines:
+        _complain(f"warning: {line}")
+    return lines
+
+
+def _others(solution: bm.Solution) -> Iterator[str]:
+    """What else moved, as regions to copy."""
+    boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
+    if boxes:
+        more = f" and {len(boxes) - _TOLD} more" if len(boxes) > _TOLD else ""
+        yield f"also moved, choose with --region: {' '.join(boxes[:_TOLD])}{more}"
+
+
 def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
     """The Solution in an EXR, if it is one."""
     if path.suffix.lower() != ".exr":
@@ -418,26 +482,35 @@ def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
         return None
 
 
-def _alpha(path: Path, curve: bm.Transfer | None, max_pixels: int) -> Iterator[str]:
-    """What there is to say about a picture's alpha, if it has one."""
+def _layer(path: Path, curve: bm.Transfer | None, max_pixels: int) -> bm.Layer | None:
+    """The layer in a picture file, if it has an alpha that is not 1 everywhere."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", bm.TransferWarning)  # reading the picture told it
-            alpha = bm.read_layer(path, curve, max_pixels).alpha
+            layer = bm.read_layer(path, curve, max_pixels)
     except bm.FileError:
-        return
-    yield f"alpha: up to {alpha.max():.4g}, sum {alpha.sum(dtype=float):.6g}"
+        return None
+    return layer if layer.alpha.min() < 1 else None
 
 
 def _facts(
-    path: Path, picture: bm.LinearImage, transfer: str | None, guessed: bool
+    path: Path,
+    picture: bm.LinearImage,
+    layer: bm.Layer | None,
+    transfer: str | None,
+    guessed: bool,
 ) -> Iterator[str]:
+    from blurmatte.files.raster import load
     from blurmatte.files.refusals import kind_of
 
     meta = picture.meta
     bits = "float" if meta.levels is None else f"{int(np.log2(meta.levels))} bit"
     colors = "gray" if meta.gray else "RGB"
-    yield f"{path}: {kind_of(path)}, {_by(picture.size)} pixels, {bits} {colors}"
+    what = ""
+    if layer is not None:
+        way = "premultiplied" if load(path, max(1, layer.alpha.size)).associated else "straight"
+        what = f" and {way} alpha: a layer"
+    yield f"{path}: {kind_of(path)}, {_by(picture.size)} pixels, {bits} {colors}{what}"
     source = "as you said" if transfer else "a guess: nothing in the file says"
     if not (transfer or guessed):
         source = "its ICC profile says" if meta.icc_profile else "its tags or its kind say"
@@ -446,8 +519,16 @@ def _facts(
     yield f"exposure time: {time}"
     profile = f"{len(meta.icc_profile)} bytes" if meta.icc_profile else "none"
     yield f"ICC profile: {profile}"
-    yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
-    yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
+    if layer is None:
+        yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
+        yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
+        return
+    alpha, light = layer.alpha, layer.premultiplied
+    yield (
+        f"alpha: up to {alpha.max():.4g}, above 0 in {np.mean(alpha > 0):.2%} of the pixels, "
+        f"sum {alpha.sum(dtype=float):.6g}"
+    )
+    yield f"light times alpha: {light.min():.4g} to {light.max():.4g}, 1 is white"
 
 
 def _in_degrees(model: bm.ColorModel) -> str:

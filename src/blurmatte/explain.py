@@ -23,6 +23,17 @@ _AGAINST = {
     Quality.OUT_OF_RANGE: "alpha out of range",
     Quality.MISFIT: "not explained by the color model",
 }
+_MANY = 0.25  # of the streak's pixels: more than a few odd ones
+_NOT_ALONE = 0.05  # of the known pixels: more than noise puts out of range
+_HIGHEST, _ABOVE = 1.02, 0.005  # alpha that may still be called 1; share of pixels beyond it
+_REMEDY = {
+    Quality.SATURATED: "is clipped in the image or the plate: nothing can be known there; "
+    "expose shorter",
+    Quality.PLATE_IN_MODEL: "lies before a plate of the object's own colors: nothing can be known "
+    "there; allow fewer colors, or take the pictures before another background",
+    Quality.MISFIT: "does not fit the color: pick the object's color where it is sharp or opaque, "
+    "give two colors (rank 2), or choose a region that holds the object alone",
+}
 
 
 def explain(thing: ColorModel | Solution) -> list[str]:
@@ -46,8 +57,60 @@ def explain(thing: ColorModel | Solution) -> list[str]:
         return [_directions(thing), *_evidence(thing)]
     if isinstance(thing, Solution):
         peak = f"Alpha up to {alpha_peak(thing):.2f}."
-        return [peak, *_area(thing), *_noise(thing.stats), *_flags(thing), *_others(thing.stats)]
+        return [
+            *doubts(thing),
+            peak,
+            *_area(thing),
+            *_noise(thing.stats),
+            *_flags(thing),
+            *_others(thing.stats),
+        ]
     raise TypeError(f"can explain a ColorModel or a Solution, got {type(thing).__name__}")
+
+
+def doubts(solution: Solution) -> list[str]:
+    """What nobody should overlook: why a large part of the answer is unknown or cannot be true.
+
+    One sentence each, with what to do; none for a sound solution.
+    """
+    inside = solution.quality[solution.streak]
+    if not inside.size:
+        return []
+    shares = {flag: float(np.mean((inside & flag) != 0)) for flag in _REMEDY}
+    said = [f"{shares[flag]:.0%} of the streak {_REMEDY[flag]}." for flag in _REMEDY
+            if shares[flag] > _MANY]  # fmt: skip
+    return _no_object(solution) or [*said, *_impossible(solution)]
+
+
+def _no_object(solution: Solution) -> list[str]:
+    total = solution.stats.get("sum_alpha")
+    if total is None or total > 3 * _sum_std(solution):
+        return []
+    return [
+        f"Alpha adds up to {total:.0f}, no more than nothing: what moved here does not have this "
+        "color; choose the object with a region, or give its own color."
+    ]
+
+
+def _impossible(solution: Solution) -> list[str]:
+    """Alpha far out of its range, by more than noise."""
+    known = solution.streak & solution.known
+    alpha, margin = solution.alpha[known], 3 * solution.alpha_std[known]
+    if not alpha.size:
+        return []
+    above, below = np.mean(alpha > _HIGHEST + margin), np.mean(alpha < -margin)
+    said = []
+    if above > _ABOVE:
+        said.append(
+            f"Alpha goes up to {alpha_peak(solution):.2f}, which cannot be (above 1 in {above:.1%} "
+            "of the streak): the color is too near to the plate's, or the plate does not fit."
+        )
+    if below > _NOT_ALONE:
+        said.append(
+            f"Alpha is below 0 in {below:.0%} of the streak, which cannot be: a shadow or another "
+            "thing is in it, or the color is wrong."
+        )
+    return said
 
 
 def alpha_peak(solution: Solution) -> float:
@@ -80,25 +143,36 @@ def _area(solution: Solution) -> list[str]:
     total = solution.stats.get("sum_alpha")
     if total is None:
         return []
-    std = math.hypot(
-        solution.stats.get("sum_alpha_std", 0), total * solution.stats.get("alpha_scale_std", 0)
-    )
-    sure = "" if solution.model.evidence else ", if the given color is right"
-    said = f"Sum of alpha {total:.0f} ± {_rounded_std(std)}{sure}: "
+    std = _sum_std(solution)
+    said = f"Sum of alpha {total:.0f} ± {_rounded_std(std)}{_condition(solution.model)}"
     if total > 3 * std:
         radius = math.sqrt(total / math.pi)
         error = _rounded_std(std / (2 * math.pi * radius))
-        said += "the area of the silhouette in pixels, whatever the motion; "
-        said += f"of a disc, the radius would be {radius:.1f} ± {error}."
-    else:
-        said += "no more than nothing. The color or the region must be wrong."
-    sentences = [said]
+        said += ": the area of the silhouette in pixels, whatever the motion; "
+        said += f"of a disc, the radius would be {radius:.1f} ± {error}"
+    sentences = [said + "."]
     unknown = solution.stats.get("pixels", 0) - solution.stats.get("pixels_known", 0)
     if unknown:
         sentences.append(f"{unknown} pixels of the streak are unknown and not in the sum.")
     if _touches_border(solution):
         sentences.append("The streak touches the border; the sum lacks what lies beyond.")
     return sentences
+
+
+def _sum_std(solution: Solution) -> float:
+    """Of the sum of alpha: from the noise, and from the color."""
+    stats = solution.stats
+    by_color = stats.get("sum_alpha", 0) * stats.get("alpha_scale_std", 0)
+    return math.hypot(stats.get("sum_alpha_std", 0), by_color)
+
+
+def _condition(model: ColorModel) -> str:
+    """What the sum rests on, beside the noise."""
+    if not model.evidence:
+        return ", if the given color is right"
+    if set(model.evidence) == {"samples"}:
+        return ", if the sampled pixels show nothing but the object"
+    return ""
 
 
 def _rounded_std(std: float) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_same_size
-from blurmatte.explain import alpha_peak, explain
+from blurmatte.explain import alpha_peak, doubts, explain
 from blurmatte.matting import Quality, Solution
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.streaks import Box
@@ -31,6 +31,7 @@ _GROUND: Color = (24, 25, 28)
 _BRIGHT: Color = (236, 236, 232)
 _DIM: Color = (160, 162, 166)
 _NEUTRAL: Color = (72, 73, 76)
+_WARNING: Color = (255, 150, 90)
 _STREAK: Color = (255, 196, 60)
 _OTHER: Color = (120, 190, 255)
 _FLAGS: dict[Quality, tuple[Color, str]] = {
@@ -135,19 +136,26 @@ def _surroundings(solution: Solution, layout: _Layout) -> tuple[slice, slice]:
     """The streak's box and as much around it as the layout has room for, within reason."""
     sides, around = _spans(solution), []
     longest = max(last - first for first, last in sides)
-    for (first, last), room in zip(sides, layout.room[::-1], strict=True):
+    for (first, last), room, whole in zip(
+        sides, layout.room[::-1], solution.size[::-1], strict=True
+    ):
         most = max(8, longest // 3, (last - first) // 2)
         rim = max(0, min(most, (room - (last - first)) // 2))
-        around.append(slice(max(first - rim, 0), last + rim))
+        count = min(last - first + 2 * rim, whole)
+        start = min(max(first - rim, 0), whole - count)  # what the border takes, the far side gets
+        around.append(slice(start, start + count))
     return around[0], around[1]
 
 
 def _layout(solution: Solution) -> _Layout:
+    """With a rim of an eighth around the streak, or a narrow one where that enlarges more."""
     (top, bottom), (left, right) = _spans(solution)
-    rim = 2 * max(4, max(right - left, bottom - top) // 8)
     width, height = solution.size
-    size = min(right - left + rim, width), min(bottom - top + rim, height)
-    return _Layout.around(size, _COUNT)
+    layouts = []
+    for rim in (max(4, max(right - left, bottom - top) // 8), 4):
+        size = min(right - left + 2 * rim, width), min(bottom - top + 2 * rim, height)
+        layouts.append(_Layout.around(size, _COUNT))
+    return max(layouts, key=lambda layout: layout.scale)
 
 
 def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
@@ -297,10 +305,11 @@ class _Sheet:
         self._paste(whole.pixels, _MARGIN, self._y)
         x = _MARGIN + whole.pixels.shape[1] + _GAP + 8
         y = self._model(x, self._y, solution)
-        facts = explain(solution)
         y = self._heading(x, y + 14, "what was found")
-        for fact in facts:
-            y += self._words(x, y, _WIDTH - _MARGIN - x, fact, _BODY, _BRIGHT) + 5
+        doubtful = doubts(solution)
+        for fact in explain(solution):
+            color = _WARNING if fact in doubtful else _BRIGHT
+            y += self._words(x, y, _WIDTH - _MARGIN - x, fact, _BODY, color) + 5
         self._y = max(y, self._y + whole.pixels.shape[0]) + _GAP
 
     def _model(self, x: int, top: int, solution: Solution) -> int:

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
-from blurmatte.errors import PlateError
+from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, rounding_noise, with_noise
 
 Box = tuple[int, int, int, int]
@@ -131,6 +131,23 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
             evidence = float(T[region].sum())
             streaks.append(Streak(_to_pixels(region, cell, image.valid.shape), evidence=evidence))
     return sorted(streaks, key=lambda streak: -streak.evidence)
+
+
+def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
+    """`find_streaks` for those who cannot go on without one.
+
+    Raises
+    ------
+    MotionError
+        If nothing moved.
+    """
+    streaks = find_streaks(image, plate)
+    if not streaks:
+        raise MotionError(
+            "nothing moved: image and plate agree within their noise; check that they are two "
+            "pictures, or say where to look with a region (--region, streak=)"
+        )
+    return streaks
 
 
 def _strong_part(T: Floats) -> Bools:

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel, core_colors, pick_colors
-from blurmatte.errors import ColorModelError
+from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, plain_plate, render
 from blurmatte.streaks import Streak
@@ -90,7 +90,7 @@ def test_a_flat_plate_cannot_tell():
 
 def test_nothing_moved_and_no_core(plate):
     image, empty, _ = photos(12, plate)
-    with pytest.raises(ColorModelError, match="nothing moved"):
+    with pytest.raises(MotionError, match="nothing moved"):
         core_colors(empty, empty)
     with pytest.raises(ValueError, match="same size"):
         core_colors(image, LinearImage(empty.rgb[:50], NOISE))

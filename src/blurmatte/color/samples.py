@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, check_same_size
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, with_noise
-from blurmatte.streaks import Streak, find_streaks
+from blurmatte.streaks import Streak, require_streaks
 
 Array = npt.NDArray[np.float64]
 
@@ -92,17 +92,16 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
     ValueError
         If the sizes differ.
     ColorModelError
-        If nothing moved, the plate is too flat to tell, or the object hid it nowhere all the time.
+        If the plate is too flat to tell, or the object hid it nowhere all the time.
+    MotionError
+        If no streak was given and nothing moved.
     """
     from scipy import ndimage
 
     check_same_size("image", image.size, "plate", plate.size)
     image, plate = with_noise(image, plate)
     if streak is None:
-        found = find_streaks(image, plate)
-        if not found:
-            raise ColorModelError("nothing moved between plate and image, so there is no core")
-        streak = found[0]
+        streak = require_streaks(image, plate)[0]
     terms = _terms(image, plate, streak)
     v, v_std = _share(*terms, _neighborhood)
     told = ndimage.binary_erosion(streak.mask[streak.rows_columns], np.ones((_NEAR, _NEAR), bool))

@@ -29,11 +29,14 @@ from blurmatte.checks import check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, with_noise
-from blurmatte.streaks import Streak, find_streaks, shift_variance
+from blurmatte.streaks import Streak, require_streaks, shift_variance
 
 Array = npt.NDArray[np.float64]
 
 _MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
+_MAX_SCALE_STD = 0.2  # of the angle to the plate's hue: alpha is uncertain by about this fraction
+_MAX_UNEXPLAINED = 0.15  # of the change between plate and image: more is not one paint's
+_MAX_IMPOSSIBLE = 0.05  # of the pixels: more cannot be noise
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
 _OUTLIER = 3.0  # sigma: beyond, a residual counts linearly, not squared
 _TOLERANCE = 2.0  # sigma: an infeasible alpha within this may be noise
@@ -86,6 +89,8 @@ def fit_color(
     ColorModelError
         If the streak leaves a whole family of colors possible, or no single line explains it. The
         message says what would help.
+    MotionError
+        If no streak was given and nothing moved.
     """
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
@@ -93,10 +98,7 @@ def fit_color(
         raise ValueError(f"max_brightness must be positive, got {max_brightness}")
     image, plate = with_noise(image, plate)
     if streak is None:
-        found = find_streaks(image, plate)
-        if not found:
-            raise ColorModelError("nothing moved between plate and image, so no color can be found")
-        streak = found[0]
+        streak = require_streaks(image, plate)[0]
     pixels = _streak_pixels(image, plate, streak)
     kinds = {
         name: _Evidence(hue, feasibility, max_brightness)
@@ -137,7 +139,8 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> _P
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     usable = image.valid & plate.valid
     used = inside & usable
-    # Noise that was cut off at black has another mean, which looks like color.
+    # Noise that was cut off at black has another mean, which looks like color. The image's noise,
+    # for a plate of many frames has little left, but was cut off before.
     for picture in (image, plate):
         used &= (picture.rgb > 2 * np.sqrt(image.variance)).all(axis=-1)
     y, x = np.nonzero(used)
@@ -239,20 +242,26 @@ def _posterior(evidence: _Evidence, pixels: _Pixels) -> tuple[Array, Array]:
     deviations either way along both axes of the spread. Where the spread is a narrow valley, as
     before a plate of one hue, the grid first finds its width and then grows along it.
     """
-    center = _best_direction(evidence, pixels)
-    axes, half = _tangent(center), np.full(2, np.radians(1.0))
-    for _ in range(40):
-        grid = _patch(center, axes, half)
-        mean, covariance = _moments(grid, _implausibility(evidence, grid, pixels))
+    best = _best_direction(evidence, pixels)
+    phi = _misfit(best, pixels)
+    center, axes, half = best, _tangent(best), np.full(2, np.radians(1.0))
+    widest = best, np.zeros((3, 3))
+    for _ in range(60):
+        grid = np.vstack([best, _patch(center, axes, half)])
+        mean, covariance = _moments(grid, _implausibility(evidence, grid, pixels, phi))
         spread, turned = np.linalg.eigh(axes.T @ covariance @ axes)
         reach = half[_order(turned)]
         std = np.sqrt(np.maximum(spread, (half.max() / 1e6) ** 2))
         aside = np.abs((mean - center) @ axes @ turned)
-        if np.all((std > reach / 8) & (std < reach / 3) & (aside < reach / 4)) or half.max() > 1:
+        if np.all((std > reach / 8) & (std < reach / 3) & (aside < reach / 4)):
+            return mean, covariance
+        if np.trace(covariance) > np.trace(widest[1]):
+            widest = mean, covariance
+        if half.max() > 1:
             break
         center, axes = _moved(axes @ turned, mean)
         half = np.clip(4 * std, reach / 4, 3 * reach)
-    return mean, covariance
+    return widest  # a valley too long or too narrow for any grid: what was seen of it
 
 
 def _order(turned: Array) -> npt.NDArray[np.intp]:
@@ -269,33 +278,33 @@ def _moved(axes: Array, to: Array) -> tuple[Array, Array]:
 
 def _best_direction(evidence: _Evidence, pixels: _Pixels) -> Array:
     """The least cost over all directions of non-negative light: a grid, then a polish."""
-    from scipy.optimize import minimize
-
     few = pixels.every(max(1, len(pixels.C) // 500))
-
-    def cost(l: Array) -> Array:
-        return np.asarray(evidence.cost(_closed_form(l, few), l).sum(axis=1))
-
     grid = _octant(2.0)
-    total = cost(grid)
-    best, least = grid[0], np.inf
+    total = evidence.cost(_closed_form(grid, few), grid).sum(axis=1)
+    found = []
     for _ in range(3):
         start = grid[np.argmin(total)]
         total[grid @ start > np.cos(np.radians(15))] = np.inf
-        tangent = _tangent(start)
+        found.append(_polished(evidence, few, start, 1.5))
+    return _polished(evidence, pixels, min(found, key=lambda f: f[1])[0], 0.1)[0]
 
-        def step(x: Array, start: Array = start, tangent: Array = tangent) -> float:
-            direction = _unit(start + tangent @ x)
-            if direction.min() < 0:
-                return np.inf
-            return cost(direction[None]).item()
 
-        simplex = np.radians([[0.0, 0.0], [1.5, 0.0], [0.0, 1.5]])
-        found = minimize(step, np.zeros(2), method="Nelder-Mead", options={
-            "initial_simplex": simplex, "xatol": 1e-6, "fatol": 1e-3})  # fmt: skip
-        if found.fun < least:
-            best, least = _unit(start + tangent @ found.x), float(found.fun)
-    return np.asarray(best)
+def _polished(
+    evidence: _Evidence, pixels: _Pixels, start: Array, reach: float
+) -> tuple[Array, float]:
+    """The direction of least cost near another one, about `reach` degrees around; and that cost."""
+    from scipy.optimize import minimize
+
+    tangent = _tangent(start)
+
+    def cost(x: Array) -> float:
+        l = _unit(start + tangent @ x)[None]
+        return float(evidence.cost(_closed_form(l, pixels), l).sum()) if l.min() >= 0 else np.inf
+
+    simplex = np.radians(reach) * np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    options = {"initial_simplex": simplex, "xatol": 1e-8, "fatol": 1e-4}
+    found = minimize(cost, np.zeros(2), method="Nelder-Mead", options=options)
+    return _unit(start + tangent @ found.x), float(found.fun)
 
 
 def _octant(step: float) -> Array:
@@ -320,8 +329,7 @@ def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> Array:
     steps = np.linspace(-1, 1, count)
     u, v = np.meshgrid(half[0] * steps, half[1] * steps)
     moved = center + np.stack([u.ravel(), v.ravel()], axis=1) @ axes.T
-    inside = moved[(moved >= 0).all(axis=1)]
-    grid = inside if len(inside) else np.maximum(moved, 0)
+    grid = moved[(moved >= 0).all(axis=1)]
     return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
 
 
@@ -334,7 +342,7 @@ def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
     return center, np.asarray((away * weight[:, None]).T @ away)
 
 
-def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
+def _implausibility(evidence: _Evidence, l: Array, p: _Pixels, phi: float) -> Array:
     """(directions,) χ² against each direction, next to the best of them.
 
     The excess Δ of a direction's cost over the least comes from a true difference λ and from noise
@@ -345,13 +353,12 @@ def _implausibility(evidence: _Evidence, l: Array, p: _Pixels) -> Array:
         χ² = Δ² / V          for Δ < V / 2
              Δ − V / 4       beyond,                  V = Σ 4(1 − ρ²).
 
-    Both are widened by φ, see `_misfit`.
+    Both are widened by φ, `phi`, see `_misfit`.
     """
     a = _closed_form(l, p)
     cost = evidence.cost(a, l)
     best = np.argmin(cost.sum(axis=1))
     delta = np.sum(cost - cost[best], axis=1)
-    phi = _misfit(l[best], p)
     if not evidence.hue:
         return np.asarray(delta / phi)
     through = 1 - np.clip(a.alpha, 0, 1)
@@ -385,14 +392,14 @@ def _misfit(l: Array, p: _Pixels) -> float:
 
 
 def _refuse_the_open(model: ColorModel, pixels: _Pixels) -> None:
-    if model.angle_std <= _MAX_ANGLE_STD:
-        return
     B = pixels.B / np.linalg.norm(pixels.B, axis=1, keepdims=True)
+    near = float(np.degrees(np.sqrt(np.mean(np.arccos(np.clip(B @ model.pole, -1, 1)) ** 2))))
+    if model.angle_std <= min(_MAX_ANGLE_STD, _MAX_SCALE_STD * near):
+        return
     spread = np.degrees(np.sqrt(np.mean(1 - np.clip(B @ _unit(B.mean(axis=0)), -1, 1) ** 2)))
-    misfit = np.sqrt(_misfit(model.pole, pixels))
     said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in model.evidence.items())
-    why = f"{said}; the plate's hue varies by {spread:.1f}° behind it"
-    if misfit > 3:
+    why = f"{said}; the plate's hue is {near:.0f}° away and varies by {spread:.1f}° behind it"
+    if _misfit(model.pole, pixels) > 9:
         why += "; the colors do not lie on one line: a highlight, a second color, or a shadow"
     raise ColorModelError(
         f"the streak leaves the object's color open by {model.angle_std:.1f}° ({why}): give the "
@@ -402,14 +409,16 @@ def _refuse_the_open(model: ColorModel, pixels: _Pixels) -> None:
 
 
 def _refuse_the_unfit(model: ColorModel, pixels: _Pixels) -> None:
-    answers = _closed_form(model.basis.T, pixels)
-    unexplained = float(np.sum(answers.r**2 - answers.r_std**2))
+    a = _closed_form(model.basis.T, pixels)
+    unexplained = float(np.sum(a.r**2 - a.r_std**2))
     moved = float(np.sum((pixels.C - pixels.B) ** 2 - pixels.vC - pixels.vB))
-    if unexplained > 0.15**2 * moved:
+    impossible = np.maximum(-a.alpha, a.alpha - 1) > np.maximum(3 * a.alpha_std, 2 * _SLACK)
+    if unexplained > _MAX_UNEXPLAINED**2 * moved or np.mean(impossible) > _MAX_IMPOSSIBLE:
         raise ColorModelError(
             "no single line of colors explains the streak: the best leaves "
-            f"{np.sqrt(unexplained / moved):.0%} of the change; give two colors of the object "
-            "(rank 2), or choose a region that holds one object and not its shadow"
+            f"{np.sqrt(max(unexplained / moved, 0)):.0%} of the change, and {np.mean(impossible):.0%} "
+            "of the pixels with an alpha below 0 or above 1; give the colors of the object (--color, "
+            "model=; two with rank 2), or choose a region with one object and without its shadow"
         )
 
 

@@ -36,8 +36,8 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
             f"{g:+.1%} in {name}" for g, name in zip(gain, ("R", "G", "B"), strict=True)
         )
         warnings.warn(
-            f"around the streak the image is brighter than the plate by {said}: alpha and its sum "
-            "will be off by several times that; use a plate of the same exposure and light",
+            f"around the streak the image's brightness differs from the plate's by {said}: alpha and "
+            "its sum will be off by several times that; use a plate of the same exposure and light",
             PlateWarning,
             stacklevel=3,
         )

@@ -11,12 +11,11 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel, fit_color, refuse_gray
-from blurmatte.errors import MotionError
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
-from blurmatte.streaks import Streak, find_streaks
+from blurmatte.streaks import Streak, require_streaks, shift_variance
 
 
 def solve(
@@ -73,14 +72,8 @@ def solve(
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
     image, plate = with_noise(image, plate)
-    found = [] if streak is not None else find_streaks(image, plate)
-    if streak is None:
-        if not found:
-            raise MotionError(
-                "nothing moved: image and plate agree within their noise; check that they are two "
-                "pictures, or say where to look with a region"
-            )
-        streak = found[0]
+    found = require_streaks(image, plate) if streak is None else [streak]
+    streak = found[0]
     warn_if_plate_differs(image, plate, streak)
     if model is None:
         model = fit_color(image, plate, streak)
@@ -89,6 +82,7 @@ def solve(
         image.rgb, plate.rgb, model, _noise(image), _noise(plate),
         flags=_flags(image, plate, streak), out=out,
     )  # fmt: skip
+    _solve_again_near_edges(maps, image, plate, model, solver, streak)
     stats = {
         **_measures(maps, model, image, plate, streak),
         "streak_box": streak.box,
@@ -97,6 +91,39 @@ def solve(
         "plate_noise": _spoken(plate),
     }
     return Solution(*maps, model=model, solver=repr(solver), stats=stats)
+
+
+def _solve_again_near_edges(
+    maps: PixelMaps,
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel,
+    solver: Pixelwise,
+    streak: Streak,
+) -> None:
+    """Around the streak, let pixels at the plate's edges know that it may be slightly shifted."""
+    x0, y0, x1, y1 = streak.box
+    width, height = image.size
+    margin = 16  # enough still surroundings to read the shift off
+    box = (
+        max(0, x0 - margin),
+        max(0, y0 - margin),
+        min(width, x1 + margin),
+        min(height, y1 + margin),
+    )
+    place = slice(box[1], box[3]), slice(box[0], box[2])
+    image, plate = image.crop(box), plate.crop(box)
+    extra = shift_variance(image, plate, image.valid & plate.valid & ~streak.mask[place])
+    if not extra.any():
+        return
+    known = np.uint8(Quality.SATURATED | Quality.OUTSIDE)
+    again = solver(
+        image.rgb, plate.rgb, model, _noise(image), plate.variance + extra,
+        flags=maps.quality[place] & known,
+        out=PixelMaps.empty(box[3] - box[1], box[2] - box[0], maps.alpha.dtype),
+    )  # fmt: skip
+    for whole, part in zip(maps, again, strict=True):
+        whole[place] = part
 
 
 def _noise(picture: LinearImage) -> Any:

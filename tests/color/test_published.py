@@ -1,0 +1,71 @@
+"""The paper's formula: right on exact light, and its known flaw on noisy light."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import published_color_line
+from blurmatte.rendering import plain_plate
+
+PAINT = np.array([0.7, 0.35, 0.1])
+WALL = np.array([0.3, 0.35, 0.45])
+
+
+def streak_colors(B, rng):
+    """Image colors before plate colors B (n, 3), in any shade and at any alpha."""
+    alpha, shade = rng.uniform(0.1, 0.9, (2, len(B), 1))
+    return alpha * shade * PAINT + (1 - alpha) * B
+
+
+def degrees_between(a, b):
+    return np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b))
+
+
+@pytest.mark.parametrize("pixels", [2, 3, 1000])
+def test_exact_on_exact_light(pixels):
+    rng = np.random.default_rng(pixels)
+    B = rng.uniform(0.1, 1, (pixels, 3))
+    model = published_color_line(streak_colors(B, rng), B)
+    assert model.rank == 1
+    assert_allclose(model.pole, PAINT / np.linalg.norm(PAINT), rtol=0, atol=1e-9)
+    assert not model.covariance.any()  # the paper has no error
+
+
+def test_two_pixels_are_the_cross_product_of_the_paper():
+    B = np.random.default_rng(0).uniform(0.1, 1, (2, 3))
+    C = np.random.default_rng(1).uniform(0.1, 1, (2, 3))  # not even from one paint
+    line = np.cross(*np.cross(C, B))
+    line /= np.linalg.norm(line) * np.sign(line.sum())
+    assert_allclose(published_color_line(C, B).pole, line, rtol=0, atol=1e-9)
+
+
+def test_pictures_are_as_good_as_lists_of_pixels():
+    rng = np.random.default_rng(2)
+    B = rng.uniform(0.1, 1, (60, 3))
+    C = streak_colors(B, rng)
+    pictures = published_color_line(C.reshape(6, 10, 3), B.reshape(6, 10, 3))
+    assert_allclose(pictures.pole, published_color_line(C, B).pole, rtol=0, atol=0)
+
+
+@pytest.mark.parametrize(("plate_std", "off"), [(0, 1), (0.005, 12)])
+def test_noise_turns_it_to_the_color_of_a_plain_plate(plate_std, off):
+    """The flaw that `fit_color` must not have.
+
+    Noise of the image adds |B|² I − B Bᵀ, least along the plate; noise of the plate as much of C,
+    which is between the plate and the paint.
+    """
+    rng = np.random.default_rng(3)
+    wall = plain_plate((60, 50), WALL, 4).reshape(-1, 3)
+    image = streak_colors(wall, rng)
+    found = published_color_line(
+        image + rng.normal(0, 0.005, image.shape), wall + plate_std * rng.normal(size=wall.shape)
+    ).pole
+    assert degrees_between(PAINT, WALL) > 30
+    assert degrees_between(found, WALL) < off
+
+
+@pytest.mark.parametrize(("image_shape", "plate_shape"), [((1, 3), (1, 3)), ((5, 3), (4, 3))])
+def test_too_few_pixels_or_shapes_that_differ(image_shape, plate_shape):
+    said = f"two or more pixels .* got {image_shape[0]} of the image and {plate_shape[0]} of the"
+    with pytest.raises(ValueError, match=said):
+        published_color_line(np.ones(image_shape), np.ones(plate_shape))

@@ -1,0 +1,342 @@
+"""The color line from a streak: right, no surer than it may be, and none where none is known."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel, fit_color, streak
+from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel, with_noise
+from blurmatte.rendering import Ball, Scene, colorful_plate, photograph, plain_plate, render
+from blurmatte.streaks import Streak, find_streaks
+from blurmatte.trajectory import Trajectory
+
+SIZE = (112, 80)
+SEEDS = range(100, 124)
+
+
+def random_scene(seed, one_hue=False, two_paints=False):
+    """A small ball of random paint on a random straight path."""
+    rng = np.random.default_rng(seed)
+    color, second, wall = SRGB.decode(rng.uniform(0.3, 1, (3, 3)))
+    plate = (
+        plain_plate(SIZE, 0.7 * wall, rng)
+        if one_hue
+        else colorful_plate(SIZE, rng, tile=rng.uniform(14, 24))
+    )
+    radius, angle = rng.uniform(7, 11), rng.uniform(0, np.pi)
+    half = radius * rng.uniform(1, 3) * np.array([np.cos(angle), 0.8 * np.sin(angle)])
+    middle = np.array(SIZE) / 2
+    path = Trajectory.line(tuple(middle - half), tuple(middle + half))
+    ball = Ball(radius, color, second_color=second if two_paints else None)
+    return render(Scene(plate, path, ball), substeps=60), (color, second)
+
+
+def taken(scene, code_std, seed):
+    """Eight-bit sRGB pictures, the plate the median of five; their noise measured."""
+    rng = np.random.default_rng(seed)
+    image, *frames = (
+        photograph(light, NoiseModel(), rng, code_std=code_std)
+        for light in [scene.image.rgb] + 5 * [scene.plate.rgb]
+    )
+    rgb = np.median([frame.rgb for frame in frames], axis=0)
+    return with_noise(image, replace(frames[0], rgb=rgb, valid=(rgb < 1).all(axis=-1)))
+
+
+def quick_fit(image, plate):
+    """`fit_color`, less the two fits that only say which evidence there was."""
+    pixels = streak._streak_pixels(image, plate, find_streaks(image, plate)[0])
+    l, covariance = streak._posterior(streak._Evidence(True, True, np.inf), pixels)
+    model = ColorModel(l[:, None], covariance)
+    streak._refuse_the_open(model, pixels)
+    streak._refuse_the_unfit(model, pixels)
+    return model
+
+
+def normalised2(model, color):
+    """Squared error in units of the reported covariance: χ² with two degrees of freedom."""
+    tangent = np.linalg.svd(model.pole[:, None])[0][:, 1:]
+    error = tangent.T @ color / (model.pole @ color)
+    return error @ np.linalg.solve(tangent.T @ model.covariance @ tangent, error)
+
+
+def angle(a, b):
+    return np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """Rendering, image and plate with noise of 0.002."""
+    truth = random_scene(3)[0]
+    noise = NoiseModel(read_std=0.002)
+    return truth, *(photograph(p.rgb, noise, s, bits=None) for s, p in
+                    enumerate((truth.image, truth.plate)))  # fmt: skip
+
+
+# Right
+
+
+@pytest.mark.parametrize("std", [1e-6, 1e-4])
+def test_exact_light_gives_the_line(std):
+    """As exact as light is said to be, and far more exact than that: there is no noise in it."""
+    truth = random_scene(3)[0]
+    image, plate = (p.with_noise(NoiseModel(read_std=std)) for p in (truth.image, truth.plate))
+    model = fit_color(image, plate, Streak(truth.layer.alpha > 0.02))
+    assert angle(model.pole, truth.model.pole) < min(1e-6, 0.01 * np.radians(model.angle_std))
+    assert np.radians(model.angle_std) < 5 * std
+
+
+def test_quick_fit_is_the_fit(scene):
+    _, image, plate = scene
+    whole, quick = fit_color(image, plate), quick_fit(image, plate)
+    assert_allclose(whole.pole, quick.pole, rtol=0, atol=1e-12)
+    assert_allclose(whole.covariance, quick.covariance, rtol=1e-6)
+
+
+def test_evidence_says_what_each_kind_leaves(scene):
+    _, image, plate = scene
+    model = fit_color(image, plate)
+    assert set(model.evidence) == {"hue variation", "feasibility"}
+    assert model.angle_std < 1.05 * min(model.evidence.values())
+
+
+def columns(rng, count=12, exact=False):
+    """Random pixels; `exact`: their image color is a mixture of l and the plate's. And l."""
+    l, B = streak._unit(rng.uniform(0.1, 1, 3)), rng.uniform(0.1, 1, (count, 3))
+    C = rng.uniform(0.1, 1, (count, 3))
+    if exact:
+        alpha = rng.uniform(0.1, 0.9, (count, 1))
+        C = alpha * rng.uniform(0.2, 1, (count, 1)) * l + (1 - alpha) * B
+    vC, vB = rng.uniform(1e-5, 1e-4, (2, count, 1)) * np.ones(3)
+    return l, streak._Pixels(C, B, vC, vB, np.zeros(count, int), (np.zeros(0, int),) * 2)
+
+
+def brute_force(l, C, B):
+    """(k, α) and the rest of C = k l + (1 − α) B by least squares."""
+    mix = np.stack([l, B], axis=1)
+    k, through = np.linalg.lstsq(mix, C, rcond=None)[0]
+    return np.array([k, 1 - through]), C - mix @ [k, through]
+
+
+def test_closed_form_is_least_squares():
+    """r, α and k of many directions at once, against each pixel alone."""
+    rng = np.random.default_rng(0)
+    _, p = columns(rng)
+    directions = rng.uniform(0, 1, (5, 3))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    a = streak._closed_form(directions, p)
+    for g, l in enumerate(directions):
+        for i, (C, B) in enumerate(zip(p.C, p.B, strict=True)):
+            (k, alpha), rest = brute_force(l, C, B)
+            assert_allclose((a.k[g, i], a.alpha[g, i]), (k, alpha), rtol=1e-9)
+            assert_allclose(a.r[g, i] * a.n[:, g, i], rest, rtol=0, atol=1e-12)
+            assert_allclose([a.n[:, g, i] @ l, a.n[:, g, i] @ B], 0, atol=1e-12)
+
+
+def test_errors_of_the_closed_form_are_propagated():
+    """Against finite differences of least squares, where the model holds."""
+    l, p = columns(np.random.default_rng(1), exact=True)
+    a, h = streak._closed_form(l[None], p), 1e-6
+    for i, (C, B) in enumerate(zip(p.C, p.B, strict=True)):
+        variance, rest_variance = np.zeros(2), 0.0
+        n = a.n[:, 0, i]
+        for axis in h * np.eye(3):
+            for v, plus, minus in (
+                (p.vC[i, 0], brute_force(l, C + axis, B), brute_force(l, C - axis, B)),
+                (p.vB[i, 0], brute_force(l, C, B + axis), brute_force(l, C, B - axis)),
+            ):
+                variance += v * ((plus[0] - minus[0]) / (2 * h)) ** 2
+                rest_variance += v * (n @ (plus[1] - minus[1]) / (2 * h)) ** 2
+        stds = a.k_std[0, i], a.alpha_std[0, i], a.r_std[0, i]
+        assert_allclose(stds, np.sqrt([*variance, rest_variance]), rtol=1e-4)
+
+
+@pytest.mark.parametrize("step", [1.0, 2.0, 5.0])
+def test_octant_is_covered_evenly(step):
+    grid = streak._octant(step)
+    assert_allclose(np.linalg.norm(grid, axis=1), 1)
+    assert grid.min() > 0
+    assert_allclose(len(grid), np.pi / 2 / np.radians(step) ** 2, rtol=0.03)
+    anywhere = np.abs(np.random.default_rng(0).normal(size=(2000, 3)))
+    anywhere /= np.linalg.norm(anywhere, axis=1, keepdims=True)
+    nearest = np.degrees(np.arccos(np.minimum((anywhere @ grid.T).max(axis=1), 1)))
+    assert nearest.max() < 0.85 * step  # half a diagonal of a square is 0.71
+    between = np.degrees(np.arccos(np.where(np.eye(len(grid)), -1, grid @ grid.T)))
+    assert between.min() > 0.6 * step
+
+
+def test_bounded_is_a_square_with_linear_tails():
+    z = np.array([0, 0.01, 1000.0])
+    assert_allclose(streak._bounded(z)[:2], z[:2] ** 2, rtol=1e-5, atol=0)
+    assert_allclose(streak._bounded(z)[2], 2 * streak._OUTLIER * z[2], rtol=0.01)
+
+
+# Honest
+
+
+def test_error_is_honest():
+    """Root mean square of the normalised error, over scenes, noise and both directions."""
+    for code_std in (1 / 255, 2 / 255):
+        z2 = []
+        for seed in SEEDS:
+            truth, (color, _) = random_scene(seed)
+            z2.append(normalised2(quick_fit(*taken(truth, code_std, seed)), color))
+        assert 0.8 < np.sqrt(np.mean(z2) / 2) < 1.2
+        assert max(z2) < 4**2
+
+
+def test_one_hue_gives_the_truth_or_none():
+    refused = 0
+    for seed in range(16):
+        truth, (color, _) = random_scene(seed, one_hue=True)
+        try:
+            model = quick_fit(*taken(truth, 1 / 255, seed))
+        except ColorModelError:
+            refused += 1
+        else:
+            assert normalised2(model, color) < 3**2
+    assert refused > 8
+
+
+def test_two_paints_give_a_mixture_or_none():
+    """A line between both paints is the best one, if not a good one."""
+    wrong = 0
+    for seed in range(12):
+        truth, paints = random_scene(seed, two_paints=True)
+        try:
+            model = quick_fit(*taken(truth, 1 / 255, seed))
+        except ColorModelError:
+            continue
+        share = np.linspace(0, 1, 50)[:, None]
+        mixtures = share * streak._unit(paints[0]) + (1 - share) * streak._unit(paints[1])
+        wrong += min(normalised2(model, mixture) for mixture in mixtures) > 3**2
+    assert wrong <= 1
+
+
+def test_one_hue_refusal_names_what_would_help():
+    image, plate = taken(random_scene(0, one_hue=True)[0], 1 / 255, 0)
+    with pytest.raises(ColorModelError) as caught:
+        fit_color(image, plate)
+    said = str(caught.value)
+    assert "leaves the object's color open by" in said
+    assert "hue variation leaves" in said
+    assert "feasibility leaves" in said
+    assert "give the color (--color, model=), pick pixels of the object" in said
+    assert "or bound its brightness" in said
+
+
+# Whatever the names of the channels and the exposure
+
+
+@pytest.mark.parametrize("order", [(1, 0, 2), (2, 1, 0), (1, 2, 0)])
+def test_swapped_channels_swap_the_answer(scene, order):
+    """Up to the resolution of the grid, a small part of the error."""
+    _, image, plate = scene
+    swapped = (replace(p, rgb=p.rgb[..., order]) for p in (image, plate))
+    here, there = quick_fit(image, plate), quick_fit(*swapped)
+    error = normalised2(here, there.pole[np.argsort(order)])
+    assert error < 0.1**2
+    assert_allclose(there.angle_std, here.angle_std, rtol=0.1)
+
+
+@pytest.mark.parametrize("factor", [0.25, 16])
+def test_more_light_changes_nothing(scene, factor):
+    _, image, plate = scene
+    scaled = (
+        LinearImage(factor * p.rgb, NoiseModel(read_std=factor * 0.002)) for p in (image, plate)
+    )
+    here, there = quick_fit(image, plate), quick_fit(*scaled)
+    assert normalised2(here, there.pole) < 0.01**2
+    assert_allclose(there.covariance, here.covariance, rtol=0.02, atol=1e-3 * here.covariance.max())
+
+
+def test_a_tighter_bound_of_brightness_rules_out_more():
+    """And rules in nothing."""
+    l, p = columns(np.random.default_rng(2), exact=True)
+    grid = np.concatenate([l[None], streak._octant(5)])
+    a = streak._closed_form(grid, p)
+    none, loose, tight = (streak._infeasibility(a, grid, b) for b in (np.inf, 2.0, 1.0))
+    assert np.all(none <= loose)
+    sensible = a.alpha >= 0
+    assert np.all(loose[sensible] <= tight[sensible])
+    assert not tight[0].any()  # the truth is no brighter than 1
+
+
+@pytest.mark.parametrize(
+    ("alpha", "k", "bound", "possible"),
+    [
+        (0.5, 1.5, np.inf, True),
+        (0.5, 1.5, 3.2, True),
+        (0.5, 1.5, 2.8, False),  # light of 1.5 in half the exposure is a brightness of 3
+        (1.1, 0.5, np.inf, False),
+        (-0.1, 0.5, np.inf, False),
+        (0.5, -0.1, np.inf, False),
+        (1.015, 0.5, np.inf, True),  # within noise
+    ],
+)
+def test_what_is_possible(alpha, k, bound, possible):
+    answers = (np.array([[x]]) for x in (0, 0.01, alpha, 0.01, k, 0.01))
+    a = streak._Answers(np.zeros((3, 1, 1)), *answers)
+    cost = streak._infeasibility(a, np.array([[0.0, 1.0, 0.0]]), bound)
+    assert (cost.item() == 0) == possible
+
+
+def test_a_bound_of_brightness_never_widens(scene):
+    truth, image, plate = scene
+    brightest = truth.layer.straight().max()
+    free, bounded = (fit_color(image, plate, max_brightness=b) for b in (np.inf, brightest))
+    assert bounded.angle_std < 1.02 * free.angle_std
+
+
+def test_same_pictures_same_answer(scene):
+    _, image, plate = scene
+    assert np.array_equal(quick_fit(image, plate).pole, quick_fit(image, plate).pole)
+
+
+# The door
+
+
+def test_gray_pictures(scene):
+    _, image, plate = scene
+    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is told from color"):
+        fit_color(image, replace(plate, meta=Meta("wall.png", gray=True)))
+
+
+def test_nothing_moved(scene):
+    with pytest.raises(MotionError, match="nothing moved"):
+        fit_color(scene[2], scene[2])
+
+
+def test_too_few_pixels(scene):
+    _, image, plate = scene
+    few = Streak.from_box((50, 40, 54, 44), SIZE)
+    with pytest.raises(
+        ColorModelError, match=r"only 16 pixels .* 20 are the least; give the color"
+    ):
+        fit_color(image, plate, few)
+
+
+def test_clipped_and_black_pixels_do_not_count(scene):
+    _, image, plate = scene
+    place = Streak.from_box((50, 40, 60, 50), SIZE)
+    valid = np.ones(SIZE[::-1], bool)
+    valid[40:45, 50:60] = False
+    dark = plate.rgb.copy()
+    dark[45:49, 50:60, 1] = 0
+    with pytest.raises(
+        ColorModelError, match=r"only 10 pixels .* neither clipped nor before a bla"
+    ):
+        fit_color(replace(image, valid=valid), replace(plate, rgb=dark), place)
+
+
+@pytest.mark.parametrize("bound", [0, -1, float("nan")])
+def test_no_brightness(scene, bound):
+    with pytest.raises(ValueError, match=f"max_brightness must be positive, got {bound}"):
+        fit_color(*scene[1:], max_brightness=bound)
+
+
+def test_sizes_that_differ(scene):
+    with pytest.raises(ValueError, match="image is 112x80 pixels and plate 50x80"):
+        fit_color(scene[1], LinearImage(scene[2].rgb[:, :50]))
