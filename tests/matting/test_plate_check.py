@@ -75,9 +75,7 @@ def test_clipped_pictures_say_nothing_about_their_order(paint):
 
 @pytest.mark.parametrize("gain", [(1.04, 1.04, 1.04), (0.95, 0.95, 0.95), (1, 1, 1.08)], ids=str)
 def test_another_brightness_warns(paint, gain):
-    with pytest.warns(
-        PlateWarning, match="brightness differs from the plate"
-    ):
+    with pytest.warns(PlateWarning, match="brightness differs from the plate"):
         warn_if_plate_differs(*pair(paint, gain))
 
 

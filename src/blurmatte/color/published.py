@@ -14,8 +14,9 @@ def published_color_line(image_colors: Floats, plate_colors: Floats) -> ColorMod
 
     Black, C and B span a plane that also holds the object's color, so the line lies across every
     m = C × B: it is m₁ × m₂ for two pixels, and the eigenvector of Σ m mᵀ with the least eigenvalue
-    for more. Right on exact data. On photographs noise adds σ²(|B|² I − B Bᵀ) to each m mᵀ, whose
-    least eigenvector is the plate's own color; `fit_color` does not have that flaw.
+    for more. Right on exact data. On photographs the image's noise adds σ²(|B|² I − B Bᵀ) to each
+    m mᵀ, whose least eigenvector is the plate's own color, and the plate's noise the same with the
+    image's; `fit_color` does not have that flaw.
 
     Parameters
     ----------

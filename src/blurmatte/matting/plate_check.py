@@ -82,7 +82,7 @@ def _brightness_around(
     C, B = (np.asarray(p.rgb[place][still], float) for p in (image, plate))
     if len(B) < 100:
         return np.zeros(3)
-    # Medians: another thing that moves beside the streak has no vote.
+    # Medians: another thing that moves beside the streak has little say.
     bright = B.mean(axis=0)
     difference = np.median(C - B, axis=0)
     std = 1.253 * np.sqrt(np.median((C - B - difference) ** 2, axis=0) / 0.455 / len(B))
