@@ -169,8 +169,9 @@ def test_octant_is_covered_evenly(step):
 
 def test_bounded_is_a_square_with_linear_tails():
     z = np.array([0, 0.01, 1000.0])
-    assert_allclose(evidence._bounded(z)[:2], z[:2] ** 2, rtol=1e-5, atol=0)
-    assert_allclose(evidence._bounded(z)[2], 2 * evidence._OUTLIER * z[2], rtol=0.01)
+    assert_allclose(evidence._bounded(z)[:2], evidence._EFFICIENCY * z[:2] ** 2, rtol=1e-5, atol=0)
+    tail = evidence._EFFICIENCY * 2 * evidence._OUTLIER * z[2]
+    assert_allclose(evidence._bounded(z)[2], tail, rtol=0.01)
 
 
 # Honest
@@ -339,3 +340,12 @@ def test_no_brightness(scene, bound):
 def test_sizes_that_differ(scene):
     with pytest.raises(ValueError, match="image is 112x80 pixels and plate 50x80"):
         fit_color(scene[1], LinearImage(scene[2].rgb[:, :50]))
+
+
+def test_the_bounded_cost_has_the_right_spread_for_normal_residuals():
+    z, step = np.linspace(-9, 9, 20001, retstep=True)
+    normal = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
+    slope = np.gradient(evidence._bounded(z), step) / 2
+    bend = np.gradient(slope, step)
+    # An estimate's variance is E[ψ²] / E[ψ′]²; a likelihood claims 1 / E[ψ′].
+    assert_allclose(np.sum(slope**2 * normal), np.sum(bend * normal), rtol=1e-3)
