@@ -26,22 +26,24 @@ HEIGHT, WIDTH, ROUNDS = 2160, 3840, 15
 
 
 def plain_numpy(C, B, model, noise):
-    """The same weighted fit, as anybody would write it: the oracle of the tests, at 4K."""
-    N = model.normals.astype(C.dtype)
-    b, d = B @ N, (B - C) @ N
-    plain = np.sum(b * d, axis=-1) / np.sum(b * b, axis=-1)
+    """The same weighted fit as anybody would write it, without the error of P."""
+    n1, n2 = model.normals.T.astype(C.dtype)
+    projector = (model.basis @ model.basis.T).astype(C.dtype)
+    D = B - C
+    b1, b2, d1, d2 = B @ n1, B @ n2, D @ n1, D @ n2
+    plain = (b1 * d1 + b2 * d2) / (b1 * b1 + b2 * b2)
     through = 1 - np.clip(plain, 0, 1)[..., None]
     s = noise.variance(C) + through**2 * noise.variance(B)
-    S = np.einsum("ik,hwi,il->hwkl", N, s, N)
-    det = S[..., 0, 0] * S[..., 1, 1] - S[..., 0, 1] ** 2
-    w = np.stack(
-        [S[..., 1, 1] * b[..., 0] - S[..., 0, 1] * b[..., 1],
-         S[..., 0, 0] * b[..., 1] - S[..., 0, 1] * b[..., 0]], axis=-1,
-    )  # fmt: skip
-    A = np.sum(w * b, axis=-1)
-    alpha = np.sum(w * d, axis=-1) / A
+    S11, S12, S22 = s @ (n1 * n1), s @ (n1 * n2), s @ (n2 * n2)
+    w1, w2 = S22 * b1 - S12 * b2, S11 * b2 - S12 * b1
+    A = w1 * b1 + w2 * b2
+    alpha = (w1 * d1 + w2 * d2) / A
     P = C - (1 - alpha)[..., None] * B
-    return alpha, np.sqrt(det / A), P @ model.basis @ model.basis.T
+    return (
+        alpha,
+        np.sqrt((S11 * S22 - S12 * S12) / A),
+        P @ projector,
+    )
 
 
 @njit(nogil=True, fastmath=True)
