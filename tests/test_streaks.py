@@ -23,7 +23,7 @@ from blurmatte.rendering import (
     render,
     two_hue_plate,
 )
-from blurmatte.streaks import Streak, find_streaks
+from blurmatte.streaks import Streak, find_streak_within, find_streaks
 from blurmatte.trajectory import Trajectory
 
 SIZE = (256, 192)
@@ -283,3 +283,17 @@ def test_door(paint):
     lost = LinearImage(np.ones((20, 20, 3)), valid=np.zeros((20, 20), bool))
     with pytest.raises(PlateError, match="no unclipped pixel in common; expose shorter"):
         find_streaks(lost, LinearImage(np.ones((20, 20, 3))))
+
+
+def test_a_region_holds_what_moved_in_it_or_else_all_of_it(paint):
+    found = find_streaks(paint.image, paint.plate)[0]
+    x0, y0, x1, y1 = found.box
+    width, height = paint.image.size
+    around = Streak.from_box(
+        (max(0, x0 - 3), max(0, y0 - 3), min(width, x1 + 3), min(height, y1 + 3)), (width, height)
+    )
+    within = find_streak_within(around, paint.image, paint.plate)
+    assert np.array_equal(within.mask, found.mask)
+    elsewhere = Streak.from_box((0, 0, 8, 8), (width, height))
+    assert not (elsewhere.mask & found.mask).any()
+    assert find_streak_within(elsewhere, paint.image, paint.plate) is elsewhere

@@ -47,6 +47,7 @@ from blurmatte.rendering import photograph as photograph
 from blurmatte.rendering import render as render
 from blurmatte.results import save_results as save_results
 from blurmatte.streaks import Streak as Streak
+from blurmatte.streaks import find_streak_within as find_streak_within
 from blurmatte.streaks import find_streaks as find_streaks
 from blurmatte.trajectory import Trajectory as Trajectory
 

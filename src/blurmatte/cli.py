@@ -304,7 +304,8 @@ class _Task:
             raise ValueError("give --region or --mask, not both")
         if self.region is not None:
             x0, y0, x1, y1 = (int(n) for n in _numbers("--region", self.region, 4))
-            return self._moved(image, bm.Streak.from_box((x0, y0, x1, y1), image.size))
+            region = bm.Streak.from_box((x0, y0, x1, y1), image.size)
+            return bm.find_streak_within(region, image, self.plate)
         if self.mask is None:
             return None
         mask = bm.read(self.mask, bm.LINEAR, self.files.max_pixels)
@@ -313,20 +314,6 @@ class _Task:
                 f"the mask {self.mask} is {_by(mask.size)} pixels, the image {_by(image.size)}"
             )
         return bm.Streak(np.asarray(mask.rgb.max(axis=-1) > 0.5))
-
-    def _moved(self, image: bm.LinearImage, region: bm.Streak) -> bm.Streak:
-        """What moved in a region; all of the region if nothing is found that belongs there.
-
-        Something belongs there if most of it lies in the region, or if it fills a good part of it.
-        """
-        inside = np.zeros_like(region.mask)
-        for found in bm.find_streaks(image, self.plate):
-            part = found.mask & region.mask
-            count = np.count_nonzero(part)
-            most = count > 0.5 * np.count_nonzero(found.mask)
-            if most or count > 0.1 * np.count_nonzero(region.mask):
-                inside |= part
-        return bm.Streak(inside) if inside.any() else region
 
     def model(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
         """The model that the colors make; None: the streak itself must tell."""

@@ -150,6 +150,28 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     return streaks
 
 
+def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -> Streak:
+    """What moved in a region; all of the region if nothing is found that belongs there.
+
+    Something belongs there if most of it lies in the region, or if it fills a tenth of it.
+
+    Parameters
+    ----------
+    region : Streak
+        Where to look, e.g. `Streak.from_box`.
+    image, plate : LinearImage
+        As for `find_streaks`.
+    """
+    inside = np.zeros_like(region.mask)
+    for found in find_streaks(image, plate):
+        part = found.mask & region.mask
+        count = np.count_nonzero(part)
+        most = count > 0.5 * np.count_nonzero(found.mask)
+        if most or count > 0.1 * np.count_nonzero(region.mask):
+            inside |= part
+    return Streak(inside) if inside.any() else region
+
+
 def _strong_part(T: Floats) -> Bools:
     """The piece around the strongest place, without the weak shadows and halos that touch it."""
     from scipy import ndimage
