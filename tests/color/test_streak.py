@@ -110,7 +110,7 @@ def columns(rng, count=12, exact=False):
         alpha = rng.uniform(0.1, 0.9, (count, 1))
         C = alpha * rng.uniform(0.2, 1, (count, 1)) * l + (1 - alpha) * B
     vC, vB = rng.uniform(1e-5, 1e-4, (2, count, 1)) * np.ones(3)
-    return l, evidence.Pixels(C, B, vC, vB, np.zeros(count, int), (np.zeros(0, int),) * 2)
+    return l, evidence.Pixels(C, B, vC, vB, np.arange(count), (np.zeros(0, int),) * 2)
 
 
 def brute_force(l, C, B):
@@ -278,7 +278,7 @@ def test_a_tighter_bound_of_brightness_rules_out_more():
 )
 def test_what_is_possible(alpha, k, bound, possible):
     answers = (np.array([[x]]) for x in (0, 0.01, alpha, 0.01, k, 0.01))
-    a = evidence._Answers(np.zeros((3, 1, 1)), *answers)
+    a = evidence._Answers(np.zeros((3, 1, 1)), *answers, through=np.ones((1, 1)))
     cost = evidence._infeasibility(a, np.array([[0.0, 1.0, 0.0]]), bound)
     assert (cost.item() == 0) == possible
 

@@ -60,6 +60,7 @@ class _Answers:
     alpha_std: Array
     k: Array
     k_std: Array
+    through: Array  # 1 − α as the weights know it
 
 
 def closed_form(l: Array, p: Pixels) -> _Answers:
@@ -71,7 +72,8 @@ def closed_form(l: Array, p: Pixels) -> _Answers:
     n /= length
     alpha = 1 - (np.sum(p.C * p.B, axis=1) - C_l * B_l) / length**2
     k = C_l - (1 - alpha) * B_l
-    through2 = (1 - np.clip(alpha, 0, 1)) ** 2
+    through = 1 - np.clip(_block_means(alpha, length**2, p.block), 0, 1)
+    through2 = through**2
     w = (p.B.T[:, None, :] - l.T[:, :, None] * B_l) / length
     r_std, w_std, l_std = (
         np.sqrt(
@@ -81,7 +83,18 @@ def closed_form(l: Array, p: Pixels) -> _Answers:
     )
     r = (l @ np.cross(p.B, p.C).T) / length
     alpha_std = w_std / length
-    return _Answers(n, r, r_std, alpha, alpha_std, k, np.hypot(l_std, B_l * alpha_std))
+    return _Answers(n, r, r_std, alpha, alpha_std, k, np.hypot(l_std, B_l * alpha_std), through)
+
+
+def _block_means(alpha: Array, weight: Array, block: npt.NDArray[np.intp]) -> Array:
+    """(directions, pixels) weighted mean of α over each pixel's block.
+
+    A pixel's own α, cut off at 0 and 1, would make the variance too small wherever it is noisy: for
+    some directions more than for others, which looks like evidence.
+    """
+    member = np.eye(int(block.max()) + 1)[block]
+    means = ((alpha * weight) @ member) / (weight @ member + 1e-30)
+    return np.asarray(means[:, block])
 
 
 @dataclass(frozen=True)
@@ -136,14 +149,13 @@ def implausibility(evidence: Evidence, l: Array, p: Pixels, phi: float) -> Array
     delta = np.sum(cost - cost[best], axis=1)
     if not evidence.hue:
         return np.asarray(delta / phi)
-    through = 1 - np.clip(a.alpha, 0, 1)
     both = a.n * a.n[:, best : best + 1]
     shared = np.einsum("igp,pi->gp", both, p.vC)
-    shared += through * through[best] * np.einsum("igp,pi->gp", both, p.vB)
+    shared += a.through * a.through[best] * np.einsum("igp,pi->gp", both, p.vB)
     rho = shared / (a.r_std * a.r_std[best])
     V = 4 * phi * np.sum(np.maximum(1 - rho**2, 0), axis=1) + 1e-12
     # A wrong measure of the plate's noise errs alike for all pixels, and looks like evidence.
-    plate = through**2 * np.einsum("igp,pi->gp", a.n**2, p.vB) / a.r_std**2
+    plate = a.through**2 * np.einsum("igp,pi->gp", a.n**2, p.vB) / a.r_std**2
     V += (_NOISE_DOUBT * np.sum(plate - plate[best], axis=1)) ** 2
     return np.asarray(np.where(delta < V / 2, delta**2 / V, delta - V / 4) / phi)
 
