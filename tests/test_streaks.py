@@ -297,3 +297,10 @@ def test_a_region_holds_what_moved_in_it_or_else_all_of_it(paint):
     elsewhere = Streak.from_box((0, 0, 8, 8), (width, height))
     assert not (elsewhere.mask & found.mask).any()
     assert find_streak_within(elsewhere, paint.image, paint.plate) is elsewhere
+
+
+def test_around_stays_in_the_picture():
+    streak = Streak.from_box((3, 5, 10, 12), (20, 30))
+    assert streak.around(0) == streak.box
+    assert streak.around(2) == (1, 3, 12, 14)
+    assert streak.around(100) == (0, 0, 20, 30)

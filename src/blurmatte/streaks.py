@@ -82,6 +82,17 @@ class Streak:
         mask[y0:y1, x0:x1] = True
         return cls(mask)
 
+    def around(self, margin: int) -> Box:
+        """The box with `margin` more pixels on each side, as far as the picture goes."""
+        x0, y0, x1, y1 = self.box
+        height, width = self.mask.shape
+        return (
+            max(0, x0 - margin),
+            max(0, y0 - margin),
+            min(width, x1 + margin),
+            min(height, y1 + margin),
+        )
+
     @property
     def rows_columns(self) -> tuple[slice, slice]:
         """The box as slices of an array."""

@@ -90,14 +90,7 @@ def refuse_gray(image: LinearImage, plate: LinearImage) -> None:
 
 def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pixels:
     """A regular selection of the streak's usable pixels, ordered by block."""
-    height, width = streak.mask.shape
-    x0, y0, x1, y1 = streak.box
-    box = (
-        max(0, x0 - _BLOCK),
-        max(0, y0 - _BLOCK),
-        min(width, x1 + _BLOCK),
-        min(height, y1 + _BLOCK),
-    )
+    box = streak.around(_BLOCK)
     image, plate = image.crop(box), plate.crop(box)
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     usable = image.valid & plate.valid

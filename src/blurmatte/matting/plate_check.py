@@ -77,9 +77,10 @@ def _brightness_around(
     """(3,) by which fraction the image is brighter than the plate next to the streak; 0 if unknown."""
     x0, y0, x1, y1 = streak.box
     margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
-    place = slice(max(0, y0 - margin), y1 + margin), slice(max(0, x0 - margin), x1 + margin)
-    still = ~streak.mask[place] & image.valid[place] & plate.valid[place]
-    C, B = (np.asarray(p.rgb[place][still], float) for p in (image, plate))
+    box = streak.around(margin)
+    image, plate = image.crop(box), plate.crop(box)
+    still = ~streak.mask[box[1] : box[3], box[0] : box[2]] & image.valid & plate.valid
+    C, B = (np.asarray(p.rgb[still], float) for p in (image, plate))
     if len(B) < 100:
         return np.zeros(3)
     # Medians: another thing that moves beside the streak has little say.

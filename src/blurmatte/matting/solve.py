@@ -17,6 +17,8 @@ from blurmatte.matting.solution import Quality, Solution
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.streaks import Streak, require_streaks, shift_variance
 
+_MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
+
 
 def solve(
     image: LinearImage,
@@ -102,15 +104,7 @@ def _solve_again_near_edges(
     streak: Streak,
 ) -> None:
     """Around the streak, let pixels at the plate's edges know that it may be slightly shifted."""
-    x0, y0, x1, y1 = streak.box
-    width, height = image.size
-    margin = 16  # enough still surroundings to read the shift off
-    box = (
-        max(0, x0 - margin),
-        max(0, y0 - margin),
-        min(width, x1 + margin),
-        min(height, y1 + margin),
-    )
+    box = streak.around(_MARGIN)
     place = slice(box[1], box[3]), slice(box[0], box[2])
     image, plate = image.crop(box), plate.crop(box)
     extra = shift_variance(image, plate, image.valid & plate.valid & ~streak.mask[place])
@@ -127,6 +121,7 @@ def _solve_again_near_edges(
 
 
 def _noise(picture: LinearImage) -> Any:
+    """The noise, of which `with_noise` has seen to it that it is not None."""
     return picture.noise
 
 
