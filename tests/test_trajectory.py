@@ -46,6 +46,51 @@ def test_arc_through_points_on_a_line_is_that_line():
     assert_allclose(arc.xy, [(0, 0), (4, 4)])
 
 
+def test_parabola_is_a_throw():
+    path = Trajectory.parabola((10, 50), (40, -30), (0, 60))
+    assert_allclose(path.at([0, 0.5, 1]), [(10, 50), (30, 42.5), (50, 50)])
+    assert_allclose(np.diff(path.xy, 2, axis=0), np.tile([0, 60 / 64**2], (63, 1)), atol=1e-12)
+
+
+def test_parabola_along_its_velocity_is_a_line_that_gets_faster():
+    path = Trajectory.parabola((0, 0), (10, 0), (20, 0))
+    assert_allclose(path.at(0.5), (7.5, 0))
+    assert path.length == pytest.approx(20)
+    assert path.top_speed == pytest.approx(30, rel=0.01)
+
+
+def test_bounce_turns_at_its_contact():
+    path = Trajectory.bounce((0, 0), (10, 10), (18, 4), at=0.25)
+    assert_allclose(path.at([0.125, 0.25, 0.625]), [(5, 5), (10, 10), (14, 7)])
+
+
+def test_from_rest_stays_and_then_goes():
+    path = Trajectory.from_rest((3, 4), (9, 12), until=0.6)
+    assert_allclose(path.at([0, 0.6, 0.8, 1]), [(3, 4), (3, 4), (6, 8), (9, 12)])
+    assert path.length == 10
+
+
+@pytest.mark.parametrize("t", [0, 0.3, 0.75, 1])
+def test_a_part_goes_the_same_way(t):
+    whole = Trajectory.arc((5, 0), (0, 5), (-5, 0))
+    assert_allclose(whole.part(0.2, 0.9).at(t), whole.at(0.2 + 0.7 * t), atol=1e-12)
+    assert len(whole.part(0, 1).t) == len(whole.t)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: Trajectory.parabola((0, 0), (1, 1), (0, 1), points=2), "points must be 3"),
+        (lambda: Trajectory.bounce((0, 0), (1, 1), (2, 0), at=1), "at must lie between 0 and 1"),
+        (lambda: Trajectory.from_rest((0, 0), (1, 1), 0), "until must lie between 0 and 1"),
+        (lambda: Trajectory.line((0, 0), (1, 1)).part(0.5, 0.5), "0 <= start < end <= 1"),
+    ],
+)
+def test_door_of_the_ways_to_make_one(make, says):
+    with pytest.raises(ValueError, match=says):
+        make()
+
+
 def test_nothing_reaches_in_from_outside():
     xy = np.zeros((2, 2))
     path = Trajectory(xy, np.array([0, 1]))

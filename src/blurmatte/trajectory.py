@@ -111,6 +111,86 @@ class Trajectory:
         z = (1j * h + np.hypot(1, h) * np.exp(1j * (start_angle + turn * t))) * chord
         return cls((a + c) / 2 + np.stack([z.real, z.imag], axis=-1), t)
 
+    @classmethod
+    def parabola(
+        cls,
+        start: npt.ArrayLike,
+        velocity: npt.ArrayLike,
+        acceleration: npt.ArrayLike,
+        points: int = 65,
+    ) -> Trajectory:
+        """Thrown from `start`: start + velocity · t + acceleration · t² / 2.
+
+        With both along one direction it is a line at changing speed.
+
+        Parameters
+        ----------
+        start : (2,) float
+            Pixels.
+        velocity : (2,) float
+            Pixels per exposure, at the start.
+        acceleration : (2,) float
+            Pixels per exposure².
+        points : int
+            How many points stand for the curve.
+
+        Raises
+        ------
+        ValueError
+            If `points` < 3.
+        """
+        if points < 3:
+            raise ValueError(f"points must be 3 or more, got {points}")
+        a = _point("acceleration", acceleration)
+        t = np.linspace(0, 1, points)
+        s = t[:, None]
+        return cls(_point("start", start) + s * _point("velocity", velocity) + s**2 * a / 2, t)
+
+    @classmethod
+    def bounce(
+        cls, start: npt.ArrayLike, contact: npt.ArrayLike, end: npt.ArrayLike, at: float = 0.5
+    ) -> Trajectory:
+        """Straight from `start` to `contact`, there at exposure fraction `at`, and on to `end`.
+
+        Raises
+        ------
+        ValueError
+            If `at` is not between 0 and 1.
+        """
+        if not 0 < at < 1:
+            raise ValueError(f"at must lie between 0 and 1, got {at}")
+        points = [_point("start", start), _point("contact", contact), _point("end", end)]
+        return cls(np.stack(points), np.array([0, at, 1]))
+
+    @classmethod
+    def from_rest(cls, start: npt.ArrayLike, end: npt.ArrayLike, until: float) -> Trajectory:
+        """At rest in `start` until exposure fraction `until`, then straight to `end`.
+
+        Raises
+        ------
+        ValueError
+            If `until` is not between 0 and 1.
+        """
+        if not 0 < until < 1:
+            raise ValueError(f"until must lie between 0 and 1, got {until}")
+        return cls.bounce(start, start, end, until)
+
+    def part(self, start: float, end: float) -> Trajectory:
+        """The way from one exposure fraction to another, with times of its own from 0 to 1.
+
+        Raises
+        ------
+        ValueError
+            Unless 0 <= start < end <= 1.
+        """
+        if not 0 <= start < end <= 1:
+            raise ValueError(f"start and end must be 0 <= start < end <= 1, got {start}, {end}")
+        inner = self.t[(self.t > start) & (self.t < end)]
+        t = np.concatenate([[start], inner, [end]])
+        times = (t - start) / (end - start)
+        times[0], times[-1] = 0, 1
+        return Trajectory(self.at(t), times)
+
 
 def _point(name: str, value: npt.ArrayLike) -> Array:
     point = np.asarray(value, dtype=float)
