@@ -1,0 +1,177 @@
+"""How far estimated colors and light are from the true ones. All light is linear, 1 = sensor white."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats, check_light, check_same_size
+from blurmatte.layer import Layer
+from blurmatte.metrics.inputs import check_all_finite, check_layer, picture_size, streak_of
+from blurmatte.radiometry import SRGB, LinearImage
+
+Array = npt.NDArray[np.float64]
+
+_SHADES = 1e-6  # colors that differ in direction by less are shades of one, as stored in float32
+
+
+@dataclass(frozen=True)
+class ColorDistance:
+    """How far true colors stick out of the estimated ones.
+
+    Parameters
+    ----------
+    units : float
+        Linear light in units of 0…255, of the true color that is furthest off.
+    degrees : float
+        The largest angle, 0…90, by which a mixture of the true colors leaves the estimated ones.
+    """
+
+    units: float
+    degrees: float
+
+
+def color_distance(estimated: npt.ArrayLike, true: npt.ArrayLike) -> ColorDistance:
+    """Distance of true colors from a color, a line or a plane of colors, brightness matched.
+
+    Let Q be an orthonormal basis of the estimated colors. QQᵀo is the one of them that is nearest
+    to a true color o: a line or plane knows no brightness, so brightness is not judged. `units` is
+    255 · |o − QQᵀo|, and grows with the brightness of o. `degrees` does not: it is the angle between
+    o and the estimated line or plane. Of several true colors all mixtures count, also those that
+    need negative light, so that for a true and an estimated plane it is the angle between the planes,
+    the larger of their two principal angles. A line cannot hold two colors: 90 degrees.
+
+    Parameters
+    ----------
+    estimated : (3,) or (3, rank) float
+        A straight color, or columns that span the estimated colors, as in `ColorModel.basis`; rank
+        1 or 2. They need not be orthonormal.
+    true : (3,) or (n, 3) float
+        One or more colors of the object, linear light.
+
+    Returns
+    -------
+    ColorDistance
+        Zeros are perfect.
+
+    Raises
+    ------
+    ValueError
+        For other shapes, numbers that are not finite, black, and two columns of one hue.
+    """
+    Q = _estimated_span(np.asarray(estimated, dtype=float))
+    o = _true_colors(np.asarray(true, dtype=float))
+    off = o - o @ Q @ Q.T
+    units = 255 * float(np.linalg.norm(off, axis=1).max())
+    T = _span(o)
+    sine = float(np.linalg.norm(T - Q @ Q.T @ T, ord=2))  # of the largest angle to a vector of T
+    return ColorDistance(units, float(np.degrees(np.arcsin(min(sine, 1.0)))))
+
+
+def premultiplied_rmse(estimated: Floats, true: Layer) -> float:
+    """Root mean square error of premultiplied light, over the pixels of the streak and channels.
+
+    Parameters
+    ----------
+    estimated : (H, W, 3) float
+        Linear light, alpha times the object's color.
+    true : Layer
+
+    Returns
+    -------
+    float
+        Light; 0 is perfect.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `estimated` is not (H, W, 3) float, the sizes differ, a number is not finite, or `true`
+        holds no streak.
+    """
+    check_light("estimated", estimated)
+    check_all_finite("estimated", estimated)
+    check_layer("true", true)
+    check_same_size("estimated", picture_size(estimated), "true", true.size)
+    streak = streak_of(true.alpha)
+    error = estimated[streak].astype(float) - true.premultiplied[streak]
+    return float(np.sqrt(np.mean(error**2)))
+
+
+def recomposite_psnr(estimated: Layer, true: Layer, background: LinearImage) -> float:
+    """Peak signal-to-noise ratio of the estimated layer over another picture.
+
+    What is compared is what people look at: both layers over the background, clipped to 0…1, coded
+    as sRGB (white is 1; not rounded), within the smallest upright box around the streak. The rest of
+    a picture, where both show the background, would raise the ratio by its mere size; what is wrong
+    out there, `false_alpha` tells.
+
+    Parameters
+    ----------
+    estimated, true : Layer
+    background : LinearImage
+        Better not the plate: over the plate the errors of alpha and of light cancel.
+
+    Returns
+    -------
+    float
+        Decibel; infinite if both look the same.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the sizes differ, a number is not finite, or `true` holds no streak.
+    """
+    for name, layer in (("estimated", estimated), ("true", true)):
+        check_layer(name, layer)
+    if not isinstance(background, LinearImage):
+        raise TypeError(f"background must be a LinearImage, got {type(background).__name__}")
+    check_same_size("estimated", estimated.size, "true", true.size)
+    box = _box(streak_of(true.alpha))
+    seen, wanted = (_coded(layer.over(background).rgb[box]) for layer in (estimated, true))
+    error = float(np.mean((seen - wanted) ** 2))
+    return -10 * float(np.log10(error)) if error > 0 else np.inf
+
+
+def _span(colors: Array) -> Array:
+    """(3, rank) orthonormal columns that span the rows of (n, 3)."""
+    _, size, directions = np.linalg.svd(colors, full_matrices=False)
+    return np.asarray(directions[size > _SHADES * size[0]].T)
+
+
+def _estimated_span(estimated: Array) -> Array:
+    """(3, rank) orthonormal columns that span the estimated colors."""
+    columns = estimated.reshape(3, 1) if estimated.shape == (3,) else estimated
+    if columns.ndim != 2 or columns.shape not in ((3, 1), (3, 2)):
+        raise ValueError(
+            f"estimated must have the shape (3,), (3, 1) or (3, 2), got {estimated.shape}"
+        )
+    check_all_finite("estimated", columns)
+    Q = _span(columns.T)
+    if Q.shape[1] < columns.shape[1]:
+        raise ValueError(
+            f"estimated must hold {columns.shape[1]} independent colors, got {Q.shape[1]}"
+        )
+    return Q
+
+
+def _true_colors(true: Array) -> Array:
+    """(n, 3) the colors as rows."""
+    colors = true[None] if true.ndim == 1 else true
+    if colors.ndim != 2 or colors.shape[1] != 3 or len(colors) == 0:
+        raise ValueError(f"true must have the shape (3,) or (n, 3), got {true.shape}")
+    check_all_finite("true", colors)
+    black = int(np.sum(~colors.any(axis=1)))
+    if black:
+        raise ValueError(f"true must hold colors that are not black, got {black} black ones")
+    return colors
+
+
+def _box(mask: Bools) -> tuple[slice, slice]:
+    """Rows and columns of the smallest upright box around a mask."""
+    lines = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    rows, columns = (slice(int(line[0]), int(line[-1]) + 1) for line in lines)
+    return rows, columns
+
+
+def _coded(light: Floats) -> Array:
+    return np.asarray(SRGB.encode(np.clip(light.astype(float), 0, 1)))

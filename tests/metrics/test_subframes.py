@@ -1,0 +1,172 @@
+"""Stacks of sub-frames: against scikit-image, and what a refusal and a turned time score."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from skimage.metrics import peak_signal_noise_ratio, structural_similarity
+
+from blurmatte.metrics import subframe_psnr, subframe_ssim
+
+BOTH = [subframe_psnr, subframe_ssim]
+
+
+@pytest.fixture
+def plate():
+    return np.random.default_rng(0).uniform(0.1, 0.7, (12, 20, 3))
+
+
+@pytest.fixture
+def true(plate):
+    """A bright square that moves to the right by 4 pixels from one sub-frame to the next."""
+    stack = np.repeat(plate[None], 4, axis=0)
+    for k, frame in enumerate(stack):
+        frame[3:9, 4 * k : 4 * k + 5] = 0.9, 0.5, 0.2
+    return stack
+
+
+@pytest.fixture
+def estimated(true):
+    return true + np.random.default_rng(1).normal(0, 0.05, true.shape)
+
+
+def skimage_ssim(estimated, true):
+    span = true.max() - true.min()
+    return np.mean(
+        [
+            structural_similarity(a, b, data_range=span, channel_axis=2)
+            for a, b in zip(estimated, true, strict=True)
+        ]
+    )
+
+
+def test_psnr_is_that_of_the_whole_stack(estimated, true, plate):
+    expected = peak_signal_noise_ratio(true, estimated, data_range=1)
+    assert subframe_psnr(estimated, true, plate) == pytest.approx(expected, rel=1e-12)
+
+
+def test_psnr_by_hand(true, plate):
+    """One sub-frame of four off by 0.2 everywhere: a mean square of 0.01, 20 dB."""
+    wrong = true.copy()
+    wrong[2] += 0.2
+    assert subframe_psnr(wrong, true, plate) == pytest.approx(20)
+
+
+def test_ssim_is_that_of_scikit_image(estimated, true, plate):
+    assert_allclose(
+        subframe_ssim(estimated, true, plate), skimage_ssim(estimated, true), rtol=1e-10
+    )
+
+
+def test_ssim_of_the_smallest_picture_is_one_window_each(estimated, true, plate):
+    small = (slice(None), slice(2, 9), slice(1, 8))
+    expected = skimage_ssim(estimated[small], true[small])
+    assert subframe_ssim(estimated[small], true[small], plate[small[1:]]) == pytest.approx(expected)
+
+
+def test_ssim_takes_its_scale_from_the_whole_true_stack(estimated, true, plate):
+    """A bright spot of one true sub-frame matters for all, a dazzling estimate for none but itself."""
+    spot = true.copy()
+    spot[0, 0, 0] = 1
+    assert subframe_ssim(estimated, spot, plate) == pytest.approx(skimage_ssim(estimated, spot))
+    dazzled = estimated.copy()
+    dazzled[0, 0, 0] = 4
+    assert subframe_ssim(dazzled, true, plate) == pytest.approx(skimage_ssim(dazzled, true))
+
+
+def test_perfect(true, plate):
+    assert subframe_psnr(true, true, plate) == 100
+    assert subframe_ssim(true, true, plate) == pytest.approx(1, abs=1e-12)
+
+
+def test_nothing_is_above_perfect(true, plate):
+    assert subframe_psnr(true + 1e-9, true, plate) == 100
+
+
+@pytest.mark.parametrize("metric", BOTH)
+def test_time_may_run_either_way(metric, estimated, true, plate):
+    score = metric(estimated, true, plate)
+    assert metric(estimated[::-1], true, plate) == pytest.approx(score)
+    assert metric(estimated, true[::-1], plate) == pytest.approx(score)
+
+
+@pytest.mark.parametrize("metric", BOTH)
+def test_no_other_order_will_do(metric, true, plate):
+    assert metric(true[[1, 0, 2, 3]], true, plate) < 0.95 * metric(true, true, plate)
+
+
+def test_all_subframes_choose_the_direction(true, plate):
+    """The first sub-frame alone looks like the last one; the rest is right as it is."""
+    wrong = true.copy()
+    wrong[0] = true[3]
+    moved = np.mean((true[3] - true[0]) ** 2) / 4
+    assert subframe_psnr(wrong, true, plate) == pytest.approx(-10 * np.log10(moved))
+    assert subframe_ssim(wrong, true, plate) == pytest.approx(skimage_ssim(wrong, true))
+
+
+@pytest.mark.parametrize("metric", BOTH)
+def test_a_refusal_scores_as_the_bare_plate(metric, true, plate):
+    bare = np.repeat(plate[None], len(true), axis=0)
+    assert metric(None, true, plate) == metric(bare, true, plate) < metric(true, true, plate)
+
+
+def test_the_plate_matters_only_for_a_refusal(estimated, true, plate):
+    for metric in BOTH:
+        assert metric(estimated, true, plate) == metric(estimated, true, 0 * plate)
+        assert metric(None, true, plate) > metric(None, true, 0 * plate)
+
+
+@pytest.mark.parametrize("metric", BOTH)
+def test_turned_pictures_score_the_same(metric, estimated, true, plate):
+    score = metric(estimated, true, plate)
+    for axis in (0, 1):
+        flipped = (np.flip(a, axis - 3) for a in (estimated, true, plate))
+        assert metric(*flipped) == pytest.approx(score)
+    swapped = (a[..., ::-1] for a in (estimated, true, plate))
+    assert metric(*swapped) == pytest.approx(score)
+
+
+def test_single_precision_loses_nothing(estimated, true, plate):
+    single = [a.astype(np.float32) for a in (estimated, true, plate)]
+    for metric in BOTH:
+        assert metric(*single) == pytest.approx(
+            metric(*(a.astype(float) for a in single)), rel=1e-12
+        )
+
+
+def with_nan(array):
+    array = array.copy()
+    array[..., 0, 0, 0] = np.nan
+    return array
+
+
+@pytest.mark.parametrize("metric", BOTH)
+@pytest.mark.parametrize(
+    ("change", "error", "says"),
+    [
+        (lambda e, t, p: (e[:3], t, p), ValueError, r"estimated must have the shape \(4, 12, 20, 3"),
+        (lambda e, t, p: (e[0], t, p), ValueError, r"estimated must have the shape \(n, height"),
+        (lambda e, t, p: (e, t[..., :2], p), ValueError, r"true must have the shape \(n, height"),
+        (lambda e, t, p: (e, t, p[1:]), ValueError, r"plate must have the shape \(12, 20, 3\)"),
+        (lambda e, t, p: (None, t, p[1:]), ValueError, r"plate must have the shape \(12, 20, 3\)"),
+        (lambda e, t, p: (None, t, None), TypeError, "plate must be a NumPy array"),
+        (lambda e, t, p: (with_nan(e), t, p), ValueError, "estimated must be finite, got 4 NaN"),
+        (lambda e, t, p: (e, with_nan(t), p), ValueError, "true must be finite, got 4 NaN"),
+        (lambda e, t, p: (e, t, with_nan(p)), ValueError, "plate must be finite, got 1 NaN"),
+        (lambda e, t, p: (e, 255 * t, p), ValueError, "true must be coded as sRGB from 0 to 1, got"),
+        (lambda e, t, p: (e, t, p - 0.5), ValueError, "plate must be coded as sRGB from 0 to 1"),
+        (lambda e, t, p: (e, (255 * t).astype(np.uint8), p), TypeError, "true must have a dtype of"),
+        (lambda e, t, p: ((255 * t).astype(np.uint8), t, p), TypeError, "estimated must have a dty"),
+    ],
+)  # fmt: skip
+def test_door(metric, change, error, says, estimated, true, plate):
+    with pytest.raises(error, match=says):
+        metric(*change(estimated, true, plate))
+
+
+def test_door_of_ssim(estimated, true, plate):
+    with pytest.raises(
+        ValueError, match=r"true must be 7 by 7 pixels or more, got \(4, 6, 20, 3\)"
+    ):
+        subframe_ssim(estimated[:, :6], true[:, :6], plate[:6])
+    with pytest.raises(ValueError, match=r"true must show something, all its values are 0\.5"):
+        subframe_ssim(estimated, 0 * true + 0.5, plate)
