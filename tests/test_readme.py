@@ -33,7 +33,7 @@ def pictures(tmp_path_factory):
     path = bm.Trajectory.line((30, 34), (90, 46))
     truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, ball))
     throw, empty_room = (
-        bm.photograph(picture.rgb, NOISE, seed, bits=16)
+        bm.Camera(NOISE, bits=16).photograph(picture.rgb, seed)
         for seed, picture in enumerate((truth.image, truth.plate))
     )
     bm.write(folder / "throw.png", throw)

@@ -14,11 +14,9 @@ from blurmatte.files import read
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, decode, with_noise
 from blurmatte.rendering import (
     Ball,
+    Camera,
     Scene,
-    add_noise,
     colorful_plate,
-    encode_codes,
-    photograph,
     plain_plate,
     render,
     two_hue_plate,
@@ -37,7 +35,7 @@ ORANGE = np.array([0.9, 0.5, 0.1])
 
 
 def codes(light, code_std, rng):
-    return encode_codes(add_noise(light, NoiseModel(), rng, SRGB, code_std / 255), 8)
+    return Camera(code_std=code_std / 255).expose(light, rng)
 
 
 def through_jpeg(pixels, quality):
@@ -153,8 +151,8 @@ def test_floats_and_files_show_the_same(paint):
     noise = NoiseModel(gain=1e-4, read_std=0.003)
     masks = []
     for bits in (None, 16, 8):
-        rng = np.random.default_rng(0)
-        pictures = (photograph(p.rgb, noise, rng, bits=bits) for p in (paint.image, paint.plate))
+        camera, rng = Camera(noise, bits=bits), np.random.default_rng(0)
+        pictures = (camera.photograph(p.rgb, rng) for p in (paint.image, paint.plate))
         masks.append(find_streaks(*pictures)[0].mask)
     assert np.mean(masks[0] != masks[1]) < 0.01
     assert np.mean(masks[0] != masks[2]) < 0.03

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.color import ColorModel, evidence, fit_color, posterior, streak
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel, with_noise
-from blurmatte.rendering import Ball, Scene, colorful_plate, photograph, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory
 
@@ -38,7 +38,7 @@ def taken(scene, code_std, seed):
     """Eight-bit sRGB pictures, the plate the median of five; their noise measured."""
     rng = np.random.default_rng(seed)
     image, *frames = (
-        photograph(light, NoiseModel(), rng, code_std=code_std)
+        Camera(code_std=code_std).photograph(light, rng)
         for light in [scene.image.rgb] + 5 * [scene.plate.rgb]
     )
     rgb = np.median([frame.rgb for frame in frames], axis=0)
@@ -70,9 +70,8 @@ def angle(a, b):
 def scene():
     """Rendering, image and plate with noise of 0.002."""
     truth = random_scene(3)[0]
-    noise = NoiseModel(read_std=0.002)
-    return truth, *(photograph(p.rgb, noise, s, bits=None) for s, p in
-                    enumerate((truth.image, truth.plate)))  # fmt: skip
+    camera = Camera(NoiseModel(read_std=0.002), bits=None)
+    return truth, *(camera.photograph(p.rgb, s) for s, p in enumerate((truth.image, truth.plate)))
 
 
 # Right

@@ -7,13 +7,14 @@ from numpy.testing import assert_allclose, assert_array_equal
 from blurmatte.color import ColorModel
 from blurmatte.matting import PixelMaps, Pixelwise, Quality, pixelwise
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, with_noise
-from blurmatte.rendering import encode_codes, photograph
+from blurmatte.rendering import Camera, encode_codes
 
 NONE = NoiseModel()
 SENSOR = NoiseModel(
     gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.001, 0.004), relative_std=(0.003, 0.002, 0.006)
 )
 PLATE = NoiseModel(gain=(5e-5, 1e-4, 1e-4), read_std=(0.001, 0.002, 0.001))
+OF_IMAGE, OF_PLATE = Camera(SENSOR, bits=None), Camera(PLATE, bits=None)
 
 
 def solve(image, plate, model, **options) -> PixelMaps:
@@ -79,7 +80,7 @@ def test_exact_whatever_the_noise_says(rendering):
 def test_layer_over_plate_gives_the_image_back(rendering):
     """What the model does not explain is noise: a plane leaves nothing over."""
     rng = np.random.default_rng(0)
-    image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
+    image = OF_IMAGE.photograph(rendering.image.rgb, rng)
     maps = solve(image, rendering.plate.with_noise(NONE), rendering.model)
     back = maps.premultiplied + (1 - maps.alpha[..., None]) * rendering.plate.rgb
     rest = ((back - image.rgb) / np.sqrt(image.variance))[told_apart(rendering)]
@@ -95,8 +96,8 @@ def test_layer_over_plate_gives_the_image_back(rendering):
 def test_honest_with_known_noise(rendering):
     rng, trials = np.random.default_rng(1), []
     for _ in range(6):
-        image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
-        plate = photograph(rendering.plate.rgb, PLATE, rng, bits=None)
+        image = OF_IMAGE.photograph(rendering.image.rgb, rng)
+        plate = OF_PLATE.photograph(rendering.plate.rgb, rng)
         trials.append(errors(image, plate, rendering))
     assert_honest(trials)
 
@@ -106,22 +107,22 @@ def test_honest_with_known_noise(rendering):
 def test_honest_in_eight_bits_with_measured_noise(rendering, code_std, plate_part):
     rng, trials = np.random.default_rng(2), []
     for _ in range(4):
-        image = photograph(rendering.image.rgb, NONE, rng, code_std=code_std)
-        plate = photograph(rendering.plate.rgb, NONE, rng, code_std=code_std * plate_part)
+        image = Camera(code_std=code_std).photograph(rendering.image.rgb, rng)
+        plate = Camera(code_std=code_std * plate_part).photograph(rendering.plate.rgb, rng)
         trials.append(errors(*with_noise(image, plate), rendering))
     assert_honest(trials)
 
 
 def test_misfit_is_rare_where_the_model_fits(rendering):
     rng = np.random.default_rng(3)
-    image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
-    plate = photograph(rendering.plate.rgb, PLATE, rng, bits=None)
+    image = OF_IMAGE.photograph(rendering.image.rgb, rng)
+    plate = OF_PLATE.photograph(rendering.plate.rgb, rng)
     quality = solve(image, plate, rendering.model).quality
     assert np.mean((quality & Quality.MISFIT) != 0) < 5e-4
 
 
 def test_misfit_shows_the_wrong_model(paint):
-    image = photograph(paint.image.rgb, SENSOR, 3, bits=None)
+    image = OF_IMAGE.photograph(paint.image.rgb, 3)
     wrong = solve(image, paint.plate.with_noise(NONE), ColorModel.from_hex("#2060ff"))
     misfit = (wrong.quality & Quality.MISFIT) != 0
     assert np.mean(misfit[paint.layer.alpha > 0.1]) > 0.3
@@ -189,10 +190,10 @@ def test_saturated_pixels_are_not_known(paint):
 @pytest.fixture(scope="module")
 def noisy(paints):
     rng = np.random.default_rng(5)
-    image = photograph(paints.image.rgb.astype(np.float32), SENSOR, rng, bits=None)
+    image = OF_IMAGE.photograph(paints.image.rgb.astype(np.float32), rng)
     return (
         image,
-        photograph(paints.plate.rgb.astype(np.float32), PLATE, rng, bits=None),
+        OF_PLATE.photograph(paints.plate.rgb.astype(np.float32), rng),
         paints.model,
     )
 
@@ -211,8 +212,8 @@ def assert_same(a: PixelMaps, b: PixelMaps, tolerance):
 
 def test_single_precision_is_enough(rendering):
     rng = np.random.default_rng(6)
-    image = photograph(rendering.image.rgb, SENSOR, rng, bits=None)
-    plate = photograph(rendering.plate.rgb, PLATE, rng, bits=None)
+    image = OF_IMAGE.photograph(rendering.image.rgb, rng)
+    plate = OF_PLATE.photograph(rendering.plate.rgb, rng)
     double = solve(image, plate, rendering.model)
     single = solve(*(LinearImage(p.rgb.astype(np.float32), p.noise) for p in (image, plate)),
                    rendering.model)  # fmt: skip

@@ -13,18 +13,18 @@ from blurmatte.matting.plate_check import (
     warn_if_plate_differs,
 )
 from blurmatte.radiometry import LinearImage, NoiseModel
-from blurmatte.rendering import photograph, two_hue_plate
+from blurmatte.rendering import Camera, two_hue_plate
 from blurmatte.streaks import Streak
 
 NOISE = NoiseModel(gain=2e-4, read_std=0.002)
+CAMERA = Camera(NOISE, bits=None)
 
 
 def pair(scene, gain=(1, 1, 1), seed=0):
     """A noisy image, `gain` times as bright per channel, and plate; the streak."""
     rng = np.random.default_rng(seed)
     image, plate = (
-        photograph(light, NOISE, rng, bits=None)
-        for light in (scene.image.rgb * gain, scene.plate.rgb)
+        CAMERA.photograph(light, rng) for light in (scene.image.rgb * gain, scene.plate.rgb)
     )
     return image, plate, Streak(scene.layer.alpha > 0)
 
@@ -106,7 +106,7 @@ def test_swapped_where_the_texture_says_so(alpha):
     a = alpha * streak.mask[..., None]
     blurred = a * np.array([0.4, 0.4, 0.1]) + (1 - a) * light
     rng = np.random.default_rng(0)
-    image, plate = (photograph(p, NOISE, rng, bits=None) for p in (blurred, light))
+    image, plate = (CAMERA.photograph(p, rng) for p in (blurred, light))
     assert not _looks_swapped(image, plate, streak)
     assert _looks_swapped(plate, image, streak)
     with pytest.warns(PlateWarning, match="look swapped: .* the plate is the picture without"):
@@ -117,19 +117,17 @@ def test_noise_hides_no_swap():
     """The plate's noise is no texture that the image lacks."""
     texture = two_hue_plate((96, 64), (0.4, 0.2, 0.3), (0.3, 0.25, 0.35), 0)
     streak, rng = Streak.from_box((10, 10, 86, 54), (96, 64)), np.random.default_rng(0)
-    noise = NoiseModel(read_std=0.005)
-    image, plate = (
-        photograph(light, noise, rng, bits=None) for light in (texture, 0.4 * texture + 0.15)
-    )
+    camera = Camera(NoiseModel(read_std=0.005), bits=None)
+    image, plate = (camera.photograph(light, rng) for light in (texture, 0.4 * texture + 0.15))
     assert _looks_swapped(image, plate, streak)
 
 
 def test_noise_is_no_texture():
     """Before a flat plate nothing can be told, however noisy either picture is."""
     flat, streak = np.full((64, 96, 3), 0.3), Streak.from_box((10, 10, 86, 54), (96, 64))
-    weak, strong = NoiseModel(read_std=0.002), NoiseModel(read_std=0.02)
+    cameras = [Camera(NoiseModel(read_std=std), bits=None) for std in (0.002, 0.02)]
     for seed in range(10):
         rng = np.random.default_rng(seed)
-        a, b = (photograph(flat, noise, rng, bits=None) for noise in (weak, strong))
+        a, b = (camera.photograph(flat, rng) for camera in cameras)
         assert not _looks_swapped(a, b, streak)
         assert not _looks_swapped(b, a, streak)

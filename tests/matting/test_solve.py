@@ -14,9 +14,9 @@ from blurmatte.matting.plate_check import _looks_swapped
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
+    Camera,
     Scene,
     colorful_plate,
-    photograph,
     plain_plate,
     render,
     two_hue_plate,
@@ -33,8 +33,8 @@ PAIRS = [("floorball1", "floorball"), ("floorball2", "floorball"), ("pen", "pen"
 def taken(scene, seed=0, code_std=1 / 255, plate_part=1.0):
     """Eight-bit pictures of a scene and its plate; their noise not known."""
     rng = np.random.default_rng(seed)
-    image = photograph(scene.image.rgb, NoiseModel(), rng, code_std=code_std)
-    return image, photograph(scene.plate.rgb, NoiseModel(), rng, code_std=plate_part * code_std)
+    image = Camera(code_std=code_std).photograph(scene.image.rgb, rng)
+    return image, Camera(code_std=plate_part * code_std).photograph(scene.plate.rgb, rng)
 
 
 @pytest.fixture(scope="module")
@@ -155,7 +155,7 @@ def test_solver_may_be_given(paint):
 
 def test_plate_may_bring_its_own_noise(paint):
     """A variance for each pixel, as an average of many frames has it."""
-    image = photograph(paint.image.rgb, SENSOR, 0, bits=None)
+    image = Camera(SENSOR, bits=None).photograph(paint.image.rgb, 0)
     variance = np.full_like(image.rgb, 1e-8)
     variance[64:] = 2e-5
     rng = np.random.default_rng(1)
@@ -173,8 +173,8 @@ def test_plate_may_bring_its_own_noise(paint):
 def test_clipped_pixels_are_flagged_and_left_out(paint):
     light = paint.image.rgb.copy()
     light[50:60, 80:90] = 2
-    image = photograph(light, SENSOR, 0)
-    solution = solve(image, photograph(paint.plate.rgb, SENSOR, 1), paint.model)
+    image = Camera(SENSOR).photograph(light, 0)
+    solution = solve(image, Camera(SENSOR).photograph(paint.plate.rgb, 1), paint.model)
     assert np.all(solution.quality[50:60, 80:90] & Quality.SATURATED)
     assert not solution.layer.alpha[50:60, 80:90].any()
 
@@ -204,7 +204,8 @@ def test_gray_pictures(paint):
 
 @pytest.mark.parametrize("bits", [8, 16, None])
 def test_nothing_moved(paint, bits):
-    image, plate = (photograph(paint.plate.rgb, SENSOR, seed, bits=bits) for seed in (0, 1))
+    camera = Camera(SENSOR, bits=bits)
+    image, plate = (camera.photograph(paint.plate.rgb, seed) for seed in (0, 1))
     with pytest.raises(MotionError, match=r"nothing moved: .* say where to look with a region"):
         solve(image, plate)
     with pytest.raises(MotionError, match="nothing moved"):
@@ -224,7 +225,7 @@ def test_too_small():
 
 
 def test_all_clipped(paint):
-    clipped = photograph(paint.plate.rgb + 2, SENSOR, 0)
+    clipped = Camera(SENSOR).photograph(paint.plate.rgb + 2, 0)
     with pytest.raises(PlateError, match="no unclipped pixel in common; expose shorter"):
         solve(paint.image, clipped)
 

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, fit_noise, with_noise
-from blurmatte.rendering import photograph
+from blurmatte.rendering import Camera
 
 SENSOR = NoiseModel(
     gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.001, 0.004), relative_std=(0.003, 0.002, 0.006)
@@ -27,8 +27,8 @@ def pair(light, plate, noise, plate_part, seed, **camera):
     """Two pictures, the second with `plate_part` of the first's noise; their noise not known."""
     rng, of_plate = np.random.default_rng(seed), scaled(noise, plate_part)
     code_std = camera.pop("code_std", 0)
-    image = photograph(light, noise, rng, code_std=code_std, **camera)
-    plate = photograph(plate, of_plate, rng, code_std=code_std * plate_part, **camera)
+    image = Camera(noise, code_std, **camera).photograph(light, rng)
+    plate = Camera(of_plate, code_std * plate_part, **camera).photograph(plate, rng)
     return image.with_noise(None), plate.with_noise(None)
 
 
@@ -67,7 +67,7 @@ def test_rounding_is_what_rounding_does(transfer):
     rng = np.random.default_rng(0)
     for light in (0.02, 0.1, 0.3, 0.8):
         exact = light * (1 + 0.1 * rng.uniform(-1, 1, (300, 300, 3)))
-        rounded = photograph(exact, NoiseModel(), 0, 8, transfer).rgb
+        rounded = Camera(transfer=transfer).photograph(exact, 0).rgb
         predicted = np.sqrt(NoiseModel.rounding(256, transfer).variance(np.full(3, light)))
         assert_allclose(np.sqrt(np.mean((rounded - exact) ** 2)), predicted, rtol=0.12)
 
@@ -133,7 +133,7 @@ def test_no_noise_is_no_noise(paint):
 
 
 def test_rounding_is_the_least_in_a_file(paint):
-    plate = photograph(paint.plate.rgb, NoiseModel(), 0)
+    plate = Camera().photograph(paint.plate.rgb, 0)
     for fit in fit_noise(plate, plate):
         assert_allclose(std_of(fit), std_of(NoiseModel.rounding(256, SRGB)), rtol=1e-6)
 

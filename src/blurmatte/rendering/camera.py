@@ -1,96 +1,236 @@
-"""A camera: exact light → noise → code values → light as a file gives it back."""
+"""A camera: exact light → noise → code values → light as a reader of its file gets it."""
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_light
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
+from blurmatte.rendering.jpeg import CHROMAS, FULL_CHROMA, coarsen_chroma, from_jpeg, to_jpeg
 
 Rng = int | np.random.Generator
 Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
-_DTYPES = {8: np.uint8, 16: np.uint16}
+_BITS = (8, 10, 12, 16)
+_NO_NOISE = NoiseModel()
 
 
-def photograph(
-    light: Floats,
-    noise: NoiseModel,
-    rng: Rng,
-    bits: int | None = 8,
-    transfer: Transfer = SRGB,
-    code_std: float = 0.0,
-) -> LinearImage:
-    """Take a picture of exact light, as it would come out of a file.
+@dataclass(frozen=True)
+class Camera:
+    """What happens to light on its way into a file.
 
     Parameters
     ----------
-    light : (H, W, 3) float
-        Exact linear light, 1 = sensor white.
     noise : NoiseModel
         Of the sensor; rounding comes on top. `NoiseModel()` for none.
-    rng : int or Generator
-        Seed, or a generator that is used up.
-    bits : 8, 16 or None
+    code_std : float
+        Standard deviation of noise added in code values (0…1), e.g. 2 / 255.
+    bits : 8, 10, 12, 16 or None
         Bits of the file; None keeps floats, unclipped.
     transfer : Transfer
         Curve of the file's code values.
-    code_std : float
-        Standard deviation of noise added in code values (0…1), e.g. 2 / 255.
-
-    Returns
-    -------
-    LinearImage
-        float32 with saturated pixels not valid, its noise not measured yet; or, for `bits` None, in
-        the dtype of `light` with its noise known.
+    jpeg_quality : int, optional
+        1…100: the file is a JPEG of this quality. Needs `bits` 8 and the sRGB curve.
+    chroma : str
+        "4:4:4": every pixel has a color of its own; "4:2:2": two neighbors in a row share theirs;
+        "4:2:0": two by two do. Without `jpeg_quality` as in video that is not compressed further.
+    bayer : bool
+        The sensor sees one channel in each pixel (red, green over green, blue), clips at 1 unless
+        `bits` is None, and the other two are interpolated linearly. Noise is then correlated.
 
     Raises
     ------
     TypeError, ValueError
-        If `light` is not linear light, `bits` something else, or `code_std` negative.
+        For a number outside its range, or a file that does not exist, such as a JPEG of 16 bits.
     """
-    exposed = add_noise(light, noise, rng, transfer, code_std)
-    if bits is not None:
-        return decode(encode_codes(exposed, bits, transfer), transfer)
-    if code_std == 0:
-        return LinearImage(exposed, noise=noise)
-    variance = noise.variance(light) + (code_std * transfer.slope(light)) ** 2
-    return LinearImage(exposed, noise=np.asarray(variance, dtype=light.dtype))
+
+    noise: NoiseModel = _NO_NOISE
+    code_std: float = 0.0
+    bits: int | None = 8
+    transfer: Transfer = SRGB
+    jpeg_quality: int | None = None
+    chroma: str = FULL_CHROMA
+    bayer: bool = False
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.noise, NoiseModel):
+            raise TypeError(f"noise must be a NoiseModel, got {type(self.noise).__name__}")
+        if not (np.isfinite(self.code_std) and self.code_std >= 0):
+            raise ValueError(f"code_std must be finite and not negative, got {self.code_std}")
+        if self.bits is not None:
+            _check_bits(self.bits)
+        if self.chroma not in CHROMAS:
+            raise ValueError(f"chroma must be one of {', '.join(CHROMAS)}, got {self.chroma!r}")
+        if self.bits is None and self.chroma != FULL_CHROMA:
+            raise ValueError(
+                f"chroma {self.chroma} shares code values, and floats (bits None) have none"
+            )
+        if self.jpeg_quality is not None:
+            self._check_jpeg(self.jpeg_quality)
+
+    def _check_jpeg(self, quality: int) -> None:
+        if quality not in range(1, 101):
+            raise ValueError(f"jpeg_quality must be a whole number from 1 to 100, got {quality}")
+        if self.bits != 8:
+            raise ValueError(
+                f"a JPEG holds 8 bits, got bits {self.bits} with jpeg_quality {quality}"
+            )
+        if self.transfer != SRGB:
+            raise ValueError(f"a JPEG is read as sRGB, got the curve {self.transfer.name}")
+
+    def expose(self, light: Floats, rng: Rng) -> Codes:
+        """The code values of one picture; those of a JPEG before its compression.
+
+        Parameters
+        ----------
+        light : (H, W, 3) float
+            Exact linear light, 1 = sensor white.
+        rng : int or Generator
+            Seed, or a generator that is used up.
+
+        Returns
+        -------
+        (H, W, 3) uint8 or uint16
+            uint8 for 8 bits; else uint16 whose top is 65535: of 10 bits, every 64th or so occurs.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `light` is not linear light, `bits` is None, or a mosaic would not be 2x2 pixels.
+        """
+        if self.bits is None:
+            raise ValueError("a camera with bits None has no code values; use photograph")
+        values = self.transfer.encode(self._developed(light, rng))
+        if self.jpeg_quality is None and self.chroma != FULL_CHROMA:
+            values = coarsen_chroma(np.clip(values, 0, 1), self.chroma, 2**self.bits - 1)
+        return _rounded(values, self.bits)
+
+    def compress(self, codes: Codes) -> bytes:
+        """The JPEG file of (H, W, 3) uint8 `codes`, tagged as sRGB.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the codes are of another kind, or the camera makes no JPEG.
+        """
+        if self.jpeg_quality is None:
+            raise ValueError("a camera without jpeg_quality makes no JPEG")
+        if codes.dtype != np.uint8 or codes.ndim != 3 or codes.shape[2] != 3:
+            raise TypeError(f"codes must be (H, W, 3) uint8, got {codes.shape} {codes.dtype}")
+        return to_jpeg(codes, self.jpeg_quality, self.chroma)
+
+    def photograph(self, light: Floats, rng: Rng) -> LinearImage:
+        """Take a picture of exact light, as it comes out of the camera's file.
+
+        Parameters
+        ----------
+        light : (H, W, 3) float
+            Exact linear light, 1 = sensor white.
+        rng : int or Generator
+            Seed, or a generator that is used up.
+
+        Returns
+        -------
+        LinearImage
+            float32 with saturated pixels not valid, its noise not measured yet; or, for `bits`
+            None, in the dtype of `light` with its noise known, unless a mosaic correlates it.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `light` is not linear light, or a mosaic would not be 2x2 pixels.
+        """
+        if self.bits is None:
+            return LinearImage(self._developed(light, rng), noise=self._known_noise(light))
+        codes = self.expose(light, rng)
+        if self.jpeg_quality is not None:
+            codes = from_jpeg(self.compress(codes))
+        picture = decode(codes, self.transfer)
+        return replace(picture, meta=replace(picture.meta, levels=2**self.bits))
+
+    def _developed(self, light: Floats, rng: Rng) -> Floats:
+        """Light with all its noise, as the curve meets it; shape and dtype of `light`."""
+        check_light("light", light)
+        rng = np.random.default_rng(rng)
+        seen = _noisy(light, self.noise, rng)
+        if self.bayer:
+            seen = _demosaic(seen if self.bits is None else np.minimum(seen, 1))
+        if self.code_std > 0:
+            codes = self.transfer.encode(seen) + self.code_std * rng.standard_normal(light.shape)
+            seen = self.transfer.decode(codes)
+        return np.asarray(seen, dtype=light.dtype)
+
+    def _known_noise(self, light: Floats) -> NoiseModel | Floats | None:
+        """Of unrounded floats. A mosaic's is no function of the light: not known."""
+        if self.bayer:
+            return None
+        if self.code_std == 0:
+            return self.noise
+        of_codes = (self.code_std * self.transfer.slope(light)) ** 2
+        return np.asarray(self.noise.variance(light) + of_codes, dtype=light.dtype)
 
 
-def add_noise(
-    light: Floats,
-    noise: NoiseModel,
-    rng: Rng,
-    transfer: Transfer = SRGB,
-    code_std: float = 0.0,
-) -> Floats:
-    """Light with the noise of a sensor, then noise in code values; shape and dtype of `light`.
+def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:
+    """Light with the noise of a sensor; shape and dtype of `light`.
 
     Photon and read noise are drawn together, from a normal distribution of their variance at the
     exact light: good where a pixel holds more than about 20 electrons (light > 20 · gain). The
-    parameters are those of `photograph`.
+    parameters are those of `Camera` and its `photograph`.
     """
     check_light("light", light)
-    if not (np.isfinite(code_std) and code_std >= 0):
-        raise ValueError(f"code_std must be finite and not negative, got {code_std}")
-    rng = np.random.default_rng(rng)
-    noisy = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
-    if code_std > 0:
-        codes = transfer.encode(noisy) + code_std * rng.standard_normal(light.shape)
-        noisy = transfer.decode(codes)
-    return np.asarray(noisy, dtype=light.dtype)
+    return np.asarray(_noisy(light, noise, np.random.default_rng(rng)), dtype=light.dtype)
 
 
 def encode_codes(light: Floats, bits: int, transfer: Transfer = SRGB) -> Codes:
     """Integer code values of linear `light`, any shape: encoded, rounded and clipped.
 
+    They are those of `Camera.expose`: 10 and 12 bits fill the range of uint16.
+
     Raises
     ------
     ValueError
-        If `bits` is neither 8 nor 16.
+        If `bits` is neither 8, 10, 12 nor 16.
     """
-    if bits not in _DTYPES:
-        raise ValueError(f"bits must be 8 or 16, got {bits}")
-    top = 2**bits - 1
-    codes: Codes = np.rint(top * np.clip(transfer.encode(light), 0, 1)).astype(_DTYPES[bits])
-    return codes
+    _check_bits(bits)
+    return _rounded(transfer.encode(light), bits)
+
+
+def _check_bits(bits: int) -> None:
+    if bits not in _BITS:
+        raise ValueError(f"bits must be 8, 10, 12 or 16, got {bits}")
+
+
+def _noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
+    noisy: Floats = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
+    return noisy
+
+
+def _rounded(values: Floats, bits: int) -> Codes:
+    """Code values 0…1 to integers: to the steps of `bits` first, then to the range of the dtype."""
+    steps = 2**bits - 1
+    codes: Floats = np.rint(steps * np.clip(values, 0, 1))
+    if bits == 8:
+        return codes.astype(np.uint8)
+    codes = np.rint(codes * (65535 / steps))
+    return codes.astype(np.uint16)
+
+
+def _demosaic(light: Floats) -> Floats:
+    """(H, W, 3): each pixel keeps one channel, and the other two come from its neighbors."""
+    from scipy.ndimage import convolve
+
+    if min(light.shape[:2]) < 2:
+        height, width = light.shape[:2]
+        raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
+    y, x = np.indices(light.shape[:2]) % 2
+    # A channel's weights sum to 1 in every phase of its pattern, and are 1 where it was seen.
+    crossing = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4
+    spread = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
+    patterns = ((x + y == 0, spread), (x != y, crossing), (x + y == 2, spread))
+    # "mirror" repeats no pixel, so beyond the border the pattern goes on as it should.
+    channels = [
+        convolve(light[..., c] * seen, weights, mode="mirror")
+        for c, (seen, weights) in enumerate(patterns)
+    ]
+    return np.stack(channels, axis=-1)

@@ -1,17 +1,29 @@
 """Plates to move things in front of: linear light (H, W, 3), float64, never black.
 
-Same size and seed, same bytes. Sizes are (width, height).
+Same size and seed, same bytes. Sizes are (width, height). One thing here stands in front: a fence.
 """
+
+from collections.abc import Sequence
 
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.layer import Layer
+from blurmatte.radiometry import SRGB
 from blurmatte.rendering.camera import Rng
 from blurmatte.rendering.paint import check_color
 
 Array = npt.NDArray[np.float64]
 
 _GOLDEN = (np.sqrt(5) - 1) / 2  # turns by this part of a circle never come near each other
+_LEAST_STRIPE = 2  # pixels; wider than the diagonal of a pixel, which then meets one edge at most
+_FENCE_LAMP = np.array([-0.6, 0.8])  # across a wire, and towards the camera
+_FENCE_AMBIENT = 0.3
+
+# Color photographs that scikit-image brings along, no download needed.
+PHOTOS = ("astronaut", "chelsea", "coffee", "immunohistochemistry", "rocket", "stereo_motorcycle")
+_LENS = 0.7  # pixels, the std of what it makes of a point
+_SPREAD = 0  # seed of what rounding took from them: part of the photograph, not of the noise
 
 
 def plain_plate(size: tuple[int, int], color: npt.ArrayLike, rng: Rng) -> Array:
@@ -95,6 +107,203 @@ def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
     shade = 0.8 + 0.2 * _unit_range(_smooth(size, tile / 2, rng))
     grain = 1 + 0.015 * _smooth(size, 0.7, rng)
     return np.asarray(light * (shade * grain)[..., None])
+
+
+def striped_plate(
+    size: tuple[int, int], colors: Sequence[npt.ArrayLike], width: float, angle: float = 0.0
+) -> Array:
+    """Stripes with hard straight edges, each pixel the exact average of what falls on it.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height.
+    colors : sequence of (3,) float
+        Linear light of the stripes, again and again in this order. The first begins at the center.
+    width : float
+        Of each stripe, pixels, 2 or more.
+    angle : float
+        Radians from +x towards +y of the direction across the stripes; 0 makes them upright.
+
+    Returns
+    -------
+    (H, W, 3) float64
+    """
+    if len(colors) < 2:
+        raise ValueError(f"colors must be 2 or more, got {len(colors)}")
+    if not (np.isfinite(width) and width >= _LEAST_STRIPE):
+        raise ValueError(f"width must be {_LEAST_STRIPE} pixels or more, got {width}")
+    if not np.isfinite(angle):
+        raise ValueError(f"angle must be finite, got {angle}")
+    paint = np.stack([check_color("colors", color) for color in colors])
+    across = _across(size, angle)
+    edge = np.rint(across / width).astype(int)
+    beyond = _half_plane(across - edge * width, angle)[..., None]
+    here, there = paint[(edge - 1) % len(paint)], paint[edge % len(paint)]
+    return np.asarray((1 - beyond) * here + beyond * there)
+
+
+def textured_plate(size: tuple[int, int], rng: Rng) -> Array:
+    """A surface with structure in brightness and color at all scales, as much in each octave.
+
+    Its contrast falls with frequency f as 1/f, as that of photographs does; a lens that spreads a
+    point by 0.7 pixels takes most of what is left at single pixels. It goes on across the border at
+    the opposite side.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height.
+    rng : int or Generator
+
+    Returns
+    -------
+    (H, W, 3) float64
+    """
+    rng = np.random.default_rng(rng)
+    brightness = _fractal(size, rng)[..., None]
+    hue = np.stack([_fractal(size, rng) for _ in range(3)], axis=-1)
+    hue -= hue.mean(axis=-1, keepdims=True)
+    return np.asarray(0.03 + 0.72 / (1 + np.exp(1 - 0.8 * brightness - 0.9 * hue)))
+
+
+def photo_plate(name: str, size: tuple[int, int]) -> Array:
+    """The middle of a photograph that comes with scikit-image.
+
+    Its code values are spread evenly over the step that each was rounded to, the same way each time;
+    else a camera of 8 bits would find all of them on its own steps and not round at all. Parts may
+    be saturated, and nearly black.
+
+    Parameters
+    ----------
+    name : str
+        One of `PHOTOS`, by the name of its function in `skimage.data`.
+    size : (int, int)
+        Width and height.
+
+    Returns
+    -------
+    (H, W, 3) float64
+
+    Raises
+    ------
+    ImportError
+        Without scikit-image.
+    ValueError
+        If there is no such photograph, or it is smaller than `size`.
+    """
+    if name not in PHOTOS:
+        raise ValueError(f"name must be one of {', '.join(PHOTOS)}, got {name!r}")
+    _check_size(size)
+    codes = _load_photo(name)
+    spare = codes.shape[1] - size[0], codes.shape[0] - size[1]
+    if min(spare) < 0:
+        raise ValueError(
+            f"the photograph {name!r} is {codes.shape[1]}x{codes.shape[0]} pixels, "
+            f"less than size {size[0]}x{size[1]}"
+        )
+    left, top = spare[0] // 2, spare[1] // 2
+    codes = codes[top : top + size[1], left : left + size[0]]
+    spread = codes + np.random.default_rng(_SPREAD).uniform(-0.5, 0.5, codes.shape)
+    return np.asarray(SRGB.decode(np.abs(spread) / 255))
+
+
+def wire_fence(
+    size: tuple[int, int],
+    spacing: float,
+    width: float,
+    color: npt.ArrayLike,
+    angle: float = 0.6,
+) -> Layer:
+    """Two families of slanted wires, to stand in front of everything; they cover whole pixels.
+
+    Alpha is 0 or 1: of a pixel covered in part no layer could say what was behind the rest.
+
+    Parameters
+    ----------
+    size : (int, int)
+        Width and height.
+    spacing : float
+        From the middle of a wire to that of the next, pixels.
+    width : float
+        Of a wire, pixels: 1 or more, and less than `spacing`.
+    color : (3,) float
+        Linear light of the wire where the lamp shines on it squarely.
+    angle : float
+        Radians by which the wires lean from upright, one family to the left, one to the right.
+
+    Returns
+    -------
+    Layer
+        float64.
+    """
+    paint = check_color("color", color)
+    if not 1 <= width < spacing < np.inf:
+        raise ValueError(
+            f"width must be 1 pixel or more and less than spacing, got {width} and {spacing}"
+        )
+    if not 0 < abs(angle) < np.pi / 2:
+        raise ValueError(f"angle must lie between 0 and pi/2, got {angle}")
+    alpha, shade = np.zeros(size[::-1]), np.zeros(size[::-1])
+    for lean in (angle, -angle):  # the second passes over the first
+        across = _across(size, lean)
+        from_middle = (across - spacing * np.rint(across / spacing)) / (width / 2)
+        wire = np.abs(from_middle) <= 1
+        alpha[wire], shade[wire] = 1, _round_shade(from_middle[wire])
+    return Layer(alpha, shade[..., None] * paint)
+
+
+def _load_photo(name: str) -> npt.NDArray[np.uint8]:
+    try:
+        from skimage import data
+    except ImportError as error:
+        raise ImportError("photographs need: pip install 'blurmatte[photos]'") from error
+    pictures = getattr(data, name)()
+    return np.asarray(pictures[0] if isinstance(pictures, tuple) else pictures)  # left, right, ...
+
+
+def _across(size: tuple[int, int], angle: float) -> Array:
+    """(H, W) distance of each pixel from the center of the picture, along a direction."""
+    _check_size(size)
+    x, y = (np.arange(side) - (side - 1) / 2 for side in size)
+    return np.asarray(np.cos(angle) * x + np.sin(angle) * y[:, None])
+
+
+def _half_plane(distance: Array, angle: float) -> Array:
+    """Share of a pixel's square beyond a straight edge, its center `distance` beyond it.
+
+    Along the longer of |cos|, |sin| of the edge's direction the share is a ramp of that length; the
+    shorter averages ramps over its own. With R the integral of a ramp from 0 to 1, that is the
+    difference of R at both ends.
+    """
+    short, long = sorted((abs(np.cos(angle)), abs(np.sin(angle))))
+    middle, reach = 0.5 + distance / long, short / long / 2
+    if reach < 1e-6:  # the difference would be of rounding alone; so little slant covers no less
+        return np.asarray(np.clip(middle, 0, 1))
+    return np.asarray((_ramp_area(middle + reach) - _ramp_area(middle - reach)) / (2 * reach))
+
+
+def _ramp_area(x: Array) -> Array:
+    return np.asarray(np.clip(x, 0, 1) ** 2 / 2 + np.maximum(x - 1, 0))
+
+
+def _fractal(size: tuple[int, int], rng: np.random.Generator) -> Array:
+    """(H, W) noise with mean 0 and spread 1 whose amplitude falls as 1 / frequency, through a lens."""
+    _check_size(size)
+    width, height = size
+    f = np.hypot(np.fft.rfftfreq(width), np.fft.fftfreq(height)[:, None])
+    lens = np.exp(-2 * (np.pi * _LENS * f) ** 2)
+    f[0, 0] = np.inf
+    waves = np.fft.rfft2(rng.standard_normal((height, width))) * lens / f
+    noise = np.fft.irfft2(waves, (height, width))
+    return np.asarray(noise / max(noise.std(), 1e-12))
+
+
+def _round_shade(from_middle: Array) -> Array:
+    """Light of a round wire, ambient + Lambert, from −1 at its one side to 1 at the other."""
+    towards_camera = np.sqrt(1 - from_middle**2)
+    facing = _FENCE_LAMP[0] * from_middle + _FENCE_LAMP[1] * towards_camera
+    return np.asarray(_FENCE_AMBIENT + (1 - _FENCE_AMBIENT) * np.maximum(facing, 0))
 
 
 def _from_hue(hue: Array, saturation: Array, value: Array) -> Array:
