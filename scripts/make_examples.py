@@ -12,6 +12,7 @@ import OpenImageIO as oiio
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
+    Lamp,
     Rendering,
     Scene,
     add_noise,
@@ -25,7 +26,7 @@ from blurmatte.trajectory import Trajectory
 SIZE = (400, 300)
 SEED = 36
 NOISE = NoiseModel(gain=2e-5, read_std=0.0008)
-BALL = Ball(18, np.array([0.95, 0.50, 0.03]), ambient=0.4, lamp=(-0.4, -0.6, 0.9))
+BALL = Ball(18, np.array([0.95, 0.50, 0.03]), ambient=0.4, lamps=(Lamp((-0.4, -0.6, 0.9)),))
 PATH = Trajectory.arc((118, 196), (200, 140), (274, 118))
 PLATES = {
     "colorful": colorful_plate(SIZE, SEED),
@@ -50,7 +51,7 @@ def truth(rendering: Rendering) -> dict[str, object]:
         "radius": BALL.radius,
         "color": BALL.color.tolist(),
         "ambient": BALL.ambient,
-        "lamp": BALL.lamp,
+        "lamp": BALL.lamps[0].direction,
         "color_hex": rendering.model.hex[0],
         "alpha_sum": round(float(rendering.layer.alpha.sum()), 6),
         "path_length": round(PATH.length, 4),

@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.rendering.coverage import box_coverage, cell_edges, disc_coverage
+from blurmatte.rendering.coverage import (
+    box_coverage,
+    cell_edges,
+    disc_coverage,
+    polygon_coverage,
+)
+
+GRID = (np.arange(-8.0, 9) + 0.31, np.arange(-9.0, 8) - 0.17)
+UNEVEN = (np.array([-7.0, -3.1, -3, -0.2, 0.4, 2, 6.5]), np.array([-5, -4.9, -1, 0.3, 4]))
 
 
 def counted_disc(x, y, radius, n=200):
@@ -59,3 +67,103 @@ def test_box_covers_its_sides():
 
 def test_cells_split_the_pixels():
     assert_allclose(cell_edges(np.array([2.25, 3.25]), 2), [1.75, 2.25, 2.75, 3.25, 3.75])
+
+
+# Polygons.
+
+
+def clipped(vertices, axis, bound, side):
+    """What of a polygon lies where side · (coordinate − bound) > 0: one step of Sutherland–Hodgman."""
+    kept = []
+    for a, b in zip(np.roll(vertices, 1, axis=0), vertices, strict=True):
+        da, db = side * (a[axis] - bound), side * (b[axis] - bound)
+        if (da > 0) != (db > 0):
+            kept.append(a + (b - a) * da / (da - db))
+        if db > 0:
+            kept.append(b)
+    return np.array(kept).reshape(-1, 2)
+
+
+def shoelace(vertices):
+    (x, y), (x2, y2) = vertices.T, np.roll(vertices, -1, axis=0).T
+    return abs(np.sum(x * y2 - x2 * y)) / 2
+
+
+def area_by_clipping(x, y, vertices):
+    """Clip the polygon to every cell, one after another."""
+    area = np.zeros((len(y) - 1, len(x) - 1))
+    for j in range(len(y) - 1):
+        for i in range(len(x) - 1):
+            inside = vertices
+            for axis, bound, side in (
+                (0, x[i], 1),
+                (0, x[i + 1], -1),
+                (1, y[j], 1),
+                (1, y[j + 1], -1),
+            ):
+                inside = clipped(inside, axis, bound, side)
+            area[j, i] = shoelace(inside)
+    return area
+
+
+def regular(n, radius, turn=0.0, center=(0, 0)):
+    angle = turn + 2 * np.pi * np.arange(n) / n
+    return center + radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+
+
+def star(turn):
+    return regular(10, 6.0, turn) * np.where(np.arange(10) % 2, 0.4, 1)[:, None]
+
+
+POLYGONS = {
+    "triangle": regular(3, 5, 0.3),
+    "triangle on the other hand": regular(3, 5, 1.1)[::-1],
+    "sliver": np.array([[-6, -4.0], [6, 4.2], [6, 4.201]]),
+    "corners on grid lines": regular(4, np.sqrt(8), np.pi / 4, (0.31, -0.17)),
+    "star": star(0.2),
+    "beyond the grid on all sides": regular(5, 30, 0.4),
+    "around a corner of the grid": regular(6, 9, 0.2, (8, -9)),
+    "across the left border": regular(5, 4, 0.3, (-8, 1)),
+    "left of the grid": regular(4, 3, 0, (-15, 0)),
+    "right of the grid": regular(4, 3, 0, (15, 0)),
+    "within one cell": 0.01 * regular(3, 5, 0.3),
+}
+
+
+@pytest.mark.parametrize("name", POLYGONS)
+@pytest.mark.parametrize("grid", [GRID, UNEVEN])
+def test_polygon_agrees_with_clipping_it_to_each_cell(name, grid):
+    vertices = POLYGONS[name]
+    area = polygon_coverage(*grid, vertices)
+    assert_allclose(area, area_by_clipping(*grid, vertices), atol=2e-12)
+    assert_allclose(polygon_coverage(*grid, vertices[::-1]), area, atol=2e-12)
+
+
+@pytest.mark.parametrize("turn", np.linspace(0, 2, 9))
+def test_area_of_a_polygon_is_all_there(turn):
+    for vertices in (regular(3, 6, turn), star(turn), regular(4, 5, turn, (0.5, 0.25))):
+        assert_allclose(polygon_coverage(*GRID, vertices).sum(), shoelace(vertices), atol=1e-10)
+
+
+def test_an_upright_polygon_is_a_box():
+    corners = np.array([[-2.2, -1.6], [2.2, -1.6], [2.2, 1.6], [-2.2, 1.6]])
+    for grid in (GRID, UNEVEN):
+        assert_allclose(polygon_coverage(*grid, corners), box_coverage(*grid, 4.4, 3.2), atol=1e-12)
+
+
+def test_a_polygon_of_many_corners_is_a_disc():
+    n = 4000
+    corners = regular(n, 6.3 * np.sqrt(2 * np.pi / n / np.sin(2 * np.pi / n)))
+    assert_allclose(polygon_coverage(*GRID, corners), disc_coverage(*GRID, 6.3), atol=1e-5)
+
+
+def test_a_polygon_is_exactly_nothing_outside_and_everything_inside():
+    area = polygon_coverage(*GRID, regular(40, 6.1, 0.1))
+    x, y = ((edges[1:] + edges[:-1]) / 2 for edges in GRID)
+    away = np.hypot(x, y[:, None])
+    assert np.all(area[away > 6.1 + 0.75] == 0)
+    assert_allclose(area[away < 6.1 - 0.8], 1, rtol=1e-12)
+
+
+def test_a_polygon_without_area_covers_nothing():
+    assert not polygon_coverage(*GRID, np.array([[-3, -2.0], [3, 2], [-3, -2]])).any()

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.radiometry import SRGB
-from blurmatte.rendering import Ball, Scene, render
+from blurmatte.rendering import Ball, Lamp, Scene, render
 from blurmatte.trajectory import Trajectory
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
@@ -26,7 +26,7 @@ def test_truth_belongs_to_the_pictures(name):
     image, plate = (SRGB.table(65536)[codes(folder / f"{n}.png")] for n in ("image", "plate"))
     alpha = codes(folder / "alpha.png")[..., :1] / 65535
     path = Trajectory(truth["trajectory"]["xy"], truth["trajectory"]["t"])
-    ball = Ball(truth["radius"], truth["color"], truth["ambient"], truth["lamp"])
+    ball = Ball(truth["radius"], truth["color"], truth["ambient"], (Lamp(truth["lamp"]),))
     layer = render(Scene(plate, path, ball)).layer
     assert_allclose(alpha.sum(), truth["alpha_sum"], rtol=1e-3)
     assert_allclose(alpha[..., 0], layer.alpha, atol=2e-5)

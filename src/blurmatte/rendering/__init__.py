@@ -1,14 +1,29 @@
 """Synthetic motion blur with a known answer: what tests, examples and benchmarks are made of."""
 
 from blurmatte.rendering.ball import Ball as Ball
+from blurmatte.rendering.camera import Camera as Camera
 from blurmatte.rendering.camera import add_noise as add_noise
 from blurmatte.rendering.camera import encode_codes as encode_codes
-from blurmatte.rendering.camera import photograph as photograph
+from blurmatte.rendering.cube import Cube as Cube
+from blurmatte.rendering.drift import Drift as Drift
+from blurmatte.rendering.lamp import Lamp as Lamp
+from blurmatte.rendering.plates import PHOTOS as PHOTOS
 from blurmatte.rendering.plates import colorful_plate as colorful_plate
+from blurmatte.rendering.plates import photo_plate as photo_plate
 from blurmatte.rendering.plates import plain_plate as plain_plate
+from blurmatte.rendering.plates import striped_plate as striped_plate
+from blurmatte.rendering.plates import textured_plate as textured_plate
 from blurmatte.rendering.plates import two_hue_plate as two_hue_plate
+from blurmatte.rendering.plates import wire_fence as wire_fence
+from blurmatte.rendering.pose import AT_REST as AT_REST
+from blurmatte.rendering.pose import Change as Change
+from blurmatte.rendering.pose import Pose as Pose
+from blurmatte.rendering.render import Rendering as Rendering
+from blurmatte.rendering.render import render as render
 from blurmatte.rendering.scene import Body as Body
-from blurmatte.rendering.scene import Rendering as Rendering
 from blurmatte.rendering.scene import Scene as Scene
-from blurmatte.rendering.scene import render as render
+from blurmatte.rendering.scene import Shadow as Shadow
 from blurmatte.rendering.sheet import Sheet as Sheet
+from blurmatte.rendering.shot import Shot as Shot
+from blurmatte.rendering.sprite import Sprite as Sprite
+from blurmatte.rendering.sprite import star_sprite as star_sprite

@@ -9,8 +9,6 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_ROUNDING = 1e-12  # areas below are what floating point left of nothing, pixels²
-
 
 def disc_coverage(x: Array, y: Array, radius: float) -> Array:
     """Area that a disc of `radius` pixels covers in each cell.
@@ -23,13 +21,13 @@ def disc_coverage(x: Array, y: Array, radius: float) -> Array:
     for y > 0 take the whole strip left of x, 2 S(x) + π/2, less F(x, −y). A cell is the mixed
     difference of F over its corners.
     """
-    x, y = np.clip(x / radius, -1, 1), np.clip(y / radius, -1, 1)[:, None]
+    from blurmatte.rendering import kernel  # numba takes half a second to import
+
+    x, y = np.clip(x / radius, -1, 1), np.clip(y / radius, -1, 1)
     c = np.sqrt(1 - y**2)
-    S, S_c = _half_area(x), _half_area(c)
-    upper = np.clip(S, -S_c, S_c) + S_c - np.abs(y) * (np.clip(x, -c, c) + c)
-    F = np.where(y > 0, 2 * S + np.pi / 2 - upper, upper)
-    area = radius**2 * np.diff(np.diff(F, axis=0), axis=1)
-    return np.where(area > _ROUNDING, area, 0)
+    area = np.empty((len(y) - 1, len(x) - 1))
+    kernel.disc(x, y, _half_area(x), _half_area(c), c, float(radius), area)
+    return area
 
 
 def box_coverage(x: Array, y: Array, width: float, height: float) -> Array:
@@ -37,6 +35,18 @@ def box_coverage(x: Array, y: Array, width: float, height: float) -> Array:
     across = np.diff(np.clip(x, -width / 2, width / 2))
     down = np.diff(np.clip(y, -height / 2, height / 2))
     return np.asarray(down[:, None] * across)
+
+
+def polygon_coverage(x: Array, y: Array, vertices: Array) -> Array:
+    """Area that a polygon covers in each cell.
+
+    `vertices` (n, 2) go around it either way, and may lie beyond the grid. Its edges may not cross.
+    """
+    from blurmatte.rendering import kernel
+
+    area = np.zeros((len(y) - 1, len(x) - 1))
+    kernel.polygon(x, y, np.ascontiguousarray(vertices, dtype=float), area)
+    return area
 
 
 def cell_edges(centers: Array, cells: int = 1) -> Array:

@@ -3,11 +3,12 @@
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Floats
 from blurmatte.color.model import ColorModel
 
 Array = npt.NDArray[np.float64]
 
-WHITE = np.ones(3)  # the light of every scene; 1 = sensor white
+_ALIKE = 1e-6  # colors that leave a line or plane by less, relative to the brightest, are in it
 
 
 def check_color(name: str, value: npt.ArrayLike) -> Array:
@@ -20,15 +21,12 @@ def check_color(name: str, value: npt.ArrayLike) -> Array:
     return color
 
 
-def true_model(*colors: Array) -> ColorModel:
-    """The line or plane that one or more colors span, known exactly.
+def true_model(colors: Array) -> ColorModel | None:
+    """The line or plane that colors (n, 3) span, known exactly; None if they span all of RGB."""
+    rank = int(np.linalg.matrix_rank(colors, tol=_ALIKE * np.max(np.abs(colors))))
+    return None if rank == 3 else ColorModel.from_samples(colors, rank, std=0)
 
-    Raises
-    ------
-    ValueError
-        If they span all of RGB: no direction is left that tells object from plate.
-    """
-    rank = int(np.linalg.matrix_rank(np.stack(colors), tol=1e-6 * np.max(colors)))
-    if rank == 3:
-        raise ValueError("the colors of an object must span a line or a plane, these span all RGB")
-    return ColorModel.from_samples(np.stack(colors), rank, std=0)
+
+def spanning(colors: Floats) -> Array:
+    """At most three rows (k, 3) that span what colors (..., 3) span; not colors themselves."""
+    return np.asarray(np.linalg.qr(colors.reshape(-1, 3).astype(float), mode="r"))

@@ -1,42 +1,71 @@
-"""Scene → Rendering: a motion-blurred picture whose alpha, color and path are known.
+"""Scene: what is photographed, and what moves in it during the exposure."""
 
-The picture is what an ideal camera records: the average over the exposure of sharp, antialiased
-pictures in linear light. In this file α is the exposure fraction, P the premultiplied light.
-"""
+from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_light
+from blurmatte.checks import Floats, check_light, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.radiometry import LinearImage
+from blurmatte.rendering.pose import Change, Pose
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
-_ALPHA_ERROR = 1e-4  # the largest error that averaging over time may leave in α
-
 
 class Body(Protocol):
-    """Something that can be rendered: `Ball`, `Sheet`, and whatever has these three."""
+    """Something that can be rendered: `Ball`, `Sheet`, `Cube`, `Sprite`, and whatever has these."""
 
     @property
-    def model(self) -> ColorModel:
-        """The colors it can show."""
+    def model(self) -> ColorModel | None:
+        """The colors it can show: a line or a plane; None if they fill RGB."""
 
-    @property
-    def reach(self) -> tuple[float, float]:
+    def reach(self, pose: Pose) -> tuple[float, float]:
         """How far it extends from its center in x and y, pixels."""
 
-    def sharp(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of the body at rest.
+    def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
+        """Coverage (h, w) and premultiplied light (h, w, 3) of the body held still.
 
         `x` (w,) and `y` (h,) are neighboring pixel centers, from the center of the body.
         """
+
+
+@dataclass(frozen=True)
+class Shadow:
+    """A soft shadow that the body casts on the plate, and that moves with it.
+
+    Parameters
+    ----------
+    offset : (float, float)
+        From the body to its shadow, pixels.
+    softness : float
+        Standard deviation of its blur, pixels.
+    strength : (3,) float
+        Part of the plate's light that it takes away at its darkest, 0…1 for each channel: the part
+        that came from the lamp.
+
+    Raises
+    ------
+    ValueError
+        For a number outside its range.
+    """
+
+    offset: tuple[float, float]
+    softness: float = 4.0
+    strength: tuple[float, float, float] = (0.5, 0.5, 0.5)
+
+    def __post_init__(self) -> None:
+        if np.shape(self.offset) != (2,) or not np.all(np.isfinite(self.offset)):
+            raise ValueError(f"offset must be two finite numbers of pixels, got {self.offset}")
+        if not (np.isfinite(self.softness) and self.softness >= 0):
+            raise ValueError(f"softness must be finite and not negative, got {self.softness}")
+        strength = np.asarray(self.strength, dtype=float)
+        if strength.shape != (3,) or not np.all((strength >= 0) & (strength <= 1)):
+            raise ValueError(f"strength must be three numbers 0…1, got {self.strength}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +75,41 @@ class Scene:
     Parameters
     ----------
     plate : (H, W, 3) float
-        Linear light of the scene without the body.
+        Linear light of the scene without the body, and without what occludes it.
     trajectory : Trajectory
         Path of the body's center, pixels. It may leave the picture.
-    body : Ball, Sheet or another Body
+    body : Ball, Sheet, Cube, Sprite or another Body
         What moves.
+    change : Change
+        How it turns, grows and is deformed meanwhile.
+    opacity : float
+        Part of the light from behind that it stops, 0…1, and of its own light that it sends.
+    defocus : float
+        Radius of the circle of confusion of the body, pixels; the plate is in focus.
+    shutter_ramp : float
+        Part of the exposure that the shutter takes to open, and again to close, 0…0.5. 0 is a
+        shutter that is open or closed.
+    shadow : Shadow, optional
+        What the body casts on the plate.
+    occluder : Layer, optional
+        Something still that hides body and plate, such as a `wire_fence`: alpha 0 or 1.
 
     Raises
     ------
     TypeError, ValueError
-        If the plate is not linear light, or not finite, or the trajectory is not a Trajectory.
+        If the plate is not finite linear light, the trajectory is not a Trajectory, a number is
+        outside its range, or the occluder is half transparent or of another size.
     """
 
     plate: Floats
     trajectory: Trajectory
     body: Body
+    change: Change = field(default_factory=Change)
+    opacity: float = 1.0
+    defocus: float = 0.0
+    shutter_ramp: float = 0.0
+    shadow: Shadow | None = None
+    occluder: Layer | None = None
 
     def __post_init__(self) -> None:
         check_light("plate", self.plate)
@@ -70,91 +119,50 @@ class Scene:
             raise TypeError(
                 f"trajectory must be a Trajectory, got {type(self.trajectory).__name__}"
             )
+        if not 0 < self.opacity <= 1:
+            raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
+        if not (np.isfinite(self.defocus) and self.defocus >= 0):
+            raise ValueError(f"defocus must be finite and not negative, got {self.defocus}")
+        if not 0 <= self.shutter_ramp <= 0.5:
+            raise ValueError(f"shutter_ramp must lie between 0 and 0.5, got {self.shutter_ramp}")
+        if self.occluder is not None:
+            check_same_size("occluder", self.occluder.size, "the plate", self.size)
+            if not np.isin(self.occluder.alpha, (0, 1)).all():
+                raise ValueError("the alpha of an occluder must be 0 or 1 in every pixel")
 
     def __repr__(self) -> str:
-        height, width = self.plate.shape[:2]
+        width, height = self.size
         return f"Scene({width}x{height}, {self.body!r}, {self.trajectory!r})"
 
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        height, width = self.plate.shape[:2]
+        return width, height
 
-@dataclass(frozen=True, eq=False)
-class Rendering:
-    """A blurred picture and everything there is to know about it; exact, without noise.
+    def part(self, start: float, end: float) -> Scene:
+        """The scene from one exposure fraction to another, as an exposure of its own."""
+        trajectory, change = self.trajectory.part(start, end), self.change.part(start, end)
+        return replace(self, trajectory=trajectory, change=change)
 
-    Parameters
-    ----------
-    image : LinearImage
-        The blurred picture, float64: premultiplied + (1 − alpha) · plate.
-    plate : LinearImage
-        The same scene without the body.
-    layer : Layer
-        True alpha and premultiplied light.
-    trajectory : Trajectory
-        True path of the center.
-    model : ColorModel
-        True colors: a line or a plane that holds every color of the layer.
-    """
+    def exposures(self, count: int, duty: float) -> list[Scene]:
+        """The frames of a clip of this scene.
 
-    image: LinearImage
-    plate: LinearImage
-    layer: Layer
-    trajectory: Trajectory
-    model: ColorModel
+        Parameters
+        ----------
+        count : int
+            How many frames share the time from 0 to 1 equally.
+        duty : float
+            Part of each frame's time that the shutter is open, 0…1; the rest is a gap that no frame
+            sees.
 
-    def __repr__(self) -> str:
-        return f"Rendering({self.layer!r}, {self.trajectory!r}, {self.model!r})"
-
-
-def render(scene: Scene, substeps: int | None = None) -> Rendering:
-    """The exact picture of a scene, and its truth.
-
-    Parameters
-    ----------
-    scene : Scene
-    substeps : int, optional
-        How many sharp pictures are averaged, at the middles of equal parts of the exposure. If not
-        given, as many as keep the error of alpha below 1e-4.
-
-    Returns
-    -------
-    Rendering
-
-    Raises
-    ------
-    ValueError
-        If `substeps` < 1.
-    """
-    if substeps is None:
-        substeps = _enough_substeps(scene.trajectory)
-    if substeps < 1:
-        raise ValueError(f"substeps must be 1 or more, got {substeps}")
-    plate = LinearImage(scene.plate.astype(np.float64))
-    alpha, premultiplied = np.zeros(plate.rgb.shape[:2]), np.zeros(plate.rgb.shape)
-    for center in scene.trajectory.at((np.arange(substeps) + 0.5) / substeps):
-        columns, rows = (
-            _pixels_near(middle, reach, count)
-            for middle, reach, count in zip(center, scene.body.reach, plate.size, strict=True)
-        )
-        if len(columns) and len(rows):
-            here = np.s_[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1]
-            coverage, light = scene.body.sharp(columns - center[0], rows - center[1])
-            alpha[here] += coverage
-            premultiplied[here] += light
-    alpha = np.minimum(alpha / substeps, 1)  # a covered pixel may round to above 1
-    layer = Layer(alpha, premultiplied / substeps)
-    return Rendering(layer.over(plate), plate, layer, scene.trajectory, scene.body.model)
-
-
-def _enough_substeps(trajectory: Trajectory) -> int:
-    """How many substeps keep the error of α below its bound, whatever the shape.
-
-    At v pixels per exposure the coverage of a pixel is a ramp in time of slope <= v, up and down:
-    four kinks. The midpoint rule with n steps misses each by at most v / (8 n²).
-    """
-    return max(1, int(np.ceil(np.sqrt(trajectory.top_speed / (2 * _ALPHA_ERROR)))))
-
-
-def _pixels_near(center: float, reach: float, count: int) -> npt.NDArray[np.intp]:
-    """Pixels of 0…count−1 along one axis that a body may touch, as consecutive indices."""
-    first = max(int(np.ceil(center - reach - 0.5)), 0)
-    last = min(int(np.floor(center + reach + 0.5)), count - 1)
-    return np.arange(first, last + 1)
+        Raises
+        ------
+        ValueError
+            If `count` < 1 or `duty` is outside (0, 1].
+        """
+        if count < 1:
+            raise ValueError(f"count must be 1 or more, got {count}")
+        if not 0 < duty <= 1:
+            raise ValueError(f"duty must be above 0 and at most 1, got {duty}")
+        return [self.part(n / count, min((n + duty) / count, 1)) for n in range(count)]

@@ -1,4 +1,4 @@
-"""Sheet: a flat upright rectangle of one paint."""
+"""Sheet: a flat rectangle of one paint."""
 
 from dataclasses import dataclass
 
@@ -6,22 +6,25 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
-from blurmatte.rendering.coverage import box_coverage, cell_edges
-from blurmatte.rendering.paint import check_color, true_model
+from blurmatte.rendering.coverage import box_coverage, cell_edges, polygon_coverage
+from blurmatte.rendering.paint import check_color
+from blurmatte.rendering.pose import Pose
 
 Array = npt.NDArray[np.float64]
+
+_CORNERS = np.array([[-0.5, -0.5], [0.5, -0.5], [0.5, 0.5], [-0.5, 0.5]])
 
 
 @dataclass(frozen=True, eq=False)
 class Sheet:
-    """A rectangle with sides along x and y, all of one color.
+    """A rectangle, all of one color on both sides; upright and facing the camera until posed.
 
     Parameters
     ----------
     width, height : float
         Pixels.
     color : (3,) float
-        Linear light.
+        Linear light, however it is turned.
 
     Raises
     ------
@@ -46,17 +49,22 @@ class Sheet:
     @property
     def model(self) -> ColorModel:
         """The line through its color."""
-        return true_model(self.color)
+        return ColorModel.from_samples(self.color, std=0)
 
-    @property
-    def reach(self) -> tuple[float, float]:
+    def reach(self, pose: Pose) -> tuple[float, float]:
         """How far it extends from its center in x and y, pixels."""
-        return self.width / 2, self.height / 2
+        x, y = np.abs(pose.plane) @ [self.width / 2, self.height / 2]
+        return float(x), float(y)
 
-    def sharp(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at rest.
+    def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels, at one moment.
 
         `x` (w,) and `y` (h,) are neighboring pixel centers, from the center of the sheet.
         """
-        area = box_coverage(cell_edges(x), cell_edges(y), self.width, self.height)
+        x_edges, y_edges = cell_edges(x), cell_edges(y)
+        across, down = pose.plane * [self.width, self.height]
+        if across[1] == 0 and down[0] == 0:
+            area = box_coverage(x_edges, y_edges, abs(across[0]), abs(down[1]))
+        else:
+            area = polygon_coverage(x_edges, y_edges, _CORNERS @ np.array([across, down]).T)
         return area, area[..., None] * self.color

@@ -1,0 +1,252 @@
+"""The loops of the bodies, compiled: areas of discs and polygons, light of spheres, sprites.
+
+In this file `x` (w + 1,) and `y` (h + 1,) are increasing edges of cells, in pixels from the center
+of the body; maps are [row j, column i]. What is to be filled comes last.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+
+_ROUNDING = 1e-14  # parts of the whole below are what floating point left of nothing
+_FLAT = 0.95  # part of the radius within which a sphere is not steep
+_GAUSS = 0.5 / np.sqrt(3)  # two points at ± this integrate a cubic over a pixel exactly
+
+
+@njit(**_COMPILED)
+def disc(x, y, S, S_c, c, radius, area):  # type: ignore[no-untyped-def]
+    """Area of a disc in each cell, by the formula of `disc_coverage`.
+
+    x and y are in radii here; S (w + 1,) belongs to x, S_c and c (h + 1,) to y.
+    """
+    for j in range(area.shape[0]):
+        before = _left_of(x[0], y[j + 1], S[0], S_c[j + 1], c[j + 1])
+        before -= _left_of(x[0], y[j], S[0], S_c[j], c[j])
+        for i in range(area.shape[1]):
+            after = _left_of(x[i + 1], y[j + 1], S[i + 1], S_c[j + 1], c[j + 1])
+            after -= _left_of(x[i + 1], y[j], S[i + 1], S_c[j], c[j])
+            part = after - before
+            area[j, i] = radius * radius * part if part > _ROUNDING else 0.0
+            before = after
+
+
+@njit(**_COMPILED)
+def _left_of(x, y, S, S_c, c):  # type: ignore[no-untyped-def]
+    """F(x, y), the area of the unit disc left of x and above y."""
+    upper = min(max(S, -S_c), S_c) + S_c - abs(y) * (min(max(x, -c), c) + c)
+    return 2 * S + np.pi / 2 - upper if y > 0 else upper
+
+
+@njit(**_COMPILED)
+def polygon(x, y, vertices, area):  # type: ignore[no-untyped-def]
+    """Add to `area`, zeros, what a polygon covers of each cell.
+
+    Clockwise on screen, an edge that goes up at x(y) adds all that lies right of it, one that goes
+    down takes it away again: area = −∮ (part of the cell right of x(y)) dy; the other way round it is
+    the negative. `full` gathers the dy that count for all cells from a column on.
+    """
+    full = np.zeros((area.shape[0], area.shape[1] + 1))
+    xa, ya = vertices[-1]
+    for k in range(len(vertices)):
+        xb, yb = vertices[k]
+        if yb > ya:
+            _add_edge(x, y, xa, ya, xb, yb, -1.0, full, area)
+        elif yb < ya:
+            _add_edge(x, y, xb, yb, xa, ya, 1.0, full, area)
+        xa, ya = xb, yb
+    least = _ROUNDING * (np.abs(vertices).max() + 1) ** 2
+    for j in range(area.shape[0]):
+        height = 0.0
+        for i in range(area.shape[1]):
+            height += full[j, i]
+            covered = abs(area[j, i] + height * (x[i + 1] - x[i]))
+            area[j, i] = covered if covered > least else 0.0
+
+
+@njit(**_COMPILED)
+def _add_edge(x, y, xa, ya, xb, yb, sign, full, area):  # type: ignore[no-untyped-def]
+    """One edge from (xa, ya) down to (xb, yb), row by row."""
+    top, bottom = max(ya, y[0]), min(yb, y[-1])
+    slope = (xb - xa) / (yb - ya)
+    j = np.searchsorted(y, top, side="right") - 1
+    while top < bottom:
+        below = min(bottom, y[j + 1])
+        left, right = xa + (top - ya) * slope, xa + (below - ya) * slope
+        if left > right:
+            left, right = right, left
+        _add_piece(x, left, right, sign * (below - top), full[j], area[j])
+        top, j = below, j + 1
+
+
+@njit(**_COMPILED)
+def _add_piece(x, left, right, dy, full, area):  # type: ignore[no-untyped-def]
+    """The part of an edge within one row, cell by cell from left to right; `dy` is what remains."""
+    if right <= x[0]:
+        full[0] += dy
+        return
+    slope = dy / (right - left)
+    if left < x[0]:
+        share = (x[0] - left) * slope
+        full[0] += share
+        left, dy = x[0], dy - share
+    i = np.searchsorted(x, left, side="right") - 1
+    while i < len(area) and right > x[i + 1]:
+        width = x[i + 1] - left
+        share = width * slope
+        area[i] += share * width / 2
+        full[i + 1] += share
+        left, dy, i = x[i + 1], dy - share, i + 1
+    if i < len(area):
+        area[i] += dy * (x[i + 1] - (left + right) / 2)
+        full[i + 1] += dy
+
+
+class Sphere(NamedTuple):
+    """A posed sphere and its lamps, n of them; paint is linear light."""
+
+    to_ball: Any  # (2, 2) pixels from the center → unit sphere
+    to_body: Any  # (3, 3) space → body
+    toward: Any  # (n, 3) unit directions to the lamps
+    halfway: Any  # (n, 3) between lamp and camera
+    lambert: Any  # (n, 3) light of each lamp on paint that faces it
+    phong: Any  # (n, 3) light of each highlight
+    ambient: Any  # (3,)
+    glossy: bool
+    shininess: float
+    paints: Any  # (2, 3) outside the band and within it
+    axis: Any  # (1, 3) of the band, in space
+    band: float
+    texture: Any  # (h, w, 3) factors of the paint; 0 × 0 if there is none
+
+
+@njit(**_COMPILED)
+def shade(sphere, area, x, y, smooth, coverage, light):  # type: ignore[no-untyped-def]
+    """Fill `coverage` (h, w), and add to `light` (h, w, 3) what a sphere sends, point by point.
+
+    `area` (n h, n w) is what it covers of n × n cells in each pixel, `x` and `y` are their edges. Of
+    a `smooth` sphere, no smaller than 20 pixels, four points of a pixel do where it is not steep;
+    else there is one for each cell.
+    """
+    n = area.shape[0] // light.shape[0]
+    for j in range(light.shape[0]):
+        for i in range(light.shape[1]):
+            whole = area[n * j : n * j + n, n * i : n * i + n].sum()
+            coverage[j, i] = whole
+            mx, my = x[n * i] + 0.5, y[n * j] + 0.5
+            if smooth and _off_axis(sphere.to_ball, mx, my) < _FLAT:
+                for px in (mx - _GAUSS, mx + _GAUSS):
+                    for py in (my - _GAUSS, my + _GAUSS):
+                        _add_light(sphere, px, py, whole / 4, j, i, light)
+            elif whole > 0:
+                for k in range(n * j, n * j + n):
+                    for m in range(n * i, n * i + n):
+                        if area[k, m] > 0:
+                            px, py = (x[m] + x[m + 1]) / 2, (y[k] + y[k + 1]) / 2
+                            _add_light(sphere, px, py, area[k, m], j, i, light)
+
+
+@njit(inline="always", **_COMPILED)
+def _off_axis(T, px, py):  # type: ignore[no-untyped-def]
+    ux, uy = T[0, 0] * px + T[0, 1] * py, T[1, 0] * px + T[1, 1] * py
+    return np.sqrt(ux * ux + uy * uy)
+
+
+@njit(inline="always", **_COMPILED)
+def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-def]
+    """`weight` times the light at one point of the picture; one beyond the rim takes the rim's."""
+    T = sphere.to_ball
+    nx, ny = T[0, 0] * px + T[0, 1] * py, T[1, 0] * px + T[1, 1] * py
+    beyond = max(_off_axis(T, px, py), 1.0)
+    nx, ny = nx / beyond, ny / beyond
+    nz = np.sqrt(max(1 - nx * nx - ny * ny, 0.0))
+    paint = _paint_at(sphere, nx, ny, nz)
+    a, b, c = sphere.ambient[0], sphere.ambient[1], sphere.ambient[2]
+    d, e, f = 0.0, 0.0, 0.0
+    for k in range(sphere.toward.shape[0]):
+        lambert = max(_dot(sphere.toward, k, nx, ny, nz), 0.0)
+        a += lambert * sphere.lambert[k, 0]
+        b += lambert * sphere.lambert[k, 1]
+        c += lambert * sphere.lambert[k, 2]
+        if sphere.glossy:
+            phong = max(_dot(sphere.halfway, k, nx, ny, nz), 0.0) ** sphere.shininess
+            d += phong * sphere.phong[k, 0]
+            e += phong * sphere.phong[k, 1]
+            f += phong * sphere.phong[k, 2]
+    light[j, i, 0] += weight * (paint[0] * a + d)
+    light[j, i, 1] += weight * (paint[1] * b + e)
+    light[j, i, 2] += weight * (paint[2] * c + f)
+
+
+@njit(inline="always", **_COMPILED)
+def _dot(vectors, k, nx, ny, nz):  # type: ignore[no-untyped-def]
+    return vectors[k, 0] * nx + vectors[k, 1] * ny + vectors[k, 2] * nz
+
+
+@njit(inline="always", **_COMPILED)
+def _paint_at(sphere, nx, ny, nz):  # type: ignore[no-untyped-def]
+    """Paint of the point with normal (nx, ny, nz) in space."""
+    if sphere.texture.shape[0] == 0:
+        k = 1 if abs(_dot(sphere.axis, 0, nx, ny, nz)) < sphere.band else 0
+        return sphere.paints[k, 0], sphere.paints[k, 1], sphere.paints[k, 2]
+    bx = _dot(sphere.to_body, 0, nx, ny, nz)
+    by = _dot(sphere.to_body, 1, nx, ny, nz)
+    bz = _dot(sphere.to_body, 2, nx, ny, nz)
+    colatitude = np.arctan2(np.sqrt(bx * bx + bz * bz), -by)
+    r, g, b = _texel(sphere.texture, np.arctan2(bx, bz), colatitude)
+    return r * sphere.paints[0, 0], g * sphere.paints[0, 1], b * sphere.paints[0, 2]
+
+
+@njit(inline="always", **_COMPILED)
+def _texel(texture, longitude, colatitude):  # type: ignore[no-untyped-def]
+    """Bilinear: longitude −π…π wraps around, colatitude 0…π from the top row to the last."""
+    h, w = texture.shape[:2]
+    row = min(max(colatitude / np.pi * h - 0.5, 0.0), h - 1.0)
+    column = (longitude / (2 * np.pi) + 0.5) * w + w - 0.5  # + w: so that int() rounds down
+    top, left = int(row), int(column)
+    v, u = row - top, column - left
+    i = left - w if left >= w else left
+    t, j, k = texture, min(top + 1, h - 1), i + 1 if i + 1 < w else 0
+    p, q, r, s = (1 - u) * (1 - v), u * (1 - v), (1 - u) * v, u * v
+    return (
+        p * t[top, i, 0] + q * t[top, k, 0] + r * t[j, i, 0] + s * t[j, k, 0],
+        p * t[top, i, 1] + q * t[top, k, 1] + r * t[j, i, 1] + s * t[j, k, 1],
+        p * t[top, i, 2] + q * t[top, k, 2] + r * t[j, i, 2] + s * t[j, k, 2],
+    )
+
+
+@njit(**_COMPILED)
+def resample(sprite, to_sprite, x, y, across, down, coverage, light):  # type: ignore[no-untyped-def]
+    """Fill `coverage` (h, w) and `light` (h, w, 3): means over across × down points of each pixel.
+
+    `sprite` (rows, columns, 4) is light and alpha, with a border of zeros; x (w,) and y (h,) are
+    centers of pixels, and to_sprite (2, 2) takes them, from the center of the sprite, to its own.
+    """
+    last_row, last_column = sprite.shape[0] - 1, sprite.shape[1] - 1
+    T, n = to_sprite, across * down
+    for j in range(coverage.shape[0]):
+        for i in range(coverage.shape[1]):
+            red, green, blue, alpha = 0.0, 0.0, 0.0, 0.0
+            for k in range(n):
+                px = x[i] + (k % across + 0.5) / across - 0.5
+                py = y[j] + (k // across + 0.5) / down - 0.5
+                column = T[0, 0] * px + T[0, 1] * py + last_column / 2
+                row = T[1, 0] * px + T[1, 1] * py + last_row / 2
+                if 0 <= column < last_column and 0 <= row < last_row:
+                    red += _bilinear(sprite, column, row, 0)
+                    green += _bilinear(sprite, column, row, 1)
+                    blue += _bilinear(sprite, column, row, 2)
+                    alpha += _bilinear(sprite, column, row, 3)
+            coverage[j, i] = alpha / n
+            light[j, i, 0], light[j, i, 1], light[j, i, 2] = red / n, green / n, blue / n
+
+
+@njit(inline="always", **_COMPILED)
+def _bilinear(sprite, column, row, c):  # type: ignore[no-untyped-def]
+    left, top = int(column), int(row)
+    u, v = column - left, row - top
+    upper = sprite[top, left, c] + u * (sprite[top, left + 1, c] - sprite[top, left, c])
+    lower = sprite[top + 1, left, c] + u * (sprite[top + 1, left + 1, c] - sprite[top + 1, left, c])
+    return upper + v * (lower - upper)
