@@ -12,9 +12,7 @@ report.json   model, evidence, errors, noise, versions
 """
 
 import platform
-import secrets
-import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -22,9 +20,8 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import check_same_size
-from blurmatte.errors import FileError
 from blurmatte.explain import alpha_peak, explain
-from blurmatte.files import write
+from blurmatte.files import write_together
 from blurmatte.matting import Quality, Solution
 from blurmatte.overview import draw_overview, sure_pixels
 from blurmatte.radiometry import LinearImage
@@ -81,47 +78,7 @@ def save_results(
         "overview.png": draw_overview(image, plate, solution),
         "report.json": _report(image, plate, solution, command, warnings),
     }
-    return _write_together(Path(folder), results)
-
-
-def _write_together(folder: Path, results: Mapping[str, Any]) -> list[Path]:
-    """All of the files or none: they are written beside their places and then moved."""
-    for name in results:
-        if (folder / name).is_dir():
-            raise FileError(f"{folder / name}: is a folder; move it out of the way")
-    made = _missing_folders(folder)
-    aside = folder / f".blurmatte-{secrets.token_hex(6)}"
-    try:
-        aside.mkdir(parents=True)
-        for name, thing in results.items():
-            write(aside / name, thing)
-        for name in results:
-            (aside / name).replace(folder / name)
-        made.clear()
-    except FileError as error:
-        raise FileError(str(error).replace(str(aside), str(folder))) from error
-    except OSError as error:
-        raise FileError(
-            f"{folder}: cannot be written ({error.strerror or error}); "
-            "check the folder and the space on its disk"
-        ) from error
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
-        for empty in made:
-            _forget(empty)
-    return [folder / name for name in results]
-
-
-def _missing_folders(folder: Path) -> list[Path]:
-    """The folder and its parents as far as they are not there, the innermost first."""
-    return [place for place in (folder, *folder.parents) if not place.exists()]
-
-
-def _forget(folder: Path) -> None:
-    try:
-        folder.rmdir()
-    except OSError:  # it never was, or somebody put something there
-        return
+    return write_together(folder, results)
 
 
 def _report(

@@ -180,7 +180,7 @@ def test_a_wrong_ending_names_the_right_ones(tmp_path, light, layer, ramp, name,
 
 
 @pytest.mark.parametrize(
-    "thing", ["text", None, np.zeros((2, 2), int), np.zeros((2, 2, 4), np.uint8)]
+    "thing", [{1, 2}, None, np.zeros((2, 2), int), np.zeros((2, 2, 4), np.uint8)]
 )
 def test_other_things_cannot_be_written(tmp_path, thing):
     with pytest.raises(TypeError):

@@ -1,8 +1,11 @@
 """The only place that knows file formats: pictures, layers, solutions and color models."""
 
 from blurmatte.files.models import read_color_model as read_color_model
+from blurmatte.files.paths import path_to_mapping as path_to_mapping
+from blurmatte.files.paths import read_path as read_path
 from blurmatte.files.raster import MAX_PIXELS as MAX_PIXELS
 from blurmatte.files.reading import read as read
 from blurmatte.files.reading import read_layer as read_layer
 from blurmatte.files.solutions import read_solution as read_solution
+from blurmatte.files.together import write_together as write_together
 from blurmatte.files.writing import write as write

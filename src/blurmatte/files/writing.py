@@ -41,6 +41,7 @@ def write(
     | Solution
     | ColorModel
     | Mapping[str, Any]
+    | str
     | Floats
     | npt.NDArray[np.uint8],
 ) -> None:
@@ -52,6 +53,7 @@ def write(
     Solution          .exr, everything in it
     ColorModel        .json
     mapping           .json; numbers that are not finite become null
+    str               .toml, as is
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
     (H, W, 3) uint8   .png .jpg, as is: already sRGB
     ================  ================================================================
@@ -94,6 +96,8 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
         case Mapping():
             return {".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n")}
+        case str():
+            return {".toml": lambda path: _save_text(path, thing)}
         case np.ndarray() if thing.ndim == 2 and thing.dtype.kind == "f":
             return {".png": lambda path: _save_map(path, thing)}
         case np.ndarray() if thing.ndim == 3 and thing.shape[2] == 3 and thing.dtype == np.uint8:
