@@ -594,3 +594,142 @@ def test_ctrl_c_is_quiet(scene, tmp_path):
     said, complained = running.communicate(timeout=30)
     assert (running.returncode, said, complained) == (130, "", "")
     assert not (tmp_path / "o").exists()
+
+
+SCENE = """
+title = "A ball"
+size = [72, 48]
+seed = 1
+
+[plate]
+kind = "colorful"
+tile = 15
+
+[body]
+kind = "ball"
+radius = 7
+color = "#ff9020"
+
+[path]
+kind = "line"
+start = [20, 20]
+end = [48, 28]
+
+[camera]
+code_std = 0.004
+"""
+
+
+@pytest.fixture(scope="module")
+def rendered(tmp_path_factory):
+    """A folder with two rendered scenes, one and two, and their scene file."""
+    folder = tmp_path_factory.mktemp("rendered")
+    for name, text in (("one", SCENE), ("two", SCENE.replace("seed = 1", "seed = 2"))):
+        (folder / f"{name}.toml").write_text(text)
+    good("render", folder / "one.toml", folder / "two.toml", "--out", folder / "scenes")
+    return folder
+
+
+def test_render_writes_pictures_and_truth(rendered):
+    folder = rendered / "scenes" / "one"
+    assert sorted(p.name for p in folder.iterdir()) == [
+        *("image.png", "overview.png", "plate.png", "scene.toml", "truth")
+    ]
+    assert (folder / "scene.toml").read_text() == SCENE
+    assert len(list((folder / "truth").glob("subframe_*.exr"))) == 8
+    assert bm.read(folder / "image.png").size == (72, 48)
+    assert bm.read(folder / "overview.png").size == (4 * 72, 48)
+
+
+def test_render_puts_one_scene_into_the_folder_itself(rendered, tmp_path):
+    result = good("render", rendered / "one.toml", "--out", tmp_path / "x")
+    assert result.stdout.strip() == str(tmp_path / "x" / "overview.png")
+    same = (tmp_path / "x" / "image.png").read_bytes()
+    assert same == (rendered / "scenes" / "one" / "image.png").read_bytes()
+
+
+def test_render_numbers_the_frames_of_a_clip(tmp_path):
+    (tmp_path / "clip.toml").write_text(SCENE + "[clip]\ncount = 2\nduty = 0.5\n")
+    good("render", tmp_path / "clip.toml", "--out", tmp_path / "x")
+    assert sorted(p.name for p in (tmp_path / "x").iterdir()) == ["000", "001"]
+
+
+def test_render_lists_its_scenes():
+    lines = good("render", "--list").stdout.splitlines()
+    assert len(lines) == len(bm.scene_names())
+    assert any(line.startswith("easy ") and "orange ball" in line for line in lines)
+
+
+@pytest.mark.parametrize(
+    ("args", "says"),
+    [
+        ((), "give a SCENE, or --all, or --list"),
+        (("easy",), "--out is missing"),
+        (("nowhere", "--out", "x"), "nowhere: cannot be read"),
+    ],
+)
+def test_door_of_render(args, says):
+    assert says in complaint(run("render", *args))
+
+
+def test_score_of_our_own_answers(rendered, tmp_path):
+    for name in ("one", "two"):
+        scene = rendered / "scenes" / name
+        files = (scene / "image.png", "--plate", scene / "plate.png")
+        model = scene / "truth" / "model.json"
+        good("solve", *files, "--out", tmp_path / name, "--color", model)
+    result = good(
+        "score", tmp_path, "--truth", rendered / "scenes", "--out", tmp_path / "scores.json"
+    )
+    head, *rows = result.stdout.splitlines()
+    assert "alpha RMSE" in head
+    assert [row.split()[:2] for row in rows] == [["one", "yes"], ["two", "yes"], ["mean", "yes"]]
+    scores = json.loads((tmp_path / "scores.json").read_text())
+    assert scores["one"]["alpha_rmse"] < 0.05
+    assert 0.7 < scores["one"]["alpha_spread"] < 1.3
+
+
+def test_score_of_one_file(rendered, tmp_path):
+    scene = rendered / "scenes" / "one"
+    bm.write(tmp_path / "mine.png", bm.read_layer(scene / "truth" / "layer.exr"))
+    rows = good("score", tmp_path / "mine.png", "--truth", scene).stdout.splitlines()
+    assert len(rows) == 2
+    assert rows[1].split()[:2] == ["one", "yes"]
+
+
+def test_a_scene_without_a_result_is_a_miss(rendered, tmp_path):
+    shutil.copytree(rendered / "scenes" / "one" / "truth", tmp_path / "one")
+    result = good("score", tmp_path, "--truth", rendered / "scenes")
+    assert result.stderr == "blurmatte: two: no result, a miss\n"
+    assert result.stdout.splitlines()[2].split()[:2] == ["two", "miss"]
+
+
+def test_door_of_score(rendered, tmp_path):
+    truth = ("--truth", rendered / "scenes" / "one")
+    layer = bm.read_layer(rendered / "scenes" / "one" / "truth" / "layer.exr")
+    small = bm.Layer(layer.alpha[:-1], layer.premultiplied[:-1])
+    bm.write(tmp_path / "small.exr", small)
+    bm.write(tmp_path / "nan.exr", bm.Layer(np.nan * layer.alpha, layer.premultiplied))
+    bm.write(tmp_path / "opaque.png", bm.LinearImage(layer.premultiplied))
+    for name, says in [
+        ("small.exr", "the result is 72x47 pixels and the truth 72x48"),
+        ("nan.exr", "NaN"),
+        ("opaque.png", "has no alpha"),
+        ("missing.exr", "missing.exr"),
+        (".", "holds no result"),
+    ]:
+        assert says in complaint(run("score", tmp_path / name, *truth))
+    says = complaint(run("score", tmp_path / "small.exr", "--truth", tmp_path))
+    assert "holds no scene with its truth" in says
+
+
+def test_a_broken_result_among_many_is_named_and_counts_as_a_miss(rendered, tmp_path):
+    for name in ("one", "two"):
+        shutil.copytree(rendered / "scenes" / name / "truth", tmp_path / name)
+    (tmp_path / "two" / "layer.exr").write_bytes(b"nothing")
+    result = run("score", tmp_path, "--truth", rendered / "scenes")
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert "layer.exr" in line
+    assert line.endswith("a miss")
+    assert result.stdout.splitlines()[2].split()[:2] == ["two", "miss"]

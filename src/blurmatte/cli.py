@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -241,6 +241,82 @@ def compose(
 
 @app.command()
 @_told
+def render(
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="SCENE", help="Scene files (TOML), or names that --list tells."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the truth.")] = None,
+    all_scenes: Annotated[
+        bool, typer.Option("--all", help="All scenes that come with blurmatte.")
+    ] = False,
+    list_scenes: Annotated[
+        bool, typer.Option("--list", help="Print the names of the scenes that come with it.")
+    ] = False,
+) -> None:
+    """Render a scene whose alpha, color and path are known: pictures to solve, and the truth.
+
+    Several scenes, and the frames of a clip, each get a folder of their own.
+    """
+    if list_scenes:
+        _print("\n".join(f"{name:12} {bm.scene_title(name)}" for name in bm.scene_names()))
+        return
+    names = [*(scenes or ()), *(bm.scene_names() if all_scenes else ())]
+    if not names:
+        raise ValueError("give a SCENE, or --all, or --list to see what there is")
+    if out is None:
+        raise ValueError("--out is missing: the folder for the pictures and the truth")
+    shots = [
+        (shot, bm.scene_text(name), folder)
+        for name, place in _places(names, out)
+        for shot, folder in _numbered(bm.read_shots(name), place)
+    ]
+    for shot, text, folder in _with_progress(shots, "rendering"):
+        with _about(folder):
+            bm.save_shot(folder, shot, text)
+        _print(str(folder / "overview.png"))
+
+
+@app.command()
+@_told
+def score(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="A layer file, a folder with one, or a folder of such folders."
+        ),
+    ],
+    truth: Annotated[Path, typer.Option(help="What blurmatte render wrote: a scene, or many.")],
+    out: Annotated[Path | None, typer.Option(help="Write the scores to a .json, too.")] = None,
+) -> None:
+    """Say how far a RESULT of any program is from the truth.
+
+    A scene of several that has no result counts as a miss.
+    """
+    places = bm.find_scenes(truth)
+    scores, broken = {}, False
+    for place in _with_progress(places, "scoring"):
+        name = str(place.relative_to(truth)) if place != truth else truth.name
+        try:
+            with _about(result / name if place != truth else result):
+                answer = bm.read_answer(result / name if place != truth else result)
+                scores[name] = bm.score(answer, bm.read_truth(place))
+        except bm.BlurmatteError as error:
+            if place == truth:
+                raise
+            missing = not (result / name).exists()
+            broken |= not missing
+            _complain(f"{name}: no result, a miss" if missing else f"{error}; a miss")
+            scores[name] = bm.score(None, bm.read_truth(place))
+    _print(bm.score_table(scores))
+    if out is not None:
+        bm.write(out, {name: asdict(score) for name, score in scores.items()})
+    if broken:
+        raise typer.Exit(2)
+
+
+@app.command()
+@_told
 def info(
     file: Annotated[
         Path, typer.Argument(metavar="FILE", help="A picture, a layer, a solution or a model.")
@@ -396,7 +472,14 @@ def _expanded(text: str) -> list[Path]:
     return [Path(path) for path in found]
 
 
-def _with_progress(things: list[T]) -> Iterator[T]:
+def _numbered(shots: list[bm.Shot], folder: Path) -> list[tuple[bm.Shot, Path]]:
+    """Each shot and its folder: `folder` itself if there is but one, else frames by number."""
+    if len(shots) == 1:
+        return [(shots[0], folder)]
+    return [(shot, folder / f"{n:03}") for n, shot in enumerate(shots)]
+
+
+def _with_progress(things: list[T], doing: str = "solving") -> Iterator[T]:
     """A bar on stderr for several things, if a person is watching."""
     if len(things) < 2 or not sys.stderr.isatty():
         yield from things
@@ -405,7 +488,7 @@ def _with_progress(things: list[T]) -> Iterator[T]:
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), redirect_stdout=False) as progress:
-        yield from progress.track(things, description="solving")
+        yield from progress.track(things, description=doing)
 
 
 class _NamedError(bm.BlurmatteError):

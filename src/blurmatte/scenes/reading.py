@@ -1,0 +1,271 @@
+"""Scene files: TOML → Shot.
+
+A table of a scene file is a call: `kind` says of what, every other key is one of its arguments.
+Colors are linear [r, g, b] or sRGB-coded "#rrggbb"; lengths are pixels, angles degrees.
+"""
+
+import inspect
+import re
+import tomllib
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurmatte.errors import FileError
+from blurmatte.files import read, read_layer
+from blurmatte.radiometry import SRGB, NoiseModel, named_transfer
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Cube,
+    Drift,
+    Lamp,
+    Scene,
+    Shadow,
+    Sheet,
+    Shot,
+    Sprite,
+    colorful_plate,
+    photo_plate,
+    plain_plate,
+    star_sprite,
+    striped_plate,
+    textured_plate,
+    two_hue_plate,
+    wire_fence,
+)
+from blurmatte.trajectory import Trajectory
+
+Table = Mapping[str, Any]
+Makers = Mapping[str, Callable[..., Any]]
+
+_NAMED = Path(__file__).parent / "named"
+_ANGLES = ("rotation", "angle", "squash_angle", "turned", "spin")
+_SCENE_KEYS = ("opacity", "defocus", "shutter_ramp")
+_SHOT_KEYS = ("plate_frames", "seed")
+_TEXTURE = (256, 128)  # of a ball: longitude and latitude
+_TABLES = ("plate", "body", "path", "change", "shadow", "occluder", "camera", "drift", "clip")
+
+
+def scene_names() -> list[str]:
+    """Names of the scenes that come with blurmatte, for `read_shots`."""
+    return sorted(path.stem for path in _NAMED.glob("*.toml"))
+
+
+def scene_title(scene: str | Path) -> str:
+    """What a scene file says it shows, in a line; empty if it does not.
+
+    Raises
+    ------
+    FileError
+        If there is no such file or it is no TOML.
+    """
+    try:
+        return str(tomllib.loads(scene_text(scene)).get("title", ""))
+    except tomllib.TOMLDecodeError as error:
+        raise FileError(f"{scene}: {error}") from error
+
+
+def scene_text(scene: str | Path) -> str:
+    """What a scene file says, by its path or the name of a scene that comes with blurmatte.
+
+    Raises
+    ------
+    FileError
+        If there is no such file.
+    """
+    named = _NAMED / f"{scene}.toml"
+    path = named if str(scene) in scene_names() else Path(scene)
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise FileError(
+            f"{scene}: cannot be read ({getattr(error, 'strerror', None) or error}); give a scene "
+            f"file, or one of {', '.join(scene_names())}"
+        ) from error
+
+
+def read_shots(scene: str | Path) -> list[Shot]:
+    """The shots that a scene file describes: one, or as many as its clip has frames.
+
+    Parameters
+    ----------
+    scene : str or Path
+        A TOML file, or the name of a scene that comes with blurmatte (`scene_names`).
+
+    Returns
+    -------
+    list of Shot
+        Frames of a clip in order, each with a seed of its own.
+
+    Raises
+    ------
+    FileError
+        If there is no such file, or something in it is wrong: the message names the table and key.
+    """
+    text = scene_text(scene)
+    try:
+        return _shots(tomllib.loads(text), Path(scene).parent)
+    except (tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+        raise FileError(f"{scene}: {error}") from error
+
+
+def _shots(file: Table, folder: Path) -> list[Shot]:
+    known = ("title", "size", *_SHOT_KEYS, *_SCENE_KEYS, *_TABLES)
+    for name in file:
+        if name not in known:
+            raise ValueError(f"there is no {name!r} in a scene; it takes {', '.join(known)}")
+    size, seed = _size(file), file.get("seed", 0)
+    plates, occluders = _plates(size, seed, folder), {"wire_fence": partial(wire_fence, size=size)}
+    body = dict(_table(file, "body"))
+    if isinstance(body.get("texture"), dict):
+        body["texture"] = _made("body.texture", body["texture"], _plates(_TEXTURE, seed, folder))
+    scene = Scene(
+        _made("plate", _table(file, "plate"), plates),
+        _made("path", _table(file, "path"), _PATHS),
+        _made("body", body, _bodies(folder)),
+        change=_plain("change", file, Change),
+        shadow=_plain("shadow", file, Shadow) if "shadow" in file else None,
+        occluder=_made("occluder", file["occluder"], occluders) if "occluder" in file else None,
+        **{key: file[key] for key in _SCENE_KEYS if key in file},
+    )
+    shot = Shot(
+        scene,
+        _plain("camera", file, _camera),
+        _plain("drift", file, Drift),
+        **{key: file[key] for key in _SHOT_KEYS if key in file},
+    )
+    return _plain("clip", file, partial(_frames, shot)) if "clip" in file else [shot]
+
+
+def _frames(shot: Shot, count: int, duty: float) -> list[Shot]:
+    parts = enumerate(shot.scene.exposures(count, duty))
+    return [replace(shot, scene=part, seed=shot.seed + n) for n, part in parts]
+
+
+def _size(file: Table) -> tuple[int, int]:
+    size = file.get("size")
+    if not (isinstance(size, list) and len(size) == 2 and all(type(s) is int for s in size)):
+        raise ValueError(f"size must be [width, height] in whole pixels, got {size}")
+    if min(size) < 1:
+        raise ValueError(f"size must be 1 or more, got {size}")
+    return size[0], size[1]
+
+
+def _plates(size: tuple[int, int], seed: int, folder: Path) -> Makers:
+    def picture(file: str) -> Any:
+        return read(folder / file).rgb.astype(float)
+
+    return {
+        "plain": partial(plain_plate, size=size, rng=seed),
+        "two_hue": partial(two_hue_plate, size=size, rng=seed),
+        "colorful": partial(colorful_plate, size=size, rng=seed),
+        "textured": partial(textured_plate, size=size, rng=seed),
+        "striped": partial(striped_plate, size=size),
+        "photo": partial(photo_plate, size=size),
+        "file": picture,
+    }
+
+
+def _bodies(folder: Path) -> Makers:
+    def sprite(file: str) -> Sprite:
+        return Sprite(read_layer(folder / file))
+
+    return {"ball": Ball, "sheet": Sheet, "cube": Cube, "star": star_sprite, "sprite": sprite}
+
+
+def _camera(
+    gain: float = 0.0,
+    read_std: float = 0.0,
+    code_std: float = 0.0,
+    bits: int | str = 8,
+    transfer: str = "srgb",
+    jpeg_quality: int | None = None,
+    chroma: str = "4:4:4",
+    bayer: bool = False,
+) -> Camera:
+    return Camera(
+        NoiseModel(gain, read_std),
+        code_std=code_std,
+        bits=None if bits == "float" else bits,  # type: ignore[arg-type]  # it checks that itself
+        transfer=named_transfer(transfer),
+        jpeg_quality=jpeg_quality,
+        chroma=chroma,
+        bayer=bayer,
+    )
+
+
+_PATHS: Makers = {
+    "line": Trajectory.line,
+    "arc": Trajectory.arc,
+    "parabola": Trajectory.parabola,
+    "bounce": Trajectory.bounce,
+    "from_rest": Trajectory.from_rest,
+    "points": Trajectory,
+}
+
+
+def _table(file: Table, name: str) -> Table:
+    if not isinstance(file.get(name), dict):
+        raise ValueError(f"needs a table [{name}]")
+    table: Table = file[name]
+    return table
+
+
+def _made(name: str, table: Table, makers: Makers) -> Any:
+    kind = str(table.get("kind"))
+    if kind not in makers:
+        raise ValueError(f"[{name}] kind must be one of {', '.join(makers)}, got {kind!r}")
+    return _called(name, makers[kind], {k: v for k, v in table.items() if k != "kind"})
+
+
+def _plain(name: str, file: Table, maker: Callable[..., Any]) -> Any:
+    """What has no kinds, and may be left out."""
+    return _called(name, maker, _table({name: {}} | dict(file), name))
+
+
+def _called(name: str, maker: Callable[..., Any], table: Table) -> Any:
+    takes = dict(inspect.signature(maker).parameters)
+    for given in getattr(maker, "keywords", {}):  # of a partial
+        del takes[given]
+    for key in table:
+        if key not in takes:
+            raise ValueError(f"[{name}] has no {key!r}; it takes {', '.join(takes) or 'nothing'}")
+    for key, parameter in takes.items():
+        if parameter.default is parameter.empty and key not in table:
+            raise ValueError(f"[{name}] needs {key!r}")
+    values = {key: _value(f"{name}.{key}", takes[key], value) for key, value in table.items()}
+    try:
+        return maker(**values)
+    except (ValueError, TypeError) as error:
+        raise ValueError(f"[{name}] {error}") from error
+
+
+def _value(name: str, parameter: inspect.Parameter, value: Any) -> Any:
+    angle = parameter.name in _ANGLES
+    match value:
+        case str() if value.startswith("#"):
+            return _light(name, value)
+        case str() if "str" not in str(parameter.annotation):
+            raise ValueError(f"{name} must be numbers or a color like #d8ff3c, got {value!r}")
+        case [str(), *_]:
+            return [_light(name, color) for color in value]
+        case [dict(), *_] if parameter.name == "lamps":
+            return tuple(_called(name, Lamp, lamp) for lamp in value)
+        case [int() | float(), *_]:
+            return tuple(np.radians(value).tolist() if angle else value)
+        case int() | float() if angle:
+            return float(np.radians(value))
+    return value
+
+
+def _light(name: str, color: Any) -> Any:
+    """Linear light of a color."""
+    if not (isinstance(color, str) and re.fullmatch("#[0-9a-fA-F]{6}", color)):
+        raise ValueError(f"{name} must be a color like #d8ff3c, got {color!r}")
+    return SRGB.decode(np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255)

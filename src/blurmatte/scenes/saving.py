@@ -1,0 +1,113 @@
+"""Shot → a folder with the pictures to solve, and the truth beside them.
+
+========================  ==================================================================
+image.png, plate.png      what the camera's files hold; .exr for a camera that is not sRGB
+scene.toml                the scene, if it was read from a file
+overview.png              image, plate, true alpha and true color, to look at
+truth/layer.exr           true alpha and premultiplied light
+truth/image.exr           the image without noise
+truth/plate.exr           the plate behind the object, without noise and drift
+truth/shadow.exr          part of the plate's light that the shadow takes, if there is one
+truth/subframe_00.exr …   the object held still, at the middles of equal parts of the exposure
+truth/model.json          the object's colors, if they form a line or a plane
+truth/path.json           its path and radius
+truth/truth.json          numbers to look up
+========================  ==================================================================
+"""
+
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.files import path_to_mapping, write_together
+from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.rendering import Camera, Rendering, Shot, encode_codes, render
+
+SUBFRAMES = 8  # as many as the benchmark of fast-moving objects has
+
+
+def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path]:
+    """Render a shot, photograph it, and write pictures and truth.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there. Files of the same names in it are replaced, when all are whole.
+    shot : Shot
+    scene_text : str
+        The scene file it came from, kept beside it.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    FileError
+        If the folder cannot be made or written to.
+    """
+    rendering = render(shot.scene)
+    image, plate = shot.photograph(rendering)
+    layer = rendering.layer
+    things = _picture("image", image, shot.camera) | _picture("plate", plate, shot.camera)
+    things |= {
+        "overview.png": _strip(image, plate, rendering),
+        "truth/layer.exr": layer,
+        "truth/image.exr": rendering.image,
+        "truth/plate.exr": rendering.plate,
+        "truth/path.json": path_to_mapping(rendering.trajectory, _radius(shot)),
+        "truth/truth.json": _numbers(shot, rendering),
+    }
+    if rendering.model is not None:
+        things["truth/model.json"] = rendering.model
+    if shot.scene.shadow is not None:
+        things["truth/shadow.exr"] = LinearImage(rendering.shadow)
+    if scene_text:
+        things["scene.toml"] = scene_text
+    for n, frame in enumerate(rendering.subframes(SUBFRAMES)):
+        things[f"truth/subframe_{n:02}.exr"] = frame
+    return write_together(folder, things)
+
+
+def _picture(name: str, picture: LinearImage, camera: Camera) -> dict[str, Any]:
+    if camera.bits is None or camera.transfer is not SRGB:
+        return {f"{name}.exr": picture}
+    if camera.bits == 8:
+        return {f"{name}.png": encode_codes(picture.rgb, 8)}
+    return {f"{name}.png": picture}
+
+
+def _strip(image: LinearImage, plate: LinearImage, truth: Rendering) -> npt.NDArray[np.uint8]:
+    """Four pictures side by side, (H, 4 W, 3) sRGB codes."""
+    alpha = np.rint(255 * truth.layer.alpha).astype(np.uint8)
+    lights = (image.rgb, plate.rgb, truth.layer.straight())
+    seen, empty, color = (encode_codes(light, 8).astype(np.uint8) for light in lights)
+    return np.hstack([seen, empty, np.dstack(3 * [alpha]), color])
+
+
+def _numbers(shot: Shot, truth: Rendering) -> dict[str, Any]:
+    scene, path, alpha = shot.scene, truth.trajectory, truth.layer.alpha
+    return {
+        "size": list(scene.size),
+        "body": repr(scene.body),
+        "radius": _radius(shot),
+        "alpha_sum": float(alpha.sum()),
+        "alpha_peak": float(alpha.max()),
+        "path_length": path.length,
+        "camera": repr(shot.camera),
+        "drift": repr(shot.drift),
+        "plate_frames": shot.plate_frames,
+        "seed": shot.seed,
+        "blurmatte": version("blurmatte"),
+        "units": "pixels, x right, y down, pixel centers at whole numbers; light: linear, 1 white; "
+        "t: fraction of the exposure; angles: radians",
+    }
+
+
+def _radius(shot: Shot) -> float:
+    """How far the body reaches from its center at the start."""
+    return max(shot.scene.body.reach(shot.scene.change.at(0)))

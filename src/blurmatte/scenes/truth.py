@@ -1,0 +1,149 @@
+"""What is known of a scene on disk, and what a program answered: read from their folders."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from blurmatte.errors import FileError
+from blurmatte.files import read, read_layer, read_path, read_solution
+from blurmatte.layer import Layer
+from blurmatte.matting import Solution
+from blurmatte.radiometry import LINEAR, LinearImage
+from blurmatte.trajectory import Trajectory
+
+LAYER_FILES = ("layer.exr", "layer.png", "layer.tif", "alpha.png")
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """The truth of a scene that `save_shot` wrote.
+
+    Parameters
+    ----------
+    layer : Layer
+        True alpha and premultiplied light.
+    plate : LinearImage
+        The plate behind the object, without noise.
+    trajectory : Trajectory
+        True path of the center.
+    radius : float
+        How far the object reaches from its center at the start, pixels.
+    subframes : tuple of Layer
+        The object held still at the middles of equal parts of the exposure.
+    """
+
+    layer: Layer
+    plate: LinearImage
+    trajectory: Trajectory
+    radius: float
+    subframes: tuple[Layer, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Answer:
+    """What a program found in a scene.
+
+    Parameters
+    ----------
+    layer : Layer
+        Alpha and premultiplied light; no light if `alpha_only`.
+    alpha_only : bool
+        The program tells no color.
+    solution : Solution, optional
+        Estimates with their standard deviations, if blurmatte wrote it.
+    trajectory : Trajectory, optional
+        Path of the object's center.
+    subframes : tuple of Layer, optional
+        The object held still, as many as the truth has.
+    """
+
+    layer: Layer
+    alpha_only: bool = False
+    solution: Solution | None = None
+    trajectory: Trajectory | None = None
+    subframes: tuple[Layer, ...] | None = None
+
+
+def find_scenes(folder: str | Path) -> list[Path]:
+    """The folder itself if it holds a scene, else all folders within that do, sorted.
+
+    Raises
+    ------
+    FileError
+        If there is none.
+    """
+    place = Path(folder)
+    if (place / "truth").is_dir():
+        return [place]
+    scenes = sorted(truth.parent for truth in place.glob("**/truth") if truth.is_dir())
+    if not scenes:
+        raise FileError(
+            f"{folder}: holds no scene with its truth; give a folder that blurmatte render wrote, "
+            "or a folder of them"
+        )
+    return scenes
+
+
+def read_truth(folder: str | Path) -> Truth:
+    """Read the truth of a scene from the folder that `save_shot` wrote.
+
+    Raises
+    ------
+    FileError
+        If the folder holds no scene.
+    """
+    truth = Path(folder) / "truth"
+    trajectory, radius = read_path(truth / "path.json")
+    if radius is None:
+        raise FileError(f"{truth / 'path.json'}: has no radius; render the scene again")
+    plate, layer = read(truth / "plate.exr"), read_layer(truth / "layer.exr")
+    return Truth(layer, plate, trajectory, radius, _subframes(truth) or ())
+
+
+def read_answer(path: str | Path) -> Answer:
+    """Read what a program found: one file, or a folder of them.
+
+    ================================  ======================================================
+    layer.exr, layer.png, layer.tif   alpha and color: EXR linear and premultiplied, PNG straight
+    alpha.png                         alpha alone, gray, not encoded, if there is no layer
+    path.json                         {"xy": [[x, y], …], "t": [0, …, 1]}, if the program tells
+    subframe_00.exr …                 sharp layers, as many as the truth has, if it tells
+    ================================  ======================================================
+
+    Raises
+    ------
+    FileError
+        If there is no answer, or it cannot be read.
+    """
+    place = Path(path)
+    if not place.is_dir():
+        return _layer_answer(place)
+    names = [name for name in LAYER_FILES if (place / name).is_file()]
+    if not names:
+        raise FileError(f"{path}: holds no result; one of {', '.join(LAYER_FILES)} is needed")
+    answer = _layer_answer(place / names[0])
+    has_path = (place / "path.json").is_file()
+    return Answer(
+        answer.layer,
+        answer.alpha_only,
+        answer.solution,
+        read_path(place / "path.json")[0] if has_path else None,
+        _subframes(place),
+    )
+
+
+def _layer_answer(path: Path) -> Answer:
+    if path.name == "alpha.png":
+        picture = read(path, LINEAR)
+        if not picture.meta.gray:
+            raise FileError(f"{path}: has colors; an alpha.png is gray")
+        return Answer(Layer(picture.rgb[..., 0], 0 * picture.rgb), alpha_only=True)
+    layer = read_layer(path)
+    try:
+        return Answer(layer, solution=read_solution(path))
+    except FileError:  # somebody else's layer
+        return Answer(layer)
+
+
+def _subframes(folder: Path) -> tuple[Layer, ...] | None:
+    files = sorted(folder.glob("subframe_*.exr"))
+    return tuple(read_layer(file) for file in files) or None
