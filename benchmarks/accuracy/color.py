@@ -2,40 +2,28 @@
 
 Renders balls of random paint that move in front of three kinds of plates, takes 8-bit sRGB pictures
 of them with noise in the code values (the plate is the median of five), finds the streak and fits
-its color; the published formula gets the same pixels. A row of the table is one kind of plate and
-one noise. Errors are given twice:
+its color; the published formula gets the same pixels.
 
-* units: 255 · |o − (o·l) l|, linear light, o the paint's true color and l the estimated direction.
-  (o·l) l is the color on the estimated line that is nearest to the truth: brightness is matched,
-  for the line does not know it.
-* degrees: the angle between o and l.
-
-Both are median / 90 % / worst of the scenes that have an answer; the published formula never refuses,
-so it has more of them. `spread` is the root mean square of the error in units of its reported standard
-deviation, per direction: 1 is honest, more is boasting.
-
-Run: python benchmarks/accuracy/color.py [--seeds N] [--csv FILE]
+Run: python -m benchmarks.accuracy.color
 """
 
-import argparse
-import csv
-import platform
-from dataclasses import dataclass, fields, replace
-from pathlib import Path
+from dataclasses import dataclass
 
 import numpy as np
+from benchmarks.table import Cell, Table, publish_all
+from benchmarks.trials import CODE, direction_errors, over_seeds, photograph
 
-import blurmatte
-from blurmatte.color import ColorModel, fit_color, published_color_line
+from blurmatte.color import fit_color, published_color_line
 from blurmatte.color.streak import _streak_pixels
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, with_noise
+from blurmatte.metrics import calibration, color_distance
+from blurmatte.radiometry import SRGB, with_noise
 from blurmatte.rendering import (
     Ball,
+    Camera,
     Rendering,
     Scene,
     colorful_plate,
-    photograph,
     plain_plate,
     render,
     two_hue_plate,
@@ -46,55 +34,46 @@ from blurmatte.trajectory import Trajectory
 SIZE = (320, 240)
 SUBSTEPS = 120  # alpha to 2e-4: below the noise
 NOISES = (1, 2)  # code values of 255
-PLATE_FRAMES = 5
-
-
-def random_color(rng, low, high):
-    """Linear light of a color whose sRGB codes are uniform between two bounds."""
-    return SRGB.decode(rng.uniform(low, high, 3))
-
-
-PLATES = {
-    "colorful": lambda rng: colorful_plate(SIZE, rng),
-    "two hues": lambda rng: two_hue_plate(
-        SIZE, random_color(rng, 0.3, 0.8), random_color(rng, 0.3, 0.8), rng
-    ),
-    "plain": lambda rng: plain_plate(SIZE, random_color(rng, 0.35, 0.8), rng),
-}
+SEEDS = 20
+KINDS = ("colorful", "two hues", "plain")
+ERRORS = tuple(
+    f"{unit} {part}" for unit in ("units", "degrees") for part in ("median", "90 %", "worst")
+)
+NOTES = f"""
+Balls of random paint that move by 1 to 8 radii before three kinds of plates, in pictures of
+{SIZE[0]}x{SIZE[1]}, 8 bits, noise in code values of 255; the plate is the median of five frames. The
+published formula gets the same pixels and never refuses. units: 255 |o - (o.l) l|, linear light, o
+the paint's true color and l the estimated direction: brightness is matched, for the line does not
+know it. degrees: the angle between o and l. Median, 90 % and worst of the scenes that have an answer.
+spread: root mean square of the error in units of its reported standard deviation, per direction; 1
+is honest and more is boasting.
+"""
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """How far both answers are from the truth in one scene; NaN where there is none."""
+    """What ours and the published formula gave in one scene; ours is NaN where it refused."""
 
-    units: float
-    degrees: float
-    normalised: float  # ours in units of its standard deviation, root mean square of two directions
-    published_units: float
-    published_degrees: float
+    ours: tuple[float, float]  # units, degrees
+    z: tuple[float, float]  # ours over its standard deviation, in two directions
+    published: tuple[float, float]
 
 
-@dataclass(frozen=True)
-class Row:
-    """One line of the table."""
+NOTHING = (np.nan, np.nan)
 
-    plate: str
-    noise: int  # standard deviation, code values of 255
-    scenes: int
-    refused: int
-    units_median: float
-    units_90: float
-    units_worst: float
-    degrees_median: float
-    degrees_90: float
-    degrees_worst: float
-    spread: float
-    published_units_median: float
-    published_units_90: float
-    published_units_worst: float
-    published_degrees_median: float
-    published_degrees_90: float
-    published_degrees_worst: float
+
+def random_color(rng: np.random.Generator, low: float, high: float) -> np.ndarray:
+    """Linear light of a color whose sRGB codes are uniform between two bounds."""
+    return SRGB.decode(rng.uniform(low, high, 3))
+
+
+def random_plate(kind: str, rng: np.random.Generator) -> np.ndarray:
+    if kind == "colorful":
+        return colorful_plate(SIZE, rng)
+    if kind == "two hues":
+        first, second = random_color(rng, 0.3, 0.8), random_color(rng, 0.3, 0.8)
+        return two_hue_plate(SIZE, first, second, rng)
+    return plain_plate(SIZE, random_color(rng, 0.35, 0.8), rng)
 
 
 def random_scene(kind: str, seed: int) -> tuple[Rendering, np.ndarray]:
@@ -102,118 +81,70 @@ def random_scene(kind: str, seed: int) -> tuple[Rendering, np.ndarray]:
     rng = np.random.default_rng(seed)
     color = random_color(rng, 0.25, 1)
     color *= rng.uniform(0.5, 1) / color.max()
-    plate, radius, angle = PLATES[kind](rng), rng.uniform(8, 22), rng.uniform(0, np.pi)
+    plate, radius, angle = random_plate(kind, rng), rng.uniform(8, 22), rng.uniform(0, np.pi)
     length = min(rng.uniform(1, 8) * radius, 170)
     middle = np.array(SIZE) / 2 + rng.uniform(-15, 15, 2)
     half = length / 2 * np.array([np.cos(angle), 0.8 * np.sin(angle)])
-    path = Trajectory.line(tuple(middle - half), tuple(middle + half))
+    path = Trajectory.line(middle - half, middle + half)
     return render(Scene(plate, path, Ball(radius, color)), SUBSTEPS), color
 
 
-def pictures(scene: Rendering, noise: int, seed: int) -> tuple[LinearImage, LinearImage]:
-    """Eight-bit image, and plate as the median of several pictures; noise measured."""
-    rng = np.random.default_rng(seed)
-    image, *frames = (
-        photograph(light, NoiseModel(), rng, code_std=noise / 255)
-        for light in [scene.image.rgb] + PLATE_FRAMES * [scene.plate.rgb]
-    )
-    rgb = np.median([frame.rgb for frame in frames], axis=0)
-    return with_noise(image, replace(frames[0], rgb=rgb, valid=(rgb < 1).all(axis=-1)))
-
-
-def angle_units(model: ColorModel, color: np.ndarray) -> tuple[float, float]:
-    """Error of a line in units of 0…255 and in degrees."""
-    along = model.pole @ color
-    across = float(np.linalg.norm(color - along * model.pole))
-    return 255 * across, float(np.degrees(np.arctan2(across, along)))
-
-
-def normalised_error(model: ColorModel, color: np.ndarray) -> float:
-    tangent = np.linalg.svd(model.pole[:, None])[0][:, 1:]
-    error = tangent.T @ color / (model.pole @ color)
-    covariance = tangent.T @ model.covariance @ tangent
-    return float(np.sqrt(error @ np.linalg.solve(covariance, error) / 2))
-
-
-def run(kind: str, noise: int, seed: int) -> Outcome:
-    scene, color = random_scene(kind, seed)
-    image, plate = pictures(scene, noise, seed)
+def outcome(truth: Rendering, color: np.ndarray, noise: float, seed: int) -> Outcome:
+    """Photograph, find the streak, and compare both colors with the truth."""
+    image, plate = with_noise(*photograph(truth, Camera(code_std=noise * CODE), seed))
     found = find_streaks(image, plate)
     if not found:
-        return Outcome(*(5 * [np.nan]))
+        return Outcome(NOTHING, NOTHING, NOTHING)
     pixels = _streak_pixels(image, plate, found[0])
-    published = angle_units(published_color_line(pixels.C, pixels.B), color)
+    published = color_distance(published_color_line(pixels.C, pixels.B).basis, color)
+    theirs = published.units, published.degrees
     try:
         model = fit_color(image, plate, found[0])
     except ColorModelError:
-        return Outcome(np.nan, np.nan, np.nan, *published)
-    return Outcome(*angle_units(model, color), normalised_error(model, color), *published)
+        return Outcome(NOTHING, NOTHING, theirs)
+    error, std = direction_errors(model, color)
+    ours = color_distance(model.basis, color)
+    return Outcome((ours.units, ours.degrees), tuple(error / std), theirs)
 
 
-def quantiles(values: list[float]) -> tuple[float, float, float]:
-    known = np.array(values)[np.isfinite(values)]
+def trial(kind: str, noise: int, seed: int) -> Outcome:
+    truth, color = random_scene(kind, seed)
+    return outcome(truth, color, noise, seed)
+
+
+def quantiles(errors: list[tuple[float, float]]) -> list[Cell]:
+    """Median, 90 % and worst of units, then of degrees."""
+    known = np.array([e for e in errors if np.isfinite(e).all()])
     if len(known) == 0:
-        return np.nan, np.nan, np.nan
-    return tuple(np.quantile(known, [0.5, 0.9, 1]).tolist())
+        return [None] * 6
+    return np.quantile(known, [0.5, 0.9, 1], axis=0).T.ravel().tolist()
 
 
-def summary(kind: str, noise: int, outcomes: list[Outcome]) -> Row:
-    columns = {f.name: [getattr(o, f.name) for o in outcomes] for f in fields(Outcome)}
-    normalised = np.array(columns["normalised"])
-    answered = np.isfinite(normalised)
-    spread = np.sqrt(np.mean(normalised[answered] ** 2)) if answered.any() else np.nan
-    return Row(
-        kind, noise, len(outcomes), int(np.sum(~answered)),
-        *quantiles(columns["units"]), *quantiles(columns["degrees"]), float(spread),
-        *quantiles(columns["published_units"]), *quantiles(columns["published_degrees"]),
-    )  # fmt: skip
+def spread(outcomes: list[Outcome]) -> float | None:
+    z = np.array([o.z for o in outcomes])
+    answered = np.isfinite(z)
+    if not answered.any():
+        return None
+    c = calibration(z, np.ones_like(z), np.zeros_like(z), where=answered)
+    return float(np.hypot(c.mean, c.spread))
 
 
-def line(row: Row) -> str:
-    def triple(name: str, digits: int) -> str:
-        values = (getattr(row, f"{name}_{part}") for part in ("median", "90", "worst"))
-        return " / ".join(f"{v:.{digits}f}" if np.isfinite(v) else "-" for v in values)
-
-    spread = f"{row.spread:.2f}" if np.isfinite(row.spread) else "-"
-    return (
-        f"{row.plate:9} {row.noise:5} {row.refused:4} of {row.scenes:<3} "
-        f"{triple('units', 2):>20} {triple('degrees', 2):>20} {spread:>7}   "
-        f"{triple('published_units', 0):>15} {triple('published_degrees', 0):>15}"
-    )
+def refused(outcomes: list[Outcome]) -> int:
+    return sum(bool(np.isnan(o.ours[0])) for o in outcomes)
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=20, metavar="N", help="scenes in each row")
-    parser.add_argument("--csv", type=Path, metavar="FILE", help="write the table to a file too")
-    arguments = parser.parse_args()
-    if arguments.seeds < 1:
-        parser.error(f"--seeds must be 1 or more, got {arguments.seeds}")
-
-    versions = {
-        "blurmatte": blurmatte.__version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-    }
-    print(", ".join(f"{name} {version}" for name, version in versions.items()))
-    print(f"{'':28} {'fit_color':^49}   {'published_color_line':^31}")
-    print(
-        f"{'plate':9} {'noise':>5} {'refused':>10}  {'units':^20} {'degrees':^20} {'spread':>7}   "
-        f"{'units':^15} {'degrees':^15}"
-    )
-    rows = []
-    for kind in PLATES:
-        for noise in NOISES:
-            outcomes = [run(kind, noise, seed) for seed in range(arguments.seeds)]
-            rows.append(summary(kind, noise, outcomes))
-            print(line(rows[-1]), flush=True)
-    if arguments.csv:
-        with open(arguments.csv, "w", newline="") as file:
-            writer = csv.writer(file)
-            writer.writerow([*versions, *(f.name for f in fields(Row))])
-            for row in rows:
-                writer.writerow([*versions.values(), *(getattr(row, f.name) for f in fields(Row))])
+def tables(quick: bool = False) -> list[Table]:
+    settings = [(kind, noise) for kind in KINDS for noise in NOISES]
+    settings = settings[:1] if quick else settings
+    rows: list[tuple[Cell, ...]] = []
+    for setting, group in zip(settings, over_seeds(trial, settings, quick, SEEDS), strict=True):
+        ours, theirs = quantiles([o.ours for o in group]), quantiles([o.published for o in group])
+        rows.append((*setting, len(group), refused(group), *ours, spread(group), *theirs))
+    published = tuple(f"published {name}" for name in ERRORS)
+    columns = ("plate", "noise", "scenes", "refused", *ERRORS, "spread", *published)
+    question = "How far is the color of the streak from the truth?"
+    return [Table("color", question, NOTES, columns, rows)]
 
 
 if __name__ == "__main__":
-    main()
+    publish_all(tables)

@@ -1,21 +1,21 @@
 """How close is the closed form to the speed of memory?
 
-Solves a 4K picture into reused outputs and prints, from one run, the time of each variant divided by
+Solves a 4K picture into reused outputs and divides, in one run, the time of each variant by
 
-* the same loop without arithmetic: it reads the same arrays and writes the same outputs,
-* two threads of `numpy.copyto` that move as many bytes. Those bypass the cache when they write,
-  which a compiled loop cannot: each of its writes first reads the line it is about to replace.
+* that of the same loop without arithmetic: it reads the same arrays and writes the same outputs,
+* that of two threads of `numpy.copyto` that move as many bytes. Those bypass the cache when they
+  write, which a compiled loop cannot: each of its writes first reads the line it is about to replace.
 
-Run: python benchmarks/speed/closed_form.py
+Run: python -m benchmarks.speed.closed_form
 """
 
-import platform
-import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from os import cpu_count
 
 import numpy as np
+from benchmarks.speed.timing import interleaved
+from benchmarks.table import Table, publish_all
 from numba import njit
 
 from blurmatte.color import ColorModel
@@ -23,6 +23,10 @@ from blurmatte.matting.pixelwise import PixelMaps, Pixelwise, _strips
 from blurmatte.radiometry import SRGB, NoiseModel
 
 HEIGHT, WIDTH, ROUNDS = 2160, 3840, 15
+QUICK_HEIGHT, QUICK_WIDTH = 270, 480
+PATCH = 30  # pixels: side of a patch of one color
+LINE, PLANE = ColorModel.from_hex("#d8ff3c"), ColorModel.from_hex("#d8ff3c", "#2040ff")
+NOISE = NoiseModel(gain=1e-4, read_std=1e-3)
 
 
 def plain_numpy(C, B, model, noise):
@@ -62,67 +66,86 @@ def in_threads(run: Callable[[slice], None], length: int) -> None:
         list(threads.map(run, _strips(length)))
 
 
-def main() -> None:
+def code_pictures(height: int, width: int) -> tuple[np.ndarray, np.ndarray]:
+    """Image and plate, (H, W, 3) uint8: smooth with noise, so that neighbors have similar codes."""
     rng = np.random.default_rng(0)
-    # Smooth scenes with noise, as photographs are: neighbours have nearly the same code values.
-    scene = rng.uniform(30, 200, (HEIGHT // 40, WIDTH // 40, 3)).repeat(40, 0).repeat(40, 1)
-    plate_codes = np.clip(scene + rng.normal(0, 2, scene.shape), 1, 254).astype(np.uint8)
-    image_codes = np.clip(0.7 * scene + 40 + rng.normal(0, 2, scene.shape), 1, 254).astype(np.uint8)
-    table = SRGB.table(256).astype(np.float32)
-    image, plate = table[image_codes], table[plate_codes]
-    image16, plate16 = (codes.astype(np.uint16) * 257 for codes in (image_codes, plate_codes))
-    table16 = SRGB.table(65536).astype(np.float32)
-    line, plane = ColorModel.from_hex("#d8ff3c"), ColorModel.from_hex("#d8ff3c", "#2040ff")
-    noise, solver = NoiseModel(gain=1e-4, read_std=1e-3), Pixelwise()
-    maps = PixelMaps.empty(HEIGHT, WIDTH)
-    flat = [m.reshape(-1) for m in maps]
-    flat_image, flat_plate = image.reshape(-1), plate.reshape(-1)
+    patches = rng.uniform(30, 200, (height // PATCH, width // PATCH, 3))
+    scene = patches.repeat(PATCH, 0).repeat(PATCH, 1)
+    plate = np.clip(scene + rng.normal(0, 2, scene.shape), 1, 254).astype(np.uint8)
+    image = np.clip(0.7 * scene + 40 + rng.normal(0, 2, scene.shape), 1, 254).astype(np.uint8)
+    return image, plate
 
-    def copy_without_arithmetic() -> None:
-        def run(s: slice) -> None:
-            t = slice(3 * s.start, 3 * s.stop)
-            alpha, std, P, P_std, quality = flat
-            touch(flat_image[t], flat_plate[t], alpha[s], std[s], P[t], P_std[t], quality[s])
 
-        in_threads(run, HEIGHT * WIDTH)
+def copying(image: np.ndarray, plate: np.ndarray, maps: PixelMaps) -> dict[str, Callable]:
+    """What moves as many bytes as the closed form and does nothing else."""
+    alpha, std, P, P_std, quality = (m.reshape(-1) for m in maps)
+    C, B = image.reshape(-1), plate.reshape(-1)
 
-    moved = (
-        image.nbytes + plate.nbytes + 2 * maps.quality.nbytes + sum(m.nbytes for m in maps)
-    ) // 2
+    def touch_strip(s: slice) -> None:
+        t = slice(3 * s.start, 3 * s.stop)
+        touch(C[t], B[t], alpha[s], std[s], P[t], P_std[t], quality[s])
+
+    outputs = 2 * maps.quality.nbytes + sum(m.nbytes for m in maps)
+    moved = (image.nbytes + plate.nbytes + outputs) // 2
     source, target = np.ones(moved, np.uint8), np.empty(moved, np.uint8)
-
-    def solve(model, C, B, tables=None):
-        return lambda: solver(C, B, model, noise, noise, tables=tables, out=maps)
-
-    jobs: dict[str, Callable[[], object]] = {
-        "rank 1, float32": solve(line, image, plate),
-        "rank 2, float32": solve(plane, image, plate),
-        "rank 1, 8 bit": solve(line, image_codes, plate_codes, (table, table)),
-        "rank 1, 16 bit": solve(line, image16, plate16, (table16, table16)),
-        "no arithmetic": copy_without_arithmetic,
+    return {
+        "no arithmetic": lambda: in_threads(touch_strip, alpha.size),
         "numpy.copyto": lambda: in_threads(lambda s: np.copyto(target[s], source[s]), moved),
     }
-    times: dict[str, list[float]] = {name: [] for name in jobs}
-    for job in jobs.values():
-        job()
-    for _ in range(ROUNDS):
-        for name, job in jobs.items():
-            start = time.perf_counter()
-            job()
-            times[name].append(time.perf_counter() - start)
-    start = time.perf_counter()
-    plain_numpy(image, plate, line, noise)
-    numpy_time = time.perf_counter() - start
 
-    median = {name: float(np.median(t)) for name, t in times.items()}
-    print(f"{WIDTH}x{HEIGHT}, {cpu_count()} processors, {platform.machine()}, {ROUNDS} rounds")
-    print(f"{'':18} {'ms':>7} {'/ no arithmetic':>16} {'/ numpy.copyto':>15} {'plain NumPy /':>14}")
-    for name, t in median.items():
-        print(
-            f"{name:18} {1e3 * t:7.1f} {t / median['no arithmetic']:16.2f} "
-            f"{t / median['numpy.copyto']:15.2f} {numpy_time / t:14.0f}"
+
+def solving(image_codes: np.ndarray, plate_codes: np.ndarray, maps: PixelMaps) -> dict:
+    """The closed form for lines and planes, for light and for code values."""
+    solver = Pixelwise()
+    table, table16 = (SRGB.table(levels).astype(np.float32) for levels in (256, 65536))
+    image, plate = table[image_codes], table[plate_codes]
+    image16, plate16 = (codes.astype(np.uint16) * 257 for codes in (image_codes, plate_codes))
+
+    def solve(model, C, B, tables=None):
+        return lambda: solver(C, B, model, NOISE, NOISE, tables=tables, out=maps)
+
+    return {
+        "rank 1, float32": solve(LINE, image, plate),
+        "rank 2, float32": solve(PLANE, image, plate),
+        "rank 1, 8 bit": solve(LINE, image_codes, plate_codes, (table, table)),
+        "rank 1, 16 bit": solve(LINE, image16, plate16, (table16, table16)),
+        **copying(image, plate, maps),
+        "plain NumPy": lambda: plain_numpy(image, plate, LINE, NOISE),
+    }
+
+
+def tables(quick: bool = False) -> list[Table]:
+    height, width = (QUICK_HEIGHT, QUICK_WIDTH) if quick else (HEIGHT, WIDTH)
+    jobs = solving(*code_pictures(height, width), PixelMaps.empty(height, width))
+    numpy_job = {"plain NumPy": jobs.pop("plain NumPy")}
+    interleaved(jobs, 1)  # compiles
+    times = interleaved(jobs, 1 if quick else ROUNDS)
+    seconds = {name: float(np.median(t)) for name, t in times.items()}
+    seconds["plain NumPy"] = min(interleaved(numpy_job, 1)["plain NumPy"])
+    rows = [
+        (
+            name,
+            1e3 * t,
+            t / seconds["no arithmetic"],
+            t / seconds["numpy.copyto"],
+            seconds["plain NumPy"] / t,
         )
+        for name, t in seconds.items()
+    ]
+    return [
+        Table(
+            "closed_form",
+            "How close is the closed form to the speed of memory?",
+            f"A picture of {width}x{height} is solved into reused outputs, {cpu_count()} processors, "
+            f"median of {ROUNDS} interleaved rounds. no arithmetic: the same loop reads the same "
+            "arrays and writes the same outputs. numpy.copyto: threads of it move as many bytes, past "
+            "the cache. plain NumPy: the same fit as anybody would write it, once. Columns: "
+            "milliseconds, time over that of two others, and how many times faster than plain NumPy.",
+            ("variant", "ms", "/ no arithmetic", "/ numpy.copyto", "plain NumPy /"),
+            rows,
+        )
+    ]
 
 
 if __name__ == "__main__":
-    main()
+    publish_all(tables)

@@ -1,0 +1,61 @@
+"""What does JPEG cost?
+
+Run: python -m benchmarks.accuracy.alpha_jpeg
+"""
+
+from benchmarks.table import Table, publish_all
+from benchmarks.trials import (
+    CODE,
+    COLUMNS,
+    KINDS,
+    MEANING,
+    SCENE,
+    Attempt,
+    alpha_rows,
+    attempt,
+    photograph,
+    rendering,
+)
+
+from blurmatte.rendering import Camera
+
+QUALITIES = (75, 80, 85, 90, 95, 98, 100)
+FOUND_QUALITIES = (80, 90, 95, 100)  # finding the color takes long
+CHROMAS = ("4:4:4", "4:2:0")
+SEEDS = 3
+
+
+def trial(kind: str, chroma: str, quality: int | None, color: str, seed: int) -> Attempt:
+    truth = rendering(kind, seed)
+    camera = Camera(code_std=CODE, jpeg_quality=quality, chroma=chroma)
+    image, plate = photograph(truth, camera, seed)
+    return attempt(image, plate, truth.model if color == "given" else None, truth)
+
+
+def tables(quick: bool = False) -> list[Table]:
+    files = [("4:4:4", None), *((chroma, quality) for chroma in CHROMAS for quality in QUALITIES)]
+    settings = [(kind, *file, "given") for kind in KINDS for file in files]
+    some = [file for file in files if file[1] in (None, *FOUND_QUALITIES)]
+    settings += [(kind, *file, "found") for kind in KINDS[:2] for file in some]
+    rows = alpha_rows(trial, settings[:44:43] if quick else settings, quick, SEEDS)
+    return [
+        Table(
+            "alpha_jpeg",
+            "What does JPEG cost?",
+            f"{SCENE} Image and every frame of the plate are JPEG files of a quality, or PNG (-), with "
+            "noise of 1 code value of 255 beforehand. chroma 4:2:0: two by two pixels share a color. "
+            "color: the true line is given, or found in the streak (before a plain plate it cannot "
+            f"be). {MEANING.format(seeds=SEEDS)}",
+            ("plate", "chroma", "quality", "color", *COLUMNS),
+            rows,
+            x="quality",
+            lines=("chroma", "color"),
+            y="alpha RMSE",
+            log=True,
+            panels="plate",
+        )
+    ]
+
+
+if __name__ == "__main__":
+    publish_all(tables)

@@ -1,0 +1,210 @@
+"""Benchmarks make the tables they declare, and the report says what the tables say."""
+
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from importlib import import_module
+from pathlib import Path
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+ROOT = Path(__file__).parents[2]
+sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
+
+from benchmarks.report import FIRST, read_result, write_report  # noqa: E402
+from benchmarks.table import Table, publish  # noqa: E402
+
+from benchmarks import __main__ as program  # noqa: E402
+from benchmarks import trials  # noqa: E402
+from blurmatte.color import ColorModel  # noqa: E402
+from blurmatte.rendering import Camera  # noqa: E402
+
+OURS = [f"accuracy.{name}" for name in FIRST[1:]] + ["speed.closed_form", "speed.image_size"]
+TABLE = Table(
+    "made_up",
+    "How much is | it?",
+    """Two lines
+    of notes.""",
+    ("plate", "noise", "error"),
+    [
+        ("plain", 1, 0.123456),
+        ("plain", 2, None),
+        ("two, hues", 1, float("nan")),
+        ("two, hues", 2, 3.0),
+    ],
+)
+
+
+@pytest.fixture
+def machine(monkeypatch):
+    """Tests must not depend on the commit and the processor."""
+    monkeypatch.setattr("benchmarks.table.machine", lambda: "a machine")
+
+
+# Tables
+
+
+@pytest.mark.parametrize("name", OURS)
+def test_a_quick_run_fills_its_table(name):
+    (table,) = import_module(f"benchmarks.{name}").tables(quick=True)
+    assert table.name == name.split(".")[1]
+    assert table.rows
+    for row in table.rows:
+        numbers = [v for v in row if isinstance(v, float)]
+        assert numbers
+        assert np.isfinite(numbers).all()
+
+
+def test_every_benchmark_is_found():
+    named = {
+        f"{path.parent.name}.{path.stem}"
+        for part in ("accuracy", "speed")
+        for path in (ROOT / "benchmarks" / part).glob("*.py")
+        if "__main__" in path.read_text(encoding="utf-8")
+    }
+    assert set(program.benchmarks()) == named
+    assert {f"accuracy.{name}" for name in FIRST} <= named
+
+
+@pytest.mark.parametrize(
+    ("change", "match"),
+    [
+        ({"rows": [("plain", 1)]}, "a row must have 3 cells"),
+        ({"x": "nois"}, "there is no 'nois'"),
+        ({"lines": ("plate", "hue")}, "there is no 'hue'"),
+        ({"lines": "plate"}, "lines needs y"),
+    ],
+)
+def test_a_table_refuses_what_does_not_fit(change, match):
+    with pytest.raises(ValueError, match=match):
+        replace(TABLE, **change)
+
+
+# Trials
+
+
+def test_trials_stay_with_their_setting(monkeypatch):
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
+    monkeypatch.setattr(trials, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor())
+    got = trials.over_seeds(lambda a, b, seed: (a, b, seed), [("x", 1), ("x", 2)], False, seeds=3)
+    assert got == [[("x", n, seed) for seed in range(3)] for n in (1, 2)]
+
+
+def test_direction_errors_are_those_of_the_true_color():
+    """A line 0.02 off along one axis of its covariance, where it claims 0.01."""
+    along, first, second = np.eye(3)
+    covariance = 0.01**2 * np.outer(first, first) + 0.05**2 * np.outer(second, second)
+    model = ColorModel(along[:, None], covariance)
+    error, std = trials.direction_errors(model, 3 * (along + 0.02 * first))
+    assert_allclose(np.abs(error), [0.02, 0], atol=1e-12)
+    assert_allclose(std, [0.01, 0.05])
+
+
+def test_an_attempt_tells_refusals_from_answers():
+    truth = trials.rendering("plain", 0)
+    image, plate = trials.photograph(truth, Camera(code_std=trials.CODE), 0)
+    assert trials.attempt(plate, plate, truth.model, truth).errors is None  # nothing moved
+    errors = trials.attempt(image, plate, truth.model, truth).errors
+    assert errors.known > 0.99
+    assert 0.005 < errors.rmse < 0.03
+    assert 0.9 < errors.spread < 1.1
+
+
+# Report
+
+
+@pytest.mark.usefixtures("machine")
+def test_a_published_table_is_read_back(tmp_path, capsys):
+    publish(TABLE, tmp_path)
+    result = read_result(tmp_path / "made_up.csv")
+    assert result.question == TABLE.question
+    assert result.notes == "Two lines of notes."
+    assert result.machine == "a machine"
+    assert tuple(result.columns) == TABLE.columns
+    assert result.rows[0] == ["plain", "1", "0.1235"]
+    assert [row[2] for row in result.rows] == ["0.1235", "-", "-", "3"]
+    assert "0.1235" in capsys.readouterr().out
+    assert not (tmp_path / "made_up.png").exists()
+
+
+@pytest.mark.usefixtures("machine")
+def test_the_report_says_what_the_tables_say(tmp_path):
+    folder = tmp_path / "results"
+    drawn = replace(TABLE, name=FIRST[1], question="Second?", x="noise", lines="plate", y="error")
+    for table in (
+        replace(TABLE, name="aaa"),
+        drawn,
+        replace(TABLE, name=FIRST[0], question="First?"),
+    ):
+        publish(table, folder)
+    report = write_report(folder)
+    said = report.read_text(encoding="utf-8")
+    assert report == tmp_path / "results.md"
+    assert "never edited by hand" in said
+    assert said.index("## First?") < said.index("## Second?") < said.index("## How much is | it?")
+    assert f"![Second?](results/{FIRST[1]}.png)" in said
+    assert said.count("![") == 1
+    assert "| plate | noise | error |\n| --- | ---: | ---: |\n| plain | 1 | 0.1235 |" in said
+    assert said.count("a machine") == 3
+
+
+def test_the_report_refuses_other_files(tmp_path):
+    (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
+    with pytest.raises(ValueError, match="must start with question"):
+        write_report(tmp_path)
+
+
+# Drawing
+
+
+def test_a_drawing_shows_every_line_of_every_panel(tmp_path, monkeypatch):
+    from benchmarks import drawing
+
+    drawn = []
+    monkeypatch.setattr(drawing, "_draw_curves", lambda axes, curves: drawn.append(curves))
+    table = replace(
+        TABLE,
+        columns=(*TABLE.columns, "depth"),
+        rows=[(*row, depth) for depth in ("8 bits", "float") for row in TABLE.rows],
+        x="noise", y="error", lines=("depth",), panels="plate",
+    )  # fmt: skip
+    drawing.draw(table, tmp_path / "a.png")
+    assert [[names for names, _, _ in curves] for curves in drawn] == [
+        [("8 bits",), ("float",)]
+    ] * 2
+    assert drawn[1][0][1:] == ([1, 2], pytest.approx([float("nan"), 3.0], nan_ok=True))
+    assert (tmp_path / "a.png").read_bytes()[:4] == b"\x89PNG"
+
+
+# All of them
+
+
+@pytest.mark.usefixtures("machine")
+def test_a_failure_stops_nothing_and_is_named(tmp_path, capsys):
+    def broken(quick):
+        raise RuntimeError("no luck")
+
+    jobs = {"broken": broken, "whole": lambda quick: [TABLE]}
+    assert program.run_all(jobs, tmp_path, quick=True) == ["broken"]
+    assert (tmp_path / "made_up.csv").exists()
+    said = capsys.readouterr()
+    assert "broken failed after" in said.out
+    assert "whole done in" in said.out
+    assert "no luck" in said.err
+
+
+@pytest.mark.usefixtures("machine")
+@pytest.mark.parametrize(("failing", "code"), [(False, 0), (True, 1)])
+def test_the_program_tells_failure_by_its_exit(tmp_path, monkeypatch, capsys, failing, code):
+    def made(quick):
+        if failing:
+            raise RuntimeError("no luck")
+        return [TABLE]
+
+    monkeypatch.setattr(program, "benchmarks", lambda: {"made": made})
+    monkeypatch.setattr(sys, "argv", ["benchmarks", "--quick", "--folder", str(tmp_path / "r")])
+    assert program.main() == code
+    assert (tmp_path / "r.md").exists()
+    assert ("failed: made" in capsys.readouterr().err) == failing
