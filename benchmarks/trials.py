@@ -11,7 +11,8 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from functools import cache
 from itertools import repeat
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from threading import Thread
 from typing import Any, TypeVar
 
 import numpy as np
@@ -46,10 +47,12 @@ ORANGE = np.array([0.80, 0.35, 0.06])
 CODE = 1 / 255
 STEADY = Drift()
 PLATES = {
-    "colorful": lambda seed: colorful_plate(SIZE, seed, tile=40),
-    "textured": lambda seed: textured_plate(SIZE, seed),
-    "two hues": lambda seed: two_hue_plate(SIZE, (0.45, 0.40, 0.36), (0.10, 0.22, 0.40), seed),
-    "plain": lambda seed: plain_plate(SIZE, (0.30, 0.33, 0.36), seed),
+    "colorful": lambda size, seed: colorful_plate(size, seed, tile=40),
+    "textured": textured_plate,
+    "two hues": lambda size, seed: two_hue_plate(
+        size, (0.45, 0.40, 0.36), (0.10, 0.22, 0.40), seed
+    ),
+    "plain": lambda size, seed: plain_plate(size, (0.30, 0.33, 0.36), seed),
 }
 KINDS = ("colorful", "textured", "plain")
 SCENE = (
@@ -76,10 +79,9 @@ def ball_path(seed: int) -> Trajectory:
 
 
 @cache
-def rendering(kind: str, seed: int, opacity: float = 1.0) -> Rendering:
+def rendering(kind: str, seed: int) -> Rendering:
     """The ball before a plate of a kind in `PLATES`."""
-    scene = Scene(PLATES[kind](seed), ball_path(seed), Ball(RADIUS, ORANGE), opacity=opacity)
-    return render(scene)
+    return render(Scene(PLATES[kind](SIZE, seed), ball_path(seed), Ball(RADIUS, ORANGE)))
 
 
 def photograph(
@@ -161,9 +163,21 @@ def over_seeds(
     cases = [(*setting, seed) for seed in range(seeds) for setting in settings]
     # Workers use a processor each; threads of the linear algebra within them only get in the way.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
+    with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), _end_with_parent) as pool:
         results = list(pool.map(_call, repeat(trial), cases, chunksize=4))
     return [results[i :: len(settings)] for i in range(len(settings))]
+
+
+def _end_with_parent() -> None:
+    """Watch the parent: a worker whose parent was killed would wait for its next task forever."""
+
+    def watch() -> None:
+        parent = parent_process()
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    Thread(target=watch, daemon=True).start()
 
 
 def _call(trial: Callable[..., T], case: tuple[Any, ...]) -> T:

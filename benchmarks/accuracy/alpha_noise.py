@@ -40,8 +40,8 @@ def tables(quick: bool = False) -> list[Table]:
             "alpha_noise",
             "How does the error of alpha grow with noise?",
             f"{SCENE} noise: standard deviation in sRGB code values of 255, of floats and of 8 bits, "
-            "which add rounding (0.29). color: the true line is given, or found in the streak; "
-            f"before a plain plate that is refused. {MEANING.format(seeds=SEEDS)}",
+            "which add rounding (0.29). color: the true line is given, or nothing is. "
+            f"{MEANING.format(seeds=SEEDS)}",
             ("plate", "noise", "depth", "color", *COLUMNS),
             rows,
             x="noise",
