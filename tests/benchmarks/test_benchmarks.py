@@ -50,11 +50,9 @@ def machine(monkeypatch):
 def test_a_quick_run_fills_its_table(name):
     (table,) = import_module(f"benchmarks.{name}").tables(quick=True)
     assert table.name == name.split(".")[1]
-    assert table.rows
-    for row in table.rows:
-        numbers = [v for v in row if isinstance(v, float)]
-        assert numbers
-        assert np.isfinite(numbers).all()
+    numbers = [v for row in table.rows for v in row if isinstance(v, float)]
+    assert numbers  # of one trial a row, some may be refused
+    assert np.isfinite(numbers).all()
 
 
 def test_every_benchmark_is_found():
