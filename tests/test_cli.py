@@ -127,8 +127,8 @@ def test_nothing_lies_outside_the_streak(scene, tmp_path):
         (["--color", COLOR, "--color", "2040c0", "--rank", "2"], 2, set()),
         (["--color", "60,40", "--color", "62,41,3"], 1, {"samples"}),
         (["--color", "4,4", "--color-from", "SHARP"], 1, {"samples"}),
-        (["--max-brightness", "2"], 1, {"hue variation", "feasibility"}),
-        (["--mask", "MASK"], 1, {"hue variation", "feasibility"}),
+        (["--max-brightness", "2"], 1, {"shape", "hue variation"}),
+        (["--mask", "MASK"], 1, {"shape", "hue variation"}),
     ],
 )
 def test_every_way_to_say_the_color(scene, tmp_path, options, rank, evidence):

@@ -33,7 +33,7 @@ def test_evidence_is_told_and_nothing_is_nothing():
     assert explain(model)[1:] == [
         "From the hues of the plate behind the streak alone: to 0.12°.",
         "From alpha between 0 and 1, and no negative light, alone: nothing.",
-        "From shape alone: to 2°.",
+        "From the shape of the streak and the hues together: to 2°.",
     ]
 
 

@@ -1,5 +1,6 @@
 """The README keeps its promises: its Python runs, its commands work, its tables are complete."""
 
+import json
 import re
 import shlex
 from pathlib import Path
@@ -77,15 +78,15 @@ def test_first_command_solves_the_example(tmp_path, monkeypatch):
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(table("file in"))
 
 
-@pytest.mark.parametrize(("options", "code"), [([], 2), (["--color", "#ffc032"], 0)])
-def test_plain_wall_needs_a_color(tmp_path, monkeypatch, options, code):
-    pattern = r"`blurmatte (solve examples/plain/.*? --out) out/plain/` refuses"
-    command = re.search(pattern, README)[1]
-    assert '`--color "#ffc032"` it works' in README
+def test_the_shape_tells_the_color_before_a_plain_wall(tmp_path, monkeypatch):
+    command = re.search(r"`blurmatte (solve examples/plain/.*? --out) out/plain/` works", README)[1]
     monkeypatch.chdir(ROOT)
-    result = CliRunner().invoke(app, [*command.split(), str(tmp_path / "plain"), *options])
-    assert result.exit_code == code, result.output
-    assert (tmp_path / "plain").exists() == (code == 0)
+    result = CliRunner().invoke(app, [*command.split(), str(tmp_path / "plain")])
+    assert (result.exit_code, result.stderr) == (0, "")
+    truth = json.loads((ROOT / "examples/plain/truth.json").read_text())
+    stats = json.loads((tmp_path / "plain" / "report.json").read_text())["stats"]
+    assert abs(stats["sweep"]["radius"] - truth["radius"]) < 4 * stats["sweep"]["radius_std"]
+    assert abs(stats["sum_alpha"] / truth["alpha_sum"] - 1) < 0.005
 
 
 def test_second_command_is_what_ci_runs():

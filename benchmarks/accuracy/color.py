@@ -13,7 +13,7 @@ import numpy as np
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import CODE, direction_errors, over_seeds, photograph
 
-from blurmatte.color import fit_color, published_color_line
+from blurmatte.color import fit_color_from_hues, published_color_line
 from blurmatte.color.streak import _streak_pixels
 from blurmatte.errors import ColorModelError
 from blurmatte.metrics import calibration, color_distance
@@ -99,7 +99,7 @@ def outcome(truth: Rendering, color: np.ndarray, noise: float, seed: int) -> Out
     published = color_distance(published_color_line(pixels.C, pixels.B).basis, color)
     theirs = published.units, published.degrees
     try:
-        model = fit_color(image, plate, found[0])
+        model = fit_color_from_hues(image, plate, found[0])
     except ColorModelError:
         return Outcome(NOTHING, NOTHING, theirs)
     error, std = direction_errors(model, color)

@@ -5,7 +5,6 @@ The public API, on one screen. Linear light in, linear light out; see each name'
 
 from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
-from blurmatte.color import fit_color as fit_color
 from blurmatte.color import pick_colors as pick_colors
 from blurmatte.color import published_color_line as published_color_line
 from blurmatte.compositing import cover as cover
@@ -29,6 +28,7 @@ from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise
 from blurmatte.matting import Quality as Quality
 from blurmatte.matting import Solution as Solution
+from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
 from blurmatte.overview import draw_overview as draw_overview
 from blurmatte.radiometry import LINEAR as LINEAR
@@ -63,6 +63,9 @@ from blurmatte.scenes import score_table as score_table
 from blurmatte.streaks import Streak as Streak
 from blurmatte.streaks import find_streak_within as find_streak_within
 from blurmatte.streaks import find_streaks as find_streaks
+from blurmatte.sweep import Sweep as Sweep
+from blurmatte.sweep import fit_color as fit_color
+from blurmatte.sweep import fit_sweep as fit_sweep
 from blurmatte.trajectory import Trajectory as Trajectory
 
 __version__ = "0.1.0"

@@ -13,9 +13,10 @@ from blurmatte.radiometry import NoiseModel
 _MEDIUM_LIGHT = np.full(3, 0.2)
 _OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
 _EVIDENCE = {
-    "hue variation": "the hues of the plate behind the streak",
-    "feasibility": "alpha between 0 and 1, and no negative light,",
-    "samples": "the scatter of the sampled colors",
+    "hue variation": "the hues of the plate behind the streak alone",
+    "shape": "the shape of the streak and the hues together",
+    "feasibility": "alpha between 0 and 1, and no negative light, alone",
+    "samples": "the scatter of the sampled colors alone",
 }
 _AGAINST = {
     Quality.SATURATED: "clipped",
@@ -60,6 +61,7 @@ def explain(thing: ColorModel | Solution) -> list[str]:
         return [
             *doubts(thing),
             peak,
+            *_sweep(thing.stats),
             *_area(thing),
             *_noise(thing.stats),
             *_flags(thing),
@@ -133,10 +135,24 @@ def _evidence(model: ColorModel) -> list[str]:
         return ["The color was given, not measured."]
     sentences = []
     for name, std in model.evidence.items():
-        source = _EVIDENCE.get(name, name)
+        source = _EVIDENCE.get(name, f"{name} alone")
         told = f"to {std:.2g}°" if std < _OPEN else "nothing"
-        sentences.append(f"From {source} alone: {told}.")
+        sentences.append(f"From {source}: {told}.")
     return sentences
+
+
+def _sweep(stats: Mapping[str, Any]) -> list[str]:
+    """What went where, if the shape of the streak told it."""
+    sweep = stats.get("sweep")
+    if sweep is None:
+        return []
+    way = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
+    kind = way.get(sweep["path"], "a curved path")
+    return [
+        f"A disc of radius {sweep['radius']:.2f} ± {_rounded_std(sweep['radius_std'])} px on {kind} "
+        f"of {sweep['length']:.0f} px explains the streak; what is left is {sweep['misfit']:.2g} "
+        "times what noise leaves."
+    ]
 
 
 def _area(solution: Solution) -> list[str]:

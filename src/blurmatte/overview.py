@@ -250,9 +250,22 @@ def _whole(image: LinearImage, solution: Solution) -> _Panel:
     pen = ImageDraw.Draw(picture)
     for box in solution.stats.get("other_boxes", ()):
         pen.rectangle(_scaled(box, scale, size), outline=_OTHER, width=1)
+    _draw_sweep(pen, solution, scale)
     (y0, y1), (x0, x1) = _spans(solution)
     pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=_STREAK, width=3)
     return _Panel(np.asarray(picture), "")
+
+
+def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
+    """Path of the center, and the silhouette at both ends of it."""
+    sweep = solution.stats.get("sweep")
+    if sweep is None:
+        return
+    points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in sweep["xy"]]
+    pen.line(points, fill=_BRIGHT, width=2, joint="curve")
+    for x, y in (points[0], points[-1]):
+        r = sweep["radius"] * scale
+        pen.ellipse((x - r, y - r, x + r, y + r), outline=_BRIGHT, width=2)
 
 
 def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel, evidence, fit_color, posterior, streak
+from blurmatte.color import ColorModel, evidence, fit_color_from_hues, posterior, streak
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
@@ -46,7 +46,7 @@ def taken(scene, code_std, seed):
 
 
 def quick_fit(image, plate):
-    """`fit_color`, less the two fits that only say which evidence there was."""
+    """`fit_color_from_hues`, less the two fits that only say which evidence there was."""
     pixels = streak._streak_pixels(image, plate, find_streaks(image, plate)[0])
     l, covariance = posterior.posterior(evidence.Evidence(True, True, np.inf), pixels)
     model = ColorModel(l[:, None], covariance)
@@ -82,21 +82,21 @@ def test_exact_light_gives_the_line(std):
     """As exact as light is said to be, and far more exact than that: there is no noise in it."""
     truth = random_scene(3)[0]
     image, plate = (p.with_noise(NoiseModel(read_std=std)) for p in (truth.image, truth.plate))
-    model = fit_color(image, plate, Streak(truth.layer.alpha > 0.02))
+    model = fit_color_from_hues(image, plate, Streak(truth.layer.alpha > 0.02))
     assert angle(model.pole, truth.model.pole) < min(1e-6, 0.01 * np.radians(model.angle_std))
     assert np.radians(model.angle_std) < 5 * std
 
 
 def test_quick_fit_is_the_fit(scene):
     _, image, plate = scene
-    whole, quick = fit_color(image, plate), quick_fit(image, plate)
+    whole, quick = fit_color_from_hues(image, plate), quick_fit(image, plate)
     assert_allclose(whole.pole, quick.pole, rtol=0, atol=1e-12)
     assert_allclose(whole.covariance, quick.covariance, rtol=1e-6)
 
 
 def test_evidence_says_what_each_kind_leaves(scene):
     _, image, plate = scene
-    model = fit_color(image, plate)
+    model = fit_color_from_hues(image, plate)
     assert set(model.evidence) == {"hue variation", "feasibility"}
     assert model.angle_std < 1.05 * min(model.evidence.values())
 
@@ -218,7 +218,7 @@ def test_two_paints_give_a_mixture_or_none():
 def test_one_hue_refusal_names_what_would_help():
     image, plate = taken(random_scene(0, one_hue=True)[0], 1 / 255, 0)
     with pytest.raises(ColorModelError) as caught:
-        fit_color(image, plate)
+        fit_color_from_hues(image, plate)
     said = str(caught.value)
     assert "leaves the object's color open by" in said
     assert "hue variation leaves" in said
@@ -285,7 +285,9 @@ def test_what_is_possible(alpha, k, bound, possible):
 def test_a_bound_of_brightness_never_widens(scene):
     truth, image, plate = scene
     brightest = truth.layer.straight().max()
-    free, bounded = (fit_color(image, plate, max_brightness=b) for b in (np.inf, brightest))
+    free, bounded = (
+        fit_color_from_hues(image, plate, max_brightness=b) for b in (np.inf, brightest)
+    )
     assert bounded.angle_std < 1.02 * free.angle_std
 
 
@@ -300,12 +302,12 @@ def test_same_pictures_same_answer(scene):
 def test_gray_pictures(scene):
     _, image, plate = scene
     with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is told from color"):
-        fit_color(image, replace(plate, meta=Meta("wall.png", gray=True)))
+        fit_color_from_hues(image, replace(plate, meta=Meta("wall.png", gray=True)))
 
 
 def test_nothing_moved(scene):
     with pytest.raises(MotionError, match="nothing moved"):
-        fit_color(scene[2], scene[2])
+        fit_color_from_hues(scene[2], scene[2])
 
 
 def test_too_few_pixels(scene):
@@ -314,7 +316,7 @@ def test_too_few_pixels(scene):
     with pytest.raises(
         ColorModelError, match=r"only 16 pixels .* 20 are the least; give the color"
     ):
-        fit_color(image, plate, few)
+        fit_color_from_hues(image, plate, few)
 
 
 def test_clipped_and_black_pixels_do_not_count(scene):
@@ -327,18 +329,18 @@ def test_clipped_and_black_pixels_do_not_count(scene):
     with pytest.raises(
         ColorModelError, match=r"only 10 pixels .* neither clipped nor before a bla"
     ):
-        fit_color(replace(image, valid=valid), replace(plate, rgb=dark), place)
+        fit_color_from_hues(replace(image, valid=valid), replace(plate, rgb=dark), place)
 
 
 @pytest.mark.parametrize("bound", [0, -1, float("nan")])
 def test_no_brightness(scene, bound):
     with pytest.raises(ValueError, match=f"max_brightness must be positive, got {bound}"):
-        fit_color(*scene[1:], max_brightness=bound)
+        fit_color_from_hues(*scene[1:], max_brightness=bound)
 
 
 def test_sizes_that_differ(scene):
     with pytest.raises(ValueError, match="image is 112x80 pixels and plate 50x80"):
-        fit_color(scene[1], LinearImage(scene[2].rgb[:, :50]))
+        fit_color_from_hues(scene[1], LinearImage(scene[2].rgb[:, :50]))
 
 
 def test_the_bounded_cost_has_the_right_spread_for_normal_residuals():

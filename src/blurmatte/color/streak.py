@@ -24,7 +24,7 @@ _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
 _BLOCK = 16  # pixels: noise of neighbours this near may be the same noise (JPEG, its halved color)
 
 
-def fit_color(
+def fit_color_from_hues(
     image: LinearImage,
     plate: LinearImage,
     streak: Streak | None = None,

@@ -5,3 +5,4 @@ from blurmatte.matting.pixelwise import Pixelwise as Pixelwise
 from blurmatte.matting.solution import Quality as Quality
 from blurmatte.matting.solution import Solution as Solution
 from blurmatte.matting.solve import solve as solve
+from blurmatte.matting.swept import Swept as Swept

@@ -10,12 +10,16 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import check_same_size
-from blurmatte.color import ColorModel, fit_color, refuse_gray
+from blurmatte.color import ColorModel, refuse_gray
+from blurmatte.errors import MotionError
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.solution import Quality, Solution
+from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.streaks import Streak, require_streaks, shift_variance
+from blurmatte.sweep import Sweep, fit_sweep
+from blurmatte.sweep.color import color_of
 
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
@@ -24,7 +28,7 @@ def solve(
     image: LinearImage,
     plate: LinearImage,
     model: ColorModel | None = None,
-    solver: Pixelwise | None = None,
+    solver: Pixelwise | Swept | None = None,
     *,
     streak: Streak | None = None,
     out: PixelMaps | None = None,
@@ -37,9 +41,10 @@ def solve(
         The picture with the streak, and the same scene without; the same size. Noise that is not
         known is measured from their difference.
     model : ColorModel, optional
-        The colors the object may have; found by `fit_color` from the streak if not given.
-    solver : Pixelwise, optional
-        How to solve; `Pixelwise()` if not given.
+        The colors the object may have; found from the streak if not given, as by `fit_color`.
+    solver : Pixelwise or Swept, optional
+        How to solve. If not given: `Swept()` where no model is given and a sweep explains the
+        streak, else `Pixelwise()`; `Solution.solver` says which it was.
     streak : Streak, optional
         Where the object moved; the strongest of `find_streaks` if not given.
     out : PixelMaps, optional
@@ -56,7 +61,7 @@ def solve(
     PlateError
         If the pictures are too small or have no unclipped pixel in common.
     MotionError
-        If nothing moved.
+        If nothing moved, or a `Swept` solver was asked for and no sweep explains the streak.
     ColorModelError
         If no model was given and the streak does not determine one, or the pictures are gray.
 
@@ -77,14 +82,20 @@ def solve(
     found = require_streaks(image, plate) if streak is None else [streak]
     streak = found[0]
     warn_if_plate_differs(image, plate, streak)
+    sweep = None if model is not None else fit_sweep(image, plate, streak)
+    swept = _chosen(solver, sweep)
     if model is None:
-        model = fit_color(image, plate, streak)
-    solver = solver or Pixelwise()
-    maps = solver(
+        assert sweep is not None
+        model = color_of(sweep, image, plate, streak, np.inf)
+    pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
+    maps = pixelwise(
         image.rgb, plate.rgb, model, _noise(image), _noise(plate),
         flags=_flags(image, plate, streak), out=out,
     )  # fmt: skip
-    _solve_again_near_edges(maps, image, plate, model, solver, streak)
+    _solve_again_near_edges(maps, image, plate, model, pixelwise, streak)
+    if swept is not None and sweep is not None:
+        swept(maps, sweep, image, plate, _box_of_both(streak, sweep))
+        streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
     stats = {
         **_measures(maps, model, image, plate, streak),
         "streak_box": streak.box,
@@ -92,7 +103,47 @@ def solve(
         "image_noise": _spoken(image),
         "plate_noise": _spoken(plate),
     }
-    return Solution(*maps, model=model, solver=repr(solver), stats=stats)
+    if swept is not None and sweep is not None:
+        stats |= _sweep_measures(sweep)
+    return Solution(*maps, model=model, solver=repr(swept or pixelwise), stats=stats)
+
+
+def _chosen(solver: Pixelwise | Swept | None, sweep: Sweep | None) -> Swept | None:
+    """The solver that uses the sweep, if it is to be used."""
+    if sweep is None or isinstance(solver, Pixelwise):
+        if isinstance(solver, Swept):
+            raise ValueError("Swept() finds the color together with the path: give no model")
+        return None
+    swept = solver or Swept()
+    if sweep.misfit <= swept.max_misfit:
+        return swept
+    if solver is None:
+        return None
+    raise MotionError(
+        f"no disc on a path explains the streak: the best leaves {sweep.misfit:.1f} times as much as "
+        f"noise, {swept.max_misfit:g} is the most; use Pixelwise() and give the object's color"
+    )
+
+
+def _box_of_both(streak: Streak, sweep: Sweep) -> tuple[int, int, int, int]:
+    """Around streak and sweep, with something still beside them."""
+    (a, b, c, d), (e, f, g, h) = streak.around(_MARGIN), sweep.box
+    return min(a, e), min(b, f), max(c, g), max(d, h)
+
+
+def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
+    return {
+        "sum_alpha_std": sweep.area_std(),
+        "alpha_scale_std": 0.0,  # the color's part is in the area's already
+        "sweep": {
+            "path": sweep.family.name,
+            "xy": tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
+            "length": sweep.length,
+            "radius": sweep.radius,
+            "radius_std": sweep.radius_std,
+            "misfit": sweep.misfit,
+        },
+    }
 
 
 def _solve_again_near_edges(

@@ -1,0 +1,119 @@
+"""Swept: alpha from the sweep of a silhouette; what is left is the light, of the model's color.
+
+In this file α is alpha, P the premultiplied light, l the direction of the color and V the noise
+variance of C − (1 − α) B. Given α, the light along l that fits best is
+
+    k = lᵀV⁻¹ (C − (1 − α) B) / lᵀV⁻¹l,    Var k = 1 / lᵀV⁻¹l + (dk/dα)² Var α.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.matting.solution import Quality
+from blurmatte.radiometry import LinearImage
+from blurmatte.sweep import MAX_MISFIT, Sweep
+
+Array = npt.NDArray[np.float64]
+
+_NEIGHBORS = 3  # pixels across: one odd pixel is noise, a patch of them is something else
+_PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels never exceeds it
+_MEDIAN = 2.366  # of χ² of three
+
+
+@dataclass(frozen=True)
+class Swept:
+    """Alpha from path and silhouette of the whole smear, found together with its color.
+
+    Parameters
+    ----------
+    max_misfit : float
+        How much more than noise the residuals within the streak may hang together: a sweep that
+        leaves more does not explain the streak. 1 is perfect.
+
+    Raises
+    ------
+    ValueError
+        If `max_misfit` is below 1.
+    """
+
+    max_misfit: float = MAX_MISFIT
+
+    def __post_init__(self) -> None:
+        if not self.max_misfit >= 1:
+            raise ValueError(f"max_misfit must be 1 or more, got {self.max_misfit}")
+
+    def __call__(
+        self,
+        maps: PixelMaps,
+        sweep: Sweep,
+        image: LinearImage,
+        plate: LinearImage,
+        box: tuple[int, int, int, int],
+    ) -> None:
+        """Write the sweep's answer into maps of the closed form, where it explains the pixel.
+
+        A patch that it does not explain stays as the pixels alone say, and is marked MISFIT: there
+        is a hole, a highlight, or something in front.
+
+        Parameters
+        ----------
+        maps : PixelMaps
+            Of the closed form with the sweep's color; changed in place.
+        sweep : Sweep
+        image, plate : LinearImage
+            Noise known.
+        box : (int, int, int, int)
+            Where to write: around streak and sweep.
+        """
+        place = slice(box[1], box[3]), slice(box[0], box[2])
+        alpha, alpha_std = sweep.within(box)
+        P, P_std, chi2 = _light(alpha, alpha_std, sweep, image.crop(box), plate.crop(box))
+        quality = maps.quality[place]
+        saturated = (quality & np.uint8(Quality.SATURATED)) != 0
+        inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
+        chi2 = chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated])
+        odd = _mean_of_neighbors(np.where(saturated, 1, chi2)) > _PATCH
+        ours = inside & ~odd
+        for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
+            target[place][ours] = values[ours]
+        flags = saturated * np.uint8(Quality.SATURATED)
+        quality[ours] = flags[ours]
+        doubted = inside & odd
+        kept = quality[doubted] & ~np.uint8(Quality.OUTSIDE)
+        quality[doubted] = kept | np.uint8(Quality.MISFIT)
+
+
+def _light(
+    alpha: Array, alpha_std: Array, sweep: Sweep, image: LinearImage, plate: LinearImage
+) -> tuple[Array, Array, Array]:
+    """P (h, w, 3), its standard deviation, and χ² of what is left across the color."""
+    l = sweep.model.pole
+    through = (1 - alpha)[..., None]
+    B = plate.rgb.astype(float)
+    light = image.rgb - through * B
+    V = np.maximum(image.variance + through**2 * plate.variance, 1e-14)
+    weight = l / V
+    information = weight @ l
+    k = np.sum(weight * light, axis=-1) / information
+    slope = np.sum(weight * B, axis=-1) / information
+    k_std = np.sqrt(1 / information + (slope * alpha_std) ** 2)
+    k = np.where(alpha > 0, k, 0)
+    k_std = np.where(alpha > 0, k_std, 0)
+    chi2 = np.sum((light - k[..., None] * l) ** 2 / V, axis=-1)
+    chi2 /= np.where(alpha > 0, 2, 3)  # degrees of freedom: no light is free where nothing was
+    return k[..., None] * l, k_std[..., None] * np.abs(l), chi2
+
+
+def _usual(chi2: Array) -> float:
+    """How large χ² is beside the streak, 1 or more: of JPEG, no model knows the noise."""
+    return max(float(np.median(chi2)) * 3 / _MEDIAN, 1.0) if chi2.size else 1.0
+
+
+def _mean_of_neighbors(values: Floats) -> Array:
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(values, _NEIGHBORS))

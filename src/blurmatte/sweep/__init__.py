@@ -1,0 +1,6 @@
+"""Path, silhouette and color of a smear in one fit."""
+
+from blurmatte.sweep.color import fit_color as fit_color
+from blurmatte.sweep.fit import fit_sweep as fit_sweep
+from blurmatte.sweep.sweep import Sweep as Sweep
+from blurmatte.sweep.verdict import MAX_MISFIT as MAX_MISFIT

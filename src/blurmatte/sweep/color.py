@@ -1,0 +1,103 @@
+"""The color of a streak from everything that it tells: shape, hues and feasibility together."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from blurmatte.checks import check_same_size
+from blurmatte.color import ColorModel, fit_color_from_hues, refuse_gray
+from blurmatte.errors import ColorModelError
+from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.streaks import Streak, require_streaks
+from blurmatte.sweep.fit import fit_sweep
+from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.verdict import MAX_MISFIT
+
+
+def fit_color(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak | None = None,
+    max_brightness: float = np.inf,
+) -> ColorModel:
+    """Find the object's line of colors from its streak alone (in place of [GC07 §3.1]).
+
+    Where a silhouette on a path explains the streak (`fit_sweep`), its color is the answer, for the
+    sweep knows the time spent on each pixel, and uses the hues of the plate as well. Else the hues
+    and what alpha can be must do.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The same size; noise that is not known is measured.
+    streak : Streak, optional
+        Where the object moved; the strongest of `find_streaks` if not given.
+    max_brightness : float
+        The brightest that the object's largest channel can be, linear light, 1 = sensor white; of
+        use where the shape does not tell.
+
+    Returns
+    -------
+    ColorModel
+        Rank 1, with the covariance of its direction and what each kind of evidence says.
+
+    Raises
+    ------
+    ColorModelError
+        If the streak leaves a whole family of colors possible, or no single line explains it. The
+        message says what would help.
+    MotionError
+        If no streak was given and nothing moved.
+    """
+    check_same_size("image", image.size, "plate", plate.size)
+    refuse_gray(image, plate)
+    if not max_brightness > 0:
+        raise ValueError(f"max_brightness must be positive, got {max_brightness}")
+    image, plate = with_noise(image, plate)
+    if streak is None:
+        streak = require_streaks(image, plate)[0]
+    return color_of(fit_sweep(image, plate, streak), image, plate, streak, max_brightness)
+
+
+def color_of(
+    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, max_brightness: float
+) -> ColorModel:
+    """The sweep's color if it explains the streak, else what the hues tell."""
+    if sweep.misfit <= MAX_MISFIT:
+        hues = _left_by_hues(sweep.model, image, plate, streak)
+        return replace(sweep.model, evidence={**sweep.model.evidence, "hue variation": hues})
+    try:
+        return fit_color_from_hues(image, plate, streak, max_brightness)
+    except ColorModelError as error:
+        raise ColorModelError(
+            f"{error}. Nor does a disc on a path explain its shape: it leaves {sweep.misfit:.1f} times "
+            f"as much as noise, {MAX_MISFIT} is the most"
+        ) from error
+
+
+def _left_by_hues(
+    model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak
+) -> float:
+    """To how many degrees the hues of the plate alone would tell the color; infinite if not at all.
+
+    With alpha free in each pixel what remains is r = n · C, n ∝ l × B: turning l by t changes it by
+    t · (B × C) / |l × B|. The information in that, less what noise alone would feign.
+    """
+    y, x = np.nonzero(streak.mask & image.valid & plate.valid)
+    C, B, V_C, V_B = (
+        np.asarray(a[y, x], dtype=float)
+        for a in (image.rgb, plate.rgb, image.variance, plate.variance)
+    )
+    l = model.pole
+    T = np.linalg.svd(l[:, None])[0][:, 1:]
+    normal = np.cross(l, B)
+    length2 = np.sum(normal**2, axis=1) + 1e-12
+    r_variance = np.sum((V_C + V_B) * normal**2, axis=1) / length2 + 1e-14
+    slope = np.cross(B, C) @ T
+    feigned = [np.sum(V_C * np.cross(t, B) ** 2 + V_B * np.cross(C, t) ** 2, axis=1) for t in T.T]
+    weight = 1 / (length2 * r_variance)
+    information = (slope * weight[:, None]).T @ slope
+    information -= np.diag([np.sum(weight * f) for f in feigned])
+    scatter = np.sqrt(2 * np.sum((weight[:, None] * np.stack(feigned, axis=1)) ** 2, axis=0))
+    least = float(np.linalg.eigvalsh(information)[0])
+    return float(np.degrees(least**-0.5)) if least > 3 * scatter.max() else float("inf")

@@ -1,0 +1,87 @@
+"""What a sweep is fitted to: light and noise of a box of the picture, at any coarseness."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.radiometry import LinearImage
+
+Array = npt.NDArray[np.float64]
+
+_NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
+
+
+@dataclass(frozen=True, eq=False)
+class Data:
+    """Image and plate within a box.
+
+    Parameters
+    ----------
+    C, B : (h, w, 3) float
+        Light.
+    C_variance, B_variance : (h, w, 3) float
+        Noise.
+    weight : (h, w) float
+        0 where nothing is to be believed, else 1.
+    origin : (float, float)
+        Where the center of pixel (0, 0) is, in pixels of the picture.
+    scale : float
+        Width of a pixel here, in pixels of the picture.
+    """
+
+    C: Array
+    B: Array
+    C_variance: Array
+    B_variance: Array
+    weight: Array
+    origin: tuple[float, float]
+    scale: float = 1.0
+
+    def coarser(self, by: int) -> "Data":
+        """Means over blocks of `by` by `by` pixels; what is left over at the far sides is cut."""
+        if by == 1:
+            return self
+
+        def means(x: Array) -> Array:
+            h, w = (side // by for side in x.shape[:2])
+            blocks = x[: h * by, : w * by].reshape(h, by, w, by, *x.shape[2:])
+            return np.asarray(blocks.mean(axis=(1, 3)))
+
+        middle = (by - 1) / 2 * self.scale
+        return Data(
+            means(self.C),
+            means(self.B),
+            means(self.C_variance) / by**2,
+            means(self.B_variance) / by**2,
+            np.where(means(self.weight) == 1, 1.0, 0.0),
+            (self.origin[0] + middle, self.origin[1] + middle),
+            self.scale * by,
+        )
+
+
+def data_within(box: tuple[int, int, int, int], image: LinearImage, plate: LinearImage) -> Data:
+    """The data of a box (x0, y0, x1, y1) of two pictures whose noise is known.
+
+    The variance is that of a neighborhood's light: a pixel that seems brighter by noise would else
+    be given a larger variance and less weight, and everything would come out darker.
+    """
+    image, plate = image.crop(box), plate.crop(box)
+    return Data(
+        image.rgb.astype(float),
+        plate.rgb.astype(float),
+        _smooth_variance(image),
+        _smooth_variance(plate),
+        (image.valid & plate.valid).astype(float),
+        (float(box[0]), float(box[1])),
+    )
+
+
+def _smooth_variance(picture: LinearImage) -> Array:
+    from scipy.ndimage import gaussian_filter
+
+    variance: Floats = gaussian_filter(
+        picture.variance.astype(float), (_NOISE_SCALE, _NOISE_SCALE, 0)
+    )
+    return np.maximum(variance, 1e-14)

@@ -1,0 +1,248 @@
+"""Alpha of a silhouette on its way, its derivatives, and sums over pixels of these, compiled.
+
+In this file the rim of a silhouette is, seen from its center, the curve A q(ψ), where A is a linear
+map with det A > 0 and q a star around the unit circle,
+
+    q(ψ) = R(ψ) (cos ψ, sin ψ),    log R(ψ) = Σ aₖ cos kψ + bₖ sin kψ,   k = 3, 4, …
+
+A point x is near the point of the rim that lies in the direction n from it, n the normal of the star
+that passes x: A⁻ᵀ (1, −g) in polar coordinates around A⁻¹ x, with g = (log R)′. There the rim's
+curvature is κ = det A (1 + g² − (log R)″) / (R |A (g, 1)|³).
+
+A pixel takes part in the shape as in the half plane beyond the tangent at that point. On average
+over a pixel a rim of curvature κ lies κ/24 inside its tangent; that is taken off the distance, so
+that the sum over all pixels is the area.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+
+_REACH = 0.7072  # pixels: half the diagonal of one; what is farther from the rim is in or out
+_SHARPEST = 2.0  # per pixel, the largest curvature that the half plane is corrected for
+_CELLS = 512  # directions, in each of which it is known what is near the rim
+
+
+@njit(**_COMPILED)
+def covered(s, nx, ny):  # type: ignore[no-untyped-def]
+    """Part of a pixel that lies inside a straight edge, and its derivative by the distance s.
+
+    s is how far inside the edge the pixel's center is; (nx, ny) is the unit normal of the edge. The
+    edge's profile is a box of width a = max(|nx|, |ny|) blurred by one of width b, the other.
+    """
+    a, b = abs(nx), abs(ny)
+    if a < b:
+        a, b = b, a
+    d = abs(s)
+    if d >= (a + b) / 2:
+        return (1.0 if s > 0 else 0.0), 0.0
+    if d <= (a - b) / 2:
+        return 0.5 + s / a, 1 / a
+    rest = (a + b) / 2 - d
+    beyond = rest * rest / (2 * a * b)
+    return (1 - beyond if s > 0 else beyond), rest / (a * b)
+
+
+@njit(**_COMPILED)
+def disc(xy, D, weights, radius, alpha, J):  # type: ignore[no-untyped-def]
+    """What `sweep` does for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1)."""
+    h, w = alpha.shape
+    n = D.shape[2]
+    r = radius - 1 / (24 * radius)
+    outer, inner = r + _REACH, max(r - _REACH, 0.0)
+    for k in range(len(xy)):
+        cx, cy = xy[k, 0], xy[k, 1]
+        first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
+        for j in range(first, last + 1):
+            dy = j - cy
+            half = np.sqrt(max(outer * outer - dy * dy, 0.0))
+            left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
+            for i in range(left, right + 1):
+                dx = i - cx
+                square = dx * dx + dy * dy
+                if square < inner * inner:
+                    alpha[j, i] += weights[k]
+                    continue
+                d = np.sqrt(square)
+                nx, ny = (dx / d, dy / d) if d > 1e-9 else (1.0, 0.0)
+                part, gain = covered(r - d, nx, ny)
+                alpha[j, i] += weights[k] * part
+                g = weights[k] * gain
+                if g > 0:
+                    for p in range(n):
+                        J[j, i, p] += g * (nx * D[k, 0, p] + ny * D[k, 1, p])
+                    J[j, i, n] += g
+
+
+@njit(**_COMPILED)
+def star(c, s, bulges):  # type: ignore[no-untyped-def]
+    """R, (log R)′ and (log R)″ at the angle whose cosine and sine are c and s."""
+    power, slope, bend = 0.0, 0.0, 0.0
+    ck, sk = c * c - s * s, 2 * c * s
+    for i in range(len(bulges) // 2):
+        ck, sk = ck * c - sk * s, sk * c + ck * s
+        a, b, k = bulges[2 * i], bulges[2 * i + 1], i + 3
+        along = a * ck + b * sk
+        power += along
+        slope += k * (b * ck - a * sk)
+        bend -= k * k * along
+    return np.exp(power), slope, bend
+
+
+@njit(**_COMPILED)
+def around(x, y, A, bulges):  # type: ignore[no-untyped-def]
+    """Of the rim in the direction of A⁻¹ (x, y): R, g, (log R)″, cosine, sine, normal."""
+    area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+    u, v = (A[1, 1] * x - A[0, 1] * y) / area, (A[0, 0] * y - A[1, 0] * x) / area
+    d = np.sqrt(u * u + v * v)
+    c, s = (u / d, v / d) if d > 1e-9 else (1.0, 0.0)
+    R, g, bend = star(c, s, bulges) if len(bulges) > 0 else (1.0, 0.0, 0.0)
+    u, v = c + g * s, s - g * c
+    nx, ny = A[1, 1] * u - A[1, 0] * v, A[0, 0] * v - A[0, 1] * u
+    norm = np.sqrt(nx * nx + ny * ny)
+    return R, g, bend, c, s, nx / norm, ny / norm
+
+
+@njit(**_COMPILED)
+def edge(x, y, A, bulges):  # type: ignore[no-untyped-def]
+    """How far inside the rim a point is, the normal there, and R and the angle's cosine and sine."""
+    R, g, bend, c, s, nx, ny = around(x, y, A, bulges)
+    px, py = R * (A[0, 0] * c + A[0, 1] * s), R * (A[1, 0] * c + A[1, 1] * s)
+    inside = (px - x) * nx + (py - y) * ny
+    R, g, bend, c, s, nx, ny = around(x + inside * nx, y + inside * ny, A, bulges)
+    px, py = R * (A[0, 0] * c + A[0, 1] * s), R * (A[1, 0] * c + A[1, 1] * s)
+    inside = (px - x) * nx + (py - y) * ny
+    u, v = g * c - s, g * s + c
+    tx, ty = A[0, 0] * u + A[0, 1] * v, A[1, 0] * u + A[1, 1] * v
+    area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+    long = np.sqrt(tx * tx + ty * ty)
+    curvature = area * (1 + g * g - bend) / (R * long * long * long)
+    return inside - min(max(curvature, -_SHARPEST), _SHARPEST) / 24, nx, ny, R, c, s
+
+
+@njit(**_COMPILED)
+def direction(x, y):  # type: ignore[no-untyped-def]
+    """Which of the cells around the center a point is in; they are of unequal width."""
+    u = y / (abs(x) + abs(y) + 1e-300)
+    turn = 2 - u if x < 0 else (u if u >= 0 else 4 + u)
+    return int(turn * (_CELLS // 4)) % _CELLS
+
+
+@njit(**_COMPILED)
+def near(A, bulges):  # type: ignore[no-untyped-def]
+    """(_CELLS,) squared distances from the center below and above which all is in or out."""
+    low, high = np.empty(_CELLS + 1), np.empty(_CELLS + 1)
+    for i in range(_CELLS + 1):
+        turn = 4 * i / _CELLS
+        x, y = abs(2 - turn) - 1, 1 - abs((turn + 1) % 4 - 2)
+        R, _, _, c, s, nx, ny = around(x, y, A, bulges)
+        px, py = R * (A[0, 0] * c + A[0, 1] * s), R * (A[1, 0] * c + A[1, 1] * s)
+        rho = np.sqrt(px * px + py * py)
+        slanted = rho / (px * nx + py * ny)
+        width = _REACH * slanted + 2 * (slanted - 1)
+        low[i], high[i] = max(rho - width, 0.0), rho + width
+    least = np.minimum(low[:-1], low[1:]) ** 2
+    most = np.maximum(high[:-1], high[1:]) ** 2
+    return least, most
+
+
+@njit(**_COMPILED)
+def sweep(xy, D, weights, turns, by_turning, A, by_A, bulges, alpha, J):  # type: ignore[no-untyped-def]
+    """Add to alpha (h, w) and J (h, w, n + j + k), zeros, what a shape covers on its way.
+
+    xy (T, 2) are the centers in pixels of the maps, D (T, 2, n) their derivatives, weights (T,) parts
+    of the exposure, turns (T,) angles by which the shape is turned, from +x towards +y; by_A
+    (2, 2, j) are the derivatives of A by some parameters, bulges (k,) are a₃, b₃, a₄, b₄, … If J has
+    room for one more, that is for the parameter by which turns have the derivative by_turning (T,).
+    """
+    h, w = alpha.shape
+    n, m = D.shape[2], by_A.shape[2]
+    least, most = near(A, bulges)
+    surely, outer = least.min(), np.sqrt(most.max())
+    for k in range(len(xy)):
+        cx, cy = xy[k, 0], xy[k, 1]
+        ct, st = np.cos(turns[k]), np.sin(turns[k])
+        first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
+        for j in range(first, last + 1):
+            dy = j - cy
+            half = np.sqrt(max(outer * outer - dy * dy, 0.0))
+            left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
+            for i in range(left, right + 1):
+                dx = i - cx
+                square = dx * dx + dy * dy
+                if square < surely:
+                    alpha[j, i] += weights[k]
+                    continue
+                x, y = ct * dx + st * dy, ct * dy - st * dx
+                cell = direction(x, y)
+                if square > most[cell]:
+                    continue
+                if square < least[cell]:
+                    alpha[j, i] += weights[k]
+                    continue
+                inside, nx, ny, R, c, s = edge(x, y, A, bulges)
+                mx, my = ct * nx - st * ny, ct * ny + st * nx
+                part, gain = covered(inside, mx, my)
+                alpha[j, i] += weights[k] * part
+                g = weights[k] * gain
+                if g == 0:
+                    continue
+                for p in range(n):
+                    J[j, i, p] += g * (mx * D[k, 0, p] + my * D[k, 1, p])
+                qx, qy = g * R * c, g * R * s
+                for p in range(m):
+                    px = by_A[0, 0, p] * qx + by_A[0, 1, p] * qy
+                    py = by_A[1, 0, p] * qx + by_A[1, 1, p] * qy
+                    J[j, i, n + p] += nx * px + ny * py
+                px, py = A[0, 0] * qx + A[0, 1] * qy, A[1, 0] * qx + A[1, 1] * qy
+                along = nx * px + ny * py
+                ck, sk = c * c - s * s, 2 * c * s
+                for p in range(len(bulges) // 2):
+                    ck, sk = ck * c - sk * s, sk * c + ck * s
+                    J[j, i, n + m + 2 * p] += along * ck
+                    J[j, i, n + m + 2 * p + 1] += along * sk
+                if n + m + len(bulges) < J.shape[2]:
+                    J[j, i, n + m + len(bulges)] += (ny * px - nx * py) * by_turning[k]
+
+
+@njit(**_COMPILED)
+def normal_equations(J, e, by_alpha, by_color, weights):  # type: ignore[no-untyped-def]
+    """Sums over residuals and pixels of weights ∇e ∇eᵀ (N, N) and weights e ∇e (N,).
+
+    e (3, h, w) are residuals, ∇e (N = n + 2) is by_alpha (3, h, w) times J (h, w, n), which is 0 in
+    most pixels, and by_color (3, h, w, 2).
+    """
+    h, w, n = J.shape
+    H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
+    for y in range(h):
+        for x in range(w):
+            weight = weights[y, x]
+            if weight == 0:
+                continue
+            aa, ac, ad, ae = 0.0, 0.0, 0.0, 0.0
+            for i in range(3):
+                a, r = weight * by_alpha[i, y, x], e[i, y, x]
+                c, d = by_color[i, y, x, 0], by_color[i, y, x, 1]
+                aa, ac = aa + a * by_alpha[i, y, x], ac + a * c
+                ad, ae = ad + a * d, ae + a * r
+                c, d = weight * c, weight * d
+                g[n], g[n + 1] = g[n] + c * r, g[n + 1] + d * r
+                H[n, n] += c * by_color[i, y, x, 0]
+                H[n + 1, n] += d * by_color[i, y, x, 0]
+                H[n + 1, n + 1] += d * by_color[i, y, x, 1]
+            for p in range(n):
+                j = J[y, x, p]
+                if j != 0:
+                    g[p] += ae * j
+                    H[n, p] += ac * j
+                    H[n + 1, p] += ad * j
+                    j *= aa
+                    for q in range(p + 1):
+                        H[p, q] += j * J[y, x, q]
+    for p in range(n + 2):
+        for q in range(p):
+            H[q, p] = H[p, q]
+    return H, g

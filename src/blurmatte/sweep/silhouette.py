@@ -1,0 +1,194 @@
+"""Silhouettes: alpha of a shape on its way, in the pixels of some data, and its derivatives.
+
+In this file `shape` is the parameters of a silhouette (m,). Seen from its center the rim is ρ(φ)
+away at the angle φ from +x towards +y, the center of no particular meaning but that all of the rim
+can be seen from it. How ρ follows from the parameters stands in the kernel.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.path import PathFamily
+
+Array = npt.NDArray[np.float64]
+
+_PARTS = 48  # of the exposure, equally long
+_STEP, _MOST = 0.7, 200  # pixels between two moments, and how many in a part at most
+_ANGLES = 360
+
+
+@dataclass(frozen=True, eq=False)
+class Swept:
+    """Alpha, and its derivatives by the parameters of the path and then those of the shape.
+
+    Parameters
+    ----------
+    alpha : (h, w) float
+    by_parameters : (h, w, n + m) float
+    """
+
+    alpha: Array
+    by_parameters: Array
+
+
+@dataclass(frozen=True)
+class Silhouette:
+    """Shapes of one kind: discs, ellipses, or ellipses with bulges; each kind holds the simpler ones.
+
+    The parameters are the radius in pixels, of an ellipse also two of its stretch, of a bulgy one
+    two more for every number of bulges from 3 on, and at last by how many radians it turns.
+
+    Parameters
+    ----------
+    bulges : int
+        The largest number of bulges; 1 is a disc, 2 an ellipse.
+    turns : bool
+        It turns evenly during the exposure, in the plane of the picture.
+
+    Raises
+    ------
+    ValueError
+        If `bulges` is less than 1, or a disc turns, which nobody can see.
+    """
+
+    bulges: int = 1
+    turns: bool = False
+
+    def __post_init__(self) -> None:
+        if self.bulges < 1:
+            raise ValueError(f"bulges must be 1 or more, got {self.bulges}")
+        if self.turns and self.bulges < 2:
+            raise ValueError("a silhouette that turns must have 2 or more bulges, got a disc")
+
+    @property
+    def name(self) -> str:
+        """What to call it."""
+        kind = {1: "disc", 2: "ellipse"}.get(self.bulges, f"outline of {self.bulges} bulges")
+        return f"turning {kind}" if self.turns else kind
+
+    @property
+    def size(self) -> int:
+        """How many parameters."""
+        return 2 * self.bulges - 1 + self.turns
+
+    def start(self, half_width: float) -> Array:
+        """Parameters (m,) of a disc of this radius."""
+        return np.array([half_width, *np.zeros(self.size - 1)])
+
+    def like(self, other: "Silhouette", shape: Array) -> Array:
+        """Parameters (m,) of the shape of another silhouette, as far as this one can have it."""
+        mine = self.start(shape[0])
+        known = min(2 * self.bulges - 1, 2 * other.bulges - 1)
+        mine[1:known] = shape[1:known]
+        if self.turns and other.turns:
+            mine[-1] = shape[-1]
+        return mine
+
+    def sweep(self, family: PathFamily, path: Array, shape: Array, data: Data) -> Swept:
+        """Alpha of a shape that goes along a path; the path may leave the data.
+
+        Parameters
+        ----------
+        family : PathFamily
+        path : (n,) float
+            Its parameters, pixels of the picture.
+        shape : (m,) float
+            Pixels of the picture, and radians by which it turns.
+        data : Data
+            Where to look.
+        """
+        from blurmatte.sweep import kernel  # numba takes half a second to import
+
+        alpha = np.zeros(data.weight.shape)
+        J = np.zeros((*alpha.shape, len(path) + self.size))
+        turn = self._turn(shape)
+        t, weights = moments(family, path, data.scale, abs(turn) * self.reach(shape))
+        xy, D = family.at(path, t)
+        xy, D = (xy - data.origin) / data.scale, D / data.scale
+        if self.bulges == 1:
+            kernel.disc(xy, D, weights, shape[0] / data.scale, alpha, J)
+            J[..., -1] /= data.scale
+        else:
+            A, by_A = (x / data.scale for x in self._stretch(shape))
+            turns, bulges = turn * (t - 0.5), self._bulges(shape)
+            kernel.sweep(xy, D, weights, turns, t - 0.5, A, by_A, bulges, alpha, J)
+        return Swept(alpha, J)
+
+    def area(self, shape: Array) -> float:
+        """Area, pixels²."""
+        return float(np.pi * shape[0] ** 2 * np.mean(self._star(shape, _ANGLES) ** 2))
+
+    def radius(self, shape: Array) -> float:
+        """Radius of the disc of the same area, pixels."""
+        return float(np.sqrt(self.area(shape) / np.pi))
+
+    def reach(self, shape: Array) -> float:
+        """How far the rim is from the center at most, pixels."""
+        return float(np.linalg.norm(self.outline(shape, _ANGLES), axis=1).max())
+
+    def outline(self, shape: Array, count: int) -> Array:
+        """Points (count, 2) around the rim in the middle of the exposure, from the center, pixels."""
+        phi, A = _angles(count), self._stretch(shape)[0]
+        circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
+        return np.asarray(self._star(shape, count)[:, None] * circle @ A.T)
+
+    def _stretch(self, shape: Array) -> tuple[Array, Array]:
+        """A (2, 2) and its derivatives (2, 2, 1 or 3) by the radius and the stretch.
+
+        A = r exp S = r (cosh m + S sinh(m)/m), with S = [[a, b], [b, −a]] and m² = a² + b².
+        """
+        r, one = shape[0], np.eye(2)
+        if self.bulges == 1:
+            return r * one, one[:, :, None]
+        a, b = shape[1:3]
+        S = a * _BY_A + b * _BY_B
+        m = max(float(np.hypot(a, b)), 1e-4)
+        even, odd = np.cosh(m), np.sinh(m) / m
+        more = (even - odd) / m**2  # the derivative of `odd` by m²/2
+        unit = even * one + odd * S
+        by_a = a * (odd * one + more * S) + odd * _BY_A
+        by_b = b * (odd * one + more * S) + odd * _BY_B
+        return r * unit, np.stack([unit, r * by_a, r * by_b], axis=2)
+
+    def _bulges(self, shape: Array) -> Array:
+        """(k,) of 3 bulges and more."""
+        return shape[3 : 2 * self.bulges - 1]
+
+    def _turn(self, shape: Array) -> float:
+        """By how much it turns, radians."""
+        return float(shape[-1]) if self.turns else 0.0
+
+    def _star(self, shape: Array, count: int) -> Array:
+        """(count,) distances of the rim before the stretch, at even angles, of mean about 1."""
+        phi = np.arange(3, self.bulges + 1)[:, None] * _angles(count)
+        waves = np.stack([np.cos(phi), np.sin(phi)], axis=1).reshape(-1, count)
+        return np.asarray(np.exp(self._bulges(shape) @ waves))
+
+
+DISC, ELLIPSE = Silhouette(1), Silhouette(2)
+
+_BY_A, _BY_B = np.array([[1.0, 0], [0, -1]]), np.array([[0, 1.0], [1, 0]])
+
+
+def moments(family: PathFamily, path: Array, scale: float, spin: float = 0) -> tuple[Array, Array]:
+    """Times (T,) in the middles of pieces of the exposure, and how long these are, of sum 1.
+
+    Pieces are shorter where the rim is fast. The times stay the same when a path changes a little,
+    so that alpha changes smoothly. spin is how far turning moves the rim, pixels of the picture.
+    """
+    xy, _ = family.at(path, np.linspace(0, 1, _PARTS + 1))
+    way = (np.linalg.norm(np.diff(xy, axis=0), axis=1) + spin / _PARTS) / scale
+    beside = np.pad(way, 1, mode="edge")
+    way = np.maximum(way, np.maximum(beside[:-2], beside[2:]))  # as the crow flies is not enough
+    counts = np.clip(np.ceil(way / _STEP), 1, _MOST).astype(int)
+    first = np.repeat(np.cumsum(counts) - counts, counts)
+    within = (np.arange(counts.sum()) - first + 0.5) / np.repeat(counts, counts)
+    t = (np.repeat(np.arange(_PARTS), counts) + within) / _PARTS
+    return t, np.repeat(1 / (_PARTS * counts), counts)
+
+
+def _angles(count: int) -> Array:
+    return 2 * np.pi * np.arange(count) / count

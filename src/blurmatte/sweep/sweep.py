@@ -1,0 +1,133 @@
+"""Sweep: path, silhouette and color of a streak, found together."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.color.model import ColorModel
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.path import PathFamily
+from blurmatte.sweep.silhouette import Silhouette, Swept
+from blurmatte.trajectory import Trajectory
+
+Array = npt.NDArray[np.float64]
+
+_POINTS = 129
+
+
+@dataclass(frozen=True, eq=False)
+class Sweep:
+    """A shape of one color that went along a path during the exposure.
+
+    Parameters
+    ----------
+    family : PathFamily
+        Of what kind the path is.
+    path : (n,) float
+        Its parameters, pixels.
+    silhouette : Silhouette
+        Of what kind the shape is.
+    shape : (m,) float
+        Its parameters; the first is a radius in pixels.
+    model : ColorModel
+        Its color, a line.
+    covariance : (n + m, n + m) float
+        Of the parameters of path and shape, that of the color included.
+    size : (int, int)
+        (width, height) of the picture.
+    stats : mapping
+        How the fit went: `misfit` is how much more the residuals within the streak hang together
+        than those beside it, 1 if the sweep explains all there is; `doubtful` is the share of the
+        streak's pixels that it does not explain; `tried` the score of every family.
+    """
+
+    family: PathFamily
+    path: Array
+    silhouette: Silhouette
+    shape: Array
+    model: ColorModel
+    covariance: Array
+    size: tuple[int, int]
+    stats: Mapping[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        return (
+            f"Sweep({self.family.name}, {self.length:.1f} px long, radius {self.radius:.2f} "
+            f"± {self.radius_std:.2f} px, {self.model.hex[0]})"
+        )
+
+    @property
+    def misfit(self) -> float:
+        """How much more than noise is left within the streak; infinite if no end was found."""
+        return float(self.stats["misfit"]) if self.stats["converged"] else np.inf
+
+    @property
+    def trajectory(self) -> Trajectory:
+        """Where the center was. The direction of time is not known."""
+        t = np.linspace(0, 1, _POINTS)
+        return Trajectory(self.family.at(self.path, t)[0], t)
+
+    @property
+    def length(self) -> float:
+        """Length of the path, pixels."""
+        return self.trajectory.length
+
+    @property
+    def radius(self) -> float:
+        """Radius of the shape, or of the disc of the same area, pixels."""
+        return self.silhouette.radius(self.shape)
+
+    @property
+    def radius_std(self) -> float:
+        """Standard deviation of the radius, pixels."""
+        step = 1e-5 * self.shape[0]
+        radius, m = self.silhouette.radius, len(self.shape)
+        slope = [
+            (radius(self.shape + d) - radius(self.shape - d)) / (2 * step) for d in step * np.eye(m)
+        ]
+        return float(np.sqrt(slope @ self.covariance[-m:, -m:] @ slope))
+
+    @property
+    def outline(self) -> Array:
+        """(129, 2) points once around the shape, seen from its center; the last is the first."""
+        points = self.silhouette.outline(self.shape, _POINTS - 1)
+        return np.concatenate([points, points[:1]])
+
+    @property
+    def alpha(self) -> Array:
+        """(H, W) fraction of the exposure."""
+        return self.within((0, 0, *self.size))[0]
+
+    @property
+    def alpha_std(self) -> Array:
+        """(H, W) standard deviation of alpha, neighbors much alike."""
+        return self.within((0, 0, *self.size))[1]
+
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """(x0, y0, x1, y1) of the pixels that it may touch, in the picture."""
+        xy, reach = self.trajectory.xy, self.silhouette.reach(self.shape) + 1
+        x0, y0 = np.maximum(np.floor(xy.min(axis=0) - reach), 0).astype(int)
+        x1, y1 = np.minimum(np.ceil(xy.max(axis=0) + reach) + 1, self.size).astype(int)
+        return int(x0), int(y0), max(int(x1), int(x0)), max(int(y1), int(y0))
+
+    def within(self, box: tuple[int, int, int, int]) -> tuple[Array, Array]:
+        """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels."""
+        swept = self._swept(box)
+        J = swept.by_parameters
+        return swept.alpha, np.sqrt(np.einsum("hwi,ij,hwj->hw", J, self.covariance, J))
+
+    def area_std(self) -> float:
+        """Standard deviation of the sum of alpha within the picture, pixels."""
+        total = self._swept(self.box).by_parameters.sum(axis=(0, 1))
+        return float(np.sqrt(total @ self.covariance @ total))
+
+    def _swept(self, box: tuple[int, int, int, int]) -> Swept:
+        x0, y0, x1, y1 = box
+        nothing = np.zeros((y1 - y0, x1 - x0, 0))
+        one = np.ones((y1 - y0, x1 - x0))
+        data = Data(nothing, nothing, nothing, nothing, one, (float(x0), float(y0)))
+        return self.silhouette.sweep(self.family, self.path, self.shape, data)

@@ -1,0 +1,126 @@
+"""Swept: alpha of the whole smear at once, where a silhouette on a path explains it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.layer import Layer
+from blurmatte.matting import Pixelwise, Quality, Swept, solve
+from blurmatte.radiometry import NoiseModel
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Scene,
+    colorful_plate,
+    plain_plate,
+    render,
+    star_sprite,
+)
+from blurmatte.trajectory import Trajectory
+
+SIZE = (160, 112)
+ORANGE = np.array([0.9, 0.45, 0.05])
+WALL = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
+PATH = Trajectory.arc((42, 62), (80, 48), (118, 60))
+SCENE = Scene(WALL, PATH, Ball(11, ORANGE))
+CAMERA = Camera(code_std=1.5 / 255)
+
+
+def taken(scene, seed):
+    """Image and plate as 8-bit files give them back, the plate of a longer exposure."""
+    truth, rng = render(scene, 200), np.random.default_rng(seed)
+    image = CAMERA.photograph(truth.image.rgb, rng)
+    plate = replace(CAMERA, code_std=CAMERA.code_std / 2).photograph(truth.plate.rgb, rng)
+    return truth, image, plate
+
+
+@pytest.fixture(scope="module")
+def wall():
+    truth, image, plate = taken(SCENE, 0)
+    return truth, image, plate, solve(image, plate)
+
+
+def test_one_hue_is_enough(wall):
+    truth, *_, solution = wall
+    assert solution.solver == repr(Swept())
+    true, streak = truth.layer.alpha, truth.layer.alpha > 0
+    assert np.sqrt(np.mean((solution.alpha - true)[streak] ** 2)) < 0.006
+    assert_allclose(solution.stats["sum_alpha"], true.sum(), rtol=0.01)
+    angle = np.degrees(np.arccos(min(solution.model.pole @ truth.model.pole, 1)))
+    assert angle < 0.6
+    error = np.abs(solution.premultiplied - truth.layer.premultiplied)[streak]
+    assert np.sqrt(np.mean(error**2)) < 0.01
+
+
+def test_exact_data_give_exact_alpha():
+    truth = render(SCENE)
+    noise = NoiseModel(read_std=1e-4)
+    image, plate = (p.with_noise(noise) for p in (truth.image, truth.plate))
+    solution = solve(image, plate)
+    assert_allclose(solution.alpha, truth.layer.alpha, atol=2e-3)  # pixels at the rim
+    assert_allclose(solution.alpha.sum(), truth.layer.alpha.sum(), rtol=2e-4)
+
+
+def test_errors_are_honest():
+    z_sum, z_alpha, z_light = [], [], []
+    for seed in range(16):
+        truth, image, plate = taken(SCENE, 100 + seed)
+        solution = solve(image, plate)
+        total = truth.layer.alpha[solution.streak & solution.known].sum()
+        z_sum.append((solution.stats["sum_alpha"] - total) / solution.stats["sum_alpha_std"])
+        core = truth.layer.alpha > 0.05
+        z_alpha.append((solution.alpha - truth.layer.alpha)[core] / solution.alpha_std[core])
+        light = (solution.premultiplied - truth.layer.premultiplied)[core]
+        z_light.append(light / solution.premultiplied_std[core])
+    assert 0.6 < np.sqrt(np.mean(np.square(z_sum))) < 1.6
+    assert 0.75 < np.sqrt(np.mean(np.square(z_alpha))) < 1.3
+    assert 0.9 < np.sqrt(np.mean(np.square(z_light))) < 1.1
+
+
+def test_what_hides_the_object_is_left_to_the_pixels():
+    post = np.zeros(SIZE[::-1])
+    post[:, 74:82] = 1
+    occluder = Layer(post, post[..., None] * np.array([0.1, 0.25, 0.12]))
+    truth, image, plate = taken(replace(SCENE, occluder=occluder), 3)
+    solution = solve(image, plate)
+    assert solution.solver.startswith("Swept")
+    hidden = (post == 1) & (render(SCENE, 200).layer.alpha > 0.1)
+    inner = np.zeros_like(hidden)
+    inner[:, 76:80] = hidden[:, 76:80]
+    flagged = (solution.quality & Quality.MISFIT) != 0
+    assert flagged[inner].mean() > 0.9
+    assert abs(solution.alpha[inner].mean()) < 0.02
+    free = (truth.layer.alpha > 0) & (post == 0)
+    assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[free] ** 2)) < 0.02
+
+
+def test_another_shape_is_not_forced_into_a_disc():
+    star = Scene(colorful_plate(SIZE, 2, tile=20), PATH, star_sprite(44, ORANGE))
+    truth, image, plate = taken(star, 1)
+    solution = solve(image, plate)
+    assert solution.solver == "Pixelwise(max_alpha_std=0.3)"
+    angle = np.degrees(np.arccos(min(solution.model.pole @ truth.model.pole, 1)))
+    assert angle < 3
+    with pytest.raises(MotionError, match=r"no disc on a path explains the streak"):
+        solve(image, plate, solver=Swept())
+    _, image, plate = taken(replace(star, plate=WALL), 1)
+    with pytest.raises(ColorModelError, match=r"Nor does a disc on a path explain its shape"):
+        solve(image, plate)
+
+
+def test_pixels_alone_may_be_asked_for(wall):
+    _, image, plate, swept = wall
+    solution = solve(image, plate, solver=Pixelwise())
+    assert solution.solver == "Pixelwise(max_alpha_std=0.3)"
+    assert_allclose(solution.model.pole, swept.model.pole)  # the color comes from the shape still
+
+
+def test_door(wall):
+    truth, image, plate, _ = wall
+    with pytest.raises(ValueError, match="max_misfit must be 1 or more, got 0"):
+        Swept(0)
+    with pytest.raises(ValueError, match="give no model"):
+        solve(image, plate, truth.model, solver=Swept())

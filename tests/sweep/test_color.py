@@ -1,0 +1,60 @@
+"""fit_color: shape, hues and feasibility together, and a refusal where none of them tells."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blurmatte.color import fit_color_from_hues
+from blurmatte.errors import ColorModelError
+from blurmatte.radiometry import Meta
+from blurmatte.rendering import Ball, Camera, Scene, Sheet, Shot, plain_plate, render
+from blurmatte.sweep import fit_color
+from blurmatte.trajectory import Trajectory
+
+GREEN = np.array([0.25, 0.7, 0.12])
+WALL = plain_plate((150, 110), (0.34, 0.33, 0.3), 4)
+PATH = Trajectory.line((40, 40), (108, 66))
+
+
+def taken(body, seed):
+    shot = Shot(Scene(WALL, PATH, body), Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
+    return shot.photograph(render(shot.scene, 160))
+
+
+def degrees(model, color):
+    return np.degrees(np.arccos(min(model.pole @ color / np.linalg.norm(color), 1)))
+
+
+def test_the_shape_tells_what_the_hues_leave_open():
+    image, plate = taken(Ball(12, GREEN), 1)
+    with pytest.raises(ColorModelError, match="leaves the object's color open"):
+        fit_color_from_hues(image, plate)
+    model = fit_color(image, plate)
+    assert degrees(model, GREEN) < max(4 * model.angle_std, 0.5) < 2
+    assert model.evidence["shape"] < 1
+    assert model.evidence["hue variation"] > 3
+
+
+def test_its_error_is_honest():
+    """Over noise: the angle of two independent directions, 1.5 std at the median of a Rayleigh."""
+    z = []
+    for seed in range(12):
+        model = fit_color(*taken(Ball(12, GREEN), 20 + seed))
+        off = GREEN / (model.pole @ GREEN) - model.pole
+        z.append(off @ np.linalg.pinv(model.covariance) @ off / 2)
+    assert 0.4 < np.mean(z) < 2.0
+
+
+def test_a_stick_is_no_disc_and_one_hue_no_help():
+    image, plate = taken(Sheet(6, 50, GREEN), 2)
+    with pytest.raises(ColorModelError, match=r"Nor does a disc on a path explain its shape"):
+        fit_color(image, plate)
+
+
+def test_door():
+    image, plate = taken(Ball(12, GREEN), 1)
+    with pytest.raises(ValueError, match="max_brightness must be positive, got 0"):
+        fit_color(image, plate, max_brightness=0)
+    with pytest.raises(ColorModelError, match="is gray"):
+        fit_color(image, replace(plate, meta=Meta("wall.png", gray=True)))
