@@ -93,6 +93,11 @@ def state_at(
     return State(family, path, silhouette, shape, line, T, swept, left, float(cost))
 
 
+def seen(data: Data, state: State) -> State:
+    """The same path, shape and color in other data."""
+    return state_at(data, state.family, state.path, state.silhouette, state.shape, state.line)
+
+
 def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     """Follow the cost down from a start, the radius within bounds."""
     state, caution = start, 1e-2

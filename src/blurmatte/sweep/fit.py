@@ -14,22 +14,25 @@ import numpy.typing as npt
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
+from blurmatte.sweep.choice import best_of, score, trust_in
 from blurmatte.sweep.data import Data, data_within
-from blurmatte.sweep.descent import State, descend, main_color, state_at
+from blurmatte.sweep.descent import State, descend, main_color, seen, state_at
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
-from blurmatte.sweep.start import center_curve
+from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import coherence, doubtful_share
 
 Array = npt.NDArray[np.float64]
 
-FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, FROM_REST, BOUNCE, CUBIC)
+FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 
 _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be quick
-_FINALISTS = 2
 _MARGIN = 0.4  # of the half width, what a mask may have missed
-_LEAST, _MOST = 0.5, 1.7  # of the half width, what a radius can be
+_LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
+_RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
+_POINTS = 33
+_CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 
 
 def fit_sweep(
@@ -63,39 +66,54 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = require_streaks(image, plate)[0]
-    curve, half_width = center_curve(streak.mask)
+    mask = _cropped(streak)
+    half_width = half_width_of(mask)
     data = data_within(streak.around(int(_MARGIN * half_width) + 4), image, plate)
     bounds = (_LEAST * half_width, _MOST * half_width)
     coarse = data.coarser(max(1, int(half_width / _COARSE_RADIUS)))
     tried = [
         descend(coarse, start, bounds)
-        for family in families
-        for start in _starts(coarse, family, curve, half_width)
+        for part in _RADII
+        for start in _starts(
+            coarse,
+            families,
+            center_curve(mask, part * half_width) + streak.box[:2],
+            part * half_width,
+        )
     ]
-    finalists = sorted(tried, key=lambda s: _score(coarse, s))[:_FINALISTS]
-    finals = [
-        descend(data, state_at(data, s.family, s.path, s.silhouette, s.shape, s.line), bounds)
-        for s in finalists
-    ]
-    best = min(finals, key=lambda s: _score(data, s))
-    return _sweep(data, best, image.size, {s.family.name: _score(coarse, s) for s in tried})
+    best = best_of(coarse, tried)
+    curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
+    again = _starts(coarse, families, curve, best.shape[0])
+    finalists = _finalists(coarse, [*tried, *(descend(coarse, start, bounds) for start in again)])
+    finals = [descend(data, seen(data, state), bounds) for state in finalists]
+    return _sweep(data, best_of(data, finals), image.size)
 
 
-def _starts(data: Data, family: PathFamily, curve: Array, radius: float) -> Iterable[State]:
-    """Where descents of a family begin."""
-    directions = (curve, curve[::-1]) if family is FROM_REST else (curve,)
-    for way in directions:
-        path, shape = family.start(way), DISC.start(radius)
-        alpha = DISC.sweep(family, path, shape, data).alpha
-        yield state_at(data, family, path, DISC, shape, main_color(data, alpha))
+def _cropped(streak: Streak) -> npt.NDArray[np.bool_]:
+    x0, y0, x1, y1 = streak.box
+    return streak.mask[y0:y1, x0:x1]
 
 
-def _score(data: Data, state: State) -> float:
-    """Minus the log likelihood, and what every parameter costs [Schwarz 1978]."""
-    return state.cost + 0.5 * state.size * float(np.log(max(data.weight.sum(), 2)))
+def _starts(
+    data: Data, families: Iterable[PathFamily], curve: Array, radius: float
+) -> Iterable[State]:
+    """Where descents along a curve begin."""
+    shape = DISC.start(radius)
+    for family in families:
+        for path in family.starts(curve):
+            alpha = DISC.sweep(family, path, shape, data).alpha
+            yield state_at(data, family, path, DISC, shape, main_color(data, alpha))
 
 
-def _sweep(data: Data, state: State, size: tuple[int, int], tried: dict[str, float]) -> Sweep:
+def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
+    """The best of each family that may turn out to be the best of all."""
+    trust = trust_in(data, tried)
+    families = {state.family: state for state in sorted(tried, key=lambda s: -score(data, s, trust))}
+    best = min(score(data, s, trust) for s in families.values())
+    return [s for s in families.values() if score(data, s, trust) < best + _CLOSE]
+
+
+def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     within, beside = coherence(data, state)
     H, _ = state.information(data)
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * max(within, 1.0)
@@ -111,7 +129,6 @@ def _sweep(data: Data, state: State, size: tuple[int, int], tried: dict[str, flo
         "misfit": within / max(beside, 1.0),  # below 1, the noise was overstated
         "coherence": within,
         "doubtful": doubtful_share(data, state),
-        "tried": tried,
     }
     return Sweep(
         state.family,

@@ -27,8 +27,8 @@ class PathFamily(ABC):
         """Points xy (T, 2) and their derivatives D (T, 2, n)."""
 
     @abstractmethod
-    def start(self, curve: Array) -> Array:
-        """Parameters (n,) of a path along `curve` (m, 2), points equally far from each other."""
+    def starts(self, curve: Array) -> list[Array]:
+        """Parameters (n,) of paths along `curve` (m, 2), points equally far from each other."""
 
 
 @dataclass(frozen=True)
@@ -55,11 +55,11 @@ class Polynomial(PathFamily):
         basis = self._basis(t)
         return basis @ p.reshape(-1, 2), _both(basis)
 
-    def start(self, curve: Array) -> Array:
+    def starts(self, curve: Array) -> list[Array]:
         """The nearest such curve to it."""
         t = np.linspace(0, 1, len(curve))
         points, *_ = np.linalg.lstsq(self._basis(t), curve, rcond=None)
-        return np.asarray(points.ravel())
+        return [np.asarray(points.ravel())]
 
     def _basis(self, t: Array) -> Array:
         """(T, degree + 1) Lagrange's polynomials."""
@@ -85,13 +85,13 @@ class Arc(PathFamily):
         """Around the circle."""
         return _arc(p, t).real, _by_complex_step(_arc, p, t)
 
-    def start(self, curve: Array) -> Array:
+    def starts(self, curve: Array) -> list[Array]:
         """Through its ends and its middle."""
         a, m, b = curve[0], curve[len(curve) // 2], curve[-1]
         chord = b - a
         length = max(float(np.linalg.norm(chord)), 1e-9)
         off = (chord[0] * (m - a)[1] - chord[1] * (m - a)[0]) / length
-        return np.array([*a, *b, off])
+        return [np.array([*a, *b, off])]
 
 
 class Bounce(PathFamily):
@@ -116,13 +116,14 @@ class Bounce(PathFamily):
         xy = basis @ np.stack([a, m, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
 
-    def start(self, curve: Array) -> Array:
-        """The corner is where the curve is farthest from its chord."""
+    def starts(self, curve: Array) -> list[Array]:
+        """The corner is where the curve is farthest from its chord, or at a third or two of it."""
         a, b = curve[0], curve[-1]
         along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
         off = np.abs(along[0] * (curve - a)[:, 1] - along[1] * (curve - a)[:, 0])
-        i = int(np.clip(np.argmax(off), 1, len(curve) - 2))
-        return np.concatenate([a, curve[i], b, [i / (len(curve) - 1)]])
+        last = len(curve) - 1
+        corners = {int(np.clip(np.argmax(off), 1, last - 1)), last // 3, 2 * last // 3}
+        return [np.concatenate([a, curve[i], b, [i / last]]) for i in sorted(corners)]
 
 
 class FromRest(PathFamily):
@@ -143,9 +144,9 @@ class FromRest(PathFamily):
         xy = basis @ np.stack([a, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
 
-    def start(self, curve: Array) -> Array:
-        """A line between its ends."""
-        return np.concatenate([curve[0], curve[-1], [0.3]])
+    def starts(self, curve: Array) -> list[Array]:
+        """A line from one of its ends to the other."""
+        return [np.concatenate([a, b, [0.3]]) for a, b in (curve[[0, -1]], curve[[-1, 0]])]
 
 
 LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)

@@ -1,4 +1,4 @@
-"""A curve through the middle of a streak, and the half width of it: where a fit can begin."""
+"""Curves through the middle of a streak: where a fit can begin."""
 
 import numpy as np
 import numpy.typing as npt
@@ -9,24 +9,40 @@ Bools = npt.NDArray[np.bool_]
 _POINTS = 33
 
 
-def center_curve(mask: Bools) -> tuple[Array, float]:
-    """Points (m, 2) equally far from each other along a streak, and its half width, pixels.
+def half_width_of(mask: Bools) -> float:
+    """Radius of the largest disc that fits into a streak and its holes, pixels."""
+    return float(_depth(mask).max())
 
-    The middle of the pixels at equal distance from one end, on ways within the mask; the ends lie a
-    half width inside those of the mask.
+
+def center_curve(mask: Bools, radius: float) -> Array:
+    """Points (m, 2) equally far from each other where a disc of this radius may have gone.
+
+    A disc lies within the streak if its center lies in the streak's core, of pixels as deep as its
+    radius. The curve is the middle of the pixels at equal distance from one end, on ways within the
+    core; of a core without length, a short line.
     """
-    from scipy.ndimage import binary_fill_holes, distance_transform_edt
+    from scipy.ndimage import label
 
-    mask = np.pad(binary_fill_holes(mask), 1)
-    depth = distance_transform_edt(mask)
-    half_width = float(depth.max())
-    along = _distance_from_an_end(mask)
-    steps = np.arange(0, np.nanmax(along) + 1, max(half_width / 4, 1))
-    which = np.digitize(along[mask], steps)
-    y, x = np.nonzero(mask)
+    depth = _depth(mask)
+    parts, _ = label(depth >= min(radius, float(depth.max())))
+    core = parts == np.argmax(np.bincount(parts[parts > 0]))
+    along = _distance_from_an_end(core)
+    steps = np.arange(0, np.nanmax(along) + 1, max(radius / 4, 1))
+    which = np.digitize(along[core], steps)
+    y, x = np.nonzero(core)
     count = np.bincount(which)
     points = np.stack([np.bincount(which, v)[count > 0] / count[count > 0] for v in (x, y)], axis=1)
-    return _trimmed(points - 1, half_width), half_width
+    length = float(np.sum(np.linalg.norm(np.diff(points, axis=0), axis=1)))
+    if length < radius / 2:
+        points = _along_main_axis(depth > 0, radius / 2)
+    return _evenly(points - 1)
+
+
+def _depth(mask: Bools) -> Array:
+    """(h + 2, w + 2) how far each pixel is from what is outside, padded by one pixel."""
+    from scipy.ndimage import binary_fill_holes, distance_transform_edt
+
+    return np.asarray(distance_transform_edt(np.pad(binary_fill_holes(mask), 1)))
 
 
 def _distance_from_an_end(mask: Bools) -> Array:
@@ -58,9 +74,17 @@ def _distance_from_an_end(mask: Bools) -> Array:
     return along
 
 
-def _trimmed(points: Array, by: float) -> Array:
-    """Equally spaced points of a polyline, shorter by so much at both ends, but never turned."""
+def _along_main_axis(mask: Bools, length: float) -> Array:
+    """Both ends (2, 2) of a line through the middle of a region."""
+    y, x = np.nonzero(mask)
+    points = np.stack([x, y], axis=1).astype(float)
+    middle = points.mean(axis=0)
+    axis = np.linalg.eigh(np.cov((points - middle).T))[1][:, 1]
+    return np.stack([middle - length / 2 * axis, middle + length / 2 * axis])
+
+
+def _evenly(points: Array) -> Array:
+    """Equally spaced points of a polyline."""
     s = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    cut = min(by, 0.45 * s[-1])
-    at = np.linspace(cut, s[-1] - cut, _POINTS)
+    at = np.linspace(0, s[-1], _POINTS)
     return np.stack([np.interp(at, s, points[:, i]) for i in (0, 1)], axis=1)

@@ -41,7 +41,7 @@ class Sweep:
     stats : mapping
         How the fit went: `misfit` is how much more the residuals within the streak hang together
         than those beside it, 1 if the sweep explains all there is; `doubtful` is the share of the
-        streak's pixels that it does not explain; `tried` the score of every family.
+        streak's pixels that it does not explain.
     """
 
     family: PathFamily

@@ -1,0 +1,29 @@
+"""Which of several descents ended best: a penalised likelihood [Schwarz 1978].
+
+Where residuals hang together, as those of JPEG do, they are so much less evidence than they seem,
+and all likelihoods count less.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.descent import State
+from blurmatte.sweep.verdict import coherence
+
+
+def trust_in(data: Data, states: Sequence[State]) -> float:
+    """By how much likelihoods overstate the evidence, 1 or more: as the likeliest state tells."""
+    return max(coherence(data, min(states, key=lambda state: state.cost))[0], 1.0)
+
+
+def score(data: Data, state: State, trust: float) -> float:
+    """Minus the log likelihood, and what every parameter costs."""
+    return state.cost / trust + 2.0 * state.size
+
+
+def best_of(data: Data, states: Sequence[State]) -> State:
+    """The state of the best penalised likelihood."""
+    trust = trust_in(data, states)
+    return min(states, key=lambda state: score(data, state, trust))
