@@ -1,12 +1,10 @@
-"""Which of several descents ended best: a penalised likelihood [Schwarz 1978].
+"""Which of several descents ended best: a penalised likelihood.
 
 Where residuals hang together, as those of JPEG do, they are so much less evidence than they seem,
 and all likelihoods count less.
 """
 
 from collections.abc import Sequence
-
-import numpy as np
 
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
@@ -19,7 +17,7 @@ def trust_in(data: Data, states: Sequence[State]) -> float:
 
 
 def score(data: Data, state: State, trust: float) -> float:
-    """Minus the log likelihood, and what every parameter costs."""
+    """Minus the log likelihood, and 2 for every parameter: as if each had to be 2σ from naught."""
     return state.cost / trust + 2.0 * state.size
 
 

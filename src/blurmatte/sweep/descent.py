@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.misfit import Misfit, across, misfit
+from blurmatte.sweep.misfit import Misfit, across, light_along, misfit
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
 
@@ -42,7 +42,7 @@ class State:
     swept : Swept
     misfit : Misfit
     cost : float
-        Minus the log likelihood.
+        Minus the log likelihood of what lies across the color.
     converged : bool
         No step gains anything any more.
     """
@@ -71,10 +71,12 @@ class State:
         """Curvature (size, size) and gradient (size,) of the cost."""
         from blurmatte.sweep import kernel  # numba takes half a second to import
 
-        left = self.misfit
+        left, weights = self.misfit, self.weights(data)
         H, g = kernel.normal_equations(
-            self.swept.by_parameters, left.e, left.by_alpha, left.by_color, self.weights(data)
+            self.swept.by_parameters, left.e, left.by_alpha, left.by_color, weights
         )
+        unsure = weights * left.kept * left.light_variance
+        H[-2:, -2:] += np.einsum("hw,khwi,khwj->ij", unsure, left.by_turning, left.by_turning)
         return H, g
 
 
@@ -89,8 +91,7 @@ def state_at(
     """What a path, a shape and a color leave unexplained."""
     swept, T = silhouette.sweep(family, path, shape, data), across(line)
     left = misfit(data, swept.alpha, line, T)
-    cost = np.sum(data.weight * np.log1p(left.chi2 / _FREEDOM)) * (_FREEDOM + 2) / 2
-    return State(family, path, silhouette, shape, line, T, swept, left, float(cost))
+    return State(family, path, silhouette, shape, line, T, swept, left, _across(data, left))
 
 
 def seen(data: Data, state: State) -> State:
@@ -108,15 +109,34 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
             damping = np.diag(caution * scales + 1e-12 * np.trace(H))
             step = np.linalg.solve(H + damping, -g).astype(float)
             tried = _moved(data, state, step, bounds)
-            if tried.cost < state.cost:
+            gain = _gain(data, state, tried)
+            if gain > 0:
                 break
             caution *= 6
         else:
             return replace(state, converged=True)
-        gain, state, caution = state.cost - tried.cost, tried, max(caution / 5, 1e-7)
+        state, caution = tried, max(caution / 5, 1e-7)
         if gain < _ENOUGH:
             return replace(state, converged=True)
     return state
+
+
+def _gain(data: Data, state: State, tried: State) -> float:
+    """How much likelier `tried` is, given how much of the light along the color was no noise.
+
+    Alpha must not follow the light, for shades are free; so both are asked at the alpha of `state`.
+    """
+    through = (1 - state.swept.alpha)[..., None]
+    P, V = data.C - through * data.B, data.C_variance + through**2 * data.B_variance
+    left = state.misfit
+    light, variance = light_along(P, V, tried.line)
+    none = state.weights(data) * (1 - left.kept)
+    along = np.sum(none * (left.light**2 / left.light_variance - light**2 / variance)) / 2
+    return state.cost - tried.cost + float(along)
+
+
+def _across(data: Data, left: Misfit) -> float:
+    return float(np.sum(data.weight * np.log1p(left.chi2 / _FREEDOM)) * (_FREEDOM + 2) / 2)
 
 
 def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:

@@ -33,6 +33,7 @@ _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of sm
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 _POINTS = 33
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
+_FINALISTS = 4
 
 
 def fit_sweep(
@@ -108,9 +109,12 @@ def _starts(
 def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
     """The best of each family that may turn out to be the best of all."""
     trust = trust_in(data, tried)
-    families = {state.family: state for state in sorted(tried, key=lambda s: -score(data, s, trust))}
+    families = {
+        state.family: state for state in sorted(tried, key=lambda s: -score(data, s, trust))
+    }
     best = min(score(data, s, trust) for s in families.values())
-    return [s for s in families.values() if score(data, s, trust) < best + _CLOSE]
+    close = [s for s in families.values() if score(data, s, trust) < best + _CLOSE]
+    return sorted(close, key=lambda s: score(data, s, trust))[:_FINALISTS]
 
 
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
