@@ -1,8 +1,8 @@
 """One descent: from a start to the nearest best path, shape and color.
 
-Parameters stand in the order of the path's, the shape's, and two turns of the color's direction. The
-cost is that of Student's t distribution of the residuals, which a normal one would be if nothing
-but noise were left.
+Parameters stand in the order of the path's, the shape's, and two turns of the color's frame. The cost
+is that of Student's t distribution of the residuals, which a normal one would be if nothing but noise
+were left.
 """
 
 from dataclasses import dataclass, replace
@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.misfit import Misfit, across, light_along, misfit
+from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
 
@@ -35,14 +35,15 @@ class State:
     silhouette : Silhouette
         Of what kind the shape is.
     shape : (m,) float
-    line : (3,) float
-        Unit direction of the color.
-    across : (3, 2) float
-        Directions across it, in which the color turns.
+    frame : Frame
+        The color model.
+    moments : (2, 2) float
+        Second moments of the object's colors within the model, 0 beyond its rank.
     swept : Swept
-    misfit : Misfit
+    e : (3, h, w) float
+        Residuals of unit variance: across the model, the second 0 if it is a plane, and negative light.
     cost : float
-        Minus the log likelihood of what lies across the color.
+        Minus the log likelihood of what lies across the model.
     converged : bool
         No step gains anything any more.
     """
@@ -51,10 +52,10 @@ class State:
     path: Array
     silhouette: Silhouette
     shape: Array
-    line: Array
-    across: Array
+    frame: Frame
+    moments: Array
     swept: Swept
-    misfit: Misfit
+    e: Array
     cost: float
     converged: bool = False
 
@@ -63,20 +64,28 @@ class State:
         """How many parameters, those of the color included."""
         return len(self.path) + len(self.shape) + 2
 
+    @property
+    def main(self) -> Array:
+        """(3,) unit direction of most of the object's light."""
+        return _main(self.frame, self.moments)
+
+    @property
+    def chi2(self) -> Array:
+        """(h, w) sum of squared residuals; of as many degrees of freedom as the frame has across."""
+        return np.asarray((self.e**2).sum(axis=0))
+
     def weights(self, data: Data) -> Array:
         """(h, w) how much each pixel is believed."""
-        return data.weight * (_FREEDOM + 2) / (_FREEDOM + self.misfit.chi2)
+        return data.weight * (_FREEDOM + 2) / (_FREEDOM + self.chi2)
 
     def information(self, data: Data) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost."""
-        from blurmatte.sweep import kernel  # numba takes half a second to import
+        from blurmatte.sweep import residuals  # numba takes half a second to import
 
-        left, weights = self.misfit, self.weights(data)
-        H, g = kernel.normal_equations(
-            self.swept.by_parameters, left.e, left.by_alpha, left.by_color, weights
-        )
-        unsure = weights * left.kept * left.light_variance
-        H[-2:, -2:] += np.einsum("hw,khwi,khwj->ij", unsure, left.by_turning, left.by_turning)
+        H, g = residuals.normal_equations(
+            self.swept.by_parameters, *_light(data), self.swept.alpha, self.weights(data),
+            self.frame.across, self.frame.within, self.moments, self.main,
+        )  # fmt: skip
         return H, g
 
 
@@ -86,17 +95,23 @@ def state_at(
     path: Array,
     silhouette: Silhouette,
     shape: Array,
-    line: Array,
+    frame: Frame,
 ) -> State:
     """What a path, a shape and a color leave unexplained."""
-    swept, T = silhouette.sweep(family, path, shape, data), across(line)
-    left = misfit(data, swept.alpha, line, T)
-    return State(family, path, silhouette, shape, line, T, swept, left, _across(data, left))
+    from blurmatte.sweep import residuals  # numba takes half a second to import
+
+    swept = silhouette.sweep(family, path, shape, data)
+    light, alpha = _light(data), swept.alpha
+    moments = residuals.second_moments(*light, alpha, data.weight, frame.across, frame.within)
+    e = np.empty((3, *alpha.shape))
+    residuals.residuals(*light, alpha, frame.across, _main(frame, moments), e)
+    cost = np.sum(data.weight * np.log1p((e**2).sum(axis=0) / _FREEDOM)) * (_FREEDOM + 2) / 2
+    return State(family, path, silhouette, shape, frame, _positive(moments), swept, e, float(cost))
 
 
 def seen(data: Data, state: State) -> State:
     """The same path, shape and color in other data."""
-    return state_at(data, state.family, state.path, state.silhouette, state.shape, state.line)
+    return state_at(data, state.family, state.path, state.silhouette, state.shape, state.frame)
 
 
 def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
@@ -109,7 +124,7 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
             damping = np.diag(caution * scales + 1e-12 * np.trace(H))
             step = np.linalg.solve(H + damping, -g).astype(float)
             tried = _moved(data, state, step, bounds)
-            gain = _gain(data, state, tried)
+            gain = state.cost - tried.cost - _feigned(data, state, tried)
             if gain > 0:
                 break
             caution *= 6
@@ -121,22 +136,31 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     return state
 
 
-def _gain(data: Data, state: State, tried: State) -> float:
-    """How much likelier `tried` is, given how much of the light along the color was no noise.
+def _feigned(data: Data, state: State, tried: State) -> float:
+    """How much likelier `tried` seems than it is, for its color suits the noise within the model."""
+    from blurmatte.sweep import residuals  # numba takes half a second to import
 
-    Alpha must not follow the light, for shades are free; so both are asked at the alpha of `state`.
-    """
-    through = (1 - state.swept.alpha)[..., None]
-    P, V = data.C - through * data.B, data.C_variance + through**2 * data.B_variance
-    left = state.misfit
-    light, variance = light_along(P, V, tried.line)
-    none = state.weights(data) * (1 - left.kept)
-    along = np.sum(none * (left.light**2 / left.light_variance - light**2 / variance)) / 2
-    return state.cost - tried.cost + float(along)
+    total = residuals.feigned_by_noise(
+        *_light(data), state.swept.alpha, state.weights(data),
+        state.frame.across, state.frame.within, state.moments, tried.frame.across,
+    )  # fmt: skip
+    return float(total) / 2
 
 
-def _across(data: Data, left: Misfit) -> float:
-    return float(np.sum(data.weight * np.log1p(left.chi2 / _FREEDOM)) * (_FREEDOM + 2) / 2)
+def _light(data: Data) -> tuple[Array, Array, Array, Array]:
+    return data.C, data.B, data.C_variance, data.B_variance
+
+
+def _main(frame: Frame, moments: Array) -> Array:
+    """(3,) unit direction of most of the light that has these second moments within a frame."""
+    main = frame.within @ np.linalg.eigh(moments[: frame.rank, : frame.rank])[1][:, -1]
+    return np.asarray(main if main.sum() >= 0 else -main)
+
+
+def _positive(moments: Array) -> Array:
+    """The nearest matrix of second moments: what is less than noise is none."""
+    values, directions = np.linalg.eigh(moments)
+    return np.asarray((directions * np.maximum(values, 0)) @ directions.T)
 
 
 def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:
@@ -146,21 +170,20 @@ def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -
     bend = np.abs(step[n + 1 : n + m]).max(initial=0) / _BEND
     turn = np.linalg.norm(step[n + m :]) / _TURN
     step = step / max(far, bend, turn, 1)
-    line = state.line + state.across @ step[n + m :]
     shape = state.shape + step[n : n + m]
     shape[0] = np.clip(shape[0], *bounds)
-    line /= np.linalg.norm(line)
-    return state_at(data, state.family, state.path + step[:n], state.silhouette, shape, line)
+    frame = state.frame.turned(step[n + m :])
+    return state_at(data, state.family, state.path + step[:n], state.silhouette, shape, frame)
 
 
-def main_color(data: Data, alpha: Array) -> Array:
-    """(3,) direction of the light that an alpha leaves over, robustly."""
+def main_colors(data: Data, alpha: Array, rank: int) -> Frame:
+    """The model of the light that an alpha leaves over, robustly."""
     P = (data.C - (1 - alpha)[..., None] * data.B).reshape(-1, 3)
     base = data.weight.ravel() * alpha.ravel() ** 2
     weights = base
     for _ in range(4):
-        line = np.linalg.eigh((P * weights[:, None]).T @ P)[1][:, -1]
-        off = np.linalg.norm(P - np.outer(P @ line, line), axis=1)
+        directions = np.linalg.eigh((P * weights[:, None]).T @ P)[1][:, : -rank - 1 : -1]
+        off = np.linalg.norm(P - P @ directions @ directions.T, axis=1)
         usual = np.median(off[base > 0]) if np.any(base > 0) else 0
         weights = base / (1 + (off / max(3 * usual, 1e-12)) ** 2)
-    return np.asarray(line * np.sign(line.sum()))
+    return Frame.of(np.asarray(directions))

@@ -16,7 +16,7 @@ from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.choice import best_of, score, trust_in
 from blurmatte.sweep.data import Data, data_within
-from blurmatte.sweep.descent import State, descend, main_color, seen, state_at
+from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
@@ -96,14 +96,14 @@ def _cropped(streak: Streak) -> npt.NDArray[np.bool_]:
 
 
 def _starts(
-    data: Data, families: Iterable[PathFamily], curve: Array, radius: float
+    data: Data, families: Iterable[PathFamily], curve: Array, radius: float, rank: int = 1
 ) -> Iterable[State]:
     """Where descents along a curve begin."""
     shape = DISC.start(radius)
     for family in families:
         for path in family.starts(curve):
             alpha = DISC.sweep(family, path, shape, data).alpha
-            yield state_at(data, family, path, DISC, shape, main_color(data, alpha))
+            yield state_at(data, family, path, DISC, shape, main_colors(data, alpha, rank))
 
 
 def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
@@ -122,12 +122,7 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     H, _ = state.information(data)
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * max(within, 1.0)
     n = state.size - 2
-    turns = covariance[n:, n:]
-    model = ColorModel(
-        state.line[:, None],
-        state.across @ turns @ state.across.T,
-        {"shape": float(np.degrees(np.sqrt(np.trace(turns) / 2)))},
-    )
+    model = _model(state, covariance[n:, n:])
     stats = {
         "converged": state.converged,
         "misfit": within / max(beside, 1.0),  # below 1, the noise was overstated
@@ -143,4 +138,16 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
         covariance[:n, :n],
         size,
         stats,
+    )
+
+
+def _model(state: State, turns: Array) -> ColorModel:
+    """The color model, with the covariance of the one direction that stands for it."""
+    frame = state.frame
+    moving = frame.across if frame.rank == 1 else frame.within
+    basis = state.main[:, None] if frame.rank == 1 else frame.within
+    return ColorModel(
+        basis,
+        moving @ turns @ moving.T,
+        {"shape": float(np.degrees(np.sqrt(np.trace(turns) / 2)))},
     )

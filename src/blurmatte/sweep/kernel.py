@@ -1,4 +1,4 @@
-"""Alpha of a silhouette on its way, its derivatives, and sums over pixels of these, compiled.
+"""Alpha of a silhouette on its way, and its derivatives, compiled.
 
 In this file the rim of a silhouette is, seen from its center, the curve A q(ψ), where A is a linear
 map with det A > 0 and q a star around the unit circle,
@@ -206,43 +206,3 @@ def sweep(xy, D, weights, turns, by_turning, A, by_A, bulges, alpha, J):  # type
                     J[j, i, n + m + 2 * p + 1] += along * sk
                 if n + m + len(bulges) < J.shape[2]:
                     J[j, i, n + m + len(bulges)] += (ny * px - nx * py) * by_turning[k]
-
-
-@njit(**_COMPILED)
-def normal_equations(J, e, by_alpha, by_color, weights):  # type: ignore[no-untyped-def]
-    """Sums over residuals and pixels of weights ∇e ∇eᵀ (N, N) and weights e ∇e (N,).
-
-    e (3, h, w) are residuals, ∇e (N = n + 2) is by_alpha (3, h, w) times J (h, w, n), which is 0 in
-    most pixels, and by_color (3, h, w, 2).
-    """
-    h, w, n = J.shape
-    H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
-    for y in range(h):
-        for x in range(w):
-            weight = weights[y, x]
-            if weight == 0:
-                continue
-            aa, ac, ad, ae = 0.0, 0.0, 0.0, 0.0
-            for i in range(3):
-                a, r = weight * by_alpha[i, y, x], e[i, y, x]
-                c, d = by_color[i, y, x, 0], by_color[i, y, x, 1]
-                aa, ac = aa + a * by_alpha[i, y, x], ac + a * c
-                ad, ae = ad + a * d, ae + a * r
-                c, d = weight * c, weight * d
-                g[n], g[n + 1] = g[n] + c * r, g[n + 1] + d * r
-                H[n, n] += c * by_color[i, y, x, 0]
-                H[n + 1, n] += d * by_color[i, y, x, 0]
-                H[n + 1, n + 1] += d * by_color[i, y, x, 1]
-            for p in range(n):
-                j = J[y, x, p]
-                if j != 0:
-                    g[p] += ae * j
-                    H[n, p] += ac * j
-                    H[n + 1, p] += ad * j
-                    j *= aa
-                    for q in range(p + 1):
-                        H[p, q] += j * J[y, x, q]
-    for p in range(n + 2):
-        for q in range(p):
-            H[q, p] = H[p, q]
-    return H, g

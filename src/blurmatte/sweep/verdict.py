@@ -22,7 +22,7 @@ def coherence(data: Data, state: State) -> tuple[float, float]:
     limits them: 1 for noise of its own in each pixel, more for JPEG, and for a wrong shape. The
     median of the blocks, for a hole or a post in front is no fault of the shape.
     """
-    limited = state.misfit.e[:2] * np.sqrt(state.weights(data))
+    limited = state.e[: 3 - state.frame.rank] * np.sqrt(state.weights(data))
     inside = state.swept.alpha > 0
     return _coherence(limited, inside & (data.weight > 0)), _coherence(
         limited, ~inside & (data.weight > 0)
@@ -32,7 +32,7 @@ def coherence(data: Data, state: State) -> tuple[float, float]:
 def doubtful_share(data: Data, state: State) -> float:
     """Share of the streak's pixels that the sweep does not explain."""
     inside = (state.swept.alpha > 0) & (data.weight > 0)
-    return float(np.mean(state.misfit.chi2[inside] > _DOUBTFUL)) if inside.any() else 1.0
+    return float(np.mean(state.chi2[inside] > _DOUBTFUL)) if inside.any() else 1.0
 
 
 def _coherence(e: Array, use: npt.NDArray[np.bool_]) -> float:

@@ -1,0 +1,52 @@
+"""Frame: a model of colors as directions within and across it, which can turn together."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """Orthonormal directions in linear RGB.
+
+    It has two ways to turn whether it is a line or a plane: of each direction within towards each
+    one across.
+
+    Parameters
+    ----------
+    within : (3, rank) float
+        Directions that the object's colors have, rank 1 or 2.
+    across : (3, 3 - rank) float
+        Those that they have not.
+    """
+
+    within: Array
+    across: Array
+
+    @classmethod
+    def of(cls, directions: Array) -> "Frame":
+        """The frame that `directions` (3, rank), independent, lie in."""
+        left, _, _ = np.linalg.svd(directions)
+        rank = directions.shape[1]
+        return cls(left[:, :rank], left[:, rank:])
+
+    @property
+    def rank(self) -> int:
+        """1 for a line, 2 for a plane."""
+        return int(self.within.shape[1])
+
+    def turned(self, turns: Array) -> "Frame":
+        """After small turns (2,), radians: of all within towards the first across, then the second."""
+        turns = turns.reshape(self.across.shape[1], self.rank)
+        within = self.within + self.across @ turns
+        across = self.across - self.within @ turns.T
+        return Frame(_orthonormal(within), _orthonormal(across))
+
+
+def _orthonormal(directions: Array) -> Array:
+    """The nearest orthonormal directions."""
+    left, _, right = np.linalg.svd(directions, full_matrices=False)
+    return np.asarray(left @ right)
