@@ -13,7 +13,7 @@ from blurmatte.sweep.verdict import coherence
 
 def trust_in(data: Data, states: Sequence[State]) -> float:
     """By how much likelihoods overstate the evidence, 1 or more: as the likeliest state tells."""
-    return max(coherence(data, min(states, key=lambda state: state.cost))[0], 1.0)
+    return max(coherence(data, min(states, key=lambda state: state.cost)), 1.0)
 
 
 def score(data: Data, state: State, trust: float) -> float:

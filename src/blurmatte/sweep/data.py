@@ -7,8 +7,10 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 _NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
 
@@ -25,6 +27,8 @@ class Data:
         Noise.
     weight : (h, w) float
         0 where nothing is to be believed, else 1.
+    streak : (h, w) bool
+        Where something is known to have moved.
     origin : (float, float)
         Where the center of pixel (0, 0) is, in pixels of the picture.
     scale : float
@@ -36,6 +40,7 @@ class Data:
     C_variance: Array
     B_variance: Array
     weight: Array
+    streak: Bools
     origin: tuple[float, float]
     scale: float = 1.0
 
@@ -56,17 +61,19 @@ class Data:
             means(self.C_variance) / by**2,
             means(self.B_variance) / by**2,
             np.where(means(self.weight) == 1, 1.0, 0.0),
+            means(self.streak.astype(float)) > 0,
             (self.origin[0] + middle, self.origin[1] + middle),
             self.scale * by,
         )
 
 
-def data_within(box: tuple[int, int, int, int], image: LinearImage, plate: LinearImage) -> Data:
-    """The data of a box (x0, y0, x1, y1) of two pictures whose noise is known.
+def data_around(streak: Streak, margin: int, image: LinearImage, plate: LinearImage) -> Data:
+    """The data of a streak and some pixels around it, of two pictures whose noise is known.
 
     The variance is that of a neighborhood's light: a pixel that seems brighter by noise would else
     be given a larger variance and less weight, and everything would come out darker.
     """
+    box = streak.around(margin)
     image, plate = image.crop(box), plate.crop(box)
     return Data(
         image.rgb.astype(float),
@@ -74,6 +81,7 @@ def data_within(box: tuple[int, int, int, int], image: LinearImage, plate: Linea
         _smooth_variance(image),
         _smooth_variance(plate),
         (image.valid & plate.valid).astype(float),
+        streak.mask[box[1] : box[3], box[0] : box[2]],
         (float(box[0]), float(box[1])),
     )
 

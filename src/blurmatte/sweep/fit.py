@@ -7,6 +7,7 @@ and the one with the best penalised likelihood is taken.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -15,13 +16,13 @@ from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.choice import best_of, score, trust_in
-from blurmatte.sweep.data import Data, data_within
+from blurmatte.sweep.data import Data, data_around
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import coherence, doubtful_share
+from blurmatte.sweep.verdict import coherence, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -41,6 +42,7 @@ def fit_sweep(
     plate: LinearImage,
     streak: Streak | None = None,
     families: Sequence[PathFamily] = FAMILIES,
+    rank: int = 1,
 ) -> Sweep:
     """Find path, radius and color of a disc from the smear that it left.
 
@@ -67,32 +69,54 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = require_streaks(image, plate)[0]
-    mask = _cropped(streak)
-    half_width = half_width_of(mask)
-    data = data_within(streak.around(int(_MARGIN * half_width) + 4), image, plate)
-    bounds = (_LEAST * half_width, _MOST * half_width)
-    coarse = data.coarser(max(1, int(half_width / _COARSE_RADIUS)))
-    tried = [
-        descend(coarse, start, bounds)
-        for part in _RADII
-        for start in _starts(
-            coarse,
+    search = _Search.of(streak, image, plate, families)
+    return _sweep(search.data, search.best(rank), image.size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """Data, fine and coarse, and where descents begin."""
+
+    data: Data
+    coarse: Data
+    curves: list[tuple[Array, float]]
+    bounds: tuple[float, float]
+    families: Sequence[PathFamily]
+
+    @classmethod
+    def of(
+        cls, streak: Streak, image: LinearImage, plate: LinearImage, families: Sequence[PathFamily]
+    ) -> "_Search":
+        x0, y0, x1, y1 = streak.box
+        mask = streak.mask[y0:y1, x0:x1]
+        half_width = half_width_of(mask)
+        data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate)
+        return cls(
+            data,
+            data.coarser(max(1, int(half_width / _COARSE_RADIUS))),
+            [
+                (center_curve(mask, radius) + np.array([x0, y0]), radius)
+                for radius in (part * half_width for part in _RADII)
+            ],
+            (_LEAST * half_width, _MOST * half_width),
             families,
-            center_curve(mask, part * half_width) + streak.box[:2],
-            part * half_width,
         )
-    ]
-    best = best_of(coarse, tried)
-    curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
-    again = _starts(coarse, families, curve, best.shape[0])
-    finalists = _finalists(coarse, [*tried, *(descend(coarse, start, bounds) for start in again)])
-    finals = [descend(data, seen(data, state), bounds) for state in finalists]
-    return _sweep(data, best_of(data, finals), image.size)
 
+    def best(self, rank: int) -> State:
+        """Path, radius and color of this rank that leave the least."""
+        tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]
+        best = best_of(self.coarse, tried)
+        curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
+        tried += self._ends(curve, best.shape[0], rank)
+        finalists = _finalists(self.coarse, tried)
+        finals = [descend(self.data, seen(self.data, state), self.bounds) for state in finalists]
+        best = best_of(self.data, finals)
+        return best
 
-def _cropped(streak: Streak) -> npt.NDArray[np.bool_]:
-    x0, y0, x1, y1 = streak.box
-    return streak.mask[y0:y1, x0:x1]
+    def _ends(self, curve: Array, radius: float, rank: int) -> list[State]:
+        """Of descents of all families that begin along a curve."""
+        starts = _starts(self.coarse, self.families, curve, radius, rank)
+        return [descend(self.coarse, start, self.bounds) for start in starts]
 
 
 def _starts(
@@ -118,15 +142,15 @@ def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
 
 
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
-    within, beside = coherence(data, state)
+    trust = max(coherence(data, state), 1.0)
     H, _ = state.information(data)
-    covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * max(within, 1.0)
+    covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust
     n = state.size - 2
     model = _model(state, covariance[n:, n:])
     stats = {
         "converged": state.converged,
-        "misfit": within / max(beside, 1.0),  # below 1, the noise was overstated
-        "coherence": within,
+        "misfit": misfit(data, state),
+        "coherence": trust,
         "doubtful": doubtful_share(data, state),
     }
     return Sweep(

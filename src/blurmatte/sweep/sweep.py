@@ -61,8 +61,8 @@ class Sweep:
 
     @property
     def misfit(self) -> float:
-        """How much more than noise is left within the streak; infinite if no end was found."""
-        return float(self.stats["misfit"]) if self.stats["converged"] else np.inf
+        """How much more than noise is left within the streak; infinite for what cannot be."""
+        return float(self.stats["misfit"])
 
     @property
     def trajectory(self) -> Trajectory:
@@ -129,5 +129,5 @@ class Sweep:
         x0, y0, x1, y1 = box
         nothing = np.zeros((y1 - y0, x1 - x0, 0))
         one = np.ones((y1 - y0, x1 - x0))
-        data = Data(nothing, nothing, nothing, nothing, one, (float(x0), float(y0)))
+        data = Data(nothing, nothing, nothing, nothing, one, one > 0, (float(x0), float(y0)))
         return self.silhouette.sweep(self.family, self.path, self.shape, data)

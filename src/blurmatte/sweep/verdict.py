@@ -1,4 +1,4 @@
-"""Does a sweep explain the streak? What its residuals say."""
+"""Does a sweep explain the streak? What its residuals and its light say."""
 
 import numpy as np
 import numpy.typing as npt
@@ -7,26 +7,42 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
-MAX_MISFIT = 2.0  # of a sweep that is believed; balls leave about 1, other shapes more than 2.5
+MAX_MISFIT = 1.7  # of a sweep that is believed; balls leave about 1, other shapes 3 and more
 
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
-_MEDIAN = 0.693  # of the mean of the squares of two normal numbers
+_BESIDE = 3  # pixels around a sweep that it must explain too
+_WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
+_OTHERS = 0.3  # of the blocks beside: something else may move there
+_OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
+_BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
 
-def coherence(data: Data, state: State) -> tuple[float, float]:
-    """How much residuals hang together within blocks: within the streak, and beside it.
+def coherence(data: Data, state: State) -> float:
+    """How much residuals within the streak hang together; 1 for noise of its own in each pixel.
 
-    The square of a block's sum over the sum of its variances, with residuals limited as the fit
-    limits them: 1 for noise of its own in each pixel, more for JPEG, and for a wrong shape. The
-    median of the blocks, for a hole or a post in front is no fault of the shape.
+    The square of the sum over a block, over the sum of the variances, in the mean of all blocks;
+    with residuals limited as the fit limits them.
     """
-    limited = state.e[: 3 - state.frame.rank] * np.sqrt(state.weights(data))
-    inside = state.swept.alpha > 0
-    return _coherence(limited, inside & (data.weight > 0)), _coherence(
-        limited, ~inside & (data.weight > 0)
-    )
+    within, _ = _places(data, state)
+    return _in_blocks(_limited(data, state), within, 0)
+
+
+def misfit(data: Data, state: State) -> float:
+    """How much more residuals hang together within the streak than noise does beside it.
+
+    Compared with the residuals of single pixels, so that it does not matter how well the noise is
+    known: 1 for a sweep that explains all there is, more for a wrong shape. Infinite if the descent
+    found no end, or if the object would be brighter than anything in a picture: a shape that is too
+    small needs too much light.
+    """
+    if not state.converged or _brightness(data, state) > _BRIGHTEST:
+        return np.inf
+    e = _limited(data, state)
+    within, beside = _places(data, state)
+    return _together(e, within, _WORST) / max(_together(e, beside, _OTHERS), 1.0)
 
 
 def doubtful_share(data: Data, state: State) -> float:
@@ -35,7 +51,26 @@ def doubtful_share(data: Data, state: State) -> float:
     return float(np.mean(state.chi2[inside] > _DOUBTFUL)) if inside.any() else 1.0
 
 
-def _coherence(e: Array, use: npt.NDArray[np.bool_]) -> float:
+def _limited(data: Data, state: State) -> Array:
+    return np.asarray(state.e[: 3 - state.frame.rank] * np.sqrt(state.weights(data)))
+
+
+def _places(data: Data, state: State) -> tuple[Bools, Bools]:
+    """Where the sweep and the streak are, but for what any shape explains; and all beside it."""
+    from scipy.ndimage import binary_dilation
+
+    valid = data.weight > 0
+    near = binary_dilation((state.swept.alpha > 0) | data.streak, iterations=_BESIDE)
+    return near & valid & (state.swept.alpha < _OPAQUE), ~near & valid
+
+
+def _together(e: Array, use: Bools, worst: float) -> float:
+    """Coherence of blocks over that of pixels; 1 where there is nothing."""
+    blocks, pixels = _in_blocks(e, use, worst), _mean_but_worst((e**2).mean(axis=0)[use], worst)
+    return blocks / pixels if pixels > 0 else 1.0
+
+
+def _in_blocks(e: Array, use: Bools, worst: float) -> float:
     h, w = (side // _BLOCK * _BLOCK for side in use.shape)
 
     def sums(x: Array) -> Array:
@@ -46,4 +81,16 @@ def _coherence(e: Array, use: npt.NDArray[np.bool_]) -> float:
     if not blocks.any():
         return 1.0
     squares = [sums(np.where(use, x, 0))[blocks] ** 2 / count[blocks] for x in e]
-    return float(np.median(np.mean(squares, axis=0))) / _MEDIAN
+    return _mean_but_worst(np.mean(squares, axis=0), worst)
+
+
+def _mean_but_worst(values: Array, worst: float) -> float:
+    return float(np.mean(np.sort(values)[: max(int(np.ceil((1 - worst) * len(values))), 1)]))
+
+
+def _brightness(data: Data, state: State) -> float:
+    """Mean light of the object's brightest channel."""
+    alpha = state.swept.alpha * data.weight
+    P = data.weight[..., None] * (data.C - (1 - state.swept.alpha)[..., None] * data.B)
+    light = (alpha[..., None] * P).sum(axis=(0, 1)) / max(float((alpha**2).sum()), 1e-9)
+    return float(light.max())
