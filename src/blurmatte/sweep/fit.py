@@ -22,7 +22,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, 
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import coherence, doubtful_share, misfit
+from blurmatte.sweep.verdict import MAX_MISFIT, apart_from_plate, coherence, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -35,6 +35,8 @@ _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 _POINTS = 33
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
+_NOISE = 1.3  # misfit of what needs no better explanation
+_CLEARLY = 1.5  # times less must be left to believe in more colors
 
 
 def fit_sweep(
@@ -42,9 +44,11 @@ def fit_sweep(
     plate: LinearImage,
     streak: Streak | None = None,
     families: Sequence[PathFamily] = FAMILIES,
-    rank: int = 1,
 ) -> Sweep:
     """Find path, radius and color of a disc from the smear that it left.
+
+    One paint is tried first; where it leaves more than noise, a plane of colors: two paints, one paint
+    with highlights, or one in two lights.
 
     Parameters
     ----------
@@ -70,7 +74,13 @@ def fit_sweep(
     if streak is None:
         streak = require_streaks(image, plate)[0]
     search = _Search.of(streak, image, plate, families)
-    return _sweep(search.data, search.best(rank), image.size)
+    line = search.best(1)
+    assert line is not None
+    left = misfit(search.data, line)
+    plane = search.best(2) if left > _NOISE else None
+    if plane is not None and misfit(search.data, plane) < min(left / _CLEARLY, MAX_MISFIT):
+        return _sweep(search.data, plane, image.size)
+    return _sweep(search.data, line, image.size)
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,21 +112,24 @@ class _Search:
             families,
         )
 
-    def best(self, rank: int) -> State:
-        """Path, radius and color of this rank that leave the least."""
+    def best(self, rank: int) -> State | None:
+        """Path, radius and color of this rank that leave the least, if any means anything."""
         tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]
+        if not tried:
+            return None
         best = best_of(self.coarse, tried)
         curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
         tried += self._ends(curve, best.shape[0], rank)
         finalists = _finalists(self.coarse, tried)
         finals = [descend(self.data, seen(self.data, state), self.bounds) for state in finalists]
-        best = best_of(self.data, finals)
-        return best
+        finals = [state for state in finals if apart_from_plate(self.data, state)]
+        return best_of(self.data, finals) if finals else None
 
     def _ends(self, curve: Array, radius: float, rank: int) -> list[State]:
         """Of descents of all families that begin along a curve."""
         starts = _starts(self.coarse, self.families, curve, radius, rank)
-        return [descend(self.coarse, start, self.bounds) for start in starts]
+        ends = (descend(self.coarse, start, self.bounds) for start in starts)
+        return [end for end in ends if apart_from_plate(self.coarse, end)]
 
 
 def _starts(

@@ -17,6 +17,7 @@ _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shap
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
+_APART = 0.05  # radians, root mean square
 _BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
 
@@ -43,6 +44,18 @@ def misfit(data: Data, state: State) -> float:
     e = _limited(data, state)
     within, beside = _places(data, state)
     return _together(e, within, _WORST) / max(_together(e, beside, _OTHERS), 1.0)
+
+
+def apart_from_plate(data: Data, state: State) -> bool:
+    """Whether the plate has other colors than the model.
+
+    A plane of the object's and the plate's color explains any picture of theirs, whatever alpha is.
+    """
+    if state.frame.rank == 1:
+        return True
+    B = data.B[data.streak & (data.weight > 0)]
+    sines = (B @ state.frame.across) / np.linalg.norm(B, axis=1, keepdims=True)
+    return bool(np.sqrt(np.mean(sines**2)) > _APART)
 
 
 def doubtful_share(data: Data, state: State) -> float:
