@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
-from blurmatte.sweep.verdict import coherence
+from blurmatte.sweep.verdict import apart_from_plate, coherence
 
 
 def trust_in(data: Data, states: Sequence[State]) -> float:
@@ -22,6 +22,7 @@ def score(data: Data, state: State, trust: float) -> float:
 
 
 def best_of(data: Data, states: Sequence[State]) -> State:
-    """The state of the best penalised likelihood."""
+    """The state of the best penalised likelihood, of those that mean something if there are any."""
+    states = [s for s in states if apart_from_plate(data, s)] or states
     trust = trust_in(data, states)
     return min(states, key=lambda state: score(data, state, trust))

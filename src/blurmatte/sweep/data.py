@@ -8,6 +8,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
+from blurmatte.sweep.known import KnownColor
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -31,6 +32,8 @@ class Data:
         Where something is known to have moved.
     origin : (float, float)
         Where the center of pixel (0, 0) is, in pixels of the picture.
+    known : KnownColor, optional
+        What is known of the object's color.
     scale : float
         Width of a pixel here, in pixels of the picture.
     """
@@ -42,6 +45,7 @@ class Data:
     weight: Array
     streak: Bools
     origin: tuple[float, float]
+    known: KnownColor | None = None
     scale: float = 1.0
 
     def coarser(self, by: int) -> "Data":
@@ -63,11 +67,18 @@ class Data:
             np.where(means(self.weight) == 1, 1.0, 0.0),
             means(self.streak.astype(float)) > 0,
             (self.origin[0] + middle, self.origin[1] + middle),
+            self.known,
             self.scale * by,
         )
 
 
-def data_around(streak: Streak, margin: int, image: LinearImage, plate: LinearImage) -> Data:
+def data_around(
+    streak: Streak,
+    margin: int,
+    image: LinearImage,
+    plate: LinearImage,
+    known: KnownColor | None,
+) -> Data:
     """The data of a streak and some pixels around it, of two pictures whose noise is known.
 
     The variance is that of a neighborhood's light: a pixel that seems brighter by noise would else
@@ -83,6 +94,7 @@ def data_around(streak: Streak, margin: int, image: LinearImage, plate: LinearIm
         (image.valid & plate.valid).astype(float),
         streak.mask[box[1] : box[3], box[0] : box[2]],
         (float(box[0]), float(box[1])),
+        known,
     )
 
 

@@ -86,6 +86,9 @@ class State:
             self.swept.by_parameters, *_light(data), self.swept.alpha, self.weights(data),
             self.frame.across, self.frame.within, self.moments, self.main,
         )  # fmt: skip
+        if data.known is not None:
+            H[-2:, -2:] += data.known.information
+            g[-2:] += data.known.information @ data.known.turns(self.frame)
         return H, g
 
 
@@ -106,6 +109,8 @@ def state_at(
     e = np.empty((3, *alpha.shape))
     residuals.residuals(*light, alpha, frame.across, _main(frame, moments), e)
     cost = np.sum(data.weight * np.log1p((e**2).sum(axis=0) / _FREEDOM)) * (_FREEDOM + 2) / 2
+    if data.known is not None:
+        cost += data.known.cost(frame)
     return State(family, path, silhouette, shape, frame, _positive(moments), swept, e, float(cost))
 
 

@@ -9,7 +9,7 @@ from blurmatte.sweep.descent import State
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-MAX_MISFIT = 1.7  # of a sweep that is believed; balls leave about 1, other shapes 3 and more
+MAX_MISFIT = 1.4  # of a sweep that is believed; what is explained leaves about 1
 
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
 _BESIDE = 3  # pixels around a sweep that it must explain too
@@ -17,8 +17,9 @@ _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shap
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
+_SPARED = 1.4  # compression spares plain surroundings: a power of what is found there
 _APART = 0.05  # radians, root mean square
-_BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
+BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
 
 def coherence(data: Data, state: State) -> float:
@@ -36,14 +37,15 @@ def misfit(data: Data, state: State) -> float:
 
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
     known: 1 for a sweep that explains all there is, more for a wrong shape. Infinite if the descent
-    found no end, or if the object would be brighter than anything in a picture: a shape that is too
-    small needs too much light.
+    found no end, if the object would be brighter than anything in a picture, for a shape that is too
+    small needs too much light, and if the plate's colors are within the model.
     """
-    if not state.converged or _brightness(data, state) > _BRIGHTEST:
+    possible = state.converged and brightness(data, state) <= BRIGHTEST
+    if not (possible and apart_from_plate(data, state)):
         return np.inf
     e = _limited(data, state)
     within, beside = _places(data, state)
-    return _together(e, within, _WORST) / max(_together(e, beside, _OTHERS), 1.0)
+    return _together(e, within, _WORST) / max(_together(e, beside, _OTHERS), 1.0) ** _SPARED
 
 
 def apart_from_plate(data: Data, state: State) -> bool:
@@ -101,7 +103,7 @@ def _mean_but_worst(values: Array, worst: float) -> float:
     return float(np.mean(np.sort(values)[: max(int(np.ceil((1 - worst) * len(values))), 1)]))
 
 
-def _brightness(data: Data, state: State) -> float:
+def brightness(data: Data, state: State) -> float:
     """Mean light of the object's brightest channel."""
     alpha = state.swept.alpha * data.weight
     P = data.weight[..., None] * (data.C - (1 - state.swept.alpha)[..., None] * data.B)

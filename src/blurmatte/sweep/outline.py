@@ -1,0 +1,134 @@
+"""refined: from the disc that fits best to the silhouette that the data ask for.
+
+A richer silhouette is taken only where the likelihood gains clearly more than its parameters cost
+[Schwarz 1978]; a likelihood counts less where residuals hang together, for then fewer of them are
+evidence. It is looked for on large pixels, from the disc's path and from others: a disc that stands
+for something else takes detours.
+
+Before a plate of one color an object of one color may as well be thinner and brighter, if only its
+path fits; what would be brighter than anything in a picture is left out.
+"""
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.descent import State, descend, seen, state_at
+from blurmatte.sweep.path import ARC, LINE, PathFamily
+from blurmatte.sweep.silhouette import Silhouette
+from blurmatte.sweep.verdict import BRIGHTEST, brightness, coherence
+
+Array = npt.NDArray[np.float64]
+
+_RADIUS = 8.0  # pixels: enough to tell bulges from each other, few enough to be quick
+_BULGES, _OTHERS = 6, (2, 4, 8)
+_TURNS = (-1.0, 1.0)  # radians that a search starts from
+_LEAST, _MOST = 0.25, 2.5  # of the disc's radius
+_CLEARLY = 5.0  # units of log likelihood
+_EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
+
+
+def refined(data: Data, disc: State) -> State:
+    """The silhouette, path and color that explain the data best, starting from a disc's.
+
+    Parameters
+    ----------
+    data : Data
+    disc : State
+        Where a descent with a disc ended.
+
+    Returns
+    -------
+    State
+        `disc` itself unless another silhouette explains the data clearly better.
+    """
+    bounds = _LEAST * disc.shape[0], _MOST * disc.shape[0]
+    coarse = data.coarser(max(1, int(disc.shape[0] / _RADIUS)))
+    start = descend(coarse, seen(coarse, disc), bounds)
+    first = descend(coarse, _shaped(coarse, start, Silhouette(_BULGES)), bounds)
+    if not _could_pay(coarse, start, first):
+        return disc
+    best = _best(coarse, [start, *_search(coarse, start, first, bounds)])
+    others = [_shaped(coarse, best, Silhouette(k, best.silhouette.turns)) for k in _OTHERS]
+    best = _best(coarse, [start, best, *(descend(coarse, s, bounds) for s in others)])
+    return disc if best is start else descend(data, seen(data, best), bounds)
+
+
+def _search(data: Data, disc: State, first: State, bounds: tuple[float, float]) -> list[State]:
+    """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
+    found = [first]
+    for starts in (_straighter, _crosswise, _turning):
+        found += [descend(data, s, bounds) for s in starts(data, disc, found)]
+        if coherence(data, _best(data, found)) < _EXPLAINED:
+            break
+    return found
+
+
+def _straighter(data: Data, disc: State, found: list[State]) -> Iterable[State]:
+    """The disc's way as a line and as an arc."""
+    for family in (LINE, ARC):
+        if family is not disc.family:
+            yield _shaped(data, _on(data, disc, family), Silhouette(_BULGES))
+
+
+def _crosswise(data: Data, disc: State, found: list[State]) -> Iterable[State]:
+    """An ellipse as long as the disc's way, that went a little along or across it."""
+    xy, _ = disc.family.at(disc.path, np.linspace(0, 1, 65))
+    middle, spread = xy.mean(axis=0), np.cov(xy.T)
+    variances, axes = np.linalg.eigh(spread)
+    width, silhouette = disc.shape[0], Silhouette(_BULGES)
+    length = width + np.sqrt(3 * variances[1])
+    angle, stretch = np.arctan2(axes[1, 1], axes[0, 1]), 0.5 * np.log(length / width)
+    shape = silhouette.start(0.85 * np.sqrt(length * width))
+    shape[1:3] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
+    for way in axes.T:
+        path = LINE.starts(middle + np.linspace(-0.4, 0.4, 33)[:, None] * width * way)[0]
+        yield state_at(data, LINE, path, silhouette, shape, disc.frame)
+
+
+def _turning(data: Data, disc: State, found: list[State]) -> Iterable[State]:
+    """The best found, and discs on the same path, that turn."""
+    silhouette = Silhouette(_BULGES, turns=True)
+    best = _best(data, found)
+    yield _shaped(data, best, silhouette)
+    for family in dict.fromkeys((best.family, LINE, ARC)):
+        for turn in _TURNS:
+            start = _shaped(data, _on(data, disc, family), silhouette)
+            start.shape[-1] = turn
+            yield seen(data, start)
+
+
+def _shaped(data: Data, state: State, silhouette: Silhouette) -> State:
+    """The same shape, as far as the silhouette can have it."""
+    shape = silhouette.like(state.silhouette, state.shape)
+    return state_at(data, state.family, state.path, silhouette, shape, state.frame)
+
+
+def _on(data: Data, state: State, family: PathFamily) -> State:
+    """The same on a path of another family that goes about the same way."""
+    if family is state.family:
+        return state
+    curve, _ = state.family.at(state.path, np.linspace(0, 1, 33))
+    path = family.starts(curve)[0]
+    return state_at(data, family, path, state.silhouette, state.shape, state.frame)
+
+
+def _could_pay(data: Data, disc: State, richest: State) -> bool:
+    """Whether an ellipse would be taken if it gained as much as the richest shape."""
+    trust = max(coherence(data, richest), 1.0)
+    return (disc.cost - richest.cost) / trust > _price(data, 2)
+
+
+def _best(data: Data, states: Sequence[State]) -> State:
+    """The one of the best penalised likelihood; all but the first must not be too bright."""
+    believable = [states[0], *(s for s in states[1:] if brightness(data, s) <= BRIGHTEST)]
+    trust = max(min(coherence(data, s) for s in believable), 1.0)
+    return min(believable, key=lambda s: s.cost / trust + _price(data, s.size - states[0].size))
+
+
+def _price(data: Data, parameters: int) -> float:
+    """What the log likelihood must gain by so many more parameters, or may lose by fewer."""
+    price = 0.5 * parameters * float(np.log(max(data.weight.sum(), 2)))
+    return price + _CLEARLY if parameters > 0 else price

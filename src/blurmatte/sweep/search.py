@@ -1,0 +1,113 @@
+"""Search: where a disc may have gone, from the streak's outline to the best path of all families.
+
+Descents go from coarse to fine: every family of paths is tried on large pixels, from several curves
+through the streak and then from the best path found, the best few on small ones.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
+from blurmatte.sweep.choice import best_of, score, trust_in
+from blurmatte.sweep.data import Data, data_around
+from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
+from blurmatte.sweep.known import KnownColor
+from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.start import center_curve, half_width_of
+from blurmatte.sweep.verdict import apart_from_plate
+
+Array = npt.NDArray[np.float64]
+
+FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
+
+_COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be quick
+_MARGIN = 0.4  # of the half width, what a mask may have missed
+_LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
+_RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
+_POINTS = 33
+_CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
+_FINALISTS = 4
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Data, fine and coarse, and where descents begin.
+
+    Parameters
+    ----------
+    data, coarse : Data
+    curves : sequence of ((m, 2) float, float)
+        Curves through the streak, and the radius of a disc that may have gone along.
+    bounds : (float, float)
+        Of the radius, pixels.
+    """
+
+    data: Data
+    coarse: Data
+    curves: Sequence[tuple[Array, float]]
+    bounds: tuple[float, float]
+
+    @classmethod
+    def of(
+        cls, streak: Streak, image: LinearImage, plate: LinearImage, known: KnownColor | None
+    ) -> "Search":
+        """The search for what left a streak."""
+        x0, y0, x1, y1 = streak.box
+        mask = streak.mask[y0:y1, x0:x1]
+        half_width = half_width_of(mask)
+        data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
+        return cls(
+            data,
+            data.coarser(max(1, int(half_width / _COARSE_RADIUS))),
+            [
+                (center_curve(mask, radius) + np.array([x0, y0]), radius)
+                for radius in (part * half_width for part in _RADII)
+            ],
+            (_LEAST * half_width, _MOST * half_width),
+        )
+
+    def best(self, rank: int) -> State:
+        """Path, radius and color of this rank that leave the least."""
+        tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]
+        best = best_of(self.coarse, tried)
+        curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
+        tried += self._ends(curve, best.shape[0], rank)
+        finalists = _finalists(self.coarse, tried)
+        return best_of(
+            self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
+        )
+
+    def _ends(self, curve: Array, radius: float, rank: int) -> list[State]:
+        """Of descents of all families that begin along a curve."""
+        return [
+            descend(self.coarse, start, self.bounds)
+            for start in _starts(self.coarse, curve, radius, rank)
+        ]
+
+
+def _starts(data: Data, curve: Array, radius: float, rank: int) -> Iterable[State]:
+    """Where descents along a curve begin."""
+    shape = DISC.start(radius)
+    for family in FAMILIES:
+        for path in family.starts(curve):
+            alpha = DISC.sweep(family, path, shape, data).alpha
+            known = data.known
+            frame = main_colors(data, alpha, rank) if known is None else known.frame
+            yield state_at(data, family, path, DISC, shape, frame)
+
+
+def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
+    """The best of each family that may turn out to be the best of all."""
+    tried = [s for s in tried if apart_from_plate(data, s)] or tried
+    trust = trust_in(data, tried)
+    families = {
+        state.family: state for state in sorted(tried, key=lambda s: -score(data, s, trust))
+    }
+    best = min(score(data, s, trust) for s in families.values())
+    close = [s for s in families.values() if score(data, s, trust) < best + _CLOSE]
+    return sorted(close, key=lambda s: score(data, s, trust))[:_FINALISTS]
