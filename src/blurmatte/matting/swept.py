@@ -1,9 +1,9 @@
 """Swept: alpha from the sweep of a silhouette; what is left is the light, of the model's color.
 
-In this file α is alpha, P the premultiplied light, l the direction of the color and V the noise
-variance of C − (1 − α) B. Given α, the light along l that fits best is
+In this file α is alpha, P the premultiplied light, M (3, rank) a basis of the color model and V the
+noise variance of C − (1 − α) B. Given α, the light within the model that fits best is
 
-    k = lᵀV⁻¹ (C − (1 − α) B) / lᵀV⁻¹l,    Var k = 1 / lᵀV⁻¹l + (dk/dα)² Var α.
+    P = M (MᵀV⁻¹M)⁻¹ MᵀV⁻¹ (C − (1 − α) B),    Var P = M (MᵀV⁻¹M)⁻¹ Mᵀ + (dP/dα)² Var α.
 """
 
 from dataclasses import dataclass
@@ -90,22 +90,21 @@ class Swept:
 def _light(
     alpha: Array, alpha_std: Array, sweep: Sweep, image: LinearImage, plate: LinearImage
 ) -> tuple[Array, Array, Array]:
-    """P (h, w, 3), its standard deviation, and χ² of what is left across the color."""
-    l = sweep.model.pole
+    """P (h, w, 3), its standard deviation, and χ² of what is left across the model."""
+    M = sweep.model.basis
     through = (1 - alpha)[..., None]
     B = plate.rgb.astype(float)
     light = image.rgb - through * B
-    V = np.maximum(image.variance + through**2 * plate.variance, 1e-14)
-    weight = l / V
-    information = weight @ l
-    k = np.sum(weight * light, axis=-1) / information
-    slope = np.sum(weight * B, axis=-1) / information
-    k_std = np.sqrt(1 / information + (slope * alpha_std) ** 2)
-    k = np.where(alpha > 0, k, 0)
-    k_std = np.where(alpha > 0, k_std, 0)
-    chi2 = np.sum((light - k[..., None] * l) ** 2 / V, axis=-1)
-    chi2 /= np.where(alpha > 0, 2, 3)  # degrees of freedom: no light is free where nothing was
-    return k[..., None] * l, k_std[..., None] * np.abs(l), chi2
+    weight = 1 / np.maximum(image.variance + through**2 * plate.variance, 1e-14)
+    covariance = np.linalg.inv(np.einsum("ci,hwc,cj->hwij", M, weight, M))
+    to_light = np.einsum("ci,hwij,dj,hwd->hwcd", M, covariance, M, weight)
+    P = np.where(alpha[..., None] > 0, np.einsum("hwcd,hwd->hwc", to_light, light), 0)
+    slope = np.einsum("hwcd,hwd->hwc", to_light, B)
+    variance = np.einsum("ci,hwij,cj->hwc", M, covariance, M) + (slope * alpha_std[..., None]) ** 2
+    P_std = np.where(alpha[..., None] > 0, np.sqrt(variance), 0)
+    chi2 = np.sum((light - P) ** 2 * weight, axis=-1)
+    chi2 /= np.where(alpha > 0, 3 - sweep.model.rank, 3)  # no light is free where nothing was
+    return P, P_std, chi2
 
 
 def _usual(chi2: Array) -> float:

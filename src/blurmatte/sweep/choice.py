@@ -1,7 +1,7 @@
 """Which of several descents ended best: a penalised likelihood.
 
-Where residuals hang together, as those of JPEG do, they are so much less evidence than they seem,
-and all likelihoods count less.
+Where residuals hang together, as those of JPEG do, they are so much less evidence than they seem: all
+likelihoods count less.
 """
 
 from collections.abc import Sequence
@@ -11,18 +11,19 @@ from blurmatte.sweep.descent import State
 from blurmatte.sweep.verdict import apart_from_plate, coherence
 
 
-def trust_in(data: Data, states: Sequence[State]) -> float:
-    """By how much likelihoods overstate the evidence, 1 or more: as the likeliest state tells."""
-    return max(coherence(data, min(states, key=lambda state: state.cost)), 1.0)
+def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
+    """States and by how much each is worse than the likeliest, the best first.
 
-
-def score(data: Data, state: State, trust: float) -> float:
-    """Minus the log likelihood, and 2 for every parameter: as if each had to be 2σ from naught."""
-    return state.cost / trust + 2.0 * state.size
+    Units of log likelihood; 2 for every parameter, as if each had to be two standard deviations from
+    naught. Those that mean nothing are left out if there are others.
+    """
+    states = [s for s in states if apart_from_plate(data, s)] or list(states)
+    likeliest = min(states, key=lambda state: state.cost)
+    trust = max(coherence(data, likeliest), 1.0)
+    scores = [2 * s.size + (s.cost - likeliest.cost) / trust for s in states]
+    return sorted(zip(scores, states, strict=True), key=lambda pair: pair[0])
 
 
 def best_of(data: Data, states: Sequence[State]) -> State:
-    """The state of the best penalised likelihood, of those that mean something if there are any."""
-    states = [s for s in states if apart_from_plate(data, s)] or states
-    trust = trust_in(data, states)
-    return min(states, key=lambda state: score(data, state, trust))
+    """The state of the best penalised likelihood."""
+    return ranked(data, states)[0][1]

@@ -13,6 +13,7 @@ from blurmatte.sweep.known import KnownColor
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
+_FAR = 0.1  # what pixels far from a streak count, lest the noise of many says more than the streak
 _NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
 
 
@@ -27,7 +28,9 @@ class Data:
     C_variance, B_variance : (h, w, 3) float
         Noise.
     weight : (h, w) float
-        0 where nothing is to be believed, else 1.
+        How much a pixel counts: 1, less far from the streak, 0 where nothing is to be believed.
+    valid : (h, w) bool
+        Where there is something to be believed.
     streak : (h, w) bool
         Where something is known to have moved.
     origin : (float, float)
@@ -43,6 +46,7 @@ class Data:
     C_variance: Array
     B_variance: Array
     weight: Array
+    valid: Bools
     streak: Bools
     origin: tuple[float, float]
     known: KnownColor | None = None
@@ -64,7 +68,8 @@ class Data:
             means(self.B),
             means(self.C_variance) / by**2,
             means(self.B_variance) / by**2,
-            np.where(means(self.weight) == 1, 1.0, 0.0),
+            np.where(means(self.valid.astype(float)) == 1, means(self.weight), 0),
+            means(self.valid.astype(float)) == 1,
             means(self.streak.astype(float)) > 0,
             (self.origin[0] + middle, self.origin[1] + middle),
             self.known,
@@ -84,15 +89,21 @@ def data_around(
     The variance is that of a neighborhood's light: a pixel that seems brighter by noise would else
     be given a larger variance and less weight, and everything would come out darker.
     """
+    from scipy.ndimage import distance_transform_edt
+
     box = streak.around(margin)
     image, plate = image.crop(box), plate.crop(box)
+    mask = streak.mask[box[1] : box[3], box[0] : box[2]]
+    valid = image.valid & plate.valid
+    near = distance_transform_edt(~mask) <= margin
     return Data(
         image.rgb.astype(float),
         plate.rgb.astype(float),
         _smooth_variance(image),
         _smooth_variance(plate),
-        (image.valid & plate.valid).astype(float),
-        streak.mask[box[1] : box[3], box[0] : box[2]],
+        np.where(valid, np.where(near, 1, _FAR), 0),
+        valid,
+        mask,
         (float(box[0]), float(box[1])),
         known,
     )

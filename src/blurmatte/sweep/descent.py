@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 
 _FREEDOM = 6.0  # degrees of freedom of the t distribution
 _STEPS, _TRIES = 40, 8
+_LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
 _TURN = 0.3  # radians, the largest turn of a color in a step
@@ -74,9 +75,14 @@ class State:
         """(h, w) sum of squared residuals; of as many degrees of freedom as the frame has across."""
         return np.asarray((self.e**2).sum(axis=0))
 
+    @property
+    def belief(self) -> Array:
+        """(h, w) how much each pixel's residuals are taken for noise."""
+        return (_FREEDOM + 2) / (_FREEDOM + self.chi2)
+
     def weights(self, data: Data) -> Array:
-        """(h, w) how much each pixel is believed."""
-        return data.weight * (_FREEDOM + 2) / (_FREEDOM + self.chi2)
+        """(h, w) how much each pixel counts."""
+        return data.weight * self.belief
 
     def information(self, data: Data) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost."""
@@ -124,12 +130,13 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     state, caution = start, 1e-2
     for _ in range(_STEPS):
         H, g = state.information(data)
-        scales = np.diag(H) + 1e-9 * np.trace(H) / len(H)
+        scales = np.sqrt(np.diag(H) + _LEAST * np.diag(H).max())
+        alike, slope = H / np.outer(scales, scales), g / scales
         for _ in range(_TRIES):
-            damping = np.diag(caution * scales + 1e-12 * np.trace(H))
-            step = np.linalg.solve(H + damping, -g).astype(float)
+            damped = alike + (caution + _LEAST) * np.eye(len(H))
+            step = -np.linalg.solve(damped, slope).astype(float) / scales
             tried = _moved(data, state, step, bounds)
-            gain = state.cost - tried.cost - _feigned(data, state, tried)
+            gain = _gained(data, state, tried)
             if gain > 0:
                 break
             caution *= 6
@@ -141,15 +148,18 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     return state
 
 
-def _feigned(data: Data, state: State, tried: State) -> float:
-    """How much likelier `tried` seems than it is, for its color suits the noise within the model."""
+def _gained(data: Data, state: State, tried: State) -> float:
+    """How much likelier `tried` is, units of log likelihood.
+
+    A color that suits the noise of a whole picture better only seems to be.
+    """
     from blurmatte.sweep import residuals  # numba takes half a second to import
 
-    total = residuals.feigned_by_noise(
+    feigned = residuals.feigned_by_noise(
         *_light(data), state.swept.alpha, state.weights(data),
         state.frame.across, state.frame.within, state.moments, tried.frame.across,
     )  # fmt: skip
-    return float(total) / 2
+    return state.cost - tried.cost - float(feigned) / 2
 
 
 def _light(data: Data) -> tuple[Array, Array, Array, Array]:

@@ -125,7 +125,11 @@ def _best(data: Data, states: Sequence[State]) -> State:
     """The one of the best penalised likelihood; all but the first must not be too bright."""
     believable = [states[0], *(s for s in states[1:] if brightness(data, s) <= BRIGHTEST)]
     trust = max(min(coherence(data, s) for s in believable), 1.0)
-    return min(believable, key=lambda s: s.cost / trust + _price(data, s.size - states[0].size))
+    first = states[0]
+    return max(
+        believable,
+        key=lambda s: (first.cost - s.cost) / trust - _price(data, s.size - first.size),
+    )
 
 
 def _price(data: Data, parameters: int) -> float:

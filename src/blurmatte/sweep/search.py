@@ -12,14 +12,13 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
-from blurmatte.sweep.choice import best_of, score, trust_in
+from blurmatte.sweep.choice import best_of, ranked
 from blurmatte.sweep.data import Data, data_around
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
-from blurmatte.sweep.verdict import apart_from_plate
 
 Array = npt.NDArray[np.float64]
 
@@ -103,11 +102,9 @@ def _starts(data: Data, curve: Array, radius: float, rank: int) -> Iterable[Stat
 
 def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
     """The best of each family that may turn out to be the best of all."""
-    tried = [s for s in tried if apart_from_plate(data, s)] or tried
-    trust = trust_in(data, tried)
-    families = {
-        state.family: state for state in sorted(tried, key=lambda s: -score(data, s, trust))
-    }
-    best = min(score(data, s, trust) for s in families.values())
-    close = [s for s in families.values() if score(data, s, trust) < best + _CLOSE]
-    return sorted(close, key=lambda s: score(data, s, trust))[:_FINALISTS]
+    order = ranked(data, tried)
+    best: dict[PathFamily, State] = {}
+    for score, state in order:
+        if score < order[0][0] + _CLOSE:
+            best.setdefault(state.family, state)
+    return list(best.values())[:_FINALISTS]

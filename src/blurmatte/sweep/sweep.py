@@ -129,5 +129,7 @@ class Sweep:
         x0, y0, x1, y1 = box
         nothing = np.zeros((y1 - y0, x1 - x0, 0))
         one = np.ones((y1 - y0, x1 - x0))
-        data = Data(nothing, nothing, nothing, nothing, one, one > 0, (float(x0), float(y0)))
+        data = Data(
+            nothing, nothing, nothing, nothing, one, one > 0, one > 0, (float(x0), float(y0))
+        )
         return self.silhouette.sweep(self.family, self.path, self.shape, data)

@@ -29,7 +29,7 @@ def coherence(data: Data, state: State) -> float:
     with residuals limited as the fit limits them.
     """
     within, _ = _places(data, state)
-    return _in_blocks(_limited(data, state), within, 0)
+    return _in_blocks(_limited(state), within, 0)
 
 
 def misfit(data: Data, state: State) -> float:
@@ -43,9 +43,10 @@ def misfit(data: Data, state: State) -> float:
     possible = state.converged and brightness(data, state) <= BRIGHTEST
     if not (possible and apart_from_plate(data, state)):
         return np.inf
-    e = _limited(data, state)
+    e = _limited(state)
     within, beside = _places(data, state)
-    return _together(e, within, _WORST) / max(_together(e, beside, _OTHERS), 1.0) ** _SPARED
+    usual = max(_together(e, beside, _OTHERS), 1.0)
+    return _together(e, within, _WORST) / float(usual**_SPARED)
 
 
 def apart_from_plate(data: Data, state: State) -> bool:
@@ -55,28 +56,27 @@ def apart_from_plate(data: Data, state: State) -> bool:
     """
     if state.frame.rank == 1:
         return True
-    B = data.B[data.streak & (data.weight > 0)]
+    B = data.B[data.streak & data.valid]
     sines = (B @ state.frame.across) / np.linalg.norm(B, axis=1, keepdims=True)
     return bool(np.sqrt(np.mean(sines**2)) > _APART)
 
 
 def doubtful_share(data: Data, state: State) -> float:
     """Share of the streak's pixels that the sweep does not explain."""
-    inside = (state.swept.alpha > 0) & (data.weight > 0)
+    inside = (state.swept.alpha > 0) & data.valid
     return float(np.mean(state.chi2[inside] > _DOUBTFUL)) if inside.any() else 1.0
 
 
-def _limited(data: Data, state: State) -> Array:
-    return np.asarray(state.e[: 3 - state.frame.rank] * np.sqrt(state.weights(data)))
+def _limited(state: State) -> Array:
+    return np.asarray(state.e[: 3 - state.frame.rank] * np.sqrt(state.belief))
 
 
 def _places(data: Data, state: State) -> tuple[Bools, Bools]:
     """Where the sweep and the streak are, but for what any shape explains; and all beside it."""
     from scipy.ndimage import binary_dilation
 
-    valid = data.weight > 0
     near = binary_dilation((state.swept.alpha > 0) | data.streak, iterations=_BESIDE)
-    return near & valid & (state.swept.alpha < _OPAQUE), ~near & valid
+    return near & data.valid & (state.swept.alpha < _OPAQUE), ~near & data.valid
 
 
 def _together(e: Array, use: Bools, worst: float) -> float:
@@ -108,4 +108,4 @@ def brightness(data: Data, state: State) -> float:
     alpha = state.swept.alpha * data.weight
     P = data.weight[..., None] * (data.C - (1 - state.swept.alpha)[..., None] * data.B)
     light = (alpha[..., None] * P).sum(axis=(0, 1)) / max(float((alpha**2).sum()), 1e-9)
-    return float(light.max())
+    return float(np.max(light))
