@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
-from blurmatte.sweep.verdict import apart_from_plate, coherence
+from blurmatte.sweep.verdict import coherence, means_something
 
 
 def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
@@ -17,7 +17,7 @@ def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
     Units of log likelihood; 2 for every parameter, as if each had to be two standard deviations from
     naught. Those that mean nothing are left out if there are others.
     """
-    states = [s for s in states if apart_from_plate(data, s)] or list(states)
+    states = [s for s in states if means_something(data, s)] or list(states)
     likeliest = min(states, key=lambda state: state.cost)
     trust = max(coherence(data, likeliest), 1.0)
     scores = [2 * s.size + (s.cost - likeliest.cost) / trust for s in states]

@@ -33,6 +33,10 @@ class Data:
         Where there is something to be believed.
     streak : (h, w) bool
         Where something is known to have moved.
+    near : (h, w) bool
+        Where it may have moved besides.
+    size : (float, float)
+        (width, height) of the picture, in its pixels.
     origin : (float, float)
         Where the center of pixel (0, 0) is, in pixels of the picture.
     known : KnownColor, optional
@@ -48,6 +52,8 @@ class Data:
     weight: Array
     valid: Bools
     streak: Bools
+    near: Bools
+    size: tuple[float, float]
     origin: tuple[float, float]
     known: KnownColor | None = None
     scale: float = 1.0
@@ -71,6 +77,8 @@ class Data:
             np.where(means(self.valid.astype(float)) == 1, means(self.weight), 0),
             means(self.valid.astype(float)) == 1,
             means(self.streak.astype(float)) > 0,
+            means(self.near.astype(float)) > 0,
+            self.size,
             (self.origin[0] + middle, self.origin[1] + middle),
             self.known,
             self.scale * by,
@@ -91,7 +99,7 @@ def data_around(
     """
     from scipy.ndimage import distance_transform_edt
 
-    box = streak.around(margin)
+    box, size = streak.around(margin), image.size
     image, plate = image.crop(box), plate.crop(box)
     mask = streak.mask[box[1] : box[3], box[0] : box[2]]
     valid = image.valid & plate.valid
@@ -104,6 +112,8 @@ def data_around(
         np.where(valid, np.where(near, 1, _FAR), 0),
         valid,
         mask,
+        near,
+        size,
         (float(box[0]), float(box[1])),
         known,
     )

@@ -18,7 +18,7 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import BRIGHTEST, brightness, coherence
+from blurmatte.sweep.verdict import BRIGHTEST, brightness, coherence, means_something
 
 Array = npt.NDArray[np.float64]
 
@@ -122,8 +122,9 @@ def _could_pay(data: Data, disc: State, richest: State) -> bool:
 
 
 def _best(data: Data, states: Sequence[State]) -> State:
-    """The one of the best penalised likelihood; all but the first must not be too bright."""
-    believable = [states[0], *(s for s in states[1:] if brightness(data, s) <= BRIGHTEST)]
+    """The one of the best penalised likelihood, of those that can be if there are any."""
+    can_be = (s for s in states if brightness(data, s) <= BRIGHTEST and means_something(data, s))
+    believable = list(can_be) or [states[0]]
     trust = max(min(coherence(data, s) for s in believable), 1.0)
     first = states[0]
     return max(

@@ -19,18 +19,21 @@ from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
+from blurmatte.sweep.verdict import misfit
 
 Array = npt.NDArray[np.float64]
 
 FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 
 _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be quick
+_FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 _POINTS = 33
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
+_HOPELESS = 6.0  # misfit on large pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,9 +63,10 @@ class Search:
         mask = streak.mask[y0:y1, x0:x1]
         half_width = half_width_of(mask)
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
+        data = data.coarser(max(1, int(half_width / _FINE_RADIUS)))
         return cls(
             data,
-            data.coarser(max(1, int(half_width / _COARSE_RADIUS))),
+            data.coarser(max(1, int(half_width / (_COARSE_RADIUS * data.scale)))),
             [
                 (center_curve(mask, radius) + np.array([x0, y0]), radius)
                 for radius in (part * half_width for part in _RADII)
@@ -77,6 +81,8 @@ class Search:
         curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
         tried += self._ends(curve, best.shape[0], rank)
         finalists = _finalists(self.coarse, tried)
+        if misfit(self.coarse, finalists[0]) > _HOPELESS:
+            finalists = finalists[:1]
         return best_of(
             self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
         )

@@ -130,6 +130,15 @@ class Sweep:
         nothing = np.zeros((y1 - y0, x1 - x0, 0))
         one = np.ones((y1 - y0, x1 - x0))
         data = Data(
-            nothing, nothing, nothing, nothing, one, one > 0, one > 0, (float(x0), float(y0))
+            nothing,
+            nothing,
+            nothing,
+            nothing,
+            one,
+            one > 0,
+            one > 0,
+            one > 0,
+            self.size,
+            (float(x0), float(y0)),
         )
         return self.silhouette.sweep(self.family, self.path, self.shape, data)

@@ -12,24 +12,27 @@ Bools = npt.NDArray[np.bool_]
 MAX_MISFIT = 1.4  # of a sweep that is believed; what is explained leaves about 1
 
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
+_SIZES = 4, 8, 16  # pixels: compression has blocks of up to 16
 _BESIDE = 3  # pixels around a sweep that it must explain too
 _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _SPARED = 1.4  # compression spares plain surroundings: a power of what is found there
+_MOST_USUAL = 4.0  # that noise hangs together
 _APART = 0.05  # radians, root mean square
+_MOMENTS, _ASTRAY = 129, 0.01  # moments of the exposure, and the part of them a path may be astray
 BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
 
 def coherence(data: Data, state: State) -> float:
     """How much residuals within the streak hang together; 1 for noise of its own in each pixel.
 
-    The square of the sum over a block, over the sum of the variances, in the mean of all blocks;
-    with residuals limited as the fit limits them.
+    The square of the sum over a block, over the sum of the variances, in the mean of all blocks, of
+    the size for which that is largest; with residuals limited as the fit limits them.
     """
     within, _ = _places(data, state)
-    return _in_blocks(_limited(state), within, 0)
+    return max(_in_blocks(_limited(state), within, 0, size) for size in _SIZES)
 
 
 def misfit(data: Data, state: State) -> float:
@@ -38,18 +41,23 @@ def misfit(data: Data, state: State) -> float:
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
     known: 1 for a sweep that explains all there is, more for a wrong shape. Infinite if the descent
     found no end, if the object would be brighter than anything in a picture, for a shape that is too
-    small needs too much light, and if the plate's colors are within the model.
+    small needs too much light, and if the state means nothing.
     """
-    possible = state.converged and brightness(data, state) <= BRIGHTEST
-    if not (possible and apart_from_plate(data, state)):
+    bright = brightness(data, state) > BRIGHTEST
+    if bright or not (state.converged and means_something(data, state)):
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
-    usual = max(_together(e, beside, _OTHERS), 1.0)
+    usual = float(np.clip(_together(e, beside, _OTHERS), 1, _MOST_USUAL))
     return _together(e, within, _WORST) / float(usual**_SPARED)
 
 
-def apart_from_plate(data: Data, state: State) -> bool:
+def means_something(data: Data, state: State) -> bool:
+    """Whether path and color can be told from what is not the object."""
+    return _apart_from_plate(data, state) and _stays(data, state)
+
+
+def _apart_from_plate(data: Data, state: State) -> bool:
     """Whether the plate has other colors than the model.
 
     A plane of the object's and the plate's color explains any picture of theirs, whatever alpha is.
@@ -59,6 +67,20 @@ def apart_from_plate(data: Data, state: State) -> bool:
     B = data.B[data.streak & data.valid]
     sines = (B @ state.frame.across) / np.linalg.norm(B, axis=1, keepdims=True)
     return bool(np.sqrt(np.mean(sines**2)) > _APART)
+
+
+def _stays(data: Data, state: State) -> bool:
+    """Whether the path leaves the streak nowhere but where it leaves the picture."""
+    xy, _ = state.family.at(state.path, np.linspace(0, 1, _MOMENTS))
+    visible = np.all((xy > -0.5) & (xy < np.array(data.size) - 0.5), axis=1)
+    at = (xy[visible] - data.origin) / data.scale
+    h, w = data.near.shape
+    x, y = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(int).T
+    beyond = np.any(
+        (at < -1) | (at > (w, h)), axis=1
+    )  # large pixels may not reach the picture's end
+    astray = np.count_nonzero(beyond | ~data.near[y, x])
+    return bool(astray <= _ASTRAY * _MOMENTS)
 
 
 def doubtful_share(data: Data, state: State) -> float:
@@ -85,14 +107,14 @@ def _together(e: Array, use: Bools, worst: float) -> float:
     return blocks / pixels if pixels > 0 else 1.0
 
 
-def _in_blocks(e: Array, use: Bools, worst: float) -> float:
-    h, w = (side // _BLOCK * _BLOCK for side in use.shape)
+def _in_blocks(e: Array, use: Bools, worst: float, size: int = _BLOCK) -> float:
+    h, w = (side // size * size for side in use.shape)
 
     def sums(x: Array) -> Array:
-        return np.asarray(x[:h, :w].reshape(h // _BLOCK, _BLOCK, w // _BLOCK, _BLOCK).sum((1, 3)))
+        return np.asarray(x[:h, :w].reshape(h // size, size, w // size, size).sum((1, 3)))
 
     count = sums(use.astype(float))
-    blocks = count > _BLOCK**2 / 2
+    blocks = count > size**2 / 2
     if not blocks.any():
         return 1.0
     squares = [sums(np.where(use, x, 0))[blocks] ** 2 / count[blocks] for x in e]
