@@ -261,7 +261,7 @@ def test_info_of_results(scene, tmp_path):
     solve(scene, tmp_path)
     solution = good("info", tmp_path / "layer.exr").stdout
     assert "Solution(128x80" in solution
-    assert "solver: Pixelwise" in solution
+    assert "solver: Swept" in solution
     assert "sum_alpha" in solution
     assert "rank 1, given" in good("info", tmp_path / "model.json").stdout
     straight = good("info", tmp_path / "layer.png").stdout

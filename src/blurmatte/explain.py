@@ -16,6 +16,7 @@ _EVIDENCE = {
     "hue variation": "the hues of the plate behind the streak alone",
     "shape": "the shape of the streak and the hues together",
     "feasibility": "alpha between 0 and 1, and no negative light, alone",
+    "frames": "several frames together",
     "samples": "the scatter of the sampled colors alone",
 }
 _AGAINST = {
@@ -148,11 +149,19 @@ def _sweep(stats: Mapping[str, Any]) -> list[str]:
         return []
     way = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
     kind = way.get(sweep["path"], "a curved path")
+    radius = f"{sweep['radius']:.2f} ± {_rounded_std(sweep['radius_std'])} px"
     return [
-        f"A disc of radius {sweep['radius']:.2f} ± {_rounded_std(sweep['radius_std'])} px on {kind} "
-        f"of {sweep['length']:.0f} px explains the streak; what is left is {sweep['misfit']:.2g} "
-        "times what noise leaves."
+        f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
+        f"streak; what is left is {sweep['misfit']:.2g} times what noise leaves."
     ]
+
+
+def _shape(silhouette: str, radius: str) -> str:
+    if silhouette == "disc":
+        return f"A disc of radius {radius}"
+    kind = "An ellipse" if silhouette.endswith("ellipse") else "A shape"
+    turning = " that turns" if silhouette.startswith("turning") else ""
+    return f"{kind}{turning} with the area of a disc of radius {radius}"
 
 
 def _area(solution: Solution) -> list[str]:

@@ -263,9 +263,9 @@ def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
         return
     points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in sweep["xy"]]
     pen.line(points, fill=_BRIGHT, width=2, joint="curve")
-    for x, y in (points[0], points[-1]):
-        r = sweep["radius"] * scale
-        pen.ellipse((x - r, y - r, x + r, y + r), outline=_BRIGHT, width=2)
+    for outline in sweep["outlines"]:
+        points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in outline]
+        pen.line([*points, points[0]], fill=_BRIGHT, width=2, joint="curve")
 
 
 def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:

@@ -117,12 +117,12 @@ def test_error_of_the_scale_is_honest(paint):
     image, plate = taken(paint)
     true = paint.model.pole
     tangent = np.linalg.svd(true[:, None])[0][:, 1:]
-    exact = solve(image, plate, paint.model).stats
+    exact = solve(image, plate, paint.model, Pixelwise()).stats
     assert exact["alpha_scale_std"] == 0  # a model that was given is exact
     for _ in range(30):
         pole = true + tangent @ rng.normal(0, std, 2)
         model = ColorModel(pole[:, None] / np.linalg.norm(pole), std**2 * tangent @ tangent.T)
-        stats = solve(image, plate, model).stats
+        stats = solve(image, plate, model, Pixelwise()).stats
         z.append((stats["sum_alpha"] / exact["sum_alpha"] - 1) / stats["alpha_scale_std"])
     assert abs(np.mean(z)) < 0.5
     assert 0.7 < np.std(z) < 1.3
@@ -165,7 +165,7 @@ def test_plate_may_bring_its_own_noise(paint):
     plate = LinearImage(
         paint.plate.rgb + np.sqrt(variance) * rng.normal(size=variance.shape), variance
     )
-    solution = solve(image, plate, paint.model)
+    solution = solve(image, plate, paint.model, Pixelwise())
     still = paint.layer.alpha == 0
     z = np.where(still, solution.alpha / solution.alpha_std, np.nan)
     for half in (z[:64], z[64:]):

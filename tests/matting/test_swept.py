@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise, Quality, Swept, solve
@@ -13,8 +14,8 @@ from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
+    Change,
     Scene,
-    colorful_plate,
     plain_plate,
     render,
     star_sprite,
@@ -97,18 +98,22 @@ def test_what_hides_the_object_is_left_to_the_pixels():
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[free] ** 2)) < 0.02
 
 
-def test_another_shape_is_not_forced_into_a_disc():
-    star = Scene(colorful_plate(SIZE, 2, tile=20), PATH, star_sprite(44, ORANGE))
-    truth, image, plate = taken(star, 1)
-    solution = solve(image, plate)
-    assert solution.solver == "Pixelwise(max_alpha_std=0.3)"
-    angle = np.degrees(np.arccos(min(solution.model.pole @ truth.model.pole, 1)))
-    assert angle < 3
-    with pytest.raises(MotionError, match=r"no disc on a path explains the streak"):
+def test_any_colors_are_not_forced_into_a_plane_of_them():
+    colors = np.random.default_rng(1).uniform(0.05, 0.9, (4, 8, 3))
+    ball = Ball(16, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1))))
+    scene = Scene(WALL, PATH, ball, Change(spin=(0.7, 0.4, 0.5)))
+    _, image, plate = taken(scene, 1)
+    with pytest.raises(MotionError, match=r"no shape on a path explains the streak"):
         solve(image, plate, solver=Swept())
-    _, image, plate = taken(replace(star, plate=WALL), 1)
-    with pytest.raises(ColorModelError, match=r"Nor does a disc on a path explain its shape"):
+    with pytest.raises(ColorModelError, match=r"Nor does any shape on a path explain the streak"):
         solve(image, plate)
+
+
+def test_another_shape_is_found():
+    truth, image, plate = taken(Scene(WALL, PATH, star_sprite(44, ORANGE)), 1)
+    solution = solve(image, plate)
+    assert solution.stats["sweep"]["silhouette"].startswith("outline of")
+    assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha)[solution.streak] ** 2)) < 0.03
 
 
 def test_pixels_alone_may_be_asked_for(wall):
@@ -122,5 +127,15 @@ def test_door(wall):
     truth, image, plate, _ = wall
     with pytest.raises(ValueError, match="max_misfit must be 1 or more, got 0"):
         Swept(0)
-    with pytest.raises(ValueError, match="give no model"):
-        solve(image, plate, truth.model, solver=Swept())
+
+
+def test_a_color_that_is_given_stays(wall):
+    truth, image, plate, _ = wall
+    solution = solve(image, plate, truth.model)
+    assert solution.solver == repr(Swept())
+    assert solution.model is truth.model
+    assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha) ** 2)) < 0.003
+    wrong = ColorModel.from_hex("#2040ff")
+    assert solve(image, plate, wrong).solver.startswith("Pixelwise")
+    with pytest.raises(MotionError, match="no shape on a path explains the streak"):
+        solve(image, plate, wrong, Swept())

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.errors import FileError
 from blurmatte.files import path_to_mapping, read, read_color_model, write
 from blurmatte.layer import Layer
-from blurmatte.matting import solve
+from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, colorful_plate, render
 from blurmatte.scenes import (
@@ -93,7 +93,7 @@ def test_the_truth_itself_is_perfect(folder, truth):
 def test_our_own_solution_is_scored_with_its_error(folder, truth, tmp_path):
     image, plate = read(folder / "image.png"), read(folder / "plate.png")
     model = read_color_model(folder / "truth" / "model.json")
-    write(tmp_path / "layer.exr", solve(image, plate, model))
+    write(tmp_path / "layer.exr", solve(image, plate, model, Pixelwise()))
     ours = score(read_answer(tmp_path), truth)
     assert ours.alpha_rmse < 0.02
     assert 0.8 < ours.alpha_spread < 1.2

@@ -4,11 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from blurmatte.color import fit_color_from_hues
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import Meta
-from blurmatte.rendering import Ball, Camera, Scene, Sheet, Shot, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
+from blurmatte.streaks import find_streaks
 from blurmatte.sweep import fit_color
 from blurmatte.trajectory import Trajectory
 
@@ -46,15 +48,32 @@ def test_its_error_is_honest():
     assert 0.4 < np.mean(z) < 2.0
 
 
-def test_a_stick_is_no_disc_and_one_hue_no_help():
-    image, plate = taken(Sheet(6, 50, GREEN), 2)
-    with pytest.raises(ColorModelError, match=r"Nor does a disc on a path explain its shape"):
+def test_any_colors_are_neither_a_line_nor_a_plane():
+    colors = np.random.default_rng(1).uniform(0.05, 0.9, (4, 8, 3))
+    image, plate = taken(Ball(14, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1)))), 2)
+    with pytest.raises(ColorModelError, match=r"Nor does any shape on a path explain the streak"):
         fit_color(image, plate)
+
+
+def test_several_frames_tell_more():
+    frames = [taken(Ball(12, GREEN), seed) for seed in (1, 2, 3)]
+    plate = frames[0][1]
+    together = fit_color([image for image, _ in frames], plate)
+    alone = fit_color(frames[0][0], plate)
+    assert together.evidence["frames"] == pytest.approx(together.angle_std)
+    assert together.angle_std < alone.angle_std
+    assert degrees(together, GREEN) < 4 * together.angle_std
+    empty = fit_color([frames[0][0], plate], plate)  # where nothing moved, nothing is told
+    assert_allclose(empty.pole, alone.pole)
 
 
 def test_door():
     image, plate = taken(Ball(12, GREEN), 1)
     with pytest.raises(ValueError, match="max_brightness must be positive, got 0"):
         fit_color(image, plate, max_brightness=0)
+    with pytest.raises(ValueError, match="images must be one or more, got none"):
+        fit_color([], plate)
+    with pytest.raises(ValueError, match="a streak is that of one image"):
+        fit_color([image], plate, find_streaks(image, plate)[0])
     with pytest.raises(ColorModelError, match="is gray"):
         fit_color(image, replace(plate, meta=Meta("wall.png", gray=True)))

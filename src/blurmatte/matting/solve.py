@@ -43,8 +43,8 @@ def solve(
     model : ColorModel, optional
         The colors the object may have; found from the streak if not given, as by `fit_color`.
     solver : Pixelwise or Swept, optional
-        How to solve. If not given: `Swept()` where no model is given and a sweep explains the
-        streak, else `Pixelwise()`; `Solution.solver` says which it was.
+        How to solve. If not given: `Swept()` where a sweep explains the streak, with the model if one
+        is given, else `Pixelwise()`; `Solution.solver` says which it was.
     streak : Streak, optional
         Where the object moved; the strongest of `find_streaks` if not given.
     out : PixelMaps, optional
@@ -82,11 +82,14 @@ def solve(
     found = require_streaks(image, plate) if streak is None else [streak]
     streak = found[0]
     warn_if_plate_differs(image, plate, streak)
-    sweep = None if model is not None else fit_sweep(image, plate, streak)
+    alone = isinstance(solver, Pixelwise)
+    sweep = None if alone and model is not None else fit_sweep(image, plate, streak, model)
     swept = _chosen(solver, sweep)
     if model is None:
         assert sweep is not None
         model = color_of(sweep, image, plate, streak, np.inf)
+    elif swept is not None and sweep is not None and model.covariance.any():
+        model = sweep.model  # the streak knows more of it than the caller was sure of
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
     maps = pixelwise(
         image.rgb, plate.rgb, model, _noise(image), _noise(plate),
@@ -111,8 +114,6 @@ def solve(
 def _chosen(solver: Pixelwise | Swept | None, sweep: Sweep | None) -> Swept | None:
     """The solver that uses the sweep, if it is to be used."""
     if sweep is None or isinstance(solver, Pixelwise):
-        if isinstance(solver, Swept):
-            raise ValueError("Swept() finds the color together with the path: give no model")
         return None
     swept = solver or Swept()
     if sweep.misfit <= swept.max_misfit:
@@ -120,7 +121,7 @@ def _chosen(solver: Pixelwise | Swept | None, sweep: Sweep | None) -> Swept | No
     if solver is None:
         return None
     raise MotionError(
-        f"no disc on a path explains the streak: the best leaves {sweep.misfit:.1f} times as much as "
+        f"no shape on a path explains the streak: the best leaves {sweep.misfit:.1f} times as much as "
         f"noise, {swept.max_misfit:g} is the most; use Pixelwise() and give the object's color"
     )
 
@@ -136,11 +137,15 @@ def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
         "sum_alpha_std": sweep.area_std(),
         "alpha_scale_std": 0.0,  # the color's part is in the area's already
         "sweep": {
+            "silhouette": sweep.silhouette.name,
             "path": sweep.family.name,
             "xy": tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
             "length": sweep.length,
             "radius": sweep.radius,
             "radius_std": sweep.radius_std,
+            "outlines": tuple(
+                tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
+            ),
             "misfit": sweep.misfit,
         },
     }

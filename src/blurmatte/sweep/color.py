@@ -1,26 +1,28 @@
 """The color of a streak from everything that it tells: shape, hues and feasibility together."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel, fit_color_from_hues, refuse_gray
-from blurmatte.errors import ColorModelError
+from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.fit import fit_sweep
+from blurmatte.sweep.pool import pooled
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import MAX_MISFIT
 
 
 def fit_color(
-    image: LinearImage,
+    image: LinearImage | Sequence[LinearImage],
     plate: LinearImage,
     streak: Streak | None = None,
     max_brightness: float = np.inf,
 ) -> ColorModel:
-    """Find the object's line of colors from its streak alone (in place of [GC07 §3.1]).
+    """Find the object's colors from its streak alone (in place of [GC07 §3.1]).
 
     Where a silhouette on a path explains the streak (`fit_sweep`), its color is the answer, for the
     sweep knows the time spent on each pixel, and uses the hues of the plate as well. Else the hues
@@ -28,10 +30,12 @@ def fit_color(
 
     Parameters
     ----------
-    image, plate : LinearImage
+    image : LinearImage or sequence of LinearImage
+        Several frames of one object tell its color better; those that tell nothing are left out.
+    plate : LinearImage
         The same size; noise that is not known is measured.
     streak : Streak, optional
-        Where the object moved; the strongest of `find_streaks` if not given.
+        Where the object moved; the strongest of `find_streaks` if not given. Of one image only.
     max_brightness : float
         The brightest that the object's largest channel can be, linear light, 1 = sensor white; of
         use where the shape does not tell.
@@ -39,16 +43,23 @@ def fit_color(
     Returns
     -------
     ColorModel
-        Rank 1, with the covariance of its direction and what each kind of evidence says.
+        Rank 1, or 2 if only two paints, highlights or two lights explain the streak; with the
+        covariance of its direction and what each kind of evidence says.
 
     Raises
     ------
+    ValueError
+        If the sizes differ, or a streak is given with several images.
     ColorModelError
         If the streak leaves a whole family of colors possible, or no single line explains it. The
         message says what would help.
     MotionError
         If no streak was given and nothing moved.
     """
+    if not isinstance(image, LinearImage):
+        if streak is not None:
+            raise ValueError("a streak is that of one image; with several, leave it out")
+        return _fit_together(image, plate, max_brightness)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
     if not max_brightness > 0:
@@ -59,20 +70,46 @@ def fit_color(
     return color_of(fit_sweep(image, plate, streak), image, plate, streak, max_brightness)
 
 
+def _fit_together(
+    images: Sequence[LinearImage], plate: LinearImage, max_brightness: float
+) -> ColorModel:
+    """One color for several frames; the last refusal if none tells any."""
+    if not images:
+        raise ValueError("images must be one or more, got none")
+    models, refusal = [], None
+    for image in images:
+        try:
+            models.append(fit_color(image, plate, None, max_brightness))
+        except (ColorModelError, MotionError) as error:
+            refusal = error
+    models = [model for model in models if model.rank == 1] or models[:1]
+    if not models:
+        assert refusal is not None
+        raise refusal
+    return pooled(models)
+
+
 def color_of(
     sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, max_brightness: float
 ) -> ColorModel:
     """The sweep's color if it explains the streak, else what the hues tell."""
     if sweep.misfit <= MAX_MISFIT:
+        if sweep.model.rank == 2:
+            return sweep.model
         hues = _left_by_hues(sweep.model, image, plate, streak)
         return replace(sweep.model, evidence={**sweep.model.evidence, "hue variation": hues})
     try:
         return fit_color_from_hues(image, plate, streak, max_brightness)
     except ColorModelError as error:
         raise ColorModelError(
-            f"{error}. Nor does a disc on a path explain its shape: it leaves {sweep.misfit:.1f} times "
-            f"as much as noise, {MAX_MISFIT} is the most"
+            f"{error}. Nor does any shape on a path explain the streak: {_left(sweep)}"
         ) from error
+
+
+def _left(sweep: Sweep) -> str:
+    if np.isinf(sweep.misfit):
+        return "the best would need more light than a picture holds, or leaves the streak"
+    return f"the best leaves {sweep.misfit:.1f} times as much as noise, {MAX_MISFIT} is the most"
 
 
 def _left_by_hues(

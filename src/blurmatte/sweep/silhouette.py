@@ -104,7 +104,7 @@ class Silhouette:
 
         alpha = np.zeros(data.weight.shape)
         J = np.zeros((*alpha.shape, len(path) + self.size))
-        turn = self._turn(shape)
+        turn = self.turn(shape)
         t, weights = moments(family, path, data.scale, abs(turn) * self.reach(shape))
         xy, D = family.at(path, t)
         xy, D = (xy - data.origin) / data.scale, D / data.scale
@@ -135,6 +135,10 @@ class Silhouette:
         circle = np.stack([np.cos(phi), np.sin(phi)], axis=1)
         return np.asarray(self._star(shape, count)[:, None] * circle @ A.T)
 
+    def turn(self, shape: Array) -> float:
+        """By how much it turns during the exposure, radians from +x towards +y."""
+        return float(shape[-1]) if self.turns else 0.0
+
     def _stretch(self, shape: Array) -> tuple[Array, Array]:
         """A (2, 2) and its derivatives (2, 2, 1 or 3) by the radius and the stretch.
 
@@ -156,10 +160,6 @@ class Silhouette:
     def _bulges(self, shape: Array) -> Array:
         """(k,) of 3 bulges and more."""
         return shape[3 : 2 * self.bulges - 1]
-
-    def _turn(self, shape: Array) -> float:
-        """By how much it turns, radians."""
-        return float(shape[-1]) if self.turns else 0.0
 
     def _star(self, shape: Array, count: int) -> Array:
         """(count,) distances of the rim before the stretch, at even angles, of mean about 1."""

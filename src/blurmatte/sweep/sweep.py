@@ -20,7 +20,7 @@ _POINTS = 129
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A shape of one color that went along a path during the exposure.
+    """A shape that went along a path during the exposure.
 
     Parameters
     ----------
@@ -33,7 +33,7 @@ class Sweep:
     shape : (m,) float
         Its parameters; the first is a radius in pixels.
     model : ColorModel
-        Its color, a line.
+        Its colors, a line or a plane.
     covariance : (n + m, n + m) float
         Of the parameters of path and shape, that of the color included.
     size : (int, int)
@@ -55,8 +55,8 @@ class Sweep:
 
     def __repr__(self) -> str:
         return (
-            f"Sweep({self.family.name}, {self.length:.1f} px long, radius {self.radius:.2f} "
-            f"± {self.radius_std:.2f} px, {self.model.hex[0]})"
+            f"Sweep({self.silhouette.name} on a {self.family.name}, {self.length:.1f} px long, "
+            f"radius {self.radius:.2f} ± {self.radius_std:.2f} px, {' + '.join(self.model.hex)})"
         )
 
     @property
@@ -95,6 +95,12 @@ class Sweep:
         """(129, 2) points once around the shape, seen from its center; the last is the first."""
         points = self.silhouette.outline(self.shape, _POINTS - 1)
         return np.concatenate([points, points[:1]])
+
+    def outline_at(self, t: float) -> Array:
+        """(129, 2) points once around the object in the picture at exposure fraction t, pixels."""
+        angle = self.silhouette.turn(self.shape) * (t - 0.5)
+        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+        return np.asarray(self.outline @ turned.T + self.family.at(self.path, np.array([t]))[0])
 
     @property
     def alpha(self) -> Array:

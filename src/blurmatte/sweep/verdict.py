@@ -103,6 +103,8 @@ def _places(data: Data, state: State) -> tuple[Bools, Bools]:
 
 def _together(e: Array, use: Bools, worst: float) -> float:
     """Coherence of blocks over that of pixels; 1 where there is nothing."""
+    if not use.any():
+        return 1.0
     blocks, pixels = _in_blocks(e, use, worst), _mean_but_worst((e**2).mean(axis=0)[use], worst)
     return blocks / pixels if pixels > 0 else 1.0
 
