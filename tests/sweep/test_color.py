@@ -60,7 +60,7 @@ def test_several_frames_tell_more():
     plate = frames[0][1]
     together = fit_color([image for image, _ in frames], plate)
     alone = fit_color(frames[0][0], plate)
-    assert together.evidence["frames"] == pytest.approx(together.angle_std)
+    assert together.evidence["frames"] == pytest.approx(together.angle_std, rel=0.3)
     assert together.angle_std < alone.angle_std
     assert degrees(together, GREEN) < 4 * together.angle_std
     empty = fit_color([frames[0][0], plate], plate)  # where nothing moved, nothing is told

@@ -38,25 +38,22 @@ def swept(silhouette, family=ARC, path=ROUND, data=None):
     return silhouette.sweep(family, path, SHAPES[silhouette], data or canvas())
 
 
-def counted(silhouette, family, path, shape, n=5, times=160):
+def counted(silhouette, family, path, shape, n=8, times=160):
     """Count n × n points of every pixel at many times."""
     x, y = ((np.arange(n * side) + 0.5) / n - 0.5 for side in SIZE)
     a, b = shape[1:3] if silhouette.bulges > 1 else (0, 0)
-    back = np.linalg.inv(shape[0] * expm(np.array([[a, b], [b, -a]])))
-    waves = shape[3 : 2 * silhouette.bulges - 1].reshape(-1, 2)
+    (p, q), (r, s) = np.linalg.inv(shape[0] * expm(np.array([[a, b], [b, -a]])))
+    waves = shape[3 : 2 * silhouette.bulges - 1].reshape(-1, 2) @ [1, -1j]
     inside = np.zeros((len(y), len(x)))
     for t in (np.arange(times) + 0.5) / times:
         cx, cy = family.at(path, np.array([t]))[0][0]
-        turn = np.exp(-1j * shape[-1] * (t - 0.5)) if silhouette.turns else 1
-        z = (x - cx + 1j * (y - cy)[:, None]) * turn
-        q = (
-            back[0, 0] * z.real
-            + back[0, 1] * z.imag
-            + 1j * (back[1, 0] * z.real + back[1, 1] * z.imag)
-        )
-        unit = q / np.abs(q)
-        log = sum((c * unit**k).real + (s * unit**k).imag for k, (c, s) in enumerate(waves, 3))
-        inside += np.abs(q) < np.exp(log)
+        turn = shape[-1] * (t - 0.5) if silhouette.turns else 0
+        z = (x - cx + 1j * (y - cy)[:, None]) * np.exp(-1j * turn)
+        round_star = p * z.real + q * z.imag + 1j * (r * z.real + s * z.imag)
+        distance = np.abs(round_star)
+        unit = round_star / distance
+        log_rim = (np.polyval([*waves[::-1], 0, 0, 0], unit)).real
+        inside += distance < np.exp(log_rim)
     return inside.reshape(H, n, W, n).mean(axis=(1, 3)) / times
 
 
@@ -72,8 +69,8 @@ def block_means(alpha, by):
 def test_alpha_agrees_with_counting_points(silhouette, family, path):
     alpha = swept(silhouette, family, path).alpha
     expected = counted(silhouette, family, path, SHAPES[silhouette])
-    assert_allclose(alpha, expected, rtol=0, atol=3.5e-3)
-    assert np.sqrt(np.mean((alpha - expected) ** 2)) < 5e-4
+    assert_allclose(alpha, expected, rtol=0, atol=3e-3)
+    assert np.sqrt(np.mean((alpha - expected) ** 2)) < 3e-4
 
 
 @pytest.mark.parametrize("radius", [0.8, 2, 7])
@@ -142,7 +139,7 @@ def test_derivatives_add_up_to_that_of_the_area(silhouette):
     for i, along in enumerate(step * np.eye(len(shape))):
         slope = (silhouette.area(shape + along) - silhouette.area(shape - along)) / (2 * step)
         size = rim * (1 if i == 0 else shape[0])
-        assert_allclose(J[..., n + i].sum(), slope, rtol=0, atol=2e-3 * size)
+        assert_allclose(J[..., n + i].sum(), slope, rtol=0, atol=5e-3 * size)
 
 
 @every_kind
@@ -162,7 +159,7 @@ def test_coarser_data_see_the_means_of_blocks(silhouette, by):
     assert_allclose(
         coarse.alpha, block_means(fine.alpha, by), rtol=0, atol=0.01 if by == 2 else 0.03
     )
-    assert_allclose(coarse.alpha.sum() * by**2, fine.alpha.sum(), rtol=3e-3)
+    assert_allclose(coarse.alpha.sum() * by**2, fine.alpha.sum(), rtol=1e-3 if by == 2 else 0.015)
     for i in range(len(ROUND) + 1):  # of the path and the radius, in pixels of the picture
         means = block_means(fine.by_parameters[..., i], by)
         off = np.linalg.norm(coarse.by_parameters[..., i] - means)
@@ -210,9 +207,9 @@ def test_a_disc_among_richer_kinds_is_the_same_disc():
         assert_array_equal(shape, silhouette.start(6.2))
         same = silhouette.sweep(ARC, ROUND, shape, canvas())
         n = len(ROUND)
-        assert_allclose(same.alpha, disc.alpha, rtol=0, atol=1e-9)
+        assert_allclose(same.alpha, disc.alpha, rtol=0, atol=1e-7)
         assert_allclose(
-            same.by_parameters[..., : n + 1], disc.by_parameters[..., : n + 1], rtol=0, atol=1e-8
+            same.by_parameters[..., : n + 1], disc.by_parameters[..., : n + 1], rtol=0, atol=1e-6
         )
 
 
@@ -260,12 +257,13 @@ def test_bulges_are_where_they_say():
 
 def test_moments_are_the_whole_exposure_in_short_steps():
     path = np.array([10, 10, 30, 10, 33, 25, 0.7])
+    far = path * [20, 20, 20, 20, 20, 20, 1]
     t, weights = moments(BOUNCE, path, 1.0)
     assert_allclose(weights.sum(), 1)
     assert_allclose(t, np.cumsum(weights) - weights / 2)
     assert np.linalg.norm(np.diff(BOUNCE.at(path, t)[0], axis=0), axis=1).max() < 1
-    assert len(moments(BOUNCE, path * 20, 1.0)[0]) > 5 * len(t)
-    assert_array_equal(moments(BOUNCE, path * 20, 20.0)[0], t)
+    assert len(moments(BOUNCE, far, 1.0)[0]) > 5 * len(t)
+    assert_array_equal(moments(BOUNCE, far, 20.0)[0], t)
     assert len(moments(BOUNCE, path, 1.0, spin=200)[0]) > 3 * len(t)
     assert_array_equal(moments(BOUNCE, path + 1e-7, 1.0)[0], t)
 

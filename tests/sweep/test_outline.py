@@ -1,0 +1,97 @@
+"""Outlines: a disc unless the data clearly ask for something else."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Scene,
+    Sheet,
+    Shot,
+    colorful_plate,
+    plain_plate,
+    render,
+)
+from blurmatte.streaks import Streak
+from blurmatte.sweep.data import data_around
+from blurmatte.sweep.descent import descend, state_at
+from blurmatte.sweep.frame import Frame
+from blurmatte.sweep.outline import refined
+from blurmatte.sweep.path import LINE
+from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.verdict import MAX_MISFIT, misfit
+from blurmatte.trajectory import Trajectory
+
+SIZE = (160, 112)
+GREEN = np.array([0.25, 0.7, 0.12])
+WALL = plain_plate(SIZE, (0.34, 0.33, 0.3), 4)
+TILES = colorful_plate(SIZE, 2, tile=20)
+WAY = Trajectory.line((46, 42), (110, 66))
+BALL = Scene(WALL, WAY, Ball(11, GREEN))
+EGG = Scene(WALL, WAY, Ball(12, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
+SHEET = Scene(
+    WALL, WAY, Sheet(30, 14, GREEN), Change(turned=(0.0, 0.0, 0.4), spin=(0.0, 0.0, 1.0))
+)
+
+
+@cache
+def taken(scene, seed=0):
+    """True alpha, the data, and the disc that fits best."""
+    shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
+    truth = render(scene, 160)
+    streak = Streak(truth.layer.alpha > 0)
+    data = data_around(streak, 12, *with_noise(*shot.photograph(truth)), None)
+    ends, frame = WAY.xy.ravel(), Frame.of(GREEN[:, None])
+    start = state_at(data, LINE, ends, DISC, DISC.start(11), frame)
+    x, y = (int(side) for side in data.origin)
+    h, w = data.weight.shape
+    return truth.layer.alpha[y : y + h, x : x + w], data, descend(data, start, (3, 40))
+
+
+def rmse(state, alpha):
+    return np.sqrt(np.mean((state.swept.alpha - alpha)[alpha > 0] ** 2))
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+def test_a_ball_remains_a_disc(plate, seed):
+    scene = BALL if plate is WALL else replace(BALL, plate=TILES)
+    _, data, disc = taken(scene, seed)
+    assert refined(data, disc) is disc
+
+
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+def test_a_squashed_ball_becomes_an_ellipse(plate):
+    alpha, data, disc = taken(replace(EGG, plate=plate))
+    end = refined(data, disc)
+    assert end.silhouette.name == "ellipse"
+    assert rmse(end, alpha) < 0.01 < 0.03 < rmse(disc, alpha)
+    assert misfit(data, end) < MAX_MISFIT < misfit(data, disc)
+    assert end.cost < disc.cost
+
+
+def test_axes_of_an_ellipse():
+    """Stretches by 1.5 and 1/1.5 along and across its angle; the area stays."""
+    _, data, disc = taken(EGG)
+    end = refined(data, disc)
+    angle = EGG.change.squash_angle
+    expected = np.log(1.5) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
+    assert_allclose(end.shape[1:3], expected, atol=0.02)
+    assert_allclose(end.silhouette.radius(end.shape), 12, atol=0.15)
+
+
+def test_a_turning_sheet():
+    alpha, data, disc = taken(SHEET)
+    end = refined(data, disc)
+    assert end.silhouette.turns
+    assert rmse(end, alpha) < 0.05 < rmse(disc, alpha)
+    assert_allclose(end.shape[-1], 1, atol=0.1)
+    assert_allclose(end.silhouette.area(end.shape), 30 * 14, rtol=0.02)
+    assert misfit(data, end) < MAX_MISFIT < misfit(data, disc)

@@ -1,0 +1,202 @@
+"""The verdict: what residuals say about sweeps that are right, and about wrong ones."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Scene,
+    Sheet,
+    Shot,
+    colorful_plate,
+    plain_plate,
+    render,
+)
+from blurmatte.streaks import Streak
+from blurmatte.sweep import MAX_MISFIT
+from blurmatte.sweep.data import data_around
+from blurmatte.sweep.descent import descend, state_at
+from blurmatte.sweep.frame import Frame
+from blurmatte.sweep.path import CUBIC, LINE
+from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.verdict import (
+    BRIGHTEST,
+    brightness,
+    coherence,
+    doubtful_share,
+    means_something,
+    misfit,
+)
+from blurmatte.trajectory import Trajectory
+
+SIZE = (160, 112)
+GREEN = np.array([0.25, 0.7, 0.12])
+WALL = plain_plate(SIZE, (0.34, 0.33, 0.3), 4)
+TILES = colorful_plate(SIZE, 2, tile=20)
+WAY = Trajectory.line((44, 42), (112, 68))
+BALL = Scene(WALL, WAY, Ball(11, GREEN))
+PALE = Scene(WALL, WAY, Ball(11, np.array([0.9, 0.95, 0.7]), ambient=0.9))
+SQUARE = Scene(WALL, WAY, Sheet(24, 24, GREEN), Change(turned=(0, 0, 0.4)))
+CAMERA = Camera(code_std=1.5 / 255)
+
+
+@cache
+def rendered(scene):
+    return render(scene, 200)
+
+
+def taken(scene, seed=0, camera=CAMERA):
+    """The data around a streak, photographed."""
+    shot = Shot(scene, camera, plate_frames=3, seed=seed)
+    truth = rendered(scene)
+    image, plate = with_noise(*shot.photograph(truth))
+    return data_around(Streak(truth.layer.alpha > 0), 12, image, plate, None)
+
+
+def disc(data, path=WAY, radius=11.0, color=GREEN):
+    """A disc on a line, as it is."""
+    frame = Frame.of(color[:, None])
+    ends = path.xy[[0, -1]].ravel()
+    return state_at(data, LINE, ends, DISC, DISC.start(radius), frame)
+
+
+def fitted(data, bounds=(3, 40)):
+    """The nearest disc that fits best to the data of something on the line."""
+    return descend(data, disc(data), bounds)
+
+
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+@pytest.mark.parametrize("seed", range(3))
+def test_a_right_sweep_leaves_noise(plate, seed):
+    data = taken(BALL if plate is WALL else replace(BALL, plate=plate), seed)
+    state = fitted(data)
+    assert 0.6 < misfit(data, state) < 1.3
+    assert coherence(data, state) < 1.6
+    assert doubtful_share(data, state) < 0.01
+
+
+def test_a_square_is_no_disc():
+    data = taken(SQUARE)
+    state = fitted(data)
+    assert state.converged
+    assert misfit(data, state) > MAX_MISFIT
+    assert coherence(data, state) > 2
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_noise_of_a_jpeg_is_no_misfit(seed):
+    """Residuals of a right sweep hang together too, but no more than those beside it."""
+    data = taken(BALL, seed, replace(CAMERA, jpeg_quality=85, chroma="4:2:0"))
+    state = fitted(data)
+    assert coherence(data, state) > MAX_MISFIT > misfit(data, state)
+
+
+def test_it_does_not_matter_how_well_the_noise_is_known():
+    data = taken(BALL)
+    loud = replace(data, C_variance=4 * data.C_variance, B_variance=4 * data.B_variance)
+    state = fitted(data)
+    again = descend(loud, disc(loud, WAY, state.shape[0]), (3, 40))
+    assert_allclose(misfit(loud, again), misfit(data, state), rtol=0.15)
+
+
+def test_a_shape_that_is_too_small_is_too_bright():
+    data = taken(PALE)
+    small = replace(disc(data, WAY, 4.0), converged=True)
+    assert means_something(data, small)
+    assert brightness(data, small) > BRIGHTEST
+    assert misfit(data, small) == np.inf
+    assert 0.5 < brightness(data, fitted(data)) < BRIGHTEST
+
+
+def test_brightness_is_the_mean_light_of_the_brightest_channel():
+    data = taken(BALL)
+    light = rendered(BALL).layer
+    true = light.premultiplied.sum(axis=(0, 1)).max() / light.alpha.sum()
+    assert_allclose(brightness(data, disc(data)), true, rtol=0.03)
+
+
+def test_a_path_must_stay_in_the_streak():
+    data = taken(BALL)
+    detour = np.array([44, 42, 48, 115, 78, 55, 112, 68.0])
+    frame = Frame.of(GREEN[:, None])
+    state = state_at(data, CUBIC, detour, DISC, DISC.start(11), frame)
+    assert not means_something(data, state)
+    assert misfit(data, replace(state, converged=True)) == np.inf
+    assert means_something(data, disc(data))
+
+
+def test_a_path_may_leave_the_picture():
+    leaves = replace(BALL, trajectory=Trajectory.line((112, 42), (170, 60)))
+    data = taken(leaves)
+    assert means_something(data, disc(data, leaves.trajectory))
+    assert not means_something(data, disc(data, Trajectory.line((112, 42), (130, 110))))
+
+
+def test_a_plane_must_not_hold_the_plate():
+    """The object's and the wall's color together explain all that there is."""
+    data = taken(BALL)
+    wall = data.B.mean(axis=(0, 1))
+    for other, means in ((wall, False), (np.array([0.7, 0.1, 0.1]), True)):
+        frame = Frame.of(np.stack([GREEN, other], axis=1))
+        state = replace(disc(data), frame=frame)
+        assert means_something(data, state) is means
+
+
+def test_a_descent_without_an_end_is_not_believed():
+    data = taken(BALL)
+    state = fitted(data)
+    assert misfit(data, replace(state, converged=False)) == np.inf
+
+
+def with_residuals(state, smooth, seed):
+    """The same state, all of its residuals of unit variance, hanging together over some pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    e = np.random.default_rng(seed).normal(size=state.e.shape)
+    if smooth:
+        e = gaussian_filter(e, (0, smooth, smooth))
+        e /= e.std()
+    e[2] = 0
+    return replace(state, e=e)
+
+
+def test_coherence_counts_pixels_that_say_the_same():
+    """With a Gaussian of s pixels about 4π s² of them hang together, but no more than a block's."""
+    data = taken(BALL)
+    state = disc(data)
+    white = [coherence(data, with_residuals(state, 0, seed)) for seed in range(6)]
+    assert 0.85 < np.mean(white) < 1.25
+    alike = [
+        np.mean([coherence(data, with_residuals(state, s, seed)) for seed in range(6)])
+        for s in (1, 2, 4)
+    ]
+    assert 4 < alike[0] < 4 * np.pi
+    assert alike[0] < alike[1] < alike[2]
+    assert alike[2] > 20
+
+
+def test_noise_that_hangs_together_everywhere_is_no_misfit():
+    data = taken(BALL)
+    state = replace(fitted(data), converged=True)
+    smooth = [misfit(data, with_residuals(state, 1, seed)) for seed in range(4)]
+    assert np.mean(smooth) < MAX_MISFIT
+
+
+def test_doubtful_is_what_the_sweep_does_not_explain():
+    data = taken(BALL)
+    state = fitted(data)
+    C, inside = data.C.copy(), state.swept.alpha > 0
+    rows = np.flatnonzero(inside.any(axis=1))
+    C[rows[0] : rows[len(rows) // 2]] = (0.9, 0.1, 0.9)
+    hidden = state_at(replace(data, C=C), LINE, state.path, DISC, state.shape, state.frame)
+    share = inside[rows[0] : rows[len(rows) // 2]].sum() / inside.sum()
+    assert_allclose(doubtful_share(data, hidden), share, atol=0.02)
+    nowhere = state_at(data, LINE, np.array([-80.0, -80, -60, -60]), DISC, state.shape, state.frame)
+    assert doubtful_share(data, nowhere) == 1
