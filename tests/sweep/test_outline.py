@@ -36,9 +36,7 @@ TILES = colorful_plate(SIZE, 2, tile=20)
 WAY = Trajectory.line((46, 42), (110, 66))
 BALL = Scene(WALL, WAY, Ball(11, GREEN))
 EGG = Scene(WALL, WAY, Ball(12, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
-SHEET = Scene(
-    WALL, WAY, Sheet(30, 14, GREEN), Change(turned=(0.0, 0.0, 0.4), spin=(0.0, 0.0, 1.0))
-)
+SHEET = Scene(WALL, WAY, Sheet(30, 14, GREEN), Change(turned=(0.0, 0.0, 0.4), spin=(0.0, 0.0, 1.0)))
 
 
 @cache

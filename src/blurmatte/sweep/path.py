@@ -113,6 +113,7 @@ class Bounce(PathFamily):
         basis = np.stack([left, 1 - left - right, right], axis=1)
         by_time = np.where(first[:, None], -(u / k)[:, None] * (m - a), 0)
         by_time = by_time + np.where(first[:, None], 0, ((u - 1) / (1 - k))[:, None] * (b - m))
+        by_time *= 0.02 < k < 0.98
         xy = basis @ np.stack([a, m, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
 
@@ -140,7 +141,7 @@ class FromRest(PathFamily):
         a, b, k = p[:2], p[2:4], float(np.clip(p[4], 0, 0.98))
         u = np.maximum((t - k) / (1 - k), 0)
         basis = np.stack([1 - u, u], axis=1)
-        by_time = np.where(t > k, (t - 1) / (1 - k) ** 2, 0)[:, None] * (b - a)
+        by_time = np.where((t > k) & (0 < k < 0.98), (t - 1) / (1 - k) ** 2, 0)[:, None] * (b - a)
         xy = basis @ np.stack([a, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
 
@@ -151,6 +152,9 @@ class FromRest(PathFamily):
 
 LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)
 ARC, BOUNCE, FROM_REST = Arc(), Bounce(), FromRest()
+
+
+_TINY = 1e-30  # no more than rounding
 
 
 def _both(basis: Array) -> Array:
@@ -170,7 +174,7 @@ def _arc(p: Array, t: Array) -> Array:
     """
     a, b, off = p[:2], p[2:4], p[4]
     half = (b - a) / 2
-    length = np.sqrt(half[0] ** 2 + half[1] ** 2)
+    length = np.sqrt(half[0] ** 2 + half[1] ** 2 + _TINY)
     phi = 2 * np.arctan(off / length)
     s = 2 * t - 1
     if abs(phi) < 1e-4:
@@ -180,9 +184,6 @@ def _arc(p: Array, t: Array) -> Array:
         across = (np.cos(phi * s) - np.cos(phi)) / np.sin(phi)
     normal = np.stack([-half[1], half[0]])
     return np.asarray((a + b) / 2 + along[:, None] * half + across[:, None] * normal)
-
-
-_TINY = 1e-30
 
 
 def _by_complex_step(points: Callable[[Array, Array], Array], p: Array, t: Array) -> Array:

@@ -79,7 +79,8 @@ def _along_main_axis(mask: Bools, length: float) -> Array:
     y, x = np.nonzero(mask)
     points = np.stack([x, y], axis=1).astype(float)
     middle = points.mean(axis=0)
-    axis = np.linalg.eigh(np.cov((points - middle).T))[1][:, 1]
+    spread = np.cov(points.T) if len(points) > 1 else np.eye(2)
+    axis = np.linalg.eigh(spread)[1][:, 1]
     return np.stack([middle - length / 2 * axis, middle + length / 2 * axis])
 
 
