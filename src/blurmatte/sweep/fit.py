@@ -22,6 +22,7 @@ from blurmatte.sweep.verdict import coherence, doubtful_share, misfit
 Array = npt.NDArray[np.float64]
 
 _NOISE = 1.2  # misfit of what needs no better explanation
+_MOST_UNSURE = 0.25  # of a radius, the standard deviation of one that means anything
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -84,9 +85,11 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust
     n = state.size - 2
     model = _model(state, covariance[n:, n:])
+    k = len(state.path)
+    known = covariance[k, k] < (_MOST_UNSURE * state.shape[0]) ** 2
     stats = {
         "converged": state.converged,
-        "misfit": misfit(data, state),
+        "misfit": misfit(data, state) if known else np.inf,
         "coherence": trust,
         "doubtful": doubtful_share(data, state),
     }

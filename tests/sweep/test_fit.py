@@ -1,0 +1,273 @@
+"""fit_sweep: from two pictures to path, shape and color, and how honest their errors are."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import MotionError
+from blurmatte.radiometry import NoiseModel
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Scene,
+    Sheet,
+    Shot,
+    colorful_plate,
+    plain_plate,
+    render,
+)
+from blurmatte.streaks import Streak
+from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
+from blurmatte.trajectory import Trajectory
+
+SIZE = (160, 112)
+GREEN = np.array([0.25, 0.7, 0.12])
+ORANGE = np.array([0.9, 0.5, 0.1])
+WALL = plain_plate(SIZE, (0.34, 0.33, 0.3), 4)
+TILES = colorful_plate(SIZE, 2, tile=20)
+LINE = Trajectory.line((44, 42), (112, 68))
+WAYS = {
+    "line": LINE,
+    "arc": Trajectory.arc((36, 70), (80, 34), (122, 72)),
+    "bounce": Trajectory.bounce((36, 36), (84, 84), (126, 50), 0.55),
+    "from rest": Trajectory.from_rest((40, 40), (112, 70), 0.4),
+}
+BALL = Scene(WALL, LINE, Ball(11, GREEN))
+TIMES = np.linspace(0, 1, 65)
+
+
+@cache
+def rendered(scene):
+    return render(scene, 160)
+
+
+def taken(scene, seed=0):
+    """The truth, image and plate of a scene."""
+    shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
+    truth = rendered(scene)
+    return truth, *shot.photograph(truth)
+
+
+def rmse(sweep, truth):
+    true = truth.layer.alpha
+    return np.sqrt(np.mean((sweep.alpha - true)[true > 0] ** 2))
+
+
+def degrees_between(sweep, truth):
+    """The largest angle from the colors of the one to those of the other."""
+    basis = truth.model.basis
+    off = basis - sweep.model.basis @ (sweep.model.basis.T @ basis)
+    return np.degrees(np.arcsin(min(np.linalg.norm(off, 2), 1)))
+
+
+def path_error(sweep, truth):
+    """The largest distance from the true path, in the direction of time that fits better."""
+    found, true = sweep.trajectory.at(TIMES), truth.trajectory.at(TIMES)
+    return min(np.linalg.norm(found - way, axis=1).max() for way in (true, true[::-1]))
+
+
+@pytest.fixture(scope="module")
+def ball():
+    truth, image, plate = taken(BALL)
+    return truth, image, plate, fit_sweep(image, plate)
+
+
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+@pytest.mark.parametrize("way", WAYS)
+def test_path_radius_and_color(way, plate):
+    truth, image, picture = taken(Scene(plate, WAYS[way], Ball(11, GREEN)))
+    sweep = fit_sweep(image, picture)
+    assert sweep.family.name == way
+    assert sweep.silhouette.name == "disc"
+    assert path_error(sweep, truth) < 0.6
+    assert abs(sweep.radius - 11) < max(4 * sweep.radius_std, 0.03) < 0.3
+    assert degrees_between(sweep, truth) < 1
+    assert rmse(sweep, truth) < 0.005
+    assert sweep.misfit < 1.3
+    assert sweep.stats["doubtful"] < 0.01
+
+
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+def test_a_short_path_that_leaves_an_opaque_middle(plate):
+    truth, image, picture = taken(
+        Scene(plate, Trajectory.line((74, 52), (86, 58)), Ball(13, GREEN))
+    )
+    assert truth.layer.alpha.max() > 0.999
+    sweep = fit_sweep(image, picture)
+    assert rmse(sweep, truth) < 0.005
+    assert path_error(sweep, truth) < 0.3
+    assert sweep.misfit < MAX_MISFIT
+
+
+@pytest.mark.parametrize("plate", [plain_plate, colorful_plate])
+def test_a_faint_long_streak(plate):
+    size = (176, 64)
+    behind = plain_plate(size, (0.34, 0.33, 0.3), 4) if plate is plain_plate else plate(size, 2, 20)
+    way = Trajectory.line((14, 22), (160, 40))
+    truth, image, picture = taken(Scene(behind, way, Ball(4.5, ORANGE)))
+    assert truth.layer.alpha.max() < 0.065
+    sweep = fit_sweep(image, picture, Streak(truth.layer.alpha > 0))
+    assert rmse(sweep, truth) < 0.006
+    assert sweep.misfit < MAX_MISFIT
+
+
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+@pytest.mark.parametrize("end", [(159, 62), (165, 62)])
+def test_an_object_that_leaves_the_picture(plate, end):
+    truth, image, picture = taken(Scene(plate, Trajectory.line((108, 42), end), Ball(11, GREEN)))
+    sweep = fit_sweep(image, picture)
+    assert rmse(sweep, truth) < 0.01
+    assert sweep.misfit < MAX_MISFIT
+    assert sweep.alpha.shape == truth.layer.alpha.shape
+    assert sweep.box[2] == SIZE[0]
+
+
+def test_two_paints():
+    body = Ball(13, GREEN, second_color=np.array([0.7, 0.3, 0.1]))
+    truth, image, picture = taken(Scene(TILES, LINE, body, Change(spin=(1.0, 0.5, 0.8))))
+    sweep = fit_sweep(image, picture)
+    assert sweep.model.rank == 2
+    assert degrees_between(sweep, truth) < 3
+    assert rmse(sweep, truth) < 0.02
+    assert sweep.misfit < MAX_MISFIT
+
+
+def test_another_shape_is_found_too():
+    egg = Scene(WALL, LINE, Ball(12, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
+    truth, image, picture = taken(egg)
+    sweep = fit_sweep(image, picture)
+    assert sweep.silhouette.name == "ellipse"
+    assert rmse(sweep, truth) < 0.01
+    assert abs(sweep.radius - 12) < 4 * sweep.radius_std
+    reach = np.linalg.norm(sweep.outline, axis=1)
+    assert_allclose([reach.max(), reach.min()], [18, 8], rtol=0.03)
+
+
+def test_what_cannot_be_explained_is_not_believed():
+    """A sheet that turns about an axis in the picture: no outline is seen all the time."""
+    sheet = Scene(WALL, LINE, Sheet(34, 20, GREEN), Change(spin=(0.0, 3.0, 0.0)))
+    _, image, picture = taken(sheet)
+    assert fit_sweep(image, picture).misfit > MAX_MISFIT
+
+
+def known(color, std):
+    pole = color / np.linalg.norm(color)
+    return ColorModel(pole[:, None], std**2 * (np.eye(3) - np.outer(pole, pole)), {})
+
+
+def test_a_model_that_is_given_is_respected(ball):
+    truth, image, plate, free = ball
+    wrong = known(GREEN + [0.1, -0.1, 0.05], 0)
+    bound = fit_sweep(image, plate, model=wrong)
+    assert abs(bound.model.pole @ wrong.pole) > 1 - 1e-6
+    right = fit_sweep(image, plate, model=known(GREEN, 0))
+    assert rmse(right, truth) < 0.003
+    assert right.radius_std <= 1.02 * free.radius_std
+    assert abs(bound.radius - 11) > abs(right.radius - 11)
+    vague = fit_sweep(image, plate, model=known(GREEN + [0.1, -0.1, 0.05], 0.5))
+    assert_allclose(vague.model.pole, free.model.pole, atol=2e-3)
+
+
+def test_a_plane_that_is_given_is_respected(ball):
+    truth, image, plate, _ = ball
+    red = np.array([0.8, 0.1, 0.1])
+    basis = np.linalg.qr(np.stack([GREEN, red], axis=1))[0]
+    sweep = fit_sweep(image, plate, model=ColorModel(basis, np.zeros((3, 3)), {}))
+    assert sweep.model.rank == 2
+    assert np.linalg.norm(sweep.model.basis.T @ np.cross(*basis.T)) < 1e-4
+    assert rmse(sweep, truth) < 0.01
+
+
+def test_a_streak_that_is_given_is_where_to_look():
+    other = Scene(WALL, Trajectory.line((36, 88), (60, 94)), Ball(9, ORANGE))
+    truth, second = rendered(replace(BALL, trajectory=LINE)), rendered(other)
+    both = replace(truth, image=second.layer.over(truth.image))
+    image, plate = Shot(BALL, Camera(code_std=1.5 / 255), plate_frames=3).photograph(both)
+    for one in (truth, second):
+        sweep = fit_sweep(image, plate, Streak(one.layer.alpha > 0))
+        assert rmse(sweep, one) < 0.006
+
+
+def test_errors_are_honest():
+    """Over noise: of the radius, and of alpha in the mean over the streak."""
+    scene = Scene(WALL, LINE, Ball(11, GREEN))
+    z_radius, z_alpha, z_area = [], [], []
+    for seed in range(12):
+        truth, image, plate = taken(scene, 100 + seed)
+        sweep, true = fit_sweep(image, plate), truth.layer.alpha
+        z_radius.append((sweep.radius - 11) / sweep.radius_std)
+        z_area.append((sweep.alpha.sum() - true.sum()) / sweep.area_std())
+        core = (true > 0.05) & (sweep.alpha_std > 0)
+        z_alpha.append((sweep.alpha - true)[core] / sweep.alpha_std[core])
+    for z in (z_radius, z_area, np.concatenate(z_alpha)):
+        assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_exact_data_give_the_exact_sweep():
+    noise = NoiseModel(read_std=1e-3)
+    truth = rendered(BALL)
+    sweep = fit_sweep(*(picture.with_noise(noise) for picture in (truth.image, truth.plate)))
+    assert sweep.family.name == "line"
+    assert_allclose(sweep.radius, 11, atol=0.02)
+    assert path_error(sweep, truth) < 0.03
+    assert_allclose(sweep.alpha, truth.layer.alpha, atol=5e-3)
+
+
+def test_pictures_turned_give_sweeps_turned(ball):
+    """By a quarter, and with red and blue exchanged."""
+    _, image, plate, sweep = ball
+    turned = fit_sweep(*(_turned(picture) for picture in (image, plate)))
+    assert_allclose(turned.alpha, sweep.alpha.T[:, ::-1], atol=2e-3)
+    assert_allclose(turned.radius, sweep.radius, atol=0.01)
+    assert_allclose(turned.model.pole, sweep.model.pole[::-1], atol=1e-3)
+
+
+def _turned(picture):
+    """x becomes y, red becomes blue."""
+    rgb = picture.rgb.transpose(1, 0, 2)[:, ::-1, ::-1]
+    return replace(picture, rgb=rgb, noise=None, valid=picture.valid.T[:, ::-1])
+
+
+def test_what_a_sweep_says_of_itself(ball):
+    truth, _, _, sweep = ball
+    assert isinstance(sweep, Sweep)
+    assert path_error(sweep, truth) < 0.3
+    assert_allclose(sweep.length, LINE.length, atol=0.5)
+    assert_allclose(np.linalg.norm(sweep.outline, axis=1), sweep.radius, rtol=1e-9)
+    assert sweep.outline.shape == (129, 2)
+    assert_allclose(sweep.outline[0], sweep.outline[-1])
+    assert sweep.alpha.shape == sweep.alpha_std.shape == SIZE[::-1]
+    assert sweep.area_std() > 0
+    assert np.all(np.diag(sweep.covariance) > 0)
+    assert repr(sweep).startswith("Sweep(disc on a line, ")
+    assert f"radius {sweep.radius:.2f} ± {sweep.radius_std:.2f} px" in repr(sweep)
+
+
+def test_alpha_is_the_same_within_a_box(ball):
+    _, _, _, sweep = ball
+    x0, y0, x1, y1 = box = sweep.box
+    alpha, std = sweep.within(box)
+    assert_allclose(alpha, sweep.alpha[y0:y1, x0:x1], atol=1e-12)
+    assert_allclose(std, sweep.alpha_std[y0:y1, x0:x1], atol=1e-12)
+    assert_allclose(alpha.sum(), sweep.alpha.sum())
+    assert_allclose(sweep.alpha.sum(), np.pi * sweep.radius**2, rtol=1e-4)
+
+
+def test_nothing_moved(ball):
+    _, _, plate, _ = ball
+    rng = np.random.default_rng(0)
+    camera = Camera(code_std=1.5 / 255)
+    same = camera.photograph(rendered(BALL).plate.rgb, rng)
+    with pytest.raises(MotionError, match="nothing moved"):
+        fit_sweep(same, plate)
+
+
+def test_door(ball):
+    _, image, plate, _ = ball
+    with pytest.raises(ValueError, match="160x112"):
+        fit_sweep(image, plate.crop((0, 0, 150, 112)))
