@@ -145,14 +145,26 @@ def test_a_color_hardly_known_is_found():
 
 
 def test_knowledge_adds_to_what_the_data_say():
-    truth, data = data_of(BEFORE_WALL[LINE])
-    state = off_by(data, LINE, (0, 0), 1, truth.model.pole)
-    known = known_color(model_of(GREEN, 0.01))
-    H, g = state.information(data)
-    H_known, g_known = state.information(replace(data, known=known))
-    assert_allclose((H_known - H)[-2:, -2:], 1e4 * np.eye(2), rtol=1e-3, atol=1e-2)
-    assert_allclose(g_known, g, atol=1e-6 * np.abs(g).max())
-    assert_allclose(H_known[:-2, :-2], H[:-2, :-2])
+    """To cost, gradient and curvature: a parabola around the color that is known."""
+    _, data = data_of(BEFORE_WALL[LINE])
+    informed = replace(data, known=known_color(model_of(GREEN, 0.01)))
+    base = off_by(data, LINE, (0, 0), 1, turned_by(GREEN, 1))
+
+    def added(turns):
+        state = replace(base, frame=base.frame.turned(np.asarray(turns)))
+        return seen(informed, state).cost - seen(data, state).cost
+
+    H, g = (
+        with_it - without
+        for with_it, without in zip(base.information(informed), base.information(data), strict=True)
+    )
+    assert_allclose(added((0, 0)), 0.5 * (np.radians(1) / 0.01) ** 2, rtol=0.01)
+    step = 1e-4 * np.eye(2)
+    slope = [(added(d) - added(-d)) / 2e-4 for d in step]
+    assert_allclose(g[-2:], slope, rtol=0.01, atol=1)
+    assert_allclose(H[-2:, -2:], 1e4 * np.eye(2), atol=10)
+    assert np.all(g[:-2] == 0)
+    assert np.all(H[:-2] == 0)
 
 
 def test_the_gradient_is_that_of_the_cost():

@@ -192,7 +192,12 @@ def test_noise_alone_says_nothing_about_a_color(rank):
 @pytest.mark.parametrize("rank", [1, 2])
 @pytest.mark.parametrize(
     ("picture", "moments"),
-    [(any_picture, all_kept), (any_picture, faint), (dark_picture, all_kept)],
+    [
+        (any_picture, all_kept),
+        (any_picture, faint),
+        (dark_picture, all_kept),
+        (dark_picture, faint),
+    ],
 )
 def test_curvature_is_symmetric_and_nowhere_negative(rank, picture, moments, J):
     H, _ = picture(rank).normal_equations(J, moments(rank))

@@ -105,8 +105,8 @@ def data_around(
     valid = image.valid & plate.valid
     near = distance_transform_edt(~mask) <= margin
     return Data(
-        image.rgb.astype(float),
-        plate.rgb.astype(float),
+        np.ascontiguousarray(image.rgb, dtype=float),
+        np.ascontiguousarray(plate.rgb, dtype=float),
         _smooth_variance(image),
         _smooth_variance(plate),
         np.where(valid, np.where(near, 1, _FAR), 0),

@@ -17,12 +17,14 @@ from blurmatte.sweep.known import known_color
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import coherence, doubtful_share, misfit
+from blurmatte.sweep.verdict import coherence, doubtful_share, misfit, stays
 
 Array = npt.NDArray[np.float64]
 
 _NOISE = 1.2  # misfit of what needs no better explanation
 _MOST_UNSURE = 0.25  # of a radius, the standard deviation of one that means anything
+_FOLLOWING = 3  # times that a path may lead out of what was found
+_FOLLOWED = 0.2  # of the largest alpha
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -61,19 +63,34 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = require_streaks(image, plate)[0]
-    search = Search.of(streak, image, plate, None if model is None else known_color(model))
-    return _sweep(search.data, _best(search), image.size)
+    known = None if model is None else known_color(model)
+    search = Search.of(streak, image, plate, known)
+    disc = search.best(1 if known is None else known.frame.rank)
+    for _ in range(_FOLLOWING):
+        if stays(search.data, disc):
+            break
+        streak = _followed(streak, _sweep(search.data, disc, image.size))
+        search = Search.of(streak, image, plate, known)
+        disc = search.best(disc.frame.rank)
+    return _sweep(search.data, _best(search, disc), image.size)
 
 
-def _best(search: Search) -> State:
+def _followed(streak: Streak, sweep: Sweep) -> Streak:
+    """The streak, and where a path leads that leaves it: of a faint one only parts may be found."""
+    x0, y0, x1, y1 = sweep.box
+    alpha, _ = sweep.within(sweep.box)
+    mask = streak.mask.copy()
+    mask[y0:y1, x0:x1] |= alpha > _FOLLOWED * alpha.max(initial=0)
+    return Streak(mask)
+
+
+def _best(search: Search, disc: State) -> State:
     """One paint of any shape, unless only several on a disc explain the streak."""
-    known = search.data.known
-    if known is not None and known.frame.rank == 2:
-        return search.best(2)
-    disc = search.best(1)
+    if disc.frame.rank == 2:
+        return disc
     line = refined(search.data, disc)
     left = misfit(search.data, line)
-    if left <= _NOISE or known is not None:
+    if left <= _NOISE or search.data.known is not None:
         return line
     plane = search.best(2)
     return plane if misfit(search.data, plane) <= min(left / _CLEARLY, _NOISE) else line

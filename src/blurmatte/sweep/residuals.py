@@ -181,6 +181,7 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     k, W, A = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
     QB, kept, S, NQN = np.empty(3), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
+    turn_dark = np.zeros(2)
     rank = M.shape[1]
     for y in range(h):
         for x in range(w):
@@ -225,17 +226,17 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
                     nb += N[c, i] * QB[c]
                     np_ += N[c, i] * P[c] / s
                     mm += M[c, j] * main[c]
-                gradient, cross = -kept[j] * ne, -kept[j] * nb
-                if too_dark < 0:
-                    gradient += mm * np_ * too_dark
-                    cross += mm * np_ * by_dark
+                turn_dark[t] = mm * np_ if too_dark < 0 else 0.0
+                gradient = turn_dark[t] * too_dark - kept[j] * ne
+                cross = turn_dark[t] * by_dark - kept[j] * nb
                 g[n + t] += weight * gradient
                 for p in range(n):
                     if J[y, x, p] != 0:
                         H[n + t, p] += weight * cross * J[y, x, p]
                 for v in range(t + 1):
                     b, c = v // rank, v % rank
-                    H[n + t, n + v] += weight * NQN[i, b] * (kept[j] * kept[c] + S[j, c])
+                    curvature = NQN[i, b] * (kept[j] * kept[c] + S[j, c])
+                    H[n + t, n + v] += weight * (curvature + turn_dark[t] * turn_dark[v])
             for p in range(n):
                 slope = weight * J[y, x, p]
                 if slope != 0:

@@ -54,7 +54,7 @@ def misfit(data: Data, state: State) -> float:
 
 def means_something(data: Data, state: State) -> bool:
     """Whether path and color can be told from what is not the object."""
-    return _apart_from_plate(data, state) and _stays(data, state)
+    return _apart_from_plate(data, state) and stays(data, state)
 
 
 def _apart_from_plate(data: Data, state: State) -> bool:
@@ -69,7 +69,7 @@ def _apart_from_plate(data: Data, state: State) -> bool:
     return bool(np.sqrt(np.mean(sines**2)) > _APART)
 
 
-def _stays(data: Data, state: State) -> bool:
+def stays(data: Data, state: State) -> bool:
     """Whether the path leaves the streak nowhere but where it leaves the picture."""
     xy, _ = state.family.at(state.path, np.linspace(0, 1, _MOMENTS))
     visible = np.all((xy > -0.5) & (xy < np.array(data.size) - 0.5), axis=1)
