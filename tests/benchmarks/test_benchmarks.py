@@ -106,8 +106,8 @@ def test_an_attempt_tells_refusals_from_answers():
     assert trials.attempt(plate, plate, truth.model, truth).errors is None  # nothing moved
     errors = trials.attempt(image, plate, truth.model, truth).errors
     assert errors.known > 0.99
-    assert 0.005 < errors.rmse < 0.03
-    assert 0.9 < errors.spread < 1.1
+    assert 0 < errors.rmse < 0.005
+    assert 0.3 < errors.spread < 2  # neighbors err alike
 
 
 # Report
