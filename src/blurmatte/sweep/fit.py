@@ -5,6 +5,8 @@ across the color, by Levenberg–Marquardt steps with weights that doubt what ca
 a disc of one paint (`search`), then for other outlines (`outline`) or more colors.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import numpy.typing as npt
 
@@ -67,8 +69,8 @@ def fit_sweep(
     search = Search.of(streak, image, plate, known)
     disc = search.best(1 if known is None else known.frame.rank)
     for _ in range(_FOLLOWING):
-        if stays(search.data, disc):
-            break
+        if stays(search.data, disc) or np.isnan(streak.evidence):
+            break  # a streak that was given, not found, is all there is
         streak = _followed(streak, _sweep(search.data, disc, image.size))
         search = Search.of(streak, image, plate, known)
         disc = search.best(disc.frame.rank)
@@ -81,7 +83,7 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
     alpha, _ = sweep.within(sweep.box)
     mask = streak.mask.copy()
     mask[y0:y1, x0:x1] |= alpha > _FOLLOWED * alpha.max(initial=0)
-    return Streak(mask)
+    return replace(streak, mask=mask)
 
 
 def _best(search: Search, disc: State) -> State:
