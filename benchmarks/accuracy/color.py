@@ -1,4 +1,4 @@
-"""How far is the color of the streak from the truth?
+"""How far is the color that the hues of the plate alone tell from the truth?
 
 Renders balls of random paint that move in front of three kinds of plates, takes 8-bit sRGB pictures
 of them with noise in the code values (the plate is the median of five), finds the streak and fits
@@ -142,7 +142,7 @@ def tables(quick: bool = False) -> list[Table]:
         rows.append((*setting, len(group), refused(group), *ours, spread(group), *theirs))
     published = tuple(f"published {name}" for name in ERRORS)
     columns = ("plate", "noise", "scenes", "refused", *ERRORS, "spread", *published)
-    question = "How far is the color of the streak from the truth?"
+    question = "How far is the color that the hues of the plate alone tell from the truth?"
     return [Table("color", question, NOTES, columns, rows)]
 
 
