@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
-from blurmatte.sweep.verdict import coherence, means_something
+from blurmatte.sweep.verdict import means_something, overstated
 
 
 def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
@@ -19,7 +19,7 @@ def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
     """
     states = [s for s in states if means_something(data, s)] or list(states)
     likeliest = min(states, key=lambda state: state.cost)
-    trust = max(coherence(data, likeliest), 1.0)
+    trust = overstated(data, likeliest)
     scores = [2 * s.size + (s.cost - likeliest.cost) / trust for s in states]
     return sorted(zip(scores, states, strict=True), key=lambda pair: pair[0])
 

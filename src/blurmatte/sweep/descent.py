@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 
 _FREEDOM = 6.0  # degrees of freedom of the t distribution
 _STEPS, _TRIES = 40, 8
+_POINTS = 33
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
@@ -64,6 +65,11 @@ class State:
     def size(self) -> int:
         """How many parameters, those of the color included."""
         return len(self.path) + len(self.shape) + 2
+
+    @property
+    def curve(self) -> Array:
+        """(33, 2) points of the path at equally spaced times."""
+        return self.family.at(self.path, np.linspace(0, 1, _POINTS))[0]
 
     @property
     def main(self) -> Array:

@@ -19,7 +19,7 @@ from blurmatte.sweep.known import known_color
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import coherence, doubtful_share, misfit, stays
+from blurmatte.sweep.verdict import doubtful_share, misfit, overstated, stays
 
 Array = npt.NDArray[np.float64]
 
@@ -99,7 +99,7 @@ def _best(search: Search, disc: State) -> State:
 
 
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
-    trust = max(coherence(data, state), 1.0)
+    trust = overstated(data, state)
     H, _ = state.information(data)
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust
     n = state.size - 2

@@ -18,7 +18,7 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import BRIGHTEST, brightness, coherence, means_something
+from blurmatte.sweep.verdict import can_be, coherence, overstated
 
 Array = npt.NDArray[np.float64]
 
@@ -110,23 +110,20 @@ def _on(data: Data, state: State, family: PathFamily) -> State:
     """The same on a path of another family that goes about the same way."""
     if family is state.family:
         return state
-    curve, _ = state.family.at(state.path, np.linspace(0, 1, 33))
-    path = family.starts(curve)[0]
+    path = family.starts(state.curve)[0]
     return state_at(data, family, path, state.silhouette, state.shape, state.frame)
 
 
 def _could_pay(data: Data, disc: State, richest: State) -> bool:
     """Whether an ellipse would be taken if it gained as much as the richest shape."""
-    trust = max(coherence(data, richest), 1.0)
-    return (disc.cost - richest.cost) / trust > _price(data, 2)
+    return (disc.cost - richest.cost) / overstated(data, richest) > _price(data, 2)
 
 
 def _best(data: Data, states: Sequence[State]) -> State:
     """The one of the best penalised likelihood, of those that can be if there are any."""
-    can_be = (s for s in states if brightness(data, s) <= BRIGHTEST and means_something(data, s))
-    believable = list(can_be) or [states[0]]
-    trust = max(min(coherence(data, s) for s in believable), 1.0)
     first = states[0]
+    believable = [s for s in states if can_be(data, s)] or [first]
+    trust = min(overstated(data, s) for s in believable)
     return max(
         believable,
         key=lambda s: (first.cost - s.cost) / trust - _price(data, s.size - first.size),

@@ -30,7 +30,6 @@ _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
-_POINTS = 33
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _HOPELESS = 6.0  # misfit on large pixels
@@ -78,8 +77,7 @@ class Search:
         """Path, radius and color of this rank that leave the least."""
         tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]
         best = best_of(self.coarse, tried)
-        curve, _ = best.family.at(best.path, np.linspace(0, 1, _POINTS))
-        tried += self._ends(curve, best.shape[0], rank)
+        tried += self._ends(best.curve, best.shape[0], rank)
         finalists = _finalists(self.coarse, tried)
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
@@ -100,9 +98,11 @@ def _starts(data: Data, curve: Array, radius: float, rank: int) -> Iterable[Stat
     shape = DISC.start(radius)
     for family in FAMILIES:
         for path in family.starts(curve):
-            alpha = DISC.sweep(family, path, shape, data).alpha
-            known = data.known
-            frame = main_colors(data, alpha, rank) if known is None else known.frame
+            if data.known is None:
+                alpha = DISC.sweep(family, path, shape, data).alpha
+                frame = main_colors(data, alpha, rank)
+            else:
+                frame = data.known.frame
             yield state_at(data, family, path, DISC, shape, frame)
 
 

@@ -35,21 +35,32 @@ def coherence(data: Data, state: State) -> float:
     return max(_in_blocks(_limited(state), within, 0, size) for size in _SIZES)
 
 
+def overstated(data: Data, state: State) -> float:
+    """By how much a likelihood overstates the evidence in residuals that hang together, 1 or more."""
+    return max(coherence(data, state), 1.0)
+
+
 def misfit(data: Data, state: State) -> float:
     """How much more residuals hang together within the streak than noise does beside it.
 
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
     known: 1 for a sweep that explains all there is, more for a wrong shape. Infinite if the descent
-    found no end, if the object would be brighter than anything in a picture, for a shape that is too
-    small needs too much light, and if the state means nothing.
+    found no end, and for what cannot be.
     """
-    bright = brightness(data, state) > BRIGHTEST
-    if bright or not (state.converged and means_something(data, state)):
+    if not (state.converged and can_be(data, state)):
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
     usual = float(np.clip(_together(e, beside, _OTHERS), 1, _MOST_USUAL))
     return _together(e, within, _WORST) / float(usual**_SPARED)
+
+
+def can_be(data: Data, state: State) -> bool:
+    """Whether a state means something, and of an object no brighter than anything in a picture.
+
+    A shape that is too small needs too much light.
+    """
+    return brightness(data, state) <= BRIGHTEST and means_something(data, state)
 
 
 def means_something(data: Data, state: State) -> bool:
@@ -76,9 +87,8 @@ def stays(data: Data, state: State) -> bool:
     at = (xy[visible] - data.origin) / data.scale
     h, w = data.near.shape
     x, y = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(int).T
-    beyond = np.any(
-        (at < -1) | (at > (w, h)), axis=1
-    )  # large pixels may not reach the picture's end
+    # Large pixels may not reach the picture's end: one of them beyond is still within.
+    beyond = np.any((at < -1) | (at > (w, h)), axis=1)
     astray = np.count_nonzero(beyond | ~data.near[y, x])
     return bool(astray <= _ASTRAY * _MOMENTS)
 
