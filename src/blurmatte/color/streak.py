@@ -55,13 +55,7 @@ def fit_color_from_hues(
     MotionError
         If no streak was given and nothing moved.
     """
-    check_same_size("image", image.size, "plate", plate.size)
-    refuse_gray(image, plate)
-    if not max_brightness > 0:
-        raise ValueError(f"max_brightness must be positive, got {max_brightness}")
-    image, plate = with_noise(image, plate)
-    if streak is None:
-        streak = require_streaks(image, plate)[0]
+    image, plate, streak = checked(image, plate, streak, max_brightness)
     pixels = _streak_pixels(image, plate, streak)
     kinds = {
         name: Evidence(hue, feasibility, max_brightness)
@@ -76,6 +70,20 @@ def fit_color_from_hues(
     _refuse_the_open(model, pixels)
     _refuse_the_unfit(model, pixels)
     return model
+
+
+def checked(
+    image: LinearImage, plate: LinearImage, streak: Streak | None, max_brightness: float
+) -> tuple[LinearImage, LinearImage, Streak]:
+    """Arguments of a color fit with the noise known and a streak; raises what such fits raise."""
+    check_same_size("image", image.size, "plate", plate.size)
+    refuse_gray(image, plate)
+    if not max_brightness > 0:
+        raise ValueError(f"max_brightness must be positive, got {max_brightness}")
+    image, plate = with_noise(image, plate)
+    if streak is None:
+        streak = require_streaks(image, plate)[0]
+    return image, plate, streak
 
 
 def refuse_gray(image: LinearImage, plate: LinearImage) -> None:

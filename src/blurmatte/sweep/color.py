@@ -5,11 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.checks import check_same_size
-from blurmatte.color import ColorModel, fit_color_from_hues, refuse_gray
+from blurmatte.color import ColorModel, checked, fit_color_from_hues
 from blurmatte.errors import ColorModelError, MotionError
-from blurmatte.radiometry import LinearImage, with_noise
-from blurmatte.streaks import Streak, require_streaks
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
 from blurmatte.sweep.fit import fit_sweep
 from blurmatte.sweep.pool import pooled
 from blurmatte.sweep.sweep import Sweep
@@ -60,13 +59,7 @@ def fit_color(
         if streak is not None:
             raise ValueError("a streak is that of one image; with several, leave it out")
         return _fit_together(image, plate, max_brightness)
-    check_same_size("image", image.size, "plate", plate.size)
-    refuse_gray(image, plate)
-    if not max_brightness > 0:
-        raise ValueError(f"max_brightness must be positive, got {max_brightness}")
-    image, plate = with_noise(image, plate)
-    if streak is None:
-        streak = require_streaks(image, plate)[0]
+    image, plate, streak = checked(image, plate, streak, max_brightness)
     return color_of(fit_sweep(image, plate, streak), image, plate, streak, max_brightness)
 
 
