@@ -26,6 +26,11 @@ def test_a_given_color():
     assert explain(ColorModel.from_hex("#ff0000", "#0000ff"))[0].startswith("Two paints")
 
 
+def test_any_colors_are_called_so():
+    (said,) = explain(ColorModel.any())
+    assert "shape" in said
+
+
 def test_evidence_is_told_and_nothing_is_nothing():
     given = ColorModel.from_hex("#ff0000")
     evidence = {"hue variation": 0.123, "feasibility": np.inf, "shape": 2.0}

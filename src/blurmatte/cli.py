@@ -80,7 +80,7 @@ Colors = Annotated[
 ColorFrom = Annotated[
     Path | None, typer.Option(help="A sharp picture of the object in which X,Y are picked.")
 ]
-Rank = Annotated[int, typer.Option(help="1: shades of one color. 2: two colors, or highlights.")]
+Rank = Annotated[int, typer.Option(help="1: shades of one color. 2: two, or highlights. 3: any.")]
 Region = Annotated[
     str | None,
     typer.Option(metavar="X0,Y0,X1,Y1", help="Where the object moved; X1 and Y1 are excluded."),
@@ -393,11 +393,15 @@ class _Task:
 
     def model(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
         """The model that the colors make; None: the streak itself must tell."""
+        if self.rank not in (1, 2, 3):
+            raise ValueError(f"--rank must be 1, 2 or 3, got {self.rank}")
         kinds = {_kind(color) for color in self.colors}
         if self.color_from is not None and "point" not in kinds:
             raise ValueError("--color-from needs points to pick: add --color X,Y")
         if not kinds:
             return self._fitted(image, streak)
+        if self.rank == 3:
+            raise ValueError("--rank 3 is for objects of any colors: leave --color out")
         if len(kinds & {"hex", "file"}) and len(kinds) > 1:
             raise ValueError("give hex colors, or a model file, or points and core: not a mixture")
         if kinds == {"file"}:
@@ -413,6 +417,8 @@ class _Task:
         return bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
 
     def _fitted(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+        if self.rank == 3:
+            return bm.ColorModel.any()
         if self.rank != 1:
             raise ValueError("--rank 2 needs colors: give two with --color, hex or points")
         if self.max_brightness is None:
@@ -602,6 +608,8 @@ def _facts(
 
 
 def _in_degrees(model: bm.ColorModel) -> str:
+    if model.rank == 3:
+        return "any colors  rank 3"
     sure = f"± {model.angle_std:.2g}°" if model.evidence else "given"
     return f"{' + '.join(model.hex)}  rank {model.rank}, {sure}"
 

@@ -56,6 +56,8 @@ def explain(thing: ColorModel | Solution) -> list[str]:
         For anything else.
     """
     if isinstance(thing, ColorModel):
+        if thing.rank == 3:
+            return ["Any colors: alpha follows from the shape and its motion alone."]
         return [_directions(thing), *_evidence(thing)]
     if isinstance(thing, Solution):
         peak = f"Alpha up to {alpha_peak(thing):.2f}."
@@ -193,7 +195,7 @@ def _sum_std(solution: Solution) -> float:
 
 def _condition(model: ColorModel) -> str:
     """What the sum rests on, beside the noise."""
-    if not model.evidence:
+    if not model.evidence and model.rank < 3:
         return ", if the given color is right"
     if set(model.evidence) == {"samples"}:
         return ", if the sampled pixels show nothing but the object"

@@ -171,6 +171,20 @@ def _cut(solution: Solution, place: tuple[slice, slice]) -> Solution:
     return replace(solution, **{name: getattr(solution, name)[place] for name in names})
 
 
+def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
+    """The ends of a swatch, linear light, and what to call what lies between."""
+    model = solution.model
+    if model.rank == 3:
+        layer = solution.layer
+        mean = layer.premultiplied.sum(axis=(0, 1)) / max(float(layer.alpha.sum()), 1e-9)
+        mean = np.clip(mean, 0, 1)
+        return mean, mean, "any colors, on average this"
+    colors = np.clip(model.rgb, 0, 1)
+    sure = f"   ± {model.angle_std:.2g}°" if model.evidence else ""
+    first, last = (0 * colors[0], colors[0]) if model.rank == 1 else (colors[0], colors[1])
+    return first, last, "  to  ".join(model.hex) + sure
+
+
 def _shown(light: Floats) -> Pixels:
     return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
 
@@ -331,13 +345,9 @@ class _Sheet:
         y = self._heading(x, top, "color of the object")
         width = min(_WIDTH - _MARGIN - x, 520)
         mix = np.linspace(0, 1, width)[None, :, None]
-        colors = np.clip(model.rgb, 0, 1)
-        ends = (0 * colors[0], colors[0]) if model.rank == 1 else (colors[0], colors[1])
-        self._paste(_shown((1 - mix) * ends[0] + mix * ends[1]).repeat(56, axis=0), x, y)
+        first, last, name = _colors(solution)
+        self._paste(_shown((1 - mix) * first + mix * last).repeat(56, axis=0), x, y)
         y += 64
-        name = "  to  ".join(model.hex)
-        if model.evidence:
-            name += f"   ± {model.angle_std:.2g}°"
         y += self._words(x, y, width, name, _TITLE, _BRIGHT) + 6
         for sentence in explain(model):
             y += self._words(x, y, _WIDTH - _MARGIN - x, sentence, _BODY, _DIM) + 3

@@ -143,8 +143,8 @@ def test_brightness_of_samples_does_not_matter():
 @pytest.mark.parametrize(
     ("basis", "covariance", "words"),
     [
-        (np.ones(3), None, r"shape \(3, 1\) or \(3, 2\), got \(3,\)"),
-        (np.eye(3), None, r"got \(3, 3\)"),
+        (np.ones(3), None, r"shape \(3, 1\), \(3, 2\) or \(3, 3\), got \(3,\)"),
+        (np.ones((3, 4)), None, r"got \(3, 4\)"),
         (np.ones((3, 1)), None, "orthonormal columns; use ColorModel.from_samples"),
         (np.array([[1.0, 1], [0, 0], [0, 0]]), None, "orthonormal columns"),
         (np.eye(3)[:, :1], np.zeros((2, 2)), r"covariance must be finite, \(3, 3\), got \(2, 2\)"),
@@ -194,3 +194,12 @@ def test_noise_is_no_second_paint(count):
         one_paint = shades(rng, 1, count) + rng.normal(0, 0.01, (count, 3))
         with pytest.raises(ColorModelError, match=r"plane of colors open .*two clearly different"):
             ColorModel.from_samples(one_paint, rank=2)
+
+
+def test_any_colors():
+    model = ColorModel.any()
+    assert (model.rank, model.normals.shape) == (3, (3, 0))
+    assert repr(model) == "ColorModel(rank 3, any colors)"
+    assert_allclose(model.rgb, np.eye(3))
+    with pytest.raises(ValueError, match="has no pole"):
+        _ = model.pole

@@ -19,7 +19,9 @@ from blurmatte.rendering import (
     plain_plate,
     render,
     star_sprite,
+    textured_plate,
 )
+from blurmatte.sweep import fit_sweep
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -98,15 +100,44 @@ def test_what_hides_the_object_is_left_to_the_pixels():
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[free] ** 2)) < 0.02
 
 
-def test_any_colors_are_not_forced_into_a_plane_of_them():
-    colors = np.random.default_rng(1).uniform(0.05, 0.9, (4, 8, 3))
+def painted(plate, contrast=1.0):
+    """A spinning ball of many colors."""
+    rng = np.random.default_rng(1)
+    colors = 0.45 + contrast * (rng.uniform(0.05, 0.9, (4, 8, 3)) - 0.45)
     ball = Ball(16, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1))))
-    scene = Scene(WALL, PATH, ball, Change(spin=(0.7, 0.4, 0.5)))
-    _, image, plate = taken(scene, 1)
+    return Scene(plate, PATH, ball, Change(spin=(0.7, 0.4, 0.5)))
+
+
+def test_any_colors_are_not_forced_into_a_plane_of_them():
+    _, image, plate = taken(painted(WALL, 0.4), 1)
     with pytest.raises(MotionError, match=r"no shape on a path explains the streak"):
         solve(image, plate, solver=Swept())
     with pytest.raises(ColorModelError, match=r"Nor does any shape on a path explain the streak"):
         solve(image, plate)
+    generous = solve(image, plate, solver=Swept(1e3))  # color and alpha are of the same sweep
+    assert generous.solver == "Swept(max_misfit=1000.0)"
+    assert_allclose(generous.model.basis, fit_sweep(image, plate).model.basis)
+
+
+@pytest.mark.parametrize("model", [None, ColorModel.any()], ids=["found", "said"])
+def test_any_colors_before_texture(model):
+    truth, image, plate = taken(painted(textured_plate(SIZE, 2)), 1)
+    solution = solve(image, plate, model)
+    assert solution.model.rank == 3
+    inside = truth.layer.alpha > 0
+    off = solution.alpha - truth.layer.alpha
+    assert np.sqrt(np.mean(off[inside] ** 2)) < 0.02
+    light = (solution.premultiplied - truth.layer.premultiplied)[inside]
+    assert np.sqrt(np.mean(light**2)) < 0.02
+    z = off[inside] / np.maximum(solution.alpha_std[inside], 1e-3)
+    assert np.sqrt(np.mean(z**2)) < 2
+    assert np.all(solution.alpha[solution.quality != 0] == 0)
+
+
+def test_any_colors_are_nothing_for_pixels_alone():
+    _, image, plate = taken(painted(textured_plate(SIZE, 2)), 1)
+    with pytest.raises(ColorModelError, match="told by its shape and motion or not at all"):
+        solve(image, plate, ColorModel.any(), Pixelwise())
 
 
 def test_another_shape_is_found():

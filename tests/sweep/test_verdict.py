@@ -18,6 +18,7 @@ from blurmatte.rendering import (
     colorful_plate,
     plain_plate,
     render,
+    textured_plate,
 )
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT
@@ -33,6 +34,7 @@ from blurmatte.sweep.verdict import (
     doubtful_share,
     means_something,
     misfit,
+    told_by_texture,
 )
 from blurmatte.trajectory import Trajectory
 
@@ -200,3 +202,22 @@ def test_doubtful_is_what_the_sweep_does_not_explain():
     assert_allclose(doubtful_share(data, hidden), share, atol=0.02)
     nowhere = state_at(data, LINE, np.array([-80.0, -80, -60, -60]), DISC, state.shape, state.frame)
     assert doubtful_share(data, nowhere) == 1
+
+
+@pytest.mark.parametrize(("plate", "tells"), [(WALL, False), (textured_plate(SIZE, 2), True)])
+def test_texture_tells_alpha_where_there_is_some(plate, tells):
+    data = taken(replace(BALL, plate=plate))
+    right = disc(data)
+    share, against = told_by_texture(data, right)
+    assert (share > 0.5) == tells
+    assert against < 3
+    wrong = disc(data, radius=14.0)
+    assert (told_by_texture(data, wrong)[1] > 10) == tells
+
+
+def test_a_plane_with_the_plates_color_in_most_places_means_nothing():
+    data = taken(BALL)
+    plane = Frame.of(np.stack([GREEN, data.B.mean(axis=(0, 1))], axis=1))
+    right = disc(data)
+    assert means_something(data, right)
+    assert not means_something(data, replace(right, frame=plane))

@@ -26,12 +26,12 @@ class ColorModel:
     """All colors the object may show: a subspace of linear RGB through black.
 
     Rank 1 is a line (one paint and its shades), rank 2 a plane (two paints, or one paint with
-    highlights, or in two lights). Sections 2.2 and 3.3 of [GC07].
+    highlights, or in two lights), rank 3 all colors. Sections 2.2 and 3.3 of [GC07].
 
     Parameters
     ----------
     basis : (3, rank) float
-        Orthonormal columns that span the colors; rank 1 or 2.
+        Orthonormal columns that span the colors; rank 1, 2 or 3.
     covariance : (3, 3) float
         Of the pole, radians²; zeros for a model that was given, not measured.
     evidence : mapping of str to float
@@ -50,8 +50,10 @@ class ColorModel:
 
     def __post_init__(self) -> None:
         basis = np.asarray(self.basis, dtype=float)
-        if basis.ndim != 2 or basis.shape[0] != 3 or basis.shape[1] not in (1, 2):
-            raise ValueError(f"basis must have the shape (3, 1) or (3, 2), got {basis.shape}")
+        if basis.ndim != 2 or basis.shape[0] != 3 or basis.shape[1] not in (1, 2, 3):
+            raise ValueError(
+                f"basis must have the shape (3, 1), (3, 2) or (3, 3), got {basis.shape}"
+            )
         if not np.allclose(basis.T @ basis, np.eye(basis.shape[1]), atol=1e-6):
             raise ValueError("basis must have orthonormal columns; use ColorModel.from_samples")
         covariance = np.asarray(self.covariance, dtype=float)
@@ -61,11 +63,13 @@ class ColorModel:
         object.__setattr__(self, "covariance", covariance)
 
     def __repr__(self) -> str:
+        if self.rank == 3:
+            return "ColorModel(rank 3, any colors)"
         return f"ColorModel(rank {self.rank}, {' + '.join(self.hex)}, ±{self.angle_std:.2g}°)"
 
     @property
     def rank(self) -> int:
-        """1 for a line of colors, 2 for a plane."""
+        """1 for a line of colors, 2 for a plane, 3 for all."""
         return int(self.basis.shape[1])
 
     @property
@@ -75,7 +79,15 @@ class ColorModel:
 
     @property
     def pole(self) -> Array:
-        """(3,) the line's direction l (rank 1) or the plane's normal n (rank 2)."""
+        """(3,) the line's direction l (rank 1) or the plane's normal n (rank 2).
+
+        Raises
+        ------
+        ValueError
+            For rank 3, which has none.
+        """
+        if self.rank == 3:
+            raise ValueError("a model of any colors has no pole; rank 1 and 2 have")
         return self.basis[:, 0] if self.rank == 1 else self.normals[:, 0]
 
     @property
@@ -88,8 +100,10 @@ class ColorModel:
         """(rank, 3) colors that span the model, linear, each with brightest channel 1.
 
         Rank 2: the two extreme colors of the plane without negative light, so that every color the
-        object can show lies between them.
+        object can show lies between them. Rank 3: red, green and blue.
         """
+        if self.rank == 3:
+            return np.eye(3)
         colors = self.basis.T if self.rank == 1 else _extremes(self.pole)
         return np.asarray(colors / np.abs(colors).max(axis=1, keepdims=True))
 
@@ -98,6 +112,11 @@ class ColorModel:
         """The colors of `rgb` as sRGB-coded #rrggbb."""
         codes = np.rint(255 * SRGB.encode(np.clip(self.rgb, 0, 1))).astype(int)
         return tuple("#{:02x}{:02x}{:02x}".format(*code) for code in codes)
+
+    @classmethod
+    def any(cls) -> ColorModel:
+        """All colors: alpha then follows from shape and motion only, not from a pixel's color."""
+        return cls(np.eye(3))
 
     @classmethod
     def from_hex(cls, *colors: str) -> ColorModel:

@@ -12,6 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_map
 from blurmatte.color import ColorModel
+from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import NoiseModel
 
 Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -78,6 +79,7 @@ class Pixelwise:
         image, plate : (H, W, 3)
             Linear light as floats; or code values, uint8 or uint16, decoded by `tables`.
         model : ColorModel
+            Of one that holds all colors a pixel alone knows nothing: alpha is 0 and its error infinite.
         image_noise, plate_noise : NoiseModel or (H, W, 3) variances
             Variances per pixel are for light only, not for code values.
         flags : (H, W) uint8, optional
@@ -96,6 +98,8 @@ class Pixelwise:
         dtype = (tables[0] if tables else image).dtype if out is None else out.alpha.dtype
         maps = PixelMaps.empty(height, width, dtype) if out is None else out
         check_map("out", maps.premultiplied, (height, width, 3))
+        if model.rank == 3:
+            return _unknown(maps, flags)
         N = _normals(model, dtype)
         max_std = dtype.type(self.max_alpha_std)
 
@@ -110,6 +114,16 @@ class Pixelwise:
         with ThreadPoolExecutor(cpu_count()) as threads:
             list(threads.map(solve_rows, _strips(height)))
         return maps
+
+
+def _unknown(maps: PixelMaps, flags: npt.NDArray[np.uint8] | None) -> PixelMaps:
+    for values, stds in (
+        (maps.alpha, maps.alpha_std),
+        (maps.premultiplied, maps.premultiplied_std),
+    ):
+        values[:], stds[:] = 0, np.inf
+    maps.quality[:] = (0 if flags is None else flags) | np.uint8(Quality.PLATE_IN_MODEL)
+    return maps
 
 
 def _compiled(

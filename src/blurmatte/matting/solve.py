@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel, refuse_gray
-from blurmatte.errors import MotionError
+from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.solution import Quality, Solution
@@ -21,6 +21,10 @@ from blurmatte.streaks import Streak, require_streaks, shift_variance
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
 
+_NO_COLOR = (
+    "an object of any colors is told by its shape and motion or not at all: give its color, or take "
+    "the pictures so that no other thing moves beside it"
+)
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
 
@@ -87,9 +91,12 @@ def solve(
     swept = _chosen(solver, sweep)
     if model is None:
         assert sweep is not None
-        model = color_of(sweep, image, plate, streak, np.inf)
+        most = (swept or Swept()).max_misfit
+        model = color_of(sweep, image, plate, streak, np.inf, most)
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
+    if model.rank == 3 and swept is None:
+        raise ColorModelError(_NO_COLOR)
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
     maps = pixelwise(
         image.rgb, plate.rgb, model, _noise(image), _noise(plate),

@@ -103,7 +103,8 @@ def _light(
     variance = np.einsum("ci,hwij,cj->hwc", M, covariance, M) + (slope * alpha_std[..., None]) ** 2
     P_std = np.where(alpha[..., None] > 0, np.sqrt(variance), 0)
     chi2 = np.sum((light - P) ** 2 * weight, axis=-1)
-    chi2 /= np.where(alpha > 0, 3 - sweep.model.rank, 3)  # no light is free where nothing was
+    # No light is free where nothing was; of any colors none is left where something was.
+    chi2 /= np.where(alpha > 0, max(3 - sweep.model.rank, 1), 3)
     return P, P_std, chi2
 
 

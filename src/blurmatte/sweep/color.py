@@ -42,8 +42,8 @@ def fit_color(
     Returns
     -------
     ColorModel
-        Rank 1, or 2 if only two paints, highlights or two lights explain the streak; with the
-        covariance of its direction and what each kind of evidence says.
+        Rank 1, or 2 if only two paints, highlights or two lights explain the streak, or 3 if only
+        any colors do; with the covariance of its direction and what each kind of evidence says.
 
     Raises
     ------
@@ -60,7 +60,8 @@ def fit_color(
             raise ValueError("a streak is that of one image; with several, leave it out")
         return _fit_together(image, plate, max_brightness)
     image, plate, streak = checked(image, plate, streak, max_brightness)
-    return color_of(fit_sweep(image, plate, streak), image, plate, streak, max_brightness)
+    sweep = fit_sweep(image, plate, streak)
+    return color_of(sweep, image, plate, streak, max_brightness, MAX_MISFIT)
 
 
 def _fit_together(
@@ -83,11 +84,16 @@ def _fit_together(
 
 
 def color_of(
-    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, max_brightness: float
+    sweep: Sweep,
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    max_brightness: float,
+    max_misfit: float,
 ) -> ColorModel:
     """The sweep's color if it explains the streak, else what the hues tell."""
-    if sweep.misfit <= MAX_MISFIT:
-        if sweep.model.rank == 2:
+    if sweep.misfit <= max_misfit:
+        if sweep.model.rank > 1:
             return sweep.model
         hues = _left_by_hues(sweep.model, image, plate, streak)
         return replace(sweep.model, evidence={**sweep.model.evidence, "hue variation": hues})
@@ -95,14 +101,14 @@ def color_of(
         return fit_color_from_hues(image, plate, streak, max_brightness)
     except ColorModelError as error:
         raise ColorModelError(
-            f"{error}. Nor does any shape on a path explain the streak: {_left(sweep)}"
+            f"{error}. Nor does any shape on a path explain the streak: {_left(sweep, max_misfit)}"
         ) from error
 
 
-def _left(sweep: Sweep) -> str:
+def _left(sweep: Sweep, max_misfit: float) -> str:
     if np.isinf(sweep.misfit):
         return "the best would need more light than a picture holds, or leaves the streak"
-    return f"the best leaves {sweep.misfit:.1f} times as much as noise, {MAX_MISFIT} is the most"
+    return f"the best leaves {sweep.misfit:.1f} times as much as noise, {max_misfit:g} is the most"
 
 
 def _left_by_hues(

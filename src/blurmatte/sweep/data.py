@@ -43,6 +43,8 @@ class Data:
         What is known of the object's color.
     scale : float
         Width of a pixel here, in pixels of the picture.
+    grain : float
+        Over how many pixels of the picture an object of any colors is taken to change little.
     """
 
     C: Array
@@ -57,6 +59,12 @@ class Data:
     origin: tuple[float, float]
     known: KnownColor | None = None
     scale: float = 1.0
+    grain: float = 4.0
+
+    @property
+    def pitch(self) -> float:
+        """`grain` in the pixels here, 2 or more."""
+        return max(self.grain / self.scale, 2.0)
 
     def coarser(self, by: int) -> "Data":
         """Means over blocks of `by` by `by` pixels; what is left over at the far sides is cut."""
@@ -82,6 +90,7 @@ class Data:
             (self.origin[0] + middle, self.origin[1] + middle),
             self.known,
             self.scale * by,
+            self.grain,
         )
 
 

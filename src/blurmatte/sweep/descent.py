@@ -11,13 +11,14 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
+from blurmatte.sweep.field import Field, field_of
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
+from blurmatte.sweep.student import belief, loss
 
 Array = npt.NDArray[np.float64]
 
-_FREEDOM = 6.0  # degrees of freedom of the t distribution
 _STEPS, _TRIES = 40, 8
 _POINTS = 33
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
@@ -39,15 +40,18 @@ class State:
     shape : (m,) float
     frame : Frame
         The color model.
-    moments : (2, 2) float
+    moments : (2, 2) or (3, 3) float
         Second moments of the object's colors within the model, 0 beyond its rank.
     swept : Swept
     e : (3, h, w) float
-        Residuals of unit variance: across the model, the second 0 if it is a plane, and negative light.
+        Residuals of unit variance: across the model, the second 0 if it is a plane, and negative
+        light; or of each channel, if the object may have any colors.
     cost : float
         Minus the log likelihood of what lies across the model.
     converged : bool
         No step gains anything any more.
+    field : Field, optional
+        Its colors, if it may have any.
     """
 
     family: PathFamily
@@ -60,6 +64,7 @@ class State:
     e: Array
     cost: float
     converged: bool = False
+    field: Field | None = None
 
     @property
     def size(self) -> int:
@@ -84,7 +89,7 @@ class State:
     @property
     def belief(self) -> Array:
         """(h, w) how much each pixel's residuals are taken for noise."""
-        return (_FREEDOM + 2) / (_FREEDOM + self.chi2)
+        return belief(self.chi2)
 
     def weights(self, data: Data) -> Array:
         """(h, w) how much each pixel counts."""
@@ -92,10 +97,14 @@ class State:
 
     def information(self, data: Data) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost."""
+        if self.field is not None:
+            J, alpha = self.swept.by_parameters, self.swept.alpha
+            H, g = self.field.information(J, light_of(data), alpha, self.weights(data), self.e)
+            return np.pad(H, (0, 2)), np.pad(g, (0, 2))  # all colors cannot turn
         from blurmatte.sweep import residuals  # numba takes half a second to import
 
         H, g = residuals.normal_equations(
-            self.swept.by_parameters, *_light(data), self.swept.alpha, self.weights(data),
+            self.swept.by_parameters, *light_of(data), self.swept.alpha, self.weights(data),
             self.frame.across, self.frame.within, self.moments, self.main,
         )  # fmt: skip
         if data.known is not None:
@@ -116,11 +125,17 @@ def state_at(
     from blurmatte.sweep import residuals  # numba takes half a second to import
 
     swept = silhouette.sweep(family, path, shape, data)
-    light, alpha = _light(data), swept.alpha
+    light, alpha = light_of(data), swept.alpha
+    if frame.rank == 3:
+        field = field_of(light, alpha, data.weight, data.pitch)
+        e = field.residuals(light, alpha)
+        cost = float(np.sum(data.weight * loss((e**2).sum(axis=0)))) + field.cost
+        moments = field.colors.T @ field.colors / max(len(field.colors), 1)
+        return State(family, path, silhouette, shape, frame, moments, swept, e, cost, field=field)
     moments = residuals.second_moments(*light, alpha, data.weight, frame.across, frame.within)
     e = np.empty((3, *alpha.shape))
     residuals.residuals(*light, alpha, frame.across, _main(frame, moments), e)
-    cost = np.sum(data.weight * np.log1p((e**2).sum(axis=0) / _FREEDOM)) * (_FREEDOM + 2) / 2
+    cost = np.sum(data.weight * loss((e**2).sum(axis=0)))
     if data.known is not None:
         cost += data.known.cost(frame)
     return State(family, path, silhouette, shape, frame, _positive(moments), swept, e, float(cost))
@@ -159,16 +174,19 @@ def _gained(data: Data, state: State, tried: State) -> float:
 
     A color that suits the noise of a whole picture better only seems to be.
     """
+    if state.field is not None:
+        return state.cost - tried.cost
     from blurmatte.sweep import residuals  # numba takes half a second to import
 
     feigned = residuals.feigned_by_noise(
-        *_light(data), state.swept.alpha, state.weights(data),
+        *light_of(data), state.swept.alpha, state.weights(data),
         state.frame.across, state.frame.within, state.moments, tried.frame.across,
     )  # fmt: skip
     return state.cost - tried.cost - float(feigned) / 2
 
 
-def _light(data: Data) -> tuple[Array, Array, Array, Array]:
+def light_of(data: Data) -> tuple[Array, Array, Array, Array]:
+    """Image, plate, and the variances of both."""
     return data.C, data.B, data.C_variance, data.B_variance
 
 

@@ -2,7 +2,8 @@
 
 Path, silhouette and color are found together, as those for which the least is left of the light
 across the color, by Levenberg–Marquardt steps with weights that doubt what cannot be noise; first for
-a disc of one paint (`search`), then for other outlines (`outline`) or more colors.
+a disc of one paint (`search`), then for other outlines (`outline`) or more colors; at last for any
+colors that change little within a fraction of the radius (`field`).
 """
 
 from dataclasses import replace
@@ -19,7 +20,14 @@ from blurmatte.sweep.known import known_color
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import doubtful_share, misfit, overstated, stays
+from blurmatte.sweep.verdict import (
+    MAX_MISFIT,
+    doubtful_share,
+    misfit,
+    overstated,
+    stays,
+    told_by_texture,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -27,6 +35,8 @@ _NOISE = 1.2  # misfit of what needs no better explanation
 _MOST_UNSURE = 0.25  # of a radius, the standard deviation of one that means anything
 _FOLLOWING = 3  # times that a path may lead out of what was found
 _FOLLOWED = 0.2  # of the largest alpha
+_MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
+_AGAINST = 3.0  # what it may tell against them
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -40,7 +50,8 @@ def fit_sweep(
 
     A disc of one paint is tried first, then other outlines, also such as turn; where they leave more
     than noise, a disc with a plane of colors: two paints, one paint with highlights, or one in two
-    lights. What path and outline are is for the evidence to choose.
+    lights; and where that does not help, a disc of any colors. What path and outline are is for the
+    evidence to choose.
 
     Parameters
     ----------
@@ -49,7 +60,8 @@ def fit_sweep(
     streak : Streak, optional
         Where it moved. If not given, the strongest thing that moved.
     model : ColorModel, optional
-        What is known of the color, as well as its covariance says.
+        What is known of the color, as well as its covariance says; `ColorModel.any()` for an object
+        of any colors.
 
     Returns
     -------
@@ -65,15 +77,16 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = require_streaks(image, plate)[0]
-    known = None if model is None else known_color(model)
+    rank = 1 if model is None else model.rank
+    known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
-    disc = search.best(1 if known is None else known.frame.rank)
+    disc = search.best(rank)
     for _ in range(_FOLLOWING):
         if stays(search.data, disc) or np.isnan(streak.evidence):
             break  # a streak that was given, not found, is all there is
         streak = _followed(streak, _sweep(search.data, disc, image.size))
         search = Search.of(streak, image, plate, known)
-        disc = search.best(disc.frame.rank)
+        disc = search.best(rank)
     return _sweep(search.data, _best(search, disc), image.size)
 
 
@@ -87,15 +100,27 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
 
 
 def _best(search: Search, disc: State) -> State:
-    """One paint of any shape, unless only several on a disc explain the streak."""
-    if disc.frame.rank == 2:
+    """One paint of any shape, unless only several, or any, on a disc explain the streak."""
+    if disc.frame.rank > 1:
         return disc
     line = refined(search.data, disc)
     left = misfit(search.data, line)
     if left <= _NOISE or search.data.known is not None:
         return line
     plane = search.best(2)
-    return plane if misfit(search.data, plane) <= min(left / _CLEARLY, _NOISE) else line
+    if misfit(search.data, plane) <= min(left / _CLEARLY, _NOISE):
+        return plane
+    if not _textured(search.data, disc):
+        return line
+    any_colors = search.best(3)
+    _, against = told_by_texture(search.data, any_colors)
+    agrees = against < _AGAINST and misfit(search.data, any_colors) <= min(left, MAX_MISFIT)
+    return any_colors if agrees and _textured(search.data, any_colors) else line
+
+
+def _textured(data: Data, state: State) -> bool:
+    share, _ = told_by_texture(data, state)
+    return share > _MOST_OF_IT
 
 
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
@@ -127,6 +152,8 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
 def _model(state: State, turns: Array) -> ColorModel:
     """The color model, with the covariance of the one direction that stands for it."""
     frame = state.frame
+    if frame.rank == 3:
+        return ColorModel.any()
     moving = frame.across if frame.rank == 1 else frame.within
     basis = state.main[:, None] if frame.rank == 1 else frame.within
     return ColorModel(

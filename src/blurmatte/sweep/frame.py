@@ -13,12 +13,12 @@ class Frame:
     """Orthonormal directions in linear RGB.
 
     It has two ways to turn whether it is a line or a plane: of each direction within towards each
-    one across.
+    one across. The whole space has none.
 
     Parameters
     ----------
     within : (3, rank) float
-        Directions that the object's colors have, rank 1 or 2.
+        Directions that the object's colors have, rank 1, 2 or 3.
     across : (3, 3 - rank) float
         Those that they have not.
     """
@@ -35,11 +35,13 @@ class Frame:
 
     @property
     def rank(self) -> int:
-        """1 for a line, 2 for a plane."""
+        """1 for a line, 2 for a plane, 3 for all colors."""
         return int(self.within.shape[1])
 
     def turned(self, turns: Array) -> "Frame":
         """After small turns (2,), radians: of all within towards the first across, then the second."""
+        if self.rank == 3:
+            return self
         turns = turns.reshape(self.across.shape[1], self.rank)
         within = self.within + self.across @ turns
         across = self.across - self.within @ turns.T

@@ -5,7 +5,7 @@ through the streak and then from the best path found, the best few on small ones
 """
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,6 +15,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.choice import best_of, ranked
 from blurmatte.sweep.data import Data, data_around
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
+from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
@@ -25,6 +26,7 @@ Array = npt.NDArray[np.float64]
 
 FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 
+_GRAINS = 5.0  # in the half width, over which any colors change little
 _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be quick
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
@@ -62,6 +64,7 @@ class Search:
         mask = streak.mask[y0:y1, x0:x1]
         half_width = half_width_of(mask)
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
+        data = replace(data, grain=half_width / _GRAINS)
         data = data.coarser(max(1, int(half_width / _FINE_RADIUS)))
         return cls(
             data,
@@ -98,7 +101,9 @@ def _starts(data: Data, curve: Array, radius: float, rank: int) -> Iterable[Stat
     shape = DISC.start(radius)
     for family in FAMILIES:
         for path in family.starts(curve):
-            if data.known is None:
+            if rank == 3:
+                frame = Frame.of(np.eye(3))
+            elif data.known is None:
                 alpha = DISC.sweep(family, path, shape, data).alpha
                 frame = main_colors(data, alpha, rank)
             else:

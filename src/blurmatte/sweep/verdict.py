@@ -4,7 +4,9 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State
+from blurmatte.sweep.descent import State, light_of
+from blurmatte.sweep.field import Grid, field_of
+from blurmatte.sweep.student import belief
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -20,7 +22,9 @@ _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _SPARED = 1.4  # compression spares plain surroundings: a power of what is found there
 _MOST_USUAL = 4.0  # that noise hangs together
-_APART = 0.05  # radians, root mean square
+_ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
+_TOLD = 0.03  # of alpha, what a texture must tell
+_APART = 0.05  # radians
 _MOMENTS, _ASTRAY = 129, 0.01  # moments of the exposure, and the part of them a path may be astray
 BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
@@ -37,7 +41,7 @@ def coherence(data: Data, state: State) -> float:
 
 def overstated(data: Data, state: State) -> float:
     """By how much a likelihood overstates the evidence in residuals that hang together, 1 or more."""
-    return max(coherence(data, state), 1.0)
+    return max(coherence(data, state), _ANY_COLORS if state.frame.rank == 3 else 1.0)
 
 
 def misfit(data: Data, state: State) -> float:
@@ -63,6 +67,32 @@ def can_be(data: Data, state: State) -> bool:
     return brightness(data, state) <= BRIGHTEST and means_something(data, state)
 
 
+def told_by_texture(data: Data, state: State) -> tuple[float, float]:
+    """Whether a plate's texture, that shines through, tells what alpha is.
+
+    The object may have any color at each node of a field, neighbors need not be alike.
+
+    Returns
+    -------
+    share : float
+        Of the places in which it would tell a wrong alpha.
+    against : float
+        Mean square of how wrong it finds alpha there, in standard deviations; about 1 to 3 for the
+        right one, for a field of colors is not all that is painted on an object.
+    """
+    light, alpha = light_of(data), state.swept.alpha
+    field = field_of(light, alpha, data.weight, data.pitch, alike=False)
+    e = field.residuals(light, alpha)
+    seen_through = np.where(alpha < _OPAQUE, alpha, 0)
+    J = Grid.over(seen_through, 2 * data.pitch).hats(seen_through)
+    H, g = field.information(J, light, alpha, data.weight * belief((e**2).sum(axis=0)), e)
+    information = np.diag(H)
+    told = information > _TOLD**-2
+    if not told.any():
+        return 0.0, 0.0
+    return float(np.mean(told)), float(np.mean(g[told] ** 2 / information[told]))
+
+
 def means_something(data: Data, state: State) -> bool:
     """Whether path and color can be told from what is not the object."""
     return _apart_from_plate(data, state) and stays(data, state)
@@ -73,11 +103,11 @@ def _apart_from_plate(data: Data, state: State) -> bool:
 
     A plane of the object's and the plate's color explains any picture of theirs, whatever alpha is.
     """
-    if state.frame.rank == 1:
+    if state.frame.rank != 2:
         return True
     B = data.B[data.streak & data.valid]
     sines = (B @ state.frame.across) / np.linalg.norm(B, axis=1, keepdims=True)
-    return bool(np.sqrt(np.mean(sines**2)) > _APART)
+    return bool(np.median(np.abs(sines)) > _APART)
 
 
 def stays(data: Data, state: State) -> bool:
@@ -100,7 +130,8 @@ def doubtful_share(data: Data, state: State) -> float:
 
 
 def _limited(state: State) -> Array:
-    return np.asarray(state.e[: 3 - state.frame.rank] * np.sqrt(state.belief))
+    channels = 3 - state.frame.rank or 3
+    return np.asarray(state.e[:channels] * np.sqrt(state.belief))
 
 
 def _places(data: Data, state: State) -> tuple[Bools, Bools]:

@@ -1,0 +1,18 @@
+"""Student's t distribution of residuals: noise, and now and then something else."""
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+
+_FREEDOM = 6.0  # degrees of freedom
+
+
+def loss(chi2: Array) -> Array:
+    """Minus the log likelihood of squared residuals, unit variance."""
+    return np.asarray(np.log1p(chi2 / _FREEDOM) * (_FREEDOM + 2) / 2)
+
+
+def belief(chi2: Array) -> Array:
+    """How much squared residuals are taken for noise; twice the slope of the loss."""
+    return np.asarray((_FREEDOM + 2) / (_FREEDOM + chi2))
