@@ -202,7 +202,7 @@ def color(
         model = task.model(C, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
-    _print("\n".join([_in_degrees(model), *bm.explain(model)]))
+    _print("\n".join([_in_degrees(model), *_swatches(model), *bm.explain(model)]))
 
 
 @app.command()
@@ -605,6 +605,18 @@ def _facts(
         f"sum {alpha.sum(dtype=float):.6g}"
     )
     yield f"light times alpha: {light.min():.4g} to {light.max():.4g}, 1 is white"
+
+
+def _swatches(model: bm.ColorModel) -> list[str]:
+    """The colors still possible as blocks of color, the likeliest first, where they can be shown."""
+    if model.rank == 3 or not sys.stdout.isatty():
+        return []
+    blocks = [[_block(*bytes.fromhex(color[1:])) for color in m.hex] for m in model.possible]
+    return [" ".join(row) for row in zip(*blocks, strict=True)]
+
+
+def _block(red: int, green: int, blue: int) -> str:
+    return typer.style("    ", bg=(red, green, blue))
 
 
 def _in_degrees(model: bm.ColorModel) -> str:

@@ -58,7 +58,7 @@ def explain(thing: ColorModel | Solution) -> list[str]:
     if isinstance(thing, ColorModel):
         if thing.rank == 3:
             return ["Any colors: alpha follows from the shape and its motion alone."]
-        return [_directions(thing), *_evidence(thing)]
+        return [_directions(thing), *_evidence(thing), *_possible(thing)]
     if isinstance(thing, Solution):
         peak = f"Alpha up to {alpha_peak(thing):.2f}."
         return [
@@ -142,6 +142,14 @@ def _evidence(model: ColorModel) -> list[str]:
         told = f"to {std:.2g}°" if std < _OPEN else "nothing"
         sentences.append(f"From {source}: {told}.")
     return sentences
+
+
+def _possible(model: ColorModel) -> list[str]:
+    """What else the color may be, if that can be told apart."""
+    told = [" and ".join(other.hex) for other in model.possible]
+    if len(set(told)) == 1:
+        return []
+    return [f"In 95 of 100 cases no further away than {told[1]} or {told[5]}."]
 
 
 def _sweep(stats: Mapping[str, Any]) -> list[str]:

@@ -12,6 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_same_size
+from blurmatte.color import ColorModel
 from blurmatte.explain import alpha_peak, doubts, explain
 from blurmatte.matting import Quality, Solution
 from blurmatte.radiometry import SRGB, LinearImage
@@ -25,6 +26,7 @@ _TEXT_WIDTH = 560  # of the panel of words, at least
 _TALLEST = 720, 1320  # of the whole picture; of all the crops together
 _MOST_ENLARGED = 24
 _COUNT = 6  # panels of the streak
+_POSSIBLE = "the color, and the rim of what it is in 95 of 100 cases"
 _TITLE, _BODY, _LINE = 21, 17, 24  # letters; from line to line of the body
 
 _GROUND: Color = (24, 25, 28)
@@ -183,6 +185,12 @@ def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
     sure = f"   ± {model.angle_std:.2g}°" if model.evidence else ""
     first, last = (0 * colors[0], colors[0]) if model.rank == 1 else (colors[0], colors[1])
     return first, last, "  to  ".join(model.hex) + sure
+
+
+def _possible(model: ColorModel) -> list[Pixels]:
+    """A row of swatches of the colors still possible, for each color of the model."""
+    colors = np.stack([np.clip(other.rgb, 0, 1) for other in model.possible], axis=1)
+    return [_shown(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
 
 
 def _shown(light: Floats) -> Pixels:
@@ -348,6 +356,11 @@ class _Sheet:
         first, last, name = _colors(solution)
         self._paste(_shown((1 - mix) * first + mix * last).repeat(56, axis=0), x, y)
         y += 64
+        if len({other.hex for other in model.possible}) > 1:
+            for row in _possible(model):
+                self._paste(row, x, y)
+                y += row.shape[0] + 4
+            y += self._words(x, y, width, _POSSIBLE, _BODY, _DIM) + 8
         y += self._words(x, y, width, name, _TITLE, _BRIGHT) + 6
         for sentence in explain(model):
             y += self._words(x, y, _WIDTH - _MARGIN - x, sentence, _BODY, _DIM) + 3

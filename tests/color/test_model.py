@@ -203,3 +203,25 @@ def test_any_colors():
     assert_allclose(model.rgb, np.eye(3))
     with pytest.raises(ValueError, match="has no pole"):
         _ = model.pole
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_the_rim_of_what_is_possible_is_as_likely_all_around(rank):
+    given = ColorModel.from_hex(*["#d8a03c", "#2060c0"][:rank])
+    across = np.linalg.svd(given.pole[:, None])[0][:, 1:]
+    covariance = across @ np.diag([0.02**2, 0.005**2]) @ across.T
+    first, *rim = ColorModel(given.basis, covariance).possible
+    assert_allclose(first.basis, given.basis)
+    steps = np.array([m.pole / (m.pole @ given.pole) - given.pole for m in rim])
+    assert_allclose(np.einsum("ki,ij,kj->k", steps, np.linalg.pinv(covariance), steps), 2.45**2)
+    assert_allclose(np.linalg.norm(steps[[0, 4]], axis=1), 2.45 * 0.02)
+
+
+def test_nothing_else_is_possible_than_what_was_given():
+    given = ColorModel.from_hex("#d8a03c")
+    assert given.possible == (given,)
+
+
+def test_no_possible_color_has_negative_light():
+    red = ColorModel(np.eye(3)[:, :1], np.diag([0, 0.01, 0.01]))
+    assert min(other.basis.min() for other in red.possible) >= 0

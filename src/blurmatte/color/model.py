@@ -20,6 +20,8 @@ from blurmatte.radiometry import SRGB
 
 Array = npt.NDArray[np.float64]
 
+_RIM = 2.45  # standard deviations of two normal numbers within which 95 % of both together lie
+
 
 @dataclass(frozen=True, eq=False)
 class ColorModel:
@@ -112,6 +114,28 @@ class ColorModel:
         """The colors of `rgb` as sRGB-coded #rrggbb."""
         codes = np.rint(255 * SRGB.encode(np.clip(self.rgb, 0, 1))).astype(int)
         return tuple("#{:02x}{:02x}{:02x}".format(*code) for code in codes)
+
+    @property
+    def possible(self) -> tuple[ColorModel, ...]:
+        """The model, and eight on the rim of the region that holds the true one in 95 of 100 cases.
+
+        The first and the fifth of the rim lie at the ends of its longest axis. Only the model if
+        nothing is uncertain.
+        """
+        if not self.covariance.any():
+            return (self,)
+        values, axes = np.linalg.eigh(self.covariance)
+        around = np.linspace(0, 2 * np.pi, 8, endpoint=False)
+        circle = np.stack([np.cos(around), np.sin(around)], axis=1)
+        reach = _RIM * np.sqrt(np.maximum(values[:0:-1], 0))
+        steps = (circle * np.minimum(reach, 1)) @ axes[:, :0:-1].T
+        return (self, *(self._with_pole(self.pole + step) for step in steps))
+
+    def _with_pole(self, pole: Array) -> ColorModel:
+        if self.rank == 1:  # no color has negative light
+            pole = np.maximum(pole, 0)
+            return ColorModel((pole / np.linalg.norm(pole))[:, None])
+        return ColorModel(_bright(np.linalg.svd(pole[:, None])[0][:, 1:]))
 
     @classmethod
     def any(cls) -> ColorModel:

@@ -143,8 +143,10 @@ def _refuse_the_open(model: ColorModel, pixels: Pixels) -> None:
     why = f"{said}; the plate's hue is {near:.0f}° away and varies by {spread:.1f}° behind it"
     if misfit(model.pole, pixels) > 9:
         why += "; the colors do not lie on one line: a highlight, a second color, or a shadow"
+    possible = model.possible
     raise ColorModelError(
-        f"the streak leaves the object's color open by {model.angle_std:.1f}° ({why}): give the "
+        f"the streak leaves the object's color open by {model.angle_std:.1f}°, anything from "
+        f"{possible[1].hex[0]} to {possible[5].hex[0]} ({why}): give the "
         "color (--color, model=), pick pixels of the object where it is sharp or opaque, or bound "
         "its brightness"
     )
