@@ -744,5 +744,5 @@ def test_swatches_are_drawn_where_they_can_be_seen(monkeypatch):
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
     (row,) = _swatches(model)
     assert row.count("\x1b[48;2;") == 9
-    assert "48;2;255;189;71" in row
+    assert "48;2;255;190;73" in row
     assert _swatches(bm.ColorModel.any()) == []
