@@ -746,3 +746,27 @@ def test_swatches_are_drawn_where_they_can_be_seen(monkeypatch):
     assert row.count("\x1b[48;2;") == 9
     assert "48;2;255;190;73" in row
     assert _swatches(bm.ColorModel.any()) == []
+
+
+def bent(scene, folder, exponent):
+    """The same pictures in files that were written with another curve."""
+    for name in ("image.png", "plate.png"):
+        with Image.open(scene / name) as picture:
+            light = bm.SRGB.decode(np.asarray(picture, float) / 255)
+        codes = np.rint(255 * light ** (1 / exponent)).astype(np.uint8)
+        Image.fromarray(codes).save(folder / name)
+    return folder / "image.png", "--plate", folder / "plate.png"
+
+
+def test_a_curve_is_found(scene, tmp_path):
+    result = good("color", *bent(scene, tmp_path, 1), "--transfer", "auto")
+    assert result.stdout.startswith("transfer: linear")
+    straight = good(
+        "color", scene / "image.png", "--plate", scene / "plate.png", "--transfer", "auto"
+    )
+    assert straight.stdout.startswith("transfer: srgb")
+
+
+def test_a_curve_that_bends_light_is_told(scene, tmp_path):
+    result = run("solve", *bent(scene, tmp_path, 1), "--out", tmp_path / "out", "--color", COLOR)
+    assert "light looks bent: with --transfer linear" in result.stderr

@@ -64,8 +64,10 @@ from blurmatte.streaks import Streak as Streak
 from blurmatte.streaks import find_streak_within as find_streak_within
 from blurmatte.streaks import find_streaks as find_streaks
 from blurmatte.sweep import Sweep as Sweep
+from blurmatte.sweep import TransferFit as TransferFit
 from blurmatte.sweep import fit_color as fit_color
 from blurmatte.sweep import fit_sweep as fit_sweep
+from blurmatte.sweep import fit_transfer as fit_transfer
 from blurmatte.trajectory import Trajectory as Trajectory
 
 __version__ = "0.1.0"

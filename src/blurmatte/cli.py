@@ -11,7 +11,7 @@ import sys
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from glob import glob
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -89,8 +89,9 @@ Mask = Annotated[Path | None, typer.Option(help="A picture that is white where t
 TransferName = Annotated[
     str | None,
     typer.Option(
-        metavar="srgb|rec709|linear|gamma2.2",
-        help="How code values encode light, if you know better than the files.",
+        metavar="srgb|rec709|linear|gamma2.2|auto",
+        help="How code values encode light, if you know better than the files; auto, of solve and "
+        "color: what explains the streak.",
     ),
 ]
 MaxBrightness = Annotated[
@@ -154,7 +155,7 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
-    files = _Files(transfer, max_pixels)
+    files = _settled(_Files(transfer, max_pixels), _places(images, out)[0][0], plate)
     B, notes = files.read(plate)
     task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     failed = 0
@@ -165,6 +166,7 @@ def solve(
                 streak = task.streak(C)
                 solution = bm.solve(C, B, task.model(C, streak), streak=streak)
                 said += _doubted(path, solution)
+                said += _curve_doubted(path, C, B, solution, files)
                 called = shlex.join(["blurmatte", *sys.argv[1:]])
                 bm.save_results(folder, C, B, solution, called, notes + said)
         except bm.BlurmatteError as error:
@@ -193,7 +195,7 @@ def color(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
-    files = _Files(transfer, max_pixels)
+    files = _settled(_Files(transfer, max_pixels), image, plate)
     B, _ = files.read(plate)
     task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     with _about(image) as said:
@@ -359,6 +361,18 @@ class _Files:
         if said is not None:
             said += notes
         return picture, notes
+
+
+def _settled(files: _Files, image: Path, plate: Path) -> _Files:
+    """With the curve that the streak allows, if that is asked for."""
+    if files.transfer != "auto":
+        return files
+    files = replace(files, transfer=None)
+    with _about(image):
+        fit = bm.fit_transfer(files.read(image)[0], files.read(plate)[0])
+    also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
+    _print(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))
+    return files if fit.best is fit.curves[0] else replace(files, transfer=fit.best.name)
 
 
 @dataclass(frozen=True)
@@ -538,6 +552,24 @@ def _doubted(path: Path, solution: bm.Solution) -> list[str]:
     for line in lines:
         _complain(f"warning: {line}")
     return lines
+
+
+def _curve_doubted(
+    path: Path, image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, files: _Files
+) -> list[str]:
+    """Warn if another curve lets a disc of one color explain what is not one now."""
+    disc = solution.stats.get("sweep", {}).get("silhouette") == "disc" and solution.model.rank == 1
+    if disc or files.transfer is not None or image.meta.transfer is None:
+        return []
+    fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
+    if fit.best is fit.curves[0]:
+        return []
+    line = (
+        f"{path}: light looks bent: with --transfer {fit.best.name} a disc of one color explains "
+        f"the streak, with {fit.curves[0].name} none does"
+    )
+    _complain(f"warning: {line}")
+    return [line]
 
 
 def _others(solution: bm.Solution) -> Iterator[str]:

@@ -3,4 +3,6 @@
 from blurmatte.sweep.color import fit_color as fit_color
 from blurmatte.sweep.fit import fit_sweep as fit_sweep
 from blurmatte.sweep.sweep import Sweep as Sweep
+from blurmatte.sweep.transfer import TransferFit as TransferFit
+from blurmatte.sweep.transfer import fit_transfer as fit_transfer
 from blurmatte.sweep.verdict import MAX_MISFIT as MAX_MISFIT
