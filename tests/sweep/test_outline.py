@@ -98,3 +98,14 @@ def test_a_turning_sheet():
     assert_allclose(end.shape[-1], 1, atol=0.1)
     assert_allclose(end.silhouette.area(end.shape), 30 * 14, rtol=0.02)
     assert misfit(data, end) < MAX_MISFIT < misfit(data, disc)
+
+
+@pytest.mark.parametrize("size", [(40, 14), (12, 30)], ids=["along its way", "across"])
+def test_a_long_thing_on_its_way(size):
+    """A disc that stands for it takes another color, and with that goes another way."""
+    scene = Scene(WALL, WAY, Sheet(*size, GREEN), Change(turned=(0.0, 0.0, np.arctan2(24, 64))))
+    truth, data, _ = taken(scene)
+    state = found(scene)
+    assert np.sqrt(np.mean((state.swept.alpha - truth)[truth > 0] ** 2)) < 0.03
+    assert misfit(data, state) < MAX_MISFIT
+    assert_allclose(state.silhouette.area(state.shape), size[0] * size[1], rtol=0.03)

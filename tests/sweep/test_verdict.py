@@ -29,9 +29,10 @@ from blurmatte.sweep.path import CUBIC, LINE
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.verdict import (
     BRIGHTEST,
-    brightness,
+    can_be,
     coherence,
     doubtful_share,
+    mean_light,
     means_something,
     misfit,
     told_by_texture,
@@ -112,16 +113,16 @@ def test_a_shape_that_is_too_small_is_too_bright():
     data = taken(PALE)
     small = replace(disc(data, WAY, 4.0), converged=True)
     assert means_something(data, small)
-    assert brightness(data, small) > BRIGHTEST
+    assert mean_light(data, small).max() > BRIGHTEST
     assert misfit(data, small) == np.inf
-    assert 0.5 < brightness(data, fitted(data)) < BRIGHTEST
+    assert 0.5 < mean_light(data, fitted(data)).max() < BRIGHTEST
 
 
 def test_brightness_is_the_mean_light_of_the_brightest_channel():
     data = taken(BALL)
     light = rendered(BALL).layer
     true = light.premultiplied.sum(axis=(0, 1)).max() / light.alpha.sum()
-    assert_allclose(brightness(data, disc(data)), true, rtol=0.03)
+    assert_allclose(mean_light(data, disc(data)).max(), true, rtol=0.03)
 
 
 def test_a_path_must_stay_in_the_streak():
@@ -221,3 +222,13 @@ def test_a_plane_with_the_plates_color_in_most_places_means_nothing():
     right = disc(data)
     assert means_something(data, right)
     assert not means_something(data, replace(right, frame=plane))
+
+
+def test_a_color_of_negative_light_cannot_be():
+    data = taken(BALL)
+    right = disc(data)
+    assert can_be(data, right)
+    darker = replace(
+        data, C=data.C - np.where(right.swept.alpha > 0, 0.1, 0)[..., None] * [0, 0, 1]
+    )
+    assert not can_be(darker, disc(darker))

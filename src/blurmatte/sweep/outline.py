@@ -15,8 +15,8 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, seen, state_at
-from blurmatte.sweep.path import ARC, LINE, PathFamily
+from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
+from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
 from blurmatte.sweep.verdict import can_be, coherence, overstated
 
@@ -24,6 +24,7 @@ Array = npt.NDArray[np.float64]
 
 _RADIUS = 8.0  # pixels: enough to tell bulges from each other, few enough to be quick
 _BULGES, _OTHERS = 6, (2, 4, 8)
+_RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _CLEARLY = 5.0  # units of log likelihood
@@ -52,6 +53,7 @@ def refined(data: Data, disc: State) -> State:
         return disc
     best = _best(coarse, [start, *_search(coarse, start, first, bounds)])
     others = [_shaped(coarse, best, Silhouette(k, best.silhouette.turns)) for k in _OTHERS]
+    others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
     best = _best(coarse, [start, best, *(descend(coarse, s, bounds) for s in others)])
     return disc if best is start else descend(data, seen(data, best), bounds)
 
@@ -59,7 +61,7 @@ def refined(data: Data, disc: State) -> State:
 def _search(data: Data, disc: State, first: State, bounds: tuple[float, float]) -> list[State]:
     """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
     found = [first]
-    for starts in (_straighter, _crosswise, _turning):
+    for starts in (_straighter, _stretched, _crosswise, _turning):
         found += [descend(data, s, bounds) for s in starts(data, disc, found)]
         if coherence(data, _best(data, found)) < _EXPLAINED:
             break
@@ -71,6 +73,24 @@ def _straighter(data: Data, disc: State, found: list[State]) -> Iterable[State]:
     for family in (LINE, ARC):
         if family is not disc.family:
             yield _shaped(data, _on(data, disc, family), Silhouette(_BULGES))
+
+
+def _stretched(data: Data, disc: State, found: list[State]) -> Iterable[State]:
+    """Ellipses longer or shorter along the disc's way, that went less far or further."""
+    silhouette, radius = Silhouette(_BULGES), disc.shape[0]
+    ends = _on(data, disc, LINE).curve[[0, -1]]
+    way = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
+    angle = np.arctan2(way[1], way[0])
+    for ratio in _RATIOS:
+        out = (1 - ratio) * radius * way
+        if (ends[1] - ends[0] + 2 * out) @ way <= 0:
+            continue
+        shape = silhouette.start(radius * np.sqrt(ratio))
+        shape[1:3] = 0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
+        path = LINE.starts(np.linspace(ends[0] - out, ends[1] + out, 33))[0]
+        alpha = silhouette.sweep(LINE, path, shape, data).alpha
+        frame = disc.frame if data.known is not None else main_colors(data, alpha, 1)
+        yield state_at(data, LINE, path, silhouette, shape, frame)
 
 
 def _crosswise(data: Data, disc: State, found: list[State]) -> Iterable[State]:

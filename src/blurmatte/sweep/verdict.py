@@ -25,6 +25,7 @@ _MOST_USUAL = 4.0  # that noise hangs together
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
 _TOLD = 0.03  # of alpha, what a texture must tell
 _APART = 0.05  # radians
+_NEGATIVE = 0.1  # of the brightest channel, what noise may make of a dark one
 _MOMENTS, _ASTRAY = 129, 0.01  # moments of the exposure, and the part of them a path may be astray
 BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
@@ -62,9 +63,11 @@ def misfit(data: Data, state: State) -> float:
 def can_be(data: Data, state: State) -> bool:
     """Whether a state means something, and of an object no brighter than anything in a picture.
 
-    A shape that is too small needs too much light.
+    A shape that is too small needs too much light, a wrong path a color of negative light.
     """
-    return brightness(data, state) <= BRIGHTEST and means_something(data, state)
+    light = mean_light(data, state)
+    possible = light.max() <= BRIGHTEST and light.min() >= -_NEGATIVE * light.max()
+    return bool(possible) and means_something(data, state)
 
 
 def told_by_texture(data: Data, state: State) -> tuple[float, float]:
@@ -168,9 +171,8 @@ def _mean_but_worst(values: Array, worst: float) -> float:
     return float(np.mean(np.sort(values)[: max(int(np.ceil((1 - worst) * len(values))), 1)]))
 
 
-def brightness(data: Data, state: State) -> float:
-    """Mean light of the object's brightest channel."""
+def mean_light(data: Data, state: State) -> Array:
+    """(3,) mean light of the object."""
     alpha = state.swept.alpha * data.weight
     P = data.weight[..., None] * (data.C - (1 - state.swept.alpha)[..., None] * data.B)
-    light = (alpha[..., None] * P).sum(axis=(0, 1)) / max(float((alpha**2).sum()), 1e-9)
-    return float(np.max(light))
+    return np.asarray((alpha[..., None] * P).sum(axis=(0, 1)) / max(float((alpha**2).sum()), 1e-9))
