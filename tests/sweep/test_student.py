@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from blurmatte.sweep.student import belief, loss
+from blurmatte.sweep.student import VARIANCE, belief, loss
 
 
 def test_belief_is_twice_the_slope():
@@ -15,3 +15,14 @@ def test_belief_is_twice_the_slope():
 def test_noise_is_believed_and_the_rest_is_not():
     assert belief(np.array(2.0)) == 1
     assert belief(np.array(1e4)) < 1e-3
+
+
+def test_variance_of_estimates_from_normal_noise():
+    """E ψ² / (E ψ')² with ψ = w e, times E w, for the radius r of two normal numbers [Huber 1964]."""
+    r = np.linspace(0, 12, 200001)
+    density = r * np.exp(-(r**2) / 2)
+    density /= density.sum()
+    w = belief(r**2)
+    slope = w + r / 2 * np.gradient(w, r)  # of one component, mean over directions
+    variance = np.sum(density * w**2 * r**2 / 2) / np.sum(density * slope) ** 2
+    assert_allclose(variance * np.sum(density * w), VARIANCE, rtol=5e-3)

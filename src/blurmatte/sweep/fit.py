@@ -19,6 +19,7 @@ from blurmatte.sweep.descent import State
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
+from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
@@ -126,7 +127,7 @@ def _textured(data: Data, state: State) -> bool:
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     trust = overstated(data, state)
     H, _ = state.information(data)
-    covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust
+    covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
     n = state.size - 2
     model = _model(state, covariance[n:, n:])
     k = len(state.path)

@@ -7,6 +7,10 @@ Array = npt.NDArray[np.float64]
 
 _FREEDOM = 6.0  # degrees of freedom
 
+# How much larger the variance of an estimate is than the inverse curvature with these weights says,
+# for pairs of residuals that are normal noise: doubt costs some precision, and flattens the true cost.
+VARIANCE = 1.11
+
 
 def loss(chi2: Array) -> Array:
     """Minus the log likelihood of squared residuals, unit variance."""
