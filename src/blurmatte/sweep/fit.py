@@ -111,17 +111,17 @@ def _best(search: Search, disc: State) -> State:
     plane = search.best(2)
     if misfit(search.data, plane) <= min(left / _CLEARLY, _NOISE):
         return plane
-    if not _textured(search.data, disc):
+    if left <= MAX_MISFIT or not _textured(search.data, disc):
         return line
     any_colors = search.best(3)
-    _, against = told_by_texture(search.data, any_colors)
-    agrees = against < _AGAINST and misfit(search.data, any_colors) <= min(left, MAX_MISFIT)
-    return any_colors if agrees and _textured(search.data, any_colors) else line
+    agrees = _textured(search.data, any_colors) and misfit(search.data, any_colors) <= MAX_MISFIT
+    return any_colors if agrees else line
 
 
 def _textured(data: Data, state: State) -> bool:
-    share, _ = told_by_texture(data, state)
-    return share > _MOST_OF_IT
+    """Whether the plate's texture would tell a wrong alpha of any colors, and does not of theirs."""
+    share, against = told_by_texture(data, state)
+    return share > _MOST_OF_IT and (state.frame.rank < 3 or against < _AGAINST)
 
 
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
