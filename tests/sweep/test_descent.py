@@ -199,3 +199,12 @@ def test_main_colors_are_those_that_are_left_over():
     h, w = data.weight.shape
     frame = main_colors(data, truth.layer.alpha[y : y + h, x : x + w], 1)
     assert abs(frame.within[:, 0] @ truth.model.pole) > 1 - 1e-9
+
+
+def test_what_has_left_the_picture_stays_there():
+    _, data = data_of(BEFORE_WALL[LINE])
+    lost = off_by(data, LINE, (-900, 0), 1, GREEN)
+    assert not lost.swept.alpha.any()
+    end = descend(data, lost, BOUNDS)
+    assert not end.converged
+    assert_allclose(end.path, lost.path)

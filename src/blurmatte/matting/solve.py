@@ -22,8 +22,8 @@ from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
 
 _NO_COLOR = (
-    "an object of any colors is told by its shape and motion or not at all: give its color, or take "
-    "the pictures so that no other thing moves beside it"
+    "an object of any colors is told by its shape and motion or not at all{}; give its color, or take "
+    "the pictures so that it moves evenly and nothing else beside it"
 )
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
@@ -96,7 +96,8 @@ def solve(
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
     if model.rank == 3 and swept is None:
-        raise ColorModelError(_NO_COLOR)
+        left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
+        raise ColorModelError(_NO_COLOR.format(left))
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
     maps = pixelwise(
         image.rgb, plate.rgb, model, _noise(image), _noise(plate),

@@ -151,6 +151,8 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     state, caution = start, 1e-2
     for _ in range(_STEPS):
         H, g = state.information(data)
+        if not np.diag(H).any():
+            return state  # it has left the picture, and nothing there tells where to go
         scales = np.sqrt(np.diag(H) + _LEAST * np.diag(H).max())
         alike, slope = H / np.outer(scales, scales), g / scales
         for _ in range(_TRIES):
