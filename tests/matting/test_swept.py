@@ -100,6 +100,19 @@ def test_what_hides_the_object_is_left_to_the_pixels():
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[free] ** 2)) < 0.02
 
 
+def test_edges_of_a_shifted_plate_are_not_taken_for_holes():
+    stripes = np.where(np.arange(SIZE[0]) // 6 % 2, 0.15, 0.6)[None, :, None] * np.ones(
+        (SIZE[1], 1, 3)
+    )
+    truth, image, plate = taken(replace(SCENE, plate=stripes * [0.8, 0.9, 1]), 4)
+    moved = replace(plate, rgb=0.7 * plate.rgb + 0.3 * np.roll(plate.rgb, 1, axis=1))
+    solution = solve(image, moved)
+    assert solution.solver.startswith("Swept")
+    inside = truth.layer.alpha > 0
+    assert np.any((solution.quality & Quality.MISFIT)[inside])
+    assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[inside] ** 2)) < 0.01
+
+
 def painted(plate, contrast=1.0):
     """A spinning ball of many colors."""
     rng = np.random.default_rng(1)

@@ -105,7 +105,8 @@ def solve(
     )  # fmt: skip
     _solve_again_near_edges(maps, image, plate, model, pixelwise, streak)
     if swept is not None and sweep is not None:
-        swept(maps, sweep, image, plate, _box_of_both(streak, sweep))
+        box = _box_of_both(streak, sweep)
+        swept(maps, sweep, *_unsure_of_edges(image, plate, streak, box), box)
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
     stats = {
         **_measures(maps, model, image, plate, streak),
@@ -170,18 +171,25 @@ def _solve_again_near_edges(
     """Around the streak, let pixels at the plate's edges know that it may be slightly shifted."""
     box = streak.around(_MARGIN)
     place = slice(box[1], box[3]), slice(box[0], box[2])
-    image, plate = image.crop(box), plate.crop(box)
-    extra = shift_variance(image, plate, image.valid & plate.valid & ~streak.mask[place])
-    if not extra.any():
-        return
+    image, plate = _unsure_of_edges(image, plate, streak, box)
     known = np.uint8(Quality.SATURATED | Quality.OUTSIDE)
     again = solver(
-        image.rgb, plate.rgb, model, _noise(image), plate.variance + extra,
+        image.rgb, plate.rgb, model, _noise(image), _noise(plate),
         flags=maps.quality[place] & known,
         out=PixelMaps.empty(box[3] - box[1], box[2] - box[0], maps.alpha.dtype),
     )  # fmt: skip
     for whole, part in zip(maps, again, strict=True):
         whole[place] = part
+
+
+def _unsure_of_edges(
+    image: LinearImage, plate: LinearImage, streak: Streak, box: tuple[int, int, int, int]
+) -> tuple[LinearImage, LinearImage]:
+    """Both within a box; the plate's noise knows how badly its edges fit beside the streak."""
+    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+    image, plate = image.crop(box), plate.crop(box)
+    extra = shift_variance(image, plate, image.valid & plate.valid & ~inside)
+    return image, plate.with_noise(plate.variance + extra)
 
 
 def _noise(picture: LinearImage) -> Any:

@@ -21,6 +21,8 @@ Array = npt.NDArray[np.float64]
 
 _NEIGHBORS = 3  # pixels across: one odd pixel is noise, a patch of them is something else
 _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels never exceeds it
+_UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISFIT)
+_SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
 _MEDIAN = 2.366  # of χ² of three
 
 
@@ -56,8 +58,8 @@ class Swept:
     ) -> None:
         """Write the sweep's answer into maps of the closed form, where it explains the pixel.
 
-        A patch that it does not explain stays as the pixels alone say, and is marked MISFIT: there
-        is a hole, a highlight, or something in front.
+        A patch that it does not explain is marked MISFIT: there is a hole, a highlight, or something
+        in front. It stays as the pixels alone say, if the color explains them with another alpha.
 
         Parameters
         ----------
@@ -65,26 +67,27 @@ class Swept:
             Of the closed form with the sweep's color; changed in place.
         sweep : Sweep
         image, plate : LinearImage
-            Noise known.
+            What is in the box, noise known.
         box : (int, int, int, int)
             Where to write: around streak and sweep.
         """
         place = slice(box[1], box[3]), slice(box[0], box[2])
         alpha, alpha_std = sweep.within(box)
-        P, P_std, chi2 = _light(alpha, alpha_std, sweep, image.crop(box), plate.crop(box))
+        P, P_std, chi2 = _light(alpha, alpha_std, sweep, image, plate)
         quality = maps.quality[place]
         saturated = (quality & np.uint8(Quality.SATURATED)) != 0
         inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
         chi2 = chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated])
         odd = _mean_of_neighbors(np.where(saturated, 1, chi2)) > _PATCH
-        ours = inside & ~odd
+        ours = inside & ~(
+            odd & _sure_of_another(alpha, maps.alpha[place], maps.alpha_std[place], quality)
+        )
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[place][ours] = values[ours]
-        flags = saturated * np.uint8(Quality.SATURATED)
+        flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
+        theirs = (quality & ~np.uint8(Quality.OUTSIDE))[inside & ~ours]
         quality[ours] = flags[ours]
-        doubted = inside & odd
-        kept = quality[doubted] & ~np.uint8(Quality.OUTSIDE)
-        quality[doubted] = kept | np.uint8(Quality.MISFIT)
+        quality[inside & ~ours] = theirs | np.uint8(Quality.MISFIT)
 
 
 def _light(
@@ -106,6 +109,15 @@ def _light(
     # No light is free where nothing was; of any colors none is left where something was.
     chi2 /= np.where(alpha > 0, max(3 - sweep.model.rank, 1), 3)
     return P, P_std, chi2
+
+
+def _sure_of_another(
+    alpha: Array, pixels: Floats, std: Floats, quality: npt.NDArray[np.uint8]
+) -> npt.NDArray[np.bool_]:
+    """Where most pixels around are explained by an alpha of their own that is clearly not ours."""
+    sound = (quality & _UNSOUND) == 0
+    sure = sound & (std < _SURE) & (np.abs(pixels - alpha) > 3 * std)
+    return np.asarray(_mean_of_neighbors(sure.astype(float)) > 0.5)
 
 
 def _usual(chi2: Array) -> float:
