@@ -287,3 +287,11 @@ def test_names_and_sizes():
 def test_not_a_silhouette(bulges, turns, words):
     with pytest.raises(ValueError, match=words):
         Silhouette(bulges, turns)
+
+
+def test_the_rim_is_off_by_about_the_last_bulges():
+    outline = Silhouette(4, turns=True)
+    shape = outline.start(12.0)
+    shape[5:7] = 0.03, -0.04
+    assert_allclose(outline.left_out(shape), 12 * 0.05)
+    assert ELLIPSE.left_out(ELLIPSE.start(9.0)) == 0

@@ -129,6 +129,12 @@ class Silhouette:
         """How far the rim is from the center at most, pixels."""
         return float(np.linalg.norm(self.outline(shape, _ANGLES), axis=1).max())
 
+    def left_out(self, shape: Array) -> float:
+        """How far the rim may be off where it has more bulges than it can have here, pixels."""
+        if self.bulges < 3:
+            return 0.0
+        return float(shape[0] * np.linalg.norm(self._bulges(shape)[-2:]))
+
     def outline(self, shape: Array, count: int) -> Array:
         """Points (count, 2) around the rim in the middle of the exposure, from the center, pixels."""
         phi, A = _angles(count), self._stretch(shape)[0]

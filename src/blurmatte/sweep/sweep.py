@@ -121,17 +121,25 @@ class Sweep:
         return int(x0), int(y0), max(int(x1), int(x0)), max(int(y1), int(y0))
 
     def within(self, box: tuple[int, int, int, int]) -> tuple[Array, Array]:
-        """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels."""
-        swept = self._swept(box)
+        """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels.
+
+        The bulges that an outline cannot have are taken to be as large as the last that it has.
+        """
+        swept = self._swept(box, self.shape)
         J = swept.by_parameters
-        return swept.alpha, np.sqrt(np.einsum("hwi,ij,hwj->hw", J, self.covariance, J))
+        variance = np.einsum("hwi,ij,hwj->hw", J, self.covariance, J)
+        left_out = self.silhouette.left_out(self.shape)
+        if left_out > 0:
+            wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
+            variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
+        return swept.alpha, np.sqrt(variance)
 
     def area_std(self) -> float:
         """Standard deviation of the sum of alpha within the picture, pixels."""
-        total = self._swept(self.box).by_parameters.sum(axis=(0, 1))
+        total = self._swept(self.box, self.shape).by_parameters.sum(axis=(0, 1))
         return float(np.sqrt(total @ self.covariance @ total))
 
-    def _swept(self, box: tuple[int, int, int, int]) -> Swept:
+    def _swept(self, box: tuple[int, int, int, int], shape: Array) -> Swept:
         x0, y0, x1, y1 = box
         nothing = np.zeros((y1 - y0, x1 - x0, 0))
         one = np.ones((y1 - y0, x1 - x0))
@@ -147,4 +155,4 @@ class Sweep:
             self.size,
             (float(x0), float(y0)),
         )
-        return self.silhouette.sweep(self.family, self.path, self.shape, data)
+        return self.silhouette.sweep(self.family, self.path, shape, data)
