@@ -770,3 +770,11 @@ def test_a_curve_is_found(scene, tmp_path):
 def test_a_curve_that_bends_light_is_told(scene, tmp_path):
     result = run("solve", *bent(scene, tmp_path, 1), "--out", tmp_path / "out", "--color", COLOR)
     assert "light looks bent: with --transfer linear" in result.stderr
+
+
+def test_pictures_with_different_curves_are_solved_without_a_word_on_them(scene, tmp_path):
+    image, _, plate = bent(scene, tmp_path, 1)
+    bm.write(tmp_path / "plate.exr", bm.read(plate, bm.SRGB))
+    files = (image, "--plate", tmp_path / "plate.exr", "--out", tmp_path / "out")
+    assert "light looks bent" not in good("solve", *files, "--color", COLOR).stderr
+    assert (tmp_path / "out" / "alpha.png").exists()

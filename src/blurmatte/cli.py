@@ -559,7 +559,9 @@ def _curve_doubted(
 ) -> list[str]:
     """Warn if another curve lets a disc of one color explain what is not one now."""
     disc = solution.stats.get("sweep", {}).get("silhouette") == "disc" and solution.model.rank == 1
-    if disc or files.transfer is not None or image.meta.transfer is None:
+    curves = image.meta.transfer, plate.meta.transfer
+    alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
+    if disc or files.transfer is not None or not alike:
         return []
     fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
