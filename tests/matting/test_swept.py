@@ -16,6 +16,7 @@ from blurmatte.rendering import (
     Camera,
     Change,
     Scene,
+    Shadow,
     plain_plate,
     render,
     star_sprite,
@@ -183,3 +184,16 @@ def test_a_color_that_is_given_stays(wall):
     assert solve(image, plate, wrong).solver.startswith("Pixelwise")
     with pytest.raises(MotionError, match="no shape on a path explains the streak"):
         solve(image, plate, wrong, Swept())
+
+
+def test_a_shadow_beside_the_object_is_none_of_it():
+    """Alpha is 0 there, and the pixels are marked; the closed form alone takes it for the object."""
+    scene = replace(SCENE, shadow=Shadow((4, 20)))
+    truth, image, plate = taken(scene, 3)
+    solution = solve(image, plate)
+    shadow = (truth.shadow.min(axis=-1) > 0.1) & (truth.layer.alpha == 0)
+    assert solution.solver == repr(Swept())
+    assert np.mean(np.abs(solution.alpha[shadow]) < 0.01) > 0.99
+    assert np.mean((solution.quality[shadow] & np.uint8(Quality.MISFIT)) != 0) > 0.9
+    alone = solve(image, plate, solution.model, Pixelwise())
+    assert np.median(alone.alpha[shadow]) > 0.1

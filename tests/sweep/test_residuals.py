@@ -4,7 +4,7 @@ In this file N is across a model of colors and M within it, C and B are image an
 variances V_C and V_B, all in small pictures of nothing in particular.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -29,6 +29,7 @@ class Picture:
     weights: np.ndarray
     frame: Frame
     coordinates: np.ndarray  # of the main color, within the frame
+    most: float = 1e3  # light along the main color
 
     @property
     def light(self):
@@ -44,21 +45,23 @@ class Picture:
 
     def residuals(self, alpha, frame):
         e = np.empty((3, *alpha.shape))
-        compiled.residuals(*self.light, alpha, frame.across, frame.within @ self.coordinates, e)
+        compiled.residuals(
+            *self.light, alpha, frame.across, frame.within @ self.coordinates, self.most, e
+        )
         return e
 
     def cost(self, alpha, frame, K):
         """Half the weighted sum of squares, less what a turn gains by noise alone."""
         feigned = compiled.feigned_by_noise(
             *self.light, self.alpha, self.weights, self.frame.across, self.frame.within, K,
-            frame.across,
+            self.frame.within @ self.coordinates, self.most, frame.across,
         )  # fmt: skip
         return (np.sum(self.weights * self.residuals(alpha, frame) ** 2) + feigned) / 2
 
     def normal_equations(self, J, K):
         return compiled.normal_equations(
             J, *self.light, self.alpha, self.weights, self.frame.across, self.frame.within, K,
-            self.frame.within @ self.coordinates,
+            self.frame.within @ self.coordinates, self.most,
         )  # fmt: skip
 
 
@@ -86,6 +89,14 @@ def dark_picture(rank):
     C = (1 - p.alpha)[..., None] * p.B + rng.uniform(-0.5, 0.5, SHAPE)[..., None]
     even = np.full_like(p.V_C, 4e-4)
     return Picture(C, p.B, even, 0 * even, p.alpha, p.weights, p.frame, p.coordinates)
+
+
+def bright_picture(rank):
+    """Light is more than it can be in about half of the pixels."""
+    p = any_picture(rank, 3)
+    even = np.full_like(p.V_C, 4e-4)
+    most = float(np.median(p.P @ (p.frame.within @ p.coordinates) / p.alpha))
+    return replace(p, V_C=even, V_B=0 * even, most=most)
 
 
 def padded(K):
@@ -148,7 +159,7 @@ def test_residuals_of_noise_have_unit_variance(rank):
     C = 0.6 * B + 0.4 * p.frame.within @ p.coordinates + rng.normal(0, np.sqrt(V), B.shape)
     e = np.empty((3, 200, 200))
     main = p.frame.within @ p.coordinates
-    compiled.residuals(C, B, V + 0 * B, 0 * B, alpha, p.frame.across, main, e)
+    compiled.residuals(C, B, V + 0 * B, 0 * B, alpha, p.frame.across, main, 1e3, e)
     noisy = e[: 3 - rank].reshape(3 - rank, -1)
     assert_allclose(noisy @ noisy.T / 200**2, np.eye(3 - rank), atol=0.03)
 
@@ -165,7 +176,21 @@ def test_light_counts_as_negative_only_beyond_noise(rank):
 
 
 @pytest.mark.parametrize("rank", [1, 2])
-@pytest.mark.parametrize("picture", [any_picture, dark_picture])
+def test_light_counts_as_too_much_only_beyond_noise(rank):
+    """What an alpha allows grows with it; where nothing was, there is no light at all."""
+    p = bright_picture(rank)
+    main = p.frame.within @ p.coordinates
+    for alpha in (p.alpha, np.zeros(SHAPE)):
+        P = p.C - (1 - alpha)[..., None] * p.B
+        in_deviations = (P @ main - alpha * p.most) / np.sqrt(p.V_C @ main**2)
+        e = p.residuals(alpha, p.frame)[2]
+        assert np.all(e[in_deviations < 3] == 0)
+        assert np.all(e[in_deviations > 5] > 1)
+        assert np.any(in_deviations > 5)
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+@pytest.mark.parametrize("picture", [any_picture, dark_picture, bright_picture])
 @pytest.mark.parametrize("moments", [all_kept, faint])
 def test_gradient(rank, picture, moments, J):
     p, K = picture(rank), moments(rank)
@@ -197,6 +222,8 @@ def test_noise_alone_says_nothing_about_a_color(rank):
         (any_picture, faint),
         (dark_picture, all_kept),
         (dark_picture, faint),
+        (bright_picture, all_kept),
+        (bright_picture, faint),
     ],
 )
 def test_curvature_is_symmetric_and_nowhere_negative(rank, picture, moments, J):

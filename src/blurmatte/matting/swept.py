@@ -23,6 +23,9 @@ _NEIGHBORS = 3  # pixels across: one odd pixel is noise, a patch of them is some
 _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels never exceeds it
 _UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISFIT)
 _SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
+_HALF_LIT = (
+    0.6  # of the object's light: where there is less a shadow lies, and partly on the object
+)
 _MEDIAN = 2.366  # of χ² of three
 
 
@@ -59,7 +62,9 @@ class Swept:
         """Write the sweep's answer into maps of the closed form, where it explains the pixel.
 
         A patch that it does not explain is marked MISFIT: there is a hole, a highlight, or something
-        in front. It stays as the pixels alone say, if the color explains them with another alpha.
+        in front. It stays as the pixels alone say, if most of them are explained by the object's color
+        with an alpha of their own that is clearly another. A shadow beside the object is marked too;
+        the object was not there.
 
         Parameters
         ----------
@@ -79,9 +84,11 @@ class Swept:
         inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
         chi2 = chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated])
         odd = _mean_of_neighbors(np.where(saturated, 1, chi2)) > _PATCH
-        ours = inside & ~(
-            odd & _sure_of_another(alpha, maps.alpha[place], maps.alpha_std[place], quality)
-        )
+        shaded = _shaded(alpha, P, maps.alpha[place], maps.premultiplied[place])
+        sure = (quality & _UNSOUND) == 0
+        sure &= ~shaded & (maps.alpha_std[place] < _SURE)
+        sure &= np.abs(maps.alpha[place] - alpha) > 3 * maps.alpha_std[place]
+        ours = inside & ~(odd & (_mean_of_neighbors(sure.astype(float)) > 0.5))
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[place][ours] = values[ours]
         flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
@@ -111,13 +118,10 @@ def _light(
     return P, P_std, chi2
 
 
-def _sure_of_another(
-    alpha: Array, pixels: Floats, std: Floats, quality: npt.NDArray[np.uint8]
-) -> npt.NDArray[np.bool_]:
-    """Where most pixels around are explained by an alpha of their own that is clearly not ours."""
-    sound = (quality & _UNSOUND) == 0
-    sure = sound & (std < _SURE) & (np.abs(pixels - alpha) > 3 * std)
-    return np.asarray(_mean_of_neighbors(sure.astype(float)) > 0.5)
+def _shaded(alpha: Array, P: Array, pixels: Floats, light: Floats) -> npt.NDArray[np.bool_]:
+    """Where pixels alone find more alpha than the sweep, but not the object's light: a shadow."""
+    usual = np.sum(alpha * P.sum(axis=-1)) / max(float(np.sum(alpha**2)), 1e-12)
+    return np.asarray((pixels > alpha) & (light.sum(axis=-1) < _HALF_LIT * usual * pixels))
 
 
 def _usual(chi2: Array) -> float:

@@ -24,6 +24,7 @@ _POINTS = 33
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
+_BRIGHTEST = 3.0  # times the root mean square of an object's light, what a spot of it may be
 _TURN = 0.3  # radians, the largest turn of a color in a step
 
 
@@ -79,7 +80,12 @@ class State:
     @property
     def main(self) -> Array:
         """(3,) unit direction of most of the object's light."""
-        return _main(self.frame, self.moments)
+        return _main(self.frame, self.moments)[0]
+
+    @property
+    def brightness(self) -> float:
+        """Root mean square of the light along `main`."""
+        return _main(self.frame, self.moments)[1] / _BRIGHTEST
 
     @property
     def chi2(self) -> Array:
@@ -105,7 +111,7 @@ class State:
 
         H, g = residuals.normal_equations(
             self.swept.by_parameters, *light_of(data), self.swept.alpha, self.weights(data),
-            self.frame.across, self.frame.within, self.moments, self.main,
+            self.frame.across, self.frame.within, self.moments, *_main(self.frame, self.moments),
         )  # fmt: skip
         if data.known is not None:
             H[-2:, -2:] += data.known.information
@@ -134,7 +140,7 @@ def state_at(
         return State(family, path, silhouette, shape, frame, moments, swept, e, cost, field=field)
     moments = residuals.second_moments(*light, alpha, data.weight, frame.across, frame.within)
     e = np.empty((3, *alpha.shape))
-    residuals.residuals(*light, alpha, frame.across, _main(frame, moments), e)
+    residuals.residuals(*light, alpha, frame.across, *_main(frame, moments), e)
     cost = np.sum(data.weight * loss((e**2).sum(axis=0)))
     if data.known is not None:
         cost += data.known.cost(frame)
@@ -182,7 +188,8 @@ def _gained(data: Data, state: State, tried: State) -> float:
 
     feigned = residuals.feigned_by_noise(
         *light_of(data), state.swept.alpha, state.weights(data),
-        state.frame.across, state.frame.within, state.moments, tried.frame.across,
+        state.frame.across, state.frame.within, state.moments,
+        *_main(state.frame, state.moments), tried.frame.across,
     )  # fmt: skip
     return state.cost - tried.cost - float(feigned) / 2
 
@@ -192,10 +199,12 @@ def light_of(data: Data) -> tuple[Array, Array, Array, Array]:
     return data.C, data.B, data.C_variance, data.B_variance
 
 
-def _main(frame: Frame, moments: Array) -> Array:
-    """(3,) unit direction of most of the light that has these second moments within a frame."""
-    main = frame.within @ np.linalg.eigh(moments[: frame.rank, : frame.rank])[1][:, -1]
-    return np.asarray(main if main.sum() >= 0 else -main)
+def _main(frame: Frame, moments: Array) -> tuple[Array, float]:
+    """(3,) unit direction of most of the light with these second moments, and the most along it."""
+    values, directions = np.linalg.eigh(moments[: frame.rank, : frame.rank])
+    main = frame.within @ directions[:, -1]
+    most = _BRIGHTEST * float(np.sqrt(max(values[-1], 0.0)))
+    return np.asarray(main if main.sum() >= 0 else -main), most
 
 
 def _positive(moments: Array) -> Array:

@@ -19,6 +19,7 @@ from blurmatte.sweep.descent import State
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
+from blurmatte.sweep.shadow import shadow_beside
 from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
@@ -31,10 +32,12 @@ from blurmatte.sweep.verdict import (
 )
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 _NOISE = 1.2  # misfit of what needs no better explanation
 _MOST_UNSURE = 0.25  # of a radius, the standard deviation of one that means anything
 _FOLLOWING = 3  # times that a path may lead out of what was found
+_SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 _FOLLOWED = 0.2  # of the largest alpha
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
@@ -88,7 +91,25 @@ def fit_sweep(
         streak = _followed(streak, _sweep(search.data, disc, image.size))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    return _sweep(search.data, _best(search, disc), image.size)
+    shadow = _shadow_of(disc, image, plate, streak)
+    if not shadow.any():
+        return _sweep(search.data, _best(search, disc), image.size)
+    for _ in range(_SHADOWS):
+        image = replace(image, valid=image.valid & ~shadow)
+        streak = replace(streak, mask=streak.mask & ~shadow)
+        search = Search.of(streak, image, plate, known)
+        disc = search.best(rank)
+        shadow = _shadow_of(disc, image, plate, streak)
+    # A richer outline would take up what is left of the shadow.
+    explained = misfit(search.data, disc) <= _NOISE
+    return _sweep(search.data, disc if explained else _best(search, disc), image.size)
+
+
+def _shadow_of(disc: State, image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
+    """Where there is a shadow; nowhere if the object may have any colors."""
+    if disc.frame.rank == 3:
+        return np.zeros(streak.mask.shape, bool)
+    return shadow_beside(image, plate, streak, disc.main, disc.brightness)
 
 
 def _followed(streak: Streak, sweep: Sweep) -> Streak:

@@ -26,7 +26,7 @@ from numba import njit
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
-_NEGATIVE = 4.0  # standard deviations by which light may seem negative
+_BEYOND = 4.0  # standard deviations by which light may seem negative, or too bright
 
 
 @njit(**_COMPILED)
@@ -67,14 +67,14 @@ def _across(P, V, N, Q, R):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def _dark(P, V, main):  # type: ignore[no-untyped-def]
-    """How much more negative the light along a color is than noise can make it; its deviation."""
+def _beyond(P, V, main, most):  # type: ignore[no-untyped-def]
+    """How far light along a color is below 0 or above `most`, beyond what noise does; its deviation."""
     along, s = 0.0, 0.0
     for c in range(3):
         along += main[c] * P[c]
         s += V[c] * main[c] * main[c]
     s = np.sqrt(s)
-    return min(along / s + _NEGATIVE, 0.0), s
+    return min(along / s + _BEYOND, 0.0) + max((along - most) / s - _BEYOND, 0.0), s
 
 
 @njit(**_COMPILED)
@@ -103,14 +103,17 @@ def _inverse(K, a, W, A):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def residuals(C, B, V_C, V_B, alpha, N, main, e):  # type: ignore[no-untyped-def]
-    """Write residuals e (3, h, w) of unit variance: two across the model, one if light is negative."""
+def residuals(C, B, V_C, V_B, alpha, N, main, most, e):  # type: ignore[no-untyped-def]
+    """Write residuals e (3, h, w) of unit variance: two across the model, one of impossible light.
+
+    Light along the color `main` is neither negative nor more than alpha times `most`.
+    """
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             _light(C[y, x], B[y, x], V_C[y, x], V_B[y, x], alpha[y, x], P, V)
             e[0, y, x], e[1, y, x] = _across(P, V, N, Q, R)
-            e[2, y, x], _ = _dark(P, V, main)
+            e[2, y, x], _ = _beyond(P, V, main, alpha[y, x] * most)
 
 
 @njit(**_COMPILED)
@@ -145,8 +148,11 @@ def _kept(k, W, K, a, A, kept):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, turned):  # type: ignore[no-untyped-def]
-    """By how much a turn of N to `turned` lowers the sum of squares only because k̂ has noise."""
+def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned):  # type: ignore[no-untyped-def]
+    """By how much a turn of N to `turned` lowers the sum of squares only because k̂ has noise.
+
+    Impossible light is no noise.
+    """
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     k, W, A, total = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)), 0.0
     kept, best = np.zeros(2), np.empty(3)
@@ -155,6 +161,9 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, turned):  # type: 
             if weights[y, x] == 0:
                 continue
             _light(C[y, x], B[y, x], V_C[y, x], V_B[y, x], alpha[y, x], P, V)
+            beyond, _ = _beyond(P, V, main, alpha[y, x] * most)
+            if beyond != 0:
+                continue
             _across(P, V, N, Q, R)
             _within(P, V, Q, R, M, k, W)
             _kept(k, W, K, alpha[y, x], A, kept)
@@ -170,7 +179,7 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, turned):  # type: 
 
 
 @njit(**_COMPILED)
-def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type: ignore[no-untyped-def]
+def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  # type: ignore[no-untyped-def]
     """Half the curvature (n + 2, n + 2) and gradient (n + 2,) of a sum of squares.
 
     J (h, w, n) are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of
@@ -181,7 +190,7 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     k, W, A = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
     QB, kept, S, NQN = np.empty(3), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
-    turn_dark = np.zeros(2)
+    turn_beyond = np.zeros(2)
     rank = M.shape[1]
     for y in range(h):
         for x in range(w):
@@ -191,7 +200,12 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
             _light(C[y, x], B[y, x], V_C[y, x], V_B[y, x], a, P, V)
             _across(P, V, N, Q, R)
             _within(P, V, Q, R, M, k, W)
-            _kept(k, W, K, a, A, kept)
+            beyond, s = _beyond(P, V, main, a * most)
+            if beyond != 0:  # impossible light is no noise
+                W[:] = 0.0
+                kept[:] = k
+            else:
+                _kept(k, W, K, a, A, kept)
             for i in range(2):
                 for j in range(2):
                     S[i, j] = 0.0
@@ -207,17 +221,16 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
                 QB[c] = 0.0
                 for d in range(3):
                     QB[c] += Q[c, d] * (B[y, x, d] + (1 - a) * V_B[y, x, d] * R[d])
-            too_dark, s = _dark(P, V, main)
-            by_dark = 0.0
+            by_light = -most / s if beyond > 0 else 0.0
             aa, ae = 0.0, 0.0
             for c in range(3):
                 behind = B[y, x, c] + (1 - a) * V_B[y, x, c] * R[c]
                 aa += behind * QB[c]
                 ae += R[c] * behind
-                by_dark += main[c] * B[y, x, c] / s
-            if too_dark < 0:
-                aa += by_dark * by_dark
-                ae += by_dark * too_dark
+                by_light += main[c] * B[y, x, c] / s
+            if beyond != 0:
+                aa += by_light * by_light
+                ae += by_light * beyond
             for t in range(2):
                 i, j = t // rank, t % rank
                 ne, nb, np_, mm = 0.0, 0.0, 0.0, 0.0
@@ -226,9 +239,9 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
                     nb += N[c, i] * QB[c]
                     np_ += N[c, i] * P[c] / s
                     mm += M[c, j] * main[c]
-                turn_dark[t] = mm * np_ if too_dark < 0 else 0.0
-                gradient = turn_dark[t] * too_dark - kept[j] * ne
-                cross = turn_dark[t] * by_dark - kept[j] * nb
+                turn_beyond[t] = mm * np_ if beyond != 0 else 0.0
+                gradient = turn_beyond[t] * beyond - kept[j] * ne
+                cross = turn_beyond[t] * by_light - kept[j] * nb
                 g[n + t] += weight * gradient
                 for p in range(n):
                     if J[y, x, p] != 0:
@@ -236,7 +249,7 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main):  # type:
                 for v in range(t + 1):
                     b, c = v // rank, v % rank
                     curvature = NQN[i, b] * (kept[j] * kept[c] + S[j, c])
-                    H[n + t, n + v] += weight * (curvature + turn_dark[t] * turn_dark[v])
+                    H[n + t, n + v] += weight * (curvature + turn_beyond[t] * turn_beyond[v])
             for p in range(n):
                 slope = weight * J[y, x, p]
                 if slope != 0:

@@ -20,6 +20,7 @@ _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shap
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
+_CONTRADICTED = 0.5  # of a sweep's pixels
 _SPARED = 1.4  # compression spares plain surroundings: a power of what is found there
 _MOST_USUAL = 4.0  # that noise hangs together
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
@@ -50,9 +51,9 @@ def misfit(data: Data, state: State) -> float:
 
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
     known: 1 for a sweep that explains all there is, more for a wrong shape. Infinite if the descent
-    found no end, and for what cannot be.
+    found no end, for what cannot be, and where most pixels contradict.
     """
-    if not (state.converged and can_be(data, state)):
+    if not (state.converged and can_be(data, state)) or doubtful_share(data, state) > _CONTRADICTED:
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
@@ -133,8 +134,12 @@ def doubtful_share(data: Data, state: State) -> float:
 
 
 def _limited(state: State) -> Array:
+    """Residuals as the fit limits them; of noise the mean of their squares is 1.
+
+    Across the model is as much noise as it leaves channels; impossible light is more than noise.
+    """
     channels = 3 - state.frame.rank or 3
-    return np.asarray(state.e[:channels] * np.sqrt(state.belief))
+    return np.asarray(state.e * np.sqrt(state.belief * len(state.e) / channels))
 
 
 def _places(data: Data, state: State) -> tuple[Bools, Bools]:

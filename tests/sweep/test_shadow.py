@@ -1,0 +1,87 @@
+"""shadow_beside: what is darker but shows nothing of the object's light."""
+
+import numpy as np
+import pytest
+
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Scene,
+    Shadow,
+    Shot,
+    colorful_plate,
+    plain_plate,
+    render,
+    textured_plate,
+)
+from blurmatte.streaks import Streak, find_streaks
+from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep.shadow import shadow_beside
+from blurmatte.trajectory import Trajectory
+
+SIZE = (192, 144)
+GREEN = np.array([0.2, 0.6, 0.1])
+PLATES = {
+    "plain": plain_plate(SIZE, (0.5, 0.42, 0.38), 4),
+    "colorful": colorful_plate(SIZE, 2, tile=24),
+    "textured": textured_plate(SIZE, 5),
+}
+WAY = Trajectory.line((60, 48), (120, 66))
+
+
+def taken(plate, seed=0, strength=0.5):
+    """The truth, image and plate of a ball, and its shadow unless it has no strength."""
+    shadow = Shadow((8, 22), strength=(strength,) * 3) if strength else None
+    scene = Scene(PLATES[plate], WAY, Ball(13, GREEN), shadow=shadow)
+    truth = render(scene, 160)
+    shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
+    return truth, *with_noise(*shot.photograph(truth))
+
+
+def light_of(truth):
+    """Unit color, and light along it where the object is all that is seen."""
+    pole, alpha = truth.model.pole, truth.layer.alpha
+    return pole, float(np.sum(truth.layer.premultiplied @ pole * alpha) / np.sum(alpha**2))
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_finds_the_shadow_and_leaves_most_of_the_object(plate):
+    truth, image, without = taken(plate)
+    alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
+    found = shadow_beside(image, without, find_streaks(image, without)[0], *light_of(truth))
+    assert np.mean(found[(shadow > 0.1) & (alpha == 0)]) > 0.95
+    assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.3
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_without_a_shadow_nothing_is_found(plate):
+    truth, image, without = taken(plate, strength=0)
+    assert not shadow_beside(
+        image, without, find_streaks(image, without)[0], *light_of(truth)
+    ).any()
+
+
+def test_noise_is_no_shadow():
+    """A region in which nothing moved."""
+    truth, image, without = taken("plain", strength=0)
+    still = Streak.from_box((130, 90, 180, 140), SIZE)
+    assert not shadow_beside(image, without, still, *light_of(truth)).any()
+
+
+def test_a_black_object_is_not_taken_apart():
+    """Of an object that brings no light, all would be shadow."""
+    truth, image, without = taken("plain")
+    streak = find_streaks(image, without)[0]
+    assert not shadow_beside(image, without, streak, truth.model.pole, 0.0).any()
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_a_ball_is_found_beside_its_shadow(plate):
+    truth, image, without = taken(plate)
+    sweep = fit_sweep(image, without)
+    assert sweep.misfit <= MAX_MISFIT
+    true = truth.layer.alpha
+    assert np.sqrt(np.mean((sweep.alpha - true)[true > 0] ** 2)) < 0.012
+    assert abs(sweep.alpha.sum() / true.sum() - 1) < 0.03
+    assert abs(sweep.radius - 13) < 0.3
