@@ -77,7 +77,7 @@ def _less(
     unit = variance / (n * det)
     of_light = unit * (q - 2 * least * p + least**2)
     a_std, light_std = (np.sqrt(np.maximum(v, 0)) for v in (unit, of_light))
-    return (w < 0) & (a > _SIGMAS * a_std) & (k - least * a < -_SIGMAS * light_std)
+    return np.asarray((w < 0) & (a > _SIGMAS * a_std) & (k - least * a < -_SIGMAS * light_std))
 
 
 def _sums(values: Array | Bools, window: int) -> Array:
