@@ -28,6 +28,7 @@ from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise
 from blurmatte.matting import Quality as Quality
 from blurmatte.matting import Solution as Solution
+from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
 from blurmatte.overview import draw_overview as draw_overview

@@ -98,6 +98,18 @@ MaxBrightness = Annotated[
     float | None,
     typer.Option(help="How bright the object can be at most, linear, 1 = white; helps find it."),
 ]
+SolverName = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|swept|smooth|pixelwise",
+        help="swept: a shape on a path; smooth: all pixels together; pixelwise: each alone. auto: "
+        "swept where a shape explains the streak, else smooth.",
+    ),
+]
+Smoothness = Annotated[
+    float | None,
+    typer.Option(help="With smooth: times as smooth as the data ask for; 1 if not given."),
+]
 MaxPixels = Annotated[int, typer.Option(help="Larger pictures are refused.")]
 
 
@@ -148,6 +160,8 @@ def solve(
     mask: Mask = None,
     transfer: TransferName = None,
     max_brightness: MaxBrightness = None,
+    solver: SolverName = "auto",
+    smoothness: Smoothness = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
@@ -155,6 +169,7 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
+    way = _solver(solver, smoothness)
     files = _settled(_Files(transfer, max_pixels), _places(images, out)[0][0], plate)
     B, notes = files.read(plate)
     task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
@@ -164,7 +179,7 @@ def solve(
             with _about(path) as said:
                 C, _ = files.read(path, said)
                 streak = task.streak(C)
-                solution = bm.solve(C, B, task.model(C, streak), streak=streak)
+                solution = bm.solve(C, B, task.model(C, streak), way, streak=streak)
                 said += _doubted(path, solution)
                 said += _curve_doubted(path, C, B, solution, files)
                 called = shlex.join(["blurmatte", *sys.argv[1:]])
@@ -373,6 +388,22 @@ def _settled(files: _Files, image: Path, plate: Path) -> _Files:
     also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
     _print(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))
     return files if fit.best is fit.curves[0] else replace(files, transfer=fit.best.name)
+
+
+def _solver(name: str, smoothness: float | None) -> bm.Pixelwise | bm.Smooth | bm.Swept | None:
+    """The solver of a name; None: what suits."""
+    if smoothness is not None and name != "smooth":
+        raise ValueError(f"--smoothness is for --solver smooth, the solver is {name}")
+    match name:
+        case "auto":
+            return None
+        case "swept":
+            return bm.Swept()
+        case "smooth":
+            return bm.Smooth() if smoothness is None else bm.Smooth(smoothness)
+        case "pixelwise":
+            return bm.Pixelwise()
+    raise ValueError(f"--solver must be auto, swept, smooth or pixelwise, got {name!r}")
 
 
 @dataclass(frozen=True)

@@ -65,6 +65,7 @@ def explain(thing: ColorModel | Solution) -> list[str]:
             *doubts(thing),
             peak,
             *_sweep(thing.stats),
+            *_smooth(thing.stats),
             *_area(thing),
             *_noise(thing.stats),
             *_flags(thing),
@@ -164,6 +165,16 @@ def _sweep(stats: Mapping[str, Any]) -> list[str]:
         f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
         f"streak; what is left is {sweep['misfit']:.2g} times what noise leaves."
     ]
+
+
+def _smooth(stats: Mapping[str, Any]) -> list[str]:
+    """How alpha was found, if no shape told it."""
+    smooth = stats.get("smooth")
+    if smooth is None:
+        return []
+    what = "change little" if smooth["order"] == 1 else "bend little"
+    settled = "" if smooth["converged"] else " It had not settled yet: take a little care."
+    return [f"All pixels were solved together, as alpha seems to {what} but for edges.{settled}"]
 
 
 def _shape(silhouette: str, radius: str) -> str:

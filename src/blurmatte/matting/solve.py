@@ -12,8 +12,10 @@ import numpy.typing as npt
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel, refuse_gray
 from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.matting.evidence import with_faint_rims
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
+from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
@@ -22,9 +24,10 @@ from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
 
 _NO_COLOR = (
-    "an object of any colors is told by its shape and motion or not at all{}; give its color, or take "
-    "the pictures so that it moves evenly and nothing else beside it"
+    "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
+    "by neither{}; give its color, or take the pictures so that it moves evenly and alone"
 )
+_UNTOLD = 0.2  # standard deviation of alpha; knowing nothing but 0 to 1 is 0.29
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
 
@@ -32,7 +35,7 @@ def solve(
     image: LinearImage,
     plate: LinearImage,
     model: ColorModel | None = None,
-    solver: Pixelwise | Swept | None = None,
+    solver: Pixelwise | Smooth | Swept | None = None,
     *,
     streak: Streak | None = None,
     out: PixelMaps | None = None,
@@ -46,9 +49,9 @@ def solve(
         known is measured from their difference.
     model : ColorModel, optional
         The colors the object may have; found from the streak if not given, as by `fit_color`.
-    solver : Pixelwise or Swept, optional
+    solver : Pixelwise, Smooth or Swept, optional
         How to solve. If not given: `Swept()` where a sweep explains the streak, with the model if one
-        is given, else `Pixelwise()`; `Solution.solver` says which it was.
+        is given, else `Smooth()`; `Solution.solver` says which it was.
     streak : Streak, optional
         Where the object moved; the strongest of `find_streaks` if not given.
     out : PixelMaps, optional
@@ -86,8 +89,8 @@ def solve(
     found = require_streaks(image, plate) if streak is None else [streak]
     streak = found[0]
     warn_if_plate_differs(image, plate, streak)
-    alone = isinstance(solver, Pixelwise)
-    sweep = None if alone and model is not None else fit_sweep(image, plate, streak, model)
+    asked = isinstance(solver, Pixelwise | Smooth)
+    sweep = None if asked and model is not None else fit_sweep(image, plate, streak, model)
     swept = _chosen(solver, sweep)
     if model is None:
         assert sweep is not None
@@ -95,34 +98,52 @@ def solve(
         model = color_of(sweep, image, plate, streak, np.inf, most)
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
-    if model.rank == 3 and swept is None:
-        left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
-        raise ColorModelError(_NO_COLOR.format(left))
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
     maps = pixelwise(
         image.rgb, plate.rgb, model, _noise(image), _noise(plate),
         flags=_flags(image, plate, streak), out=out,
     )  # fmt: skip
     _solve_again_near_edges(maps, image, plate, model, pixelwise, streak)
+    together: dict[str, Any] = {}
+    used: Pixelwise | Smooth | Swept = pixelwise
     if swept is not None and sweep is not None:
+        used = swept
         box = _box_of_both(streak, sweep)
         swept(maps, sweep, *_unsure_of_edges(image, plate, streak, box), box)
+        together = _sweep_measures(sweep)
+    elif not isinstance(solver, Pixelwise):
+        used = solver if isinstance(solver, Smooth) else Smooth()
+        wide = streak if np.isnan(streak.evidence) else with_faint_rims(streak, image, plate, model)
+        box = wide.around(_MARGIN)
+        inside = wide.mask[box[1] : box[3], box[0] : box[2]]
+        together = used(maps, *_unsure_of_edges(image, plate, streak, box), model, inside, box)
+    if used is not pixelwise:
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
+    _refuse_the_untold(maps, model, streak, sweep)
     stats = {
         **_measures(maps, model, image, plate, streak),
         "streak_box": streak.box,
         "other_boxes": tuple(other.box for other in found[1:]),
         "image_noise": _spoken(image),
         "plate_noise": _spoken(plate),
+        **together,
     }
-    if swept is not None and sweep is not None:
-        stats |= _sweep_measures(sweep)
-    return Solution(*maps, model=model, solver=repr(swept or pixelwise), stats=stats)
+    return Solution(*maps, model=model, solver=repr(used), stats=stats)
 
 
-def _chosen(solver: Pixelwise | Swept | None, sweep: Sweep | None) -> Swept | None:
+def _refuse_the_untold(
+    maps: PixelMaps, model: ColorModel, streak: Streak, sweep: Sweep | None
+) -> None:
+    """Raise ColorModelError if nothing tells the alpha of an object of any colors."""
+    if model.rank < 3 or np.median(maps.alpha_std[streak.mask]) <= _UNTOLD:
+        return
+    left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
+    raise ColorModelError(_NO_COLOR.format(left))
+
+
+def _chosen(solver: Pixelwise | Smooth | Swept | None, sweep: Sweep | None) -> Swept | None:
     """The solver that uses the sweep, if it is to be used."""
-    if sweep is None or isinstance(solver, Pixelwise):
+    if sweep is None or isinstance(solver, Pixelwise | Smooth):
         return None
     swept = solver or Swept()
     if sweep.misfit <= swept.max_misfit:
@@ -131,7 +152,7 @@ def _chosen(solver: Pixelwise | Swept | None, sweep: Sweep | None) -> Swept | No
         return None
     raise MotionError(
         f"no shape on a path explains the streak: the best leaves {sweep.misfit:.1f} times as much as "
-        f"noise, {swept.max_misfit:g} is the most; use Pixelwise() and give the object's color"
+        f"noise, {swept.max_misfit:g} is the most; use Smooth() and give the object's color"
     )
 
 

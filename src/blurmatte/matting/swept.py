@@ -1,10 +1,4 @@
-"""Swept: alpha from the sweep of a silhouette; what is left is the light, of the model's color.
-
-In this file α is alpha, P the premultiplied light, M (3, rank) a basis of the color model and V the
-noise variance of C − (1 − α) B. Given α, the light within the model that fits best is
-
-    P = M (MᵀV⁻¹M)⁻¹ MᵀV⁻¹ (C − (1 − α) B),    Var P = M (MᵀV⁻¹M)⁻¹ Mᵀ + (dP/dα)² Var α.
-"""
+"""Swept: alpha from the sweep of a silhouette; what is left is the light, of the model's color."""
 
 from dataclasses import dataclass
 
@@ -12,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
+from blurmatte.matting.light import light_given
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
@@ -78,7 +73,7 @@ class Swept:
         """
         place = slice(box[1], box[3]), slice(box[0], box[2])
         alpha, alpha_std = sweep.within(box)
-        P, P_std, chi2 = _light(alpha, alpha_std, sweep, image, plate)
+        P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
         quality = maps.quality[place]
         saturated = (quality & np.uint8(Quality.SATURATED)) != 0
         inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
@@ -95,27 +90,6 @@ class Swept:
         theirs = (quality & ~np.uint8(Quality.OUTSIDE))[inside & ~ours]
         quality[ours] = flags[ours]
         quality[inside & ~ours] = theirs | np.uint8(Quality.MISFIT)
-
-
-def _light(
-    alpha: Array, alpha_std: Array, sweep: Sweep, image: LinearImage, plate: LinearImage
-) -> tuple[Array, Array, Array]:
-    """P (h, w, 3), its standard deviation, and χ² of what is left across the model."""
-    M = sweep.model.basis
-    through = (1 - alpha)[..., None]
-    B = plate.rgb.astype(float)
-    light = image.rgb - through * B
-    weight = 1 / np.maximum(image.variance + through**2 * plate.variance, 1e-14)
-    covariance = np.linalg.inv(np.einsum("ci,hwc,cj->hwij", M, weight, M))
-    to_light = np.einsum("ci,hwij,dj,hwd->hwcd", M, covariance, M, weight)
-    P = np.where(alpha[..., None] > 0, np.einsum("hwcd,hwd->hwc", to_light, light), 0)
-    slope = np.einsum("hwcd,hwd->hwc", to_light, B)
-    variance = np.einsum("ci,hwij,cj->hwc", M, covariance, M) + (slope * alpha_std[..., None]) ** 2
-    P_std = np.where(alpha[..., None] > 0, np.sqrt(variance), 0)
-    chi2 = np.sum((light - P) ** 2 * weight, axis=-1)
-    # No light is free where nothing was; of any colors none is left where something was.
-    chi2 /= np.where(alpha > 0, max(3 - sweep.model.rank, 1), 3)
-    return P, P_std, chi2
 
 
 def _shaded(alpha: Array, P: Array, pixels: Floats, light: Floats) -> npt.NDArray[np.bool_]:

@@ -1,0 +1,168 @@
+"""What single pixels know of alpha: their information, and what they pull it to.
+
+In this file C is the image's light and B the plate's.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.color import ColorModel
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+_LEAST_RIM, _RIM = (
+    4.0,
+    0.15,
+)  # pixels, and half widths of a streak: how far its rims may reach unseen
+_WINDOW, _SIGMAS = 0.05, 4.0  # half widths of a streak to look for more of it in, and how clearly
+_NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
+_BLOCK = 8  # pixels: noise that hangs together does so over less, or over such blocks
+_KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
+_MEDIAN = 0.455  # of χ² of one
+_TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
+
+
+def evidence_of(
+    image: LinearImage, plate: LinearImage, model: ColorModel, inside: Bools, alpha: Floats
+) -> tuple[Array, Array]:
+    """Information and pull of each pixel, both 0 where a pixel is clipped or not `inside`.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Noise known.
+    model : ColorModel
+        Of rank 1 or 2: the closed form. Of any colors: how much of the plate's texture is seen.
+    inside : (h, w) bool
+    alpha : (h, w)
+        About what alpha is, known from elsewhere than the pixel: by 1 − alpha the plate's noise counts.
+
+    Returns
+    -------
+    information, pull : (h, w) float
+        One over the variance of a pixel's own alpha, and that alpha times the information.
+    """
+    C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
+    V_C, V_B = _smooth_variance(image), np.ascontiguousarray(plate.variance, dtype=float)
+    use = inside & image.valid & plate.valid
+    if model.rank == 3:
+        information, pull = _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
+    else:
+        from blurmatte.matting.smooth_kernel import evidence  # numba takes half a second
+
+        information, pull = np.zeros((2, *use.shape))
+        N = np.ascontiguousarray(model.normals)
+        evidence(C, B, V_C, V_B, N, np.asarray(alpha, float), use, information, pull)
+    still = image.valid & plate.valid & ~inside
+    alike = _hangs_together(C - B, V_C + V_B, still)
+    return information / alike, pull / alike
+
+
+def with_faint_rims(
+    streak: Streak, image: LinearImage, plate: LinearImage, model: ColorModel
+) -> Streak:
+    """The streak, and what belongs to it as far as it is wide, now that the colors are known.
+
+    Rims that are weaker than noise, or before a plate of nearly the object's color, are not found as
+    something that moved.
+    """
+    from scipy.ndimage import binary_propagation, distance_transform_edt, gaussian_filter
+
+    y, x = streak.rows_columns
+    half_width = float(distance_transform_edt(np.pad(streak.mask[y, x], 1)).max())
+    reach = _LEAST_RIM + half_width
+    box = streak.around(int(reach) + 1)
+    place = slice(box[1], box[3]), slice(box[0], box[2])
+    inside = streak.mask[place]
+    away = np.asarray(distance_transform_edt(~inside))
+    near = away <= reach
+    if model.rank < 3:
+        image, plate = image.crop(box), plate.crop(box)
+        evidence = evidence_of(image, plate, model, near, np.zeros(near.shape))
+        window = max(_WINDOW * half_width, 1.0)
+        information, pull = (gaussian_filter(e, window) for e in evidence)
+        pixels = 4 * np.pi * window**2  # of as much noise as a mean of this window
+        seen = pull * np.sqrt(pixels) > _SIGMAS * np.sqrt(information + 1e-9)
+        inside = binary_propagation(inside, mask=inside | (near & seen))
+        away = np.asarray(distance_transform_edt(~inside))
+    mask = np.zeros(streak.mask.shape, bool)
+    mask[place] = away <= _LEAST_RIM + _RIM * half_width
+    return replace(streak, mask=mask)
+
+
+def _of_texture(
+    C: Array, B: Array, V_C: Array, V_B: Array, alpha: Array, use: Bools
+) -> tuple[Array, Array]:
+    """Of any colors: ∇C = (1 − α)∇B, but for noise and what is painted on the object.
+
+    How much is painted is what a first alpha, of neighborhoods, leaves in all.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    pairs: list[tuple[Bools, Array, Array, Array, Array]] = []
+    for axis in (0, 1):
+        both = use & np.roll(use, -1, axis)
+        last = (slice(None),) * axis + (slice(-1, None),)
+        both[last] = False
+        c, b = np.roll(C, -1, axis) - C, np.roll(B, -1, axis) - B
+        v_C, v_B = np.roll(V_C, -1, axis) + V_C, np.roll(V_B, -1, axis) + V_B
+        pairs.append((both[..., None], c, b, v_C, v_B))
+
+    def sums(painted: float) -> tuple[Array, Array]:
+        information, pull = np.zeros((2, *use.shape))
+        t = (1 - alpha)[..., None]
+        for axis, (both, c, b, v_C, v_B) in enumerate(pairs):
+            weight = both / (v_C + t**2 * v_B + painted + 1e-14)
+            for total, values in ((information, b * b), (pull, b * (b - c) - t * v_B)):
+                half = np.sum(weight * values, axis=-1) / 2
+                total += half + np.roll(half, 1, axis)
+        return information, pull
+
+    information, pull = sums(0.0)
+    first: Array = gaussian_filter(pull, _TEXTURE_SCALE) / (
+        gaussian_filter(information, _TEXTURE_SCALE) + 1e-9
+    )
+    t = (1 - np.clip(first, 0, 1))[..., None]
+    left = [
+        np.median(((c - t * b) ** 2 - v_C - t**2 * v_B)[both[..., 0]]) / _MEDIAN
+        for both, c, b, v_C, v_B in pairs
+        if both.any()
+    ]
+    return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
+
+
+def _hangs_together(change: Array, variance: Array, still: Bools) -> float:
+    """By how much more noise adds up over blocks than if each still pixel had its own, 1 or more.
+
+    Of all blocks but the worst, where something may have moved, and less what chance makes of few.
+    """
+    e = np.where(still[..., None], change / np.sqrt(np.maximum(variance, 1e-14)), 0)
+    h, w = (side // _BLOCK * _BLOCK for side in still.shape)
+
+    def sums(x: Array) -> Array:
+        parts = x[:h, :w].reshape(h // _BLOCK, _BLOCK, w // _BLOCK, _BLOCK, -1)
+        return np.asarray(parts.sum(axis=(1, 3)))
+
+    count = sums(still.astype(float))[..., 0]
+    full = count > _BLOCK**2 / 2
+    if not full.any():
+        return 1.0
+    squares = np.sort((sums(e)[full] ** 2 / count[full][:, None]).ravel())
+    kept = squares[: int(np.ceil(_KEPT * len(squares)))]
+    factor = float(kept.mean()) / _MEAN_OF_KEPT
+    return max(factor / float(1 + 2 * np.sqrt(2 / len(kept))), 1.0)
+
+
+def _smooth_variance(picture: LinearImage) -> Array:
+    """Of a neighborhood's light: a pixel that noise made brighter is not noisier for that."""
+    from scipy.ndimage import gaussian_filter
+
+    scale = (_NOISE_SCALE, _NOISE_SCALE, 0)
+    smooth: Array = gaussian_filter(np.asarray(picture.variance, float), scale)
+    return np.maximum(smooth, 1e-14)

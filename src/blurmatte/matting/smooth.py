@@ -1,0 +1,178 @@
+"""Smooth: alpha of all pixels together, for whatever no rigid silhouette describes.
+
+Each pixel says what it knows of alpha (`evidence`), with its information as weight; a prior says that
+alpha is smooth but for edges (`smooth_prior`). How smooth is found from the data: of several scales and
+both orders of differences those for which Stein's unbiased estimate of the error is least, on cells so
+large that this takes no time. Then it goes from coarse to fine.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.color import ColorModel
+from blurmatte.matting.evidence import evidence_of
+from blurmatte.matting.light import light_given
+from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.matting.smooth_prior import (
+    BORDER,
+    Evidence,
+    Field,
+    Prior,
+    finer,
+    smoothed,
+    sum_variance,
+)
+from blurmatte.matting.solution import Quality
+from blurmatte.radiometry import LinearImage
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+_CELLS = 3000  # enough to tell how smooth alpha is
+_ENOUGH = (
+    100_000  # cells to tell its error: what has more of them changes little from one to the next
+)
+_PRIORS = tuple(
+    Prior(order, scale / 2.0**i) for order, scale in ((1, 1.28), (2, 1.92)) for i in range(7)
+)  # in large cells
+_SMOOTHER = 1.0, 0.5, 0.25  # times: noise of smaller cells is stronger
+_SAMPLES, _FINAL_SAMPLES = 2, 8
+_NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
+_SIGMAS_OUT = 3.0
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """All pixels of the streak together: alpha is smooth, but for edges.
+
+    Alpha and the error of it are mean and standard deviation of what evidence and prior leave
+    possible. The light is what alpha leaves of the image, within the model: its noise stays that of
+    the camera, and its details stay sharp.
+
+    Parameters
+    ----------
+    strength : float
+        Times as smooth as the data ask for, > 0; 1 is best on average.
+    max_alpha_std : float
+        A pixel whose alpha is less certain than this is marked PLATE_IN_MODEL, > 0.
+
+    Raises
+    ------
+    ValueError
+        If a number is not positive.
+    """
+
+    strength: float = 1.0
+    max_alpha_std: float = 0.3
+
+    def __post_init__(self) -> None:
+        for name in ("strength", "max_alpha_std"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+
+    def __call__(
+        self,
+        maps: PixelMaps,
+        image: LinearImage,
+        plate: LinearImage,
+        model: ColorModel,
+        inside: Bools,
+        box: tuple[int, int, int, int],
+    ) -> dict[str, Any]:
+        """Write the answer into maps of the closed form.
+
+        Parameters
+        ----------
+        maps : PixelMaps
+            Of the closed form with the same model; changed in place.
+        image, plate : LinearImage
+            What is in the box, noise known.
+        model : ColorModel
+            Of any rank: of any colors, alpha is told by how much of the plate's texture shines through.
+        inside : (h, w) bool
+            Where in the box alpha may be other than 0.
+        box : (int, int, int, int)
+            Where to write.
+
+        Returns
+        -------
+        dict
+            The standard deviation of the sum of alpha, how smooth it is, and how the solution ended.
+        """
+        field, prior, of_sum = self._field(image, plate, model, inside)
+        alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
+        P, P_std, _ = light_given(alpha, alpha_std, model, image, plate)
+        place = slice(box[1], box[3]), slice(box[0], box[2])
+        lost = (maps.quality[place] & np.uint8(Quality.SATURATED)) != 0
+        P_std[lost] = np.inf
+        for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
+            target[place][inside] = values[inside]
+        out = np.abs(alpha - 0.5) > 0.5 + _SIGMAS_OUT * alpha_std
+        flags = maps.quality[place] & np.uint8(Quality.SATURATED | Quality.MISFIT)
+        flags |= (alpha_std > self.max_alpha_std) * np.uint8(Quality.PLATE_IN_MODEL)
+        flags |= out * np.uint8(Quality.OUT_OF_RANGE)
+        maps.quality[place][inside] = flags[inside]
+        return {
+            "sum_alpha_std": float(np.sqrt(of_sum)),
+            "smooth": {
+                "order": prior.order,
+                "scale": prior.scale,
+                "steps": field.steps,
+                "converged": field.converged,
+            },
+        }
+
+    def _field(
+        self, image: LinearImage, plate: LinearImage, model: ColorModel, inside: Bools
+    ) -> tuple[Field, Prior, float]:
+        """Alpha with a border, the prior that led to it, and the variance of its sum."""
+        nothing = np.zeros(inside.shape)
+        near = _local(evidence_of(image, plate, model, inside, nothing))
+        levels = [_bordered(*evidence_of(image, plate, model, inside, near), inside)]
+        while np.count_nonzero(levels[-1].mask) > _CELLS:
+            levels.append(levels[-1].coarser())
+        top = len(levels) - 1
+        prior, field = _least_risk(levels[top], _PRIORS, None, 4**top)
+        of_sum = sum_variance(levels[top], prior, field, 4**top)
+        for depth in range(top - 1, -1, -1):
+            prior, field = prior.finer(), finer(field, levels[depth].mask.shape, prior.order)
+            if depth > 0 and np.count_nonzero(levels[depth].mask) < _ENOUGH:
+                choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
+                prior, field = _least_risk(levels[depth], choice, field, 4**depth)
+        prior = replace(prior, scale=prior.scale / self.strength)
+        near = np.clip(_inner(field.x), 0, 1)
+        last = _bordered(*evidence_of(image, plate, model, inside, near), inside)
+        samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
+        return smoothed(last, prior, field, samples), prior, of_sum
+
+
+def _least_risk(
+    evidence: Evidence, priors: Sequence[Prior], start: Field | None, cells: int
+) -> tuple[Prior, Field]:
+    """The prior of the least risk, and what comes of it; each is begun where the one before ended."""
+    found: list[tuple[Prior, Field]] = []
+    for prior in priors:
+        before = found[-1] if found and found[-1][0].order == prior.order else (prior, start)
+        found.append((prior, smoothed(evidence, prior, before[1], _SAMPLES, cells)))
+    return min(found, key=lambda trial: trial[1].risk)
+
+
+def _local(evidence: tuple[Array, Array]) -> Array:
+    """Alpha of neighborhoods."""
+    from scipy.ndimage import gaussian_filter
+
+    information, pull = (gaussian_filter(e, _NEIGHBORHOOD) for e in evidence)
+    return np.asarray(np.clip(pull / (information + 1e-9), 0, 1))
+
+
+def _bordered(information: Array, pull: Array, inside: Bools) -> Evidence:
+    return Evidence(np.pad(information, BORDER), np.pad(pull, BORDER), np.pad(inside, BORDER))
+
+
+def _inner(values: Floats) -> Array:
+    return np.asarray(values[BORDER:-BORDER, BORDER:-BORDER], float)

@@ -1,0 +1,240 @@
+"""A field of alpha that is smooth, but for edges, as the pixels' evidence wants it.
+
+In this file A is the information of each pixel (or cell of pixels), x alpha, D x its differences of
+first or second order in all directions, d of them at each place. They are taken to be of a t
+distribution of scale σ: mostly small, now and then an edge. That is a normal distribution whose
+precision γ is not known; given the rest, the mean of γ is (ν + d) / (ν σ² + E|D x|²), and given γ, x is
+normal with information H = A + DᵀγD. Both are repeated in turn. The expectation of |D x|² is over what
+x can still be, not that of the best x alone, which would be too smooth; it is taken of samples
+H⁻¹(√A ξ + Dᵀ√γ η) with normal ξ and η, whose covariance is H⁻¹.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from os import cpu_count
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+BORDER = 2  # pixels around all maps, where the mask is False
+
+_NU = 1.0  # degrees of freedom of the t distribution: edges are common
+_POOL = 3  # cells across, over which precisions are alike
+_ROUNDS = 2
+_STEPS, _TOLERANCE = 60, 1e-5
+_BOUND = 0.01  # of alpha, how sharp the bounds 0 and 1 are
+_SEED = 0  # of samples: the same answer every time
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence:
+    """What is known of alpha in each cell.
+
+    Parameters
+    ----------
+    information : (h, w) float
+        One over the variance of a cell's own alpha; 0 outside the mask.
+    pull : (h, w) float
+        That alpha times the information.
+    mask : (h, w) bool
+        Where alpha may be other than 0; False in the border.
+    """
+
+    information: Array
+    pull: Array
+    mask: Bools
+
+    def coarser(self) -> "Evidence":
+        """In cells of twice the width."""
+        return Evidence(
+            _blocks(self.information),
+            _blocks(self.pull),
+            _blocks(self.mask.astype(float)) > 0,
+        )
+
+
+@dataclass(frozen=True)
+class Prior:
+    """How smooth a field is.
+
+    Parameters
+    ----------
+    order : int
+        1 if differences of neighbors are small, 2 if those of differences.
+    scale : float
+        Of a difference, in the cells of the level.
+    """
+
+    order: int
+    scale: float
+
+    def finer(self) -> "Prior":
+        """In cells of half the width."""
+        return Prior(self.order, self.scale / 2**self.order)
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """A field and what it may be.
+
+    Parameters
+    ----------
+    x : (h, w) float
+        Its mean.
+    variance : (h, w) float
+    squares : (h, w) float
+        Expectation of |D x|², of neighbors together.
+    risk : float
+        Unbiased estimate of the squared error, times the information, in the mean of all cells
+        [Stein 1981].
+    steps : int
+        Of the last solution.
+    converged : bool
+        It ended before the most steps.
+    """
+
+    x: Array
+    variance: Array
+    squares: Array
+    risk: float
+    steps: int
+    converged: bool
+
+
+def smoothed(
+    evidence: Evidence, prior: Prior, start: Field | None, samples: int, cells: int = 1
+) -> Field:
+    """The field that evidence and prior agree on, from one of a coarser level or of another prior.
+
+    `cells` is how many pixels there are to a cell: its differences stand for so many. With no samples
+    only the mean is new; so it is for cells much smaller than anything in the field.
+    """
+    A, mask = evidence.information, evidence.mask
+    rng = np.random.default_rng(_SEED)
+    noise = [rng.standard_normal((4, *mask.shape)) for _ in range(samples)]
+    field = start or _nothing(mask, prior)
+    for _ in range(_ROUNDS):
+        d, x = prior.order + 1, field.x.copy()
+        gamma = cells * (_NU + d) / (_NU * prior.scale**2 + field.squares)
+        above = np.where(mask & (x > 1), _BOUND**-2.0, 0.0)
+        H = A + above, gamma, prior.order, mask
+        drawn = [np.zeros(mask.shape) for _ in noise]
+        jobs = [(evidence.pull + above, x)]
+        jobs += [(_disturbed(*H, n), z) for n, z in zip(noise, drawn, strict=True)]
+        steps = _solve_all(*H, jobs)
+        field = replace(field, x=x, steps=steps, converged=steps < _STEPS)
+        if noise:
+            traces = [np.sum(n[0] * np.sqrt(A) * z) for n, z in zip(noise, drawn, strict=True)]
+            field = replace(
+                field,
+                variance=_pooled(np.mean(np.square(drawn), axis=0), mask),
+                squares=_squares(x, drawn, prior.order),
+                risk=_risk(evidence, x, float(np.mean(traces))),
+            )
+    return field
+
+
+def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
+    """Variance of the sum of a field over all cells."""
+    d, whole = prior.order + 1, np.zeros(field.x.shape)
+    gamma = cells * (_NU + d) / (_NU * prior.scale**2 + field.squares)
+    ones = evidence.mask.astype(float)
+    H = evidence.information, gamma, prior.order, evidence.mask
+    _solve_all(*H, [(ones, whole)], 10 * _STEPS, 0.0)
+    return float(whole.sum()) * cells**2
+
+
+def _nothing(mask: Bools, prior: Prior) -> Field:
+    zero = np.zeros(mask.shape)
+    return Field(zero, zero, np.full(mask.shape, prior.scale**2), np.inf, 0, False)
+
+
+def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
+    """The start that a field is for the level of half the width."""
+
+    def up(values: Array) -> Array:
+        inner = np.repeat(np.repeat(values[BORDER:-BORDER, BORDER:-BORDER], 2, 0), 2, 1)
+        h, w = (side - 2 * BORDER for side in shape)
+        return np.pad(_softened(inner)[:h, :w], BORDER)
+
+    return replace(
+        field,
+        x=up(field.x),
+        variance=up(field.variance),
+        squares=up(field.squares) / 4**order,
+    )
+
+
+def _solve_all(
+    A: Array,
+    gamma: Array,
+    order: int,
+    mask: Bools,
+    jobs: list[tuple[Array, Array]],
+    most: int = _STEPS,
+    tolerance: float = _TOLERANCE,
+) -> int:
+    """Solve for each right hand side, from and into the array given with it; steps of the first."""
+    from blurmatte.matting.smooth_kernel import conjugate_gradients  # numba takes half a second
+
+    with ThreadPoolExecutor(cpu_count()) as threads:
+        solve = partial(conjugate_gradients, A, gamma, order, mask)
+        steps = threads.map(lambda job: solve(*job, most, tolerance), jobs)
+        return int(list(steps)[0])  # noqa: RUF015  all must have ended
+
+
+def _disturbed(A: Array, gamma: Array, order: int, mask: Bools, normal: Array) -> Array:
+    """A right hand side whose solution has the covariance H⁻¹."""
+    from blurmatte.matting.smooth_kernel import backward
+
+    b: Array = np.sqrt(A) * normal[0] * mask
+    backward(np.ascontiguousarray(np.sqrt(gamma) * normal[1:]), order, mask, b)
+    return b
+
+
+def _squares(x: Array, samples: list[Array], order: int) -> Array:
+    from scipy.ndimage import uniform_filter
+
+    from blurmatte.matting.smooth_kernel import forward
+
+    t, total = np.zeros((3, *x.shape)), np.zeros(x.shape)
+    for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
+        forward(values, order, t)
+        total += weight * np.sum(t[: order + 1] ** 2, axis=0)
+    pooled: Array = np.asarray(uniform_filter(total, _POOL), float)
+    return np.asarray(np.maximum(pooled, 0.0))
+
+
+def _pooled(variance: Array, mask: Bools) -> Array:
+    """Means of neighbors within the mask: a few samples tell a variance only roughly."""
+    from scipy.ndimage import uniform_filter
+
+    near: Array = uniform_filter(np.where(mask, variance, 0), _POOL)
+    share: Array = uniform_filter(mask.astype(float), _POOL)
+    return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0))
+
+
+def _risk(evidence: Evidence, x: Array, trace: float) -> float:
+    known = evidence.information > 0
+    A = evidence.information[known]
+    left = float(np.sum((evidence.pull[known] - A * x[known]) ** 2 / A))
+    return (left + 2 * trace) / max(len(A), 1) - 1
+
+
+def _blocks(values: Array) -> Array:
+    """Sums over 2 by 2, the border kept."""
+    inner = values[BORDER:-BORDER, BORDER:-BORDER]
+    h, w = inner.shape
+    inner = np.pad(inner, ((0, h % 2), (0, w % 2)))
+    h, w = inner.shape
+    return np.pad(inner.reshape(h // 2, 2, w // 2, 2).sum(axis=(1, 3)), BORDER)
+
+
+def _softened(values: Array) -> Array:
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(values, 2, origin=0))

@@ -1,0 +1,87 @@
+"""What single pixels know of alpha, and where a streak goes on unseen."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.ndimage import gaussian_filter
+
+from blurmatte.color import ColorModel
+from blurmatte.matting.evidence import evidence_of, with_faint_rims
+from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
+from blurmatte.streaks import Streak, find_streaks
+from blurmatte.trajectory import Trajectory
+
+SHAPE = (64, 80)
+STD = 0.01
+NOISE = NoiseModel(read_std=STD)
+ORANGE = np.array([0.8, 0.4, 0.1])
+MODEL = ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None])
+
+
+def still(noise):
+    """Image and plate of nothing that moved, the image with this noise; and a region."""
+    plate = textured_plate(SHAPE[::-1], 1)
+    inside = np.zeros(SHAPE, bool)
+    inside[20:40, 30:50] = True
+    sure = np.full(plate.shape, 1e-12)
+    return LinearImage(plate + noise, NOISE), LinearImage(plate, sure), inside
+
+
+def test_clipped_pixels_and_those_outside_know_nothing():
+    image, plate, inside = still(0)
+    clipped = np.zeros(SHAPE, bool)
+    clipped[25:28, 33:36] = True
+    image = LinearImage(image.rgb, NOISE, ~clipped)
+    for model in (MODEL, ColorModel.any()):
+        information, pull = evidence_of(image, plate, model, inside, np.zeros(SHAPE))
+        assert np.all(information[clipped | ~inside] == 0)
+        assert np.all(pull[clipped | ~inside] == 0)
+        assert np.all(information >= 0)
+        assert np.median(information[inside & ~clipped]) > 0
+
+
+@pytest.mark.parametrize("model", [MODEL, ColorModel.any()], ids=["line", "any"])
+def test_error_of_many_pixels_is_their_scatter(model):
+    """Alpha is 0; pull over the root of the information has spread 1, also if neighbors err alike."""
+    scores = []
+    for seed in range(40):
+        noise = np.random.default_rng(seed).normal(0, STD, (*SHAPE, 3))
+        image, plate, inside = still(noise)
+        information, pull = evidence_of(image, plate, model, inside, np.zeros(SHAPE))
+        scores.append(pull.sum() / np.sqrt(information.sum()))
+    assert abs(np.mean(scores)) < 0.6
+    assert 0.6 < np.std(scores) < 1.5
+
+
+def test_noise_that_hangs_together_counts_less():
+    rng = np.random.default_rng(0)
+    white = rng.normal(0, STD, (*SHAPE, 3))
+    smooth = gaussian_filter(rng.normal(size=(*SHAPE, 3)), (1.5, 1.5, 0))
+    told = []
+    for noise in (white, smooth / smooth.std() * STD):
+        image, plate, inside = still(noise)
+        told.append(evidence_of(image, plate, MODEL, inside, np.zeros(SHAPE))[0].sum())
+    assert told[1] < told[0] / 5
+    image, plate, inside = still(np.zeros((*SHAPE, 3)))
+    quiet = evidence_of(image, plate, MODEL, inside, np.zeros(SHAPE))[0].sum()
+    assert_allclose(told[0], quiet, rtol=0.35)
+
+
+def test_a_streak_goes_on_where_it_is_fainter_than_noise():
+    size = (192, 144)
+    scene = Scene(
+        colorful_plate(size, 4, tile=36), Trajectory.line((60, 60), (130, 84)), Ball(20, ORANGE)
+    )
+    truth = render(scene, 160)
+    shot = Shot(scene, Camera(code_std=3 / 255), plate_frames=3, seed=1)
+    image, plate = with_noise(*shot.photograph(truth))
+    found = find_streaks(image, plate)[0]
+    rows = np.arange(size[1])[:, None] < 78
+    part = Streak(found.mask & rows, evidence=found.evidence)  # as if the rest had not been seen
+    whole = with_faint_rims(part, image, plate, truth.model)
+    alpha = truth.layer.alpha
+    assert alpha[whole.mask].sum() > alpha[part.mask].sum()
+    assert alpha[whole.mask].sum() > 0.97 * alpha.sum()
+    assert np.all(whole.mask[part.mask])
+    assert np.mean(alpha[whole.mask] > 0) > 0.5

@@ -1,0 +1,170 @@
+"""Smooth: all pixels of a streak together, whatever its shape."""
+
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import ColorModelError
+from blurmatte.matting import Pixelwise, Quality, Smooth, solve
+from blurmatte.radiometry import LinearImage
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Scene,
+    Sheet,
+    Shot,
+    colorful_plate,
+    plain_plate,
+    render,
+    textured_plate,
+)
+from blurmatte.streaks import Streak
+from blurmatte.trajectory import Trajectory
+
+SIZE = (192, 144)
+ORANGE, BLUE = np.array([0.8, 0.4, 0.1]), np.array([0.1, 0.2, 0.7])
+PLATES = {
+    "colorful": colorful_plate(SIZE, 1, tile=30),
+    "textured": textured_plate(SIZE, 2),
+    "plain": plain_plate(SIZE, (0.4, 0.42, 0.5), 3),
+}
+WAY = Trajectory.arc((60, 84), (96, 52), (132, 80))
+SPOTS = np.kron(np.random.default_rng(0).uniform(0.05, 0.9, (4, 8, 3)), np.ones((8, 8, 1)))
+BODIES = {
+    "ball": (Ball(18, ORANGE), Change()),
+    "two paints": (Ball(18, ORANGE, second_color=BLUE), Change(spin=(1, 0.5, 0))),
+    "growing": (Ball(18, ORANGE), Change(scale=(0.5, 1.5))),
+    "turning stick": (Sheet(50, 8, ORANGE), Change(spin=(0, 0, 2))),
+    "spotted": (Ball(18, np.ones(3), texture=SPOTS), Change(spin=(0.6, 0.3, 0))),
+}
+
+
+@cache
+def rendered(body, plate):
+    thing, change = BODIES[body]
+    return render(Scene(PLATES[plate], WAY, thing, change), 200)
+
+
+def taken(body, plate, seed=0, std=2 / 255):
+    """The truth, image and plate."""
+    truth = rendered(body, plate)
+    thing, change = BODIES[body]
+    scene = Scene(PLATES[plate], WAY, thing, change)
+    return truth, *Shot(scene, Camera(code_std=std), plate_frames=5, seed=seed).photograph(truth)
+
+
+def rmse(solution, truth):
+    true = truth.layer.alpha
+    return np.sqrt(np.mean((solution.alpha - true)[true > 0] ** 2))
+
+
+@pytest.mark.parametrize(
+    ("body", "plate", "most"),
+    [
+        ("ball", "colorful", 0.015),
+        ("ball", "textured", 0.015),
+        ("two paints", "textured", 0.02),
+        ("turning stick", "textured", 0.02),
+    ],
+)
+def test_far_less_noise_than_pixels_alone_and_an_honest_error(body, plate, most):
+    truth, image, without = taken(body, plate)
+    model = truth.model
+    together, alone = (solve(image, without, model, s) for s in (Smooth(), Pixelwise()))
+    assert together.solver == repr(Smooth())
+    assert rmse(together, truth) < min(most, rmse(alone, truth) / 2)
+    inside = truth.layer.alpha > 0
+    score = ((together.alpha - truth.layer.alpha) / together.alpha_std)[inside]
+    assert 0.55 < np.mean(np.abs(score) < 1) < 0.9
+    assert 0.85 < np.mean(np.abs(score) < 2) < 1
+    assert_allclose(together.alpha[together.streak].sum(), truth.layer.alpha.sum(), rtol=0.02)
+    light = together.premultiplied - truth.layer.premultiplied
+    assert np.sqrt(np.mean(light[inside] ** 2)) < 0.015
+
+
+def test_any_colors_before_texture():
+    truth, image, plate = taken("spotted", "textured")
+    solution = solve(image, plate, ColorModel.any(), Smooth())
+    assert rmse(solution, truth) < 0.06
+    error = np.abs(solution.alpha - truth.layer.alpha) / solution.alpha_std
+    assert np.mean(error[truth.layer.alpha > 0] < 2) > 0.75
+
+
+def test_any_colors_before_a_plain_plate_are_not_told():
+    _, image, plate = taken("spotted", "plain")
+    with pytest.raises(ColorModelError, match="a plate full of texture"):
+        solve(image, plate, ColorModel.any(), Smooth())
+
+
+def test_exact_pictures_give_what_pixels_alone_say():
+    truth = rendered("ball", "colorful")
+    together, alone = (
+        solve(truth.image, truth.plate, truth.model, s) for s in (Smooth(), Pixelwise())
+    )
+    across = np.linalg.norm(truth.plate.rgb @ truth.model.normals, axis=-1) > 1e-3
+    assert_allclose(together.alpha[across], alone.alpha[across], atol=1e-4)
+
+
+def test_the_sum_has_no_bias():
+    """Over noise, within what is claimed for it."""
+    scores = []
+    for seed in range(8):
+        truth, image, plate = taken("ball", "colorful", seed)
+        stats = solve(image, plate, truth.model, Smooth()).stats
+        scores.append(stats["sum_alpha"] / truth.layer.alpha.sum() - 1)
+    assert abs(np.mean(scores)) < 0.01
+    assert np.std(scores) < 0.02
+
+
+def test_strength_smooths():
+    truth, image, plate = taken("turning stick", "textured")
+    rough, smooth = (solve(image, plate, truth.model, Smooth(strength)) for strength in (0.2, 5.0))
+    inside = truth.layer.alpha > 0.02
+    steps = [np.abs(np.diff(s.alpha, axis=1))[inside[:, 1:]].mean() for s in (rough, smooth)]
+    assert steps[1] < steps[0]
+    assert np.median(smooth.alpha_std[inside]) < np.median(rough.alpha_std[inside])
+
+
+def test_clipped_pixels_are_filled_from_their_neighbors():
+    truth, image, plate = taken("ball", "colorful")
+    clipped = np.zeros(image.valid.shape, bool)
+    clipped[60:66, 92:98] = True
+    holed = LinearImage(np.where(clipped[..., None], 1, image.rgb), image.noise, ~clipped)
+    solution = solve(holed, plate, truth.model, Smooth())
+    assert np.abs(solution.alpha - truth.layer.alpha)[clipped].max() < 0.1
+    assert np.all(np.isfinite(solution.alpha_std[clipped]))
+    assert np.all((solution.quality[clipped] & np.uint8(Quality.SATURATED)) != 0)
+    assert np.all(np.isinf(solution.premultiplied_std[clipped]))
+
+
+def test_a_region_that_was_given_is_solved_exactly():
+    truth, image, plate = taken("ball", "colorful")
+    region = Streak.from_box((40, 30, 120, 110), SIZE)
+    solution = solve(image, plate, truth.model, Smooth(), streak=region)
+    assert np.array_equal(solution.streak, region.mask)
+
+
+def test_is_what_solve_does_where_no_shape_explains_the_streak():
+    truth, image, plate = taken("growing", "textured")
+    solution = solve(image, plate, ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None]))
+    assert solution.solver == repr(Smooth())
+    assert solution.stats["smooth"]["converged"]
+    assert rmse(solution, truth) < 0.03
+
+
+def test_the_same_every_time():
+    truth, image, plate = taken("ball", "colorful")
+    first, second = (solve(image, plate, truth.model, Smooth()) for _ in range(2))
+    assert np.array_equal(first.alpha, second.alpha)
+    assert np.array_equal(first.alpha_std, second.alpha_std)
+
+
+@pytest.mark.parametrize("name", ["strength", "max_alpha_std"])
+@pytest.mark.parametrize("value", [0, -1, np.nan])
+def test_numbers_must_be_positive(name, value):
+    with pytest.raises(ValueError, match=f"{name} must be positive"):
+        Smooth(**{name: value})

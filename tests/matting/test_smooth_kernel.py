@@ -1,0 +1,147 @@
+"""The loops of `Smooth`: against matrices written out, and each other."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel
+from blurmatte.matting import smooth_kernel as compiled
+from blurmatte.matting.pixelwise import Pixelwise
+
+SHAPE = 11, 13
+BORDER = 2
+
+
+@pytest.fixture(params=[1, 2], ids=["first", "second"])
+def order(request):
+    """Of the differences."""
+    return request.param
+
+
+@pytest.fixture
+def mask():
+    """A ragged region within the border."""
+    mask = np.zeros(SHAPE, bool)
+    inner = np.random.default_rng(0).uniform(size=(SHAPE[0] - 4, SHAPE[1] - 4)) < 0.8
+    mask[BORDER:-BORDER, BORDER:-BORDER] = inner
+    return mask
+
+
+@pytest.fixture
+def known(mask):
+    """Information within the mask, and precisions everywhere."""
+    rng = np.random.default_rng(1)
+    return rng.uniform(0.1, 2, SHAPE) * mask, rng.uniform(0.1, 5, SHAPE)
+
+
+def differences(x, order):
+    t = np.zeros((3, *SHAPE))
+    compiled.forward(x, order, t)
+    return t
+
+
+def product(x, known, order, mask):
+    y = np.zeros(SHAPE)
+    compiled.product(x, *known, order, mask, y)
+    return y
+
+
+def matrix(known, order, mask):
+    """A + DᵀγD, of the mask's pixels, by its columns from differences alone."""
+    information, gamma = known
+    D = []
+    for place in np.argwhere(mask):
+        unit = np.zeros(SHAPE)
+        unit[tuple(place)] = 1
+        D.append(differences(unit, order).ravel())
+    D = np.array(D).T
+    return np.diag(information[mask]) + D.T @ (np.tile(gamma.ravel(), 3)[:, None] * D)
+
+
+def test_backward_is_the_adjoint_of_forward(order, mask):
+    rng = np.random.default_rng(2)
+    x = rng.normal(size=SHAPE) * mask
+    t = rng.normal(size=(3, *SHAPE))
+    t[order + 1 :] = 0
+    y = np.zeros(SHAPE)
+    compiled.backward(t, order, mask, y)
+    inner = slice(1, -1)  # differences are of what lies within the outermost ring
+    expected = np.sum(differences(x, order)[:, inner, inner] * t[:, inner, inner])
+    assert_allclose(np.sum(x * y), expected, rtol=1e-12)
+
+
+def test_first_differences_of_a_ramp_and_second_of_a_bowl():
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]].astype(float)
+    inside = (slice(None), slice(1, -1), slice(1, -1))
+    ramp = differences(2 * x - 3 * y, 1)[inside]
+    assert_allclose(ramp[0], 2)
+    assert_allclose(ramp[1], -3)
+    bowl = differences(x**2 - 2 * y**2 + 3 * x * y, 2)[inside]
+    assert_allclose(bowl[0], 2)
+    assert_allclose(bowl[1], -4)
+    assert_allclose(bowl[2], 3 * np.sqrt(2))
+
+
+def test_product_and_diagonal_are_those_of_the_matrix(known, order, mask):
+    H = matrix(known, order, mask)
+    x = np.random.default_rng(3).normal(size=SHAPE) * mask
+    y = product(x, known, order, mask)
+    assert_allclose(y[mask], H @ x[mask], rtol=1e-10, atol=1e-12)
+    assert np.all(y[~mask] == 0)
+    assert_allclose(compiled.diagonal(*known, order, mask)[mask], np.diag(H), rtol=1e-12)
+
+
+def test_conjugate_gradients_solve_the_equations(known, order, mask):
+    b, x = np.random.default_rng(4).normal(size=SHAPE) * mask, np.zeros(SHAPE)
+    compiled.conjugate_gradients(*known, order, mask, b, x, 500, 0.0)
+    expected = np.linalg.solve(matrix(known, order, mask), b[mask])
+    assert_allclose(x[mask], expected, rtol=1e-6, atol=1e-9)
+    assert np.all(x[~mask] == 0)
+
+
+def test_nothing_to_do_takes_no_step(known, order, mask):
+    x = np.zeros(SHAPE)
+    assert compiled.conjugate_gradients(*known, order, mask, np.zeros(SHAPE), x, 50, 1e-5) == 0
+    assert np.all(x == 0)
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_evidence_of_a_sure_plate_is_the_closed_form(rank):
+    rng = np.random.default_rng(5)
+    model = ColorModel(np.linalg.qr(rng.uniform(0.1, 1, (3, rank)))[0])
+    B = rng.uniform(0.2, 1, (*SHAPE, 3))
+    C = (
+        rng.uniform(0.2, 0.8, (*SHAPE, 1)) * B
+        + 0.2 * rng.uniform(0, 1, (*SHAPE, rank)) @ model.basis.T
+    )
+    V_C, V_B = rng.uniform(1, 2, B.shape) * 1e-4, np.zeros(B.shape)
+    information, pull = np.zeros((2, *SHAPE))
+    compiled.evidence(
+        C, B, V_C, V_B, np.ascontiguousarray(model.normals), np.zeros(SHAPE),
+        np.ones(SHAPE, bool), information, pull,
+    )  # fmt: skip
+    maps = Pixelwise()(C, B, model, V_C, V_B)
+    assert_allclose(pull / information, maps.alpha, rtol=1e-6)
+    trust = information * maps.alpha_std**2  # pixels that fit the model well are believed alike
+    assert_allclose(trust, 1.2 if rank == 1 else 1.0, rtol=1e-6)
+
+
+def test_evidence_is_not_drawn_by_noise_of_the_plate():
+    """A faint plate in noise: of many pixels together, alpha comes out right."""
+    rng, shape = np.random.default_rng(6), (400, 400)
+    l = np.array([0.8, 0.5, 0.33])
+    N = np.linalg.svd(l[:, None])[0][:, 1:]
+    B, alpha, V = np.array([0.05, 0.06, 0.08]), 0.3, np.full(3, 4e-4)
+    C = alpha * l + (1 - alpha) * B + rng.normal(0, np.sqrt(V), (*shape, 3))
+    plate = B + rng.normal(0, np.sqrt(V), (*shape, 3))
+    information, pull = np.zeros((2, *shape))
+    full = np.broadcast_to(V, C.shape).copy()
+    compiled.evidence(
+        C, plate, full, full, np.ascontiguousarray(N), np.full(shape, alpha), np.ones(shape, bool),
+        information, pull,
+    )  # fmt: skip
+    b = B @ N
+    sure = b @ np.linalg.inv(N.T @ np.diag(V + 0.49 * V) @ N) @ b
+    # Noise in the plate seems to inform, too; what it pulls to is alpha all the same.
+    assert abs(pull.sum() / information.sum() - alpha) < 0.02
+    assert information.mean() > sure

@@ -1,0 +1,133 @@
+"""A smooth field from noisy cells: what is known, how well, and how smooth."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.matting import smooth_kernel as compiled
+from blurmatte.matting.smooth_prior import (
+    BORDER,
+    Evidence,
+    Prior,
+    finer,
+    smoothed,
+    sum_variance,
+)
+
+SIDE = 64
+PRIORS = [Prior(1, 0.03), Prior(2, 0.01)]
+
+
+def bump():
+    """A smooth field with an edge, between 0 and 0.6, and where it may be other than 0."""
+    y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
+    inside = np.hypot(x, y) < 0.4 * SIDE
+    field = np.where(inside, 0.3 + 0.2 * np.cos(x / 8) * np.cos(y / 11), 0)
+    return np.pad(field, BORDER), np.pad(inside, BORDER)
+
+
+def settled(evidence, order, samples):
+    """From rough to smooth, and of all that what has the least risk."""
+    field, found = None, []
+    for scale in 0.64 / 2.0 ** np.arange(9):
+        field = smoothed(evidence, Prior(order, float(scale)), field, samples)
+        found.append(field)
+    return min(found, key=lambda field: field.risk)
+
+
+def noisy(seed, std=0.1):
+    truth, mask = bump()
+    rng = np.random.default_rng(seed)
+    information = mask * rng.uniform(0.3, 3, truth.shape) / std**2
+    noise = rng.normal(size=truth.shape) * np.sqrt(information)
+    return truth, Evidence(information, information * truth + noise, mask)
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_less_noise_and_an_honest_error(order):
+    scores = []
+    for seed in range(4):
+        truth, evidence = noisy(seed)
+        field = settled(evidence, order, 16)
+        error = (field.x - truth)[evidence.mask]
+        assert np.sqrt(np.mean(error**2)) < 0.5 * 0.1
+        scores.append(error / np.sqrt(field.variance[evidence.mask]))
+    assert 0.75 < np.sqrt(np.mean(np.square(scores))) < 1.25
+
+
+@pytest.mark.parametrize("prior", PRIORS)
+def test_sure_cells_stay(prior):
+    truth, evidence = noisy(0, std=1e-7)
+    assert_allclose(smoothed(evidence, prior, None, 2).x, truth, atol=1e-5)
+
+
+def test_cells_that_know_nothing_are_filled_from_their_neighbors():
+    truth, evidence = noisy(1, std=0.02)
+    hole = np.zeros(truth.shape, bool)
+    hole[30:36, 28:40] = True
+    blind = Evidence(
+        np.where(hole, 0, evidence.information), np.where(hole, 0, evidence.pull), evidence.mask
+    )
+    seeing, field = (settled(e, 2, 8) for e in (evidence, blind))
+    assert np.abs(field.x - truth)[hole].max() < 0.1
+    assert field.variance[hole].mean() > 1.5 * seeing.variance[hole].mean()
+
+
+def test_risk_is_that_of_the_truth():
+    """In units of noise, in the mean; up to a constant that it does not depend on."""
+    found = []
+    for seed in range(6):
+        truth, evidence = noisy(seed)
+        for prior in (Prior(1, 0.003), Prior(1, 0.03), Prior(2, 0.1), Prior(2, 1.0)):
+            field = smoothed(evidence, prior, None, 16)
+            true = np.mean((evidence.information * (field.x - truth) ** 2)[evidence.mask])
+            found.append((field.risk, true))
+    risk, true = np.array(found).T
+    assert abs(np.mean(risk - true)) < 0.03
+    assert np.corrcoef(risk, true)[0, 1] > 0.9
+
+
+def test_nothing_is_far_above_one():
+    _, evidence = noisy(2)
+    high = Evidence(evidence.information, 3 * evidence.pull, evidence.mask)
+    assert smoothed(high, PRIORS[1], None, 2).x.max() < 1.05
+
+
+@pytest.mark.parametrize("prior", PRIORS)
+def test_variance_of_the_sum_is_that_of_the_inverse(prior):
+    _, evidence = noisy(3)
+    field = smoothed(evidence, prior, None, 4)
+    gamma = (1 + prior.order + 1) / (prior.scale**2 + field.squares)
+    ones, whole = evidence.mask.astype(float), np.zeros(field.x.shape)
+    compiled.conjugate_gradients(
+        evidence.information, gamma, prior.order, evidence.mask, ones, whole, 2000, 0.0
+    )
+    assert_allclose(sum_variance(evidence, prior, field), whole.sum(), rtol=0.02)
+
+
+def test_coarser_cells_hold_all_that_is_known():
+    _, evidence = noisy(4)
+    coarse = evidence.coarser()
+    assert_allclose(coarse.information.sum(), evidence.information.sum())
+    assert_allclose(coarse.pull.sum(), evidence.pull.sum())
+    assert not coarse.mask[:BORDER].any()
+    assert not coarse.mask[:, -BORDER:].any()
+    odd = Evidence(*(m[:-1, :-1] for m in (evidence.information, evidence.pull, evidence.mask)))
+    assert odd.coarser().mask.shape == coarse.mask.shape
+
+
+def test_a_field_is_as_smooth_in_smaller_cells():
+    truth, evidence = noisy(5)
+    coarse = smoothed(evidence.coarser(), Prior(2, 0.16), None, 2, 4)
+    start = finer(coarse, truth.shape, 2)
+    assert start.x.shape == truth.shape
+    assert np.sqrt(np.mean((start.x - truth)[evidence.mask] ** 2)) < 0.08
+    assert Prior(2, 0.04).finer() == Prior(2, 0.01)
+    assert Prior(1, 0.04).finer() == Prior(1, 0.02)
+
+
+def test_the_same_every_time():
+    _, evidence = noisy(6)
+    first, second = (smoothed(evidence, PRIORS[0], None, 3) for _ in range(2))
+    assert np.array_equal(first.x, second.x)
+    assert np.array_equal(first.variance, second.variance)
