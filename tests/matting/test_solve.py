@@ -48,7 +48,7 @@ def solved(paint):
 
 
 def test_exact_pictures_give_the_exact_layer(rendering):
-    solution = solve(rendering.image, rendering.plate, rendering.model)
+    solution = solve(rendering.image, rendering.plate, rendering.model, Pixelwise())
     across = np.linalg.norm(rendering.plate.rgb @ rendering.model.normals, axis=-1) > 1e-3
     assert_allclose(solution.alpha[across], rendering.layer.alpha[across], rtol=0, atol=1e-9)
     assert_allclose(solution.premultiplied[across], rendering.layer.premultiplied[across],

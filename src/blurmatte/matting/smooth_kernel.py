@@ -178,6 +178,8 @@ def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance)
             for j in range(w):
                 row += p[i, j] * q[i, j]
             pq += row
+        if pq <= 0:  # nothing left but rounding
+            return step
         along, new = rz / pq, 0.0
         for i in range(h):
             row = 0.0

@@ -164,8 +164,8 @@ def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
     return replace(
         field,
         x=up(field.x),
-        variance=up(field.variance),
-        squares=up(field.squares) / 4**order,
+        variance=up(field.variance).clip(0),
+        squares=up(field.squares).clip(0) / 4**order,
     )
 
 
