@@ -11,6 +11,7 @@ from benchmarks.table import RESULTS
 
 FIRST = (
     "against_other_methods",
+    "together",
     "alpha_noise",
     "alpha_contrast",
     "alpha_faintness",

@@ -12,11 +12,12 @@ from benchmarks.speed.timing import interleaved
 from benchmarks.table import Cell, Table, publish_all
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import PixelMaps, Pixelwise, Solution, solve
+from blurmatte.matting import PixelMaps, Pixelwise, Smooth, Solution, solve
 from blurmatte.radiometry import SRGB, LinearImage, decode, with_noise
 
 MEGAPIXELS = (0.1, 0.3, 1, 3, 10, 33)
 QUICK_MEGAPIXELS = (0.1, 1)
+LARGEST_STREAK = 10  # megapixels of the picture in which the streak is solved together
 UNIT = 1  # megapixels: the size that others are compared with
 ROUNDS = 2
 ASPECT = 3 / 2
@@ -56,7 +57,12 @@ def kernel(image: LinearImage, plate: LinearImage) -> Callable[[], PixelMaps]:
 
 def whole(image: LinearImage, plate: LinearImage) -> Callable[[], Solution]:
     """All of solve: noise, streaks, closed form."""
-    return partial(solve, image, plate, MODEL)
+    return partial(solve, image, plate, MODEL, Pixelwise())
+
+
+def together(image: LinearImage, plate: LinearImage) -> Callable[[], Solution]:
+    """The same, and the streak's pixels all at once."""
+    return partial(solve, image, plate, MODEL, Smooth())
 
 
 def peak_bytes(job: Callable[[], object]) -> int:
@@ -74,8 +80,10 @@ def tables(quick: bool = False) -> list[Table]:
     for megapixels in sizes:
         pair = pictures(megapixels)
         jobs[("solve", megapixels)] = whole(*pair)
+        if megapixels <= LARGEST_STREAK:
+            jobs[("smooth", megapixels)] = together(*pair)
         jobs[("kernel", megapixels)] = kernel(*pair)
-    for what in ("solve", "kernel"):
+    for what in ("solve", "smooth", "kernel"):
         jobs[what, sizes[0]]()  # compiles, or loads what is compiled
     memory = {key: peak_bytes(job) for key, job in jobs.items()}
     times = interleaved(jobs, 1 if quick else ROUNDS)
@@ -96,7 +104,8 @@ def tables(quick: bool = False) -> list[Table]:
             "image_size",
             "Does the cost of solve grow linearly with the size of the picture?",
             "One scene in all sizes, 8 bits, in memory already; the streak covers 9 % of it and the "
-            "true line is given. solve: measures the noise, finds the streak and solves; kernel: the "
+            "true line is given. solve: measures the noise, finds the streak and solves each pixel "
+            "alone; smooth: those of the streak together; kernel: the "
             f"closed form alone. ms: the least of {ROUNDS} rounds in which all sizes take turns. time: "
             "per pixel, over that of 1 megapixel; 1 everywhere is linear. bytes: the most that is held "
             "at a time for each pixel beyond the two pictures (24 bytes), the solution (33 bytes) "

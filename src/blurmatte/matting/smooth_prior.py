@@ -11,7 +11,6 @@ H⁻¹(√A ξ + Dᵀ√γ η) with normal ξ and η, whose covariance is H⁻¹
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
 from os import cpu_count
 
 import numpy as np
@@ -26,7 +25,8 @@ _NU = 1.0  # degrees of freedom of the t distribution: edges are common
 _POOL = 3  # cells across, over which precisions are alike
 _ROUNDS = 2
 _STEPS, _TOLERANCE = 60, 1e-5
-_BOUND = 0.01  # of alpha, how sharp the bounds 0 and 1 are
+_LEAST = -0.05  # alpha: held at 0 its sum would be too large, for only noise above 0 would be left
+_SHARP = 0.01**-2.0  # information of what is held
 _SEED = 0  # of samples: the same answer every time
 
 
@@ -120,12 +120,13 @@ def smoothed(
     for _ in range(_ROUNDS):
         d, x = prior.order + 1, field.x.copy()
         gamma = cells * (_NU + d) / (_NU * prior.scale**2 + field.squares)
-        above = np.where(mask & (x > 1), _BOUND**-2.0, 0.0)
-        H = A + above, gamma, prior.order, mask
+        above, below = (_SHARP * (mask & beyond) for beyond in (x > 1, x < _LEAST))
         drawn = [np.zeros(mask.shape) for _ in noise]
-        jobs = [(evidence.pull + above, x)]
-        jobs += [(_disturbed(*H, n), z) for n, z in zip(noise, drawn, strict=True)]
-        steps = _solve_all(*H, jobs)
+        jobs = [(A + above + below, evidence.pull + above + below * _LEAST, x)]
+        for n, z in zip(noise, drawn, strict=True):
+            # What is held from below is no better known for that: there was no object, or no answer.
+            jobs.append((A + above, _disturbed(A + above, gamma, prior.order, mask, n), z))
+        steps = _solve_all(gamma, prior.order, mask, jobs)
         field = replace(field, x=x, steps=steps, converged=steps < _STEPS)
         if noise:
             traces = [np.sum(n[0] * np.sqrt(A) * z) for n, z in zip(noise, drawn, strict=True)]
@@ -143,8 +144,8 @@ def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1)
     d, whole = prior.order + 1, np.zeros(field.x.shape)
     gamma = cells * (_NU + d) / (_NU * prior.scale**2 + field.squares)
     ones = evidence.mask.astype(float)
-    H = evidence.information, gamma, prior.order, evidence.mask
-    _solve_all(*H, [(ones, whole)], 10 * _STEPS, 0.0)
+    job = evidence.information, ones, whole
+    _solve_all(gamma, prior.order, evidence.mask, [job], 10 * _STEPS, 0.0)
     return float(whole.sum()) * cells**2
 
 
@@ -170,21 +171,25 @@ def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
 
 
 def _solve_all(
-    A: Array,
     gamma: Array,
     order: int,
     mask: Bools,
-    jobs: list[tuple[Array, Array]],
+    jobs: list[tuple[Array, Array, Array]],
     most: int = _STEPS,
     tolerance: float = _TOLERANCE,
 ) -> int:
-    """Solve for each right hand side, from and into the array given with it; steps of the first."""
+    """Solve for each information and right hand side, into the array given with them.
+
+    How many steps the first took.
+    """
     from blurmatte.matting.smooth_kernel import conjugate_gradients  # numba takes half a second
 
+    def solve(job: tuple[Array, Array, Array]) -> int:
+        A, b, x = job
+        return int(conjugate_gradients(A, gamma, order, mask, b, x, most, tolerance))
+
     with ThreadPoolExecutor(cpu_count()) as threads:
-        solve = partial(conjugate_gradients, A, gamma, order, mask)
-        steps = threads.map(lambda job: solve(*job, most, tolerance), jobs)
-        return int(list(steps)[0])  # noqa: RUF015  all must have ended
+        return list(threads.map(solve, jobs))[0]  # noqa: RUF015  all must have ended
 
 
 def _disturbed(A: Array, gamma: Array, order: int, mask: Bools, normal: Array) -> Array:

@@ -27,7 +27,7 @@ _NO_COLOR = (
     "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
     "by neither{}; give its color, or take the pictures so that it moves evenly and alone"
 )
-_UNTOLD = 0.2  # standard deviation of alpha; knowing nothing but 0 to 1 is 0.29
+_UNTOLD = 0.25  # of the largest alpha: a standard deviation with which nothing is told
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
 
@@ -135,7 +135,8 @@ def _refuse_the_untold(
     maps: PixelMaps, model: ColorModel, streak: Streak, sweep: Sweep | None
 ) -> None:
     """Raise ColorModelError if nothing tells the alpha of an object of any colors."""
-    if model.rank < 3 or np.median(maps.alpha_std[streak.mask]) <= _UNTOLD:
+    peak = float(np.percentile(maps.alpha[streak.mask], 99))
+    if model.rank < 3 or np.median(maps.alpha_std[streak.mask]) <= _UNTOLD * peak:
         return
     left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
     raise ColorModelError(_NO_COLOR.format(left))

@@ -1,0 +1,139 @@
+"""What do pixels together know more than each alone?
+
+Run: python -m benchmarks.accuracy.together
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from benchmarks.table import Cell, Table, publish_all
+from benchmarks.trials import CODE, PLATES, median, over_seeds
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import ColorModelError
+from blurmatte.matting import Pixelwise, Smooth, solve
+from blurmatte.rendering import (
+    Ball,
+    Body,
+    Camera,
+    Change,
+    Rendering,
+    Scene,
+    Sheet,
+    Shot,
+    render,
+    star_sprite,
+)
+from blurmatte.trajectory import Trajectory
+
+SIZE = (384, 256)
+ORANGE, BLUE = np.array([0.80, 0.35, 0.06]), np.array([0.10, 0.30, 0.60])
+STILL, TURNING = Change(), Change(spin=(0.0, 0.0, 2.0))
+SPOTS = np.kron(np.random.default_rng(0).uniform(0.05, 0.9, (4, 8, 3)), np.ones((8, 8, 1)))
+OBJECTS: dict[str, Callable[[], tuple[Body, Change]]] = {
+    "ball": lambda: (Ball(20, ORANGE), STILL),
+    "turning stick": lambda: (Sheet(90, 10, ORANGE), TURNING),
+    "turning star": lambda: (star_sprite(60, ORANGE), TURNING),
+    "growing ball": lambda: (Ball(20, ORANGE), Change(scale=(0.6, 1.4))),
+    "two paints": lambda: (Ball(20, ORANGE, second_color=BLUE), Change(spin=(1.0, 0.5, 0.0))),
+    "any colors": lambda: (Ball(20, np.ones(3), texture=SPOTS), Change(spin=(0.5, 0.5, 0.0))),
+}
+FILES = {
+    "noise 1": Camera(code_std=CODE),
+    "noise 2": Camera(code_std=2 * CODE),
+    "noise 2, JPEG 90": Camera(code_std=2 * CODE, jpeg_quality=90, chroma="4:2:0"),
+}
+KINDS = ("colorful", "textured", "two hues")
+SEEDS = 3
+
+
+NOTES = f"""
+Objects that move about 85 pixels on an arc in pictures of {SIZE[0]}x{SIZE[1]}; the plate is the
+median of five frames; noise in code values of 255; the true colors are given, or that it may have
+any, and no shape is used. alone: alpha RMSE over the streak of the closed form; together: of all
+pixels at once; sum bias: of all alpha; within 1 and 2: part of the streak's pixels whose alpha is off
+by less than so many of its reported standard deviations, 0.683 and 0.954 for normal errors; outside:
+RMS of alpha where the object never was. Medians over {SEEDS} seeds, or over those that are not refused.
+"""
+
+
+@dataclass(frozen=True)
+class Found:
+    """Errors of alpha over the streak; None where there is no answer."""
+
+    alone: float
+    rmse: float | None
+    bias: float
+    within1: float
+    within2: float
+    outside: float
+
+
+@cache
+def rendered(name: str, kind: str, seed: int) -> Rendering:
+    rng = np.random.default_rng(seed)
+    angle, middle = rng.uniform(0, 2 * np.pi), np.array(SIZE) / 2
+    half = 40 * np.array([np.cos(angle), np.sin(angle)])
+    aside = 12 * np.array([-half[1], half[0]]) / 40
+    way = Trajectory.arc(middle - half, middle + aside, middle + half)
+    body, change = OBJECTS[name]()
+    return render(Scene(PLATES[kind](SIZE, seed), way, body, change), 240)
+
+
+def trial(kind: str, name: str, file: str, seed: int) -> Found:
+    truth = rendered(name, kind, seed)
+    shot = Shot(truth.scene, FILES[file], plate_frames=5, seed=seed)
+    image, plate = shot.photograph(truth)
+    model = ColorModel.any() if name == "any colors" else truth.model
+    true, inside = truth.layer.alpha, truth.layer.alpha > 0
+
+    def rmse(alpha: np.ndarray) -> float:
+        return float(np.sqrt(np.mean((alpha - true)[inside] ** 2)))
+
+    alone = float("nan")
+    if model.rank < 3:
+        alone = rmse(solve(image, plate, model, Pixelwise()).alpha)
+    try:
+        together = solve(image, plate, model, Smooth())
+    except ColorModelError:
+        return Found(alone, None, *[float("nan")] * 4)
+    alpha = np.where(together.streak, together.alpha, 0)
+    z = np.abs(alpha - true)[inside] / together.alpha_std[inside]
+    return Found(
+        alone,
+        rmse(alpha),
+        float(alpha.sum() / true.sum() - 1),
+        float(np.mean(z < 1)),
+        float(np.mean(z < 2)),
+        float(np.sqrt(np.mean(alpha[~inside] ** 2))),
+    )
+
+
+def tables(quick: bool = False) -> list[Table]:
+    settings = [(k, name, file) for k in KINDS for name in OBJECTS for file in FILES]
+    chosen = settings[:: len(settings) - 1] if quick else settings
+    groups = over_seeds(trial, chosen, quick, SEEDS)
+    rows: list[tuple[Cell, ...]] = []
+    for setting, group in zip(chosen, groups, strict=True):
+        answered = [found for found in group if found.rmse is not None]
+        names = ("alone", "rmse", "bias", "within1", "within2", "outside")
+        cells = [median([getattr(found, name) for found in answered]) for name in names]
+        rows.append((*setting, len(group) - len(answered), *cells))
+    return [
+        Table(
+            "together",
+            "What do pixels together know more than each alone?",
+            NOTES,
+            (
+                "plate", "object", "file", "refused",
+                "alone", "together", "sum bias", "within 1", "within 2", "outside",
+            ),
+            rows,
+        )
+    ]  # fmt: skip
+
+
+if __name__ == "__main__":
+    publish_all(tables)
