@@ -23,6 +23,7 @@ BORDER = 2  # pixels around all maps, where the mask is False
 
 _NU = 1.0  # degrees of freedom of the t distribution: edges are common
 _POOL = 3  # cells across, over which precisions are alike
+_TOLD_BY = 5  # cells across, over which a few samples tell a variance
 _ROUNDS = 2
 _STEPS, _TOLERANCE = 60, 1e-5
 _LEAST = -0.05  # alpha: held at 0 its sum would be too large, for only noise above 0 would be left
@@ -218,8 +219,8 @@ def _pooled(variance: Array, mask: Bools) -> Array:
     """Means of neighbors within the mask: a few samples tell a variance only roughly."""
     from scipy.ndimage import uniform_filter
 
-    near: Array = uniform_filter(np.where(mask, variance, 0), _POOL)
-    share: Array = uniform_filter(mask.astype(float), _POOL)
+    near: Array = uniform_filter(np.where(mask, variance, 0), _TOLD_BY)
+    share: Array = uniform_filter(mask.astype(float), _TOLD_BY)
     return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0))
 
 

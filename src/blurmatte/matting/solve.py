@@ -27,7 +27,7 @@ _NO_COLOR = (
     "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
     "by neither{}; give its color, or take the pictures so that it moves evenly and alone"
 )
-_UNTOLD = 0.25  # of the largest alpha: a standard deviation with which nothing is told
+_UNTOLD = 0.15  # of the largest alpha: a standard deviation with which nothing is told
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
 
@@ -135,8 +135,9 @@ def _refuse_the_untold(
     maps: PixelMaps, model: ColorModel, streak: Streak, sweep: Sweep | None
 ) -> None:
     """Raise ColorModelError if nothing tells the alpha of an object of any colors."""
-    peak = float(np.percentile(maps.alpha[streak.mask], 99))
-    if model.rank < 3 or np.median(maps.alpha_std[streak.mask]) <= _UNTOLD * peak:
+    alpha, std = maps.alpha[streak.mask], maps.alpha_std[streak.mask]
+    told = np.median(std) <= _UNTOLD * np.percentile(alpha, 99) and alpha.sum() > 0
+    if model.rank < 3 or told:
         return
     left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
     raise ColorModelError(_NO_COLOR.format(left))
