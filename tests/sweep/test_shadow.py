@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blurmatte.radiometry import with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -74,6 +74,18 @@ def test_a_black_object_is_not_taken_apart():
     truth, image, without = taken("plain")
     streak = find_streaks(image, without)[0]
     assert not shadow_beside(image, without, streak, truth.model.pole, 0.0).any()
+
+
+def test_of_a_streak_that_is_dark_wherever_it_is_known_something_is_left():
+    """Its clipped pixels are no evidence of an object, but leave nothing if they are taken for rim."""
+    light = np.asarray(PLATES["plain"], float)
+    dark, valid = light.copy(), np.ones(light.shape[:2], bool)
+    dark[40:60, 50:62] *= 0.5
+    valid[40:60, 54:58] = False
+    streak, noise = Streak.from_box((50, 40, 62, 60), SIZE), NoiseModel(read_std=0.003)
+    image, plate = LinearImage(dark, noise, valid), LinearImage(light, noise)
+    found = shadow_beside(image, plate, streak, GREEN / np.linalg.norm(GREEN), 0.6)
+    assert (streak.mask & ~found).any()
 
 
 @pytest.mark.parametrize("plate", PLATES)

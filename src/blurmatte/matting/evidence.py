@@ -10,18 +10,15 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.streaks import Streak
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_LEAST_RIM, _RIM = (
-    4.0,
-    0.15,
-)  # pixels, and half widths of a streak: how far its rims may reach unseen
+_LEAST_RIM = 4.0  # pixels that a streak's rims may reach unseen, and
+_RIM = 0.15  # half widths of it
 _WINDOW, _SIGMAS = 0.05, 4.0  # half widths of a streak to look for more of it in, and how clearly
-_NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
 _BLOCK = 8  # pixels: noise that hangs together does so over less, or over such blocks
 _KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
 _MEDIAN = 0.455  # of χ² of one
@@ -49,7 +46,7 @@ def evidence_of(
         One over the variance of a pixel's own alpha, and that alpha times the information.
     """
     C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
-    V_C, V_B = _smooth_variance(image), np.ascontiguousarray(plate.variance, dtype=float)
+    V_C, V_B = smooth_variance(image), np.ascontiguousarray(plate.variance, dtype=float)
     use = inside & image.valid & plate.valid
     if model.rank == 3:
         information, pull = _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
@@ -157,12 +154,3 @@ def _hangs_together(change: Array, variance: Array, still: Bools) -> float:
     kept = squares[: int(np.ceil(_KEPT * len(squares)))]
     factor = float(kept.mean()) / _MEAN_OF_KEPT
     return max(factor / float(1 + 2 * np.sqrt(2 / len(kept))), 1.0)
-
-
-def _smooth_variance(picture: LinearImage) -> Array:
-    """Of a neighborhood's light: a pixel that noise made brighter is not noisier for that."""
-    from scipy.ndimage import gaussian_filter
-
-    scale = (_NOISE_SCALE, _NOISE_SCALE, 0)
-    smooth: Array = gaussian_filter(np.asarray(picture.variance, float), scale)
-    return np.maximum(smooth, 1e-14)

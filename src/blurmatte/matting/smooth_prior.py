@@ -119,8 +119,7 @@ def smoothed(
     noise = [rng.standard_normal((4, *mask.shape)) for _ in range(samples)]
     field = start or _nothing(mask, prior)
     for _ in range(_ROUNDS):
-        d, x = prior.order + 1, field.x.copy()
-        gamma = cells * (_NU + d) / (_NU * prior.scale**2 + field.squares)
+        x, gamma = field.x.copy(), _precision(prior, field, cells)
         above, below = (_SHARP * (mask & beyond) for beyond in (x > 1, x < _LEAST))
         drawn = [np.zeros(mask.shape) for _ in noise]
         jobs = [(A + above + below, evidence.pull + above + below * _LEAST, x)]
@@ -142,12 +141,16 @@ def smoothed(
 
 def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
     """Variance of the sum of a field over all cells."""
-    d, whole = prior.order + 1, np.zeros(field.x.shape)
-    gamma = cells * (_NU + d) / (_NU * prior.scale**2 + field.squares)
+    gamma, whole = _precision(prior, field, cells), np.zeros(field.x.shape)
     ones = evidence.mask.astype(float)
     job = evidence.information, ones, whole
     _solve_all(gamma, prior.order, evidence.mask, [job], 10 * _STEPS, 0.0)
     return float(whole.sum()) * cells**2
+
+
+def _precision(prior: Prior, field: Field, cells: int) -> Array:
+    """γ, for differences that stand for so many pixels."""
+    return cells * (_NU + prior.order + 1) / (_NU * prior.scale**2 + field.squares)
 
 
 def _nothing(mask: Bools, prior: Prior) -> Field:

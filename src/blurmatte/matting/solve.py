@@ -135,9 +135,10 @@ def _refuse_the_untold(
     maps: PixelMaps, model: ColorModel, streak: Streak, sweep: Sweep | None
 ) -> None:
     """Raise ColorModelError if nothing tells the alpha of an object of any colors."""
+    if model.rank < 3:
+        return
     alpha, std = maps.alpha[streak.mask], maps.alpha_std[streak.mask]
-    told = np.median(std) <= _UNTOLD * np.percentile(alpha, 99) and alpha.sum() > 0
-    if model.rank < 3 or told:
+    if np.median(std) <= _UNTOLD * np.percentile(alpha, 99) and alpha.sum() > 0:
         return
     left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
     raise ColorModelError(_NO_COLOR.format(left))

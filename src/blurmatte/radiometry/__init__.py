@@ -3,6 +3,7 @@
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import decode as decode
+from blurmatte.radiometry.image import smooth_variance as smooth_variance
 from blurmatte.radiometry.noise import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise import fit_noise as fit_noise
 from blurmatte.radiometry.noise import rounding_noise as rounding_noise

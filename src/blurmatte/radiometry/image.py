@@ -9,6 +9,8 @@ from blurmatte.checks import Bools, Floats, check_finite, check_light, check_map
 from blurmatte.radiometry.noise import NoiseModel
 from blurmatte.radiometry.transfer import Transfer
 
+_NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
+
 
 @dataclass(frozen=True)
 class Meta:
@@ -113,6 +115,24 @@ class LinearImage:
     def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":
         """The same light, with `noise`."""
         return replace(self, noise=noise)
+
+
+def smooth_variance(picture: LinearImage) -> npt.NDArray[np.float64]:
+    """(H, W, 3) noise variance, light², as the light of each pixel's neighborhood has it.
+
+    A pixel that noise made brighter would else be given a larger variance and less weight, and
+    everything that is fitted would come out darker.
+
+    Raises
+    ------
+    ValueError
+        If the noise was not measured yet.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    scale = (_NOISE_SCALE, _NOISE_SCALE, 0)
+    variance: npt.NDArray[np.float64] = gaussian_filter(picture.variance.astype(float), scale)
+    return np.maximum(variance, 1e-14)
 
 
 def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:

@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.streaks import Streak
 from blurmatte.sweep.known import KnownColor
 
@@ -14,7 +13,6 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 _FAR = 0.1  # what pixels far from a streak count, lest the noise of many says more than the streak
-_NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,11 +99,7 @@ def data_around(
     plate: LinearImage,
     known: KnownColor | None,
 ) -> Data:
-    """The data of a streak and some pixels around it, of two pictures whose noise is known.
-
-    The variance is that of a neighborhood's light: a pixel that seems brighter by noise would else
-    be given a larger variance and less weight, and everything would come out darker.
-    """
+    """The data of a streak and some pixels around it, of two pictures whose noise is known."""
     from scipy.ndimage import distance_transform_edt
 
     box, size = streak.around(margin), image.size
@@ -116,8 +110,8 @@ def data_around(
     return Data(
         np.ascontiguousarray(image.rgb, dtype=float),
         np.ascontiguousarray(plate.rgb, dtype=float),
-        _smooth_variance(image),
-        _smooth_variance(plate),
+        smooth_variance(image),
+        smooth_variance(plate),
         np.where(valid, np.where(near, 1, _FAR), 0),
         valid,
         mask,
@@ -126,12 +120,3 @@ def data_around(
         (float(box[0]), float(box[1])),
         known,
     )
-
-
-def _smooth_variance(picture: LinearImage) -> Array:
-    from scipy.ndimage import gaussian_filter
-
-    variance: Floats = gaussian_filter(
-        picture.variance.astype(float), (_NOISE_SCALE, _NOISE_SCALE, 0)
-    )
-    return np.maximum(variance, 1e-14)

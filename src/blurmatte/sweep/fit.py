@@ -91,17 +91,17 @@ def fit_sweep(
         streak = _followed(streak, _sweep(search.data, disc, image.size))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    shadow = _shadow_of(disc, image, plate, streak)
-    if not shadow.any():
-        return _sweep(search.data, _best(search, disc), image.size)
+    whole = streak
     for _ in range(_SHADOWS):
+        shadow = _shadow_of(disc, image, plate, streak)
+        if not shadow.any():
+            break
         image = replace(image, valid=image.valid & ~shadow)
         streak = replace(streak, mask=streak.mask & ~shadow)
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-        shadow = _shadow_of(disc, image, plate, streak)
     # A richer outline would take up what is left of the shadow.
-    explained = misfit(search.data, disc) <= _NOISE
+    explained = streak is not whole and misfit(search.data, disc) <= _NOISE
     return _sweep(search.data, disc if explained else _best(search, disc), image.size)
 
 

@@ -56,7 +56,8 @@ def shadow_beside(
     reach = binary_propagation(core, mask=use & shaded)
     if _LEAST < np.count_nonzero(reach) / np.count_nonzero(inside) < _MOST:
         found[box[1] : box[3], box[0] : box[2]] = binary_dilation(reach, iterations=_RIM)
-    return found
+    whole = not (streak.mask & ~found).any()  # of a small streak the rim may be all that is left
+    return np.zeros_like(found) if whole else found
 
 
 def _less(
