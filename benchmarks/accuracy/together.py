@@ -14,6 +14,7 @@ from benchmarks.trials import CODE, PLATES, median, over_seeds
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError
 from blurmatte.matting import Pixelwise, Smooth, solve
+from blurmatte.metrics import alpha_rmse, calibration, false_alpha
 from blurmatte.rendering import (
     Ball,
     Body,
@@ -87,27 +88,22 @@ def trial(kind: str, name: str, file: str, seed: int) -> Found:
     shot = Shot(truth.scene, FILES[file], plate_frames=5, seed=seed)
     image, plate = shot.photograph(truth)
     model = ColorModel.any() if name == "any colors" else truth.model
-    true, inside = truth.layer.alpha, truth.layer.alpha > 0
-
-    def rmse(alpha: np.ndarray) -> float:
-        return float(np.sqrt(np.mean((alpha - true)[inside] ** 2)))
-
-    alone = float("nan")
+    true, alone = truth.layer.alpha, float("nan")
     if model.rank < 3:
-        alone = rmse(solve(image, plate, model, Pixelwise()).alpha)
+        alone = alpha_rmse(solve(image, plate, model, Pixelwise()).alpha, true)
     try:
         together = solve(image, plate, model, Smooth())
     except ColorModelError:
         return Found(alone, None, *[float("nan")] * 4)
     alpha = np.where(together.streak, together.alpha, 0)
-    z = np.abs(alpha - true)[inside] / together.alpha_std[inside]
+    z = calibration(alpha, together.alpha_std, true, where=true > 0)
     return Found(
         alone,
-        rmse(alpha),
-        float(alpha.sum() / true.sum() - 1),
-        float(np.mean(z < 1)),
-        float(np.mean(z < 2)),
-        float(np.sqrt(np.mean(alpha[~inside] ** 2))),
+        alpha_rmse(alpha, true),
+        float(alpha.sum() / true.sum() - 1),  # its rims included, where the object never was
+        z.within_1,
+        z.within_2,
+        false_alpha(alpha, true),
     )
 
 
