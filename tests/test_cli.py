@@ -19,7 +19,8 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import _swatches, app
+from blurmatte.cli import app
+from blurmatte.cli.printing import swatches
 from blurmatte.rendering import add_noise, colorful_plate
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
@@ -549,7 +550,7 @@ def test_other_commands_complain_alike(scene, tmp_path, command):
 
 # The program itself.
 
-PROGRAM = (sys.executable, "-c", "from blurmatte.cli import _swatches, app; app()")
+PROGRAM = (sys.executable, "-c", "from blurmatte.cli import app; app()")
 
 
 def test_the_program_starts_quickly_and_quietly():
@@ -580,7 +581,7 @@ def test_the_program_ends_with_one_line(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_ctrl_c_is_quiet(scene, tmp_path):
     code = (
-        "import time, blurmatte as bm; from blurmatte.cli import _swatches, app\n"
+        "import time, blurmatte as bm; from blurmatte.cli import app\n"
         "def slow(*a, **k):\n    print('ready', flush=True); time.sleep(60)\n"
         "bm.solve = slow; app()"
     )
@@ -740,12 +741,12 @@ def test_a_broken_result_among_many_is_named_and_counts_as_a_miss(rendered, tmp_
 def test_swatches_are_drawn_where_they_can_be_seen(monkeypatch):
     basis = bm.ColorModel.from_hex("#d8a03c").basis
     model = bm.ColorModel(basis, 0.02**2 * (np.eye(3) - basis @ basis.T))
-    assert _swatches(model) == []
+    assert swatches(model) == []
     monkeypatch.setattr("sys.stdout.isatty", lambda: True)
-    (row,) = _swatches(model)
+    (row,) = swatches(model)
     assert row.count("\x1b[48;2;") == 9
     assert "48;2;255;190;73" in row
-    assert _swatches(bm.ColorModel.any()) == []
+    assert swatches(bm.ColorModel.any()) == []
 
 
 def bent(scene, folder, exponent):

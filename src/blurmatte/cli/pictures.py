@@ -1,0 +1,134 @@
+"""The commands for picture files: compose and info."""
+
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.inputs import Files
+from blurmatte.cli.options import MaxPixels, TransferName
+from blurmatte.cli.printing import by, in_degrees, say
+from blurmatte.cli.program import about, app, told
+
+
+@app.command()
+@told
+def compose(
+    layer: Annotated[
+        Path, typer.Argument(metavar="LAYER", help="A layer with alpha: EXR, PNG, TIFF.")
+    ],
+    over: Annotated[Path, typer.Option(help="The picture to put it over.")],
+    out: Annotated[Path, typer.Option(help="Where to write: .png, .tif, .jpg or .exr.")],
+    fit: Annotated[
+        str | None,
+        typer.Option(metavar="cover", help="Scale the picture to the layer's size and crop it."),
+    ] = None,
+    transfer: TransferName = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Put LAYER over another picture, in linear light."""
+    if fit not in (None, "cover"):
+        raise ValueError(f"--fit {fit}: there is only one fit, cover")
+    files = Files(transfer, max_pixels)
+    with about(layer):
+        top = bm.read_layer(layer, files.curve, max_pixels)
+    picture, _ = files.read(over)
+    with about(over):
+        if fit == "cover":
+            picture = bm.cover(picture, top.size)
+        if picture.size != top.size:
+            raise ValueError(
+                f"the picture is {by(picture.size)} pixels and the layer {by(top.size)}; "
+                "add --fit cover to scale and crop the picture"
+            )
+    with about(out):
+        bm.write(out, top.over(picture))
+
+
+@app.command()
+@told
+def info(
+    file: Annotated[
+        Path, typer.Argument(metavar="FILE", help="A picture, a layer, a solution or a model.")
+    ],
+    transfer: TransferName = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Say what is in FILE."""
+    files = Files(transfer, max_pixels)
+    with about(file) as said:
+        if file.suffix.lower() == ".json":
+            model = bm.read_color_model(file)
+            lines = [in_degrees(model), *bm.explain(model)]
+        elif (solution := _solution(file, max_pixels)) is not None:
+            facts = (f"{name}: {value}" for name, value in solution.stats.items())
+            lines = [str(solution), f"solver: {solution.solver}"]
+            lines += [in_degrees(solution.model), *bm.explain(solution), *facts]
+        else:
+            picture, _ = files.read(file, said)
+            layer = _layer(file, files.curve, max_pixels)
+            lines = list(_facts(file, picture, layer, transfer, guessed=bool(said)))
+    say("\n".join(lines))
+
+
+def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
+    """The Solution in an EXR, if it is one."""
+    if path.suffix.lower() != ".exr":
+        return None
+    try:
+        return bm.read_solution(path, max_pixels)
+    except bm.FileError:  # whatever is wrong, reading it as a picture will tell
+        return None
+
+
+def _layer(path: Path, curve: bm.Transfer | None, max_pixels: int) -> bm.Layer | None:
+    """The layer in a picture file, if it has an alpha that is not 1 everywhere."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", bm.TransferWarning)  # reading the picture told it
+            layer = bm.read_layer(path, curve, max_pixels)
+    except bm.FileError:
+        return None
+    return layer if layer.alpha.min() < 1 else None
+
+
+def _facts(
+    path: Path,
+    picture: bm.LinearImage,
+    layer: bm.Layer | None,
+    transfer: str | None,
+    guessed: bool,
+) -> Iterator[str]:
+    from blurmatte.files.raster import load
+    from blurmatte.files.refusals import kind_of
+
+    meta = picture.meta
+    bits = "float" if meta.levels is None else f"{int(np.log2(meta.levels))} bit"
+    colors = "gray" if meta.gray else "RGB"
+    what = ""
+    if layer is not None:
+        way = "premultiplied" if load(path, max(1, layer.alpha.size)).associated else "straight"
+        what = f" and {way} alpha: a layer"
+    yield f"{path}: {kind_of(path)}, {by(picture.size)} pixels, {bits} {colors}{what}"
+    source = "as you said" if transfer else "a guess: nothing in the file says"
+    if not (transfer or guessed):
+        source = "its ICC profile says" if meta.icc_profile else "its tags or its kind say"
+    yield f"transfer: {meta.transfer.name if meta.transfer else 'linear'} ({source})"
+    time = f"{meta.exposure_time:.6g} s" if meta.exposure_time else "not told"
+    yield f"exposure time: {time}"
+    profile = f"{len(meta.icc_profile)} bytes" if meta.icc_profile else "none"
+    yield f"ICC profile: {profile}"
+    if layer is None:
+        yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
+        yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
+        return
+    alpha, light = layer.alpha, layer.premultiplied
+    yield (
+        f"alpha: up to {alpha.max():.4g}, above 0 in {np.mean(alpha > 0):.2%} of the pixels, "
+        f"sum {alpha.sum(dtype=float):.6g}"
+    )
+    yield f"light times alpha: {light.min():.4g} to {light.max():.4g}, 1 is white"

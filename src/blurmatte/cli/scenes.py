@@ -1,0 +1,95 @@
+"""The commands for scenes with a known answer: render and score."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.inputs import places
+from blurmatte.cli.printing import complain, say
+from blurmatte.cli.program import about, app, told, with_progress
+
+
+@app.command()
+@told
+def render(
+    scenes: Annotated[
+        list[str] | None,
+        typer.Argument(metavar="SCENE", help="Scene files (TOML), or names that --list tells."),
+    ] = None,
+    out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the truth.")] = None,
+    all_scenes: Annotated[
+        bool, typer.Option("--all", help="All scenes that come with blurmatte.")
+    ] = False,
+    list_scenes: Annotated[
+        bool, typer.Option("--list", help="Print the names of the scenes that come with it.")
+    ] = False,
+) -> None:
+    """Render a scene whose alpha, color and path are known: pictures to solve, and the truth.
+
+    Several scenes, and the frames of a clip, each get a folder of their own.
+    """
+    if list_scenes:
+        say("\n".join(f"{name:12} {bm.scene_title(name)}" for name in bm.scene_names()))
+        return
+    names = [*(scenes or ()), *(bm.scene_names() if all_scenes else ())]
+    if not names:
+        raise ValueError("give a SCENE, or --all, or --list to see what there is")
+    if out is None:
+        raise ValueError("--out is missing: the folder for the pictures and the truth")
+    shots = [
+        (shot, bm.scene_text(name), folder)
+        for name, place in places(names, out)
+        for shot, folder in _numbered(bm.read_shots(name), place)
+    ]
+    for shot, text, folder in with_progress(shots, "rendering"):
+        with about(folder):
+            bm.save_shot(folder, shot, text)
+        say(str(folder / "overview.png"))
+
+
+@app.command()
+@told
+def score(
+    result: Annotated[
+        Path,
+        typer.Argument(
+            metavar="RESULT", help="A layer file, a folder with one, or a folder of such folders."
+        ),
+    ],
+    truth: Annotated[Path, typer.Option(help="What blurmatte render wrote: a scene, or many.")],
+    out: Annotated[Path | None, typer.Option(help="Write the scores to a .json, too.")] = None,
+) -> None:
+    """Say how far a RESULT of any program is from the truth.
+
+    A scene of several that has no result counts as a miss.
+    """
+    places = bm.find_scenes(truth)
+    scores, broken = {}, False
+    for place in with_progress(places, "scoring"):
+        name = str(place.relative_to(truth)) if place != truth else truth.name
+        try:
+            with about(result / name if place != truth else result):
+                answer = bm.read_answer(result / name if place != truth else result)
+                scores[name] = bm.score(answer, bm.read_truth(place))
+        except bm.BlurmatteError as error:
+            if place == truth:
+                raise
+            missing = not (result / name).exists()
+            broken |= not missing
+            complain(f"{name}: no result, a miss" if missing else f"{error}; a miss")
+            scores[name] = bm.score(None, bm.read_truth(place))
+    say(bm.score_table(scores))
+    if out is not None:
+        bm.write(out, {name: asdict(score) for name, score in scores.items()})
+    if broken:
+        raise typer.Exit(2)
+
+
+def _numbered(shots: list[bm.Shot], folder: Path) -> list[tuple[bm.Shot, Path]]:
+    """Each shot and its folder: `folder` itself if there is but one, else frames by number."""
+    if len(shots) == 1:
+        return [(shots[0], folder)]
+    return [(shot, folder / f"{n:03}") for n, shot in enumerate(shots)]

@@ -1,0 +1,260 @@
+"""The commands that separate an object from its background: solve and color."""
+
+import shlex
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.inputs import Files, numbers, places
+from blurmatte.cli.options import (
+    ColorFrom,
+    Colors,
+    Image,
+    Images,
+    Mask,
+    MaxBrightness,
+    MaxPixels,
+    Plate,
+    Rank,
+    Region,
+    Smoothness,
+    SolverName,
+    TransferName,
+)  # fmt: skip
+from blurmatte.cli.printing import by, complain, in_degrees, say, swatches
+from blurmatte.cli.program import about, app, told, with_progress
+
+_TOLD = 5  # other things that moved
+
+
+@app.command()
+@told
+def solve(
+    images: Images,
+    plate: Plate,
+    out: Annotated[Path, typer.Option(help="Folder for the results, made if it is not there.")],
+    color: Colors = None,
+    color_from: ColorFrom = None,
+    rank: Rank = 1,
+    region: Region = None,
+    mask: Mask = None,
+    transfer: TransferName = None,
+    max_brightness: MaxBrightness = None,
+    solver: SolverName = "auto",
+    smoothness: Smoothness = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Separate the moving object in each IMAGE from its background.
+
+    Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
+    the folder; for several images, each into a folder of its own in there.
+    """
+    way = _solver(solver, smoothness)
+    files = _settled(Files(transfer, max_pixels), places(images, out)[0][0], plate)
+    B, notes = files.read(plate)
+    task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    failed = 0
+    for path, folder in with_progress(places(images, out)):
+        try:
+            with about(path) as said:
+                C, _ = files.read(path, said)
+                streak = task.streak(C)
+                solution = bm.solve(C, B, task.model(C, streak), way, streak=streak)
+                said += _doubted(path, solution)
+                said += _curve_doubted(path, C, B, solution, files)
+                called = shlex.join(["blurmatte", *sys.argv[1:]])
+                bm.save_results(folder, C, B, solution, called, notes + said)
+        except bm.BlurmatteError as error:
+            complain(str(error))
+            failed += 1
+        else:
+            say("\n".join([str(solution), in_degrees(solution.model), *_others(solution)]))
+            say(str(folder / "overview.png"))
+    if failed:
+        raise typer.Exit(2)
+
+
+@app.command()
+@told
+def color(
+    image: Image,
+    plate: Plate,
+    out: Annotated[Path | None, typer.Option(help="Where to write the model: a .json.")] = None,
+    color: Colors = None,
+    color_from: ColorFrom = None,
+    rank: Rank = 1,
+    region: Region = None,
+    mask: Mask = None,
+    transfer: TransferName = None,
+    max_brightness: MaxBrightness = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Find the color of the moving object, and say how sure that is."""
+    files = _settled(Files(transfer, max_pixels), image, plate)
+    B, _ = files.read(plate)
+    task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    with about(image) as said:
+        C, _ = files.read(image, said)
+        streak = task.streak(C)
+        model = task.model(C, streak) or bm.fit_color(C, B, streak)
+        if out is not None:
+            bm.write(out, model)
+    say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
+
+
+def _settled(files: Files, image: Path, plate: Path) -> Files:
+    """With the curve that the streak allows, if that is asked for."""
+    if files.transfer != "auto":
+        return files
+    files = replace(files, transfer=None)
+    with about(image):
+        fit = bm.fit_transfer(files.read(image)[0], files.read(plate)[0])
+    also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
+    say(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))
+    return files if fit.best is fit.curves[0] else replace(files, transfer=fit.best.name)
+
+
+def _solver(name: str, smoothness: float | None) -> bm.Pixelwise | bm.Smooth | bm.Swept | None:
+    """The solver of a name; None: what suits."""
+    if smoothness is not None and name != "smooth":
+        raise ValueError(f"--smoothness is for --solver smooth, the solver is {name}")
+    match name:
+        case "auto":
+            return None
+        case "swept":
+            return bm.Swept()
+        case "smooth":
+            return bm.Smooth() if smoothness is None else bm.Smooth(smoothness)
+        case "pixelwise":
+            return bm.Pixelwise()
+    raise ValueError(f"--solver must be auto, swept, smooth or pixelwise, got {name!r}")
+
+
+@dataclass(frozen=True)
+class _Task:
+    """What the options of `solve` and `color` ask for."""
+
+    plate: bm.LinearImage
+    files: Files
+    colors: tuple[str, ...]
+    color_from: Path | None
+    rank: int
+    region: str | None
+    mask: Path | None
+    max_brightness: float | None
+
+    def streak(self, image: bm.LinearImage) -> bm.Streak | None:
+        """Where to look; None: wherever something moved."""
+        if self.region is not None and self.mask is not None:
+            raise ValueError("give --region or --mask, not both")
+        if self.region is not None:
+            x0, y0, x1, y1 = (int(n) for n in numbers("--region", self.region, 4))
+            region = bm.Streak.from_box((x0, y0, x1, y1), image.size)
+            return bm.find_streak_within(region, image, self.plate)
+        if self.mask is None:
+            return None
+        mask = bm.read(self.mask, bm.LINEAR, self.files.max_pixels)
+        if mask.size != image.size:
+            raise ValueError(
+                f"the mask {self.mask} is {by(mask.size)} pixels, the image {by(image.size)}"
+            )
+        return bm.Streak(np.asarray(mask.rgb.max(axis=-1) > 0.5))
+
+    def model(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+        """The model that the colors make; None: the streak itself must tell."""
+        if self.rank not in (1, 2, 3):
+            raise ValueError(f"--rank must be 1, 2 or 3, got {self.rank}")
+        kinds = {_kind(color) for color in self.colors}
+        if self.color_from is not None and "point" not in kinds:
+            raise ValueError("--color-from needs points to pick: add --color X,Y")
+        if not kinds:
+            return self._fitted(image, streak)
+        if self.rank == 3:
+            raise ValueError("--rank 3 is for objects of any colors: leave --color out")
+        if len(kinds & {"hex", "file"}) and len(kinds) > 1:
+            raise ValueError("give hex colors, or a model file, or points and core: not a mixture")
+        if kinds == {"file"}:
+            return self._from_file()
+        if kinds == {"hex"}:
+            if len(self.colors) != self.rank:
+                raise ValueError(
+                    f"--rank {self.rank} takes {self.rank} hex color{'s' * (self.rank - 1)}, got "
+                    f"{len(self.colors)}: one color is --rank 1, two colors are --rank 2"
+                )
+            return bm.ColorModel.from_hex(*self.colors)
+        samples = np.concatenate([self._samples(c, image, streak) for c in self.colors])
+        return bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
+
+    def _fitted(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+        if self.rank == 3:
+            return bm.ColorModel.any()
+        if self.rank != 1:
+            raise ValueError("--rank 2 needs colors: give two with --color, hex or points")
+        if self.max_brightness is None:
+            return None
+        return bm.fit_color(image, self.plate, streak, self.max_brightness)
+
+    def _from_file(self) -> bm.ColorModel:
+        if len(self.colors) > 1:
+            raise ValueError("give one model file, not several")
+        return bm.read_color_model(self.colors[0])
+
+    def _samples(self, color: str, image: bm.LinearImage, streak: bm.Streak | None) -> Any:
+        if color == "core":
+            return bm.core_colors(image, self.plate, streak)
+        x, y, *radius = numbers("--color", color, 2, 3)
+        if self.color_from is None:
+            return bm.pick_colors(image, x, y, *radius)
+        return bm.pick_colors(self.files.read(self.color_from)[0], x, y, *radius)
+
+
+def _kind(color: str) -> str:
+    if color == "core":
+        return "core"
+    if color.lower().endswith(".json"):
+        return "file"
+    return "point" if "," in color else "hex"
+
+
+def _doubted(path: Path, solution: bm.Solution) -> list[str]:
+    """Warn of what cannot be true in a solution; returns the warnings."""
+    from blurmatte.explain import doubts
+
+    lines = [f"{path}: {doubt.rstrip('.')}" for doubt in doubts(solution)]
+    for line in lines:
+        complain(f"warning: {line}")
+    return lines
+
+
+def _curve_doubted(
+    path: Path, image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, files: Files
+) -> list[str]:
+    """Warn if another curve lets a disc of one color explain what is not one now."""
+    disc = solution.stats.get("sweep", {}).get("silhouette") == "disc" and solution.model.rank == 1
+    curves = image.meta.transfer, plate.meta.transfer
+    alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
+    if disc or files.transfer is not None or not alike:
+        return []
+    fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
+    if fit.best is fit.curves[0]:
+        return []
+    line = (
+        f"{path}: light looks bent: with --transfer {fit.best.name} a disc of one color explains "
+        f"the streak, with {fit.curves[0].name} none does"
+    )
+    complain(f"warning: {line}")
+    return [line]
+
+
+def _others(solution: bm.Solution) -> Iterator[str]:
+    """What else moved, as regions to copy."""
+    boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
+    if boxes:
+        more = f" and {len(boxes) - _TOLD} more" if len(boxes) > _TOLD else ""
+        yield f"also moved, choose with --region: {' '.join(boxes[:_TOLD])}{more}"
