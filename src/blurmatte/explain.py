@@ -129,9 +129,10 @@ def _directions(model: ColorModel) -> str:
     told = " and ".join(
         f"({', '.join(f'{x:.3f}' for x in color)})" for color in np.round(model.rgb, 3) + 0.0
     )
+    space = "linear RGB" if model.to_srgb is None else "camera's own linear RGB"
     if model.rank == 1:
-        return f"One paint and its shades: all multiples of the linear RGB color {told}."
-    return f"Two paints and their mixtures: a plane of colors between linear RGB {told}."
+        return f"One paint and its shades: all multiples of the {space} color {told}."
+    return f"Two paints and their mixtures: a plane of colors between {space} {told}."
 
 
 def _evidence(model: ColorModel) -> list[str]:

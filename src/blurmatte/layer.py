@@ -52,7 +52,8 @@ class Layer:
         Returns
         -------
         LinearImage
-            premultiplied + (1 − alpha) · background, unclipped; its noise is not known.
+            premultiplied + (1 − alpha) · background, unclipped; its noise is not known. In sRGB: so
+            is a camera RAW.
 
         Raises
         ------
@@ -60,6 +61,7 @@ class Layer:
             If the sizes differ.
         """
         check_same_size("the layer", self.size, "the background", background.size)
+        background = background.in_srgb()
         through = (1 - self.alpha[..., None]).astype(background.rgb.dtype, copy=False)
         return replace(background, rgb=self.premultiplied + through * background.rgb, noise=None)
 

@@ -107,6 +107,7 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     """
     check_same_size("image", image.size, "plate", plate.size)
     check_same_size("image", image.size, "solution", solution.size)
+    image, plate = image.in_srgb(), plate.in_srgb()
     layout = _layout(solution)
     panels = _panels(image, plate, solution, _surroundings(solution, layout))
     sheet = _Sheet()
@@ -181,7 +182,7 @@ def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
         mean = layer.premultiplied.sum(axis=(0, 1)) / max(float(layer.alpha.sum()), 1e-9)
         mean = np.clip(mean, 0, 1)
         return mean, mean, "any colors, on average this"
-    colors = np.clip(model.rgb, 0, 1)
+    colors = model.srgb
     sure = f"   ± {model.angle_std:.2g}°" if model.evidence else ""
     first, last = (0 * colors[0], colors[0]) if model.rank == 1 else (colors[0], colors[1])
     return first, last, "  to  ".join(model.hex) + sure
@@ -189,7 +190,7 @@ def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
 
 def _possible(model: ColorModel) -> list[Pixels]:
     """A row of swatches of the colors still possible, for each color of the model."""
-    colors = np.stack([np.clip(other.rgb, 0, 1) for other in model.possible], axis=1)
+    colors = np.stack([other.srgb for other in model.possible], axis=1)
     return [_shown(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
 
 

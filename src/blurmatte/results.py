@@ -98,6 +98,7 @@ def _report(
             "rank": model.rank,
             "hex": model.hex,
             "rgb": model.rgb,
+            "to_srgb": model.to_srgb,
             "basis": model.basis,
             "covariance": model.covariance,
             "angle_std_degrees": model.angle_std,
@@ -123,6 +124,9 @@ def _facts(picture: LinearImage) -> dict[str, Any]:
     return {
         "file": meta.source,
         "size": picture.size,
+        "color_space": meta.color_space,
+        "camera": meta.camera,
+        "white_balance": meta.white_balance,
         "transfer": meta.transfer.name if meta.transfer else "linear",
         "levels": meta.levels,
         "exposure_time_seconds": meta.exposure_time,

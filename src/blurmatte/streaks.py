@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
 from blurmatte.errors import MotionError, PlateError
-from blurmatte.radiometry import LinearImage, rounding_noise, with_noise
+from blurmatte.radiometry import LinearImage, check_same_colors, rounding_noise, with_noise
 
 Box = tuple[int, int, int, int]
 
@@ -122,6 +122,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     """
     from scipy import ndimage
 
+    check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     if min(image.size) < 16:
         width, height = image.size

@@ -1,9 +1,10 @@
 """The commands for picture files: compose and info."""
 
+import math
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -107,7 +108,7 @@ def _facts(
     from blurmatte.files.refusals import kind_of
 
     meta = picture.meta
-    bits = "float" if meta.levels is None else f"{int(np.log2(meta.levels))} bit"
+    bits = "float" if meta.levels is None else f"{math.ceil(np.log2(meta.levels))} bit"
     colors = "gray" if meta.gray else "RGB"
     what = ""
     if layer is not None:
@@ -118,6 +119,9 @@ def _facts(
     if not (transfer or guessed):
         source = "its ICC profile says" if meta.icc_profile else "its tags or its kind say"
     yield f"transfer: {meta.transfer.name if meta.transfer else 'linear'} ({source})"
+    yield f"colors: {_colors(meta)}"
+    if meta.camera:
+        yield f"camera: {meta.camera}"
     time = f"{meta.exposure_time:.6g} s" if meta.exposure_time else "not told"
     yield f"exposure time: {time}"
     profile = f"{len(meta.icc_profile)} bytes" if meta.icc_profile else "none"
@@ -125,6 +129,8 @@ def _facts(
     if layer is None:
         yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
         yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
+        if picture.noise is not None:
+            yield f"noise: {picture.noise}, as the file states it"
         return
     alpha, light = layer.alpha, layer.premultiplied
     yield (
@@ -132,3 +138,15 @@ def _facts(
         f"sum {alpha.sum(dtype=float):.6g}"
     )
     yield f"light times alpha: {light.min():.4g} to {light.max():.4g}, 1 is white"
+
+
+def _colors(meta: Any) -> str:
+    """Whose red, green and blue the light is, and what would make white of it."""
+    if meta.color_space != "camera":
+        return "sRGB's primaries"
+    if meta.white_balance is None:
+        return "the camera's own; its white balance is not told"
+    red, _, blue = meta.white_balance
+    return (
+        f"the camera's own; white balance as shot (not applied): red x{red:.4g}, blue x{blue:.4g}"
+    )

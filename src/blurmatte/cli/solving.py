@@ -180,14 +180,14 @@ class _Task:
         if len(kinds & {"hex", "file"}) and len(kinds) > 1:
             raise ValueError("give hex colors, or a model file, or points and core: not a mixture")
         if kinds == {"file"}:
-            return self._from_file()
+            return self._from_file(image)
         if kinds == {"hex"}:
             if len(self.colors) != self.rank:
                 raise ValueError(
                     f"--rank {self.rank} takes {self.rank} hex color{'s' * (self.rank - 1)}, got "
                     f"{len(self.colors)}: one color is --rank 1, two colors are --rank 2"
                 )
-            return bm.ColorModel.from_hex(*self.colors)
+            return bm.ColorModel.from_hex(*self.colors, to_srgb=image.meta.to_srgb)
         samples = np.concatenate([self._samples(c, image, streak) for c in self.colors])
         return bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
 
@@ -200,18 +200,28 @@ class _Task:
             return None
         return bm.fit_color(image, self.plate, streak, self.max_brightness)
 
-    def _from_file(self) -> bm.ColorModel:
+    def _from_file(self, image: bm.LinearImage) -> bm.ColorModel:
         if len(self.colors) > 1:
             raise ValueError("give one model file, not several")
-        return bm.read_color_model(self.colors[0])
+        model = bm.read_color_model(self.colors[0])
+        if (model.to_srgb is None) != (image.meta.to_srgb is None):
+            raise bm.ColorModelError(
+                f"{self.colors[0]} was found in a picture of another kind: a camera RAW has the "
+                "camera's own colors; find the color in a picture like IMAGE"
+            )
+        return model
 
     def _samples(self, color: str, image: bm.LinearImage, streak: bm.Streak | None) -> Any:
+        from blurmatte.radiometry import check_same_colors
+
         if color == "core":
             return bm.core_colors(image, self.plate, streak)
         x, y, *radius = numbers("--color", color, 2, 3)
         if self.color_from is None:
             return bm.pick_colors(image, x, y, *radius)
-        return bm.pick_colors(self.files.read(self.color_from)[0], x, y, *radius)
+        sharp = self.files.read(self.color_from)[0]
+        check_same_colors("the image", image, "the picture of --color-from", sharp)
+        return bm.pick_colors(sharp, x, y, *radius)
 
 
 def _kind(color: str) -> str:

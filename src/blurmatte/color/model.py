@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import SRGB
+from blurmatte.radiometry import SRGB, Matrix3, light_in_srgb
 
 Array = npt.NDArray[np.float64]
 
@@ -39,6 +39,9 @@ class ColorModel:
     evidence : mapping of str to float
         What the estimate rests on: the standard deviation, in degrees, that each kind of evidence
         alone would leave (infinite: nothing).
+    to_srgb : 3 x 3 floats, optional
+        Linear RGB of a camera → linear sRGB, for a model in the colors of a camera; `Meta` has it. It
+        changes how the colors are shown, in `hex` and `srgb`, not what they are.
 
     Raises
     ------
@@ -49,6 +52,7 @@ class ColorModel:
     basis: Array
     covariance: Array = field(default_factory=lambda: np.zeros((3, 3)))
     evidence: Mapping[str, float] = field(default_factory=dict)
+    to_srgb: Matrix3 | None = None
 
     def __post_init__(self) -> None:
         basis = np.asarray(self.basis, dtype=float)
@@ -110,9 +114,17 @@ class ColorModel:
         return np.asarray(colors / np.abs(colors).max(axis=1, keepdims=True))
 
     @property
+    def srgb(self) -> Array:
+        """(rank, 3) the colors of `rgb` as a screen can show them: linear sRGB, 0…1."""
+        colors = np.maximum(light_in_srgb(self.rgb, self.to_srgb), 0)
+        if self.to_srgb is not None:
+            colors = colors / np.maximum(colors.max(axis=1, keepdims=True), 1e-9)
+        return np.asarray(np.minimum(colors, 1))
+
+    @property
     def hex(self) -> tuple[str, ...]:
-        """The colors of `rgb` as sRGB-coded #rrggbb."""
-        codes = np.rint(255 * SRGB.encode(np.clip(self.rgb, 0, 1))).astype(int)
+        """The colors of `srgb` as sRGB-coded #rrggbb."""
+        codes = np.rint(255 * SRGB.encode(self.srgb)).astype(int)
         return tuple("#{:02x}{:02x}{:02x}".format(*code) for code in codes)
 
     @property
@@ -134,8 +146,9 @@ class ColorModel:
     def _with_pole(self, pole: Array) -> ColorModel:
         if self.rank == 1:  # no color has negative light
             pole = np.maximum(pole, 0)
-            return ColorModel((pole / np.linalg.norm(pole))[:, None])
-        return ColorModel(_bright(np.linalg.svd(pole[:, None])[0][:, 1:]))
+            return ColorModel((pole / np.linalg.norm(pole))[:, None], to_srgb=self.to_srgb)
+        basis = _bright(np.linalg.svd(pole[:, None])[0][:, 1:])
+        return ColorModel(basis, to_srgb=self.to_srgb)
 
     @classmethod
     def any(cls) -> ColorModel:
@@ -143,8 +156,15 @@ class ColorModel:
         return cls(np.eye(3))
 
     @classmethod
-    def from_hex(cls, *colors: str) -> ColorModel:
+    def from_hex(cls, *colors: str, to_srgb: Matrix3 | None = None) -> ColorModel:
         """One or two sRGB-coded colors such as "#d8ff3c"; as many as the model shall have ranks.
+
+        Parameters
+        ----------
+        *colors : str
+            The colors.
+        to_srgb : 3 x 3 floats, optional
+            `meta.to_srgb` of a camera RAW that shows them: the model is then in the camera's colors.
 
         Raises
         ------
@@ -158,12 +178,14 @@ class ColorModel:
                 raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
             codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
         light = SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255)
+        if to_srgb is not None:  # no camera sees negative light
+            light = np.maximum(light @ np.linalg.inv(np.array(to_srgb)).T, 0)
         if len(light) not in (1, 2) or np.any(light.max(axis=1) == 0):
             raise ValueError("give one or two colors, neither of them black")
         basis = np.linalg.svd(light.T, full_matrices=False)[0]
         if len(light) == 2 and _angle(*light) < 1:
             raise ValueError(f"{' and '.join(colors)} are shades of one color; rank 2 needs two")
-        return cls(_bright(basis))
+        return cls(_bright(basis), to_srgb=to_srgb)
 
     @classmethod
     def from_samples(

@@ -13,7 +13,7 @@ from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfi
 from blurmatte.color.model import ColorModel
 from blurmatte.color.posterior import posterior, unit
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
 from blurmatte.streaks import Streak, require_streaks, shift_variance
 
 _MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
@@ -66,7 +66,7 @@ def fit_color_from_hues(
     spread = {name: posterior(evidence, pixels) for name, evidence in kinds.items()}
     l, covariance = spread.pop("together")
     evidence = {name: ColorModel(m[:, None], c).angle_std for name, (m, c) in spread.items()}
-    model = ColorModel(l[:, None], covariance, evidence)
+    model = ColorModel(l[:, None], covariance, evidence, image.meta.to_srgb)
     _refuse_the_open(model, pixels)
     _refuse_the_unfit(model, pixels)
     return model
@@ -76,6 +76,7 @@ def checked(
     image: LinearImage, plate: LinearImage, streak: Streak | None, max_brightness: float
 ) -> tuple[LinearImage, LinearImage, Streak]:
     """Arguments of a color fit with the noise known and a streak; raises what such fits raise."""
+    check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
     if not max_brightness > 0:

@@ -17,13 +17,15 @@ def model_to_json(model: ColorModel) -> str:
 
     JSON has no infinity: evidence that leaves everything open is null.
     """
-    fields = {
+    fields: dict[str, Any] = {
         "rank": model.rank,
         "hex": list(model.hex),
         "basis": model.basis.tolist(),
         "covariance": model.covariance.tolist(),
         "evidence": {k: v if math.isfinite(v) else None for k, v in model.evidence.items()},
     }
+    if model.to_srgb is not None:
+        fields["to_srgb"] = [list(row) for row in model.to_srgb]
     lines = (f'  "{name}": {json.dumps(value, allow_nan=False)}' for name, value in fields.items())
     return "{\n" + ",\n".join(lines) + "\n}"
 
@@ -81,7 +83,9 @@ def model_from_json(text: str) -> ColorModel:
     """
     fields: Any = json.loads(text)
     evidence = {k: math.inf if v is None else float(v) for k, v in fields["evidence"].items()}
-    return ColorModel(fields["basis"], fields["covariance"], evidence)
+    rows = fields.get("to_srgb")
+    to_srgb = None if rows is None else tuple(tuple(map(float, row)) for row in rows)
+    return ColorModel(fields["basis"], fields["covariance"], evidence, to_srgb)
 
 
 def read_color_model(path: str | Path) -> ColorModel:

@@ -14,8 +14,10 @@ import numpy.typing as npt
 import OpenImageIO as oiio
 
 from blurmatte.checks import Bools
+from blurmatte.errors import FileError
 from blurmatte.files.png import PngFacts, inspect_png
 from blurmatte.files.refusals import (
+    RAW,
     check_format,
     check_png,
     check_size,
@@ -118,6 +120,8 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
         If the file is missing, is damaged, or is of a kind that cannot hold light.
     """
     kind = kind_of(path)
+    if kind == RAW:
+        raise FileError(f"{path}: a camera RAW holds no layer; give an EXR, PNG or TIFF with alpha")
     png = inspect_png(path) if kind == "PNG" else None
     if png is not None:
         check_size(path, png.size, max_pixels)
@@ -128,7 +132,7 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
         raise damaged(path, kind, ["a name in it is no text"]) from error
     pixels, inside = _whole(pixels, spec)
     turn = int(tags.get("Orientation", 1))
-    return Raster(path, _upright(pixels, turn), kept, _upright(inside, turn), tags, png)
+    return Raster(path, upright(pixels, turn), kept, upright(inside, turn), tags, png)
 
 
 def _stored(
@@ -196,10 +200,10 @@ def _whole(pixels: npt.NDArray[Any], spec: oiio.ImageSpec) -> tuple[npt.NDArray[
     return whole, inside
 
 
-def _upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
     """Turn and mirror as the EXIF tag says: 2 mirrored, 3 upside down, 6 and 8 on a side, …"""
     turns = {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
-    upright = np.rot90(pixels, turns)
+    turned = np.rot90(pixels, turns)
     if orientation in (2, 4, 5, 7):
-        upright = upright[:, ::-1]
-    return np.ascontiguousarray(upright)
+        turned = turned[:, ::-1]
+    return np.ascontiguousarray(turned)

@@ -15,8 +15,10 @@ from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.icc import Profile
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
+from blurmatte.files.raw import read_raw
+from blurmatte.files.refusals import RAW, kind_of
 from blurmatte.layer import Layer
-from blurmatte.radiometry import LinearImage, Meta, Transfer, decode
+from blurmatte.radiometry import LINEAR, LinearImage, Meta, Transfer, decode
 
 
 def read(
@@ -24,8 +26,10 @@ def read(
 ) -> LinearImage:
     """Read a picture as linear light.
 
-    PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR. ICC profile and EXIF orientation are
-    honoured; EXR and float TIFF are linear unless a profile says otherwise.
+    PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR, with the primaries of sRGB; ICC profile and
+    EXIF orientation are honoured; EXR and float TIFF are linear unless a profile says otherwise.
+    And camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, with
+    the extra `raw`; see blurmatte.files.raw.
 
     Parameters
     ----------
@@ -39,7 +43,8 @@ def read(
     Returns
     -------
     LinearImage
-        float32. `valid` is False where a channel is saturated or alpha is below 1.
+        float32. `valid` is False where a channel is saturated or alpha is below 1. `meta` says
+        what else the file told: `color_space`, `camera`, `white_balance` …
 
     Raises
     ------
@@ -51,7 +56,11 @@ def read(
     TransferWarning
         If nothing says how code values encode light, and they are taken as sRGB.
     """
-    raster = load(Path(path), max_pixels)
+    path = Path(path)
+    if kind_of(path) == RAW:
+        _check_linear(path, transfer)
+        return read_raw(path, max_pixels)
+    raster = load(path, max_pixels)
     encoding = encoding_of(raster, transfer, stacklevel=2)
     image = _decoded(raster, encoding)
     valid = image.valid & raster.inside
@@ -90,6 +99,14 @@ def read_layer(
     light = _premultiplied(raster, alpha, encoding)
     _check_finite(raster.path, light, alpha)
     return Layer(alpha, light)
+
+
+def _check_linear(path: Path, transfer: Transfer | None) -> None:
+    if transfer not in (None, LINEAR):
+        raise FileError(
+            f"{path}: the light of a camera RAW is linear, not {transfer.name}; leave transfer= "
+            "(--transfer) out"
+        )
 
 
 def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
@@ -141,4 +158,5 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         exposure_time=seconds if math.isfinite(seconds) and seconds > 0 else None,
         icc_profile=icc_profile(raster),
         gray=raster.gray,
+        color_space="sRGB",
     )

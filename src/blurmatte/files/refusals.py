@@ -11,6 +11,12 @@ from blurmatte.files.png import SIGNATURE as PNG_SIGNATURE
 from blurmatte.files.png import PngFacts
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+RAW = "camera RAW"
+RAW_EXTENSIONS = tuple(
+    f".{name}"
+    for name in "3fr arw cr2 cr3 crw dcr dng erf fff iiq k25 kdc mef mos mrw nef nrw orf pef raf raw "
+    "rw2 rwl sr2 srf srw x3f".split()
+)
 
 _SIGNATURES = {
     PNG_SIGNATURE: "PNG",
@@ -26,12 +32,17 @@ _PHOTOMETRIC = (0, 1, 2, 6)  # TIFF: gray, gray, RGB, YCbCr (which libtiff turns
 
 
 def kind_of(path: Path) -> str:
-    """PNG, JPEG, TIFF or EXR, by the first bytes: names lie."""
+    """PNG, JPEG, TIFF, EXR or camera RAW, by the first bytes: names lie.
+
+    Most RAW files begin like a TIFF, each maker's in its own way: there the name counts.
+    """
     if path.is_dir():
         raise FileError(f"{path}: is a folder; give a picture file")
-    if path.suffix.lower() not in EXTENSIONS:
+    named_raw = path.suffix.lower() in RAW_EXTENSIONS
+    if path.suffix.lower() not in EXTENSIONS and not named_raw:
         raise FileError(
-            f"{path}: cannot read this kind of file; convert it to {', '.join(EXTENSIONS)}"
+            f"{path}: cannot read this kind of file; convert it to {', '.join(EXTENSIONS)}, "
+            "or .dng if it is a camera RAW"
         )
     try:
         with path.open("rb") as file:
@@ -43,8 +54,10 @@ def kind_of(path: Path) -> str:
     if not start:
         raise FileError(f"{path}: the file is empty; copy or export it again")
     for signature, kind in _SIGNATURES.items():
-        if start.startswith(signature):
+        if start.startswith(signature) and not (named_raw and kind == "TIFF"):
             return kind
+    if named_raw:
+        return RAW
     raise FileError(
         f"{path}: holds no PNG, JPEG, TIFF or OpenEXR picture, whatever its name says; "
         "export it again"

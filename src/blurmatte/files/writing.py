@@ -58,6 +58,9 @@ def write(
     (H, W, 3) uint8   .png .jpg, as is: already sRGB
     ================  ================================================================
 
+    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot; the numbers of a
+    Solution stay as they are, in the colors of the camera.
+
     Parameters
     ----------
     path : str or Path
@@ -87,7 +90,7 @@ def _ways(thing: object) -> Mapping[str, Way]:
     """What can be made of `thing`, by extension."""
     match thing:
         case LinearImage():
-            return _image_ways(thing)
+            return _image_ways(thing.in_srgb())
         case Layer():
             return _layer_ways(thing)
         case Solution():

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Floats, check_light, check_map
 from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
+from blurmatte.radiometry import light_in_srgb
 
 
 class Quality(IntFlag):
@@ -99,8 +100,10 @@ class Solution:
     @property
     def layer(self) -> Layer:
         """The object as a picture: alpha clipped to [0, 1], no negative light, and nothing where
-        the pixel is unknown or outside the streak. Compose with this; measure on `alpha`.
+        the pixel is unknown or outside the streak; of a camera RAW, in linear sRGB. Compose with
+        this; measure on `alpha`.
         """
         alpha = np.where(self.streak & self.known, np.clip(self.alpha, 0, 1), 0)
-        light = np.where(alpha[..., None] > 0, np.maximum(self.premultiplied, 0), 0)
+        seen = light_in_srgb(self.premultiplied, self.model.to_srgb)
+        light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
         return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))

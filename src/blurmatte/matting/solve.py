@@ -4,6 +4,7 @@ The closed form runs over the whole picture, for the error of alpha outside the 
 knowing too; everything beyond it looks at the streak's surroundings only.
 """
 
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,7 +19,7 @@ from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
 from blurmatte.streaks import Streak, require_streaks, shift_variance
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
@@ -83,8 +84,11 @@ def solve(
                 f"{name} must be a LinearImage, got {type(picture).__name__}; "
                 "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
             )
+    check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
+    if model is not None:
+        model = replace(model, to_srgb=image.meta.to_srgb)
     image, plate = with_noise(image, plate)
     found = require_streaks(image, plate) if streak is None else [streak]
     streak = found[0]

@@ -1,8 +1,11 @@
 """Numbers in a file ⇄ linear light, and how well that light is known."""
 
 from blurmatte.radiometry.image import LinearImage as LinearImage
+from blurmatte.radiometry.image import Matrix3 as Matrix3
 from blurmatte.radiometry.image import Meta as Meta
+from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import decode as decode
+from blurmatte.radiometry.image import light_in_srgb as light_in_srgb
 from blurmatte.radiometry.image import smooth_variance as smooth_variance
 from blurmatte.radiometry.noise import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise import fit_noise as fit_noise

@@ -6,10 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_finite, check_light, check_map
+from blurmatte.errors import PlateError
 from blurmatte.radiometry.noise import NoiseModel
 from blurmatte.radiometry.transfer import Transfer
 
+Matrix3 = tuple[tuple[float, ...], ...]
+
 _NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
+_SAME_WHITE = 0.01  # of two modes of one camera; black levels that are measured differ by less
 
 
 @dataclass(frozen=True)
@@ -30,6 +34,17 @@ class Meta:
         The colour profile that came with it.
     gray : bool
         One channel was all there was.
+    color_space : str or None
+        Whose red, green and blue the light is: "sRGB", its primaries; "camera", the sensor's own, as
+        camera RAW holds it; None: nobody said.
+    camera : str
+        Which camera took it; "" if the file does not tell.
+    white_balance : three floats or None
+        By what red, green and blue of the camera have to be multiplied so that white is equal in all
+        three, as the camera had it; green 1. The light is not multiplied by it.
+    to_srgb : 3 x 3 floats or None
+        Light of the camera → linear sRGB, white balance included: for looking at, and for other
+        pictures. None: the light is taken to be sRGB's.
     """
 
     source: str = ""
@@ -38,6 +53,10 @@ class Meta:
     exposure_time: float | None = None
     icc_profile: bytes | None = field(default=None, repr=False)
     gray: bool = False
+    color_space: str | None = None
+    camera: str = ""
+    white_balance: tuple[float, float, float] | None = None
+    to_srgb: Matrix3 | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,6 +134,52 @@ class LinearImage:
     def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":
         """The same light, with `noise`."""
         return replace(self, noise=noise)
+
+    def in_srgb(self) -> "LinearImage":
+        """The picture as others are: light of a camera as linear sRGB; itself if it is none.
+
+        For looking at and for compositing. Not for measuring: it mixes the noise of the channels,
+        which then is not known, and colors beyond sRGB become negative.
+        """
+        if self.meta.to_srgb is None:
+            return self
+        meta = replace(self.meta, color_space="sRGB", white_balance=None, to_srgb=None)
+        rgb = light_in_srgb(self.rgb, self.meta.to_srgb)
+        return LinearImage(rgb, valid=self.valid, meta=meta)
+
+
+def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
+    """(..., 3) linear sRGB of light, by a `Meta`'s matrix; the same if there is none."""
+    if to_srgb is None:
+        return light
+    return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
+
+
+def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -> None:
+    """Raise PlateError if the light of two named pictures cannot be compared, as far as they tell.
+
+    Cameras and sRGB each have a red of their own. The white balance does not matter: it is not applied.
+    """
+    spaces = {a.meta.color_space, b.meta.color_space} - {None}
+    if len(spaces) == 2:
+        raw, other = (first, second) if a.meta.color_space == "camera" else (second, first)
+        raise PlateError(
+            f"{raw} is a camera RAW and {other} is not: their colors cannot be compared; "
+            "give both as RAW, or develop both alike"
+        )
+    if spaces != {"camera"}:
+        return
+    if a.meta.camera and b.meta.camera and a.meta.camera != b.meta.camera:
+        raise PlateError(
+            f"{first} was taken by a {a.meta.camera}, {second} by a {b.meta.camera}: each camera "
+            "sees colors in its own way; take both with the same one"
+        )
+    white = a.meta.levels or 0, b.meta.levels or 0
+    if all(white) and abs(white[0] / white[1] - 1) > _SAME_WHITE:
+        raise PlateError(
+            f"{first} is a RAW of {white[0]} levels from black to white, {second} of {white[1]}: "
+            "take both with the same ISO and the same settings for RAW"
+        )
 
 
 def smooth_variance(picture: LinearImage) -> npt.NDArray[np.float64]:

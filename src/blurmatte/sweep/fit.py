@@ -102,7 +102,8 @@ def fit_sweep(
         disc = search.best(rank)
     # A richer outline would take up what is left of the shadow.
     explained = streak is not whole and misfit(search.data, disc) <= _NOISE
-    return _sweep(search.data, disc if explained else _best(search, disc), image.size)
+    found = _sweep(search.data, disc if explained else _best(search, disc), image.size)
+    return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
 
 
 def _shadow_of(disc: State, image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:

@@ -31,4 +31,4 @@ def pooled(models: Sequence[ColorModel]) -> ColorModel:
     covariance = covariance * max(float(excess), 1.0)
     std = float(np.degrees(np.sqrt(np.trace(covariance) / 2)))
     pole = mean / np.linalg.norm(mean)
-    return ColorModel(pole[:, None], T @ covariance @ T.T, {"frames": std})
+    return ColorModel(pole[:, None], T @ covariance @ T.T, {"frames": std}, models[0].to_srgb)
