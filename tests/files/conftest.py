@@ -3,9 +3,11 @@
 import struct
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
+import tifffile
 
 D50 = (0.9642, 1.0, 0.8249)
 ADOBE = ((0.60974, 0.31111, 0.01947), (0.20528, 0.62567, 0.06087), (0.14919, 0.06322, 0.74457))
@@ -62,11 +64,69 @@ def profile_bytes(
     return header.ljust(128, b"\0") + struct.pack(">I", len(tags)) + table + body
 
 
+# Columns are X, Y, Z: about what the sensors of many cameras see of them.
+CAMERA_FROM_XYZ = ((0.70, -0.21, -0.05), (-0.45, 1.24, 0.23), (-0.09, 0.21, 0.62))
+
+
+def ratios(*values: float) -> tuple[int, ...]:
+    return tuple(part for value in values for part in (round(value * 10_000), 10_000))
+
+
+def dng_tags(white, black, orientation=1, noise=(), camera="Example C1", neutral=(0.5, 1.0, 0.8)):
+    """Tags of a DNG as tifffile takes them: number, type, count, value, whether in the first page."""
+    B, H, I, SRATIONAL, RATIONAL, D = "B", "H", "I", 10, 5, "d"
+    tags = [
+        (50706, B, 4, b"\1\4\0\0"),  # DNGVersion
+        (50708, "s", 0, camera),  # UniqueCameraModel
+        (274, H, 1, orientation),
+        (50713, H, 2, (2, 2)),  # BlackLevelRepeatDim
+        (50714, RATIONAL, 4, ratios(*black)),  # BlackLevel
+        (50717, I, 1, (white,)),  # WhiteLevel
+        (50721, SRATIONAL, 9, ratios(*np.ravel(CAMERA_FROM_XYZ))),  # ColorMatrix1
+        (50728, RATIONAL, 3, ratios(*neutral)),  # AsShotNeutral
+        (50778, H, 1, 21),  # CalibrationIlluminant1: D65
+        (33434, RATIONAL, 1, ratios(0.025)),  # ExposureTime
+    ]
+    if len(noise):
+        tags.append((51041, D, len(noise), tuple(noise)))  # NoiseProfile
+    return [(*tag, True) for tag in tags]
+
+
+def write_dng(path, codes, pattern=((0, 1), (1, 2)), white=16383, black=(512,) * 4, **facts):
+    """A DNG of (H, W) uint16 codes behind a pattern of 0 red, 1 green, 2 blue; of (H, W, 3) without."""
+    tags = dng_tags(white, black, **facts)
+    if codes.ndim == 2:
+        pattern = np.asarray(pattern)
+        tags.append((33421, "H", 2, pattern.shape, True))  # CFARepeatPatternDim
+        tags.append((33422, "B", pattern.size, bytes(pattern.ravel().tolist()), True))  # CFAPattern
+    kind = 34892 if codes.ndim == 3 else "cfa"
+    tifffile.imwrite(path, codes, photometric=kind, extratags=tags, metadata=None)
+    return path
+
+
+def mosaic_codes(light, pattern=((0, 1), (1, 2)), white=16383, black=512):
+    """The codes of (H, W, 3) light behind a pattern; floats, neither rounded nor clipped."""
+    y, x = np.indices(light.shape[:2])
+    pattern = np.asarray(pattern)
+    seen = pattern[y % pattern.shape[0], x % pattern.shape[1]]
+    return black + (white - black) * np.take_along_axis(light, seen[..., None], axis=2)[..., 0]
+
+
 @pytest.fixture
 def ramp():
     """(24, 32, 3) uint8 codes: every hue, nothing saturated."""
     y, x = np.mgrid[0:24, 0:32]
     return np.stack([8 * x, 10 * y, 255 - 4 * (x + y) - 6], axis=-1).astype(np.uint8)
+
+
+@pytest.fixture(scope="session")
+def make_dng() -> Callable[..., Path]:
+    return write_dng
+
+
+@pytest.fixture(scope="session")
+def make_mosaic() -> Callable[..., np.ndarray]:
+    return mosaic_codes
 
 
 @pytest.fixture

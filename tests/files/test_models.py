@@ -13,18 +13,20 @@ from blurmatte.files import read_color_model, write
 def test_every_digit_comes_back(tmp_path, colors):
     basis = ColorModel.from_hex(*colors).basis
     covariance = np.random.default_rng(0).random((3, 3)) / 7
-    model = ColorModel(basis, covariance, {"hue": 1 / 3, "feasible": np.inf})
+    to_srgb = ((1.7, -0.5, 0.1), (-0.2, 1.1, 0.1), (0.0, -0.3, 1 / 3))
+    model = ColorModel(basis, covariance, {"hue": 1 / 3, "feasible": np.inf}, to_srgb)
     write(tmp_path / "m.json", model)
     back = read_color_model(tmp_path / "m.json")
     assert np.array_equal(back.basis, basis)
     assert np.array_equal(back.covariance, covariance)
     assert back.evidence == model.evidence
+    assert back.to_srgb == to_srgb
 
 
 def test_no_field_is_forgotten():
     """A new field of ColorModel must be written and read too."""
     names = {field.name for field in dataclasses.fields(ColorModel)}
-    assert names == {"basis", "covariance", "evidence"}
+    assert names == {"basis", "covariance", "evidence", "to_srgb"}
 
 
 def test_the_file_is_json_for_people_and_programs(tmp_path):

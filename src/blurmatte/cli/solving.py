@@ -189,7 +189,8 @@ class _Task:
                 )
             return bm.ColorModel.from_hex(*self.colors, to_srgb=image.meta.to_srgb)
         samples = np.concatenate([self._samples(c, image, streak) for c in self.colors])
-        return bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
+        model = bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
+        return replace(model, to_srgb=image.meta.to_srgb)
 
     def _fitted(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
         if self.rank == 3:

@@ -65,6 +65,8 @@ class ColorModel:
         covariance = np.asarray(self.covariance, dtype=float)
         if covariance.shape != (3, 3) or not np.all(np.isfinite(covariance)):
             raise ValueError(f"covariance must be finite, (3, 3), got {covariance.shape}")
+        if self.to_srgb is not None and np.shape(self.to_srgb) != (3, 3):
+            raise ValueError(f"to_srgb must be 3 x 3 numbers, got {self.to_srgb}")
         object.__setattr__(self, "basis", basis)
         object.__setattr__(self, "covariance", covariance)
 

@@ -32,7 +32,7 @@ _TAGS = (
     *("ICCProfile", "CICP", "Orientation", "ExposureTime", "Exif:ColorSpace"),
     *("oiio:UnassociatedAlpha", "oiio:BitsPerSample", "tiff:PhotometricInterpretation"),
     *("tiff:ColorSpace", "jpeg:ColorSpace"),
-    *("blurmatte:model", "blurmatte:solver", "blurmatte:stats"),
+    *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:camera"),
 )
 # Some cameras pad the end of a JPEG; every other complaint of libjpeg costs pixels.
 _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")

@@ -15,11 +15,13 @@ before tiles, before fine texture; each pixel alone) alpha erred by 0.032 and 0.
 from this by its rounding to 16 bits, but cuts off below black, which makes dark light brighter.
 """
 
+import json
 import math
 import os
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +32,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.errors import FileError
 from blurmatte.files.raster import MAX_PIXELS, upright
 from blurmatte.files.refusals import check_size
-from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel
+from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel, light_in_srgb
 
 Mosaic = npt.NDArray[np.uint16]
 Pattern = npt.NDArray[np.uint8]
@@ -40,6 +42,8 @@ _PHOTOMETRIC, _MAKE, _MODEL, _SUB_FILES, _SAMPLE_FORMAT = 262, 271, 272, 330, 33
 _DNG_VERSION, _UNIQUE_MODEL, _NOISE_PROFILE = 50706, 50708, 51041
 _SENSOR = (32803, 34892)  # photometric: a mosaic, or linear RAW
 _FLOATS = (3, (3,), (3, 3, 3))  # sample formats
+CAMERA_TAG = "blurmatte:camera"  # of an EXR
+_KEPT = ("camera", "white_balance", "to_srgb")
 _MOST_DIRECTORIES = 16  # a RAW and its previews; more are a damaged file
 # LibRaw's flip is a sum: 1 mirrored, 2 upside down, 4 rows and columns swapped. What EXIF calls it:
 _ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
@@ -168,7 +172,9 @@ def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Float
     clipped = mosaic >= _tiled(_clipping(raw, white)[colors], mosaic.shape)
     pattern = np.where(colors == 3, 1, colors).astype(np.uint8)  # 3 is green again
     rgb, shares = demosaic(light, pattern)
-    return rgb, _far_from(clipped), shares
+    if clipped.any():
+        _raise_to_white(rgb, clipped, pattern)
+    return rgb, ~_around(clipped), shares
 
 
 def _of_three(
@@ -203,11 +209,19 @@ def _clipping(raw: Any, white: float) -> Floats:
     return np.where(told > 0, np.minimum(told, white), white)
 
 
-def _far_from(clipped: Bools) -> Bools:
-    """True where no pixel of the 3 x 3 around is clipped, from which colors are interpolated."""
+def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Pattern) -> None:
+    """Mark what a clipped pixel went into as white at least: the mean of it and others is no light."""
+    for c in range(3):
+        seen = _tiled(pattern == c, clipped.shape)
+        spoiled = np.where(seen, clipped, _around(clipped & seen))
+        rgb[..., c][spoiled] = np.maximum(rgb[..., c][spoiled], 1)
+
+
+def _around(pixels: Bools) -> Bools:
+    """True in the 3 x 3 around each pixel, which is as far as interpolation reaches."""
     from scipy.ndimage import binary_dilation
 
-    return np.asarray(~binary_dilation(clipped, np.ones((3, 3))))
+    return np.asarray(binary_dilation(pixels, np.ones((3, 3))))
 
 
 def demosaic(mosaic: Floats, pattern: Pattern) -> tuple[Floats, Floats]:
@@ -341,3 +355,42 @@ def _directories(path: Path) -> list[Tags]:
 def _first(directories: Sequence[Tags], tag: int) -> Any:
     """The value of a tag where it comes first; None if it is nowhere."""
     return next((tags[tag] for tags in directories if tag in tags), None)
+
+
+def camera_header(meta: Meta) -> dict[str, str]:
+    """What an EXR says of the camera beside its picture in sRGB; nothing if there was none.
+
+    A plate made of RAW files is a file of its own, and goes with RAW images only in their colors.
+    """
+    if meta.to_srgb is None:
+        return {}
+    fields = {name: getattr(meta, name) for name in _KEPT}
+    return {CAMERA_TAG: json.dumps(fields)}
+
+
+def in_camera_colors(image: LinearImage, header: str) -> LinearImage:
+    """The sRGB picture of an EXR as the camera saw it, to the rounding of its floats.
+
+    Raises
+    ------
+    FileError
+        If the header is not what `camera_header` wrote.
+    """
+    try:
+        fields = json.loads(header)
+        camera, balance = str(fields["camera"]), fields["white_balance"]
+        to_srgb = np.array(fields["to_srgb"], dtype=float).reshape(3, 3)
+        from_srgb = np.linalg.inv(to_srgb).tolist()
+    except (KeyError, TypeError, ValueError) as error:
+        raise FileError(
+            f"{image.meta.source}: another program has changed its header; "
+            "give the EXR as blurmatte.write made it"
+        ) from error
+    meta = replace(
+        image.meta,
+        color_space="camera",
+        camera=camera,
+        white_balance=None if balance is None else tuple(balance),
+        to_srgb=tuple(map(tuple, to_srgb.tolist())),
+    )
+    return replace(image, rgb=light_in_srgb(image.rgb, from_srgb), meta=meta)

@@ -15,7 +15,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.icc import Profile
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
-from blurmatte.files.raw import read_raw
+from blurmatte.files.raw import CAMERA_TAG, in_camera_colors, read_raw
 from blurmatte.files.refusals import RAW, kind_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LINEAR, LinearImage, Meta, Transfer, decode
@@ -66,7 +66,9 @@ def read(
     valid = image.valid & raster.inside
     if raster.alpha is not None:
         valid &= raster.alpha >= 1
-    return replace(image, valid=valid, meta=_meta(raster, encoding))
+    image = replace(image, valid=valid, meta=_meta(raster, encoding))
+    header = raster.tags.get(CAMERA_TAG)
+    return image if header is None else in_camera_colors(image, str(header))
 
 
 def read_layer(

@@ -12,11 +12,11 @@ from blurmatte.files.png import PngFacts
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
 RAW = "camera RAW"
-RAW_EXTENSIONS = tuple(
-    f".{name}"
-    for name in "3fr arw cr2 cr3 crw dcr dng erf fff iiq k25 kdc mef mos mrw nef nrw orf pef raf raw "
-    "rw2 rwl sr2 srf srw x3f".split()
+_RAW_NAMES = (
+    "3fr arw cr2 cr3 crw dcr dng erf fff iiq k25 kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 "
+    "srf srw x3f"
 )
+RAW_EXTENSIONS = tuple(f".{name}" for name in _RAW_NAMES.split())
 
 _SIGNATURES = {
     PNG_SIGNATURE: "PNG",

@@ -20,6 +20,7 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.models import mapping_to_json, model_to_json
 from blurmatte.files.pixels import save_jpeg, save_pixels
+from blurmatte.files.raw import camera_header
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
@@ -58,8 +59,8 @@ def write(
     (H, W, 3) uint8   .png .jpg, as is: already sRGB
     ================  ================================================================
 
-    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot; the numbers of a
-    Solution stay as they are, in the colors of the camera.
+    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot; an EXR notes how to
+    get back to the camera's colors, and `read` does. The numbers of a Solution stay in these.
 
     Parameters
     ----------
@@ -90,7 +91,7 @@ def _ways(thing: object) -> Mapping[str, Way]:
     """What can be made of `thing`, by extension."""
     match thing:
         case LinearImage():
-            return _image_ways(thing.in_srgb())
+            return _image_ways(thing)
         case Layer():
             return _layer_ways(thing)
         case Solution():
@@ -125,15 +126,16 @@ def _called(thing: object) -> str:
 def _image_ways(image: LinearImage) -> Mapping[str, Way]:
     time = image.meta.exposure_time
     tags = {"ExposureTime": time} if time else {}
+    seen, camera = image.in_srgb().rgb, camera_header(image.meta)
 
     def coded(path: Path) -> None:
-        save_pixels(path, [_encoded(image.rgb)], "RGB", _SRGB | tags)
+        save_pixels(path, [_encoded(seen)], "RGB", _SRGB | tags)
 
     return {
         ".png": coded,
         ".tif": coded,
-        ".jpg": lambda path: save_jpeg(path, _encoded(image.rgb, np.uint8), time),
-        ".exr": lambda path: save_pixels(path, [image.rgb], "RGB", _LINEAR | tags),
+        ".jpg": lambda path: save_jpeg(path, _encoded(seen, np.uint8), time),
+        ".exr": lambda path: save_pixels(path, [seen], "RGB", _LINEAR | tags | camera),
     }
 
 
