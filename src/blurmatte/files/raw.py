@@ -256,11 +256,10 @@ def demosaic(mosaic: Floats, pattern: Pattern) -> tuple[Floats, Floats]:
 
 def _spread(values: Floats, weight: float = 2) -> Floats:
     """Sums over 3 x 3: corners count once, those beside the middle `weight` times; 0 beyond."""
-    from scipy.ndimage import correlate1d
-
-    for axis in (0, 1):
-        values = correlate1d(values, [1, weight, 1], axis=axis, mode="constant")
-    return values
+    w = values.dtype.type(weight)
+    x = np.pad(values, 1)
+    x = x[:-2] + w * x[1:-1] + x[2:]
+    return np.asarray(x[:, :-2] + w * x[:, 1:-1] + x[:, 2:])
 
 
 def _tiled(tile: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
