@@ -7,7 +7,9 @@ import numpy as np
 import pytest
 import rawpy
 from numpy.testing import assert_allclose
+from typer.testing import CliRunner
 
+from blurmatte.cli import app
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError, PlateError
 from blurmatte.files import read, read_layer, read_solution, write
@@ -346,6 +348,51 @@ def test_a_hex_color_is_what_the_camera_makes_of_it(solved):
     assert model.hex == (color,)
     assert np.degrees(np.arccos(model.pole @ solution.model.pole)) < 1
     assert np.degrees(np.arccos(ColorModel.from_hex(color).pole @ solution.model.pole)) > 5
+
+
+def called(*arguments):
+    """Exit code, and what the command line said."""
+    done = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    return done.exit_code, done.output
+
+
+def test_info_tells_what_a_raw_is(throw):
+    _, folder = throw
+    code, said = called("info", folder / "image.dng")
+    assert code == 0
+    for line in (
+        "image.dng: camera RAW, 128x80 pixels, 14 bit RGB",
+        "colors: the camera's own; white balance as shot (not applied): red x2, blue x1.25",
+        "camera: Example C1",
+        "exposure time: 0.025 s",
+    ):
+        assert line in said
+
+
+def test_the_commands_color_and_info_name_colors_as_they_look(throw, tmp_path):
+    _, folder = throw
+    given = folder / "image.dng", "--plate", folder / "plate.dng"
+    code, said = called("color", *given, "--color", "#ffbc68", "--out", tmp_path / "m.json")
+    assert code == 0
+    assert said.startswith("#ffbc68  rank 1, given")
+    assert "camera's own linear RGB" in said
+    assert called("info", tmp_path / "m.json")[1].startswith("#ffbc68  rank 1, given")
+    code, said = called("color", *given, "--color", tmp_path / "m.json")
+    assert (code, said[:7]) == (0, "#ffbc68")
+
+
+def test_colors_of_other_pictures_are_refused(throw, tmp_path, ramp, make_png):
+    _, folder = throw
+    given = folder / "image.dng", "--plate", folder / "plate.dng"
+    write(tmp_path / "m.json", ColorModel.from_hex("#ffbc68"))
+    code, said = called("color", *given, "--color", tmp_path / "m.json")
+    assert code == 2
+    assert "was found in a picture of another kind" in said
+    (tmp_path / "sharp.png").write_bytes(make_png(ramp))
+    sharp = "--color-from", tmp_path / "sharp.png", "--transfer", "linear"
+    code, said = called("color", *given, "--color", "5,5", *sharp)
+    assert code == 2
+    assert "the image is a camera RAW and the picture of --color-from is not" in said
 
 
 # Doors
