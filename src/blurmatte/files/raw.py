@@ -5,14 +5,10 @@ each pixel. In this file `mosaic` is what it saw, (H, W), and `pattern` the colo
 0 red, 1 green, 2 blue. Light is (mosaic − black) / (white − black), nothing else: no gamma, no white
 balance, no color matrix, no repair, and noise below black stays negative.
 
-The other two colors of a pixel are weighted means of the neighbors that saw them, the nearest twice as
-much as those across the corner: linear interpolation. It is linear in the light and the same
-everywhere: C = P + (1 − α) B holds after it as before, the noise is known, and a clipped pixel
-spoils only its neighbors. Methods that look for edges draw finer ones, but choose the neighbors by the
-data: image and plate are then interpolated differently where the object was. In trials (a ball
-before tiles, before fine texture; each pixel alone) alpha erred by 0.032 and 0.024 with this one, by
-0.038 to 0.088 with LibRaw's VNG, PPG, AHD, DCB, DHT and AAHD. LibRaw's own linear one differs
-from this by its rounding to 16 bits, but cuts off below black, which makes dark light brighter.
+The other two colors of a pixel are interpolated linearly (`demosaic` says why), so a pixel's noise is
+known, and a clipped pixel spoils only its neighbors. LibRaw's own development is not used: its linear
+interpolation is the same, but it cuts off below black, which makes dark light brighter than it was,
+and rounds.
 """
 
 import json
@@ -23,6 +19,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -33,13 +30,13 @@ from blurmatte.errors import FileError
 from blurmatte.files.raster import MAX_PIXELS, upright
 from blurmatte.files.refusals import check_size
 from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel, light_in_srgb
+from blurmatte.radiometry.mosaic import Pattern, demosaic, tiled, variance_shares
 
 Mosaic = npt.NDArray[np.uint16]
-Pattern = npt.NDArray[np.uint8]
 Tags = Mapping[int, Any]
 
 _PHOTOMETRIC, _MAKE, _MODEL, _SUB_FILES, _SAMPLE_FORMAT = 262, 271, 272, 330, 339
-_DNG_VERSION, _UNIQUE_MODEL, _NOISE_PROFILE = 50706, 50708, 51041
+_DNG_VERSION, _UNIQUE_MODEL, _BLACK, _NOISE_PROFILE = 50706, 50708, 50714, 51041
 _SENSOR = (32803, 34892)  # photometric: a mosaic, or linear RAW
 _FLOATS = (3, (3,), (3, 3, 3))  # sample formats
 CAMERA_TAG = "blurmatte:camera"  # of an EXR
@@ -55,6 +52,7 @@ _SRGB_TO_XYZ = np.array(
         [0.0193339, 0.1191920, 0.9503041],
     ]
 )
+_ONE_AT_A_TIME = Lock()  # else the standard error of one thread is restored to another's silence
 _CONVERT = "convert it to DNG (e.g. with Adobe's free DNG Converter) or to 16-bit linear TIFF"
 
 
@@ -88,9 +86,11 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
         if tags.get(_PHOTOMETRIC) in _SENSOR and tags.get(_SAMPLE_FORMAT) in _FLOATS:
             raise FileError(f"{path}: holds floats, not the sensor's numbers; export it as EXR")
     try:
-        with path.open("rb") as file, _silent(), rawpy.imread(file) as raw:
+        with path.open("rb") as file, _silent():
+            raw = rawpy.imread(file)
             check_size(path, (raw.sizes.width, raw.sizes.height), max_pixels)
             raw.unpack()
+        with raw:
             return _developed(path, raw, directories)
     except rawpy.LibRawFileUnsupportedError as error:
         raise FileError(
@@ -120,23 +120,24 @@ def _told(error: Exception) -> str:
 @contextmanager
 def _silent() -> Iterator[None]:
     """LibRaw prints what it then also raises; only the file descriptor can stop it."""
-    try:
-        kept = os.dup(2)
-    except OSError:  # a program without a terminal has none
-        yield
-        return
-    try:
-        with open(os.devnull, "wb") as nowhere:
-            os.dup2(nowhere.fileno(), 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+    with _ONE_AT_A_TIME:
+        try:
+            kept = os.dup(2)
+        except OSError:  # a program without a terminal has none
+            yield
+            return
+        try:
+            with open(os.devnull, "wb") as nowhere:
+                os.dup2(nowhere.fileno(), 2)
+            yield
+        finally:
+            os.dup2(kept, 2)
+            os.close(kept)
 
 
 def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage:
     """Light, validity, noise and facts of an unpacked file."""
-    black, white = _levels(path, raw)
+    black, white = _levels(path, raw, directories)
     if raw.raw_type.name == "Stack":
         light, valid, shares = _of_three(path, raw, directories, black, white)
     else:
@@ -147,9 +148,11 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
     return LinearImage(upright(light, turn), noise, upright(valid, turn), meta)
 
 
-def _levels(path: Path, raw: Any) -> tuple[Floats, float]:
+def _levels(path: Path, raw: Any, directories: Sequence[Tags]) -> tuple[Floats, float]:
     """Black of each color of LibRaw's, and white."""
     black = np.array(raw.black_level_per_channel, dtype=np.float32)
+    told = _black_fractions(raw, directories)
+    black = np.where(np.abs(told - black) < 1, told, black)
     white = float(raw.white_level)
     if not white > black.max():
         raise FileError(
@@ -158,8 +161,19 @@ def _levels(path: Path, raw: Any) -> tuple[Floats, float]:
     return black, white
 
 
+def _black_fractions(raw: Any, directories: Sequence[Tags]) -> Floats:
+    """(4,) black of each color of LibRaw's as a DNG tells it, for LibRaw cuts off fractions; or NaN."""
+    told = np.ravel(np.array(_first(directories, _BLACK) or (), dtype=np.float32))
+    black = np.full(4, np.nan, np.float32)
+    if told.size == 1:
+        black[:] = told
+    elif told.size == 4 and raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):
+        black[raw.raw_colors_visible[:2, :2].ravel()] = told
+    return black
+
+
 def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Floats, Bools, Floats]:
-    """Light of a sensor that sees one color in each pixel; `shares` as in `demosaic`."""
+    """Light of a sensor that sees one color in each pixel; and the shares of its noise."""
     mosaic: Mosaic = raw.raw_image_visible
     if raw.num_colors == 1:
         light = (mosaic - black[0]) / np.float32(white - black[0])
@@ -167,14 +181,14 @@ def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Float
     colors = _pattern(path, raw)
     scale = np.float32(1 / (white - black.max()))  # one for all [DNG 1.4 ch. 5]
     light = mosaic.astype(np.float32)
-    light -= _tiled(black[colors], mosaic.shape)
+    light -= tiled(black[colors], mosaic.shape)
     light *= scale
-    clipped = mosaic >= _tiled(_clipping(raw, white)[colors], mosaic.shape)
+    clipped = mosaic >= tiled(_clipping(raw, white)[colors], mosaic.shape)
     pattern = np.where(colors == 3, 1, colors).astype(np.uint8)  # 3 is green again
-    rgb, shares = demosaic(light, pattern)
+    rgb = demosaic(light, pattern)
     if clipped.any():
         _raise_to_white(rgb, clipped, pattern)
-    return rgb, ~_around(clipped), shares
+    return rgb, ~_around(clipped), variance_shares(pattern)
 
 
 def _of_three(
@@ -212,7 +226,7 @@ def _clipping(raw: Any, white: float) -> Floats:
 def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Pattern) -> None:
     """Mark what a clipped pixel went into as white at least: the mean of it and others is no light."""
     for c in range(3):
-        seen = _tiled(pattern == c, clipped.shape)
+        seen = tiled(pattern == c, clipped.shape)
         spoiled = np.where(seen, clipped, _around(clipped & seen))
         rgb[..., c][spoiled] = np.maximum(rgb[..., c][spoiled], 1)
 
@@ -222,49 +236,6 @@ def _around(pixels: Bools) -> Bools:
     from scipy.ndimage import binary_dilation
 
     return np.asarray(binary_dilation(pixels, np.ones((3, 3))))
-
-
-def demosaic(mosaic: Floats, pattern: Pattern) -> tuple[Floats, Floats]:
-    """Interpolate the colors that each pixel did not see, linearly.
-
-    Parameters
-    ----------
-    mosaic : (H, W) float
-        Light of the one color that each pixel saw.
-    pattern : (h, w) int
-        Which that is, 0 to 2; repeated to the right and downwards. Every 3 x 3 pixels see all three.
-
-    Returns
-    -------
-    rgb : (H, W, 3) float
-    shares : (3,) float
-        Mean variance of a color's pixels, if that of those that saw it is 1. Neighbors err alike, so
-        sums and means over several pixels err more than this tells.
-    """
-    rgb = np.empty((*mosaic.shape, 3), mosaic.dtype)
-    shares = np.empty(3)
-    for c in range(3):
-        tile = (pattern == c).astype(mosaic.dtype)
-        seen = _tiled(tile, mosaic.shape)
-        rgb[..., c] = np.where(seen, mosaic, _spread(mosaic * seen) / _spread(seen))
-        block = np.tile(tile, (3, 3))  # of which the middle knows no border
-        variance = np.where(block, 1, _spread(block, 4) / _spread(block) ** 2)
-        height, width = tile.shape
-        shares[c] = variance[height : 2 * height, width : 2 * width].mean()
-    return rgb, shares
-
-
-def _spread(values: Floats, weight: float = 2) -> Floats:
-    """Sums over 3 x 3: corners count once, those beside the middle `weight` times; 0 beyond."""
-    w = values.dtype.type(weight)
-    x = np.pad(values, 1)
-    x = x[:-2] + w * x[1:-1] + x[2:]
-    return np.asarray(x[:, :-2] + w * x[:, 1:-1] + x[:, 2:])
-
-
-def _tiled(tile: npt.NDArray[Any], shape: tuple[int, ...]) -> npt.NDArray[Any]:
-    counts = [-(-whole // part) for whole, part in zip(shape, tile.shape, strict=True)]
-    return np.tile(tile, counts)[: shape[0], : shape[1]]
 
 
 def _noise(directories: Sequence[Tags], shares: Floats) -> NoiseModel | None:

@@ -7,6 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_light
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
+from blurmatte.radiometry.mosaic import demosaic, tiled
 from blurmatte.rendering.jpeg import CHROMAS, FULL_CHROMA, coarsen_chroma, from_jpeg, to_jpeg
 
 Rng = int | np.random.Generator
@@ -14,6 +15,7 @@ Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 _BITS = (8, 10, 12, 16)
 _NO_NOISE = NoiseModel()
+_BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
 
 
 @dataclass(frozen=True)
@@ -218,19 +220,8 @@ def _rounded(values: Floats, bits: int) -> Codes:
 
 def _demosaic(light: Floats) -> Floats:
     """(H, W, 3): each pixel keeps one channel, and the other two come from its neighbors."""
-    from scipy.ndimage import convolve
-
     if min(light.shape[:2]) < 2:
         height, width = light.shape[:2]
         raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
-    y, x = np.indices(light.shape[:2]) % 2
-    # A channel's weights sum to 1 in every phase of its pattern, and are 1 where it was seen.
-    crossing = np.array([[0, 1, 0], [1, 4, 1], [0, 1, 0]]) / 4
-    spread = np.array([[1, 2, 1], [2, 4, 2], [1, 2, 1]]) / 4
-    patterns = ((x + y == 0, spread), (x != y, crossing), (x + y == 2, spread))
-    # "mirror" repeats no pixel, so beyond the border the pattern goes on as it should.
-    channels = [
-        convolve(light[..., c] * seen, weights, mode="mirror")
-        for c, (seen, weights) in enumerate(patterns)
-    ]
-    return np.stack(channels, axis=-1)
+    seen = tiled(_BAYER, light.shape[:2])[..., None]
+    return demosaic(np.take_along_axis(light, seen, axis=2)[..., 0], _BAYER)
