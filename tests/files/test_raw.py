@@ -464,8 +464,10 @@ def test_the_limit_of_pixels_holds(good):
 
 def test_colors_of_other_sensors_are_refused(tmp_path, make_dng):
     codes = np.full((24, 24), 5000, np.uint16)
-    path = make_dng(tmp_path / "a.dng", codes, ((3, 4), (5, 1)))  # cyan, magenta, yellow, green
-    assert "no square pixels of red, green and blue" in refusal(path)
+    four_of_a_kind = np.repeat(np.repeat(BAYER["RGGB"], 2, axis=0), 2, axis=1)
+    for pattern in (((3, 4), (5, 1)), four_of_a_kind):  # the first: cyan, magenta, yellow, green
+        path = make_dng(tmp_path / "a.dng", codes, pattern)
+        assert "no plain pattern of red, green and blue" in refusal(path)
 
 
 def test_white_must_be_above_black(tmp_path, make_dng):

@@ -30,7 +30,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.raster import MAX_PIXELS, upright
 from blurmatte.files.refusals import check_size
 from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel, light_in_srgb
-from blurmatte.radiometry.mosaic import Pattern, demosaic, tiled, variance_shares
+from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
 
 Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]
@@ -184,7 +184,7 @@ def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Float
     light -= tiled(black[colors], mosaic.shape)
     light *= scale
     clipped = mosaic >= tiled(_clipping(raw, white)[colors], mosaic.shape)
-    pattern = np.where(colors == 3, 1, colors).astype(np.uint8)  # 3 is green again
+    pattern = _with_one_green(colors)
     rgb = demosaic(light, pattern)
     if clipped.any():
         _raise_to_white(rgb, clipped, pattern)
@@ -207,14 +207,24 @@ def _of_three(
 
 def _pattern(path: Path, raw: Any) -> Pattern:
     """The tile of LibRaw's colors, 0 to 3, that the visible mosaic begins with."""
-    period = raw.raw_pattern
-    if period is None or raw.color_desc != b"RGBG" or raw.sizes.pixel_aspect != 1:
-        raise FileError(
-            f"{path}: its sensor has no square pixels of red, green and blue; "
-            "develop it to 16-bit linear TIFF"
-        )
-    height, width = period.shape
-    return np.array(raw.raw_colors_visible[:height, :width])
+    try:
+        period = raw.raw_pattern
+    except NotImplementedError:  # patterns of other periods
+        period = None
+    if period is not None and raw.color_desc == b"RGBG" and raw.sizes.pixel_aspect == 1:
+        height, width = period.shape
+        colors = np.array(raw.raw_colors_visible[:height, :width])
+        if sees_all_colors(_with_one_green(colors)):
+            return colors
+    raise FileError(
+        f"{path}: its pixels form no plain pattern of red, green and blue; "
+        "develop it to 16-bit linear TIFF"
+    )
+
+
+def _with_one_green(colors: Pattern) -> Pattern:
+    """LibRaw tells the greens beside blue, 3, from those beside red."""
+    return np.where(colors == 3, 1, colors)
 
 
 def _clipping(raw: Any, white: float) -> Floats:

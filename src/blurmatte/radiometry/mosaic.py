@@ -41,6 +41,12 @@ def demosaic(mosaic: Floats, pattern: Pattern) -> Floats:
     return rgb
 
 
+def sees_all_colors(pattern: Pattern) -> bool:
+    """Whether there are all three colors among any 3 x 3 pixels."""
+    seen = (np.tile(pattern == c, (3, 3)).astype(float) for c in range(3))
+    return all(bool(_spread(color).min() > 0) for color in seen)
+
+
 def variance_shares(pattern: Pattern) -> npt.NDArray[np.float64]:
     """(3,) mean noise variance of a color after `demosaic`, if that of a pixel that saw it is 1.
 
