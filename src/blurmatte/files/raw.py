@@ -11,13 +11,12 @@ interpolation is the same, but it cuts off below black, which makes dark light b
 and rounds.
 """
 
-import json
 import math
 import os
+import struct
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -29,7 +28,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.errors import FileError
 from blurmatte.files.raster import MAX_PIXELS, upright
 from blurmatte.files.refusals import check_size
-from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel, light_in_srgb
+from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
 
 Mosaic = npt.NDArray[np.uint16]
@@ -37,10 +36,12 @@ Tags = Mapping[int, Any]
 
 _PHOTOMETRIC, _MAKE, _MODEL, _SUB_FILES, _SAMPLE_FORMAT = 262, 271, 272, 330, 339
 _DNG_VERSION, _UNIQUE_MODEL, _BLACK, _NOISE_PROFILE = 50706, 50708, 50714, 51041
+_WANTED = (
+    *(_PHOTOMETRIC, _MAKE, _MODEL, _SAMPLE_FORMAT),
+    *(_DNG_VERSION, _UNIQUE_MODEL, _BLACK, _NOISE_PROFILE),
+)
 _SENSOR = (32803, 34892)  # photometric: a mosaic, or linear RAW
 _FLOATS = (3, (3,), (3, 3, 3))  # sample formats
-CAMERA_TAG = "blurmatte:camera"  # of an EXR
-_KEPT = ("camera", "white_balance", "to_srgb")
 _MOST_DIRECTORIES = 16  # a RAW and its previews; more are a damaged file
 # LibRaw's flip is a sum: 1 mirrored, 2 upside down, 4 rows and columns swapped. What EXIF calls it:
 _ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
@@ -142,7 +143,7 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
         light, valid, shares = _of_three(path, raw, directories, black, white)
     else:
         light, valid, shares = _of_mosaic(path, raw, black, white)
-    turn = _ORIENTATION[raw.sizes.flip]
+    turn = _ORIENTATION[raw.sizes.flip & 7]
     noise = _noise(directories, shares)
     meta = _meta(path, raw, directories, round(white - black.max()) + 1)
     return LinearImage(upright(light, turn), noise, upright(valid, turn), meta)
@@ -183,7 +184,7 @@ def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Float
     light = mosaic.astype(np.float32)
     light -= tiled(black[colors], mosaic.shape)
     light *= scale
-    clipped = mosaic >= tiled(_clipping(raw, white)[colors], mosaic.shape)
+    clipped = mosaic >= tiled(_clipping(raw, black, white)[colors], mosaic.shape)
     pattern = _with_one_green(colors)
     rgb = demosaic(light, pattern)
     if clipped.any():
@@ -227,10 +228,10 @@ def _with_one_green(colors: Pattern) -> Pattern:
     return np.where(colors == 3, 1, colors)
 
 
-def _clipping(raw: Any, white: float) -> Floats:
+def _clipping(raw: Any, black: Floats, white: float) -> Floats:
     """(4,) code values from which on a color is saturated: the camera's own word, or white."""
     told = np.array(raw.camera_white_level_per_channel or (0,) * 4, dtype=float)
-    return np.where(told > 0, np.minimum(told, white), white)
+    return np.where(told > black, np.minimum(told, white), white)
 
 
 def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Pattern) -> None:
@@ -299,7 +300,7 @@ def _to_srgb(raw: Any, balance: tuple[float, float, float] | None) -> Matrix3 | 
     if not matrix.any() and from_xyz.any():
         of_srgb = from_xyz @ _SRGB_TO_XYZ
         matrix = np.linalg.inv(of_srgb / of_srgb.sum(axis=1, keepdims=True))
-    if not matrix.any():
+    if not (matrix.any() and np.isfinite(matrix).all()):
         matrix = np.eye(3)
     red, green, blue = (matrix * np.array(balance or (1, 1, 1))).T.tolist()
     return tuple(zip(red, green, blue, strict=True))
@@ -324,10 +325,10 @@ def _directories(path: Path) -> list[Tags]:
                 directory = ImageFileDirectory_v2(head)
                 file.seek(places.pop(0))
                 directory.load(file)
-                found.append(dict(directory))
+                found.append({tag: directory[tag] for tag in _WANTED if tag in directory})
                 below = directory.get(_SUB_FILES, ())
                 places += below if isinstance(below, tuple) else (below,)
-    except (OSError, SyntaxError, ValueError, TypeError, KeyError, OverflowError):
+    except (OSError, SyntaxError, ValueError, TypeError, KeyError, OverflowError, struct.error):
         return found  # what is damaged, LibRaw will tell
     return found
 
@@ -335,42 +336,3 @@ def _directories(path: Path) -> list[Tags]:
 def _first(directories: Sequence[Tags], tag: int) -> Any:
     """The value of a tag where it comes first; None if it is nowhere."""
     return next((tags[tag] for tags in directories if tag in tags), None)
-
-
-def camera_header(meta: Meta) -> dict[str, str]:
-    """What an EXR says of the camera beside its picture in sRGB; nothing if there was none.
-
-    A plate made of RAW files is a file of its own, and goes with RAW images only in their colors.
-    """
-    if meta.to_srgb is None:
-        return {}
-    fields = {name: getattr(meta, name) for name in _KEPT}
-    return {CAMERA_TAG: json.dumps(fields)}
-
-
-def in_camera_colors(image: LinearImage, header: str) -> LinearImage:
-    """The sRGB picture of an EXR as the camera saw it, to the rounding of its floats.
-
-    Raises
-    ------
-    FileError
-        If the header is not what `camera_header` wrote.
-    """
-    try:
-        fields = json.loads(header)
-        camera, balance = str(fields["camera"]), fields["white_balance"]
-        to_srgb = np.array(fields["to_srgb"], dtype=float).reshape(3, 3)
-        from_srgb = np.linalg.inv(to_srgb).tolist()
-    except (KeyError, TypeError, ValueError) as error:
-        raise FileError(
-            f"{image.meta.source}: another program has changed its header; "
-            "give the EXR as blurmatte.write made it"
-        ) from error
-    meta = replace(
-        image.meta,
-        color_space="camera",
-        camera=camera,
-        white_balance=None if balance is None else tuple(balance),
-        to_srgb=tuple(map(tuple, to_srgb.tolist())),
-    )
-    return replace(image, rgb=light_in_srgb(image.rgb, from_srgb), meta=meta)

@@ -12,10 +12,11 @@ import numpy as np
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import FileError
+from blurmatte.files.camera import CAMERA_TAG, in_camera_colors
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.icc import Profile
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
-from blurmatte.files.raw import CAMERA_TAG, in_camera_colors, read_raw
+from blurmatte.files.raw import read_raw
 from blurmatte.files.refusals import RAW, kind_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LINEAR, LinearImage, Meta, Transfer, decode
@@ -68,7 +69,7 @@ def read(
         valid &= raster.alpha >= 1
     image = replace(image, valid=valid, meta=_meta(raster, encoding))
     header = raster.tags.get(CAMERA_TAG)
-    return image if header is None else in_camera_colors(image, str(header))
+    return image if header is None else in_camera_colors(path, image, str(header))
 
 
 def read_layer(

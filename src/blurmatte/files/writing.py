@@ -18,9 +18,9 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
+from blurmatte.files.camera import camera_header
 from blurmatte.files.models import mapping_to_json, model_to_json
 from blurmatte.files.pixels import save_jpeg, save_pixels
-from blurmatte.files.raw import camera_header
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
