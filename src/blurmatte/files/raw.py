@@ -153,7 +153,7 @@ def _levels(path: Path, raw: Any, directories: Sequence[Tags]) -> tuple[Floats, 
     """Black of each color of LibRaw's, and white."""
     black = np.array(raw.black_level_per_channel, dtype=np.float32)
     told = _black_fractions(raw, directories)
-    black = np.where(np.abs(told - black) < 1, told, black)
+    black = np.where(np.abs(told - black) < 1, told, black).astype(np.float32)
     white = float(raw.white_level)
     if not white > black.max():
         raise FileError(
@@ -164,7 +164,7 @@ def _levels(path: Path, raw: Any, directories: Sequence[Tags]) -> tuple[Floats, 
 
 def _black_fractions(raw: Any, directories: Sequence[Tags]) -> Floats:
     """(4,) black of each color of LibRaw's as a DNG tells it, for LibRaw cuts off fractions; or NaN."""
-    told = np.ravel(np.array(_first(directories, _BLACK) or (), dtype=np.float32))
+    told = _numbers(directories, _BLACK)
     black = np.full(4, np.nan, np.float32)
     if told.size == 1:
         black[:] = told
@@ -251,7 +251,7 @@ def _around(pixels: Bools) -> Bools:
 
 def _noise(directories: Sequence[Tags], shares: Floats) -> NoiseModel | None:
     """Of a DNG's NoiseProfile: variance S · light + O of what was seen [DNG 1.4, tag 51041]."""
-    profile = np.array(_first(directories, _NOISE_PROFILE) or (), dtype=float)
+    profile = _numbers(directories, _NOISE_PROFILE)
     if profile.size not in (2, 6) or not (np.isfinite(profile) & (profile >= 0)).all():
         return None
     S, O = (np.broadcast_to(column, 3) * shares for column in profile.reshape(-1, 2).T)
@@ -331,6 +331,14 @@ def _directories(path: Path) -> list[Tags]:
     except (OSError, SyntaxError, ValueError, TypeError, KeyError, OverflowError, struct.error):
         return found  # what is damaged, LibRaw will tell
     return found
+
+
+def _numbers(directories: Sequence[Tags], tag: int) -> npt.NDArray[np.float64]:
+    """(n,) the numbers of a tag; none if it is nowhere, or damaged."""
+    try:
+        return np.ravel(np.array(_first(directories, tag) or (), dtype=float))
+    except (TypeError, ValueError):
+        return np.zeros(0)
 
 
 def _first(directories: Sequence[Tags], tag: int) -> Any:
