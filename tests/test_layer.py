@@ -74,3 +74,13 @@ def test_door(alpha, premultiplied, error, words):
 def test_sizes_that_differ(layer):
     with pytest.raises(ValueError, match="the layer is 3x1 pixels and the background 2x2"):
         layer.over(LinearImage(np.ones((2, 2, 3))))
+
+
+def test_a_background_of_a_camera_is_seen_as_srgb(layer):
+    """Exact: else the object would be put before colors of another kind."""
+    to_srgb = ((2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 1.5))
+    meta = Meta(color_space="camera", to_srgb=to_srgb)
+    image = layer.over(LinearImage(np.array([[[0.1, 0.2, 0.3]] * 3]), meta=meta))
+    assert_allclose(image.rgb[0, 0], [0.2, 0.2, 0.55])
+    assert_allclose(image.rgb[0, 2], [0.8, 0.4, 0.2])
+    assert image.meta.color_space == "sRGB"

@@ -225,3 +225,28 @@ def test_nothing_else_is_possible_than_what_was_given():
 def test_no_possible_color_has_negative_light():
     red = ColorModel(np.eye(3)[:, :1], np.diag([0, 0.01, 0.01]))
     assert min(other.basis.min() for other in red.possible) >= 0
+
+
+TO_SRGB = ((3.2, -0.6, -0.1), (-0.4, 1.6, -0.6), (0.1, -0.5, 1.75))
+
+
+def test_a_hex_color_looks_the_same_to_a_camera():
+    """Exact: into the colors of the camera, and shown as before."""
+    model = ColorModel.from_hex("#d8903c", to_srgb=TO_SRGB)
+    assert_allclose(
+        model.srgb[0], SRGB.decode(np.array([0xD8, 0x90, 0x3C]) / 255) / SRGB.decode(0xD8 / 255)
+    )
+    light = np.linalg.solve(TO_SRGB, SRGB.decode(np.array([0xD8, 0x90, 0x3C]) / 255))
+    assert_allclose(model.pole, unit(light), atol=1e-12)
+
+
+def test_what_else_is_possible_is_shown_alike():
+    basis = unit(np.array([0.8, 1.0, 0.4]))[:, None]
+    model = ColorModel(basis, 1e-4 * np.eye(3), {}, TO_SRGB)
+    assert all(other.to_srgb == TO_SRGB for other in model.possible)
+
+
+def test_a_matrix_of_another_size_is_refused():
+    """Door."""
+    with pytest.raises(ValueError, match="to_srgb must be 3 x 3"):
+        ColorModel(np.eye(3), to_srgb=((1, 0), (0, 1)))
