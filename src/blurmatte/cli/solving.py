@@ -20,6 +20,7 @@ from blurmatte.cli.options import (
     Mask,
     MaxBrightness,
     MaxPixels,
+    NoiseFile,
     Plate,
     Rank,
     Region,
@@ -45,6 +46,7 @@ def solve(
     region: Region = None,
     mask: Mask = None,
     transfer: TransferName = None,
+    noise: NoiseFile = None,
     max_brightness: MaxBrightness = None,
     solver: SolverName = "auto",
     smoothness: Smoothness = None,
@@ -56,7 +58,7 @@ def solve(
     the folder; for several images, each into a folder of its own in there.
     """
     way = _solver(solver, smoothness)
-    files = _settled(Files(transfer, max_pixels), places(images, out)[0][0], plate)
+    files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
     task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     failed = 0
@@ -92,11 +94,12 @@ def color(
     region: Region = None,
     mask: Mask = None,
     transfer: TransferName = None,
+    noise: NoiseFile = None,
     max_brightness: MaxBrightness = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
-    files = _settled(Files(transfer, max_pixels), image, plate)
+    files = _settled(_files(transfer, max_pixels, noise), image, plate)
     B, _ = files.read(plate)
     task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     with about(image) as said:
@@ -106,6 +109,10 @@ def color(
         if out is not None:
             bm.write(out, model)
     say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
+
+
+def _files(transfer: str | None, max_pixels: int, noise: Path | None) -> Files:
+    return Files(transfer, max_pixels, None if noise is None else bm.read_noise(noise))
 
 
 def _settled(files: Files, image: Path, plate: Path) -> Files:
