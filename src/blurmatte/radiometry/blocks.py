@@ -29,10 +29,10 @@ def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
     h, w = (side // size * size for side in use.shape)
 
     def sums(x: Floats) -> npt.NDArray[np.float64]:
-        parts = x[:h, :w].reshape(h // size, size, w // size, size, -1)
+        parts = x[:h, :w].reshape(h // size, size, w // size, size, *x.shape[2:])
         return np.asarray(parts.sum(axis=(1, 3)))
 
-    count = sums(use.astype(float))[..., 0]
+    count = sums(use.astype(float))
     full = count > size**2 / 2
     squares: npt.NDArray[np.float64] = sums(np.where(use[..., None], e, 0))[full] ** 2
     return squares / count[full][:, None]

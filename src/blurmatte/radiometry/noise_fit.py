@@ -23,6 +23,7 @@ Levels = tuple[Array, ...]
 
 _ROUNDS = 8  # of the fit, until its weights are those of its own variances
 _ODD = 3.0  # standard deviations from the curve, from where on a level counts less
+_SEEN = 2.0  # standard deviations; else no part of the noise is taken for a fraction of the light
 _OPEN = 0.3  # of itself: a gain or read noise that is less sure than that is not known
 _FINEST, _COARSEST = 0.02, 3.0  # steps: noise in between is told from its rounding by a table
 
@@ -127,30 +128,38 @@ def fit_sensor(x: Array, y: Array, spread: Array, rounding: Array) -> tuple[Arra
     coefficients : (3,) float
         Not negative.
     covariance : (3, 3) float
-        As the levels scatter, at least as `spread` says. No coefficient errs by more than it would
-        have to be to make all of the variance.
+        As the levels scatter, at least as `spread` says, with that of light² open even where none is
+        seen. No coefficient errs by more than it would have to be to make all of the variance.
     y_std : (K,) float
         Standard deviation of y.
     """
-    from scipy.optimize import nnls
-
     A = np.stack([x**0, x, x**2], axis=1)
-    theta, trust = np.zeros(3), np.ones(len(x))
-    y_std = spread * np.maximum(y + rounding, 1e-30)
-    for _ in range(_ROUNDS):
-        weight = np.sqrt(trust) / y_std
-        theta, _ = nnls(A * weight[:, None], y * weight)
-        y_std = spread * np.maximum(A @ theta + rounding, 1e-30)
-        z = np.abs(y - A @ theta) / y_std
-        usual = max(1.4826 * float(np.median(z)), 1.0)
-        trust = 1 / (1 + (z / (_ODD * usual)) ** 2)
-    scatter = np.sum(trust * z**2) / max(len(x) - 3, 1)
-    weight = trust / y_std**2 / max(float(scatter), 1.0)
+    theta, weight, y_std = _weighted(A, y, spread, rounding)
     most = np.min((y + y_std)[:, None] / np.maximum(A, 1e-30), axis=0, initial=np.inf, where=A > 0)
     unit = np.maximum(most, 1e-30)
     information = (A * unit).T @ ((A * unit) * weight[:, None]) + np.eye(3)
     covariance = np.linalg.inv(information) * np.outer(unit, unit)
+    if theta[2] < _SEEN * np.sqrt(covariance[2, 2]):
+        theta, _, y_std = _weighted(A[:, :2], y, spread, rounding)
+        theta = np.append(theta, 0.0)
     return theta, covariance, y_std
+
+
+def _weighted(A: Array, y: Array, spread: Array, rounding: Array) -> tuple[Array, Array, Array]:
+    """θ, weights of the levels, and standard deviations of y; levels off the curve count less."""
+    from scipy.optimize import nnls
+
+    theta, trust = np.zeros(A.shape[1]), np.ones(len(y))
+    y_std = spread * np.maximum(y + rounding, 1e-30)
+    for _ in range(_ROUNDS):
+        root = np.sqrt(trust) / y_std
+        theta, _ = nnls(A * root[:, None], y * root)
+        y_std = spread * np.maximum(A @ theta + rounding, 1e-30)
+        z = np.abs(y - A @ theta) / y_std
+        usual = max(1.4826 * float(np.median(z)), 1.0)
+        trust = 1 / (1 + (z / (_ODD * usual)) ** 2)
+    scatter = float(np.sum(trust * z**2)) / max(len(y) - A.shape[1], 1)
+    return theta, trust / y_std**2 / max(scatter, 1.0), y_std
 
 
 def without_rounding(y: Array, step2: Array, repeated: bool) -> Array:

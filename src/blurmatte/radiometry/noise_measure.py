@@ -31,6 +31,7 @@ _CLEARLY = 5.0  # standard deviations of a patch's mean
 _MOST_CHANGED = 0.5  # of the pixels
 _ODD = 2.0  # times the curve: so much is typical of no level of light
 _NEAR_END = 3.0  # standard deviations: so near to black or white, noise is cut off
+_NO_NOISE = 1e-14  # light squared, what rounding of 32-bit floats makes
 _NOTHING = 1e-20  # light squared, or a share: lest zero is divided by
 _AROUND = 5  # pixels over which the light is averaged that noise depends on
 
@@ -39,7 +40,7 @@ def measure_noise(frames: Iterable[LinearImage], still: Bools | None = None) -> 
     """Measure a camera's noise from frames of a still scene, taken alike.
 
     Each frame is compared with the one before, so that light which slowly changes does no harm; nor
-    does what changes all pixels of like light alike. Pixels that are clipped in any frame are left
+    does light that flickers. Pixels that are clipped in any frame are left
     out, and those where something moved. No more than two frames are in memory at a time.
 
     Parameters
@@ -162,7 +163,7 @@ def _fitted(sample: Sample) -> tuple[NoiseFit, Array, Bools]:
 def _believed(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
     """(H, W, 3) typical variances, which pixels to believe, and which share had changed."""
     typical = np.stack([_typical(light[..., c], sample, c) for c in range(3)], axis=-1)
-    if not all(typical[..., c][sample.use[..., c]].any() for c in range(3)):
+    if not all((typical[..., c] > _NO_NOISE)[sample.use[..., c]].any() for c in range(3)):
         raise NoiseError(
             "there is no noise: the pictures are copies of one, or of even areas without any noise; "
             "give pictures as the camera took them"

@@ -24,11 +24,12 @@ _MOST_PIXELS = 4e6  # of larger pictures, every so many bands of rows are looked
 _BAND = 32  # rows: whole blocks, whatever their size
 _LEAST = 256  # pixels: they tell a variance to a tenth
 _LEVELS = 24  # of light at most: what depends on light does so smoothly
-_EACH = 500  # pixels at least, to tell a drift at some level of light
+_EACH, _ENOUGH = 500, 60_000  # pixels to tell a drift at some level of light, and at all of them
 _AROUND = 5  # pixels over which light is averaged to sort by it
 _FLICKER = 0.2  # of the light: exposures that differ by more are not alike
 _TILE = 32  # pixels over which the light of an even region is a parabola
 _GRID = 4  # tiles a side in which a shift is looked for
+_BY_CHANCE = 30  # over the number of pixels: the part of a change that a chance shift explains
 _SHIFTED = 0.02  # of the variance: a shift of the camera that makes more of it spoils the answer
 
 
@@ -184,18 +185,21 @@ def _step(picture: LinearImage, light: Array) -> Array:
 
 
 def _without_drift(change: Light, light: Light, use: Bools, number: int) -> Light:
-    """Change less what all pixels of like light have in common: lamps flicker, exposures vary.
+    """Change less what all pixels have in common: lamps flicker, exposures vary.
 
-    Pixels are sorted by the light around them: their own has its noise in common with the change.
+    It is a straight line in light, found in spite of what moves, most of which has some light of its
+    own. Pixels are sorted by the light around them: their own has its noise in common with the change.
     """
     from scipy.ndimage import uniform_filter
+    from scipy.stats import siegelslopes
 
     around = uniform_filter(light, (_AROUND, _AROUND, 1))
     rest = change.copy()
     for c in range(3):
-        some = use[..., c]
-        x, d = light[..., c][some], change[..., c][some]
-        parts = parts_by_light(around[..., c][some], _EACH)
+        some = np.flatnonzero(use[..., c])
+        some = some[:: max(len(some) // _ENOUGH, 1)]
+        x, d, sorted_by = (a[..., c].ravel()[some] for a in (light, change, around))
+        parts = parts_by_light(sorted_by, _EACH)
         at, drift = (np.array([np.median(a[part]) for part in parts]) for a in (x, d))
         noise = 4 * float(np.median(np.abs(d[parts[-1]] - drift[-1])))
         if abs(drift[-1]) > max(_FLICKER * at[-1], noise):
@@ -203,8 +207,8 @@ def _without_drift(change: Light, light: Light, use: Bools, number: int) -> Ligh
                 f"frame {number} is brighter than the one before by {drift[-1] / at[-1]:.0%}; frames "
                 "must be taken alike, with the same exposure"
             )
-        rising = np.argsort(at)
-        rest[..., c] -= np.interp(light[..., c], at[rising], drift[rising]).astype(np.float32)
+        slope, offset = siegelslopes(drift, at) if len(at) > 2 else (0.0, float(np.median(drift)))
+        rest[..., c] -= np.float32(offset) + np.float32(slope) * light[..., c]
     return rest
 
 
@@ -231,8 +235,8 @@ def _shift(light: Light, change: Light, use: Bools) -> tuple[float, float]:
     if np.linalg.det(told[-1][0]) <= 0:
         return 0.0, 0.0
     s = np.median([np.linalg.solve(A, b) for A, b in told], axis=0)
-    explained = s @ np.sum([A for A, _ in tiles], axis=0) @ s
-    return float(np.linalg.norm(s)), float(explained / max(np.sum(d**2), 1e-30))
+    explained = s @ np.sum([A for A, _ in tiles], axis=0) @ s / max(np.sum(d**2), 1e-30)
+    return float(np.linalg.norm(s)), float(explained) - _BY_CHANCE / np.count_nonzero(inside)
 
 
 def _require_still(shifted: list[tuple[float, float]]) -> None:
