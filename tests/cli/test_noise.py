@@ -130,6 +130,15 @@ def test_color_does_too(scene, monkeypatch):
     assert given == [NOISE, NOISE]
 
 
+def test_info_tells_the_noise_of_a_file(scene):
+    """Exact; and that of a model stays what it was."""
+    said = run("info", scene / "noise.json").stdout.splitlines()
+    assert said[0].startswith("NoiseModel(std ")
+    assert said[1] == "gain: 0.0002, 0.0001, 0.0004"
+    assert said[2] == "read noise: 0.002, 0.0015, 0.003"
+    assert "rank 1" in run("info", scene / "model.json").stdout
+
+
 def test_what_is_no_noise_is_refused(scene, tmp_path):
     """Door."""
     result = run("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path,

@@ -202,10 +202,10 @@ def _without_drift(change: Light, light: Light, use: Bools, number: int) -> Ligh
         parts = parts_by_light(sorted_by, _EACH)
         at, drift = (np.array([np.median(a[part]) for part in parts]) for a in (x, d))
         noise = 4 * float(np.median(np.abs(d[parts[-1]] - drift[-1])))
-        if abs(drift[-1]) > max(_FLICKER * at[-1], noise):
+        if at[-1] > 0 and abs(drift[-1]) > max(_FLICKER * at[-1], noise):
             raise NoiseError(
-                f"frame {number} is brighter than the one before by {drift[-1] / at[-1]:.0%}; frames "
-                "must be taken alike, with the same exposure"
+                f"the brightness of frame {number} differs from the one before by "
+                f"{drift[-1] / at[-1]:+.0%}; frames must be taken alike, with the same exposure"
             )
         slope, offset = siegelslopes(drift, at) if len(at) > 2 else (0.0, float(np.median(drift)))
         rest[..., c] -= np.float32(offset) + np.float32(slope) * light[..., c]
@@ -231,10 +231,11 @@ def _shift(light: Light, change: Light, use: Bools) -> tuple[float, float]:
         for band, lit in zip(np.array_split(d, _GRID), np.array_split(g, _GRID), strict=True)
         for p, q in zip(np.array_split(band, _GRID, 1), np.array_split(lit, _GRID, 1), strict=True)
     ]
-    told = sorted(tiles, key=lambda tile: -np.linalg.det(tile[0]))[: _GRID**2 // 2]
-    if np.linalg.det(told[-1][0]) <= 0:
+    told = sorted(((float(np.linalg.det(A)), A, b) for A, b in tiles), key=lambda tile: -tile[0])
+    told = [tile for tile in told if tile[0] > 0]
+    if not told:
         return 0.0, 0.0
-    s = np.median([np.linalg.solve(A, b) for A, b in told], axis=0)
+    s = np.median([np.linalg.solve(A, b) for _, A, b in told[: len(told) // 2 + 1]], axis=0)
     explained = s @ np.sum([A for A, _ in tiles], axis=0) @ s / max(np.sum(d**2), 1e-30)
     return float(np.linalg.norm(s)), float(explained) - _BY_CHANCE / np.count_nonzero(inside)
 
