@@ -48,6 +48,17 @@ def test_frames(folder, tmp_path):
         assert picture.size == (880, 605)
 
 
+def test_a_guess_is_told_once(folder, tmp_path):
+    """Door: not for every frame."""
+    for seed in range(3):
+        with Image.open(folder / f"f{seed}.png") as picture:
+            picture.convert("RGB").save(tmp_path / f"e{seed}.png")
+    result = run("calibrate", "noise", tmp_path / "e*.png")
+    assert result.exit_code == 0, result.stderr
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: warning: ")
+
+
 @pytest.mark.parametrize("way", [("--plate", "f1.png"), ("--region", "10,10,150,110")])
 def test_one_picture(folder, way):
     """Oracle: electrons of white, from one picture and something else."""

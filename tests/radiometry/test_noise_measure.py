@@ -91,7 +91,7 @@ def test_all_of_the_noise_of_a_file_is_told():
 def test_errors_are_honest(kind, noise):
     """Honest: over seeds. Where no noise is a fraction of light, errors leave open that some is."""
     scores = []
-    for seed in range(12):
+    for seed in range(8):
         pictures = frames(SMALL, 2, noise, seed)
         match kind:
             case "frames":

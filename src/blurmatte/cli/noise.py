@@ -1,5 +1,7 @@
 """The command that measures the noise of a camera: calibrate noise."""
 
+from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
@@ -56,13 +58,15 @@ def _measured(
 ) -> bm.NoiseFit:
     if plate is not None and len(paths) > 1:
         raise ValueError(f"--plate is for one picture, got {len(paths)}; frames need none")
-    first, _ = files.read(paths[0])
+    first, guessed = files.read(paths[0])
+    if guessed and first.meta.transfer is not None:  # one warning will do
+        files = replace(files, transfer=first.meta.transfer.name)
     inside = None if region is None else _inside(region, first)
     if plate is not None:
         return bm.measure_noise_against(first, files.read(plate)[0], inside)
     if len(paths) > 1:
-        frames = (files.read(path)[0] for path in paths)
-        return bm.measure_noise(frames, inside)
+        others = (files.read(path)[0] for path in paths[1:])
+        return bm.measure_noise(chain([first], others), inside)
     if inside is None:
         raise ValueError(
             "one picture does not tell noise from scene: give several frames of a still scene, or "

@@ -40,8 +40,8 @@ def measure_noise(frames: Iterable[LinearImage], still: Bools | None = None) -> 
     """Measure a camera's noise from frames of a still scene, taken alike.
 
     Each frame is compared with the one before, so that light which slowly changes does no harm; nor
-    does light that flickers. Pixels that are clipped in any frame are left
-    out, and those where something moved. No more than two frames are in memory at a time.
+    does light that flickers. Pixels that are clipped in any frame are left out, and those where
+    something moved. No more than two frames are in memory at a time.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ Array = npt.NDArray[np.float64]
 Light = npt.NDArray[np.float32]
 Rows = npt.NDArray[np.intp] | slice
 
-_MOST_PIXELS = 4e6  # of larger pictures, every so many bands of rows are looked at
+_MOST_PIXELS = 1e6  # of larger pictures, every so many bands of rows are looked at
 _BAND = 32  # rows: whole blocks, whatever their size
 _LEAST = 256  # pixels: they tell a variance to a tenth
 _LEVELS = 24  # of light at most: what depends on light does so smoothly
