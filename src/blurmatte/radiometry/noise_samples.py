@@ -4,7 +4,7 @@ In this file e is (H, W, 3) noise, light, whose variance is that of a pixel; v i
 of such squares. v is distributed about as σ² χ²_ν / ν, ν being `freedom`.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -78,40 +78,44 @@ def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sampl
     if still is not None:
         check_map("still", still, first.valid.shape, kinds="b")
     use = _unclipped(first, rows) & (True if still is None else still[rows][..., None])
-    previous = _light(first, rows)
-    total, squares = previous.copy(), np.zeros_like(previous)
-    shifted, count = [], 1
-    for count, frame in enumerate(several, start=2):
-        check_same_size("frame 1", first.size, f"frame {count}", frame.size)
-        use &= _unclipped(frame, rows)
-        require_pixels(use)
-        light = _light(frame, rows)
-        middle = np.asarray((light + previous) / 2, np.float32)
-        change = _without_drift(light - previous, middle, use, count)
-        shifted.append(_shift(middle, change, use))
+    total = _light(first, rows).copy()
+    squares, change, shifted = np.zeros_like(total), np.zeros_like(total), []
+    for light, change, shift in _changes(first, several, rows, use):
         total += light
         squares += change**2
-        previous = light
-    if count == 1:
+        shifted.append(shift)
+    pairs = len(shifted)
+    if pairs == 0:
         raise ValueError(
             "frames must be two or more pictures of a still scene, got one; of one picture, measure "
             "the noise of an even region"
         )
     _require_still(shifted)
-    pairs = count - 1
-    mean = np.asarray(total, float) / count
-    return Sample(
-        mean,
-        np.asarray(squares, float) / (2 * pairs),
-        np.asarray(change, float) / np.sqrt(2),
-        use,
-        # Neighbors among the differences share a frame: E[d_t d_t+1] = -σ².
-        2 * pairs**2 / (3 * pairs - 1),
-        count,
-        True,
-        _step(first, mean),
-        rounding_noise(first),
-    )
+    mean = np.asarray(total, float) / (pairs + 1)
+    v, e = np.asarray(squares, float) / (2 * pairs), np.asarray(change, float) / np.sqrt(2)
+    # Neighbors among the differences share a frame: E[d_t d_t+1] = -σ².
+    freedom = 2 * pairs**2 / (3 * pairs - 1)
+    step, rounding = _step(first, mean), rounding_noise(first)
+    return Sample(mean, v, e, use, freedom, pairs + 1, True, step, rounding)
+
+
+def _changes(
+    first: LinearImage, several: Iterable[LinearImage], rows: Rows, use: Bools
+) -> Iterator[tuple[Light, Light, tuple[float, float]]]:
+    """Light of each frame, what changed since the one before, and by how far it is shifted.
+
+    `use`, (h, w, 3), becomes what is unclipped in all frames.
+    """
+    previous = _light(first, rows)
+    for number, frame in enumerate(several, start=2):
+        check_same_size("frame 1", first.size, f"frame {number}", frame.size)
+        use &= _unclipped(frame, rows)
+        require_pixels(use)
+        light = _light(frame, rows)
+        middle = np.asarray((light + previous) / 2, np.float32)
+        change = _without_drift(light - previous, middle, use, number)
+        yield light, change, _shift(middle, change, use)
+        previous = light
 
 
 def noise_within(picture: LinearImage, region: Bools) -> Sample:
