@@ -39,6 +39,9 @@ def pictures(tmp_path_factory):
     )
     bm.write(folder / "throw.png", throw)
     bm.write(folder / "empty_room.png", empty_room)
+    for k in range(8):
+        still = bm.Camera(NOISE, bits=16).photograph(truth.plate.rgb, 2 + k)
+        bm.write(folder / f"still_{k}.png", still)
     bm.write(folder / "beach.jpg", bm.LinearImage(np.full((90, 160, 3), [0.2, 0.4, 0.7])))
     np.save(folder / "throw.npy", throw.rgb)
     codes = np.rint(65535 * bm.SRGB.encode(empty_room.rgb)).astype(np.uint16)

@@ -8,10 +8,11 @@ import numpy as np
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
-from blurmatte.radiometry import NoiseModel
+from blurmatte.radiometry import BLOCKS, NoiseFit, NoiseModel
 
 _MEDIUM_LIGHT = np.full(3, 0.2)
 _OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
+_APART = 1.5  # coherence of noise: chance makes less, in pictures that are not small
 _EVIDENCE = {
     "hue variation": "the hues of the plate behind the streak alone",
     "shape": "the shape of the streak and the hues together",
@@ -38,12 +39,12 @@ _REMEDY = {
 }
 
 
-def explain(thing: ColorModel | Solution) -> list[str]:
-    """Sentences about a color model or a solution, for people who do not know the words.
+def explain(thing: ColorModel | Solution | NoiseFit) -> list[str]:
+    """Sentences about colors, a solution or noise, for people who do not know the words.
 
     Parameters
     ----------
-    thing : ColorModel or Solution
+    thing : ColorModel, Solution or NoiseFit
 
     Returns
     -------
@@ -72,7 +73,11 @@ def explain(thing: ColorModel | Solution) -> list[str]:
             *_flags(thing),
             *_others(thing.stats),
         ]
-    raise TypeError(f"can explain a ColorModel or a Solution, got {type(thing).__name__}")
+    if isinstance(thing, NoiseFit):
+        return [*_sensor(thing), *_rounding(thing), *_coherence(thing), *_left_out(thing)]
+    raise TypeError(
+        f"can explain a ColorModel, a Solution or a NoiseFit, got {type(thing).__name__}"
+    )
 
 
 def doubts(solution: Solution) -> list[str]:
@@ -280,3 +285,64 @@ def _others(stats: Mapping[str, Any]) -> list[str]:
     if count == 0:
         return []
     return [f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."]
+
+
+def _sensor(fit: NoiseFit) -> list[str]:
+    """Gain, read noise, and what is a fraction of the light."""
+    sensor, said = fit.sensor, []
+    gain, relative = np.array(sensor.gain), np.array(sensor.relative_std)
+    said.append(f"Gain, light per electron: {_channels(gain, fit.gain_std)}.")
+    if np.all(gain > 3 * fit.gain_std) and np.max(fit.coherence) < _APART:
+        electrons = _channels(1 / gain, fit.gain_std / gain**2)
+        said.append(f"White is {electrons} electrons.")
+    said.append(f"Read noise, 1 is white: {_channels(sensor.read_std, fit.read_std_std)}.")
+    if np.any(relative > 3 * fit.relative_std_std):
+        said.append(f"And this fraction of the light: {_channels(relative, fit.relative_std_std)}.")
+    if not fit.parted:
+        said.append(
+            "The light is too even, or the noise too uncertain, to tell gain from read noise: only "
+            "their sum is known; show dark and bright things."
+        )
+    return said
+
+
+def _rounding(fit: NoiseFit) -> list[str]:
+    if not np.any(fit.rounding.coefficients):
+        return []
+    share = float(np.mean(fit.rounding_share(_MEDIUM_LIGHT[0])))
+    return [f"Rounding to code values makes {share:.2g} of the variance at light 0.2, besides."]
+
+
+def _coherence(fit: NoiseFit) -> list[str]:
+    """How noise hangs together."""
+    if np.max(fit.coherence) < _APART:
+        return ["Every pixel has noise of its own."]
+    ratios = ", ".join(
+        f"{size}x{size}: {ratio:.2g}"
+        for size, ratio in zip(BLOCKS, fit.coherence.mean(axis=0), strict=True)
+    )
+    scale = ", ".join(f"{scale:.1f}" for scale in fit.scale)
+    return [
+        f"Noise hangs together over {scale} px (R, G, B), as compression, demosaicing, texture and "
+        f"movement make it; over blocks it adds up to times its variance: {ratios}."
+    ]
+
+
+def _left_out(fit: NoiseFit) -> list[str]:
+    if fit.changed < 0.001:
+        return []
+    return [f"{fit.changed:.1%} of the pixels changed by more than noise and were left out."]
+
+
+def _channels(values: Any, errors: Any) -> str:
+    """Three numbers with their errors."""
+    return ", ".join(
+        f"{_digits(value, error)} ± {_digits(error, error)}"
+        for value, error in zip(values, errors, strict=True)
+    )
+
+
+def _digits(value: float, error: float) -> str:
+    """As many digits as an error of two digits leaves meaning."""
+    last = 1 - math.floor(math.log10(error)) if error > 0 else 6
+    return f"{round(value, last):.{max(last, 0)}f}"

@@ -1,5 +1,6 @@
 """The command line: one function for each command, a thin skin over the public API."""
 
+from blurmatte.cli import noise as noise
 from blurmatte.cli import pictures as pictures
 from blurmatte.cli import scenes as scenes
 from blurmatte.cli import solving as solving

@@ -16,6 +16,7 @@ class Files:
 
     transfer: str | None
     max_pixels: int
+    noise: bm.NoiseModel | None = None
 
     @property
     def curve(self) -> bm.Transfer | None:
@@ -26,6 +27,8 @@ class Files:
         """The picture, and what there was to warn of (also added to `said`)."""
         with about(path) as notes:
             picture = bm.read(path, self.curve, self.max_pixels)
+        if self.noise is not None and picture.noise is None:
+            picture = picture.with_noise(self.noise)
         if said is not None:
             said += notes
         return picture, notes
@@ -33,7 +36,7 @@ class Files:
 
 def places(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     """Each image and the folder for its results: `out` itself if there is but one."""
-    paths = [path for text in images for path in _expanded(text)]
+    paths = [path for text in images for path in expanded(text)]
     if len(paths) == 1:
         return [(paths[0], out)]
     stems = [path.stem for path in paths]
@@ -43,7 +46,8 @@ def places(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     return [(path, out / path.stem) for path in paths]
 
 
-def _expanded(text: str) -> list[Path]:
+def expanded(text: str) -> list[Path]:
+    """The file of this name, or all that a pattern finds."""
     if Path(text).exists() or not re.search(r"[*?\[]", text):
         return [Path(text)]
     found = sorted(glob(text, recursive=True))

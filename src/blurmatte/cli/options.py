@@ -55,6 +55,16 @@ TransferName = Annotated[
 ]
 
 
+NoiseFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--noise",
+        metavar="FILE.json",
+        help="The camera's noise, as calibrate noise wrote it; else it is measured.",
+    ),
+]
+
+
 MaxBrightness = Annotated[
     float | None,
     typer.Option(help="How bright the object can be at most, linear, 1 = white; helps find it."),

@@ -54,7 +54,8 @@ def compose(
 @told
 def info(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A picture, a layer, a solution or a model.")
+        Path,
+        typer.Argument(metavar="FILE", help="A picture, a layer, a solution, a model or noise."),
     ],
     transfer: TransferName = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
@@ -63,8 +64,7 @@ def info(
     files = Files(transfer, max_pixels)
     with about(file) as said:
         if file.suffix.lower() == ".json":
-            model = bm.read_color_model(file)
-            lines = [in_degrees(model), *bm.explain(model)]
+            lines = _told_by_json(file)
         elif (solution := _solution(file, max_pixels)) is not None:
             facts = (f"{name}: {value}" for name, value in solution.stats.items())
             lines = [str(solution), f"solver: {solution.solver}"]
@@ -74,6 +74,21 @@ def info(
             layer = _layer(file, files.curve, max_pixels)
             lines = list(_facts(file, picture, layer, transfer, guessed=bool(said)))
     say("\n".join(lines))
+
+
+def _told_by_json(path: Path) -> list[str]:
+    try:
+        noise = bm.read_noise(path)
+    except bm.FileError:  # whatever is wrong, reading it as a model will tell
+        model = bm.read_color_model(path)
+        return [in_degrees(model), *bm.explain(model)]
+    rows = (
+        ("gain", noise.gain),
+        ("read noise", noise.read_std),
+        ("of the light", noise.relative_std),
+    )
+    said = (f"{name}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}" for name, row in rows)
+    return [str(noise), *said]
 
 
 def _solution(path: Path, max_pixels: int) -> bm.Solution | None:

@@ -21,6 +21,7 @@ from blurmatte.cli.options import (
     MatchName,
     MaxBrightness,
     MaxPixels,
+    NoiseFile,
     Plate,
     Rank,
     Region,
@@ -46,6 +47,7 @@ def solve(
     region: Region = None,
     mask: Mask = None,
     transfer: TransferName = None,
+    noise: NoiseFile = None,
     max_brightness: MaxBrightness = None,
     solver: SolverName = "auto",
     smoothness: Smoothness = None,
@@ -58,7 +60,7 @@ def solve(
     the folder; for several images, each into a folder of its own in there.
     """
     way, matching = _solver(solver, smoothness), _matching(match)
-    files = _settled(Files(transfer, max_pixels), places(images, out)[0][0], plate)
+    files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
     task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     failed = 0
@@ -100,12 +102,13 @@ def color(
     region: Region = None,
     mask: Mask = None,
     transfer: TransferName = None,
+    noise: NoiseFile = None,
     max_brightness: MaxBrightness = None,
     match: MatchName = "auto",
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
-    files = _settled(Files(transfer, max_pixels), image, plate)
+    files = _settled(_files(transfer, max_pixels, noise), image, plate)
     B, _ = files.read(plate)
     task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     with about(image) as said:
@@ -116,6 +119,10 @@ def color(
         if out is not None:
             bm.write(out, model)
     say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
+
+
+def _files(transfer: str | None, max_pixels: int, noise: Path | None) -> Files:
+    return Files(transfer, max_pixels, None if noise is None else bm.read_noise(noise))
 
 
 def _settled(files: Files, image: Path, plate: Path) -> Files:

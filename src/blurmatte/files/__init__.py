@@ -1,6 +1,7 @@
-"""The only place that knows file formats: pictures, layers, solutions and color models."""
+"""The only place that knows file formats: pictures, layers, solutions, color models and noise."""
 
 from blurmatte.files.models import read_color_model as read_color_model
+from blurmatte.files.noise import read_noise as read_noise
 from blurmatte.files.paths import path_to_mapping as path_to_mapping
 from blurmatte.files.paths import read_path as read_path
 from blurmatte.files.raster import MAX_PIXELS as MAX_PIXELS

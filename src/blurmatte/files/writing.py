@@ -20,11 +20,12 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.camera import camera_header
 from blurmatte.files.models import mapping_to_json, model_to_json
+from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
-from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry import SRGB, LinearImage, NoiseFit, NoiseModel
 
 Way = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
@@ -41,6 +42,8 @@ def write(
     | Layer
     | Solution
     | ColorModel
+    | NoiseModel
+    | NoiseFit
     | Mapping[str, Any]
     | str
     | Floats
@@ -53,6 +56,7 @@ def write(
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, everything in it
     ColorModel        .json
+    NoiseModel        .json, and so is a NoiseFit
     mapping           .json; numbers that are not finite become null
     str               .toml, as is
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
@@ -98,6 +102,8 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {".exr": lambda path: _save_solution(path, thing)}
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
+        case NoiseModel() | NoiseFit():
+            return _ways(noise_to_mapping(thing))
         case Mapping():
             return {".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n")}
         case str():

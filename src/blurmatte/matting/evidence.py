@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
-from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.radiometry import LinearImage, block_squares, smooth_variance
 from blurmatte.streaks import Streak
 
 Array = npt.NDArray[np.float64]
@@ -140,17 +140,9 @@ def _hangs_together(change: Array, variance: Array, still: Bools) -> float:
     Of all blocks but the worst, where something may have moved, and less what chance makes of few.
     """
     e = np.where(still[..., None], change / np.sqrt(np.maximum(variance, 1e-14)), 0)
-    h, w = (side // _BLOCK * _BLOCK for side in still.shape)
-
-    def sums(x: Array) -> Array:
-        parts = x[:h, :w].reshape(h // _BLOCK, _BLOCK, w // _BLOCK, _BLOCK, -1)
-        return np.asarray(parts.sum(axis=(1, 3)))
-
-    count = sums(still.astype(float))[..., 0]
-    full = count > _BLOCK**2 / 2
-    if not full.any():
+    squares = np.sort(block_squares(e, still, _BLOCK).ravel())
+    if len(squares) == 0:
         return 1.0
-    squares = np.sort((sums(e)[full] ** 2 / count[full][:, None]).ravel())
     kept = squares[: int(np.ceil(_KEPT * len(squares)))]
     factor = float(kept.mean()) / _MEAN_OF_KEPT
     return max(factor / float(1 + 2 * np.sqrt(2 / len(kept))), 1.0)

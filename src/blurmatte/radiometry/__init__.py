@@ -1,5 +1,8 @@
 """Numbers in a file ⇄ linear light, and how well that light is known."""
 
+from blurmatte.radiometry.blocks import BLOCKS as BLOCKS
+from blurmatte.radiometry.blocks import block_squares as block_squares
+from blurmatte.radiometry.blocks import coherence as coherence
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Matrix3 as Matrix3
 from blurmatte.radiometry.image import Meta as Meta
@@ -11,6 +14,11 @@ from blurmatte.radiometry.noise import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise import fit_noise as fit_noise
 from blurmatte.radiometry.noise import rounding_noise as rounding_noise
 from blurmatte.radiometry.noise import with_noise as with_noise
+from blurmatte.radiometry.noise_chart import draw_noise as draw_noise
+from blurmatte.radiometry.noise_fit import NoiseFit as NoiseFit
+from blurmatte.radiometry.noise_measure import measure_noise as measure_noise
+from blurmatte.radiometry.noise_measure import measure_noise_against as measure_noise_against
+from blurmatte.radiometry.noise_measure import measure_noise_within as measure_noise_within
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
 from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB

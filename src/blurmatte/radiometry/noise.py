@@ -142,7 +142,7 @@ def fit_noise(
         first, _ = _fit_total(B[few], (C - B)[few], usable[few], least[0] + least[1])
         usable &= _quiet(C - B, first.variance(B) + 1e-14, usable)
     model, kept = _fit_total(B, C - B, usable, least[0] + least[1])
-    share, total = _plate_share(C, B, model.variance(B) + 1e-14, kept), model.coefficients
+    (share, _), total = plate_share(C, B, model.variance(B) + 1e-14, kept), model.coefficients
     return (
         NoiseModel.from_coefficients(np.maximum((1 - share) * total, least[0])),
         NoiseModel.from_coefficients(np.maximum(share * total, least[1])),
@@ -222,9 +222,10 @@ def _clipped_scatter(d: Floats, least: float) -> tuple[Bools, float]:
     return believed, s2
 
 
-def _plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> float:
-    """The plate's part of the variance of C − B, from E[(C − B) · fine structure of C] = σ_C².
+def plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> tuple[float, float]:
+    """The plate's part of the variance of C − B, and the standard deviation of that part.
 
+    It comes from E[(C − B) · fine structure of C] = σ_C².
     The scene's own fine structure is what blurs the answer, so pixels count the less the more of it
     the next row shows (that row's noise is another one), and a blurred answer is drawn to one half.
     """
@@ -234,11 +235,12 @@ def _plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> float:
     of_image, of_plate = d * _fine_structure(C), -d * _fine_structure(B)
     both = float(np.sum(of_image + of_plate))
     if not both > 0.1 * float(np.sum(s2[:, 1:-1] * weight)):
-        return 0.5  # noise too smooth, or none, to tell from the scene
+        return 0.5, 0.3  # noise too smooth, or none, to tell from the scene
     share = float(np.sum(of_plate)) / both
     variance = float(np.sum(((1 - share) * of_plate - share * of_image) ** 2)) / both**2
     prior = 0.3**2
-    return float(np.clip((share * prior + 0.5 * variance) / (prior + variance), 0, 1))
+    mean = (share * prior + 0.5 * variance) / (prior + variance)
+    return float(np.clip(mean, 0, 1)), (prior * variance / (prior + variance)) ** 0.5
 
 
 def _fine_structure(x: Floats) -> Floats:

@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.radiometry import block_squares
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, light_of
 from blurmatte.sweep.field import Grid, field_of
@@ -159,17 +160,10 @@ def _together(e: Array, use: Bools, worst: float) -> float:
 
 
 def _in_blocks(e: Array, use: Bools, worst: float, size: int = _BLOCK) -> float:
-    h, w = (side // size * size for side in use.shape)
-
-    def sums(x: Array) -> Array:
-        return np.asarray(x[:h, :w].reshape(h // size, size, w // size, size).sum((1, 3)))
-
-    count = sums(use.astype(float))
-    blocks = count > size**2 / 2
-    if not blocks.any():
+    squares = block_squares(np.moveaxis(e, 0, -1), use, size)
+    if len(squares) == 0:
         return 1.0
-    squares = [sums(np.where(use, x, 0))[blocks] ** 2 / count[blocks] for x in e]
-    return _mean_but_worst(np.mean(squares, axis=0), worst)
+    return _mean_but_worst(squares.mean(axis=1), worst)
 
 
 def _mean_but_worst(values: Array, worst: float) -> float:

@@ -1,0 +1,159 @@
+"""calibrate noise, and --noise of solve and color."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import colorful_plate
+
+NOISE = bm.NoiseModel(gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.0015, 0.003))
+ENCODED = ("--transfer", "srgb")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Four frames of 16 bits, f0.png to f3.png, and a small picture."""
+    folder = tmp_path_factory.mktemp("frames")
+    level = 0.02 + 0.75 * np.linspace(0, 1, 160) ** 2
+    light = np.tile(level[:, None] * [1, 0.8, 0.9], (120, 1, 1))
+    for seed in range(4):
+        bm.write(folder / f"f{seed}.png", bm.Camera(NOISE, bits=16).photograph(light, seed))
+    bm.write(folder / "small.png", bm.LinearImage(np.full((20, 20, 3), 0.5)))
+    return folder
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def calibrate(*args):
+    return run("calibrate", "noise", *args, *ENCODED)
+
+
+def test_frames(folder, tmp_path):
+    """Oracle: what the camera was given; the file and the plot are there."""
+    plot = tmp_path / "plot.png"
+    result = calibrate(folder / "f*.png", "--out", tmp_path / "n.json", "--plot", plot)
+    assert result.exit_code == 0, result.stderr
+    light = np.full(3, 0.3)
+    found = bm.read_noise(tmp_path / "n.json")
+    assert_allclose(found.variance(light), NOISE.variance(light), rtol=0.06)
+    assert result.stdout.splitlines()[0].startswith("NoiseFit(gain 0.000")
+    assert "White is " in result.stdout
+    with Image.open(plot) as picture:
+        assert picture.size == (880, 605)
+
+
+def test_a_guess_is_told_once(folder, tmp_path):
+    """Door: not for every frame."""
+    for seed in range(3):
+        with Image.open(folder / f"f{seed}.png") as picture:
+            picture.convert("RGB").save(tmp_path / f"e{seed}.png")
+    result = run("calibrate", "noise", tmp_path / "e*.png")
+    assert result.exit_code == 0, result.stderr
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: warning: ")
+
+
+@pytest.mark.parametrize("way", [("--plate", "f1.png"), ("--region", "10,10,150,110")])
+def test_one_picture(folder, way):
+    """Oracle: electrons of white, from one picture and something else."""
+    option, value = way
+    result = calibrate(folder / "f0.png", option, folder / value if "plate" in option else value)
+    assert result.exit_code == 0, result.stderr
+    (line,) = (line for line in result.stdout.splitlines() if line.startswith("White is"))
+    electrons = [float(part.split()[0]) for part in line.removeprefix("White is").split(",")]
+    assert_allclose(electrons, [5000, 10_000, 2500], rtol=0.15)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["f0.png"], "f0.png: one picture does not tell noise from scene: give several frames"),
+        (["f0.png", "--region", "5,5,9,9"], "there are 16 pixels to measure noise in"),
+        (["f0.png", "--region", "5,5,900,9"], "region 5,5,900,9 must lie in the picture"),
+        (["f0.png", "--region", "5,5"], "--region must be x0,y0,x1,y1"),
+        (["f0.png", "f1.png", "--plate", "f2.png"], "--plate is for one picture, got 2"),
+        (["f0.png", "small.png"], "frame 1 is 160x120 pixels and frame 2 20x20"),
+        (["f0.png", "f0.png"], "there is no noise: the pictures are copies of one"),
+        (["g*.png"], "there are no such files"),
+        (["f0.png", "nowhere.png"], "nowhere.png: "),
+        (["f0.png", "f1.png", "--out", "n.png"], "a NoiseFit is written as .json"),
+        (["f0.png", "f1.png", "--plot", "p.json"], "is written as .png or .jpg"),
+    ],
+)
+def test_what_goes_wrong_is_one_line(folder, arguments, said, monkeypatch):
+    """Door."""
+    monkeypatch.chdir(folder)
+    result = calibrate(*arguments)
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: ")
+    assert said in line
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("scene")
+    body = bm.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
+    path = bm.Trajectory.line((30, 34), (90, 46))
+    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, body))
+    for seed, name in enumerate(("image", "plate")):
+        light = getattr(truth, name).rgb
+        bm.write(folder / f"{name}.png", bm.Camera(NOISE, bits=16).photograph(light, seed))
+    bm.write(folder / "noise.json", NOISE)
+    loud = bm.NoiseModel.from_coefficients(4 * NOISE.coefficients)
+    bm.write(folder / "loud.json", loud)
+    bm.write(folder / "model.json", bm.ColorModel.from_hex("#ffbc43"))
+    return folder
+
+
+def test_solve_uses_the_noise_of_a_file(scene, tmp_path):
+    """Invariant: twice the noise doubles the errors of pixels."""
+    typical = []
+    for name in ("noise", "loud"):
+        out = tmp_path / name
+        result = run("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", out,
+                     "--noise", scene / f"{name}.json", "--color", "#ffbc43",
+                     "--solver", "pixelwise", *ENCODED)  # fmt: skip
+        assert result.exit_code == 0, result.stderr
+        solution = bm.read_solution(out / "layer.exr")
+        typical.append(np.median(solution.alpha_std[solution.streak & solution.known]))
+    assert_allclose(typical[1] / typical[0], 2, rtol=0.1)
+
+
+def test_color_does_too(scene, monkeypatch):
+    """Exact: the noise that the fit is given is that of the file, of image and plate."""
+    given = []
+
+    def fit_color(image, plate, streak):
+        given.extend([image.noise, plate.noise])
+        return bm.ColorModel.from_hex("#ffbc43")
+
+    monkeypatch.setattr(bm, "fit_color", fit_color)
+    result = run("color", scene / "image.png", "--plate", scene / "plate.png",
+                 "--noise", scene / "noise.json")  # fmt: skip
+    assert result.exit_code == 0, result.stderr
+    assert given == [NOISE, NOISE]
+
+
+def test_info_tells_the_noise_of_a_file(scene):
+    """Exact; and that of a model stays what it was."""
+    said = run("info", scene / "noise.json").stdout.splitlines()
+    assert said[0].startswith("NoiseModel(std ")
+    assert said[1] == "gain: 0.0002, 0.0001, 0.0004"
+    assert said[2] == "read noise: 0.002, 0.0015, 0.003"
+    assert "rank 1" in run("info", scene / "model.json").stdout
+
+
+def test_what_is_no_noise_is_refused(scene, tmp_path):
+    """Door."""
+    result = run("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path,
+                 "--noise", scene / "model.json")  # fmt: skip
+    assert result.exit_code == 2
+    (line,) = result.stderr.splitlines()
+    assert "model.json: is no noise of a camera" in line
