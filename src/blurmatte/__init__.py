@@ -3,6 +3,8 @@
 The public API, on one screen. Linear light in, linear light out; see each name's docstring.
 """
 
+from blurmatte.background import PlateFit as PlateFit
+from blurmatte.background import make_plate as make_plate
 from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
 from blurmatte.color import pick_colors as pick_colors
@@ -18,8 +20,10 @@ from blurmatte.errors import PlateWarning as PlateWarning
 from blurmatte.errors import TransferWarning as TransferWarning
 from blurmatte.explain import explain as explain
 from blurmatte.files import MAX_PIXELS as MAX_PIXELS
+from blurmatte.files import Frames as Frames
 from blurmatte.files import read as read
 from blurmatte.files import read_color_model as read_color_model
+from blurmatte.files import read_frames as read_frames
 from blurmatte.files import read_layer as read_layer
 from blurmatte.files import read_solution as read_solution
 from blurmatte.files import write as write

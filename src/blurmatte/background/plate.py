@@ -1,0 +1,161 @@
+"""Many frames of a scene → one plate of what does not move, with its error.
+
+The first run through the frames keeps a few dozen and finds the light that each pixel shows most
+often. The second one averages all frames that agree with it. In this file B is the plate, δ its
+difference from the mode, v the variance of one frame and n the number of frames a pixel was free in.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.background.average import Sums, sum_frames
+from blurmatte.background.mode import Modes, find_modes
+from blurmatte.background.samples import take_samples
+from blurmatte.background.stillness import check_still
+from blurmatte.checks import Bools, Floats
+from blurmatte.errors import PlateError
+from blurmatte.radiometry import LinearImage, Meta, rounding_noise
+
+_LEAST_SHARE, _LEAST_FRAMES = 0.15, 2  # of the frames agree on the mode, or nothing is known
+# Of the frames that show the mode: another light that is seen as often may be the scene, too. Light
+# that is seen most of the time is more than likely it; what is not may be something that came to rest.
+_MOST, _RIVAL_OF_MOST, _RIVAL_OF_FEW = 0.5, 0.8, 0.35
+_CLIPPED_SHARE = 0.01  # of the free frames: with more of them the mean is too dark
+_NEIGHBORS, _PIXELS_TRUSTED = 5, 16  # pixels a side; how many frames the neighbors' scatter counts as
+_BLOCKS = 33  # pixels a side: over what noise hangs together is about the same
+_HARMONICS = np.arange(1, 40)
+
+
+@dataclass(frozen=True, eq=False)
+class PlateFit:
+    """A plate made of frames.
+
+    Parameters
+    ----------
+    plate : LinearImage
+        float32 light, with a variance for each pixel; `valid` is False where no light was seen much
+        more often than others, or it is clipped.
+    coverage : (H, W) float32
+        Share of the frames in which the pixel was seen free; 0 where that is not known.
+    gain : (N, 3) float
+        How much brighter each frame is than the plate, per channel; divided out.
+    """
+
+    plate: LinearImage
+    coverage: Floats
+    gain: Floats
+
+    def __repr__(self) -> str:
+        return f"PlateFit({self.plate!r}, {len(self.gain)} frames)"
+
+
+def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
+    """The scene without what moves in front of it, from frames of a camera that stands still.
+
+    A pixel's plate is the light that it shows most often, at least 15 % of the time and clearly more
+    often than any other: something may stay in front of it for up to 40 % of the time. All frames
+    that agree with it within their noise are averaged. Light that grows or fades over the whole picture
+    is divided out; the plate has the light of the middle of it.
+
+    The frames are run through twice (three times if they have no length), one at a time; what is
+    held in memory does not depend on how many there are.
+
+    Parameters
+    ----------
+    frames : iterable of LinearImage
+        Of one size, that can be run through again: `read_frames`, or a list. At least three.
+
+    Returns
+    -------
+    PlateFit
+        The plate, its coverage, and the gain of each frame. The variance contains noise, of video as
+        far as it hangs together in time, and the rounding to code values that noise does not even out.
+
+    Raises
+    ------
+    PlateError
+        If there are fewer than three frames, the camera moved, the scene is cut, its light changes by
+        more than a factor of two, or no pixel was seen free.
+    TypeError, ValueError
+        If the frames are no LinearImages of one size, or can be run through only once.
+    """
+    if iter(frames) is frames:
+        raise TypeError(
+            "frames can be run through only once, but are needed twice; "
+            "give read_frames(...) or a list"
+        )
+    samples = take_samples(frames)
+    light = float(np.median(samples.light[len(samples.light) // 2]))
+    variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
+    check_still(samples.light, samples.gain, variance, samples.names)
+    modes, count = find_modes(samples), samples.count
+    del samples  # a gigabyte, of large frames
+    sums = sum_frames(frames, modes, count)
+    return _finished(sums, modes, next(iter(frames)))
+
+
+def _finished(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
+    gain = np.array(sums.gain)
+    _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
+    share = np.where(free > _MOST * len(gain), _RIVAL_OF_MOST, _RIVAL_OF_FEW)
+    known = (free >= max(_LEAST_SHARE * len(gain), _LEAST_FRAMES)) & (rival <= share * close)
+    valid = known & (clipped <= _CLIPPED_SHARE * free)
+    if not valid.any():
+        raise PlateError(
+            "no pixel was seen free: none shows the same light for a good part of the frames, "
+            "unclipped; give more frames, or some without the object"
+        )
+    n = np.maximum(free, 1)[..., None]
+    rgb = modes.light + sums.total / n
+    rounding = rounding_noise(frame).variance(rgb)
+    noise = _variance(sums, known, rounding)
+    meta = Meta(source=f"plate of {len(gain)} frames")
+    plate = LinearImage(rgb.astype(np.float32), noise.astype(np.float32), valid, meta)
+    return PlateFit(plate, np.where(known, free / len(gain), 0).astype(np.float32), gain)
+
+
+def _variance(sums: Sums, known: Bools, rounding: Floats) -> Floats:
+    """(H, W, 3) variance of B: v / n, times how much noise hangs together in time, and rounding.
+
+    Noise of video is alike in frames that follow each other. So batches of them are compared with
+    each other, as if each were one measurement (batch means; P. Welch, 1983): over batches of n,
+
+        Var B = Σ (S − n δ)² / ((Σ n)² − Σ n²).
+
+    Eight batches tell that badly for one pixel; what they tell of a neighborhood is believed.
+    """
+    n = np.maximum(sums.counts[..., 1], 2).astype(float)[..., None]
+    delta = sums.total / n
+    v = np.maximum(sums.squares - n * delta**2, 0) / (n - 1)
+    local = _around(v, (n - 1) * known[..., None], _NEIGHBORS)
+    v = ((n - 1) * v + _PIXELS_TRUSTED * local) / (n - 1 + _PIXELS_TRUSTED)
+    q = sums.batch_counts[..., None]
+    scatter = sums.batch_squares - 2 * delta * sums.batch_products + delta**2 * q
+    usable = known[..., None] & (n**2 > 1.5 * q)
+    of_batches = np.where(usable, scatter / np.maximum(n**2 - q, 1), 0)
+    weight = np.where(usable, n / np.maximum(v, 1e-14), 0)
+    together = np.maximum(_around(of_batches, weight, _BLOCKS) / _around(v / n, weight, _BLOCKS), 1)
+    return np.asarray(v * together / n + rounding * _left_of_rounding(local / rounding))
+
+
+def _around(values: Floats, weight: Floats, side: int) -> Floats:
+    """Weighted mean over the neighborhood of each pixel, per channel."""
+    from scipy.ndimage import uniform_filter
+
+    weight = weight + 1e-9 * float(weight.max())
+    means = (uniform_filter(a, (side, side, 1)) for a in (values * weight, weight))
+    return np.divide(*means)
+
+
+def _left_of_rounding(scatter: Floats) -> Floats:
+    """Of the variance 1/12 of rounding, the share that a mean over frames keeps.
+
+    Noise of a standard deviation σ, in code values, evens it out: of its variance remains
+    b = Σ exp(−(2πkσ)²) / 2π²k², and the rounded values scatter by σ² + 1/12 − b (from the Fourier
+    series of the rounding error, Widrow & Kollár 2008). `scatter` is that in units of 1/12.
+    """
+    sigma = np.linspace(0, 1, 200)
+    b = (np.exp(-((2 * np.pi * np.outer(sigma, _HARMONICS)) ** 2)) / (2 * np.pi**2 * _HARMONICS**2)).sum(-1)
+    return np.interp(scatter, 12 * (sigma**2 + 1 / 12 - b), 12 * b, right=0.0)

@@ -1,0 +1,127 @@
+"""Did the camera stand still? Shifts between frames, tile by tile.
+
+The whole shift of a tile comes from the phase correlation (Kuglin & Hines 1975), the rest from one
+step of Lucas & Kanade (1981). Tiles in which something else moved, or that show nothing, are outvoted.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from blurmatte.checks import Floats
+from blurmatte.errors import PlateError
+
+_TILES, _TILE = 3, 256  # a side; pixels of a side at most
+_LOOKED_AT = 8  # frames
+_MOST_SHIFT = 0.5  # pixels: what averaging may blur edges by, and no more
+_SURE = 0.1  # pixels: a tile of which the noise leaves more open does not vote
+_GAIN = 0.7  # of the difference at the edges is left, at most, if it was a shift
+
+
+def check_still(light: Floats, gain: Floats, variance: float, names: Sequence[str]) -> None:
+    """Refuse frames between which most of the picture is shifted.
+
+    Parameters
+    ----------
+    light : (K, H, W, 3) float
+    gain : (K, 3) float
+        Which the light is divided by.
+    variance : float
+        Of the noise of one frame's mean over the channels, light².
+    names : sequence of str
+        What to call the frames.
+
+    Raises
+    ------
+    PlateError
+        With the frames and by how many pixels.
+    """
+    middle = len(light) // 2
+    others = np.unique(np.linspace(0, len(light) - 1, _LOOKED_AT).astype(int))
+    worst, at = 0.0, middle
+    for k in others[others != middle]:
+        shifts = []
+        for rows, columns in _tiles(light.shape[1:3]):
+            a, b = ((light[i, rows, columns] / gain[i]).mean(axis=-1) for i in (middle, k))
+            shift = _shift(a, b, variance)
+            shifts += [] if shift is None else [float(np.hypot(*shift))]
+        moved = [s for s in shifts if s > _MOST_SHIFT]
+        if len(moved) >= max(2, len(shifts) / 2) and np.median(moved) > worst:
+            worst, at = float(np.median(moved)), int(k)
+    if worst > 0:
+        raise PlateError(
+            f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
+            "a plate needs a camera that stands still, give a part of the clip in which it does "
+            "(--start, --stop), or stabilize it"
+        )
+
+
+def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    """The middles of the fields of a 3 x 3 board."""
+    sides = []
+    for length in shape:
+        size = min(length // _TILES, _TILE)
+        centers = (np.arange(_TILES) + 0.5) * length / _TILES
+        sides.append([slice(int(c - size / 2), int(c - size / 2) + size) for c in centers])
+    return [(rows, columns) for rows in sides[0] for columns in sides[1]]
+
+
+def _shift(a: Floats, b: Floats, variance: float) -> tuple[float, float] | None:
+    """(x, y) of what b shows against a, pixels; None if the tile does not tell."""
+    if min(a.shape) < 16:
+        return None
+    x, y = _whole_shift(a, b)
+    near = _overlap(a, b, x, y)
+    dx, dy, sure = _rest(*near, variance)
+    if not sure:
+        return None
+    if (x, y) != (0, 0) and not _explained(a, b, near):
+        return (0.0, 0.0)
+    return (x + dx, y + dy)
+
+
+def _whole_shift(a: Floats, b: Floats) -> tuple[int, int]:
+    from scipy import fft
+
+    window = np.outer(np.hanning(a.shape[0]), np.hanning(a.shape[1]))
+    spectra = [fft.rfft2((tile - tile.mean()) * window) for tile in (a, b)]
+    cross = np.conj(spectra[0]) * spectra[1]
+    peaks = fft.irfft2(cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-30), a.shape)
+    y, x = np.unravel_index(int(np.argmax(peaks)), a.shape)
+    height, width = a.shape
+    return int(x - width * (x > width // 2)), int(y - height * (y > height // 2))
+
+
+def _overlap(a: Floats, b: Floats, x: int, y: int) -> tuple[Floats, Floats]:
+    """The parts of both that show the same if b is a, shifted by whole pixels."""
+    height, width = a.shape
+    here = np.s_[max(0, -y) : height - max(0, y), max(0, -x) : width - max(0, x)]
+    there = np.s_[max(0, y) : height - max(0, -y), max(0, x) : width - max(0, -x)]
+    return a[here], b[there]
+
+
+def _rest(a: Floats, b: Floats, variance: float) -> tuple[float, float, bool]:
+    """x and y of the shift that is left, at most a pixel, and whether the noise lets us know."""
+    from scipy.ndimage import gaussian_filter
+
+    if min(a.shape) < 16:
+        return 0.0, 0.0, False
+    a, b = (gaussian_filter(tile, 1) for tile in (a, b))
+    gy, gx = np.gradient((a + b) / 2)
+    d, kept = b - a, np.ones(a.shape, bool)
+    for _ in range(3):
+        g = np.stack([gx[kept], gy[kept]])
+        normal = g @ g.T
+        # Smoothing by one pixel leaves 1/4π of white noise's variance, and spreads it over 4π pixels.
+        if np.linalg.eigvalsh(normal)[0] * _SURE**2 < 2 * variance:
+            return 0.0, 0.0, False
+        x, y = -np.linalg.solve(normal, g @ d[kept])
+        left = np.abs(d + x * gx + y * gy)
+        kept = left <= max(3 * 1.4826 * float(np.median(left)), np.sqrt(variance))
+    return float(np.clip(x, -1, 1)), float(np.clip(y, -1, 1)), True
+
+
+def _explained(a: Floats, b: Floats, near: tuple[Floats, Floats]) -> bool:
+    """Whether shifting made most of the difference at the edges go away."""
+    left = [np.quantile(np.abs(p - q), 0.9) for p, q in (near, (a, b))]
+    return bool(left[0] < _GAIN * left[1])
