@@ -36,6 +36,7 @@ from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
 from blurmatte.overview import draw_overview as draw_overview
+from blurmatte.overview import draw_plate as draw_plate
 from blurmatte.radiometry import LINEAR as LINEAR
 from blurmatte.radiometry import REC709 as REC709
 from blurmatte.radiometry import SRGB as SRGB
@@ -52,6 +53,7 @@ from blurmatte.rendering import Rendering as Rendering
 from blurmatte.rendering import Scene as Scene
 from blurmatte.rendering import Shot as Shot
 from blurmatte.rendering import render as render
+from blurmatte.results import save_plate as save_plate
 from blurmatte.results import save_results as save_results
 from blurmatte.scenes import Score as Score
 from blurmatte.scenes import find_scenes as find_scenes

@@ -7,13 +7,15 @@ x − m over a batch: the n free ones of some frames in a row.
 from collections.abc import Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from itertools import pairwise
 from os import cpu_count
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background.mode import Modes
-from blurmatte.background.samples import fit_gain, frame_name, grid
+from blurmatte.background.samples import fit_gain, grid, other_size
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage
 
@@ -89,10 +91,7 @@ def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
         for number, frame in enumerate(frames):
             if frame.rgb.shape != modes.light.shape:
-                raise ValueError(
-                    f"frames must be of one size; {frame_name(frame, number)} is "
-                    f"{frame.size[0]}x{frame.size[1]}, others {modes.near.shape[1]}x{modes.near.shape[0]}"
-                )
+                raise ValueError(other_size(frame, number, modes.near.shape[::-1]))
             sums.gain.append(fit_gain(frame.rgb[place].T.astype(float), still, variance))
             _add(sums, frame, modes, precision, pool)
             if (number + 1) % length == 0:
@@ -119,7 +118,7 @@ def _add(
     gain, light = sums.gain[-1].astype(np.float32), np.asarray(frame.rgb, np.float32)
     off, near = np.empty((2, *frame.valid.shape), np.uint8)
 
-    def flat(rows: slice, *arrays: Floats) -> list[Floats]:
+    def flat(rows: slice, *arrays: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
         return [a[rows].reshape(-1, *a.shape[2:]) for a in arrays]
 
     def mark(rows: slice) -> None:
@@ -138,4 +137,4 @@ def _add(
 
 def _strips(rows: int) -> list[slice]:
     edges = np.linspace(0, rows, (cpu_count() or 1) + 1).astype(int)
-    return [slice(a, b) for a, b in zip(edges[:-1], edges[1:], strict=True)]
+    return [slice(a, b) for a, b in pairwise(edges)]

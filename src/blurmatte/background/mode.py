@@ -38,8 +38,6 @@ class Modes:
 
 def find_modes(samples: Samples) -> Modes:
     """The mode of each pixel, as far as noise and gains let samples differ."""
-    from blurmatte.background import kernel
-
     from scipy.ndimage import uniform_filter
 
     from blurmatte.background import kernel

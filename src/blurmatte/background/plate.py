@@ -23,7 +23,10 @@ _LEAST_SHARE, _LEAST_FRAMES = 0.15, 2  # of the frames agree on the mode, or not
 # that is seen most of the time is more than likely it; what is not may be something that came to rest.
 _MOST, _RIVAL_OF_MOST, _RIVAL_OF_FEW = 0.5, 0.8, 0.35
 _CLIPPED_SHARE = 0.01  # of the free frames: with more of them the mean is too dark
-_NEIGHBORS, _PIXELS_TRUSTED = 5, 16  # pixels a side; how many frames the neighbors' scatter counts as
+_NEIGHBORS, _PIXELS_TRUSTED = (
+    5,
+    16,
+)  # pixels a side; how many frames the neighbors' scatter counts as
 _BLOCKS = 33  # pixels a side: over what noise hangs together is about the same
 _HARMONICS = np.arange(1, 40)
 
@@ -146,7 +149,7 @@ def _around(values: Floats, weight: Floats, side: int) -> Floats:
 
     weight = weight + 1e-9 * float(weight.max())
     means = (uniform_filter(a, (side, side, 1)) for a in (values * weight, weight))
-    return np.divide(*means)
+    return np.asarray(np.divide(*means))
 
 
 def _left_of_rounding(scatter: Floats) -> Floats:
@@ -157,5 +160,7 @@ def _left_of_rounding(scatter: Floats) -> Floats:
     series of the rounding error, Widrow & Kollár 2008). `scatter` is that in units of 1/12.
     """
     sigma = np.linspace(0, 1, 200)
-    b = (np.exp(-((2 * np.pi * np.outer(sigma, _HARMONICS)) ** 2)) / (2 * np.pi**2 * _HARMONICS**2)).sum(-1)
-    return np.interp(scatter, 12 * (sigma**2 + 1 / 12 - b), 12 * b, right=0.0)
+    b = (
+        np.exp(-((2 * np.pi * np.outer(sigma, _HARMONICS)) ** 2)) / (2 * np.pi**2 * _HARMONICS**2)
+    ).sum(-1)
+    return np.asarray(np.interp(scatter, 12 * (sigma**2 + 1 / 12 - b), 12 * b, right=0.0))

@@ -18,6 +18,7 @@ from blurmatte.radiometry import LinearImage, NoiseModel, fit_noise, rounding_no
 _MOST_SAMPLES, _LEAST_SAMPLES = 64, 20
 _MOST_BYTES = 1.0e9  # of samples held; each takes 6 bytes a pixel
 _NOISE_PIXELS, _NOISE_PAIRS = 1e5, 3
+_LEAST_VARIANCE = 1e-12  # float32 knows no light better
 _GAIN_PIXELS = 1e4
 _LEAST_GAIN = 1e-3  # a black frame has one, too
 _SIGMAS = 4.0  # beyond it a pixel does not tell of gain
@@ -78,6 +79,14 @@ def frame_name(frame: LinearImage, number: int) -> str:
     return frame.meta.source or f"frame {number}"
 
 
+def other_size(frame: LinearImage, number: int, size: Sequence[int]) -> str:
+    """The complaint about a frame that is not of the `size` (width, height) of the others."""
+    return (
+        f"frames must be of one size; {frame_name(frame, number)} is "
+        f"{frame.size[0]}x{frame.size[1]}, others {size[0]}x{size[1]}"
+    )
+
+
 def fit_gain(light: Floats, still: Floats, variance: Floats) -> Floats:
     """(3,) g of light = g · still, both (3, n), where they agree within `variance` but for it."""
     gain = median_ratio(light[:, ::8], still[:, ::8])
@@ -93,7 +102,7 @@ def median_ratio(light: Floats, still: Floats) -> Floats:
     """(3,) median of light over still, both (3, n), where that is not dark."""
     gain = np.ones(3)
     for c, (x, B) in enumerate(zip(light, still, strict=True)):
-        bright = B > _DARK * B.max()
+        bright = _DARK * B.max() < B
         if bright.any():
             gain[c] = max(float(np.median(x[bright] / B[bright])), _LEAST_GAIN)
     return gain
@@ -105,9 +114,7 @@ def grid(shape: tuple[int, ...], pixels: float) -> tuple[slice, slice]:
     return slice(step // 2, None, step), slice(step // 2, None, step)
 
 
-def _spread(
-    frames: Iterable[LinearImage], count: int
-) -> tuple[list[LinearImage], list[str]]:
+def _spread(frames: Iterable[LinearImage], count: int) -> tuple[list[LinearImage], list[str]]:
     taken, names = list[LinearImage](), list[str]()
     first = next(iter(frames), None)
     if first is None:
@@ -117,10 +124,7 @@ def _spread(
     start = (count - 1) % step // 2
     for place, frame in enumerate(_every(frames, start, step)):
         if frame.size != first.size:
-            raise ValueError(
-                f"frames must be of one size; {frame_name(frame, start + place * step)} is "
-                f"{frame.size[0]}x{frame.size[1]}, the first {first.size[0]}x{first.size[1]}"
-            )
+            raise ValueError(other_size(frame, start + place * step, first.size))
         taken.append(frame)
         names.append(frame_name(frame, start + place * step))
     return taken, names
@@ -140,10 +144,12 @@ def _noise(taken: Sequence[LinearImage]) -> NoiseModel:
         a, b = (_part(frame) for frame in (first, second))
         ratio = median_ratio(b.rgb.reshape(-1, 3).T, a.rgb.reshape(-1, 3).T)
         b = LinearImage((b.rgb / ratio).astype(np.float32), valid=b.valid, meta=b.meta)
-        models.append(sum(model.coefficients for model in fit_noise(a, b)) / 2)
-    middle = np.argsort([float(np.sum(c @ [1, 0.2, 0.04])) for c in models])[len(models) // 2]
-    least = rounding_noise(taken[0]).coefficients
-    return NoiseModel.from_coefficients(np.maximum(models[middle], least) + [1e-12, 0, 0])
+        of_each = fit_noise(a, b)
+        models.append((of_each[0].coefficients + of_each[1].coefficients) / 2)
+    strengths = [float(np.sum(model @ [1, 0.2, 0.04])) for model in models]  # at a light of 0.2
+    model = models[np.argsort(strengths)[len(models) // 2]]
+    model = np.maximum(model, rounding_noise(taken[0]).coefficients)
+    return NoiseModel.from_coefficients(model + np.array([_LEAST_VARIANCE, 0, 0]))
 
 
 def _part(frame: LinearImage) -> LinearImage:

@@ -101,19 +101,20 @@ def _overlap(a: Floats, b: Floats, x: int, y: int) -> tuple[Floats, Floats]:
 
 
 def _rest(a: Floats, b: Floats, variance: float) -> tuple[float, float, bool]:
-    """x and y of the shift that is left, at most a pixel, and whether the noise lets us know."""
+    """The rest of the shift, x and y, at most a pixel, and whether the noise lets us know."""
     from scipy.ndimage import gaussian_filter
 
     if min(a.shape) < 16:
         return 0.0, 0.0, False
-    a, b = (gaussian_filter(tile, 1) for tile in (a, b))
-    gy, gx = np.gradient((a + b) / 2)
+    a, b = (np.asarray(gaussian_filter(tile, 1)) for tile in (a, b))
+    middle: Floats = (a + b) / 2
+    gy, gx = np.gradient(middle, axis=0), np.gradient(middle, axis=1)
     d, kept = b - a, np.ones(a.shape, bool)
     for _ in range(3):
         g = np.stack([gx[kept], gy[kept]])
         normal = g @ g.T
         # Smoothing by one pixel leaves 1/4π of white noise's variance, and spreads it over 4π pixels.
-        if np.linalg.eigvalsh(normal)[0] * _SURE**2 < 2 * variance:
+        if float(np.linalg.eigvalsh(normal).min()) * _SURE**2 < 2 * variance:
             return 0.0, 0.0, False
         x, y = -np.linalg.solve(normal, g @ d[kept])
         left = np.abs(d + x * gx + y * gy)

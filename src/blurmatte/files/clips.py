@@ -89,7 +89,9 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         first = next(container.decode(stream), None)
         if first is None:
             raise FileError(f"{path}: no frame can be decoded; copy or export it again")
-        encoding = Profile((_curve(path, first, transfer, stacklevel + 1),) * 3, _matrix(path, first))
+        encoding = Profile(
+            (_curve(path, first, transfer, stacklevel + 1),) * 3, _matrix(path, first)
+        )
         size = (first.width, first.height)
         return Clip(
             path=path,
@@ -175,13 +177,14 @@ def _matrix(path: Path, frame: "VideoFrame") -> Matrix | None:
             f"{path}: has primaries that are not known here (number {said} of H.273); "
             "convert it to BT.709"
         )
-    return np.linalg.solve(_to_xyz(_PRIMARIES[_BT709]), _to_xyz(_PRIMARIES[said]))
+    to_709 = np.linalg.solve(_to_xyz(_PRIMARIES[_BT709]), _to_xyz(_PRIMARIES[said]))
+    return np.asarray(to_709, dtype=np.float64)
 
 
 def _to_xyz(primaries: Any) -> Matrix:
     """(3, 3) CIE XYZ of linear RGB, of which (1, 1, 1) is D65 (SMPTE RP 177)."""
     xyz = np.array([(x / y, 1, (1 - x - y) / y) for x, y in (*primaries, _WHITE_D65)]).T
-    return np.asarray(xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3]))
+    return np.asarray(xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3]), dtype=np.float64)
 
 
 @contextmanager
@@ -191,8 +194,7 @@ def _opened(path: Path) -> "Iterator[tuple[InputContainer, VideoStream]]":
         import av
     except ImportError as error:
         raise FileError(
-            f'{path}: clips need one package more: pip install "blurmatte[video]"; '
-            "or give pictures"
+            f'{path}: clips need one package more: pip install "blurmatte[video]"; or give pictures'
         ) from error
     _check_there(path)
     try:

@@ -14,6 +14,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.icc import Profile
+from blurmatte.files.plates import with_layers
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage, Meta, Transfer, decode
@@ -25,7 +26,8 @@ def read(
     """Read a picture as linear light.
 
     PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR. ICC profile and EXIF orientation are
-    honoured; EXR and float TIFF are linear unless a profile says otherwise.
+    honoured; EXR and float TIFF are linear unless a profile says otherwise. The variance and the
+    valid pixels that `write` puts into an EXR come back.
 
     Parameters
     ----------
@@ -57,7 +59,7 @@ def read(
     valid = image.valid & raster.inside
     if raster.alpha is not None:
         valid &= raster.alpha >= 1
-    return replace(image, valid=valid, meta=_meta(raster, encoding))
+    return with_layers(replace(image, valid=valid, meta=_meta(raster, encoding)), raster)
 
 
 def read_layer(
