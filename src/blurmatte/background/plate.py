@@ -16,18 +16,19 @@ from blurmatte.background.samples import take_samples
 from blurmatte.background.stillness import check_still
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, Meta, rounding_noise
+from blurmatte.radiometry import LINEAR, LinearImage, Meta, rounding_variance
 
 _LEAST_SHARE, _LEAST_FRAMES = 0.15, 2  # of the frames agree on the mode, or nothing is known
-# Of the frames that show the mode: another light that is seen as often may be the scene, too. Light
-# that is seen most of the time is more than likely it; what is not may be something that came to rest.
-_MOST, _RIVAL_OF_MOST, _RIVAL_OF_FEW = 0.5, 0.8, 0.35
+# Light that is seen in most frames is the scene's. If it is seen less often, another one must be much
+# rarer still, for the most frequent may be something that came to rest.
+_MOST, _RIVAL_SHARE = 0.55, 0.35
 _CLIPPED_SHARE = 0.01  # of the free frames: with more of them the mean is too dark
 _NEIGHBORS, _PIXELS_TRUSTED = (
     5,
     16,
 )  # pixels a side; how many frames the neighbors' scatter counts as
 _BLOCKS = 33  # pixels a side: over what noise hangs together is about the same
+_TINY = 1e-14  # float32 knows no light better
 _HARMONICS = np.arange(1, 40)
 
 
@@ -102,8 +103,8 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
 def _finished(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
     gain = np.array(sums.gain)
     _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
-    share = np.where(free > _MOST * len(gain), _RIVAL_OF_MOST, _RIVAL_OF_FEW)
-    known = (free >= max(_LEAST_SHARE * len(gain), _LEAST_FRAMES)) & (rival <= share * close)
+    known = (free > _MOST * len(gain)) | (rival <= _RIVAL_SHARE * close)
+    known &= free >= max(_LEAST_SHARE * len(gain), _LEAST_FRAMES)
     valid = known & (clipped <= _CLIPPED_SHARE * free)
     if not valid.any():
         raise PlateError(
@@ -112,15 +113,16 @@ def _finished(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
         )
     n = np.maximum(free, 1)[..., None]
     rgb = modes.light + sums.total / n
-    rounding = rounding_noise(frame).variance(rgb)
-    noise = _variance(sums, known, rounding)
+    noise = _variance(sums, known, modes.variance, _rounding(rgb, frame.meta))
     meta = Meta(source=f"plate of {len(gain)} frames")
     plate = LinearImage(rgb.astype(np.float32), noise.astype(np.float32), valid, meta)
     return PlateFit(plate, np.where(known, free / len(gain), 0).astype(np.float32), gain)
 
 
-def _variance(sums: Sums, known: Bools, rounding: Floats) -> Floats:
+def _variance(sums: Sums, known: Bools, usual: Floats, rounding: Floats) -> Floats:
     """(H, W, 3) variance of B: v / n, times how much noise hangs together in time, and rounding.
+
+    Neighborhoods are averaged in units of the variance that is `usual` for a frame.
 
     Noise of video is alike in frames that follow each other. So batches of them are compared with
     each other, as if each were one measurement (batch means; P. Welch, 1983): over batches of n,
@@ -130,26 +132,34 @@ def _variance(sums: Sums, known: Bools, rounding: Floats) -> Floats:
     Eight batches tell that badly for one pixel; what they tell of a neighborhood is believed.
     """
     n = np.maximum(sums.counts[..., 1], 2).astype(float)[..., None]
-    delta = sums.total / n
+    delta, q = sums.total / n, sums.batch_counts[..., None]
     v = np.maximum(sums.squares - n * delta**2, 0) / (n - 1)
-    local = _around(v, (n - 1) * known[..., None], _NEIGHBORS)
+    local = usual * _around(v / usual, (n - 1) * known[..., None], _NEIGHBORS)
     v = ((n - 1) * v + _PIXELS_TRUSTED * local) / (n - 1 + _PIXELS_TRUSTED)
-    q = sums.batch_counts[..., None]
-    scatter = sums.batch_squares - 2 * delta * sums.batch_products + delta**2 * q
     usable = known[..., None] & (n**2 > 1.5 * q)
-    of_batches = np.where(usable, scatter / np.maximum(n**2 - q, 1), 0)
-    weight = np.where(usable, n / np.maximum(v, 1e-14), 0)
-    together = np.maximum(_around(of_batches, weight, _BLOCKS) / _around(v / n, weight, _BLOCKS), 1)
-    return np.asarray(v * together / n + rounding * _left_of_rounding(local / rounding))
+    scatter = sums.batch_squares - 2 * delta * sums.batch_products + delta**2 * q
+    scatter = np.where(usable, scatter / np.maximum(n**2 - q, 1), 0)
+    white, of_batches = (_around(a * n / usual, 1.0 * usable, _BLOCKS) for a in (v / n, scatter))
+    together = np.maximum(of_batches / np.maximum(white, _TINY), 1)
+    kept = _left_of_rounding(local / np.maximum(rounding, _TINY))
+    return np.asarray(v * together / n + rounding * kept + _TINY)
+
+
+def _rounding(light: Floats, meta: Meta) -> Floats:
+    """(H, W, 3) variance that rounding makes in one frame; 0 if it held floats."""
+    if meta.levels is None:
+        return np.zeros_like(light)
+    return rounding_variance(light, meta.levels, meta.transfer or LINEAR)
 
 
 def _around(values: Floats, weight: Floats, side: int) -> Floats:
     """Weighted mean over the neighborhood of each pixel, per channel."""
     from scipy.ndimage import uniform_filter
 
-    weight = weight + 1e-9 * float(weight.max())
-    means = (uniform_filter(a, (side, side, 1)) for a in (values * weight, weight))
-    return np.asarray(np.divide(*means))
+    weight = weight.astype(float)
+    weighted, total = (uniform_filter(a, (side, side, 1)) for a in (values * weight, weight))
+    # Its running sums leave something where there is nothing.
+    return np.asarray(np.maximum(weighted, 0) / np.maximum(total, 1e-6))
 
 
 def _left_of_rounding(scatter: Floats) -> Floats:

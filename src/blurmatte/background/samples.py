@@ -5,7 +5,7 @@ channel, the factor by which lamps or the camera's exposure made all of it brigh
 """
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice, pairwise
 
 import numpy as np
@@ -19,6 +19,10 @@ _MOST_SAMPLES, _LEAST_SAMPLES = 64, 20
 _MOST_BYTES = 1.0e9  # of samples held; each takes 6 bytes a pixel
 _NOISE_PIXELS, _NOISE_PAIRS = 1e5, 3
 _LEAST_VARIANCE = 1e-12  # float32 knows no light better
+_STEPS = (
+    3.0  # rounding's variance so often is that of half a step: rounded light jumps by whole ones
+)
+_HALF_ROUNDING = 2.0**-22 / 3  # of light²: samples are kept as float16
 _GAIN_PIXELS = 1e4
 _LEAST_GAIN = 1e-3  # a black frame has one, too
 _SIGMAS = 4.0  # beyond it a pixel does not tell of gain
@@ -63,12 +67,11 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
         If their sizes differ.
     """
     count = len(frames) if isinstance(frames, Sequence) else sum(1 for _ in frames)
-    taken, names = _spread(frames, count)
-    if len(taken) < 3:
-        raise PlateError(f"a plate needs at least 3 frames, got {len(taken)}; give more of them")
-    noise = _noise(taken)
-    light = np.stack([frame.rgb for frame in taken], dtype=np.float16, casting="same_kind")
-    _check_one_scene(light, noise, names)
+    light, parts, names = _spread(frames, count)
+    if len(light) < 3:
+        raise PlateError(f"a plate needs at least 3 frames, got {len(light)}; give more of them")
+    _check_one_scene(light, names)
+    noise = _noise(parts)
     gain = _gains(light, noise)
     _check_drift(gain, names)
     return Samples(light, gain, noise, names, count)
@@ -114,20 +117,26 @@ def grid(shape: tuple[int, ...], pixels: float) -> tuple[slice, slice]:
     return slice(step // 2, None, step), slice(step // 2, None, step)
 
 
-def _spread(frames: Iterable[LinearImage], count: int) -> tuple[list[LinearImage], list[str]]:
-    taken, names = list[LinearImage](), list[str]()
+def _spread(
+    frames: Iterable[LinearImage], count: int
+) -> tuple[npt.NDArray[np.float16], list[LinearImage], list[str]]:
+    """Frames at equal distances, parts of them in full precision, and their names."""
     first = next(iter(frames), None)
     if first is None:
-        return [], []
+        return np.empty((0, 1, 1, 3), np.float16), [], []
     most = np.clip(_MOST_BYTES / (6 * first.valid.size), _LEAST_SAMPLES, _MOST_SAMPLES)
     step = max(1, -(-count // int(most)))
     start = (count - 1) % step // 2
-    for place, frame in enumerate(_every(frames, start, step)):
+    light = np.empty((-(-(count - start) // step), *first.rgb.shape), np.float16)
+    parts, names = list[LinearImage](), list[str]()
+    for frame in islice(_every(frames, start, step), len(light)):
+        number = start + len(parts) * step
         if frame.size != first.size:
-            raise ValueError(other_size(frame, start + place * step, first.size))
-        taken.append(frame)
-        names.append(frame_name(frame, start + place * step))
-    return taken, names
+            raise ValueError(other_size(frame, number, first.size))
+        light[len(parts)] = frame.rgb
+        parts.append(_part(frame))
+        names.append(frame_name(frame, number))
+    return light[: len(parts)], parts, names
 
 
 def _every(frames: Iterable[LinearImage], start: int, step: int) -> Iterator[LinearImage]:
@@ -136,39 +145,44 @@ def _every(frames: Iterable[LinearImage], start: int, step: int) -> Iterator[Lin
     return islice(iter(frames), start, None, step)
 
 
-def _noise(taken: Sequence[LinearImage]) -> NoiseModel:
-    """Of one frame: half that of the difference of two, the median of a few such."""
-    at = np.unique(np.linspace(0, len(taken) - 2, _NOISE_PAIRS).astype(int))
-    models = []
-    for first, second in ((taken[i], taken[i + 1]) for i in at):
-        a, b = (_part(frame) for frame in (first, second))
+def _part(frame: LinearImage) -> LinearImage:
+    """Some rows, enough to measure noise."""
+    rows = slice(None, None, max(1, round(frame.valid.size / _NOISE_PIXELS)))
+    return LinearImage(frame.rgb[rows].copy(), valid=frame.valid[rows].copy(), meta=frame.meta)
+
+
+def _noise(parts: Sequence[LinearImage]) -> NoiseModel:
+    """Of one frame: half that of the difference of two, the median of a few such.
+
+    Half a clip is between the two, for what video does not send again stays the same for long.
+    """
+    models, gap = [], len(parts) // 2
+    for i in np.unique(np.linspace(0, len(parts) - 1 - gap, _NOISE_PAIRS).astype(int)):
+        a, b = parts[i], parts[i + gap]
         ratio = median_ratio(b.rgb.reshape(-1, 3).T, a.rgb.reshape(-1, 3).T)
-        b = LinearImage((b.rgb / ratio).astype(np.float32), valid=b.valid, meta=b.meta)
-        of_each = fit_noise(a, b)
-        models.append((of_each[0].coefficients + of_each[1].coefficients) / 2)
+        b = replace(b, rgb=(b.rgb / ratio).astype(np.float32))
+        first, second = fit_noise(a, b)
+        models.append((first.coefficients + second.coefficients) / 2)
     strengths = [float(np.sum(model @ [1, 0.2, 0.04])) for model in models]  # at a light of 0.2
     model = models[np.argsort(strengths)[len(models) // 2]]
-    model = np.maximum(model, rounding_noise(taken[0]).coefficients)
-    return NoiseModel.from_coefficients(model + np.array([_LEAST_VARIANCE, 0, 0]))
+    steps = _STEPS * rounding_noise(parts[0]).coefficients
+    return NoiseModel.from_coefficients(model + steps + [_LEAST_VARIANCE, 0, _HALF_ROUNDING])
 
 
-def _part(frame: LinearImage) -> LinearImage:
-    rows = slice(None, None, max(1, round(frame.valid.size / _NOISE_PIXELS)))
-    return LinearImage(frame.rgb[rows], valid=frame.valid[rows], meta=frame.meta)
-
-
-def _check_one_scene(light: Floats, noise: NoiseModel, names: Sequence[str]) -> None:
+def _check_one_scene(light: Floats, names: Sequence[str]) -> None:
     """Refuse a clip with a cut: most of the picture changes between two samples."""
     small = _few_pixels(light)
-    for (a, before), (b, after) in pairwise(zip(small, names, strict=True)):
-        b = b / median_ratio(b, a)[:, None]
-        noisy = _SIGMAS * np.sqrt(2 * noise.variance(a.T)).T
-        changed = (np.abs(b - a) > noisy + _CUT_LIGHT * np.maximum(a, b)).any(axis=0).mean()
-        if changed > _CUT:
-            raise PlateError(
-                f"the scene is cut between {before} and {after}: {changed:.0%} of the picture "
-                "changes; give the part before or after it (--start, --stop)"
-            )
+    after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
+    change = np.abs(after - small[:-1])
+    noise = 1.4826 * np.median(change, axis=(0, 2), keepdims=True)
+    much = change > _SIGMAS * noise + _CUT_LIGHT * np.maximum(after, small[:-1])
+    shares = much.any(axis=1).mean(axis=1)
+    at = int(np.argmax(shares))
+    if shares[at] > _CUT:
+        raise PlateError(
+            f"the scene is cut between {names[at]} and {names[at + 1]}: {shares[at]:.0%} of the "
+            "picture changes; give the part before or after it (--start, --stop)"
+        )
 
 
 def _few_pixels(light: Floats) -> Floats:

@@ -112,11 +112,11 @@ def _rest(a: Floats, b: Floats, variance: float) -> tuple[float, float, bool]:
     d, kept = b - a, np.ones(a.shape, bool)
     for _ in range(3):
         g = np.stack([gx[kept], gy[kept]])
-        normal = g @ g.T
+        normal = np.einsum("in,jn->ij", g, g)  # small products; threads of BLAS would only wait
         # Smoothing by one pixel leaves 1/4π of white noise's variance, and spreads it over 4π pixels.
         if float(np.linalg.eigvalsh(normal).min()) * _SURE**2 < 2 * variance:
             return 0.0, 0.0, False
-        x, y = -np.linalg.solve(normal, g @ d[kept])
+        x, y = -np.linalg.solve(normal, np.einsum("in,n->i", g, d[kept]))
         left = np.abs(d + x * gx + y * gy)
         kept = left <= max(3 * 1.4826 * float(np.median(left)), np.sqrt(variance))
     return float(np.clip(x, -1, 1)), float(np.clip(y, -1, 1)), True
