@@ -13,7 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import numpy.typing as npt
 
+from blurmatte.checks import Bools
 from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.icc import Matrix, Profile
@@ -137,14 +139,24 @@ def _light(clip: Clip, frame: "VideoFrame") -> LinearImage:
     # Without these flags codes come out one too dark, and the chroma of 4:2:0 in steps.
     way = Way.BICUBIC | Way.FULL_CHR_H_INT | Way.ACCURATE_RND
     unsaid = _BT709 if frame.height >= _HD_HEIGHT else _BT601
-    codes = frame.reformat(
+    shown = frame.reformat(
         format="rgb24" if clip.bits <= 8 else "rgb48le",
         src_colorspace=unsaid if frame.colorspace == _UNSAID else None,
         interpolation=way,
         threads=1,  # more of them are slower
     ).to_ndarray()
-    image = decode(np.rot90(codes, round(frame.rotation / 90)), clip.encoding.curves[0])
-    return replace(image, rgb=to_srgb_primaries(image.rgb, clip.encoding))
+    # Both count against the clock.
+    codes: npt.NDArray[Any] = np.rot90(shown, round(frame.rotation / 90))
+    image = decode(codes, clip.encoding.curves[0])
+    light = to_srgb_primaries(image.rgb, clip.encoding)
+    return replace(image, rgb=light, valid=_unclipped(codes, clip.bits))
+
+
+def _unclipped(codes: npt.NDArray[Any], bits: int) -> Bools:
+    """(H, W) where no channel is white. White of 10 bits is a little less than the most of 16."""
+    top = np.iinfo(codes.dtype).max
+    red, green, blue = (codes[..., c] < top - 0.5 * top / (2**bits - 1) for c in range(3))
+    return np.asarray(red & green & blue)
 
 
 def _curve(path: Path, frame: "VideoFrame", transfer: Transfer | None, stacklevel: int) -> Transfer:
