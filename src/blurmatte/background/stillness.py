@@ -11,7 +11,8 @@ import numpy as np
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
 
-_TILES, _TILE = 3, 256  # a side; pixels of a side at most
+_TILES = 3  # a side
+_LEAST_TILE, _TILE = 64, 256  # pixels of a side
 _LOOKED_AT = 8  # frames
 _MOST_SHIFT = 0.5  # pixels: what averaging may blur edges by, and no more
 _SURE = 0.1  # pixels: a tile of which the noise leaves more open does not vote
@@ -40,14 +41,9 @@ def check_still(light: Floats, gain: Floats, variance: float, names: Sequence[st
     others = np.unique(np.linspace(0, len(light) - 1, _LOOKED_AT).astype(int))
     worst, at = 0.0, middle
     for k in others[others != middle]:
-        shifts = []
-        for rows, columns in _tiles(light.shape[1:3]):
-            a, b = ((light[i, rows, columns] / gain[i]).mean(axis=-1) for i in (middle, k))
-            shift = _shift(a, b, variance)
-            shifts += [] if shift is None else [float(np.hypot(*shift))]
-        moved = [s for s in shifts if s > _MOST_SHIFT]
-        if len(moved) >= max(2, len(shifts) / 2) and np.median(moved) > worst:
-            worst, at = float(np.median(moved)), int(k)
+        a, b = ((light[i] / gain[i]).mean(axis=-1, dtype=np.float32) for i in (middle, k))
+        if (moved := _moved(a, b, variance)) > worst:
+            worst, at = moved, int(k)
     if worst > 0:
         raise PlateError(
             f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
@@ -56,13 +52,32 @@ def check_still(light: Floats, gain: Floats, variance: float, names: Sequence[st
         )
 
 
+def _moved(a: Floats, b: Floats, variance: float) -> float:
+    """How far the camera moved between two pictures, pixels; 0 if it did not."""
+    cell = -(-max(a.shape) // _TILE)
+    whole = _shift(_cells(a, cell), _cells(b, cell), variance / cell**2)
+    if whole is not None and max(map(abs, whole)) > 1:  # farther than a tile may be wide
+        return float(cell * np.hypot(*whole))
+    shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
+    lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
+    moved = [length for length in lengths if length > _MOST_SHIFT]
+    return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
+
+
+def _cells(picture: Floats, side: int) -> Floats:
+    """Means over squares; what is left at the borders is cut off."""
+    height, width = (n // side for n in picture.shape)
+    whole = picture[: height * side, : width * side]
+    return np.asarray(whole.reshape(height, side, width, side).mean(axis=(1, 3)))
+
+
 def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
-    """The middles of the fields of a 3 x 3 board."""
+    """3 x 3 of them over the whole picture; in small ones they overlap."""
     sides = []
     for length in shape:
-        size = min(length // _TILES, _TILE)
-        centers = (np.arange(_TILES) + 0.5) * length / _TILES
-        sides.append([slice(int(c - size / 2), int(c - size / 2) + size) for c in centers])
+        size = min(length, max(length // _TILES, _LEAST_TILE), _TILE)
+        starts = np.linspace(0, length - size, _TILES)
+        sides.append([slice(int(start), int(start) + size) for start in starts])
     return [(rows, columns) for rows in sides[0] for columns in sides[1]]
 
 
