@@ -216,10 +216,10 @@ def test_a_camera_that_turns_is_refused():
     # door
     from scipy.ndimage import rotate
 
-    wide = 0.1 + 0.7 * colorful_plate((160, 160), 4, tile=11)
+    wide = 0.1 + 0.7 * colorful_plate((420, 320), 4, tile=25)
     frames = [
-        rotate(wide, angle, reshape=False, order=1)[30:130, 30:130]
-        for angle in np.linspace(0, 6, 9)
+        rotate(wide, angle, reshape=False, order=1)[10:310, 10:410]
+        for angle in np.linspace(0, 1, 5)
     ]
     with pytest.raises(PlateError, match="the camera moved"):
         make_plate(images(frames))

@@ -13,10 +13,12 @@ from blurmatte.errors import PlateError
 
 _TILES = 3  # a side
 _LEAST_TILE, _TILE = 64, 256  # pixels of a side
+_LEAST_OVERLAP = 16  # pixels
 _LOOKED_AT = 8  # frames
 _MOST_SHIFT = 0.5  # pixels: what averaging may blur edges by, and no more
 _SURE = 0.1  # pixels: a tile of which the noise leaves more open does not vote
-_GAIN = 0.7  # of the difference at the edges is left, at most, if it was a shift
+_GAIN = 0.8  # of the difference is left, at most, if it was a shift
+_KEPT = 3 * 1.4826  # times the median deviation: three standard deviations
 
 
 def check_still(light: Floats, gain: Floats, variance: float, names: Sequence[str]) -> None:
@@ -83,16 +85,27 @@ def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
 
 def _shift(a: Floats, b: Floats, variance: float) -> tuple[float, float] | None:
     """(x, y) of what b shows against a, pixels; None if the tile does not tell."""
-    if min(a.shape) < 16:
-        return None
-    x, y = _whole_shift(a, b)
-    near = _overlap(a, b, x, y)
-    dx, dy, sure = _rest(*near, variance)
-    if not sure:
-        return None
-    if (x, y) != (0, 0) and not _explained(a, b, near):
-        return (0.0, 0.0)
-    return (x + dx, y + dy)
+    best, least, told = (0.0, 0.0), _GAIN * _difference(_smooth(a) - _smooth(b)), False
+    for x, y in dict.fromkeys([_whole_shift(a, b), (0, 0)]):
+        near = _overlap(a, b, x, y)
+        if min(near[0].shape) < _LEAST_OVERLAP:
+            continue
+        dx, dy, left = _rest(*near, variance)
+        told |= np.isfinite(left)
+        if left < least:
+            best, least = (x + dx, y + dy), left
+    return best if told else None
+
+
+def _difference(d: Floats) -> float:
+    """How large differences are, of most pixels: those of something bright that moves count little."""
+    return float(np.mean(np.sqrt(np.abs(d))))
+
+
+def _smooth(tile: Floats) -> Floats:
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(tile, 1))
 
 
 def _whole_shift(a: Floats, b: Floats) -> tuple[int, int]:
@@ -115,29 +128,22 @@ def _overlap(a: Floats, b: Floats, x: int, y: int) -> tuple[Floats, Floats]:
     return a[here], b[there]
 
 
-def _rest(a: Floats, b: Floats, variance: float) -> tuple[float, float, bool]:
-    """The rest of the shift, x and y, at most a pixel, and whether the noise lets us know."""
-    from scipy.ndimage import gaussian_filter
+def _rest(a: Floats, b: Floats, variance: float) -> tuple[float, float, float]:
+    """The rest of the shift, x and y, at most a pixel, and the difference it leaves.
 
-    if min(a.shape) < 16:
-        return 0.0, 0.0, False
-    a, b = (np.asarray(gaussian_filter(tile, 1)) for tile in (a, b))
+    That is infinite if noise leaves the shift open.
+    """
+    a, b = _smooth(a), _smooth(b)
     middle: Floats = (a + b) / 2
     gy, gx = np.gradient(middle, axis=0), np.gradient(middle, axis=1)
-    d, kept = b - a, np.ones(a.shape, bool)
+    d, x, y, kept = b - a, 0.0, 0.0, np.ones(a.shape, bool)
     for _ in range(3):
         g = np.stack([gx[kept], gy[kept]])
         normal = np.einsum("in,jn->ij", g, g)  # small products; threads of BLAS would only wait
         # Smoothing by one pixel leaves 1/4π of white noise's variance, and spreads it over 4π pixels.
         if float(np.linalg.eigvalsh(normal).min()) * _SURE**2 < 2 * variance:
-            return 0.0, 0.0, False
-        x, y = -np.linalg.solve(normal, np.einsum("in,n->i", g, d[kept]))
-        left = np.abs(d + x * gx + y * gy)
-        kept = left <= max(3 * 1.4826 * float(np.median(left)), np.sqrt(variance))
-    return float(np.clip(x, -1, 1)), float(np.clip(y, -1, 1)), True
-
-
-def _explained(a: Floats, b: Floats, near: tuple[Floats, Floats]) -> bool:
-    """Whether shifting made most of the difference at the edges go away."""
-    left = [np.quantile(np.abs(p - q), 0.9) for p, q in (near, (a, b))]
-    return bool(left[0] < _GAIN * left[1])
+            return 0.0, 0.0, np.inf
+        x, y = np.clip(-np.linalg.solve(normal, np.einsum("in,n->i", g, d[kept])), -1, 1)
+        left = d + x * gx + y * gy
+        kept = np.abs(left) <= max(_KEPT * float(np.median(np.abs(left))), np.sqrt(variance))
+    return float(x), float(y), _difference(left)
