@@ -4,7 +4,7 @@ In this file m is the mode of a pixel's frames, x the light of a frame over its 
 x − m over a batch: the n free ones of some frames in a row.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -89,7 +89,7 @@ def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
     still, variance, place = _still(modes)
     length = max(1, -(-count // _BATCHES))
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
-        for number, frame in enumerate(frames):
+        for number, frame in enumerate(_ahead(frames)):
             if frame.rgb.shape != modes.light.shape:
                 raise ValueError(other_size(frame, number, modes.near.shape[::-1]))
             sums.gain.append(fit_gain(frame.rgb[place].T.astype(float), still, variance))
@@ -98,6 +98,16 @@ def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
                 sums.close_batch()
     sums.close_batch()
     return sums
+
+
+def _ahead(frames: Iterable[LinearImage]) -> Iterator[LinearImage]:
+    """The same frames; the next one is read while the last is worked on."""
+    source = iter(frames)
+    with ThreadPoolExecutor(1) as reader:
+        coming = reader.submit(next, source, None)
+        while (frame := coming.result()) is not None:
+            coming = reader.submit(next, source, None)
+            yield frame
 
 
 def _still(modes: Modes) -> tuple[Floats, Floats, tuple[npt.NDArray[np.intp], ...]]:

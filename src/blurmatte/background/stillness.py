@@ -14,7 +14,7 @@ from blurmatte.errors import PlateError
 _TILES = 3  # a side
 _LEAST_TILE, _TILE = 64, 256  # pixels of a side
 _LEAST_OVERLAP = 16  # pixels
-_LOOKED_AT = 8  # frames
+_LOOKED_AT = 5  # frames
 _MOST_SHIFT = 0.5  # pixels: what averaging may blur edges by, and no more
 _SURE = 0.1  # pixels: a tile of which the noise leaves more open does not vote
 _GAIN = 0.8  # of the difference is left, at most, if it was a shift

@@ -7,7 +7,7 @@ stream's own matrix; here R'G'B' becomes light with the primaries of sRGB.
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -20,7 +20,7 @@ from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.refusals import check_size
-from blurmatte.radiometry import REC709, LinearImage, Transfer, decode
+from blurmatte.radiometry import REC709, LinearImage, Meta, Transfer
 
 if TYPE_CHECKING:
     from av.container import InputContainer
@@ -113,49 +113,47 @@ def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
     FileError
         If the clip is damaged, or its frames change their size.
     """
+    curve = clip.encoding.curves[0]
+    table = curve.table(256 if clip.bits <= 8 else 65536).astype(np.float32)
     with _opened(clip.path) as (container, stream):
         stream.thread_type = "AUTO"
         frames = enumerate(container.decode(stream))
         for number, frame in islice(frames, numbers.start, numbers.stop, numbers.step):
-            image = _light(clip, frame)
+            codes = _codes(clip, frame)
+            light = to_srgb_primaries(table.take(codes), clip.encoding)
+            when = f" ({frame.time:.2f} s)" if frame.time is not None else ""
+            name = f"{clip.path.name} frame {number}{when}"
+            meta = Meta(name, curve, 2**clip.bits, time=frame.time)
+            image = LinearImage(light, valid=_unclipped(codes, clip.bits), meta=meta)
             if image.size != clip.size:
                 raise FileError(
                     f"{clip.path}: frame {number} is {image.size[0]}x{image.size[1]} pixels, the "
                     f"first {clip.size[0]}x{clip.size[1]}; cut the clip there"
                 )
-            yield _named(clip, image, number, frame.time)
+            yield image
 
 
-def _named(clip: Clip, image: LinearImage, number: int, time: float | None) -> LinearImage:
-    when = f" ({time:.2f} s)" if time is not None else ""
-    name = f"{clip.path.name} frame {number}{when}"
-    meta = replace(image.meta, source=name, levels=2**clip.bits, time=time)
-    return replace(image, meta=meta)
-
-
-def _light(clip: Clip, frame: "VideoFrame") -> LinearImage:
+def _codes(clip: Clip, frame: "VideoFrame") -> npt.NDArray[Any]:
+    """(H, W, 3) R'G'B' codes of 8 or 16 bits, upright."""
     from av.video.reformatter import Interpolation as Way
 
     # Without these flags codes come out one too dark, and the chroma of 4:2:0 in steps.
     way = Way.BICUBIC | Way.FULL_CHR_H_INT | Way.ACCURATE_RND
     unsaid = _BT709 if frame.height >= _HD_HEIGHT else _BT601
-    shown = frame.reformat(
+    codes = frame.reformat(
         format="rgb24" if clip.bits <= 8 else "rgb48le",
         src_colorspace=unsaid if frame.colorspace == _UNSAID else None,
         interpolation=way,
         threads=1,  # more of them are slower
     ).to_ndarray()
-    # Both count against the clock.
-    codes: npt.NDArray[Any] = np.rot90(shown, round(frame.rotation / 90))
-    image = decode(codes, clip.encoding.curves[0])
-    light = to_srgb_primaries(image.rgb, clip.encoding)
-    return replace(image, rgb=light, valid=_unclipped(codes, clip.bits))
+    return np.rot90(codes, round(frame.rotation / 90))  # both count against the clock
 
 
 def _unclipped(codes: npt.NDArray[Any], bits: int) -> Bools:
     """(H, W) where no channel is white. White of 10 bits is a little less than the most of 16."""
-    top = np.iinfo(codes.dtype).max
-    red, green, blue = (codes[..., c] < top - 0.5 * top / (2**bits - 1) for c in range(3))
+    top = int(np.iinfo(codes.dtype).max)
+    white = top - (top >> (bits + 1)) if bits > 8 else top
+    red, green, blue = (codes[..., c] < white for c in range(3))
     return np.asarray(red & green & blue)
 
 
