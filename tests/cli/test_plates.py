@@ -58,6 +58,11 @@ def test_a_clip_becomes_a_plate(tmp_path, clip, scene):
     assert np.std(z[plate.valid]) == pytest.approx(1, abs=0.15)
     with Image.open(tmp_path / "plate_overview.png") as sheet:
         assert sheet.width == 1800
+    std = np.median(np.sqrt(plate.variance))
+    assert (
+        f"error of the light, of each pixel: {std:.2g}"
+        in run("info", tmp_path / "plate.exr").stdout
+    )
 
 
 def test_a_part_of_a_clip(tmp_path, clip):

@@ -113,14 +113,17 @@ def _finished(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
         )
     n = np.maximum(free, 1)[..., None]
     rgb = modes.light + sums.total / n
-    noise = _variance(sums, known, modes.variance, _rounding(rgb, frame.meta))
+    noise = np.empty_like(modes.light)
+    for c in range(3):  # one at a time: of large frames a channel takes a lot of memory
+        rounding = _rounding(rgb[..., c], frame.meta)
+        noise[..., c] = _variance(sums, c, known, modes.variance[..., c], rounding)
     meta = Meta(source=f"plate of {len(gain)} frames")
-    plate = LinearImage(rgb.astype(np.float32), noise.astype(np.float32), valid, meta)
+    plate = LinearImage(rgb.astype(np.float32), noise, valid, meta)
     return PlateFit(plate, np.where(known, free / len(gain), 0).astype(np.float32), gain)
 
 
-def _variance(sums: Sums, known: Bools, usual: Floats, rounding: Floats) -> Floats:
-    """(H, W, 3) variance of B: v / n, times how much noise hangs together in time, and rounding.
+def _variance(sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats) -> Floats:
+    """(H, W) variance of a channel of B: v / n, times how noise hangs together, and rounding.
 
     Neighborhoods are averaged in units of the variance that is `usual` for a frame.
 
@@ -131,13 +134,13 @@ def _variance(sums: Sums, known: Bools, usual: Floats, rounding: Floats) -> Floa
 
     Eight batches tell that badly for one pixel; what they tell of a neighborhood is believed.
     """
-    n = np.maximum(sums.counts[..., 1], 2).astype(float)[..., None]
-    delta, q = sums.total / n, sums.batch_counts[..., None]
-    v = np.maximum(sums.squares - n * delta**2, 0) / (n - 1)
-    local = usual * _around(v / usual, (n - 1) * known[..., None], _NEIGHBORS)
+    n = np.maximum(sums.counts[..., 1], 2).astype(float)
+    delta, q = sums.total[..., c] / n, sums.batch_counts
+    v = np.maximum(sums.squares[..., c] - n * delta**2, 0) / (n - 1)
+    local = usual * _around(v / usual, (n - 1) * known, _NEIGHBORS)
     v = ((n - 1) * v + _PIXELS_TRUSTED * local) / (n - 1 + _PIXELS_TRUSTED)
-    usable = known[..., None] & (n**2 > 1.5 * q)
-    scatter = sums.batch_squares - 2 * delta * sums.batch_products + delta**2 * q
+    usable = known & (n**2 > 1.5 * q)
+    scatter = sums.batch_squares[..., c] - 2 * delta * sums.batch_products[..., c] + delta**2 * q
     scatter = np.where(usable, scatter / np.maximum(n**2 - q, 1), 0)
     white, of_batches = (_around(a * n / usual, 1.0 * usable, _BLOCKS) for a in (v / n, scatter))
     together = np.maximum(of_batches / np.maximum(white, _TINY), 1)
@@ -146,18 +149,17 @@ def _variance(sums: Sums, known: Bools, usual: Floats, rounding: Floats) -> Floa
 
 
 def _rounding(light: Floats, meta: Meta) -> Floats:
-    """(H, W, 3) variance that rounding makes in one frame; 0 if it held floats."""
+    """Variance that rounding makes in one frame at each light; 0 if it held floats."""
     if meta.levels is None:
         return np.zeros_like(light)
     return rounding_variance(light, meta.levels, meta.transfer or LINEAR)
 
 
 def _around(values: Floats, weight: Floats, side: int) -> Floats:
-    """Weighted mean over the neighborhood of each pixel, per channel."""
+    """(H, W) weighted mean over the neighborhood of each pixel."""
     from scipy.ndimage import uniform_filter
 
-    weight = weight.astype(float)
-    weighted, total = (uniform_filter(a, (side, side, 1)) for a in (values * weight, weight))
+    weighted, total = (uniform_filter(a, side) for a in (values * weight, weight))
     # Its running sums leave something where there is nothing.
     return np.asarray(np.maximum(weighted, 0) / np.maximum(total, 1e-6))
 

@@ -154,11 +154,13 @@ def _part(frame: LinearImage) -> LinearImage:
 def _noise(parts: Sequence[LinearImage]) -> NoiseModel:
     """Of one frame: half that of the difference of two, the median of a few such.
 
-    Half a clip is between the two, for what video does not send again stays the same for long.
+    About half a clip is between the two, for what video does not send again stays the same for long;
+    not always as much, for frames may repeat themselves.
     """
-    models, gap = [], len(parts) // 2
-    for i in np.unique(np.linspace(0, len(parts) - 1 - gap, _NOISE_PAIRS).astype(int)):
-        a, b = parts[i], parts[i + gap]
+    models, half = [], len(parts) // 2
+    starts = np.linspace(0, len(parts) - 1 - half, _NOISE_PAIRS).astype(int)
+    for shorter, i in enumerate(starts):
+        a, b = parts[i], parts[i + max(half - shorter, 1)]
         ratio = median_ratio(b.rgb.reshape(-1, 3).T, a.rgb.reshape(-1, 3).T)
         b = replace(b, rgb=(b.rgb / ratio).astype(np.float32))
         first, second = fit_noise(a, b)
