@@ -19,9 +19,7 @@ _MOST_SAMPLES, _LEAST_SAMPLES = 64, 20
 _MOST_BYTES = 1.0e9  # of samples held; each takes 6 bytes a pixel
 _NOISE_PIXELS, _NOISE_PAIRS = 1e5, 3
 _LEAST_VARIANCE = 1e-12  # float32 knows no light better
-_STEPS = (
-    3.0  # rounding's variance so often is that of half a step: rounded light jumps by whole ones
-)
+_STEPS = 3.0  # times rounding's variance is half a step squared: rounded light jumps by steps
 _HALF_ROUNDING = 2.0**-22 / 3  # of light²: samples are kept as float16
 _GAIN_PIXELS = 1e4
 _LEAST_GAIN = 1e-3  # a black frame has one, too

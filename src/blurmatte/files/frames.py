@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from glob import glob, has_magic
 from pathlib import Path
-from typing import overload
+from typing import TYPE_CHECKING, overload
 
 from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files.clips import decode_frames, open_clip
@@ -55,10 +55,14 @@ class Frames(Sequence[LinearImage]):
     def __iter__(self) -> Iterator[LinearImage]:
         return self.load(self.numbers)
 
-    @overload
-    def __getitem__(self, which: int) -> LinearImage: ...
-    @overload
-    def __getitem__(self, which: slice) -> "Frames": ...
+    # The registry of `overload` would keep this module, and all it imports, beyond the end.
+    if TYPE_CHECKING:
+
+        @overload
+        def __getitem__(self, which: int) -> LinearImage: ...
+        @overload
+        def __getitem__(self, which: slice) -> "Frames": ...
+
     def __getitem__(self, which: int | slice) -> "LinearImage | Frames":
         if isinstance(which, slice):
             return replace(self, numbers=self.numbers[which])
