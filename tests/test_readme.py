@@ -65,7 +65,34 @@ def test_numpy_arrays_run(pictures, monkeypatch):
     names = {}
     exec(EXAMPLES[1], names)
     assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
-    assert len(EXAMPLES) == 2
+    assert len(EXAMPLES) == 3
+
+
+def test_a_clip_gives_the_plate(pictures, monkeypatch):
+    monkeypatch.chdir(pictures)
+    image, plate = bm.read("throw.png", bm.SRGB), bm.read("empty_room.png", bm.SRGB)
+    lights = [plate.rgb] * 60
+    lights[40] = image.rgb
+    save_clip("rally.mp4", lights)
+    names = {}
+    exec(EXAMPLES[2], names)
+    alpha = names["solution"].layer.alpha
+    assert alpha.sum(dtype=float) == pytest.approx(np.pi * 12**2, rel=0.05)
+    assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
+
+
+def save_clip(path, lights):
+    """A lossless clip, tagged as sRGB, with noise of one code value."""
+    av, rng = pytest.importorskip("av"), np.random.default_rng(3)
+    with av.open(path, "w") as clip:
+        stream = clip.add_stream("libx264rgb", rate=25, options={"qp": "0"})
+        stream.height, stream.width, stream.pix_fmt = *lights[0].shape[:2], "rgb24"
+        stream.codec_context.color_trc = 13
+        for light in lights:
+            codes = 255 * bm.SRGB.encode(light) + rng.normal(size=light.shape)
+            codes = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
+            clip.mux(stream.encode(av.VideoFrame.from_ndarray(codes, format="rgb24")))
+        clip.mux(stream.encode())
 
 
 def test_first_command_solves_the_example(tmp_path, monkeypatch):

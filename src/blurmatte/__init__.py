@@ -7,6 +7,8 @@ from blurmatte.background import Match as Match
 from blurmatte.background import Matching as Matching
 from blurmatte.background import fit_match as fit_match
 from blurmatte.background import match_plate as match_plate
+from blurmatte.background import PlateFit as PlateFit
+from blurmatte.background import make_plate as make_plate
 from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
 from blurmatte.color import pick_colors as pick_colors
@@ -23,8 +25,10 @@ from blurmatte.errors import PlateWarning as PlateWarning
 from blurmatte.errors import TransferWarning as TransferWarning
 from blurmatte.explain import explain as explain
 from blurmatte.files import MAX_PIXELS as MAX_PIXELS
+from blurmatte.files import Frames as Frames
 from blurmatte.files import read as read
 from blurmatte.files import read_color_model as read_color_model
+from blurmatte.files import read_frames as read_frames
 from blurmatte.files import read_layer as read_layer
 from blurmatte.files import read_noise as read_noise
 from blurmatte.files import read_solution as read_solution
@@ -38,6 +42,7 @@ from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
 from blurmatte.overview import draw_overview as draw_overview
+from blurmatte.overview import draw_plate as draw_plate
 from blurmatte.radiometry import LINEAR as LINEAR
 from blurmatte.radiometry import REC709 as REC709
 from blurmatte.radiometry import SRGB as SRGB
@@ -59,6 +64,7 @@ from blurmatte.rendering import Rendering as Rendering
 from blurmatte.rendering import Scene as Scene
 from blurmatte.rendering import Shot as Shot
 from blurmatte.rendering import render as render
+from blurmatte.results import save_plate as save_plate
 from blurmatte.results import save_results as save_results
 from blurmatte.scenes import Score as Score
 from blurmatte.scenes import find_scenes as find_scenes

@@ -1,14 +1,15 @@
-"""What a color model or a solution says, in plain words."""
+"""What a color model, a solution or a plate says, in plain words."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
 
+from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
-from blurmatte.radiometry import BLOCKS, NoiseFit, NoiseModel
+from blurmatte.radiometry import BLOCKS, SRGB, NoiseFit, NoiseModel
 
 _MEDIUM_LIGHT = np.full(3, 0.2)
 _OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
@@ -39,12 +40,12 @@ _REMEDY = {
 }
 
 
-def explain(thing: ColorModel | Solution | NoiseFit) -> list[str]:
-    """Sentences about colors, a solution or noise, for people who do not know the words.
+def explain(thing: ColorModel | Solution | PlateFit | NoiseFit) -> list[str]:
+    """Sentences about colors, a solution, a plate or noise, for people who do not know the words.
 
     Parameters
     ----------
-    thing : ColorModel, Solution or NoiseFit
+    thing : ColorModel, Solution, PlateFit or NoiseFit
 
     Returns
     -------
@@ -73,10 +74,38 @@ def explain(thing: ColorModel | Solution | NoiseFit) -> list[str]:
             *_flags(thing),
             *_others(thing.stats),
         ]
+    if isinstance(thing, PlateFit):
+        return list(_plate(thing))
     if isinstance(thing, NoiseFit):
         return [*_sensor(thing), *_rounding(thing), *_coherence(thing), *_left_out(thing)]
     raise TypeError(
-        f"can explain a ColorModel, a Solution or a NoiseFit, got {type(thing).__name__}"
+        "can explain a ColorModel, a Solution, a PlateFit or a NoiseFit, "
+        f"got {type(thing).__name__}"
+    )
+
+
+def _plate(fit: PlateFit) -> Iterator[str]:
+    plate, frames = fit.plate, len(fit.gain)
+    free = fit.coverage[plate.valid]
+    yield (
+        f"{frames} frames; half of the pixels were free in {np.median(free):.0%} of them or more, "
+        f"the rarest 1% in {np.quantile(free, 0.01):.0%}."
+    )
+    brightness = fit.gain.mean(axis=1)
+    change = brightness.max() / brightness.min() - 1
+    yield f"The light of the scene changed by {change:.1%}; that is divided out."
+    std = np.sqrt(np.median(plate.variance[plate.valid], axis=0))
+    light = np.median(plate.rgb[plate.valid], axis=0)
+    steps = std / (SRGB.slope(light) / 255)
+    yield (
+        f"Noise of the plate: {steps.mean():.2f} of a step of 8-bit sRGB at the median pixel "
+        f"({std.mean():.2g} of white)."
+    )
+    clipped = ~plate.valid & (fit.coverage > 0)
+    unknown = ~plate.valid & (fit.coverage == 0)
+    yield (
+        f"Not known, for no light was seen much more often than others: {unknown.mean():.1%} of the "
+        f"pixels. Clipped: {clipped.mean():.1%}."
     )
 
 

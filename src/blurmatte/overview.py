@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.background import PlateFit
 from blurmatte.checks import Bools, Floats, check_same_size
 from blurmatte.color import ColorModel
 from blurmatte.explain import alpha_peak, doubts, explain
@@ -34,6 +35,7 @@ _BRIGHT: Color = (236, 236, 232)
 _DIM: Color = (160, 162, 166)
 _NEUTRAL: Color = (72, 73, 76)
 _WARNING: Color = (255, 150, 90)
+_UNKNOWN: Color = (236, 64, 190)
 _STREAK: Color = (255, 196, 60)
 _OTHER: Color = (120, 190, 255)
 _FLAGS: dict[Quality, tuple[Color, str]] = {
@@ -114,7 +116,41 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
     sheet.title(" over ".join(names) or "blurmatte", f"{_by(solution.size)} px, {solution.solver}")
     sheet.head(_whole(image, solution), solution)
-    sheet.grid(panels, layout)
+    sheet.grid(panels, layout, "the streak")
+    return sheet.pixels()
+
+
+def draw_plate(fit: PlateFit) -> Pixels:
+    """Draw a plate, how often each pixel was free, and its error, on one sheet.
+
+    Parameters
+    ----------
+    fit : PlateFit
+        What `make_plate` made.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+    """
+    plate = fit.plate
+    known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))
+    light = np.where(known[..., None], _shown(plate.rgb), np.array(_UNKNOWN, np.uint8))
+    top = _round_up(float(np.percentile(std[known], 98)))
+    errors = _heat(np.clip(std / top, 0, 1) * (len(_HEAT) - 1))
+    errors[~known] = _UNKNOWN
+    unknown = (_UNKNOWN, f"not known or clipped {1 - known.mean():.1%}")
+    sheet = _Sheet()
+    sheet.title("plate", f"{_by(plate.size)} px of {len(fit.gain)} frames")
+    sheet.sentences(explain(fit))
+    panels = [
+        _Panel(light, "plate", legend=[unknown]),
+        _Panel(
+            _heat(fit.coverage * (len(_HEAT) - 1)), "free", "share of frames", [(None, "0 to 1")]
+        ),
+        _Panel(errors, "error", "std of light, 1 is white", [(None, f"0 to {top:g}"), unknown]),
+    ]
+    sheet.grid(panels, _Layout.around(plate.size, len(panels)), "what the frames say")
     return sheet.pixels()
 
 
@@ -367,11 +403,17 @@ class _Sheet:
             y += self._words(x, y, _WIDTH - _MARGIN - x, sentence, _BODY, _DIM) + 3
         return y
 
-    def grid(self, panels: Sequence[_Panel], layout: _Layout) -> None:
+    def sentences(self, lines: Sequence[str]) -> None:
+        """One below the other, over the whole width."""
+        for line in lines:
+            self._y += self._words(_MARGIN, self._y, _WIDTH - 2 * _MARGIN, line, _BODY, _BRIGHT)
+        self._y += _GAP // 2
+
+    def grid(self, panels: Sequence[_Panel], layout: _Layout, what: str) -> None:
         """All panels at one scale."""
         scale = layout.scale
         told = f"{scale}x enlarged" if scale > 1 else f"{-scale}x reduced" if scale < 0 else "1:1"
-        self._y = self._heading(_MARGIN, self._y, f"the streak, {told}")
+        self._y = self._heading(_MARGIN, self._y, f"{what}, {told}")
         for first in range(0, len(panels), layout.columns):
             self._row(panels[first : first + layout.columns], layout.width, scale)
 

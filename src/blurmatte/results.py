@@ -19,11 +19,12 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.background import PlateFit
 from blurmatte.checks import check_same_size
 from blurmatte.explain import alpha_peak, explain
 from blurmatte.files import write_together
 from blurmatte.matting import Quality, Solution
-from blurmatte.overview import draw_overview, sure_pixels
+from blurmatte.overview import draw_overview, draw_plate, sure_pixels
 from blurmatte.radiometry import LinearImage
 
 _PACKAGES = ("blurmatte", "numpy", "scipy", "numba", "OpenImageIO")
@@ -79,6 +80,32 @@ def save_results(
         "report.json": _report(image, plate, solution, command, warnings),
     }
     return write_together(folder, results)
+
+
+def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
+    """Write a plate, and a sheet to look at beside it: both or none.
+
+    Parameters
+    ----------
+    path : str or Path
+        Where the plate goes; as .exr it keeps its variance and which pixels are valid. The sheet is
+        called like it, with _overview.png at the end.
+    fit : PlateFit
+        What `make_plate` made.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    FileError
+        If they cannot be written. What was there before stays as it was.
+    """
+    path = Path(path)
+    things = {path.name: fit.plate, f"{path.stem}_overview.png": draw_plate(fit)}
+    return write_together(path.parent, things)
 
 
 def _report(

@@ -145,7 +145,8 @@ def _facts(
         yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
         yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
         if picture.noise is not None:
-            yield f"noise: {picture.noise}, as the file states it"
+            std = float(np.median(np.sqrt(picture.variance)))
+            yield f"error of the light, of each pixel: {std:.2g} in the middle, 1 is white"
         return
     alpha, light = layer.alpha, layer.premultiplied
     yield (

@@ -1,5 +1,7 @@
 """The only place that knows file formats: pictures, layers, solutions, color models and noise."""
 
+from blurmatte.files.frames import Frames as Frames
+from blurmatte.files.frames import read_frames as read_frames
 from blurmatte.files.models import read_color_model as read_color_model
 from blurmatte.files.noise import read_noise as read_noise
 from blurmatte.files.paths import path_to_mapping as path_to_mapping

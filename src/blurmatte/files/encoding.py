@@ -17,7 +17,13 @@ from blurmatte.files.raster import Raster
 from blurmatte.radiometry import LINEAR, REC709, SRGB, Transfer, gamma
 
 # Transfer characteristics of ITU-T H.273 that are a plain curve.
-_CICP_CURVES = {1: REC709, 4: gamma(2.2), 5: gamma(2.8), 6: REC709, 8: LINEAR, 13: SRGB, 14: REC709}
+CICP_CURVES = {
+    **dict.fromkeys((1, 6, 14, 15), REC709),
+    4: gamma(2.2),
+    5: gamma(2.8),
+    8: LINEAR,
+    13: SRGB,
+}
 _CICP_REC709 = 1  # primaries
 _ASSUMED = Profile((SRGB, SRGB, SRGB), None)
 
@@ -105,12 +111,12 @@ def _from_chunks(raster: Raster) -> Profile | None:
 
 def _from_cicp(raster: Raster) -> Profile:
     primaries, curve, *_ = (int(number) for number in raster.tags["CICP"])
-    if primaries != _CICP_REC709 or curve not in _CICP_CURVES:
+    if primaries != _CICP_REC709 or curve not in CICP_CURVES:
         raise FileError(
             f"{raster.path}: its cICP chunk asks for other colors than sRGB's "
             f"({primaries}, {curve}); convert the picture to sRGB first"
         )
-    return Profile((_CICP_CURVES[curve],) * 3, None)
+    return Profile((CICP_CURVES[curve],) * 3, None)
 
 
 def _power(exponent: float) -> Transfer | None:

@@ -32,7 +32,8 @@ _TAGS = (
     *("ICCProfile", "CICP", "Orientation", "ExposureTime", "Exif:ColorSpace"),
     *("oiio:UnassociatedAlpha", "oiio:BitsPerSample", "tiff:PhotometricInterpretation"),
     *("tiff:ColorSpace", "jpeg:ColorSpace"),
-    *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:camera"),
+    *("blurmatte:model", "blurmatte:solver", "blurmatte:stats"),
+    *("blurmatte:camera", "blurmatte:light"),
 )
 # Some cameras pad the end of a JPEG; every other complaint of libjpeg costs pixels.
 _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")
@@ -112,7 +113,8 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
     max_pixels : int
         More are refused before memory is taken.
     names : tuple of str, optional
-        The channels to keep, a Solution's; without it the picture's own: R, G, B or Y, and A.
+        The channels to keep, a Solution's; without it the picture's own: R, G, B or Y, A, and what
+        plates.py puts beside them.
 
     Raises
     ------

@@ -15,6 +15,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.camera import CAMERA_TAG, in_camera_colors
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.icc import Profile
+from blurmatte.files.plates import with_layers
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
 from blurmatte.files.raw import read_raw
 from blurmatte.files.refusals import RAW, kind_of
@@ -28,7 +29,8 @@ def read(
     """Read a picture as linear light.
 
     PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR, with the primaries of sRGB; ICC profile and
-    EXIF orientation are honoured; EXR and float TIFF are linear unless a profile says otherwise.
+    EXIF orientation are honoured; EXR and float TIFF are linear unless a profile says otherwise. The
+    variance and the valid pixels that `write` puts into an EXR come back.
     And camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, with
     the extra `raw`; see blurmatte.files.raw.
 
@@ -67,7 +69,7 @@ def read(
     valid = image.valid & raster.inside
     if raster.alpha is not None:
         valid &= raster.alpha >= 1
-    image = replace(image, valid=valid, meta=_meta(raster, encoding))
+    image = with_layers(replace(image, valid=valid, meta=_meta(raster, encoding)), raster)
     header = raster.tags.get(CAMERA_TAG)
     return image if header is None else in_camera_colors(path, image, str(header))
 

@@ -17,6 +17,7 @@ _RAW_NAMES = (
     "srf srw x3f"
 )
 RAW_EXTENSIONS = tuple(f".{name}" for name in _RAW_NAMES.split())
+VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # beside the light of an EXR
 
 _SIGNATURES = {
     PNG_SIGNATURE: "PNG",
@@ -105,7 +106,10 @@ def check_format(path: Path, kind: str, spec: oiio.ImageSpec, tags: Mapping[str,
 def wanted_channels(
     path: Path, present: tuple[str, ...], names: tuple[str, ...] | None
 ) -> tuple[str, ...]:
-    """Those of the channels `present` that are asked for: `names`, or else the picture's own."""
+    """Those of the channels `present` that are asked for: `names`, or else the picture's own.
+
+    The picture's own are its light, its alpha, and what plates.py may have put beside them.
+    """
     told = ", ".join(present[:12])
     if names is not None:
         missing = [name for name in names if name not in present]
@@ -120,7 +124,7 @@ def wanted_channels(
         raise FileError(
             f"{path}: has no channels R, G, B and no gray Y, but {told}; export a plain RGB picture"
         )
-    return tuple(name for name in present if name in colors | {"A"})
+    return tuple(name for name in present if name in colors | {"A", VALID, *VARIANCE})
 
 
 def damaged(path: Path, kind: str, complaints: list[str]) -> FileError:

@@ -22,6 +22,7 @@ from blurmatte.files.camera import camera_header
 from blurmatte.files.models import mapping_to_json, model_to_json
 from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
+from blurmatte.files.plates import light_parts
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
@@ -52,7 +53,8 @@ def write(
     """Write to a file whose ending says how.
 
     ================  ================================================================
-    LinearImage       .png .tif (16 bit sRGB), .jpg (8 bit sRGB), .exr (linear float)
+    LinearImage       .png .tif (16 bit sRGB), .jpg (8 bit sRGB), .exr (linear float); the
+                      EXR alone keeps its variance and which pixels are valid
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, everything in it
     ColorModel        .json
@@ -141,8 +143,13 @@ def _image_ways(image: LinearImage) -> Mapping[str, Way]:
         ".png": coded,
         ".tif": coded,
         ".jpg": lambda path: save_jpeg(path, _encoded(seen, np.uint8), time),
-        ".exr": lambda path: save_pixels(path, [seen], "RGB", _LINEAR | tags | camera),
+        ".exr": lambda path: _save_light(path, image, _LINEAR | tags | camera),
     }
+
+
+def _save_light(path: Path, image: LinearImage, tags: Mapping[str, Any]) -> None:
+    parts, names, mark = light_parts(image)
+    save_pixels(path, parts, names, {**tags, **mark})
 
 
 def _layer_ways(layer: Layer) -> Mapping[str, Way]:

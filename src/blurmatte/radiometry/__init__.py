@@ -13,6 +13,7 @@ from blurmatte.radiometry.image import smooth_variance as smooth_variance
 from blurmatte.radiometry.noise import NoiseModel as NoiseModel
 from blurmatte.radiometry.noise import fit_noise as fit_noise
 from blurmatte.radiometry.noise import rounding_noise as rounding_noise
+from blurmatte.radiometry.noise import rounding_variance as rounding_variance
 from blurmatte.radiometry.noise import with_noise as with_noise
 from blurmatte.radiometry.noise_chart import draw_noise as draw_noise
 from blurmatte.radiometry.noise_fit import NoiseFit as NoiseFit

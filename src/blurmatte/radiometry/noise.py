@@ -72,8 +72,8 @@ class NoiseModel:
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
         """The least noise a file of `levels` code values can have: rounding, to about 10 %."""
         light = np.geomspace(0.005, 1, 100)
-        coefficients = _fit_polynomial(light, _rounding_variance(light, levels, transfer))
-        black = _rounding_variance(np.zeros(1), levels, transfer)[0]
+        coefficients = _fit_polynomial(light, rounding_variance(light, levels, transfer))
+        black = rounding_variance(np.zeros(1), levels, transfer)[0]
         coefficients[0] = max(coefficients[0], black)
         return cls.from_coefficients(np.tile(coefficients, (3, 1)))
 
@@ -85,7 +85,8 @@ class NoiseModel:
         return variance
 
 
-def _rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
+def rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
+    """Variance, light², that rounding to one of `levels` code values makes at `light`."""
     return (transfer.slope(light) / (levels - 1)) ** 2 / 12
 
 

@@ -1,0 +1,209 @@
+"""The loops over frames and pixels, compiled.
+
+In this file x is the light of a pixel in a frame, divided by the frame's gain, m the mode of its
+frames. Noise has the variance s² λ: s² is that of the light, λ says how restless the place is. How far
+two lights are from each other is D = Σ (difference)² / variance over the channels; if only noise is
+between them, D is χ² with three degrees of freedom.
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+_COMPILED: dict[str, Any] = {
+    "error_model": "numpy",
+    "fastmath": {"nsz", "arcp", "contract", "reassoc"},
+    "cache": True,
+    "nogil": True,
+}
+_NEAR = np.float32(16)  # D: they show the same; noise is beyond it 1 time in 900
+_CLOSE = np.float32(4)  # D: of light that moves a little fewer are as close as of light that stays
+_CALM = 0.2  # of the differences between samples are small, even if the place is free rarely
+_CALM_CHI2 = np.float32(1.005)  # what χ² is below in that share of cases
+_ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
+_MOST = 5  # of 3 x 3 pixels: noise alone does not reach that
+
+
+@njit(inline="always", **_COMPILED)
+def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
+    x = max(light, _ZERO)
+    return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
+
+
+@njit(inline="always", **_COMPILED)
+def _precision(light, noise, channel, spread):  # type: ignore[no-untyped-def]
+    return _ONE / (spread * _variance(light, noise, channel))
+
+
+@njit(**_COMPILED)
+def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
+    """λ by what samples that follow each other differ when they differ little.
+
+    samples is (K, n, 3), noise nine coefficients, out (n,). Not smoothed, not limited.
+    """
+    pairs = samples.shape[0] - 1
+    D = np.empty(pairs, np.float32)
+    low = int(_CALM * pairs)
+    for i in range(samples.shape[1]):
+        for k in range(pairs):
+            D[k] = _ZERO
+            for c in range(3):
+                x, y = samples[k, i, c], samples[k + 1, i, c]
+                D[k] += (y - x) ** 2 * _precision((x + y) / _TWO, noise, c, _TWO)
+        out[i] = np.partition(D, low)[low] / _CALM_CHI2
+
+
+@njit(**_COMPILED)
+def _best(x, y, z, count, noise, restless):  # type: ignore[no-untyped-def]
+    """The sample that the most others are close to."""
+    best, most = 0, 0
+    for i in range(count):
+        a, b, c = x[i], y[i], z[i]
+        u = _precision(a, noise, 0, _TWO * restless)
+        v = _precision(b, noise, 1, _TWO * restless)
+        w = _precision(c, noise, 2, _TWO * restless)
+        close = 0
+        for j in range(count):
+            d = (x[j] - a) ** 2 * u + (y[j] - b) ** 2 * v + (z[j] - c) ** 2 * w
+            close += d <= _CLOSE
+        if close > most:
+            best, most = i, close
+        if 2 * most > count:  # no other can have more, but for the same ones
+            break
+    return best
+
+
+@njit(**_COMPILED)
+def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untyped-def]
+    """The mean of the samples near number `at`, how many those are, and how many others.
+
+    The others move to the front. The first mean is of those near a sample, which is noisy itself:
+    twice its variance counts.
+    """
+    a, b, c, near = x[at], y[at], z[at], 0
+    for spread in (_TWO, _ONE, _ONE):
+        u = _precision(a, noise, 0, spread * restless)
+        v = _precision(b, noise, 1, spread * restless)
+        w = _precision(c, noise, 2, spread * restless)
+        p, q, r, near = _ZERO, _ZERO, _ZERO, 0
+        for j in range(count):
+            d = (x[j] - a) ** 2 * u + (y[j] - b) ** 2 * v + (z[j] - c) ** 2 * w
+            far[j] = d > _NEAR
+            if d <= _NEAR:
+                p, q, r, near = p + x[j], q + y[j], r + z[j], near + 1
+        if near == 0:
+            break
+        a, b, c = p / np.float32(near), q / np.float32(near), r / np.float32(near)
+    left = 0
+    for j in range(count):
+        if far[j]:
+            x[left], y[left], z[left] = x[j], y[j], z[j]
+            left += 1
+    return a, b, c, near, left
+
+
+@njit(**_COMPILED)
+def find_modes(samples, noise, restless, rival_share, mode, rival, near):  # type: ignore[no-untyped-def]
+    """The light that samples of each pixel gather at most densely, and the next one.
+
+    samples is (K, n, 3), noise nine coefficients, restless (n,), mode and rival (n, 3), near (n,): how
+    many agree. Where fewer than `rival_share` of that are left, the rival is not looked for, and is -1.
+    """
+    count = samples.shape[0]
+    x, y, z = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
+    far = np.empty(count, np.bool_)
+    for i in range(samples.shape[1]):
+        for k in range(count):
+            x[k], y[k], z[k] = samples[k, i, 0], samples[k, i, 1], samples[k, i, 2]
+        at = _best(x, y, z, count, noise, restless[i])
+        a, b, c, n, left = _settle(x, y, z, count, noise, restless[i], at, far)
+        mode[i, 0], mode[i, 1], mode[i, 2], near[i] = a, b, c, n
+        rival[i, 0], rival[i, 1], rival[i, 2] = -_ONE, -_ONE, -_ONE
+        if left > rival_share * n:
+            at = _best(x, y, z, left, noise, restless[i])
+            a, b, c, n, left = _settle(x, y, z, left, noise, restless[i], at, far)
+            rival[i, 0], rival[i, 1], rival[i, 2] = a, b, c
+
+
+@njit(**_COMPILED)
+def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
+    """Mark the pixels of a frame that disagree with the mode; light (n, 3), off (n,) uint8."""
+    g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
+    for i in range(off.shape[0]):
+        d = (
+            (light[i, 0] * g - mode[i, 0]) ** 2 * precision[i, 0]
+            + (light[i, 1] * h - mode[i, 1]) ** 2 * precision[i, 1]
+            + (light[i, 2] * k - mode[i, 2]) ** 2 * precision[i, 2]
+        )
+        off[i] = d > _NEAR
+
+
+@njit(**_COMPILED)
+def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
+    """Mark all pixels at most `reach` from one with which most of its neighbors disagree, too.
+
+    The rim of something blurred is fainter than the noise. off and near are (H, W) uint8.
+    """
+    height, width = off.shape
+    near[:] = 0
+    for y in range(1, height - 1):
+        for x in range(1, width - 1):
+            if not off[y, x]:
+                continue
+            around = 0
+            for j in range(y - 1, y + 2):
+                for i in range(x - 1, x + 2):
+                    around += off[j, i]
+            if around >= _MOST:
+                for j in range(max(y - reach, 0), min(y + reach + 1, height)):
+                    for i in range(max(x - reach, 0), min(x + reach + 1, width)):
+                        near[j, i] = 1
+
+
+@njit(**_COMPILED)
+def gather(light, gain, usable, mode, precision, rival, off, near, sums, squares, counts):  # type: ignore[no-untyped-def]
+    """Add a frame to what is known of its free pixels.
+
+    sums and squares are (n, 3): of x − m, over a batch of frames and over all. counts is (n, 5): free
+    frames in the batch; in all; of those, clipped ones and ones close to the mode; and frames that are
+    close to the rival.
+    """
+    g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
+    for i in range(off.shape[0]):
+        if off[i] and rival[i, 0] >= _ZERO:
+            d = (
+                (light[i, 0] * g - rival[i, 0]) ** 2 * precision[i, 0]
+                + (light[i, 1] * h - rival[i, 1]) ** 2 * precision[i, 1]
+                + (light[i, 2] * k - rival[i, 2]) ** 2 * precision[i, 2]
+            )
+            counts[i, 4] += d <= _CLOSE
+        if off[i] or near[i]:
+            continue
+        d0 = light[i, 0] * g - mode[i, 0]
+        d1 = light[i, 1] * h - mode[i, 1]
+        d2 = light[i, 2] * k - mode[i, 2]
+        sums[i, 0], sums[i, 1], sums[i, 2] = sums[i, 0] + d0, sums[i, 1] + d1, sums[i, 2] + d2
+        d0, d1, d2 = d0 * d0, d1 * d1, d2 * d2
+        squares[i, 0] += d0
+        squares[i, 1] += d1
+        squares[i, 2] += d2
+        counts[i, 0] += 1
+        counts[i, 1] += 1
+        counts[i, 2] += not usable[i]
+        counts[i, 3] += d0 * precision[i, 0] + d1 * precision[i, 1] + d2 * precision[i, 2] <= _CLOSE
+
+
+@njit(**_COMPILED)
+def close_batch(sums, counts, total, batch_squares, batch_products, batch_counts):  # type: ignore[no-untyped-def]
+    """Add the sums S over a batch of n frames to Σ S, Σ S², Σ S n and Σ n², and begin another."""
+    for i in range(sums.shape[0]):
+        n = np.float32(counts[i, 0])
+        for c in range(3):
+            S = sums[i, c]
+            total[i, c] += S
+            batch_squares[i, c] += S * S
+            batch_products[i, c] += S * n
+            sums[i, c] = _ZERO
+        batch_counts[i] += n * n
+        counts[i, 0] = 0

@@ -1,0 +1,117 @@
+"""blurmatte plate: a clip in, a plate and its sheet out, or one line."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import colorful_plate
+
+av = pytest.importorskip("av")
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def save_clip(path, lights):
+    """A lossless clip, 10 frames a second, tagged as sRGB."""
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream("ffv1", rate=10)
+        stream.height, stream.width = lights[0].shape[:2]
+        stream.pix_fmt = "bgr0"
+        stream.codec_context.color_trc = 13
+        for light in lights:
+            codes = np.rint(255 * bm.SRGB.encode(np.clip(light, 0, 1))).astype(np.uint8)
+            clip.mux(stream.encode(av.VideoFrame.from_ndarray(codes, format="rgb24")))
+        clip.mux(stream.encode())
+    return path
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return 0.1 + 0.6 * colorful_plate((96, 64), 3, tile=12)
+
+
+@pytest.fixture(scope="module")
+def clip(tmp_path_factory, scene):
+    """30 frames with noise, before which a square goes from left to right."""
+    rng, lights = np.random.default_rng(1), []
+    for i in range(30):
+        light = scene + rng.normal(0, 0.004, scene.shape)
+        light[20:34, 2 + 2 * i : 16 + 2 * i] = (0.8, 0.3, 0.05)
+        lights.append(light)
+    return save_clip(tmp_path_factory.mktemp("clip") / "walk.mkv", lights)
+
+
+def test_a_clip_becomes_a_plate(tmp_path, clip, scene):
+    # honest
+    result = run("plate", clip, "--out", tmp_path / "plate.exr")
+    assert result.exit_code == 0, result.stderr
+    assert "30 frames" in result.stdout
+    assert result.stdout.splitlines()[-1].endswith("plate_overview.png")
+    plate = bm.read(tmp_path / "plate.exr")
+    z = (plate.rgb - scene) / np.sqrt(plate.variance)
+    assert plate.valid.mean() > 0.98
+    assert np.std(z[plate.valid]) == pytest.approx(1, abs=0.15)
+    with Image.open(tmp_path / "plate_overview.png") as sheet:
+        assert sheet.width == 1800
+    std = np.median(np.sqrt(plate.variance))
+    assert (
+        f"error of the light, of each pixel: {std:.2g}"
+        in run("info", tmp_path / "plate.exr").stdout
+    )
+
+
+def test_a_part_of_a_clip(tmp_path, clip):
+    out = tmp_path / "plate.exr"
+    for window, count in (
+        (("--start", 10, "--stop", 20), 10),
+        (("--start", "1s", "--stop", "2.5s"), 15),
+        (("--step", 4), 8),
+    ):
+        result = run("plate", clip, "--out", out, *window)
+        assert result.stdout.startswith(f"plate of {count} frames"), result.stderr
+
+
+def test_pictures_become_a_plate(tmp_path, scene):
+    rng, names = np.random.default_rng(2), []
+    for i in range(4):
+        names.append(tmp_path / f"{i}.exr")
+        light = scene + rng.normal(0, 0.004, scene.shape)
+        bm.write(names[-1], bm.LinearImage(light.astype(np.float32)))
+    for source in (names, [tmp_path / "?.exr"]):
+        result = run("plate", *source, "--out", tmp_path / "out" / "plate.png")
+        assert result.stdout.startswith("plate of 4 frames, 96x64"), result.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        (["--stop", "2"], "at least 3 frames, got 2"),
+        (["--start", "late"], "seconds like 4.5s, got 'late'"),
+        (["--step", "0"], "--step must be at least 1, got 0"),
+        (["--transfer", "auto"], "no transfer is called 'auto'"),
+    ],
+)
+def test_what_goes_wrong_is_one_line_and_spoils_nothing(tmp_path, clip, arguments, complaint):
+    # door
+    out = tmp_path / "plate.exr"
+    out.write_bytes(b"what was there")
+    result = run("plate", clip, "--out", out, *arguments)
+    assert result.exit_code == 2
+    assert complaint in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert out.read_bytes() == b"what was there"
+    assert list(tmp_path.iterdir()) == [out]
+
+
+def test_a_camera_that_moves_is_told_with_the_clip(tmp_path):
+    # door
+    wide = 0.1 + 0.6 * colorful_plate((140, 90), 5, tile=9)
+    path = save_clip(tmp_path / "pan.mkv", [wide[5:85, 2 * i : 2 * i + 100] for i in range(12)])
+    result = run("plate", path, "--out", tmp_path / "plate.exr")
+    assert result.exit_code == 2
+    assert "pan.mkv: the camera moved: by" in result.stderr

@@ -1,0 +1,231 @@
+import sys
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.errors import FileError, TransferWarning
+from blurmatte.files import read_frames, write
+from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
+
+av = pytest.importorskip("av")
+
+
+def pictures(count=6, dtype=np.uint8):
+    """(64, 96, 3) codes of smooth colors, another brightness for each frame; nothing clipped."""
+    y, x = np.mgrid[0:64, 0:96]
+    first = np.stack([40 + 2 * x, 230 - 3 * y, 60 + x + y], axis=-1)
+    frames = [np.clip(first - 5 * i, 20, 235) for i in range(count)]
+    return [(f * (257 if dtype == np.uint16 else 1)).astype(dtype) for f in frames]
+
+
+def save_clip(
+    path, codes, codec="ffv1", pixels="bgr0", curve=1, primaries=1, matrix=None, full=None, turn=0
+):
+    """A lossless clip of code values with these tags (numbers of H.273), 25 frames a second."""
+    from av.video.reformatter import ColorRange, Interpolation
+
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream(codec, rate=25)
+        stream.height, stream.width = codes[0].shape[:2]
+        stream.pix_fmt = pixels
+        if codec == "libx264":
+            stream.options = {"qp": "0"}
+        context = stream.codec_context
+        context.color_trc, context.color_primaries = curve, primaries
+        if matrix is not None:
+            context.colorspace = matrix
+            context.color_range = ColorRange.JPEG if full else ColorRange.MPEG
+        if turn:
+            stream.set_display_rotation(turn)
+        for code in codes:
+            form = "rgb24" if code.dtype == np.uint8 else "rgb48le"
+            frame = av.VideoFrame.from_ndarray(code, format=form).reformat(
+                format=pixels,
+                dst_colorspace=matrix,
+                dst_color_range=context.color_range if matrix is not None else None,
+                interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
+            )
+            clip.mux(stream.encode(frame))
+        clip.mux(stream.encode())
+    return path
+
+
+def test_a_lossless_clip_comes_back_exactly(tmp_path):
+    # exact
+    codes = pictures()
+    frames = read_frames(save_clip(tmp_path / "a.mkv", codes))
+    assert (len(frames), frames.size, frames.rate) == (6, (96, 64), 25)
+    for _ in range(2):  # they can be run through again
+        lights = [frame.rgb for frame in frames]
+        assert len(lights) == 6
+        for light, code in zip(lights, codes, strict=True):
+            assert_allclose(light, REC709.decode(code / 255), rtol=1e-6)
+
+
+def test_some_of_the_frames(tmp_path):
+    # exact
+    frames = read_frames(save_clip(tmp_path / "a.mkv", pictures(9)))
+    every = [frame.rgb for frame in frames]
+    some = frames[1:8:3]
+    assert len(some) == 3
+    assert all(np.array_equal(f.rgb, every[i]) for f, i in zip(some, (1, 4, 7), strict=True))
+    assert np.array_equal(frames[5].rgb, every[5])
+    assert np.array_equal(some[2].rgb, every[7])
+    meta = frames[-1].meta
+    assert (meta.source, meta.time) == ("a.mkv frame 8 (0.32 s)", pytest.approx(0.32))
+    with pytest.raises(IndexError):
+        frames[9]
+    with pytest.raises(ValueError, match="forwards"):
+        frames[::-1]
+
+
+@pytest.mark.parametrize("matrix", [1, 5])
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("pixels", ["yuv444p", "yuv420p"])
+def test_ranges_and_matrices_of_y_cb_cr(tmp_path, matrix, full, pixels):
+    # oracle: the codes that went in, as near as 8 bits of Y'CbCr hold them
+    codes = pictures(2)
+    path = save_clip(tmp_path / "a.mkv", codes, "libx264", pixels, matrix=matrix, full=full)
+    seen = 255 * REC709.encode(read_frames(path)[0].rgb)
+    off = (seen - codes[0])[4:-4, 4:-4]
+    assert np.abs(off).max() < 3.5
+    assert np.abs(off.mean(axis=(0, 1))).max() < 1
+
+
+def test_ten_bits_stay_ten_bits(tmp_path):
+    # exact, to the step of 10 bits; white of the limited range is clipped light
+    ramp = np.linspace(0.3, 0.32, 96)[None, :, None].repeat(64, axis=0).repeat(3, axis=2)
+    codes = np.rint(ramp * 65535).astype(np.uint16)
+    codes[:8] = 65535
+    path = save_clip(tmp_path / "a.mkv", [codes] * 2, pixels="yuv444p10le", matrix=1, full=False)
+    frame = read_frames(path)[0]
+    assert_allclose(REC709.encode(frame.rgb[8:]), ramp[8:], atol=1.2 / 1023)
+    assert len(np.unique(frame.rgb[8:, :, 1])) > 15  # 8 bits have 5 there
+    assert frame.meta.levels == 1024
+    assert not frame.valid[:8].any()
+    assert frame.valid[8:].all()
+    assert_allclose(frame.rgb[:8], 1, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("number", "curve"), [(1, REC709), (4, gamma(2.2)), (13, SRGB), (14, REC709)]
+)
+def test_tags_say_the_curve(tmp_path, number, curve):
+    codes = pictures(1)
+    frame = read_frames(save_clip(tmp_path / "a.mkv", codes, curve=number))[0]
+    assert_allclose(frame.rgb, curve.decode(codes[0] / 255), rtol=1e-5)
+    assert frame.meta.transfer.name == curve.name
+
+
+def test_without_a_tag_rec_709_is_assumed_and_told(tmp_path):
+    codes = pictures(1)
+    path = save_clip(tmp_path / "a.mkv", codes, curve=2)
+    with pytest.warns(TransferWarning, match="transfer=REC709") as told:
+        frames = read_frames(path)
+    assert told[0].filename == __file__
+    assert_allclose(frames[0].rgb, REC709.decode(codes[0] / 255), rtol=1e-5)
+    assert_allclose(read_frames(path, SRGB)[0].rgb, SRGB.decode(codes[0] / 255), rtol=1e-5)
+
+
+def test_primaries_become_those_of_srgb(tmp_path):
+    # oracle: the matrix of ITU-R BT.2087, which maps BT.2020 to BT.709
+    codes = pictures(1)
+    light = REC709.decode(codes[0] / 255)
+    path = save_clip(tmp_path / "a.mkv", codes, primaries=9)
+    matrix = [[1.6605, -0.5876, -0.0728], [-0.1246, 1.1329, -0.0083], [-0.0182, -0.1006, 1.1187]]
+    assert_allclose(read_frames(path)[0].rgb, light @ np.transpose(matrix), atol=2e-4)
+
+
+@pytest.mark.parametrize("number", [16, 18])
+def test_hdr_is_refused_unless_the_caller_knows(tmp_path, number):
+    # door
+    path = save_clip(tmp_path / "a.mkv", pictures(1), curve=number)
+    with pytest.raises(FileError, match=f"number {number} of H.273.*transfer="):
+        read_frames(path)
+    assert len(read_frames(path, REC709)) == 1
+
+
+def test_pictures_are_sorted_as_people_count(tmp_path):
+    for number in (10, 9, 1):
+        light = np.full((4, 5, 3), number / 20, np.float32)
+        write(tmp_path / f"shot{number}.exr", LinearImage(light))
+    (tmp_path / "notes.txt").write_text("not a picture")
+    for source in (tmp_path, str(tmp_path / "*.exr")):
+        frames = read_frames(source)
+        assert [round(20 * float(f.rgb[0, 0, 0])) for f in frames] == [1, 9, 10]
+    names = [tmp_path / "shot9.exr", tmp_path / "shot1.exr"]
+    assert [round(20 * float(f.rgb[0, 0, 0])) for f in read_frames(names)] == [9, 1]
+    assert frames.rate is None
+
+
+def test_what_is_assumed_of_pictures_is_told_once(tmp_path, make_png):
+    for name in "abc":
+        (tmp_path / f"{name}.png").write_bytes(make_png(pictures(1)[0]))
+    with pytest.warns(TransferWarning) as told:
+        list(read_frames(tmp_path))
+    assert len(told) == 1
+
+
+def test_pictures_of_other_sizes_are_refused(tmp_path):
+    # door
+    for name, width in (("a", 5), ("b", 6)):
+        write(tmp_path / f"{name}.exr", LinearImage(np.zeros((4, width, 3), np.float32)))
+    with pytest.raises(FileError, match=r"b\.exr: is 6x4 pixels, but a\.exr 5x4"):
+        list(read_frames(tmp_path))
+
+
+def save_sound(path):
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream("pcm_s16le", rate=8000)
+        sound = av.AudioFrame.from_ndarray(np.zeros((1, 800), np.int16), layout="mono")
+        sound.sample_rate = 8000
+        clip.mux(stream.encode(sound))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("missing.mp4", None, "there is no such file"),
+        ("empty.mp4", b"", "the file is empty"),
+        ("text.mp4", b"no clip at all\n" * 50, "is no clip, or it is damaged"),
+        ("cut.mp4", "cut", "is no clip, or it is damaged"),
+        ("sound.wav", "sound", "holds no video"),
+    ],
+)
+def test_what_is_no_clip_is_refused_in_one_line(tmp_path, name, content, complaint):
+    # door
+    path = tmp_path / name
+    if content == "sound":
+        save_sound(path)
+    elif content == "cut":
+        save_clip(path, pictures(), "libx264", "yuv420p", matrix=1, full=False)
+        path.write_bytes(path.read_bytes()[:1500])
+    elif content is not None:
+        path.write_bytes(content)
+    with pytest.raises(FileError, match=complaint) as caught:
+        read_frames(path)
+    assert str(caught.value).startswith(f"{path}: ")
+    assert "\n" not in str(caught.value)
+
+
+def test_nothing_to_read_is_refused(tmp_path):
+    # door
+    for source in ([], tmp_path, str(tmp_path / "*.png")):
+        with pytest.raises(FileError, match="name a clip or pictures"):
+            read_frames(source)
+
+
+def test_large_frames_are_refused(tmp_path):
+    # door
+    path = save_clip(tmp_path / "a.mkv", pictures(1))
+    with pytest.raises(FileError, match="96 x 64 pixels, more than the limit of 5000"):
+        read_frames(path, max_pixels=5000)
+
+
+def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+    # door
+    path = save_clip(tmp_path / "a.mkv", pictures(1))
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(FileError, match=r'pip install "blurmatte\[video\]"'):
+        read_frames(path)
