@@ -3,6 +3,10 @@
 The public API, on one screen. Linear light in, linear light out; see each name's docstring.
 """
 
+from blurmatte.background import Match as Match
+from blurmatte.background import Matching as Matching
+from blurmatte.background import fit_match as fit_match
+from blurmatte.background import match_plate as match_plate
 from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
 from blurmatte.color import pick_colors as pick_colors

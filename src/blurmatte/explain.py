@@ -67,6 +67,7 @@ def explain(thing: ColorModel | Solution) -> list[str]:
             *_sweep(thing.stats),
             *_smooth(thing.stats),
             *_area(thing),
+            *_match(thing.stats),
             *_noise(thing.stats),
             *_flags(thing),
             *_others(thing.stats),
@@ -229,6 +230,22 @@ def _touches_border(solution: Solution) -> bool:
     x0, y0, x1, y1 = solution.stats.get("streak_box", (1, 1, 1, 1))
     width, height = solution.size
     return bool(min(x0, y0) == 0 or x1 == width or y1 == height)
+
+
+def _match(stats: Mapping[str, Any]) -> list[str]:
+    """How the plate was changed to match the image, and how well they agree now."""
+    match = stats.get("match")
+    if match is None:
+        return []
+    what = (
+        "The plate was used as it is"
+        if match["in_words"] == "plate as it is"
+        else (f"The plate was matched to the image: {match['in_words']}")
+    )
+    return [
+        f"{what}; where nothing moved, they agree to {match['agreement']:.2g} times their noise, at "
+        f"edges to {match['edge_agreement']:.2g}."
+    ]
 
 
 def _noise(stats: Mapping[str, Any]) -> list[str]:

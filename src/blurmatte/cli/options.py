@@ -78,3 +78,11 @@ Smoothness = Annotated[
 
 
 MaxPixels = Annotated[int, typer.Option(help="Larger pictures are refused.")]
+MatchName = Annotated[
+    str,
+    typer.Option(
+        metavar="auto|none|exposure|shift|full",
+        help="How the plate may be changed to match the image: its light, its place too, or any "
+        "small turn and smooth light. auto: what the pictures ask for.",
+    ),
+]

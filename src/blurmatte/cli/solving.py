@@ -18,6 +18,7 @@ from blurmatte.cli.options import (
     Image,
     Images,
     Mask,
+    MatchName,
     MaxBrightness,
     MaxPixels,
     Plate,
@@ -48,6 +49,7 @@ def solve(
     max_brightness: MaxBrightness = None,
     solver: SolverName = "auto",
     smoothness: Smoothness = None,
+    match: MatchName = "auto",
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
@@ -55,21 +57,27 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
-    way = _solver(solver, smoothness)
+    way, matching = _solver(solver, smoothness), _matching(match)
     files = _settled(Files(transfer, max_pixels), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
-    task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     failed = 0
     for path, folder in with_progress(places(images, out)):
         try:
             with about(path) as said:
                 C, _ = files.read(path, said)
-                streak = task.streak(C)
-                solution = bm.solve(C, B, task.model(C, streak), way, streak=streak)
+                found = bm.fit_match(C, B, matching)
+                matched = found.apply(B)
+                streak = task.streak(C, matched)
+                model = task.model(C, matched, streak)
+                solution = bm.solve(
+                    C, matched, model, way, streak=streak, matching=bm.Matching.NONE
+                )
+                solution = _with_match(solution, found)
                 said += _doubted(path, solution)
-                said += _curve_doubted(path, C, B, solution, files)
+                said += _curve_doubted(path, C, matched, solution, files)
                 called = shlex.join(["blurmatte", *sys.argv[1:]])
-                bm.save_results(folder, C, B, solution, called, notes + said)
+                bm.save_results(folder, C, matched, solution, called, notes + said)
         except bm.BlurmatteError as error:
             complain(str(error))
             failed += 1
@@ -93,16 +101,18 @@ def color(
     mask: Mask = None,
     transfer: TransferName = None,
     max_brightness: MaxBrightness = None,
+    match: MatchName = "auto",
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
     files = _settled(Files(transfer, max_pixels), image, plate)
     B, _ = files.read(plate)
-    task = _Task(B, files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     with about(image) as said:
         C, _ = files.read(image, said)
-        streak = task.streak(C)
-        model = task.model(C, streak) or bm.fit_color(C, B, streak)
+        B = bm.match_plate(B, C, _matching(match))
+        streak = task.streak(C, B)
+        model = task.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
     say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
@@ -136,11 +146,24 @@ def _solver(name: str, smoothness: float | None) -> bm.Pixelwise | bm.Smooth | b
     raise ValueError(f"--solver must be auto, swept, smooth or pixelwise, got {name!r}")
 
 
+def _matching(name: str) -> bm.Matching | None:
+    """The matching of a name; None: what suits."""
+    names = ["auto", *(way.value for way in bm.Matching)]
+    if name not in names:
+        raise ValueError(f"--match must be {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
+    return None if name == "auto" else bm.Matching(name)
+
+
+def _with_match(solution: bm.Solution, match: bm.Match) -> bm.Solution:
+    """The solution of a matched plate, with what was done to the plate before."""
+    agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
+    return replace(solution, stats={**solution.stats, "match": {**match.facts, **agreed}})
+
+
 @dataclass(frozen=True)
 class _Task:
     """What the options of `solve` and `color` ask for."""
 
-    plate: bm.LinearImage
     files: Files
     colors: tuple[str, ...]
     color_from: Path | None
@@ -149,14 +172,14 @@ class _Task:
     mask: Path | None
     max_brightness: float | None
 
-    def streak(self, image: bm.LinearImage) -> bm.Streak | None:
+    def streak(self, image: bm.LinearImage, plate: bm.LinearImage) -> bm.Streak | None:
         """Where to look; None: wherever something moved."""
         if self.region is not None and self.mask is not None:
             raise ValueError("give --region or --mask, not both")
         if self.region is not None:
             x0, y0, x1, y1 = (int(n) for n in numbers("--region", self.region, 4))
             region = bm.Streak.from_box((x0, y0, x1, y1), image.size)
-            return bm.find_streak_within(region, image, self.plate)
+            return bm.find_streak_within(region, image, plate)
         if self.mask is None:
             return None
         mask = bm.read(self.mask, bm.LINEAR, self.files.max_pixels)
@@ -166,7 +189,9 @@ class _Task:
             )
         return bm.Streak(np.asarray(mask.rgb.max(axis=-1) > 0.5))
 
-    def model(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+    def model(
+        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+    ) -> bm.ColorModel | None:
         """The model that the colors make; None: the streak itself must tell."""
         if self.rank not in (1, 2, 3):
             raise ValueError(f"--rank must be 1, 2 or 3, got {self.rank}")
@@ -174,7 +199,7 @@ class _Task:
         if self.color_from is not None and "point" not in kinds:
             raise ValueError("--color-from needs points to pick: add --color X,Y")
         if not kinds:
-            return self._fitted(image, streak)
+            return self._fitted(image, plate, streak)
         if self.rank == 3:
             raise ValueError("--rank 3 is for objects of any colors: leave --color out")
         if len(kinds & {"hex", "file"}) and len(kinds) > 1:
@@ -188,26 +213,30 @@ class _Task:
                     f"{len(self.colors)}: one color is --rank 1, two colors are --rank 2"
                 )
             return bm.ColorModel.from_hex(*self.colors)
-        samples = np.concatenate([self._samples(c, image, streak) for c in self.colors])
+        samples = np.concatenate([self._samples(c, image, plate, streak) for c in self.colors])
         return bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
 
-    def _fitted(self, image: bm.LinearImage, streak: bm.Streak | None) -> bm.ColorModel | None:
+    def _fitted(
+        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+    ) -> bm.ColorModel | None:
         if self.rank == 3:
             return bm.ColorModel.any()
         if self.rank != 1:
             raise ValueError("--rank 2 needs colors: give two with --color, hex or points")
         if self.max_brightness is None:
             return None
-        return bm.fit_color(image, self.plate, streak, self.max_brightness)
+        return bm.fit_color(image, plate, streak, self.max_brightness)
 
     def _from_file(self) -> bm.ColorModel:
         if len(self.colors) > 1:
             raise ValueError("give one model file, not several")
         return bm.read_color_model(self.colors[0])
 
-    def _samples(self, color: str, image: bm.LinearImage, streak: bm.Streak | None) -> Any:
+    def _samples(
+        self, color: str, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+    ) -> Any:
         if color == "core":
-            return bm.core_colors(image, self.plate, streak)
+            return bm.core_colors(image, plate, streak)
         x, y, *radius = numbers("--color", color, 2, 3)
         if self.color_from is None:
             return bm.pick_colors(image, x, y, *radius)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.background import Match, Matching, agreement, fit_match
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel, refuse_gray
 from blurmatte.errors import ColorModelError, MotionError
@@ -38,6 +39,7 @@ def solve(
     solver: Pixelwise | Smooth | Swept | None = None,
     *,
     streak: Streak | None = None,
+    matching: Matching | None = None,
     out: PixelMaps | None = None,
 ) -> Solution:
     """Separate a moving object from its background: alpha, color, and the error of both.
@@ -54,6 +56,9 @@ def solve(
         is given, else `Smooth()`; `Solution.solver` says which it was.
     streak : Streak, optional
         Where the object moved; the strongest of `find_streaks` if not given.
+    matching : Matching, optional
+        How the plate may be changed to match the image first (`fit_match`); found from the data if not
+        given.
     out : PixelMaps, optional
         Arrays to write the result to, for the next picture of the same size.
 
@@ -66,7 +71,8 @@ def solve(
     TypeError, ValueError
         If image and plate are not `LinearImage` of one size.
     PlateError
-        If the pictures are too small or have no unclipped pixel in common.
+        If the pictures are too small or have no unclipped pixel in common, or the plate shows another
+        place or too different a light.
     MotionError
         If nothing moved, or a `Swept` solver was asked for and no sweep explains the streak.
     ColorModelError
@@ -85,7 +91,8 @@ def solve(
             )
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
-    image, plate = with_noise(image, plate)
+    match = fit_match(image, plate, matching)
+    image, plate = with_noise(image, match.apply(plate))
     found = require_streaks(image, plate) if streak is None else [streak]
     streak = found[0]
     warn_if_plate_differs(image, plate, streak)
@@ -126,6 +133,7 @@ def solve(
         "other_boxes": tuple(other.box for other in found[1:]),
         "image_noise": _spoken(image),
         "plate_noise": _spoken(plate),
+        "match": _match_measures(match, image, plate),
         **together,
     }
     return Solution(*maps, model=model, solver=repr(used), stats=stats)
@@ -163,6 +171,12 @@ def _box_of_both(streak: Streak, sweep: Sweep) -> tuple[int, int, int, int]:
     """Around streak and sweep, with something still beside them."""
     (a, b, c, d), (e, f, g, h) = streak.around(_MARGIN), sweep.box
     return min(a, e), min(b, f), max(c, g), max(d, h)
+
+
+def _match_measures(match: Match, image: LinearImage, plate: LinearImage) -> dict[str, Any]:
+    """What was done to the plate, and how well it fits now."""
+    everywhere, at_edges = agreement(image, plate)
+    return {**match.facts, "agreement": everywhere, "edge_agreement": at_edges}
 
 
 def _sweep_measures(sweep: Sweep) -> dict[str, Any]:

@@ -1,0 +1,191 @@
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import blurmatte as bm
+from blurmatte.background import agreement
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import colorful_plate, plain_plate
+from blurmatte.rendering.drift import Drift
+
+SIZE = (240, 180)
+NOISE = bm.NoiseModel(read_std=0.005)
+
+
+def scene(seed=0, plate=colorful_plate):
+    """Exact image and plate; something moves over 6 % of the picture."""
+    rng = np.random.default_rng(seed)
+    light = plate(SIZE, rng) if plate is colorful_plate else plate(SIZE, np.full(3, 0.4), rng)
+    ball = bm.Ball(16, np.array([0.9, 0.5, 0.1]))
+    return bm.render(bm.Scene(light, bm.Trajectory.line((60, 60), (130, 110)), ball))
+
+
+def photographed(rendering, drift, seed, std=0.005):
+    rng = np.random.default_rng(seed)
+    C, B = rendering.image.rgb, drift.apply(rendering.plate.rgb)
+    return [bm.LinearImage(x + rng.normal(0, std, x.shape), NOISE) for x in (C, B)]
+
+
+RENDERING = scene()
+
+
+def test_shift_and_gain_are_recovered():
+    """The bar: 0.02 px and 0.2 % with a streak over 6 % of the picture."""
+    image, plate = photographed(RENDERING, Drift(shift=(1.37, -2.28), gain=(1.15,) * 3), 1)
+    match = bm.fit_match(image, plate)
+    assert np.allclose(match.shift, (1.37, -2.28), atol=0.02)
+    assert np.allclose(match.gain, 1 / 1.15, rtol=0.002)
+    assert "shifted by +1.3" in match.in_words
+    assert "light times 0.87" in match.in_words
+
+
+def test_shift_agrees_with_enhanced_correlation():
+    """oracle: OpenCV's ECC [Evangelidis, Psarakis 2008] on the pixels where nothing moved.
+
+    It is up to 0.04 px off the truth, for it is told nothing of noise.
+    """
+    cv2 = pytest.importorskip("cv2")
+    image, plate = photographed(RENDERING, Drift(shift=(0.6, 0.3)), 2)
+    still = np.uint8(RENDERING.layer.alpha == 0)
+    gray = [picture.rgb.mean(axis=-1).astype(np.float32) for picture in (image, plate)]
+    start = np.eye(2, 3, dtype=np.float32)
+    stop = (cv2.TERM_CRITERIA_EPS | cv2.TERM_CRITERIA_COUNT, 100, 1e-6)
+    _, found = cv2.findTransformECC(*gray, start, cv2.MOTION_TRANSLATION, stop, still, 5)
+    assert np.allclose(bm.fit_match(image, plate).shift, found[:, 2], atol=0.05)
+
+
+def test_a_plate_that_fits_is_left_alone():
+    """invariant: noise alone moves nothing, in several pictures of two kinds of plates."""
+    for rendering in (RENDERING, scene(3, plain_plate)):
+        for seed in range(4):
+            image, plate = photographed(rendering, Drift(), seed)
+            assert bm.match_plate(plate, image) is plate
+
+
+def test_a_large_object_is_not_taken_for_a_change_of_light():
+    """invariant: something that covers a third of a plain picture."""
+    rng = np.random.default_rng(5)
+    ball = bm.Ball(48, np.array([0.2, 0.2, 0.2]))
+    path = bm.Trajectory.line((90, 80), (150, 100))
+    rendering = bm.render(bm.Scene(plain_plate(SIZE, np.full(3, 0.5), rng), path, ball))
+    assert np.mean(rendering.layer.alpha > 0) > 0.25
+    image, plate = photographed(rendering, Drift(), 1)
+    assert bm.match_plate(plate, image) is plate
+
+
+def test_a_turn_is_recovered():
+    drift = Drift(shift=(1.0, 2.0), rotation=0.008)
+    image, plate = photographed(RENDERING, drift, 4)
+    match = bm.fit_match(image, plate)
+    assert match.angle == pytest.approx(0.008, abs=2e-4)
+    assert np.allclose(match.shift, (1, 2), atol=0.02)
+    known = match.apply(bm.LinearImage(drift.apply(RENDERING.plate.rgb)))
+    inner = (slice(10, -10), slice(10, -10))
+    assert known.valid[inner].all()
+    off = (known.rgb - RENDERING.plate.rgb)[inner]
+    assert np.sqrt(np.mean(off**2)) < 0.1 * np.sqrt(
+        np.mean((drift.apply(RENDERING.plate.rgb) - RENDERING.plate.rgb)[inner] ** 2)
+    )
+
+
+def test_a_smooth_field_of_light_is_recovered():
+    image, plate = photographed(RENDERING, Drift(), 5)
+    x = np.linspace(-1, 1, SIZE[0])[None, :, None]
+    plate = replace(plate, rgb=plate.rgb * (1 + 0.1 * x))
+    match = bm.fit_match(image, plate)
+    assert match.light[2:].any()
+    flat = match.apply(plate).rgb / RENDERING.plate.rgb
+    assert np.abs(np.median(flat, axis=(0, 2)) - 1).max() < 0.01
+
+
+def test_only_what_is_allowed_is_done():
+    """invariant"""
+    image, plate = photographed(RENDERING, Drift(shift=(1.4, 0.5), gain=(1.05, 1.0, 0.95)), 6)
+    fits = {way: bm.fit_match(image, plate, way) for way in bm.Matching}
+    assert fits[bm.Matching.NONE].apply(plate) is plate
+    assert not fits[bm.Matching.EXPOSURE].moves
+    assert fits[bm.Matching.EXPOSURE].changes_light
+    assert fits[bm.Matching.SHIFT].moves
+    assert not fits[bm.Matching.SHIFT].h[[0, 1, 3, 4, 6, 7]].any()
+    assert fits[bm.Matching.FULL].h.all()
+
+
+def test_errors_are_honest():
+    """honest: shift and gain over seeds, in units of their standard deviations."""
+    truth = np.array([0.7, -1.2]), 1 / np.array([1.04, 1.0, 0.97])
+    z = []
+    for seed in range(12):
+        drift = Drift(shift=tuple(truth[0]), gain=tuple(1 / truth[1]))
+        match = bm.fit_match(*photographed(RENDERING, drift, 10 + seed), bm.Matching.SHIFT)
+        z += list((match.shift - truth[0]) / match.shift_std)
+        z += list((match.gain - truth[1]) / match.light_std[0])
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
+
+
+def test_a_matched_plate_knows_its_noise():
+    """honest: what is read between pixels is smoother than the picture."""
+    drift = Drift(shift=(0.5, 0.5))
+    truth = bm.LinearImage(drift.apply(RENDERING.plate.rgb))
+    image, plate = photographed(RENDERING, drift, 7)
+    match = bm.fit_match(image, plate, bm.Matching.SHIFT)
+    off = (match.apply(plate).rgb - match.apply(truth).rgb)[8:-8, 8:-8]
+    said = match.apply(plate).variance[8:-8, 8:-8]
+    assert np.mean(off**2 / said) == pytest.approx(1, rel=0.05)
+
+
+def test_agreement_is_that_of_noise():
+    """honest: 1 for pictures that fit, much more at the edges of those that do not."""
+    assert np.allclose(agreement(*photographed(RENDERING, Drift(), 8)), 1, atol=0.08)
+    image, plate = photographed(RENDERING, Drift(shift=(1.0, 0.0)), 8)
+    assert agreement(image, plate)[1] > 2
+    assert agreement(image, bm.match_plate(plate, image))[1] < 1.5
+
+
+def test_solve_matches_by_itself():
+    image, plate = (
+        picture.with_noise(None)
+        for picture in photographed(RENDERING, Drift(shift=(1.2, -0.6), gain=(1.06,) * 3), 9, 0.002)
+    )
+    model = bm.ColorModel.from_samples(np.array([[0.9, 0.5, 0.1]]), std=1e-4)
+    with pytest.warns(bm.PlateWarning, match="brightness differs"):
+        plain = bm.solve(image, plate, model, bm.Pixelwise(), matching=bm.Matching.NONE)
+    matched = bm.solve(image, plate, model, bm.Pixelwise())
+    assert np.allclose(matched.stats["match"]["shift"], (1.2, -0.6), atol=0.02)
+    inside = RENDERING.layer.alpha > 0
+    off = [
+        np.sqrt(np.mean((solution.alpha - RENDERING.layer.alpha)[inside & solution.known] ** 2))
+        for solution in (plain, matched)
+    ]
+    assert off[1] < off[0] / 2
+
+
+def test_foreign_plates_are_refused():
+    """door"""
+    image, plate = photographed(RENDERING, Drift(), 1)
+    with pytest.raises(bm.PlateError, match="light changed too much: the image is 5"):
+        bm.fit_match(image, replace(plate, rgb=plate.rgb / 5))
+    with pytest.raises(ValueError, match="plate is 240x180 pixels and the match 100x50"):
+        bm.Match.nothing((100, 50)).apply(plate)
+    with pytest.raises(ValueError, match="image is 100x50"):
+        bm.fit_match(image.crop((0, 0, 100, 50)), plate)
+    with pytest.raises(ValueError, match="h must have the shape"):
+        bm.Match((2, 2), *(np.zeros(3),) * 4)
+
+
+def test_little_pictures_are_left_alone():
+    """invariant: too few pixels to say anything."""
+    image, plate = photographed(RENDERING, Drift(), 1)
+    box = (0, 0, 20, 20)
+    small = plate.crop(box)
+    assert bm.match_plate(small, image.crop(box)) is small
+
+
+def test_noise_is_not_needed():
+    """invariant: noise that is not known yet stays so, and does no harm."""
+    image, plate = photographed(RENDERING, Drift(shift=(0.8, 0.0)), 3)
+    unknown = [picture.with_noise(None) for picture in (image, plate)]
+    match = bm.fit_match(*unknown)
+    assert match.shift[0] == pytest.approx(0.8, abs=0.02)
+    assert match.apply(unknown[1]).noise is None
+    with_noise(unknown[0], match.apply(unknown[1]))
