@@ -5,6 +5,7 @@ BlurmatteError            the data cannot answer; the message says what to do
 ├── FileError             the file does not hold the light we need, or cannot be written
 ├── PlateError            the plate does not belong to the image
 ├── ColorModelError       the colors do not determine a line or a plane
+├── ResponseError         the pictures do not determine the camera's curve
 └── MotionError           nothing moved
 
 BlurmatteWarning          an answer was given, on an assumption
@@ -30,6 +31,10 @@ class PlateError(BlurmatteError):
 
 class ColorModelError(BlurmatteError):
     """The colors do not determine a line or a plane."""
+
+
+class ResponseError(BlurmatteError):
+    """The pictures do not determine the camera's curve."""
 
 
 class MotionError(BlurmatteError):

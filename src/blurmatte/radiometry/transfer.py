@@ -16,6 +16,8 @@ from blurmatte.checks import Floats
 
 Curve = Callable[[Any], Any]
 
+TABLE = 16 * 255 + 1  # entries of a table: the code values of 8 bits, and 15 between each two
+
 
 @dataclass(frozen=True, repr=False)
 class Transfer:
@@ -36,6 +38,38 @@ class Transfer:
     def __repr__(self) -> str:
         return f"Transfer({self.name})"
 
+    @classmethod
+    def from_table(cls, name: str, light: npt.ArrayLike) -> "Transfer":
+        """The curve with straight lines between the entries of a table.
+
+        Below code value 0 it is mirrored at its first point, so that it is odd if that is light 0;
+        above 1 it goes on as straight as it ended.
+
+        Parameters
+        ----------
+        name : str
+        light : (N,) float
+            Linear light of N >= 2 code values, equally spaced from 0 to 1; each above the one before.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two numbers, or they do not rise.
+        """
+        values = np.array(light, dtype=np.float64)
+        if values.ndim != 1 or len(values) < 2 or not np.all(np.isfinite(values)):
+            raise ValueError(
+                f"light must be two or more finite numbers in a row, got shape {values.shape}"
+            )
+        if not np.all(np.diff(values) > 0):
+            place = int(np.argmin(np.diff(values)))
+            raise ValueError(
+                "light must rise from each entry to the next, got "
+                f"{values[place]:.6g}, {values[place + 1]:.6g}"
+            )
+        codes = np.linspace(0, 1, len(values))
+        return cls(name, _Lines(codes, values), _Lines(values, codes))
+
     def table(self, levels: int) -> npt.NDArray[np.float64]:
         """(levels,) linear light of every code value of an integer file, `levels` = 256 or 65536."""
         return np.asarray(self.decode(np.arange(levels) / (levels - 1)), dtype=np.float64)
@@ -46,6 +80,25 @@ class Transfer:
         h = 1 / 1024
         slope: Floats = (self.decode(v + h) - self.decode(v - h)) / (2 * h)
         return slope
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Straight lines between points (x, y); mirrored at the first, straight on after the last."""
+
+    x: npt.NDArray[np.float64]
+    y: npt.NDArray[np.float64]
+
+    def __call__(self, x: Any) -> Any:
+        where = np.asarray(x)
+        first, last = self.x[[0, -1]]
+        below = where < first
+        y = np.interp(np.where(below, 2 * first - where, where), self.x, self.y)
+        end = (self.y[-1] - self.y[-2]) / (last - self.x[-2])
+        beyond = np.abs(where - first) - (last - first)
+        y = np.where(beyond > 0, self.y[-1] + end * beyond, y)
+        y = np.where(below, 2 * self.y[0] - y, y)
+        return y.astype(where.dtype) if where.dtype.kind == "f" else y
 
 
 def _odd(curve: Curve) -> Curve:
