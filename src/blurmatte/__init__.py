@@ -19,6 +19,7 @@ from blurmatte.errors import FileError as FileError
 from blurmatte.errors import MotionError as MotionError
 from blurmatte.errors import PlateError as PlateError
 from blurmatte.errors import PlateWarning as PlateWarning
+from blurmatte.errors import ResponseError as ResponseError
 from blurmatte.errors import TransferWarning as TransferWarning
 from blurmatte.explain import explain as explain
 from blurmatte.files import MAX_PIXELS as MAX_PIXELS
@@ -26,6 +27,7 @@ from blurmatte.files import read as read
 from blurmatte.files import read_color_model as read_color_model
 from blurmatte.files import read_layer as read_layer
 from blurmatte.files import read_solution as read_solution
+from blurmatte.files import read_transfer as read_transfer
 from blurmatte.files import write as write
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
@@ -41,11 +43,14 @@ from blurmatte.radiometry import REC709 as REC709
 from blurmatte.radiometry import SRGB as SRGB
 from blurmatte.radiometry import LinearImage as LinearImage
 from blurmatte.radiometry import NoiseModel as NoiseModel
+from blurmatte.radiometry import ResponseFit as ResponseFit
 from blurmatte.radiometry import Transfer as Transfer
 from blurmatte.radiometry import decode as decode
 from blurmatte.radiometry import fit_noise as fit_noise
+from blurmatte.radiometry import fit_response as fit_response
 from blurmatte.radiometry import gamma as gamma
 from blurmatte.radiometry import named_transfer as named_transfer
+from blurmatte.radiometry import nearest_transfer as nearest_transfer
 from blurmatte.rendering import Ball as Ball
 from blurmatte.rendering import Camera as Camera
 from blurmatte.rendering import Rendering as Rendering

@@ -1,4 +1,4 @@
-"""The only place that knows file formats: pictures, layers, solutions and color models."""
+"""The only place that knows file formats: pictures, layers, solutions, color models and curves."""
 
 from blurmatte.files.models import read_color_model as read_color_model
 from blurmatte.files.paths import path_to_mapping as path_to_mapping
@@ -8,4 +8,6 @@ from blurmatte.files.reading import read as read
 from blurmatte.files.reading import read_layer as read_layer
 from blurmatte.files.solutions import read_solution as read_solution
 from blurmatte.files.together import write_together as write_together
+from blurmatte.files.transfers import is_transfer as is_transfer
+from blurmatte.files.transfers import read_transfer as read_transfer
 from blurmatte.files.writing import write as write

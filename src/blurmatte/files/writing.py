@@ -1,4 +1,4 @@
-"""Pictures, layers, solutions and color models to files that other programs open.
+"""Pictures, layers, solutions, color models and curves to files that other programs open.
 
 Light is encoded once, here, and clipped only for integers. A file is there whole or not at all: it
 is written beside its target under another name and then renamed. The same input gives the same
@@ -21,9 +21,10 @@ from blurmatte.errors import FileError
 from blurmatte.files.models import mapping_to_json, model_to_json
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
+from blurmatte.files.transfers import transfer_to_json
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
-from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry import SRGB, LinearImage, ResponseFit, Transfer
 
 Way = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
@@ -40,6 +41,8 @@ def write(
     | Layer
     | Solution
     | ColorModel
+    | Transfer
+    | ResponseFit
     | Mapping[str, Any]
     | str
     | Floats
@@ -52,6 +55,8 @@ def write(
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, everything in it
     ColorModel        .json
+    Transfer          .json, as a table
+    ResponseFit       .json: its transfer, the error of it, and what was found
     mapping           .json; numbers that are not finite become null
     str               .toml, as is
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
@@ -94,6 +99,8 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {".exr": lambda path: _save_solution(path, thing)}
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
+        case Transfer() | ResponseFit():
+            return {".json": lambda path: _save_text(path, transfer_to_json(thing) + "\n")}
         case Mapping():
             return {".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n")}
         case str():

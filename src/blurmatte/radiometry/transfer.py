@@ -16,6 +16,7 @@ from blurmatte.checks import Floats
 
 Curve = Callable[[Any], Any]
 
+_AT_ONCE = 1 << 16  # values at a time, so that they stay in the processor's cache
 TABLE = 16 * 255 + 1  # entries of a table: the code values of 8 bits, and 15 between each two
 
 
@@ -91,14 +92,23 @@ class _Lines:
 
     def __call__(self, x: Any) -> Any:
         where = np.asarray(x)
+        y = np.empty(where.shape, where.dtype if where.dtype.kind == "f" else np.float64)
+        inputs, outputs = np.ravel(where), y.reshape(-1)
+        for start in range(0, inputs.size, _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            outputs[part] = self._some(inputs[part].astype(np.float64))
+        return y if y.ndim else y[()]
+
+    def _some(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
         first, last = self.x[[0, -1]]
-        below = where < first
-        y = np.interp(np.where(below, 2 * first - where, where), self.x, self.y)
-        end = (self.y[-1] - self.y[-2]) / (last - self.x[-2])
-        beyond = np.abs(where - first) - (last - first)
-        y = np.where(beyond > 0, self.y[-1] + end * beyond, y)
-        y = np.where(below, 2 * self.y[0] - y, y)
-        return y.astype(where.dtype) if where.dtype.kind == "f" else y
+        y = np.interp(x, self.x, self.y)
+        below, above = x < first, x > last
+        if below.any():
+            y[below] = 2 * self.y[0] - self._some(2 * first - x[below])
+        if above.any():
+            end = (self.y[-1] - self.y[-2]) / (last - self.x[-2])
+            y[above] = self.y[-1] + end * (x[above] - last)
+        return y
 
 
 def _odd(curve: Curve) -> Curve:
@@ -148,17 +158,47 @@ def gamma(exponent: float) -> Transfer:
 
 
 def named_transfer(name: str) -> Transfer:
-    """The curve that is called `name`: srgb, rec709, linear, or gamma2.2 with any exponent.
+    """The curve that is called `name`.
+
+    srgb, rec709, linear; gamma2.2 with any exponent; or a camera maker's logarithmic curve, whose
+    light is scene-linear with 0.18 for middle gray: slog3, logc3 (EI 800), logc4, vlog, clog2, clog3,
+    log3g10, davinci, dlog, bmdfilm5, applelog. These need the `ocio` extra.
 
     Raises
     ------
     ValueError
         For any other name.
+    ImportError
+        If OpenColorIO is needed and not installed.
     """
+    from blurmatte.radiometry.log_curves import LOG_CURVES, log_curve
+
     known = {curve.name: curve for curve in (SRGB, REC709, LINEAR)}
     if name in known:
         return known[name]
+    if name in LOG_CURVES:
+        return log_curve(name)
     power = re.fullmatch(r"gamma(\d+(\.\d+)?)", name)
     if power is None:
-        raise ValueError(f"no transfer is called {name!r}; use {', '.join(known)} or e.g. gamma2.2")
+        names = ", ".join([*known, *LOG_CURVES])
+        raise ValueError(f"no transfer is called {name!r}; use {names}, or e.g. gamma2.2")
     return gamma(float(power[1]))
+
+
+def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
+    """Which of srgb, rec709, linear and gamma1.1 to gamma3.0 is nearest, and how far off it is.
+
+    Light is compared after both were scaled to 1 at code value 1.
+
+    Returns
+    -------
+    tuple of Transfer and float
+        The curve, and the largest difference, as a fraction of full scale.
+    """
+    powers = (gamma(tenths / 10) for tenths in range(11, 31))
+    candidates = [SRGB, REC709, LINEAR, *powers]
+    light = curve.table(256)
+    light = light / light[-1]
+    off = [float(np.max(np.abs(other.table(256) - light))) for other in candidates]
+    best = int(np.argmin(off))
+    return candidates[best], off[best]
