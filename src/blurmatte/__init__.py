@@ -46,6 +46,7 @@ from blurmatte.radiometry import NoiseModel as NoiseModel
 from blurmatte.radiometry import ResponseFit as ResponseFit
 from blurmatte.radiometry import Transfer as Transfer
 from blurmatte.radiometry import decode as decode
+from blurmatte.radiometry import draw_response as draw_response
 from blurmatte.radiometry import fit_noise as fit_noise
 from blurmatte.radiometry import fit_response as fit_response
 from blurmatte.radiometry import gamma as gamma

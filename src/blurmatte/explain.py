@@ -1,4 +1,4 @@
-"""What a color model or a solution says, in plain words."""
+"""What a color model, a solution or a transfer curve says, in plain words."""
 
 import math
 from collections.abc import Mapping
@@ -8,7 +8,7 @@ import numpy as np
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
-from blurmatte.radiometry import NoiseModel
+from blurmatte.radiometry import NoiseModel, ResponseFit, Transfer, nearest_transfer
 
 _MEDIUM_LIGHT = np.full(3, 0.2)
 _OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
@@ -38,12 +38,12 @@ _REMEDY = {
 }
 
 
-def explain(thing: ColorModel | Solution) -> list[str]:
-    """Sentences about a color model or a solution, for people who do not know the words.
+def explain(thing: ColorModel | Solution | Transfer | ResponseFit) -> list[str]:
+    """Sentences about a color model, a solution or a curve, for people who do not know the words.
 
     Parameters
     ----------
-    thing : ColorModel or Solution
+    thing : ColorModel, Solution, Transfer or ResponseFit
 
     Returns
     -------
@@ -72,7 +72,44 @@ def explain(thing: ColorModel | Solution) -> list[str]:
             *_flags(thing),
             *_others(thing.stats),
         ]
-    raise TypeError(f"can explain a ColorModel or a Solution, got {type(thing).__name__}")
+    if isinstance(thing, Transfer):
+        return _curve(thing)
+    if isinstance(thing, ResponseFit):
+        return [*_curve(thing.transfer), *_response(thing)]
+    raise TypeError(
+        "can explain a ColorModel, a Solution, a Transfer or a ResponseFit, "
+        f"got {type(thing).__name__}"
+    )
+
+
+def _curve(curve: Transfer) -> list[str]:
+    nearest, off = nearest_transfer(curve)
+    black, middle, white = curve.decode(np.array([0, 0.5, 1]))
+    return [
+        f"Nearest to {nearest.name}, which is off by up to {off:.1%} of full scale.",
+        f"Light {black:.4g}, {middle:.4g} and {white:.4g} at code values 0, 1/2 and 1.",
+    ]
+
+
+def _response(fit: ResponseFit) -> list[str]:
+    low, high = fit.seen
+    lines = [
+        f"The light is known to {np.max(fit.std):.1%} of full scale (one standard deviation), "
+        f"{np.max(fit.std[: len(fit.std) // 2]):.1%} in the darker half of the code values.",
+        f"{fit.agreement:.0%} of the places agree; noise {255 * fit.noise:.2g} of 255 code values.",
+        f"Code values {255 * low:.0f} to {255 * high:.0f} of 255 were seen twice; beyond them the "
+        "curve is continued as cameras do.",
+        "Exposure times as the pictures have them: "
+        + ", ".join(f"{time:.3g} s" for time in fit.exposure_times)
+        + ".",
+    ]
+    if not fit.channels_agree:
+        worst = max(fit.channel_difference)
+        lines.append(
+            f"Red, green and blue do not have one curve: alone, one differs by up to {worst:.1%}; "
+            "the camera mixes colors after the curve, and light is known no better than that."
+        )
+    return lines
 
 
 def doubts(solution: Solution) -> list[str]:

@@ -1,6 +1,7 @@
 """The command line: one function for each command, a thin skin over the public API."""
 
 from blurmatte.cli import pictures as pictures
+from blurmatte.cli import response as response
 from blurmatte.cli import scenes as scenes
 from blurmatte.cli import solving as solving
 from blurmatte.cli.program import app as app

@@ -20,7 +20,11 @@ class Files:
     @property
     def curve(self) -> bm.Transfer | None:
         """The transfer curve that was asked for; None: what the file says."""
-        return None if self.transfer is None else bm.named_transfer(self.transfer)
+        if self.transfer is None:
+            return None
+        if self.transfer.lower().endswith(".json"):
+            return bm.read_transfer(self.transfer)
+        return bm.named_transfer(self.transfer)
 
     def read(self, path: Path, said: list[str] | None = None) -> tuple[bm.LinearImage, list[str]]:
         """The picture, and what there was to warn of (also added to `said`)."""
@@ -33,7 +37,7 @@ class Files:
 
 def places(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     """Each image and the folder for its results: `out` itself if there is but one."""
-    paths = [path for text in images for path in _expanded(text)]
+    paths = [path for text in images for path in expanded(text)]
     if len(paths) == 1:
         return [(paths[0], out)]
     stems = [path.stem for path in paths]
@@ -43,7 +47,8 @@ def places(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     return [(path, out / path.stem) for path in paths]
 
 
-def _expanded(text: str) -> list[Path]:
+def expanded(text: str) -> list[Path]:
+    """The file of a name, or all that a pattern means."""
     if Path(text).exists() or not re.search(r"[*?\[]", text):
         return [Path(text)]
     found = sorted(glob(text, recursive=True))

@@ -53,7 +53,8 @@ def compose(
 @told
 def info(
     file: Annotated[
-        Path, typer.Argument(metavar="FILE", help="A picture, a layer, a solution or a model.")
+        Path,
+        typer.Argument(metavar="FILE", help="A picture, a layer, a solution, a model or a curve."),
     ],
     transfer: TransferName = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
@@ -62,8 +63,7 @@ def info(
     files = Files(transfer, max_pixels)
     with about(file) as said:
         if file.suffix.lower() == ".json":
-            model = bm.read_color_model(file)
-            lines = [in_degrees(model), *bm.explain(model)]
+            lines = _told_by_json(file)
         elif (solution := _solution(file, max_pixels)) is not None:
             facts = (f"{name}: {value}" for name, value in solution.stats.items())
             lines = [str(solution), f"solver: {solution.solver}"]
@@ -73,6 +73,16 @@ def info(
             layer = _layer(file, files.curve, max_pixels)
             lines = list(_facts(file, picture, layer, transfer, guessed=bool(said)))
     say("\n".join(lines))
+
+
+def _told_by_json(path: Path) -> list[str]:
+    from blurmatte.files import holds_transfer
+
+    if holds_transfer(path):
+        curve = bm.read_transfer(path)
+        return [f"{path}: transfer curve {curve.name}", *bm.explain(curve)]
+    model = bm.read_color_model(path)
+    return [in_degrees(model), *bm.explain(model)]
 
 
 def _solution(path: Path, max_pixels: int) -> bm.Solution | None:

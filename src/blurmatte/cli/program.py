@@ -57,6 +57,7 @@ app = typer.Typer(
 )
 
 calibrate = typer.Typer(help="Measure a camera.", no_args_is_help=True, rich_markup_mode=None)
+app.add_typer(calibrate, name="calibrate")
 
 
 def told(command: Callable[P, T]) -> Callable[P, T]:

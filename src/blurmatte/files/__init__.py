@@ -8,6 +8,6 @@ from blurmatte.files.reading import read as read
 from blurmatte.files.reading import read_layer as read_layer
 from blurmatte.files.solutions import read_solution as read_solution
 from blurmatte.files.together import write_together as write_together
-from blurmatte.files.transfers import is_transfer as is_transfer
+from blurmatte.files.transfers import holds_transfer as holds_transfer
 from blurmatte.files.transfers import read_transfer as read_transfer
 from blurmatte.files.writing import write as write

@@ -31,6 +31,14 @@ def transfer_to_json(curve: Transfer | ResponseFit) -> str:
     )
 
 
+def holds_transfer(path: str | Path) -> bool:
+    """Whether a file holds a curve, be it a broken one."""
+    try:
+        return _is_transfer(json.loads(read_json_text(path, _HINT)))
+    except FileError:
+        return False
+
+
 def read_transfer(path: str | Path) -> Transfer:
     """Read a transfer curve that `write` wrote.
 
@@ -40,19 +48,17 @@ def read_transfer(path: str | Path) -> Transfer:
         If the file cannot be read or holds no transfer curve.
     """
     fields: Any = json.loads(read_json_text(path, _HINT))
-    if is_transfer(fields):
-        try:
-            return Transfer.from_table(fields["name"], fields["light"])
-        except (TypeError, ValueError) as error:
-            raise FileError(f"{path}: its curve cannot be used, {error}; {_HINT}") from error
-    model = isinstance(fields, dict) and "basis" in fields
-    raise FileError(
-        f"{path}: {'holds a color model' if model else 'is no transfer curve'}; {_HINT}"
-    )
+    if not _is_transfer(fields):
+        model = isinstance(fields, dict) and "basis" in fields
+        found = "holds a color model" if model else "is no transfer curve"
+        raise FileError(f"{path}: {found}; {_HINT}")
+    try:
+        return Transfer.from_table(fields["name"], fields["light"])
+    except (TypeError, ValueError) as error:
+        raise FileError(f"{path}: its curve cannot be used, {error}; {_HINT}") from error
 
 
-def is_transfer(fields: object) -> bool:
-    """Whether the content of a JSON file is meant as a curve."""
+def _is_transfer(fields: object) -> bool:
     return (
         isinstance(fields, dict)
         and isinstance(fields.get("name"), str)

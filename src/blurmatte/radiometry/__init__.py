@@ -10,6 +10,7 @@ from blurmatte.radiometry.noise import rounding_noise as rounding_noise
 from blurmatte.radiometry.noise import with_noise as with_noise
 from blurmatte.radiometry.response import ResponseFit as ResponseFit
 from blurmatte.radiometry.response import fit_response as fit_response
+from blurmatte.radiometry.response_chart import draw_response as draw_response
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
 from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB

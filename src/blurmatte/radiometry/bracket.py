@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, check_same_size
+from blurmatte.checks import Bools, Floats, check_same_size
 from blurmatte.errors import ResponseError
 from blurmatte.radiometry.image import LinearImage
 
@@ -32,15 +32,12 @@ class Bracket:
         Seconds.
     time_std : float
         Relative standard deviation of the times.
-    order : (N,) int
-        Which of the caller's pictures each is.
     """
 
     pictures: tuple[LinearImage, ...]
     names: tuple[str, ...]
     times: Array
     time_std: float
-    order: npt.NDArray[np.intp]
 
     @classmethod
     def of(
@@ -66,7 +63,7 @@ class Bracket:
         order = np.argsort(times, kind="stable")
         sorted_pictures = tuple(pictures[i] for i in order)
         sorted_names = tuple(names[i] for i in order)
-        return cls(sorted_pictures, sorted_names, times[order], time_std, order)
+        return cls(sorted_pictures, sorted_names, times[order], time_std)
 
     @property
     def ratios(self) -> Array:
@@ -82,24 +79,22 @@ class Bracket:
         """Of each channel, or of one if the pictures are gray."""
         gray = all(p.meta.gray for p in self.pictures)
         step = max(1, round((self.pictures[0].valid.size / _LOOKED_AT) ** 0.5))
-        own, around, contrast = [], 0.0, 0.0
-        shifted = []
+        own, means = [], []
+        contrast: npt.NDArray[np.float64] = np.zeros(1)
         for picture in self.pictures:
             rgb = picture.rgb[..., :1] if gray else picture.rgb
-            height, width = rgb.shape[:2]
+            height, width = picture.valid.shape
             neighbors = np.stack(
                 [rgb[y : height - 2 + y : step, x : width - 2 + x : step] for y, x in _AROUND]
             )
             own.append(rgb[1 : height - 1 : step, 1 : width - 1 : step])
-            shifted.append(neighbors.mean(axis=0))
+            means.append(neighbors.mean(axis=0))
             contrast = contrast + neighbors.mean(axis=-1)
-        codes, around = np.stack(own, axis=-1), np.stack(shifted, axis=-1)
+        shape = -1, own[0].shape[-1], len(own)
+        codes = np.stack(own, axis=-1).reshape(shape)
+        around = np.stack(means, axis=-1).reshape(shape)
         detail = np.ptp(contrast, axis=0).ravel()
-        count = len(self.pictures)
-        return [
-            Places.chosen(codes[:, :, c].reshape(-1, count), around[:, :, c].reshape(-1, count), detail)
-            for c in range(codes.shape[2])
-        ]
+        return [Places.chosen(codes[:, c], around[:, c], detail) for c in range(shape[1])]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,7 +114,7 @@ class Places:
     around: Array
 
     @classmethod
-    def chosen(cls, codes: npt.NDArray[np.floating], around: npt.NDArray[np.floating], detail: Array) -> "Places":
+    def chosen(cls, codes: Floats, around: Floats, detail: Array) -> "Places":
         """As many places of each brightness, those with the least detail first."""
         level = np.rint(around.mean(axis=1) * 255).astype(int)
         inside = np.count_nonzero((around > 0) & (around < 1), axis=1) >= 2
@@ -163,7 +158,9 @@ class Places:
         ResponseError
         """
         inside = self._inside
-        for first, second in zip(range(len(bracket.names)), range(1, len(bracket.names)), strict=False):
+        for first, second in zip(
+            range(len(bracket.names)), range(1, len(bracket.names)), strict=False
+        ):
             names = f"{bracket.names[first]} and {bracket.names[second]}"
             both = inside[:, first] & inside[:, second]
             if np.count_nonzero(both) < _ENOUGH:

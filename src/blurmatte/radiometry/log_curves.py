@@ -8,6 +8,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.radiometry.transfer import TABLE, Transfer
 
 # Our names, and those of the transforms: pure curves, without a change of primaries.
@@ -33,14 +34,14 @@ def log_curve(name: str) -> Transfer:
 
     Raises
     ------
-    ImportError
+    BlurmatteError
         If OpenColorIO is not installed.
     """
     try:
         import PyOpenColorIO as ocio
     except ImportError as error:
-        raise ImportError(
-            f"the curve {name} comes from OpenColorIO: pip install 'blurmatte[ocio]'"
+        raise BlurmatteError(
+            f'the curve {name} comes from OpenColorIO: pip install "blurmatte[ocio]"'
         ) from error
     config = ocio.Config.CreateFromBuiltinConfig(_CONFIG)
     transform = config.getNamedTransform(LOG_CURVES[name])

@@ -5,9 +5,9 @@ has in a picture of exposure time t the code value
 
     v = f(t x) + noise,    f = G⁻¹,    G(v) = -b + ∫₀ᵛ exp(h),
 
-where h is held to what cameras do (`response_prior`), b is the black level, and each t may be off by a few
-percent. All x, h, b and t are found together: x is eliminated place by place (variable projection),
-the rest by Gauss-Newton on the residuals in code values. The posterior's covariance is the error.
+where h is held to what cameras do (`response_prior`), b is the black level, and each t may be off by
+a few percent. All are found together: x is eliminated place by place (variable projection), the rest
+follows by Gauss-Newton from the residuals in code values. The posterior's covariance is the error.
 """
 
 from collections.abc import Sequence
@@ -49,7 +49,8 @@ class ResponseFit:
     std : (256,) float
         Standard deviation of the light of the code values 0, 1/255 … 1, as a fraction of full scale.
     exposure_times : tuple of float
-        Seconds, as the pictures have them among themselves; their geometric mean is that of the given ones.
+        Seconds, rising, as the pictures have them among themselves; their geometric mean is that of
+        the given ones.
     noise : float
         Standard deviation of a code value, as a fraction of full scale.
     agreement : float
@@ -88,9 +89,9 @@ def fit_response(
 ) -> ResponseFit:
     """Measure a camera's curve from two or more pictures of one still scene, exposed differently.
 
-    Aperture, ISO and white balance must be the same in all. One curve is found for all channels: a factor
-    of each channel is white balance, and changes no alpha. The curve is found up to a scale, which
-    makes code value 1 light 1.
+    Aperture, ISO and white balance must be the same in all. One curve is found for all channels: a
+    factor of each channel is white balance, and changes no alpha. The scale of light cannot be known;
+    code value 1 is light 1.
 
     Parameters
     ----------
@@ -109,18 +110,20 @@ def fit_response(
     Raises
     ------
     ValueError, TypeError
-        If there are fewer than two pictures, sizes differ, or times are missing, alike or impossible.
+        If there are fewer than two pictures, sizes differ, times are missing, alike or impossible.
     ResponseError
-        If the pictures do not determine a curve: clipped, without code values in common, no still scene.
+        If the pictures do not determine a curve: they are clipped, have no code values in common, or
+        show no still scene.
 
     Notes
     -----
-    The model of cameras is in the manner of [1]_; the scale, and a common power of light if all times are
-    wrong together, cannot be known from pictures [2]_.
+    The model of cameras is in the manner of [1]_. Ratios of exposure alone fix the curve [2]_: with
+    times that are wrong by one power, 1/60 for 1/64 and 1 for 1, it is wrong by that power.
 
     References
     ----------
-    .. [1] M. D. Grossberg, S. K. Nayar: Modeling the Space of Camera Response Functions. PAMI 26 (10), 2004.
+    .. [1] M. D. Grossberg, S. K. Nayar: Modeling the Space of Camera Response Functions.
+       PAMI 26 (10), 2004.
     .. [2] M. D. Grossberg, S. K. Nayar: Determining the Camera Response from Images: What Is Knowable?
        PAMI 25 (11), 2003.
     """
@@ -278,7 +281,9 @@ def _fit(places: Places, bracket: Bracket, start: _State | None = None) -> _Fit:
         kept = np.flatnonzero(usable.sum(axis=1) >= 2)[good]
         step, covariance = _step(state, places, prediction, usable, kept, noise, bracket.time_std)
         size = float(np.abs(step).max())
-        best = _shortened(state, step * min(1, _LONGEST / size), places, usable, kept, noise, bracket)
+        best = _shortened(
+            state, step * min(1, _LONGEST / size), places, usable, kept, noise, bracket
+        )
         margin, state = _MARGIN * noise, best
         if size < _DONE:
             break
@@ -374,7 +379,7 @@ def _grouped(residual: Array, codes: Array, shown: Bools) -> Array:
 def _compared(
     fit: _Fit, channels: Sequence[Places], bracket: Bracket
 ) -> tuple[tuple[float, float, float], bool]:
-    """How far each channel's own curve is from the common one, and whether that is within the errors."""
+    """How far each channel's own curve is from the common one; whether that is within the errors."""
     if len(channels) == 1:
         return (0.0, 0.0, 0.0), True
     differences, agree = [], True

@@ -82,7 +82,7 @@ def _family() -> Iterator[Curve]:
 def _log_slope(curve: Curve) -> Array:
     light = np.asarray(curve(np.arange(CELLS + 1) / CELLS), dtype=float)
     rise = np.diff(light) / (light[-1] - light[0])
-    return np.log(np.maximum(rise * CELLS, 1e-6))
+    return np.asarray(np.log(np.maximum(rise * CELLS, 1e-6)))
 
 
 def _logarithmic(reach: float) -> Curve:
@@ -103,7 +103,7 @@ def _with_logistic(base: Curve, contrast: float, middle: float) -> Curve:
 
 
 def _with_power_s(base: Curve, power: float) -> Curve:
-    """A base curve whose code values then went through u = v^p / (v^p + (1 - v)^p): flat at both ends."""
+    """A base curve whose code values then went through v^p / (v^p + (1 - v)^p): flat at both ends."""
 
     def decode(u: Array) -> Array:
         above, below = u ** (1 / power), (1 - u) ** (1 / power)

@@ -168,7 +168,7 @@ def named_transfer(name: str) -> Transfer:
     ------
     ValueError
         For any other name.
-    ImportError
+    BlurmatteError
         If OpenColorIO is needed and not installed.
     """
     from blurmatte.radiometry.log_curves import LOG_CURVES, log_curve
