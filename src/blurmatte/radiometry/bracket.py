@@ -13,10 +13,11 @@ from blurmatte.radiometry.image import LinearImage
 Array = npt.NDArray[np.float64]
 
 _LOOKED_AT = 1_000_000  # pixels, evenly spread, from which places are chosen
-_PER_LEVEL = 15  # places of each of 256 brightnesses and each channel
-_ENOUGH = 100  # places that two pictures must share
+_PER_LEVEL = 10  # places of each of 256 brightnesses and each channel
+_AT_LEAST = 600  # places of a channel, if there are few brightnesses
+ENOUGH = 30  # places that two pictures must share
 _APART = 3.0  # standard deviations by which exposure times must differ
-_BRIGHTER = 1 / 255  # code values by which a longer exposure must be brighter
+_STEP = 1 / 255  # from the ends of the range at least; longer exposures are brighter by as much
 _AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
 
 
@@ -79,7 +80,7 @@ class Bracket:
         """Of each channel, or of one if the pictures are gray."""
         gray = all(p.meta.gray for p in self.pictures)
         step = max(1, round((self.pictures[0].valid.size / _LOOKED_AT) ** 0.5))
-        own, means = [], []
+        own, means, spreads = [], [], []
         contrast: npt.NDArray[np.float64] = np.zeros(1)
         for picture in self.pictures:
             rgb = picture.rgb[..., :1] if gray else picture.rgb
@@ -89,12 +90,16 @@ class Bracket:
             )
             own.append(rgb[1 : height - 1 : step, 1 : width - 1 : step])
             means.append(neighbors.mean(axis=0))
+            spreads.append(np.ptp(neighbors, axis=0))
             contrast = contrast + neighbors.mean(axis=-1)
         shape = -1, own[0].shape[-1], len(own)
         codes = np.stack(own, axis=-1).reshape(shape)
         around = np.stack(means, axis=-1).reshape(shape)
+        spread = np.stack(spreads, axis=-1).reshape(shape)
         detail = np.ptp(contrast, axis=0).ravel()
-        return [Places.chosen(codes[:, c], around[:, c], detail) for c in range(shape[1])]
+        return [
+            Places(codes[:, c], around[:, c], spread[:, c]).chosen(detail) for c in range(shape[1])
+        ]
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,46 +110,55 @@ class Places:
     ----------
     codes : (N, pictures) float
         Code values, 0…1.
-    around : (N, pictures) float
-        Mean of the eight neighbors. Whatever is chosen by it does not depend on the noise of `codes`,
-        so that choosing does not bend the curve.
+    around, spread : (N, pictures) float
+        Mean of the eight neighbors, and how far they are apart. Whatever is chosen by these does not
+        depend on the noise of `codes`: choosing by that would bend the curve.
     """
 
-    codes: Array
-    around: Array
+    codes: Floats
+    around: Floats
+    spread: Floats
 
-    @classmethod
-    def chosen(cls, codes: Floats, around: Floats, detail: Array) -> "Places":
-        """As many places of each brightness, those with the least detail first."""
-        level = np.rint(around.mean(axis=1) * 255).astype(int)
-        inside = np.count_nonzero((around > 0) & (around < 1), axis=1) >= 2
-        order = np.lexsort((detail, level))
-        order = order[inside[order]]
-        rank = np.arange(len(order)) - np.searchsorted(level[order], level[order])
-        picked = np.sort(order[rank < _PER_LEVEL])
-        return cls(codes[picked].astype(float), around[picked].astype(float))
+    def chosen(self, detail: Floats) -> "Places":
+        """As many of each brightness, evenly spread over the half of them with the least detail."""
+        level = np.rint(self.around.mean(axis=1) * 255).astype(int)
+        inside = np.count_nonzero((self.around > 0) & (self.around < 1), axis=1) >= 2
+        groups = [np.flatnonzero(inside & (level == brightness)) for brightness in range(256)]
+        each = max(_PER_LEVEL, _AT_LEAST // max(1, sum(group.size > 0 for group in groups)))
+        picked = []
+        for group in groups:
+            plain = np.sort(group[np.argsort(detail[group], kind="stable")][: -(-len(group) // 2)])
+            picked.append(plain[np.linspace(0, len(plain) - 1, min(each, len(plain))).astype(int)])
+        return self._only(np.concatenate(picked))
+
+    def _only(self, which: npt.NDArray[np.intp] | slice) -> "Places":
+        parts = (part[which].astype(float) for part in (self.codes, self.around, self.spread))
+        return Places(*parts)
 
     @classmethod
     def joined(cls, several: "Sequence[Places]") -> "Places":
         """All of them."""
-        return cls(
-            np.concatenate([p.codes for p in several]), np.concatenate([p.around for p in several])
-        )
+        parts = zip(*((p.codes, p.around, p.spread) for p in several), strict=True)
+        return cls(*(np.concatenate(part) for part in parts))
 
     def some(self, count: int) -> "Places":
         """About `count` of them, evenly spread."""
-        step = slice(None, None, max(1, len(self.codes) // count))
-        return Places(self.codes[step], self.around[step])
+        return self._only(slice(None, None, max(1, len(self.codes) // count)))
+
+    @property
+    def scatter(self) -> float:
+        """About the standard deviation of noise, from neighbors; too large where there is detail."""
+        apart = np.abs(self.codes - self.around)[self._inside]
+        return 1.4826 * float(np.median(apart)) / (9 / 8) ** 0.5 if apart.size else 0.0
 
     def usable(self, margin: float) -> Bools:
-        """(N, pictures) neither clipped nor beside an edge."""
-        inside = (self.codes > 0) & (self.codes < 1)
-        inside &= (self.around > margin) & (self.around < 1 - margin)
-        return np.asarray(inside & (np.abs(self.codes - self.around) < margin))
+        """(N, pictures) not clipped, and too far from that for noise to have kept it from it."""
+        low, high = self.around - self.spread, self.around + self.spread
+        return np.asarray(self._inside & (low > margin) & (high < 1 - margin))
 
     def shared(self) -> bool:
         """Enough of them are seen in two pictures."""
-        return int(np.sum(np.count_nonzero(self._inside, axis=1) >= 2)) >= _ENOUGH
+        return int(np.sum(np.count_nonzero(self.usable(_STEP), axis=1) >= 2)) >= ENOUGH
 
     @property
     def _inside(self) -> Bools:
@@ -157,19 +171,19 @@ class Places:
         ------
         ResponseError
         """
-        inside = self._inside
+        inside = self.usable(_STEP)
         for first, second in zip(
             range(len(bracket.names)), range(1, len(bracket.names)), strict=False
         ):
             names = f"{bracket.names[first]} and {bracket.names[second]}"
             both = inside[:, first] & inside[:, second]
-            if np.count_nonzero(both) < _ENOUGH:
+            if np.count_nonzero(both) < ENOUGH:
                 raise ResponseError(
                     f"{names} have no code values in common: where one is neither black nor "
                     "clipped the other is; take pictures with exposures in between"
                 )
             rise = float(np.median(self.codes[both, second] - self.codes[both, first]))
-            if rise < _BRIGHTER and bracket.times[second] > 1.05 * bracket.times[first]:
+            if rise < _STEP and bracket.times[second] > 1.05 * bracket.times[first]:
                 raise ResponseError(
                     f"{names} are equally bright, or the second darker, although it was exposed "
                     "longer; check the exposure times, and that aperture, ISO and light stayed"

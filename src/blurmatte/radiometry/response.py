@@ -16,9 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Bools, Floats
 from blurmatte.errors import ResponseError
-from blurmatte.radiometry.bracket import Bracket, Places
+from blurmatte.radiometry.bracket import ENOUGH, Bracket, Places
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.response_prior import CELLS, ResponsePrior, response_prior
 from blurmatte.radiometry.transfer import TABLE, Transfer
@@ -26,16 +26,17 @@ from blurmatte.radiometry.transfer import TABLE, Transfer
 Array = npt.NDArray[np.float64]
 
 _CODES = np.arange(CELLS + 1) / CELLS
-_BLACK_STD = 0.003  # of full scale: what black levels of 0 to 16 of 255 are, and of log curves
-_MARGIN = 4.0  # sigmas from the ends of the range, and from the neighbors
+_BLACK_STD = 0.002  # of full scale; 16 of 255 is 0.004 in video, makers' log curves have 0.0004
+_MARGIN = 2.0  # sigmas of a place, beside those of its neighbors, from the ends of the range
 _REJECTED = 1e-4  # chance at which a good place is called an outlier
 _ROUNDS = 25
 _LONGEST = 2.0  # step, in standard deviations of the prior
 _DONE = 0.02
-_SEARCHED = 1500  # places on which all curves of the family are tried
-_MOST_WRONG = 0.5  # share of places that may disagree
+_SEARCHED = 500  # places on which all curves of the family are tried
+_LEAST_RIGHT = 0.7  # share of places that must agree
+_NOISIEST = 6 / 255  # code values: no camera's noise; something moved everywhere
 _CLEAR = 3.0  # sigmas by which the channels must differ to be called different
-_GROUPS = 16  # of code values, for the residuals
+_GROUPS, _SOME = 16, 20  # of code values, for the residuals; places that make a mean
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,7 +48,8 @@ class ResponseFit:
     transfer : Transfer
         The curve; code value 1 is light 1.
     std : (256,) float
-        Standard deviation of the light of the code values 0, 1/255 … 1, as a fraction of full scale.
+        Standard deviation of the light of the code values 0, 1/255 … 1, as a fraction of full scale:
+        from noise and exposure times, and from how far the channels' own curves are apart.
     exposure_times : tuple of float
         Seconds, rising, as the pictures have them among themselves; their geometric mean is that of
         the given ones.
@@ -62,7 +64,8 @@ class ResponseFit:
     channels_agree : bool
         No channel differs by more than the errors.
     residuals : (pictures, 16) float
-        Mean of code value minus what the curve says, for sixteenths of the code values; NaN: not seen.
+        Mean of code value minus what the curve says, for sixteenths of the code values; NaN: hardly
+        seen.
     """
 
     transfer: Transfer
@@ -134,22 +137,23 @@ def fit_response(
     everything = Places.joined(channels)
     everything.check_shared(bracket)
     fit = _fit(everything, bracket)
-    if fit.agreement < _MOST_WRONG:
+    if fit.agreement < _LEAST_RIGHT or fit.noise > _NOISIEST:
         raise ResponseError(
-            f"only {fit.agreement:.0%} of the places agree with any curve: the camera or the scene "
-            "moved, the light changed, or the camera treats each picture differently; use a tripod, "
-            "and set exposure, ISO and white balance by hand"
+            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
+            f"to {255 * fit.noise:.1f} of 255 code values; the camera or the scene moved, the light "
+            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
+            "ISO and white balance by hand"
         )
-    difference, agree = _compared(fit, channels, bracket)
+    alone = _compared(fit, channels, bracket)
     return ResponseFit(
         Transfer.from_table("response", np.interp(np.linspace(0, 1, TABLE), _CODES, fit.light)),
-        fit.light_std,
+        np.hypot(fit.light_std, alone.std),
         tuple((bracket.times * np.exp(fit.state.shifts - fit.state.shifts.mean())).tolist()),
         fit.noise,
         fit.agreement,
         fit.seen,
-        difference,
-        agree,
+        alone.difference,
+        alone.agree,
         fit.residuals,
     )
 
@@ -200,6 +204,9 @@ class _Prediction:
     slopes: Array  # (N, pictures) of G there
     flow: Array  # (N, pictures) change of light by log time
 
+    def of(self, some: npt.NDArray[np.intp]) -> "_Prediction":
+        return _Prediction(self.codes[some], self.slopes[some], self.flow[some])
+
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
@@ -212,18 +219,18 @@ class _Fit:
     residuals: Array
 
 
-def _predicted(state: _State, v: Array, times: Array, usable: Bools) -> _Prediction:
+def _predicted(state: _State, v: Floats, times: Array, usable: Bools) -> _Prediction:
     """Least squares for the light of each place, in code values."""
     G, slopes, t = state.light, state.slopes, times * np.exp(state.shifts)
 
-    def at(codes: Array) -> Array:
+    def at(codes: Floats) -> Array:
         return np.asarray(slopes[np.clip((codes * CELLS).astype(int), 0, CELLS - 1)])
 
     weight = np.where(usable, t / at(v), 0) ** 2
     total = np.maximum(weight.sum(axis=1), 1e-300)
     x = np.maximum(np.sum(weight * np.interp(v, _CODES, G) / t, axis=1) / total, 1e-9)
     codes = _encoded(x[:, None] * t, G, slopes)
-    for _ in range(4):
+    for _ in range(3):
         pull = np.where(usable, t / at(codes), 0)
         step = np.sum(pull * (v - codes), axis=1) / np.maximum(np.sum(pull**2, axis=1), 1e-300)
         x = np.clip(x + step, x / 2, x * 2)
@@ -237,119 +244,126 @@ def _encoded(light: Array, G: Array, slopes: Array) -> Array:
     return np.where(light < G[0], (light - G[0]) / slopes[0], codes)
 
 
-def _squares(places: Places, codes: Array, usable: Bools) -> tuple[Array, Array]:
+def _squares(places: Places, codes: Array, usable: Bools) -> tuple[Array, npt.NDArray[np.intp]]:
     """Sum of squared residuals of each place that two pictures share, and its degrees of freedom."""
-    count = usable.sum(axis=1)
+    count = np.count_nonzero(usable, axis=1)
     residual = np.where(usable, places.codes - codes, 0)
-    return np.sum(residual**2, axis=1)[count >= 2], count[count >= 2] - 1.0
+    return np.sum(residual**2, axis=1)[count >= 2], count[count >= 2] - 1
 
 
-def _quantile(dof: Array, share: float) -> Array:
+def _quantile(dof: npt.NDArray[np.intp], share: float) -> Array:
+    """Of chi²."""
     from scipy.special import gammaincinv
 
-    return np.asarray(2 * gammaincinv(dof / 2, share))
+    return np.asarray(2 * gammaincinv(np.arange(dof.max() + 1) / 2, share))[dof]
 
 
 def _start(places: Places, bracket: Bracket) -> _State:
     """The curve of the family that leaves the least."""
     prior = response_prior()
     some = places.some(_SEARCHED)
-    usable = some.usable(_MARGIN * bracket.rounding)
+    usable = some.usable(_MARGIN * max(bracket.rounding, some.scatter))
 
     def left(state: _State) -> float:
         codes = _predicted(state, some.codes, bracket.ratios, usable).codes
         squares, _ = _squares(some, codes, usable)
-        return float(np.sum(np.minimum(squares, 9 * np.median(squares))))
+        return float(np.sum(np.minimum(squares, 9 * np.median(squares)))) if len(squares) else 0.0
 
     still = np.zeros(len(bracket.ratios))
     return min((_State(prior, z, 0.0, still) for z in prior.members), key=left)
 
 
-def _fit(places: Places, bracket: Bracket, start: _State | None = None) -> _Fit:
-    state, margin = start or _start(places, bracket), _MARGIN * bracket.rounding
+def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
+    state = start.state if start else _start(places, bracket)
+    margin = _MARGIN * (start.noise if start else max(bracket.rounding, places.scatter))
     for _ in range(_ROUNDS):
         usable = places.usable(margin)
         prediction = _predicted(state, places.codes, bracket.ratios, usable)
         squares, dof = _squares(places, prediction.codes, usable)
-        if len(squares) == 0:
+        if len(squares) < ENOUGH:
             raise ResponseError(
                 "the pictures are too noisy, or show too much detail, to compare them; "
                 "average several of each exposure, or photograph something with plain surfaces"
             )
         noise = max(float(np.median(squares / _quantile(dof, 0.5))) ** 0.5, bracket.rounding)
         good = squares <= noise**2 * _quantile(dof, 1 - _REJECTED)
-        kept = np.flatnonzero(usable.sum(axis=1) >= 2)[good]
-        step, covariance = _step(state, places, prediction, usable, kept, noise, bracket.time_std)
+        kept = np.flatnonzero(np.count_nonzero(usable, axis=1) >= 2)[good]
+        data = _Data(places.codes[kept], usable[kept], noise, bracket)
+        prediction = prediction.of(kept)
+        step, covariance = _step(state, data, prediction)
         size = float(np.abs(step).max())
-        best = _shortened(
-            state, step * min(1, _LONGEST / size), places, usable, kept, noise, bracket
-        )
-        margin, state = _MARGIN * noise, best
+        state = _shortened(state, step * min(1, _LONGEST / size), data, prediction)
+        margin = _MARGIN * noise
         if size < _DONE:
             break
-    light, light_std = _normalized(state, covariance)
-    shown = usable[kept]
-    seen = places.codes[kept][shown]
-    agreement = len(kept) / max(len(squares), 1)
-    residuals = _grouped(places.codes[kept] - prediction.codes[kept], prediction.codes[kept], shown)
-    ends = float(seen.min()), float(seen.max())
-    return _Fit(state, light, light_std, noise, agreement, ends, residuals)
+    return _Fit(
+        state,
+        *_normalized(state, covariance),
+        noise,
+        len(kept) / len(squares),
+        data.seen,
+        _grouped(data, prediction),
+    )
 
 
-def _step(
-    state: _State,
-    places: Places,
-    prediction: _Prediction,
-    usable: Bools,
-    kept: npt.NDArray[np.intp],
-    noise: float,
-    time_std: float,
-) -> tuple[Array, Array]:
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """What is believed: code values, where they are usable, their noise."""
+
+    codes: Floats  # (N, pictures)
+    usable: Bools
+    noise: float
+    bracket: Bracket
+
+    @property
+    def seen(self) -> tuple[float, float]:
+        codes = self.codes[self.usable]
+        return float(codes.min()), float(codes.max())
+
+    def left(self, codes: Array) -> Array:
+        """Residuals of predicted codes, in standard deviations."""
+        return np.where(self.usable, self.codes - codes, 0) / self.noise
+
+    def cost(self, state: _State, codes: Array) -> float:
+        """Twice the negative logarithm of the posterior."""
+        return float(np.sum(self.left(codes) ** 2) + np.sum(self.away(state) ** 2))
+
+    def away(self, state: _State) -> Array:
+        """What is fitted, in standard deviations of the prior."""
+        shifts = state.shifts / (self.bracket.time_std or 1)
+        return np.concatenate([state.z, [state.black], shifts])
+
+
+def _step(state: _State, data: _Data, prediction: _Prediction) -> tuple[Array, Array]:
     """Gauss-Newton step in units of the prior, and the covariance of what is fitted."""
-    weight = np.where(usable[kept], 1 / (prediction.slopes[kept] * noise), 0)
+    weight = np.where(data.usable, 1 / (prediction.slopes * data.noise), 0)
     table = state.derivatives
-    where = np.clip(prediction.codes[kept], 0, 1) * CELLS
+    where = np.clip(prediction.codes, 0, 1) * CELLS
     cell = np.minimum(where.astype(int), CELLS - 1)
     part = (where - cell)[..., None]
     of_curve = table[cell] * (1 - part) + table[cell + 1] * part
-    flow = prediction.flow[kept]
-    of_times = -flow[..., None] * np.eye(flow.shape[1]) * time_std
+    flow = prediction.flow
+    of_times = -flow[..., None] * np.eye(flow.shape[1]) * data.bracket.time_std
     J = np.concatenate([of_curve, of_times], axis=-1) * weight[..., None]
     # What a change of the place's own light could do as well says nothing: project it out.
     along = flow * weight
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     J -= along[..., None] * np.einsum("nm,nmp->np", along, J)[:, None]
-    residual = np.where(usable[kept], places.codes[kept] - prediction.codes[kept], 0) / noise
+    residual = data.left(prediction.codes)
     residual -= along * np.sum(along * residual, axis=1, keepdims=True)
     J = J.reshape(-1, J.shape[-1])
     normal = J.T @ J + np.eye(J.shape[1])
-    shifts = state.shifts / time_std if time_std else state.shifts
-    now = np.concatenate([state.z, [state.black], shifts])
-    return np.linalg.solve(normal, -(J.T @ residual.ravel()) - now), np.linalg.inv(normal)
+    pull = J.T @ residual.ravel() + data.away(state)
+    return -np.linalg.solve(normal, pull), np.linalg.inv(normal)
 
 
-def _shortened(
-    state: _State,
-    step: Array,
-    places: Places,
-    usable: Bools,
-    kept: npt.NDArray[np.intp],
-    noise: float,
-    bracket: Bracket,
-) -> _State:
+def _shortened(state: _State, step: Array, data: _Data, prediction: _Prediction) -> _State:
     """Where the step leads, halved until less is left than before; the old state if nothing helps."""
-
-    def cost(candidate: _State) -> float:
-        v, shown = places.codes[kept], usable[kept]
-        codes = _predicted(candidate, v, bracket.ratios, shown).codes
-        shifts = candidate.shifts / (bracket.time_std or 1)
-        away = np.sum(candidate.z**2) + candidate.black**2 + np.sum(shifts**2)
-        return float(np.sum(np.where(shown, v - codes, 0) ** 2) / noise**2 + away)
-
-    before = cost(state)
+    before = data.cost(state, prediction.codes)
     for _ in range(8):
-        candidate = state.moved(step, bracket.time_std)
-        if cost(candidate) < before:
+        candidate = state.moved(step, data.bracket.time_std)
+        codes = _predicted(candidate, data.codes, data.bracket.ratios, data.usable).codes
+        if data.cost(candidate, codes) < before:
             return candidate
         step = step / 2
     return state
@@ -365,28 +379,35 @@ def _normalized(state: _State, covariance: Array) -> tuple[Array, Array]:
     return light, np.sqrt(np.maximum(variance, 0))
 
 
-def _grouped(residual: Array, codes: Array, shown: Bools) -> Array:
-    """(pictures, groups) mean residual by code value; NaN where there is none."""
-    group = np.clip((codes * _GROUPS).astype(int), 0, _GROUPS - 1)
-    means = np.full((codes.shape[1], _GROUPS), np.nan)
+def _grouped(data: _Data, prediction: _Prediction) -> Array:
+    """(pictures, groups) mean residual by code value; NaN where there are hardly any."""
+    group = np.clip((prediction.codes * _GROUPS).astype(int), 0, _GROUPS - 1)
+    residual = data.codes - prediction.codes
+    means = np.full((residual.shape[1], _GROUPS), np.nan)
     for picture, number in np.ndindex(*means.shape):
-        inside = shown[:, picture] & (group[:, picture] == number)
-        if inside.any():
+        inside = data.usable[:, picture] & (group[:, picture] == number)
+        if np.count_nonzero(inside) >= _SOME:
             means[picture, number] = residual[inside, picture].mean()
     return means
 
 
-def _compared(
-    fit: _Fit, channels: Sequence[Places], bracket: Bracket
-) -> tuple[tuple[float, float, float], bool]:
-    """How far each channel's own curve is from the common one; whether that is within the errors."""
+@dataclass(frozen=True, eq=False)
+class _Channels:
+    """What the channels alone say."""
+
+    difference: tuple[float, float, float]  # largest from the common curve
+    agree: bool
+    std: Array  # (CELLS + 1,) of the common curve, as the channels disagree
+
+
+def _compared(fit: _Fit, channels: Sequence[Places], bracket: Bracket) -> _Channels:
+    """Each channel's own curve against the common one."""
     if len(channels) == 1:
-        return (0.0, 0.0, 0.0), True
-    differences, agree = [], True
+        return _Channels((0.0, 0.0, 0.0), True, np.zeros(CELLS + 1))
+    apart, agree = [], True
     for places in channels:
-        own = _fit(places, bracket, fit.state) if places.shared() else fit
-        difference = np.abs(own.light - fit.light)
-        differences.append(float(difference.max()))
-        agree &= bool(np.all(difference <= _CLEAR * np.hypot(own.light_std, fit.light_std) + 1e-12))
-    red, green, blue = differences
-    return (red, green, blue), agree
+        own = _fit(places, bracket, fit) if places.shared() else fit
+        apart.append(np.abs(own.light - fit.light))
+        agree &= bool(np.all(apart[-1] <= _CLEAR * np.hypot(own.light_std, fit.light_std) + 1e-12))
+    red, green, blue = (float(difference.max()) for difference in apart)
+    return _Channels((red, green, blue), agree, np.sqrt(np.sum(np.square(apart), axis=0) / 2))
