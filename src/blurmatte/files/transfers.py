@@ -25,6 +25,7 @@ def transfer_to_json(curve: Transfer | ResponseFit) -> str:
             "seen": curve.seen,
             "channel_difference": curve.channel_difference,
             "channels_agree": int(curve.channels_agree),
+            "residuals": curve.residuals,
             "std": curve.std,
             "light": curve.transfer.table(TABLE),
         }

@@ -68,7 +68,7 @@ class Transfer:
                 "light must rise from each entry to the next, got "
                 f"{values[place]:.6g}, {values[place + 1]:.6g}"
             )
-        codes = np.linspace(0, 1, len(values))
+        codes = np.arange(len(values)) / (len(values) - 1)
         return cls(name, _Lines(codes, values), _Lines(values, codes))
 
     def table(self, levels: int) -> npt.NDArray[np.float64]:
