@@ -41,10 +41,11 @@ def response(
     fit = bm.fit_response([files.read(path)[0] for path in paths], times)
     if out is not None:
         fit = replace(fit, transfer=replace(fit.transfer, name=out.stem))
-        bm.write(out, fit)
     if plot is not None:
         with about(plot):
             bm.write(plot, bm.draw_response(fit))
+    if out is not None:
+        bm.write(out, fit)
     say("\n".join([str(fit), *bm.explain(fit)]))
 
 
