@@ -13,11 +13,12 @@ from blurmatte.radiometry.image import LinearImage
 Array = npt.NDArray[np.float64]
 
 _LOOKED_AT = 1_000_000  # pixels, evenly spread, from which places are chosen
-_PER_LEVEL = 10  # places of each of 256 brightnesses and each channel
-_AT_LEAST = 600  # places of a channel, if there are few brightnesses
+_PER_LEVEL = 40  # places of each of 256 brightnesses and each channel
+_AT_LEAST = 1000  # places of a channel, if there are few brightnesses
 ENOUGH = 30  # places that two pictures must share
 _APART = 3.0  # standard deviations by which exposure times must differ
 _STEP = 1 / 255  # from the ends of the range at least; longer exposures are brighter by as much
+_WHOLE = 0.1  # of a step: more than float32 makes of a code value
 _AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
 
 
@@ -196,6 +197,14 @@ def _check_codes(name: str, picture: LinearImage) -> None:
         raise ValueError(
             f"{name} was decoded as {transfer.name}; its code values are needed as they are: "
             "read it with blurmatte.read(path, blurmatte.LINEAR)"
+        )
+    if picture.meta.levels is None:
+        return
+    steps = picture.rgb[:: max(1, len(picture.rgb) // 16)] * (picture.meta.levels - 1)
+    if np.max(np.abs(steps - np.rint(steps))) > _WHOLE:
+        raise ResponseError(
+            f"{name}: its color profile has other primaries than sRGB, and mixes the channels; save "
+            "it without the profile"
         )
 
 
