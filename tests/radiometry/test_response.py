@@ -240,7 +240,8 @@ def test_other_doors():
     srgb = replace(first, meta=replace(first.meta, transfer=bm.SRGB))
     with pytest.raises(ValueError, match="code values are needed as they are"):
         bm.fit_response([srgb, flat(0.5, 2)])
-    mixed = replace(first, rgb=first.rgb @ np.full((3, 3), 1 / 3, np.float32))
+    profiled = replace(first.meta, icc_profile=b"of wide primaries")
+    mixed = replace(first, rgb=first.rgb @ np.full((3, 3), 1 / 3, np.float32), meta=profiled)
     with pytest.raises(bm.ResponseError, match="its color profile has other primaries"):
         bm.fit_response([mixed, flat(0.5, 2)])
     with pytest.raises(ValueError, match="time_std must lie between 0 and 1"):

@@ -198,7 +198,7 @@ def _check_codes(name: str, picture: LinearImage) -> None:
             f"{name} was decoded as {transfer.name}; its code values are needed as they are: "
             "read it with blurmatte.read(path, blurmatte.LINEAR)"
         )
-    if picture.meta.levels is None:
+    if picture.meta.levels is None or picture.meta.icc_profile is None:
         return
     steps = picture.rgb[:: max(1, len(picture.rgb) // 16)] * (picture.meta.levels - 1)
     if np.max(np.abs(steps - np.rint(steps))) > _WHOLE:
