@@ -232,6 +232,12 @@ def test_brackets_that_tell_nothing(pictures, says):
         bm.fit_response(pictures)
 
 
+def test_arrays_are_no_pictures():
+    """Door: a picture without its exposure time and levels says too little."""
+    with pytest.raises(TypeError, match="pictures must be LinearImages, got ndarray"):
+        bm.fit_response([flat(0.5, 1), flat(0.6, 2).rgb])
+
+
 def test_other_doors():
     """Door: sizes, decoded pictures, times out of range, scenes that changed."""
     first = flat(0.4, 1)

@@ -52,6 +52,9 @@ class Bracket:
         pictures = tuple(pictures)
         if len(pictures) < 2:
             raise ValueError(f"pictures must be two or more, got {len(pictures)}")
+        for picture in pictures:
+            if not isinstance(picture, LinearImage):
+                raise TypeError(f"pictures must be LinearImages, got {type(picture).__name__}")
         names = tuple(p.meta.source or f"picture {i}" for i, p in enumerate(pictures, 1))
         for name, picture in zip(names, pictures, strict=True):
             check_same_size(names[0], pictures[0].size, name, picture.size)
