@@ -20,7 +20,7 @@ FIT = bm.ResponseFit(
 
 
 def test_the_error_is_drawn_as_a_band():
-    """Invariant: a larger error colors more of the upper half, and nothing but the band changes size."""
+    """Invariant: a larger error colors more of the upper half of the chart."""
     sure = bm.draw_response(FIT)
     unsure = bm.draw_response(replace(FIT, std=np.linspace(0.02, 0, 256)))
     assert sure.shape == unsure.shape == (800, 800, 3)
