@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -42,6 +43,10 @@ def pictures(tmp_path_factory):
     for k in range(8):
         still = bm.Camera(NOISE, bits=16).photograph(truth.plate.rgb, 2 + k)
         bm.write(folder / f"still_{k}.png", still)
+    for k in range(5):  # files as cameras write them: 8 bits, and the exposure time
+        light = truth.plate.rgb * 2.0 ** (k - 2)
+        exposed = bm.LinearImage(light, meta=replace(throw.meta, exposure_time=2.0 ** (k - 6)))
+        bm.write(folder / f"bracket_{k}.jpg", exposed)
     bm.write(folder / "beach.jpg", bm.LinearImage(np.full((90, 160, 3), [0.2, 0.4, 0.7])))
     np.save(folder / "throw.npy", throw.rgb)
     codes = np.rint(65535 * bm.SRGB.encode(empty_room.rgb)).astype(np.uint16)

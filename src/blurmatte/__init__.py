@@ -22,6 +22,7 @@ from blurmatte.errors import MotionError as MotionError
 from blurmatte.errors import NoiseError as NoiseError
 from blurmatte.errors import PlateError as PlateError
 from blurmatte.errors import PlateWarning as PlateWarning
+from blurmatte.errors import ResponseError as ResponseError
 from blurmatte.errors import TransferWarning as TransferWarning
 from blurmatte.explain import explain as explain
 from blurmatte.files import MAX_PIXELS as MAX_PIXELS
@@ -32,6 +33,7 @@ from blurmatte.files import read_frames as read_frames
 from blurmatte.files import read_layer as read_layer
 from blurmatte.files import read_noise as read_noise
 from blurmatte.files import read_solution as read_solution
+from blurmatte.files import read_transfer as read_transfer
 from blurmatte.files import write as write
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
@@ -49,15 +51,19 @@ from blurmatte.radiometry import SRGB as SRGB
 from blurmatte.radiometry import LinearImage as LinearImage
 from blurmatte.radiometry import NoiseFit as NoiseFit
 from blurmatte.radiometry import NoiseModel as NoiseModel
+from blurmatte.radiometry import ResponseFit as ResponseFit
 from blurmatte.radiometry import Transfer as Transfer
 from blurmatte.radiometry import decode as decode
 from blurmatte.radiometry import draw_noise as draw_noise
+from blurmatte.radiometry import draw_response as draw_response
 from blurmatte.radiometry import fit_noise as fit_noise
+from blurmatte.radiometry import fit_response as fit_response
 from blurmatte.radiometry import gamma as gamma
 from blurmatte.radiometry import measure_noise as measure_noise
 from blurmatte.radiometry import measure_noise_against as measure_noise_against
 from blurmatte.radiometry import measure_noise_within as measure_noise_within
 from blurmatte.radiometry import named_transfer as named_transfer
+from blurmatte.radiometry import nearest_transfer as nearest_transfer
 from blurmatte.rendering import Ball as Ball
 from blurmatte.rendering import Camera as Camera
 from blurmatte.rendering import Rendering as Rendering

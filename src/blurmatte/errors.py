@@ -6,6 +6,7 @@ BlurmatteError            the data cannot answer; the message says what to do
 ├── PlateError            the plate does not belong to the image
 ├── ColorModelError       the colors do not determine a line or a plane
 ├── NoiseError            the pictures do not tell their noise
+├── ResponseError         the pictures do not determine the camera's curve
 └── MotionError           nothing moved
 
 BlurmatteWarning          an answer was given, on an assumption
@@ -35,6 +36,10 @@ class ColorModelError(BlurmatteError):
 
 class NoiseError(BlurmatteError):
     """The pictures do not tell their noise."""
+
+
+class ResponseError(BlurmatteError):
+    """The pictures do not determine the camera's curve."""
 
 
 class MotionError(BlurmatteError):

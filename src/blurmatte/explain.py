@@ -1,4 +1,4 @@
-"""What a color model, a solution or a plate says, in plain words."""
+"""What colors, solutions, plates, noise and curves say, in plain words."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -9,7 +9,15 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
-from blurmatte.radiometry import BLOCKS, SRGB, NoiseFit, NoiseModel
+from blurmatte.radiometry import (
+    BLOCKS,
+    SRGB,
+    NoiseFit,
+    NoiseModel,
+    ResponseFit,
+    Transfer,
+    nearest_transfer,
+)
 
 _MEDIUM_LIGHT = np.full(3, 0.2)
 _OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
@@ -40,12 +48,15 @@ _REMEDY = {
 }
 
 
-def explain(thing: ColorModel | Solution | PlateFit | NoiseFit) -> list[str]:
-    """Sentences about colors, a solution, a plate or noise, for people who do not know the words.
+Explained = ColorModel | Solution | PlateFit | NoiseFit | Transfer | ResponseFit
+
+
+def explain(thing: Explained) -> list[str]:
+    """Sentences about what was found or measured, for people who do not know the words.
 
     Parameters
     ----------
-    thing : ColorModel, Solution, PlateFit or NoiseFit
+    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer or ResponseFit
 
     Returns
     -------
@@ -78,8 +89,12 @@ def explain(thing: ColorModel | Solution | PlateFit | NoiseFit) -> list[str]:
         return list(_plate(thing))
     if isinstance(thing, NoiseFit):
         return [*_sensor(thing), *_rounding(thing), *_coherence(thing), *_left_out(thing)]
+    if isinstance(thing, Transfer):
+        return _curve(thing)
+    if isinstance(thing, ResponseFit):
+        return [*_curve(thing.transfer), *_response(thing)]
     raise TypeError(
-        "can explain a ColorModel, a Solution, a PlateFit or a NoiseFit, "
+        "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer or a ResponseFit, "
         f"got {type(thing).__name__}"
     )
 
@@ -107,6 +122,36 @@ def _plate(fit: PlateFit) -> Iterator[str]:
         f"Not known, for no light was seen much more often than others: {unknown.mean():.1%} of the "
         f"pixels. Clipped: {clipped.mean():.1%}."
     )
+
+
+def _curve(curve: Transfer) -> list[str]:
+    nearest, off = nearest_transfer(curve)
+    black, middle, white = curve.decode(np.array([0, 0.5, 1]))
+    return [
+        f"Nearest to {nearest.name}, which is off by up to {off:.1%} of full scale.",
+        f"Light {black:.4g}, {middle:.4g} and {white:.4g} at code values 0, 1/2 and 1.",
+    ]
+
+
+def _response(fit: ResponseFit) -> list[str]:
+    low, high = fit.seen
+    lines = [
+        f"The light is known to {np.max(fit.std):.1%} of full scale (one standard deviation), "
+        f"{np.max(fit.std[: len(fit.std) // 2]):.1%} in the darker half of the code values.",
+        f"{fit.agreement:.0%} of the places agree; noise {255 * fit.noise:.2g} of 255 code values.",
+        f"Code values {255 * low:.0f} to {255 * high:.0f} of 255 were seen twice; beyond them the "
+        "curve is continued as cameras do.",
+        "Exposure times as the pictures have them: "
+        + ", ".join(f"{time:.3g} s" for time in fit.exposure_times)
+        + ".",
+    ]
+    if not fit.channels_agree:
+        worst = max(fit.channel_difference)
+        lines.append(
+            f"Red, green and blue do not have one curve: alone, one differs by up to {worst:.1%}; "
+            "the camera mixes colors after the curve, and light is known no better than that."
+        )
+    return lines
 
 
 def doubts(solution: Solution) -> list[str]:

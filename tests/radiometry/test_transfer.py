@@ -4,7 +4,15 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.radiometry import LINEAR, REC709, SRGB, Transfer, gamma, named_transfer
+from blurmatte.radiometry import (
+    LINEAR,
+    REC709,
+    SRGB,
+    Transfer,
+    gamma,
+    named_transfer,
+    nearest_transfer,
+)
 
 CURVES = [SRGB, REC709, LINEAR, gamma(2.2), gamma(0.45)]
 
@@ -80,7 +88,7 @@ def test_a_camera_of_ones_own():
 
 @pytest.mark.parametrize("name", ["sRGB", "gamma", "gamma-2", "log", ""])
 def test_unknown_name(name):
-    with pytest.raises(ValueError, match=r"use srgb, rec709, linear or e\.g\. gamma2\.2"):
+    with pytest.raises(ValueError, match=r"use srgb, .*slog3.*, or e\.g\. gamma2\.2"):
         named_transfer(name)
 
 
@@ -88,3 +96,81 @@ def test_unknown_name(name):
 def test_impossible_gamma(exponent):
     with pytest.raises(ValueError, match=r"gamma must lie between 0\.1 and 10"):
         gamma(exponent)
+
+
+STEPS = np.array([-0.02, 0.0, 0.03, 0.2, 0.55, 1.1])
+
+
+def test_a_table_is_straight_between_its_entries():
+    """Exact: decode gives the entries at their code values, and straight lines between them."""
+    curve = Transfer.from_table("steps", STEPS)
+    codes = np.linspace(0, 1, 6)
+    assert_allclose(curve.decode(codes), STEPS, atol=1e-15)
+    assert_allclose(curve.decode((codes[1:] + codes[:-1]) / 2), (STEPS[1:] + STEPS[:-1]) / 2)
+    assert_allclose(curve.decode(1.2), 1.1 + 0.55)  # as straight as it ended
+    assert curve.decode(0.5).shape == ()
+
+
+@pytest.mark.parametrize("light", [STEPS, SRGB.table(4081), np.array([0.0, 3.0])])
+def test_encode_undoes_decode_of_a_table(light):
+    """Exact: below black and above white too."""
+    curve = Transfer.from_table("table", light)
+    v = np.linspace(-1.5, 2, 5001)
+    assert_allclose(curve.encode(curve.decode(v)), v, atol=1e-12)
+    assert_allclose(curve.decode(curve.encode(v)), v, atol=1e-12)
+    assert np.all(np.diff(curve.decode(v)) > 0)
+
+
+def test_a_table_from_zero_is_odd_and_near_its_curve():
+    """Invariant: like the other curves, it is odd; 4081 entries are sRGB to a part in a million."""
+    curve = Transfer.from_table("table", SRGB.table(4081))
+    v = np.linspace(0, 1, 777)
+    assert_array_equal(curve.decode(-v), -curve.decode(v))
+    assert_allclose(curve.decode(v), SRGB.decode(v), atol=1e-6)
+    assert_allclose(curve.table(256), SRGB.table(256), atol=1e-12)
+
+
+def test_a_table_keeps_shape_and_precision():
+    """Invariant: pictures of float32 stay float32, whatever their shape; order does not matter."""
+    curve = Transfer.from_table("table", STEPS)
+    rng = np.random.default_rng(0)
+    v = rng.uniform(-0.5, 1.5, (70, 500, 3)).astype(np.float32)  # more than is done at once
+    light = curve.decode(v)
+    assert light.dtype == np.float32
+    assert light.shape == v.shape
+    turned = curve.decode(v[::-1, ::-1])
+    assert_array_equal(turned[::-1, ::-1], light)
+
+
+@pytest.mark.parametrize(
+    ("light", "says"),
+    [
+        ([1.0], "two or more finite numbers"),
+        ([[0, 1], [2, 3]], "two or more finite numbers"),
+        ([0, np.nan, 1], "two or more finite numbers"),
+        ([0, 0.5, 0.5, 1], r"light must rise from each entry to the next, got 0\.5, 0\.5"),
+        ([1, 0], "light must rise"),
+    ],
+)
+def test_impossible_table(light, says):
+    """Door: what a table must be."""
+    with pytest.raises(ValueError, match=says):
+        Transfer.from_table("bad", light)
+
+
+@pytest.mark.parametrize("curve", [SRGB, REC709, LINEAR, gamma(1.7)], ids=lambda curve: curve.name)
+def test_the_nearest_curve_is_the_curve_itself(curve):
+    """Oracle: also of a table, whatever its scale of light."""
+    brighter = Transfer.from_table("x", 7 * curve.table(4081))
+    nearest, off = nearest_transfer(brighter)
+    assert nearest.name == curve.name
+    assert off < 1e-6
+
+
+def test_the_nearest_curve_says_how_far_it_is():
+    """Oracle: 0.02 was added in the middle."""
+    v = np.linspace(0, 1, 256)
+    bent = Transfer.from_table("bent", SRGB.decode(v) + 0.02 * np.sin(np.pi * v) ** 2)
+    nearest, off = nearest_transfer(bent)
+    assert 0 < off <= 0.02 + 1e-9
+    assert nearest.name in {"srgb", "gamma2.0", "gamma2.1", "gamma2.2"}

@@ -316,7 +316,8 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     """
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
-    if matching is Matching.NONE or min(image.size) < _SMALLEST:
+    gray = image.meta.gray or plate.meta.gray  # `solve` refuses these, and says why
+    if gray or matching is Matching.NONE or min(image.size) < _SMALLEST:
         return Match.nothing(image.size)
     pyramid = levels(image, plate)
     fine = next(pyramid)

@@ -3,6 +3,7 @@
 from blurmatte.cli import noise as noise
 from blurmatte.cli import pictures as pictures
 from blurmatte.cli import plates as plates
+from blurmatte.cli import response as response
 from blurmatte.cli import scenes as scenes
 from blurmatte.cli import solving as solving
 from blurmatte.cli.program import app as app

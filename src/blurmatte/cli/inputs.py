@@ -21,7 +21,11 @@ class Files:
     @property
     def curve(self) -> bm.Transfer | None:
         """The transfer curve that was asked for; None: what the file says."""
-        return None if self.transfer is None else bm.named_transfer(self.transfer)
+        if self.transfer is None:
+            return None
+        if self.transfer.lower().endswith(".json"):
+            return bm.read_transfer(self.transfer)
+        return bm.named_transfer(self.transfer)
 
     def read(self, path: Path, said: list[str] | None = None) -> tuple[bm.LinearImage, list[str]]:
         """The picture, and what there was to warn of (also added to `said`)."""

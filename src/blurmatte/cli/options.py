@@ -48,9 +48,9 @@ Mask = Annotated[Path | None, typer.Option(help="A picture that is white where t
 TransferName = Annotated[
     str | None,
     typer.Option(
-        metavar="srgb|rec709|linear|gamma2.2|auto",
-        help="How code values encode light, if you know better than the files; auto, of solve and "
-        "color: what explains the streak.",
+        metavar="srgb|rec709|linear|gamma2.2|slog3|FILE.json|auto",
+        help="How code values encode light, if you know better than the files: a name, or a curve "
+        "that calibrate response wrote; auto, of solve and color: what explains the streak.",
     ),
 ]
 

@@ -55,7 +55,9 @@ def compose(
 def info(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="A picture, a layer, a solution, a model or noise."),
+        typer.Argument(
+            metavar="FILE", help="A picture, a layer, a solution, a model, noise or a curve."
+        ),
     ],
     transfer: TransferName = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
@@ -77,6 +79,11 @@ def info(
 
 
 def _told_by_json(path: Path) -> list[str]:
+    from blurmatte.files import holds_transfer
+
+    if holds_transfer(path):
+        curve = bm.read_transfer(path)
+        return [f"{path}: transfer curve {curve.name}", *bm.explain(curve)]
     try:
         noise = bm.read_noise(path)
     except bm.FileError:  # whatever is wrong, reading it as a model will tell

@@ -1,4 +1,4 @@
-"""The only place that knows file formats: pictures, layers, solutions, color models and noise."""
+"""The only place that knows file formats: pictures, layers, solutions, models, noise, curves."""
 
 from blurmatte.files.frames import Frames as Frames
 from blurmatte.files.frames import read_frames as read_frames
@@ -11,4 +11,6 @@ from blurmatte.files.reading import read as read
 from blurmatte.files.reading import read_layer as read_layer
 from blurmatte.files.solutions import read_solution as read_solution
 from blurmatte.files.together import write_together as write_together
+from blurmatte.files.transfers import holds_transfer as holds_transfer
+from blurmatte.files.transfers import read_transfer as read_transfer
 from blurmatte.files.writing import write as write

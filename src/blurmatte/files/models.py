@@ -96,20 +96,32 @@ def read_color_model(path: str | Path) -> ColorModel:
     FileError
         If the file cannot be read or holds no color model.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: is no JSON text; {_HINT}") from error
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    text = read_json_text(path, _HINT)
     try:
         return model_from_json(text)
-    except json.JSONDecodeError as error:
-        raise FileError(
-            f"{path}: is no JSON (line {error.lineno}: {error.msg}); {_HINT}"
-        ) from error
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise FileError(f"{path}: is no color model; {_HINT}") from error
+        found = "holds a transfer curve" if '"light"' in text else "is no color model"
+        raise FileError(f"{path}: {found}; {_HINT}") from error
+
+
+def read_json_text(path: str | Path, hint: str) -> str:
+    """What is in a JSON file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, or is no JSON; the message ends with `hint`.
+    """
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+        json.loads(text)
+    except json.JSONDecodeError as error:
+        raise FileError(f"{path}: is no JSON (line {error.lineno}: {error.msg}); {hint}") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: is no JSON text; {hint}") from error
+    except OSError as error:
+        raise FileError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    return text
 
 
 _HINT = "give a file that blurmatte wrote, e.g. with blurmatte color"

@@ -1,4 +1,4 @@
-"""Pictures, layers, solutions and color models to files that other programs open.
+"""Pictures, layers, solutions, color models and curves to files that other programs open.
 
 Light is encoded once, here, and clipped only for integers. A file is there whole or not at all: it
 is written beside its target under another name and then renamed. The same input gives the same
@@ -24,9 +24,17 @@ from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.plates import light_parts
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
+from blurmatte.files.transfers import transfer_to_json
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
-from blurmatte.radiometry import SRGB, LinearImage, NoiseFit, NoiseModel
+from blurmatte.radiometry import (
+    SRGB,
+    LinearImage,
+    NoiseFit,
+    NoiseModel,
+    ResponseFit,
+    Transfer,
+)
 
 Way = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
@@ -45,6 +53,8 @@ def write(
     | ColorModel
     | NoiseModel
     | NoiseFit
+    | Transfer
+    | ResponseFit
     | Mapping[str, Any]
     | str
     | Floats
@@ -59,6 +69,8 @@ def write(
     Solution          .exr, everything in it
     ColorModel        .json
     NoiseModel        .json, and so is a NoiseFit
+    Transfer          .json, as a table
+    ResponseFit       .json: its transfer, the error of it, and what was found
     mapping           .json; numbers that are not finite become null
     str               .toml, as is
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
@@ -106,6 +118,8 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
         case NoiseModel() | NoiseFit():
             return _ways(noise_to_mapping(thing))
+        case Transfer() | ResponseFit():
+            return {".json": lambda path: _save_text(path, transfer_to_json(thing) + "\n")}
         case Mapping():
             return {".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n")}
         case str():

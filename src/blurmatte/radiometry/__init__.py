@@ -20,9 +20,13 @@ from blurmatte.radiometry.noise_fit import NoiseFit as NoiseFit
 from blurmatte.radiometry.noise_measure import measure_noise as measure_noise
 from blurmatte.radiometry.noise_measure import measure_noise_against as measure_noise_against
 from blurmatte.radiometry.noise_measure import measure_noise_within as measure_noise_within
+from blurmatte.radiometry.response import ResponseFit as ResponseFit
+from blurmatte.radiometry.response import fit_response as fit_response
+from blurmatte.radiometry.response_chart import draw_response as draw_response
 from blurmatte.radiometry.transfer import LINEAR as LINEAR
 from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB
 from blurmatte.radiometry.transfer import Transfer as Transfer
 from blurmatte.radiometry.transfer import gamma as gamma
 from blurmatte.radiometry.transfer import named_transfer as named_transfer
+from blurmatte.radiometry.transfer import nearest_transfer as nearest_transfer

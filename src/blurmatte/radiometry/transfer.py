@@ -16,6 +16,9 @@ from blurmatte.checks import Floats
 
 Curve = Callable[[Any], Any]
 
+_AT_ONCE = 1 << 16  # values at a time, so that they stay in the processor's cache
+TABLE = 16 * 255 + 1  # entries of a table: the code values of 8 bits, and 15 between each two
+
 
 @dataclass(frozen=True, repr=False)
 class Transfer:
@@ -36,6 +39,38 @@ class Transfer:
     def __repr__(self) -> str:
         return f"Transfer({self.name})"
 
+    @classmethod
+    def from_table(cls, name: str, light: npt.ArrayLike) -> "Transfer":
+        """The curve with straight lines between the entries of a table.
+
+        Below code value 0 it is mirrored at its first point, so that it is odd if that is light 0;
+        above 1 it goes on as straight as it ended.
+
+        Parameters
+        ----------
+        name : str
+        light : (N,) float
+            Linear light of N >= 2 code values, equally spaced from 0 to 1; each above the one before.
+
+        Raises
+        ------
+        ValueError
+            If there are fewer than two numbers, or they do not rise.
+        """
+        values = np.array(light, dtype=np.float64)
+        if values.ndim != 1 or len(values) < 2 or not np.all(np.isfinite(values)):
+            raise ValueError(
+                f"light must be two or more finite numbers in a row, got shape {values.shape}"
+            )
+        if not np.all(np.diff(values) > 0):
+            place = int(np.argmin(np.diff(values)))
+            raise ValueError(
+                "light must rise from each entry to the next, got "
+                f"{values[place]:.6g}, {values[place + 1]:.6g}"
+            )
+        codes = np.arange(len(values)) / (len(values) - 1)
+        return cls(name, _Lines(codes, values), _Lines(values, codes))
+
     def table(self, levels: int) -> npt.NDArray[np.float64]:
         """(levels,) linear light of every code value of an integer file, `levels` = 256 or 65536."""
         return np.asarray(self.decode(np.arange(levels) / (levels - 1)), dtype=np.float64)
@@ -46,6 +81,34 @@ class Transfer:
         h = 1 / 1024
         slope: Floats = (self.decode(v + h) - self.decode(v - h)) / (2 * h)
         return slope
+
+
+@dataclass(frozen=True, eq=False)
+class _Lines:
+    """Straight lines between points (x, y); mirrored at the first, straight on after the last."""
+
+    x: npt.NDArray[np.float64]
+    y: npt.NDArray[np.float64]
+
+    def __call__(self, x: Any) -> Any:
+        where = np.asarray(x)
+        y = np.empty(where.shape, where.dtype if where.dtype.kind == "f" else np.float64)
+        inputs, outputs = np.ravel(where), y.reshape(-1)
+        for start in range(0, inputs.size, _AT_ONCE):
+            part = slice(start, start + _AT_ONCE)
+            outputs[part] = self._some(inputs[part].astype(np.float64))
+        return y if y.ndim else y[()]
+
+    def _some(self, x: npt.NDArray[np.float64]) -> npt.NDArray[np.float64]:
+        first, last = self.x[[0, -1]]
+        y = np.interp(x, self.x, self.y)
+        below, above = x < first, x > last
+        if below.any():
+            y[below] = 2 * self.y[0] - self._some(2 * first - x[below])
+        if above.any():
+            end = (self.y[-1] - self.y[-2]) / (last - self.x[-2])
+            y[above] = self.y[-1] + end * (x[above] - last)
+        return y
 
 
 def _odd(curve: Curve) -> Curve:
@@ -95,17 +158,47 @@ def gamma(exponent: float) -> Transfer:
 
 
 def named_transfer(name: str) -> Transfer:
-    """The curve that is called `name`: srgb, rec709, linear, or gamma2.2 with any exponent.
+    """The curve that is called `name`.
+
+    srgb, rec709, linear; gamma2.2 with any exponent; or a camera maker's logarithmic curve, whose
+    light is scene-linear with 0.18 for middle gray: slog3, logc3 (EI 800), logc4, vlog, clog2, clog3,
+    log3g10, davinci, dlog, bmdfilm5, applelog. These need the `ocio` extra.
 
     Raises
     ------
     ValueError
         For any other name.
+    BlurmatteError
+        If OpenColorIO is needed and not installed.
     """
+    from blurmatte.radiometry.log_curves import LOG_CURVES, log_curve
+
     known = {curve.name: curve for curve in (SRGB, REC709, LINEAR)}
     if name in known:
         return known[name]
+    if name in LOG_CURVES:
+        return log_curve(name)
     power = re.fullmatch(r"gamma(\d+(\.\d+)?)", name)
     if power is None:
-        raise ValueError(f"no transfer is called {name!r}; use {', '.join(known)} or e.g. gamma2.2")
+        names = ", ".join([*known, *LOG_CURVES])
+        raise ValueError(f"no transfer is called {name!r}; use {names}, or e.g. gamma2.2")
     return gamma(float(power[1]))
+
+
+def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
+    """Which of srgb, rec709, linear and gamma1.1 to gamma3.0 is nearest, and how far off it is.
+
+    Light is compared after both were scaled to 1 at code value 1.
+
+    Returns
+    -------
+    tuple of Transfer and float
+        The curve, and the largest difference, as a fraction of full scale.
+    """
+    powers = (gamma(tenths / 10) for tenths in range(11, 31))
+    candidates = [SRGB, REC709, LINEAR, *powers]
+    light = curve.table(256)
+    light = light / light[-1]
+    off = [float(np.max(np.abs(other.table(256) - light))) for other in candidates]
+    best = int(np.argmin(off))
+    return candidates[best], off[best]

@@ -1,0 +1,130 @@
+"""calibrate response, and curves as files in every command: end to end, in this process."""
+
+import json
+import sys
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+
+TIMES = ("1/32", "1/16", "1/8")
+
+
+def run(*args):
+    """Run a command in this process."""
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def good(*args):
+    result = run(*args)
+    assert result.exit_code == 0, result.stderr
+    return result.stdout
+
+
+def complaint(*args):
+    """The one line that a command ended with."""
+    result = run(*args)
+    assert result.exit_code == 2, (result.stdout, result.stderr)
+    (line,) = result.stderr.splitlines()
+    return line
+
+
+@pytest.fixture(scope="module")
+def bracket(tmp_path_factory):
+    """Three pictures of one scene, coded with gamma 1.8."""
+    folder = tmp_path_factory.mktemp("bracket")
+    rng = np.random.default_rng(0)
+    light = np.kron(np.exp(rng.uniform(-5, 0.5, (10, 12, 3))), np.ones((8, 8, 1)))
+    for number, factor in enumerate((0.5, 1, 2)):
+        codes = 255 * np.minimum(light * factor, 1) ** (1 / 1.8) + rng.normal(0, 1, light.shape)
+        Image.fromarray(np.rint(codes).clip(0, 255).astype(np.uint8)).save(folder / f"{number}.png")
+    return folder
+
+
+def test_a_curve_is_measured_told_drawn_and_used(bracket, tmp_path):
+    """Oracle: the curve that coded the pictures comes out of them, and decodes them."""
+    curve, plot = tmp_path / "mycam.json", tmp_path / "mycam.png"
+    pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
+    said = good("calibrate", "response", *pictures, "--out", curve, "--plot", plot)
+    assert said.startswith("ResponseFit(3 pictures, light known to ")
+    assert "Nearest to gamma1.8, which is off by up to " in said
+    with Image.open(plot) as picture:
+        pixels = np.asarray(picture)
+    assert picture.size == (800, 800)
+    assert 0.5 < np.mean(pixels == 255) < 0.99  # something on white
+    transfer = bm.read_transfer(curve)
+    assert transfer.name == "mycam"
+    v = np.linspace(0, 1, 256)
+    assert np.abs(transfer.decode(v) - v**1.8).max() < 0.02
+    assert json.loads(curve.read_text())["exposure_times"] == sorted(
+        json.loads(curve.read_text())["exposure_times"]
+    )
+    told = good("info", curve)
+    assert told.startswith(f"{curve}: transfer curve mycam\nNearest to gamma1.8")
+    told = good("info", bracket / "1.png", "--transfer", curve)
+    assert "transfer: mycam (as you said)" in told
+
+
+def test_curves_work_where_transfers_do(bracket, tmp_path):
+    """Invariant: sRGB as a file gives what --transfer srgb gives."""
+    layer, srgb = tmp_path / "layer.exr", tmp_path / "srgb.json"
+    alpha = np.full((80, 96), 0.3, np.float32)
+    bm.write(layer, bm.Layer(alpha, np.repeat(0.2 * alpha[..., None], 3, axis=-1)))
+    bm.write(srgb, bm.SRGB)
+    for transfer in (srgb, "srgb"):
+        out = tmp_path / f"{len(str(transfer))}.exr"
+        good("compose", layer, "--over", bracket / "1.png", "--out", out, "--transfer", transfer)
+    file, name = (bm.read(tmp_path / f"{len(str(t))}.exr").rgb for t in (srgb, "srgb"))
+    assert np.allclose(file, name, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ([], "does not tell its exposure time; give exposure_times (--exposures"),
+        (["--exposures", "1/60,x"], "--exposures must be seconds like 1/60,1/15,0.5, got '1/60,x'"),
+        (["--exposures", "1/0,1,2"], "--exposures must be seconds"),
+        (["--exposures", "1,2"], "exposure_times must be 3 numbers, got 2"),
+        (["--exposures", "1,1,1"], "the exposure times are all about 1 s"),
+        (["--exposures", "4,2,1"], "are equally bright, or the second darker"),
+        (["--exposures", "1,2,4", "--out", "curve.png"], "is written as .json"),
+        (["--exposures", "1,2,4", "--max-pixels", "10"], "more than the limit of 10"),
+    ],
+)
+def test_bad_brackets_end_in_one_line(bracket, tmp_path, arguments, says):
+    """Door: and nothing is written."""
+    line = complaint("calibrate", "response", bracket / "?.png", *arguments)
+    assert line.startswith("blurmatte: ")
+    assert says in line
+
+
+def test_files_of_another_kind_are_told(bracket, tmp_path):
+    """Door: a color model is no curve, and a curve no color model."""
+    curve, model, broken = (tmp_path / name for name in ("c.json", "m.json", "b.json"))
+    bm.write(curve, bm.SRGB)
+    bm.write(model, bm.ColorModel.from_hex("#d8ff3c"))
+    broken.write_text('{"name": "x", "light": [1, 0]}')
+    picture = bracket / "1.png"
+    assert "holds a color model" in complaint("info", picture, "--transfer", model)
+    assert "cannot be read" in complaint("info", picture, "--transfer", tmp_path / "none.json")
+    files = (picture, "--plate", bracket / "2.png", "--transfer", "srgb")
+    assert "holds a transfer curve" in complaint("color", *files, "--color", curve)
+    assert "light must rise" in complaint("info", broken)
+
+
+def test_missing_extras_are_told(bracket, tmp_path, monkeypatch):
+    """Door: one line that says what to install."""
+    from blurmatte.radiometry.log_curves import log_curve
+
+    log_curve.cache_clear()
+    monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    line = complaint("info", bracket / "1.png", "--transfer", "slog3")
+    assert 'pip install "blurmatte[ocio]"' in line
+    pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
+    line = complaint("calibrate", "response", *pictures, "--plot", tmp_path / "p.png")
+    assert 'pip install "blurmatte[plot]"' in line
