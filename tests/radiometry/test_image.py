@@ -100,6 +100,8 @@ def test_channels_of_a_clipped_pixel_that_are_not_clipped_are_usable():
     assert picture.usable.tolist() == [[[False, True, True], [False, False, True], [True] * 3]]
     missing = replace(picture, valid=np.zeros((1, 3), bool))
     assert not missing.usable[0, 2].any()
+    raw = replace(picture, meta=replace(picture.meta, to_srgb=((1, 0, 0), (0, 1, 0), (0, 0, 1))))
+    assert not raw.usable[0, :2].any()
     light = LinearImage(np.array([[[1.2, 0.5, 0.5]]]))
     assert light.usable.all()  # what is valid is not clipped, however bright
     assert replace(light, valid=~light.valid).clipped.tolist() == [[[True, False, False]]]

@@ -138,7 +138,12 @@ class LinearImage:
 
     @property
     def usable(self) -> Bools:
-        """(H, W, 3) True where a channel's light is known, also those of a clipped pixel that are."""
+        """(H, W, 3) True where a channel's light is known, also those of a clipped pixel that are.
+
+        Of a camera RAW all channels of a clipped pixel may hold light of clipped neighbors: none is.
+        """
+        if self.meta.to_srgb is not None:
+            return np.repeat(self.valid[..., None], 3, axis=-1)
         clipped = self.clipped
         partly = clipped.any(axis=-1, keepdims=True) & ~clipped
         return np.asarray(self.valid[..., None] | partly)
