@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from blurmatte.background import Matching
 from blurmatte.color import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.clipped import one_clipped
@@ -46,7 +47,7 @@ def test_exact_pictures_give_the_exact_answer(in_plate):
     assert clipped[24:].all()
     assert not clipped[:24].any()
     everywhere = Streak(np.ones(SIZE[::-1], bool))
-    solution = solve(image, plate, MODEL, Pixelwise(), streak=everywhere)
+    solution = solve(image, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE)
     told = solution.known & clipped
     assert told.mean() > 0.45
     assert_allclose(solution.alpha[told], alpha[told], rtol=0, atol=1e-10)
@@ -62,7 +63,9 @@ def test_errors_are_honest(in_plate):
     for seed in range(4):
         alpha, P, image, plate = pictures(seed, SIGMA, in_plate)
         everywhere = Streak(np.ones(SIZE[::-1], bool))
-        solution = solve(image, plate, MODEL, Pixelwise(), streak=everywhere)
+        solution = solve(
+            image, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE
+        )
         told = one_clipped(image, plate) & (solution.alpha_std < 0.1)
         z_alpha.append((solution.alpha - alpha)[told] / solution.alpha_std[told])
         z_light.append((solution.premultiplied - P)[told] / solution.premultiplied_std[told])
@@ -78,8 +81,12 @@ def test_two_channels_know_less_than_three():
     image, plate = (p.with_noise(NoiseModel(read_std=SIGMA)) for p in (image, plate))
     everywhere = Streak(np.ones(SIZE[::-1], bool))
     whole = LinearImage(P + (1 - alpha[..., None]) * plate.rgb, image.noise)
-    full = solve(whole, plate, MODEL, Pixelwise(), streak=everywhere).alpha_std[24:]
-    less = solve(image, plate, MODEL, Pixelwise(), streak=everywhere).alpha_std[24:]
+    full = solve(
+        whole, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE
+    ).alpha_std[24:]
+    less = solve(
+        image, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE
+    ).alpha_std[24:]
     assert np.all(less > 0.999 * full)
 
 
@@ -87,11 +94,11 @@ def test_a_plane_of_colors_and_missing_pixels_stay_unknown():
     """exact: nothing is left to solve."""
     _, _, image, plate = pictures()
     everywhere = Streak(np.ones(SIZE[::-1], bool))
-    of_plane = solve(image, plate, PLANE, Pixelwise(), streak=everywhere)
+    of_plane = solve(image, plate, PLANE, Pixelwise(), streak=everywhere, matching=Matching.NONE)
     assert not of_plane.known[24:].any()
     assert not of_plane.layer.alpha[24:].any()
     dark = LinearImage(np.minimum(image.rgb, 0.9), image.noise, image.valid)
-    missing = solve(dark, plate, MODEL, Pixelwise(), streak=everywhere)
+    missing = solve(dark, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE)
     assert not missing.known[24:].any()
     assert missing.known[:24].any()
 
@@ -104,14 +111,18 @@ def test_two_clipped_channels_are_too_many():
     worse = LinearImage(rgb, image.noise, image.valid)
     assert not one_clipped(worse, plate)[24:].any()
     everywhere = Streak(np.ones(SIZE[::-1], bool))
-    assert not solve(worse, plate, MODEL, Pixelwise(), streak=everywhere).known[24:].any()
+    assert (
+        not solve(worse, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE)
+        .known[24:]
+        .any()
+    )
 
 
 def test_all_pixels_together_hear_them():
     """honest: smoothed alpha is nearer the truth in a clipped region than its neighbors could tell."""
     _, _, image, plate = pictures(1, SIGMA)
     everywhere = Streak(np.ones(SIZE[::-1], bool))
-    solution = solve(image, plate, MODEL, Smooth(), streak=everywhere)
+    solution = solve(image, plate, MODEL, Smooth(), streak=everywhere, matching=Matching.NONE)
     lower = solution.alpha[30:]  # six pixels from where all channels are known: 0.4 there
     assert abs(np.median(lower) - 0.85) < 0.02
     assert_allclose(np.median(solution.premultiplied[30:], axis=(0, 1)), 0.85 * COLOR, rtol=0.05)
