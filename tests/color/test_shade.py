@@ -21,7 +21,7 @@ from blurmatte.rendering import (
     textured_plate,
     two_hue_plate,
 )
-from blurmatte.streaks import find_streaks
+from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import fit_color, fit_sweep
 from blurmatte.trajectory import Trajectory
 
@@ -155,3 +155,9 @@ def test_a_color_that_is_given_is_believed_and_all_is_marked():
     marked = (solution.quality & Quality.SHADOW) != 0
     assert marked[COVERED["ball"] > 0.2].mean() > 0.9
     assert not marked[~solution.streak].any()
+
+
+def test_where_nothing_changed_nothing_was_lost():
+    """honest: a region beside the shadow."""
+    image, plate = shadow("colorful")
+    assert not only_light_lost(image, plate, Streak.from_box((110, 80, 150, 108), SIZE))

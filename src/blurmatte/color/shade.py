@@ -61,7 +61,8 @@ def only_light_lost(image: LinearImage, plate: LinearImage, streak: Streak) -> b
     -------
     bool
         True for shadows; for objects whose own light is less than 6 % of the light that they
-        hide, or in the plate's hue; and for what is weaker than noise.
+        hide, or in the plate's hue; and where that light is weaker than noise. False where nothing
+        changed.
     """
     box = streak.around(_MARGIN)
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
@@ -71,12 +72,8 @@ def only_light_lost(image: LinearImage, plate: LinearImage, streak: Streak) -> b
     variance += shift_variance(image, plate, use & ~inside)
     lost, B = _over_noise(image, plate, variance)
     rest = lost - _of_shadow(lost, B, inside)
-    energy, _ = _shared(lost, inside & use)
-    own, _ = _shared(rest, inside & use)
-    usual, spread = _shared(rest, ~inside & use)
-    blocks = max(np.count_nonzero(inside) / _BLOCK**2, 1)
-    clear = own - usual - _SIGMAS * spread / np.sqrt(blocks)
-    return bool(clear <= _LEAST_LIGHT**2 * energy)
+    energy, change = (_beyond_noise(x, inside, use) for x in (lost, rest))
+    return energy > 0 and change <= _LEAST_LIGHT**2 * energy
 
 
 def darker(image: LinearImage, plate: LinearImage) -> Bools:
@@ -134,6 +131,13 @@ def _part(lost: Array, B: Array) -> Array:
     """(h, w) a of every pixel, 0…1."""
     part = np.sum(lost * B, axis=-1) / np.maximum(np.sum(B * B, axis=-1), 1e-12)
     return np.asarray(np.clip(part, 0, 1))
+
+
+def _beyond_noise(x: Array, inside: Bools, use: Bools) -> float:
+    """Mean product of neighbors inside, by how much it clearly exceeds that beside."""
+    usual, spread = _shared(x, ~inside & use)
+    blocks = max(np.count_nonzero(inside) / _BLOCK**2, 1)
+    return _shared(x, inside & use)[0] - usual - _SIGMAS * spread / float(np.sqrt(blocks))
 
 
 def _shared(x: Array, where: Bools) -> tuple[float, float]:
