@@ -167,6 +167,22 @@ def test_a_mask_and_a_region_say_where(scene, tmp_path):
     assert np.array_equal(masked.streak, white)
 
 
+def test_an_occluder_is_left_out_and_flagged(scene, tmp_path):
+    light = bm.read(scene / "image.png").rgb
+    post = np.zeros_like(light)
+    post[:, 56:60] = 1
+    bm.write(tmp_path / "post.png", bm.LinearImage(post))
+    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    good(*base, "--out", tmp_path / "o", "--occluder", tmp_path / "post.png")
+    solution = bm.read_solution(tmp_path / "o" / "layer.exr")
+    flagged = (solution.quality & bm.Quality.OCCLUDED) != 0
+    assert flagged[:, 56:60].any()
+    assert not flagged[:, :56].any()
+    assert not solution.layer.alpha[:, 56:60].any()
+    report = json.loads((tmp_path / "o" / "report.json").read_text())
+    assert report["flagged"]["OCCLUDED"] == np.count_nonzero(flagged & solution.streak)
+
+
 def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
     base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     told = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
@@ -493,6 +509,7 @@ def test_any_name_will_do(here, tmp_path):
         (["--region", "0,0,999,50"], "must lie in the picture"),
         (["--mask", "nowhere.png"], "nowhere.png"),
         (["--mask", "SHARP"], "the mask"),
+        (["--occluder", "SHARP", "--color", "#ff0000"], "the occluder"),
         (["--mask", "SHARP", "--region", "0,0,9,9"], "not both"),
         (["--max-brightness", "-1"], "must be positive"),
         (["--max-pixels", "100"], "more than the limit of 100"),

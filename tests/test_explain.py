@@ -107,12 +107,34 @@ def test_a_sound_solution_leaves_no_doubt():
     [
         (Quality.PLATE_IN_MODEL, "40% of the streak lies before a plate of the object's own"),
         (Quality.SATURATED, "40% of the streak is clipped"),
+        (
+            Quality.SHADOW,
+            "40% of the streak is only darker than the plate: a shadow, or something black",
+        ),
         (Quality.MISFIT, "40% of the streak does not fit the color"),
     ],
 )
 def test_a_large_flagged_part_is_a_doubt(flag, says):
-    (doubt,) = doubts(changed(quality=(4, flag)))
+    some = changed(quality=(4, flag))
+    unknown = (some.quality & Quality.SATURATED) != 0
+    (doubt,) = doubts(replace(some, alpha_std=np.where(unknown, np.inf, some.alpha_std)))
     assert doubt.startswith(says)
+
+
+def test_clipped_pixels_that_are_known_are_no_doubt():
+    assert doubts(changed(quality=(4, Quality.SATURATED))) == []
+
+
+def test_what_may_all_be_a_shadow_is_the_doubt_of_all():
+    (doubt,) = doubts(solution(only_light_lost=True))
+    assert doubt.startswith(
+        "Only light was lost: all of this may be a shadow, or an object that is"
+    )
+
+
+def test_what_is_in_front_is_told():
+    said = " ".join(explain(changed(quality=(1, Quality.OCCLUDED))))
+    assert "behind something still 10.0%" in said
 
 
 def test_alpha_that_cannot_be_is_a_doubt():

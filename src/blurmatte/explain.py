@@ -34,15 +34,23 @@ _AGAINST = {
     Quality.PLATE_IN_MODEL: "plate of the object's color",
     Quality.OUT_OF_RANGE: "alpha out of range",
     Quality.MISFIT: "not explained by the color model",
+    Quality.SHADOW: "only darker, a shadow or something black",
+    Quality.OCCLUDED: "behind something still",
 }
+_ALL_SHADOW = (
+    "Only light was lost: all of this may be a shadow, or an object that is black, or darker than the "
+    "plate and of its hue; the picture cannot tell. Alpha holds only if something of the given color "
+    "was there."
+)
 _MANY = 0.25  # of the streak's pixels: more than a few odd ones
 _NOT_ALONE = 0.05  # of the known pixels: more than noise puts out of range
 _HIGHEST, _ABOVE = 1.02, 0.005  # alpha that may still be called 1; share of pixels beyond it
 _REMEDY = {
-    Quality.SATURATED: "is clipped in the image or the plate: nothing can be known there; "
-    "expose shorter",
+    Quality.SATURATED: "is clipped in the image or the plate and cannot be known; expose shorter",
     Quality.PLATE_IN_MODEL: "lies before a plate of the object's own colors: nothing can be known "
     "there; allow fewer colors, or take the pictures before another background",
+    Quality.SHADOW: "is only darker than the plate: a shadow, or something black, which the picture "
+    "cannot tell; choose a region without it",
     Quality.MISFIT: "does not fit the color: pick the object's color where it is sharp or opaque, "
     "give two colors (rank 2), or choose a region that holds the object alone",
 }
@@ -162,7 +170,13 @@ def doubts(solution: Solution) -> list[str]:
     inside = solution.quality[solution.streak]
     if not inside.size:
         return []
-    shares = {flag: float(np.mean((inside & flag) != 0)) for flag in _REMEDY}
+    if solution.stats.get("only_light_lost", False):
+        return [_ALL_SHADOW]
+    unknown = ~solution.known[solution.streak]
+    shares = {
+        flag: float(np.mean(((inside & flag) != 0) & (unknown | (flag != Quality.SATURATED))))
+        for flag in _REMEDY
+    }
     said = [f"{shares[flag]:.0%} of the streak {_REMEDY[flag]}." for flag in _REMEDY
             if shares[flag] > _MANY]  # fmt: skip
     return _no_object(solution) or [*said, *_impossible(solution)]

@@ -42,6 +42,8 @@ _FLAGS: dict[Quality, tuple[Color, str]] = {
     Quality.MISFIT: ((255, 122, 40), "misfit"),
     Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
     Quality.SATURATED: ((236, 64, 190), "clipped"),
+    Quality.SHADOW: ((150, 90, 220), "only darker"),
+    Quality.OCCLUDED: ((90, 200, 230), "behind something"),
 }
 _HEAT = np.array([(18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120)], float)
 

@@ -6,6 +6,7 @@ three degrees of freedom if nothing had moved. Large pictures are looked at in c
 pixels, so that the search costs no more than for a picture of a million pixels.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -160,6 +161,39 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
             "pictures, or say where to look with a region (--region, streak=)"
         )
     return streaks
+
+
+def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
+    """The streaks, the first one with the others, and the part between them, that it goes on in
+    behind an occluder.
+
+    Parameters
+    ----------
+    streaks : sequence of Streak
+        The strongest first, one or more.
+    occluder : (H, W) bool
+        Where something still is in front.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt
+
+    if not occluder.any():
+        return list(streaks)
+    across = int(2 * distance_transform_edt(np.pad(occluder, 1)).max())
+
+    def behind(mask: Bools) -> Bools:
+        grown = binary_dilation(mask, iterations=_RIM)
+        return np.asarray(
+            occluder & binary_dilation(grown, iterations=across, mask=occluder | grown)
+        )
+
+    whole, rest = streaks[0], list(streaks[1:])
+    for other in list(rest):
+        between = behind(whole.mask) & behind(other.mask)
+        if between.any():
+            mask = whole.mask | other.mask | between
+            whole = Streak(mask, evidence=whole.evidence + other.evidence)
+            rest.remove(other)
+    return [whole, *rest]
 
 
 def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -> Streak:

@@ -112,5 +112,8 @@ def test_variance_of_light_is_the_noise_model():
 
 
 def test_bits_are_those_of_quality():
-    names = ("SATURATED", "PLATE_IN_MODEL", "OUT_OF_RANGE", "MISFIT", "OUTSIDE")
+    names = (
+        *("SATURATED", "PLATE_IN_MODEL", "OUT_OF_RANGE", "MISFIT", "OUTSIDE"),
+        *("SHADOW", "OCCLUDED"),
+    )
     assert [getattr(kernel, name) for name in names] == [Quality[name].value for name in names]

@@ -1,5 +1,7 @@
 """Solution: raw estimates to measure on, a layer to look at."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
@@ -16,7 +18,8 @@ DOUBTFUL = [Quality.OUT_OF_RANGE, Quality.MISFIT]
 def solution(alpha, quality, light=0.5):
     alpha, quality = np.array([alpha]), np.array([quality], np.uint8)
     premultiplied = np.repeat(light * alpha[..., None], 3, axis=-1)
-    return Solution(alpha, np.full_like(alpha, 0.02), premultiplied,
+    alpha_std = np.where(quality & Quality.SATURATED, np.inf, 0.02)  # in all channels
+    return Solution(alpha, alpha_std, premultiplied,
                     np.full_like(premultiplied, 0.01), quality, RED, "Pixelwise()")  # fmt: skip
 
 
@@ -32,6 +35,24 @@ def test_layer_is_empty_where_nothing_is_known(flag):
     layer = solution([0.5, 0.5], [flag, GOOD]).layer
     assert_array_equal(layer.alpha, [[0, 0.5]])
     assert_array_equal(layer.premultiplied[0, 0], 0)
+
+
+def test_what_is_known_says_the_error_not_the_flag():
+    """exact: of a pixel that is clipped in one channel alpha is known, and shown."""
+    one = solution([0.5], [Quality.SATURATED])
+    known = replace(one, alpha_std=np.full((1, 1), 0.1))
+    assert not one.known.any()
+    assert known.known.all()
+    assert known.layer.alpha[0, 0] == 0.5
+
+
+def test_layer_is_empty_where_the_light_is_unknown():
+    """exact: behind a fence alpha is known, and is none of the picture."""
+    hidden = replace(
+        solution([0.5], [Quality.OCCLUDED]), premultiplied_std=np.full((1, 1, 3), np.inf)
+    )
+    assert hidden.known.all()
+    assert not hidden.layer.alpha.any()
 
 
 @pytest.mark.parametrize("flag", DOUBTFUL)
@@ -60,7 +81,7 @@ def test_one_line_says_what_it_is():
 
 
 def test_bits_are_powers_of_two_that_fit_a_byte():
-    assert [flag.value for flag in Quality] == [1, 2, 4, 8, 16]
+    assert [flag.value for flag in Quality] == [1, 2, 4, 8, 16, 32, 64]
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from blurmatte.background import Matching
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.layer import Layer
-from blurmatte.matting import Pixelwise, Quality, Swept, solve
+from blurmatte.matting import Pixelwise, Quality, Smooth, Swept, solve
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
@@ -85,21 +85,70 @@ def test_errors_are_honest():
     assert 0.9 < np.sqrt(np.mean(np.square(z_light))) < 1.1
 
 
-def test_what_hides_the_object_is_left_to_the_pixels():
-    post = np.zeros(SIZE[::-1])
-    post[:, 74:82] = 1
-    occluder = Layer(post, post[..., None] * np.array([0.1, 0.25, 0.12]))
-    truth, image, plate = taken(replace(SCENE, occluder=occluder), 3)
+def post(first, last):
+    """(H, W) bool: columns of a post, and the scene behind it."""
+    hidden = np.zeros(SIZE[::-1], bool)
+    hidden[:, first:last] = True
+    front = Layer(hidden.astype(float), hidden[..., None] * np.array([0.1, 0.25, 0.12]))
+    return hidden, replace(SCENE, occluder=front)
+
+
+def test_what_hides_the_object_is_found_and_alpha_goes_on_behind_it():
+    """honest: flags, alpha and its sum; the layer over the plate is the image still."""
+    hidden, scene = post(74, 82)
+    truth, image, plate = taken(scene, 3)
     solution = solve(image, plate)
     assert solution.solver.startswith("Swept")
-    hidden = (post == 1) & (render(SCENE, 200).layer.alpha > 0.1)
-    inner = np.zeros_like(hidden)
-    inner[:, 76:80] = hidden[:, 76:80]
-    flagged = (solution.quality & Quality.MISFIT) != 0
-    assert flagged[inner].mean() > 0.9
-    assert abs(solution.alpha[inner].mean()) < 0.02
-    free = (truth.layer.alpha > 0) & (post == 0)
+    behind = render(SCENE, 200).layer.alpha
+    marked = (solution.quality & Quality.OCCLUDED) != 0
+    assert marked[hidden & (behind > 0.1)].mean() > 0.9
+    assert marked[~hidden].mean() < 0.001
+    assert np.sqrt(np.mean((solution.alpha - behind)[marked] ** 2)) < 0.01
+    assert abs(solution.stats["sum_alpha"] / behind.sum() - 1) < 0.03
+    assert not solution.layer.alpha[marked].any()
+    assert np.isinf(solution.premultiplied_std[marked]).all()
+    rest = (solution.layer.over(plate).rgb - image.rgb)[solution.streak]
+    assert np.sqrt(np.mean(rest**2)) < 0.015
+    free = (truth.layer.alpha > 0) & ~hidden
     assert np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[free] ** 2)) < 0.02
+
+
+@pytest.mark.parametrize(
+    ("solver", "most", "columns"),
+    [(None, 0.005, (70, 92)), (Smooth(), 0.04, (74, 82))],
+    ids=["swept", "smooth"],
+)
+def test_a_mask_tells_what_is_in_front(solver, most, columns):
+    """honest: of a post as wide as the object too, that parts the streak in two."""
+    hidden, scene = post(*columns)
+    truth, image, plate = taken(scene, 3)
+    solution = solve(image, plate, truth.model, solver, occluder=hidden)
+    behind = render(SCENE, 200).layer.alpha
+    inside = hidden & (behind > 0.02)
+    assert np.all((solution.quality[inside] & Quality.OCCLUDED) != 0)
+    assert np.sqrt(np.mean((solution.alpha - behind)[inside] ** 2)) < most
+    assert abs(solution.stats["sum_alpha"] / behind.sum() - 1) < 0.02
+    assert not solution.layer.alpha[hidden].any()
+    assert not (solution.quality[~hidden] & Quality.OCCLUDED).any()
+
+
+def test_pixels_alone_know_nothing_behind_a_mask():
+    """exact: and nothing of them is in the sum."""
+    hidden, scene = post(74, 82)
+    truth, image, plate = taken(scene, 3)
+    solution = solve(image, plate, truth.model, Pixelwise(), occluder=hidden)
+    assert not solution.known[hidden].any()
+    inside = solution.streak & solution.known
+    assert_allclose(solution.stats["sum_alpha"], solution.alpha[inside].sum(dtype=float), rtol=1e-5)
+
+
+def test_occluder_must_be_a_mask(wall):
+    """door: of the picture's size."""
+    _, image, plate, _ = wall
+    with pytest.raises(ValueError, match="occluder must"):
+        solve(image, plate, occluder=np.zeros((3, 3), bool))
+    with pytest.raises(TypeError, match="occluder must"):
+        solve(image, plate, occluder=np.zeros(SIZE[::-1]))
 
 
 def test_edges_of_a_shifted_plate_are_not_taken_for_holes():
@@ -196,5 +245,10 @@ def test_a_shadow_beside_the_object_is_none_of_it():
     assert solution.solver == repr(Swept())
     assert np.mean(np.abs(solution.alpha[shadow]) < 0.01) > 0.99
     assert np.mean((solution.quality[shadow] & np.uint8(Quality.MISFIT)) != 0) > 0.9
+    assert np.mean((solution.quality[shadow] & np.uint8(Quality.SHADOW)) != 0) > 0.9
+    assert not (solution.quality[truth.layer.alpha > 0.02] & np.uint8(Quality.SHADOW)).any()
     alone = solve(image, plate, solution.model, Pixelwise())
     assert np.median(alone.alpha[shadow]) > 0.1
+    assert np.mean((alone.quality[shadow] & np.uint8(Quality.SHADOW)) != 0) > 0.8
+    clear = (truth.shadow.max(axis=-1) < 0.01) & (truth.layer.alpha > 0.1)
+    assert np.mean((alone.quality[clear] & np.uint8(Quality.SHADOW)) != 0) < 0.05

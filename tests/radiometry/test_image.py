@@ -1,5 +1,7 @@
 """LinearImage is valid because it exists; decode is the way in for code values."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -88,3 +90,18 @@ def test_fields_that_do_not_fit(rgb, fields, error, words):
 def test_only_integer_codes_are_decoded(rgb):
     with pytest.raises(TypeError, match="codes must be uint8 or uint16, got float64"):
         decode(rgb, SRGB)
+
+
+def test_channels_of_a_clipped_pixel_that_are_not_clipped_are_usable():
+    """exact: those at the top of their file are not, and none of a missing pixel."""
+    codes = np.array([[[255, 9, 9], [255, 255, 9], [9, 9, 9]]], np.uint8)
+    picture = decode(codes, SRGB)
+    assert picture.clipped.tolist() == [[[True, False, False], [True, True, False], [False] * 3]]
+    assert picture.usable.tolist() == [[[False, True, True], [False, False, True], [True] * 3]]
+    missing = replace(picture, valid=np.zeros((1, 3), bool))
+    assert not missing.usable[0, 2].any()
+    raw = replace(picture, meta=replace(picture.meta, to_srgb=((1, 0, 0), (0, 1, 0), (0, 0, 1))))
+    assert not raw.usable[0, :2].any()
+    light = LinearImage(np.array([[[1.2, 0.5, 0.5]]]))
+    assert light.usable.all()  # what is valid is not clipped, however bright
+    assert replace(light, valid=~light.valid).clipped.tolist() == [[[True, False, False]]]

@@ -45,6 +45,12 @@ Region = Annotated[
 Mask = Annotated[Path | None, typer.Option(help="A picture that is white where the object moved.")]
 
 
+Occluder = Annotated[
+    Path | None,
+    typer.Option(help="A picture that is white where something still is in front of the object."),
+]
+
+
 TransferName = Annotated[
     str | None,
     typer.Option(

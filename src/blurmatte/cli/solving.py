@@ -22,6 +22,7 @@ from blurmatte.cli.options import (
     MaxBrightness,
     MaxPixels,
     NoiseFile,
+    Occluder,
     Plate,
     Rank,
     Region,
@@ -46,6 +47,7 @@ def solve(
     rank: Rank = 1,
     region: Region = None,
     mask: Mask = None,
+    occluder: Occluder = None,
     transfer: TransferName = None,
     noise: NoiseFile = None,
     max_brightness: MaxBrightness = None,
@@ -72,8 +74,15 @@ def solve(
                 matched = found.apply(B)
                 streak = task.streak(C, matched)
                 model = task.model(C, matched, streak)
+                hidden = None if occluder is None else task.white("occluder", occluder, C)
                 solution = bm.solve(
-                    C, matched, model, way, streak=streak, matching=bm.Matching.NONE
+                    C,
+                    matched,
+                    model,
+                    way,
+                    streak=streak,
+                    matching=bm.Matching.NONE,
+                    occluder=hidden,
                 )
                 solution = _with_match(solution, found)
                 said += _doubted(path, solution)
@@ -189,12 +198,16 @@ class _Task:
             return bm.find_streak_within(region, image, plate)
         if self.mask is None:
             return None
-        mask = bm.read(self.mask, bm.LINEAR, self.files.max_pixels)
-        if mask.size != image.size:
+        return bm.Streak(self.white("mask", self.mask, image))
+
+    def white(self, name: str, path: Path, image: bm.LinearImage) -> Any:
+        """(H, W) bool: where a picture of the image's size is more than half white."""
+        picture = bm.read(path, bm.LINEAR, self.files.max_pixels)
+        if picture.size != image.size:
             raise ValueError(
-                f"the mask {self.mask} is {by(mask.size)} pixels, the image {by(image.size)}"
+                f"the {name} {path} is {by(picture.size)} pixels, the image {by(image.size)}"
             )
-        return bm.Streak(np.asarray(mask.rgb.max(axis=-1) > 0.5))
+        return np.asarray(picture.rgb.max(axis=-1) > 0.5)
 
     def model(
         self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None

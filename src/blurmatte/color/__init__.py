@@ -4,6 +4,9 @@ from blurmatte.color.model import ColorModel as ColorModel
 from blurmatte.color.published import published_color_line as published_color_line
 from blurmatte.color.samples import core_colors as core_colors
 from blurmatte.color.samples import pick_colors as pick_colors
+from blurmatte.color.shade import darker as darker
+from blurmatte.color.shade import only_light_lost as only_light_lost
+from blurmatte.color.shade import refuse_shade as refuse_shade
 from blurmatte.color.streak import checked as checked
 from blurmatte.color.streak import fit_color_from_hues as fit_color_from_hues
 from blurmatte.color.streak import refuse_gray as refuse_gray

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
+from blurmatte.matting.clipped import one_clipped
 from blurmatte.radiometry import LinearImage, block_squares, smooth_variance
 from blurmatte.streaks import Streak
 
@@ -21,6 +22,7 @@ _RIM = 0.15  # half widths of it
 _WINDOW, _SIGMAS = 0.05, 4.0  # half widths of a streak to look for more of it in, and how clearly
 _BLOCK = 8  # pixels: noise that hangs together does so over less, or over such blocks
 _KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
+_UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
 _MEDIAN = 0.455  # of χ² of one
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
@@ -28,7 +30,9 @@ _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 def evidence_of(
     image: LinearImage, plate: LinearImage, model: ColorModel, inside: Bools, alpha: Floats
 ) -> tuple[Array, Array]:
-    """Information and pull of each pixel, both 0 where a pixel is clipped or not `inside`.
+    """Information and pull of each pixel, both 0 where it is clipped or not `inside`.
+
+    Of a line of colors a pixel may be clipped in one channel.
 
     Parameters
     ----------
@@ -48,6 +52,10 @@ def evidence_of(
     C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
     V_C, V_B = smooth_variance(image), np.ascontiguousarray(plate.variance, dtype=float)
     use = inside & image.valid & plate.valid
+    if model.rank == 1:  # two channels still tell something
+        clipped = inside & one_clipped(image, plate)
+        V_C[clipped[..., None] & ~(image.usable & plate.usable)] = _UNTOLD
+        use |= clipped
     if model.rank == 3:
         information, pull = _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
     else:

@@ -34,7 +34,10 @@ _INFINITE = np.float32(np.inf)
 _TINY = np.float32(1e-30)  # keeps 0/0 at 0 where the plate is black; far below any A
 
 # Bits of `Quality`, which imports more than a kernel should.
-SATURATED, PLATE_IN_MODEL, OUT_OF_RANGE, MISFIT, OUTSIDE = (np.uint8(1 << i) for i in range(5))
+SATURATED, PLATE_IN_MODEL, OUT_OF_RANGE, MISFIT, OUTSIDE, SHADOW, OCCLUDED = (
+    np.uint8(1 << i) for i in range(7)
+)
+_UNSEEN = np.uint8(SATURATED | OCCLUDED)
 _SIGMAS_OUT = np.float32(3)
 _CHI2_MISFIT = np.float32(16)  # four sigma: 1 good pixel in 16,000
 
@@ -97,7 +100,7 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
 def _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
     a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
     std = np.sqrt(variance)
-    lost = _ZERO if quality[i] & SATURATED == 0 else _INFINITE
+    lost = _ZERO if quality[i] & _UNSEEN == 0 else _INFINITE
     alpha[i], alpha_std[i] = a, std + lost
     P[3 * i], P[3 * i + 1], P[3 * i + 2] = P0, P1, P2
     P_std[3 * i] = np.sqrt(v0) + lost

@@ -19,7 +19,7 @@ Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 # Light is stored as float32, so no value is known better than to about 1e-6 of full scale. It also
 # keeps the fit's weights finite where image and plate are exact.
-_LEAST_VARIANCE = 1e-12
+LEAST_VARIANCE = 1e-12
 
 
 class PixelMaps(NamedTuple):
@@ -140,7 +140,7 @@ def _compiled(
     if all(isinstance(n, NoiseModel) for n in noise):
         return kernel.solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))
     variances = (
-        (n.variance(light) if isinstance(n, NoiseModel) else n) + _LEAST_VARIANCE
+        (n.variance(light) if isinstance(n, NoiseModel) else n) + LEAST_VARIANCE
         for n, light in zip(noise, (image, plate), strict=True)
     )
     return kernel.solve_light_with_variances, (
@@ -165,5 +165,5 @@ def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any
     if not isinstance(noise, NoiseModel):
         raise TypeError("code values need a NoiseModel, not a variance for each pixel")
     coefficients = noise.coefficients.copy()
-    coefficients[:, 0] += _LEAST_VARIANCE
+    coefficients[:, 0] += LEAST_VARIANCE
     return tuple(dtype.type(x) for x in coefficients.ravel())

@@ -108,12 +108,13 @@ class Smooth:
         alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
         P, P_std, _ = light_given(alpha, alpha_std, model, image, plate)
         place = slice(box[1], box[3]), slice(box[0], box[2])
-        lost = (maps.quality[place] & np.uint8(Quality.SATURATED)) != 0
-        P_std[lost] = np.inf
+        hidden = (maps.quality[place] & np.uint8(Quality.OCCLUDED)) != 0
+        P[hidden], P_std[hidden] = 0, np.inf
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[place][inside] = values[inside]
         out = np.abs(alpha - 0.5) > 0.5 + _SIGMAS_OUT * alpha_std
-        flags = maps.quality[place] & np.uint8(Quality.SATURATED | Quality.MISFIT)
+        kept = Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT
+        flags = maps.quality[place] & np.uint8(kept)
         flags |= (alpha_std > self.max_alpha_std) * np.uint8(Quality.PLATE_IN_MODEL)
         flags |= out * np.uint8(Quality.OUT_OF_RANGE)
         maps.quality[place][inside] = flags[inside]

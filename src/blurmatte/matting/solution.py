@@ -17,11 +17,13 @@ from blurmatte.radiometry import light_in_srgb
 class Quality(IntFlag):
     """Why a pixel should be used with care. 0: nothing is known against it."""
 
-    SATURATED = auto()  #: image or plate is clipped or missing here
+    SATURATED = auto()  #: image or plate is clipped in a channel here, or missing
     PLATE_IN_MODEL = auto()  #: the plate has a color the object could have; alpha is not known
     OUT_OF_RANGE = auto()  #: alpha is outside [0, 1] by more than three sigma
     MISFIT = auto()  #: image, plate and model disagree beyond the noise
     OUTSIDE = auto()  #: nothing moved here: not part of the streak
+    SHADOW = auto()  #: only darker than the plate: a shadow, or a black object
+    OCCLUDED = auto()  #: something still is in front; alpha is that behind it
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,17 +95,18 @@ class Solution:
 
     @property
     def known(self) -> Bools:
-        """(H, W) True where the pixel could be answered at all."""
-        unknown = Quality.SATURATED | Quality.PLATE_IN_MODEL
-        return np.asarray((self.quality & unknown) == 0)
+        """(H, W) True where alpha is known at all: of a finite error that is not too large."""
+        told = (self.quality & Quality.PLATE_IN_MODEL) == 0
+        return np.asarray(told & np.isfinite(self.alpha_std))
 
     @property
     def layer(self) -> Layer:
         """The object as a picture: alpha clipped to [0, 1], no negative light, and nothing where
-        the pixel is unknown or outside the streak; of a camera RAW, in linear sRGB. Compose with
-        this; measure on `alpha`.
+        alpha or light is unknown, something is in front, or nothing moved; of a camera RAW, in linear
+        sRGB. Compose with this; measure on `alpha`.
         """
-        alpha = np.where(self.streak & self.known, np.clip(self.alpha, 0, 1), 0)
+        told = self.known & np.isfinite(self.premultiplied_std).all(axis=-1)
+        alpha = np.where(self.streak & told, np.clip(self.alpha, 0, 1), 0)
         seen = light_in_srgb(self.premultiplied, self.model.to_srgb)
         light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
         return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))

@@ -11,17 +11,19 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Match, Matching, agreement, fit_match
-from blurmatte.checks import check_same_size
-from blurmatte.color import ColorModel, refuse_gray
+from blurmatte.checks import Bools, check_map, check_same_size
+from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.evidence import with_faint_rims
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
+from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
-from blurmatte.streaks import Streak, require_streaks, shift_variance
+from blurmatte.streaks import Streak, joined_behind, require_streaks, shift_variance
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
 
@@ -41,6 +43,7 @@ def solve(
     *,
     streak: Streak | None = None,
     matching: Matching | None = None,
+    occluder: Bools | None = None,
     out: PixelMaps | None = None,
 ) -> Solution:
     """Separate a moving object from its background: alpha, color, and the error of both.
@@ -60,6 +63,9 @@ def solve(
     matching : Matching, optional
         How the plate may be changed to match the image first (`fit_match`); found from the data if not
         given.
+    occluder : (H, W) bool, optional
+        Where something still is in front of the object, such as a fence. Nothing is fitted there; alpha
+        behind it is carried over from path and shape, or from its neighbors, and OCCLUDED.
     out : PixelMaps, optional
         Arrays to write the result to, for the next picture of the same size.
 
@@ -70,14 +76,15 @@ def solve(
     Raises
     ------
     TypeError, ValueError
-        If image and plate are not `LinearImage` of one size.
+        If image and plate are not `LinearImage` of one size, or the occluder is not (H, W) bool.
     PlateError
         If the pictures are too small or have no unclipped pixel in common, or the plate shows another
         place or too different a light.
     MotionError
         If nothing moved, or a `Swept` solver was asked for and no sweep explains the streak.
     ColorModelError
-        If no model was given and the streak does not determine one, or the pictures are gray.
+        If no model was given and the streak does not determine one, or only took light, as a shadow
+        does; or the pictures are gray.
 
     Warns
     -----
@@ -97,9 +104,16 @@ def solve(
         model = replace(model, to_srgb=image.meta.to_srgb)
     match = fit_match(image, plate, matching)
     image, plate = with_noise(image, match.apply(plate))
+    hidden = np.zeros(image.valid.shape, bool) if occluder is None else occluder
+    check_map("occluder", hidden, image.valid.shape, kinds="b")
+    image = _without(image, hidden)
     found = require_streaks(image, plate) if streak is None else [streak]
+    found = joined_behind(found, hidden) if streak is None else found
     streak = found[0]
     warn_if_plate_differs(image, plate, streak)
+    only_lost = model is not None and only_light_lost(image, plate, streak)
+    if model is not None and model.rank == 3:
+        refuse_shade(image, plate, streak)
     asked = isinstance(solver, Pixelwise | Smooth)
     sweep = None if asked and model is not None else fit_sweep(image, plate, streak, model)
     swept = _chosen(solver, sweep)
@@ -110,10 +124,8 @@ def solve(
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
-    maps = pixelwise(
-        image.rgb, plate.rgb, model, _noise(image), _noise(plate),
-        flags=_flags(image, plate, streak), out=out,
-    )  # fmt: skip
+    flags = _flags(image, plate, streak, hidden)
+    maps = _closed_form(pixelwise, image, plate, model, flags, out)
     _solve_again_near_edges(maps, image, plate, model, pixelwise, streak)
     together: dict[str, Any] = {}
     used: Pixelwise | Smooth | Swept = pixelwise
@@ -128,6 +140,7 @@ def solve(
         box = wide.around(_MARGIN)
         inside = wide.mask[box[1] : box[3], box[0] : box[2]]
         together = used(maps, *_unsure_of_edges(image, plate, streak, box), model, inside, box)
+    mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
     if used is not pixelwise:
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
     _refuse_the_untold(maps, model, streak, sweep)
@@ -138,6 +151,7 @@ def solve(
         "image_noise": _spoken(image),
         "plate_noise": _spoken(plate),
         "match": _match_measures(match, image, plate),
+        "only_light_lost": only_lost,
         **together,
     }
     return Solution(*maps, model=model, solver=repr(used), stats=stats)
@@ -202,6 +216,28 @@ def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
     }
 
 
+def _without(image: LinearImage, hidden: Bools) -> LinearImage:
+    """The image, not valid where something is in front; nor clipped there, for no channel tells."""
+    rgb = np.where((hidden & ~image.valid)[..., None], image.rgb.dtype.type(0), image.rgb)
+    return replace(image, rgb=rgb, valid=image.valid & ~hidden) if hidden.any() else image
+
+
+def _closed_form(
+    solver: Pixelwise,
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel,
+    flags: npt.NDArray[np.uint8],
+    out: PixelMaps | None,
+) -> PixelMaps:
+    """Each pixel alone, also by two channels where the third is clipped."""
+    maps = solver(
+        image.rgb, plate.rgb, model, _noise(image), _noise(plate), flags=flags, out=out
+    )  # fmt: skip
+    solve_clipped(maps, image, plate, model, solver.max_alpha_std)
+    return maps
+
+
 def _solve_again_near_edges(
     maps: PixelMaps,
     image: LinearImage,
@@ -214,12 +250,9 @@ def _solve_again_near_edges(
     box = streak.around(_MARGIN)
     place = slice(box[1], box[3]), slice(box[0], box[2])
     image, plate = _unsure_of_edges(image, plate, streak, box)
-    known = np.uint8(Quality.SATURATED | Quality.OUTSIDE)
-    again = solver(
-        image.rgb, plate.rgb, model, _noise(image), _noise(plate),
-        flags=maps.quality[place] & known,
-        out=PixelMaps.empty(box[3] - box[1], box[2] - box[0], maps.alpha.dtype),
-    )  # fmt: skip
+    known = np.uint8(Quality.SATURATED | Quality.OUTSIDE | Quality.OCCLUDED)
+    out = PixelMaps.empty(box[3] - box[1], box[2] - box[0], maps.alpha.dtype)
+    again = _closed_form(solver, image, plate, model, maps.quality[place] & known, out)
     for whole, part in zip(maps, again, strict=True):
         whole[place] = part
 
@@ -248,10 +281,15 @@ def _spoken(picture: LinearImage) -> Any:
     return {"median_std": float(np.sqrt(np.median(picture.variance)))}
 
 
-def _flags(image: LinearImage, plate: LinearImage, streak: Streak) -> npt.NDArray[np.uint8]:
-    saturated = ~(image.valid & plate.valid)
+def _flags(
+    image: LinearImage, plate: LinearImage, streak: Streak, hidden: Bools
+) -> npt.NDArray[np.uint8]:
+    saturated = ~(image.valid & plate.valid) & ~hidden
     return np.asarray(
-        saturated * np.uint8(Quality.SATURATED) | ~streak.mask * np.uint8(Quality.OUTSIDE), np.uint8
+        saturated * np.uint8(Quality.SATURATED)
+        | ~streak.mask * np.uint8(Quality.OUTSIDE)
+        | hidden * np.uint8(Quality.OCCLUDED),
+        np.uint8,
     )
 
 
@@ -260,8 +298,8 @@ def _measures(
 ) -> dict[str, Any]:
     """Numbers about the streak that people ask for first."""
     y, x = streak.rows_columns
-    unknown = np.uint8(Quality.SATURATED | Quality.PLATE_IN_MODEL)
-    inside = streak.mask[y, x] & ((maps.quality[y, x] & unknown) == 0)
+    told = (maps.quality[y, x] & np.uint8(Quality.PLATE_IN_MODEL)) == 0
+    inside = streak.mask[y, x] & told & np.isfinite(maps.alpha_std[y, x])
     alpha, std = (np.asarray(m[y, x][inside], float) for m in (maps.alpha, maps.alpha_std))
     flagged = (maps.quality[y, x][inside] & np.uint8(Quality.MISFIT)) != 0
     return {
@@ -270,7 +308,9 @@ def _measures(
         "pixels_misfit": int(np.count_nonzero(flagged)),
         "sum_alpha": float(alpha.sum()),
         "sum_alpha_std": float(np.sqrt(np.sum(std**2))),
-        "alpha_scale_std": _scale_std(model, image, plate, streak, inside),
+        "alpha_scale_std": _scale_std(
+            model, image, plate, streak, inside & (image.valid & plate.valid)[y, x]
+        ),
     }
 
 

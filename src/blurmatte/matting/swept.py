@@ -5,16 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Bools, Floats
+from blurmatte.color import darker
 from blurmatte.matting.light import light_given
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import MAX_MISFIT, Sweep
+from blurmatte.sweep.occluder import in_front, mean_of_neighbors
 
 Array = npt.NDArray[np.float64]
 
-_NEIGHBORS = 3  # pixels across: one odd pixel is noise, a patch of them is something else
 _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels never exceeds it
 _UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISFIT)
 _SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
@@ -56,10 +57,12 @@ class Swept:
     ) -> None:
         """Write the sweep's answer into maps of the closed form, where it explains the pixel.
 
-        A patch that it does not explain is marked MISFIT: there is a hole, a highlight, or something
-        in front. It stays as the pixels alone say, if most of them are explained by the object's color
-        with an alpha of their own that is clearly another. A shadow beside the object is marked too;
-        the object was not there.
+        Where an object of one color went and the plate is seen unchanged, something still is in front:
+        alpha is that behind it, OCCLUDED, and no light is known. Another patch that the sweep does not
+        explain is marked MISFIT: there is a hole, a highlight, or something else. It stays as the
+        pixels alone say, if most of them are explained by the object's color with an alpha of their own
+        that is clearly another. What is only darker beside the object is marked SHADOW too; it was not
+        there.
 
         Parameters
         ----------
@@ -76,20 +79,37 @@ class Swept:
         P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
         quality = maps.quality[place]
         saturated = (quality & np.uint8(Quality.SATURATED)) != 0
+        given = (quality & np.uint8(Quality.OCCLUDED)) != 0
         inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
-        chi2 = chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated])
-        odd = _mean_of_neighbors(np.where(saturated, 1, chi2)) > _PATCH
+        chi2 = np.where(saturated, 1, chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated]))
+        hidden = given
+        if sweep.model.rank == 1 and not given.any():
+            hidden = _hidden(alpha, P, image, plate)
+        P[hidden], P_std[hidden & (alpha > 0)] = 0, np.inf
+        odd = ~hidden & (mean_of_neighbors(np.where(hidden, 1, chi2)) > _PATCH)
         shaded = _shaded(alpha, P, maps.alpha[place], maps.premultiplied[place])
         sure = (quality & _UNSOUND) == 0
         sure &= ~shaded & (maps.alpha_std[place] < _SURE)
         sure &= np.abs(maps.alpha[place] - alpha) > 3 * maps.alpha_std[place]
-        ours = inside & ~(odd & (_mean_of_neighbors(sure.astype(float)) > 0.5))
+        ours = inside & ~(odd & (mean_of_neighbors(sure.astype(float)) > 0.5))
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[place][ours] = values[ours]
         flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
+        flags |= (hidden & (alpha > 0)) * np.uint8(Quality.OCCLUDED)
+        flags |= (inside & odd & (alpha == 0) & darker(image, plate)) * np.uint8(Quality.SHADOW)
         theirs = (quality & ~np.uint8(Quality.OUTSIDE))[inside & ~ours]
         quality[ours] = flags[ours]
         quality[inside & ~ours] = theirs | np.uint8(Quality.MISFIT)
+
+
+def _hidden(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) -> Bools:
+    """Where something is in front of an object of light P."""
+    use = image.valid & plate.valid
+    weight = (alpha * use)[..., None]
+    light = np.sum(weight * P, axis=(0, 1)) / max(float(np.sum(weight * alpha[..., None])), 1e-12)
+    variance = np.maximum(image.variance + plate.variance, 1e-14)
+    C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
+    return in_front(alpha, light, C, B, np.asarray(variance, float), use)
 
 
 def _shaded(alpha: Array, P: Array, pixels: Floats, light: Floats) -> npt.NDArray[np.bool_]:
@@ -101,9 +121,3 @@ def _shaded(alpha: Array, P: Array, pixels: Floats, light: Floats) -> npt.NDArra
 def _usual(chi2: Array) -> float:
     """How large χ² is beside the streak, 1 or more: of JPEG, no model knows the noise."""
     return max(float(np.median(chi2)) * 3 / _MEDIAN, 1.0) if chi2.size else 1.0
-
-
-def _mean_of_neighbors(values: Floats) -> Array:
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(values, _NEIGHBORS))

@@ -12,6 +12,7 @@ from blurmatte.radiometry.transfer import Transfer
 
 Matrix3 = tuple[tuple[float, ...], ...]
 
+_ROUNDING = 1e-6  # of float32
 _NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
 _SAME_WHITE = 0.01  # of two modes of one camera; black levels that are measured differ by less
 
@@ -126,6 +127,29 @@ class LinearImage:
         if isinstance(self.noise, NoiseModel):
             return self.noise.variance(self.rgb)
         return self.noise
+
+    @property
+    def clipped(self) -> Bools:
+        """(H, W, 3) True where a channel is not valid because its light reached the top of its file.
+
+        Of a pixel that is not valid and has no such channel the light is missing.
+        """
+        transfer, levels = self.meta.transfer, self.meta.levels
+        top = 1.0 if transfer is None or levels is None else float(transfer.decode(np.float64(1)))
+        reached = self.rgb >= (1 - _ROUNDING) * top
+        return np.asarray(reached & ~self.valid[..., None])
+
+    @property
+    def usable(self) -> Bools:
+        """(H, W, 3) True where a channel's light is known, also those of a clipped pixel that are.
+
+        Of a camera RAW all channels of a clipped pixel may hold light of clipped neighbors: none is.
+        """
+        if self.meta.to_srgb is not None:
+            return np.repeat(self.valid[..., None], 3, axis=-1)
+        clipped = self.clipped
+        partly = clipped.any(axis=-1, keepdims=True) & ~clipped
+        return np.asarray(self.valid[..., None] | partly)
 
     def crop(self, box: tuple[int, int, int, int]) -> "LinearImage":
         """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""

@@ -12,11 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
+from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
-from blurmatte.sweep.known import known_color
+from blurmatte.sweep.known import KnownColor, known_color
+from blurmatte.sweep.occluder import in_front_of
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.shadow import shadow_beside
@@ -73,6 +75,8 @@ def fit_sweep(
 
     Raises
     ------
+    ColorModelError
+        If no model was given and the streak only took light: it may be a shadow.
     MotionError
         If nothing moved.
     ValueError
@@ -81,6 +85,8 @@ def fit_sweep(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = require_streaks(image, plate)[0]
+    if model is None:
+        refuse_shade(image, plate, streak)
     rank = 1 if model is None else model.rank
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
@@ -91,7 +97,7 @@ def fit_sweep(
         streak = _followed(streak, _sweep(search.data, disc, image.size))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    whole = streak
+    first = search
     for _ in range(_SHADOWS):
         shadow = _shadow_of(disc, image, plate, streak)
         if not shadow.any():
@@ -100,8 +106,10 @@ def fit_sweep(
         streak = replace(streak, mask=streak.mask & ~shadow)
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    # A richer outline would take up what is left of the shadow.
-    explained = streak is not whole and misfit(search.data, disc) <= _NOISE
+    if misfit(search.data, disc) > _NOISE and disc.frame.rank == 1:
+        search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
+    # A richer outline would take up what is left of the shadow, and hide behind what is in front.
+    explained = search is not first and misfit(search.data, disc) <= _NOISE
     found = _sweep(search.data, disc if explained else _best(search, disc), image.size)
     return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
 
@@ -111,6 +119,23 @@ def _shadow_of(disc: State, image: LinearImage, plate: LinearImage, streak: Stre
     if disc.frame.rank == 3:
         return np.zeros(streak.mask.shape, bool)
     return shadow_beside(image, plate, streak, disc.main, disc.brightness)
+
+
+def _in_front_left_out(
+    search: Search,
+    disc: State,
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    known: KnownColor | None,
+) -> tuple[Search, State]:
+    """Search again without what something still in front hides, if that explains the streak."""
+    hidden = in_front_of(search.data, disc, (image.size[1], image.size[0]))
+    if not hidden.any():
+        return search, disc
+    rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
+    again = rest.best(disc.frame.rank)
+    return (rest, again) if misfit(rest.data, again) <= _NOISE else (search, disc)
 
 
 def _followed(streak: Streak, sweep: Sweep) -> Streak:

@@ -1,0 +1,88 @@
+"""in_front: the plate where the object went."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blurmatte.layer import Layer
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import Ball, Camera, Scene, plain_plate, render
+from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep.occluder import in_front, mean_of_neighbors
+from blurmatte.trajectory import Trajectory
+
+SIZE = (160, 112)
+ORANGE = np.array([0.9, 0.45, 0.05])
+SIGMA = 0.006
+WALL = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
+SCENE = Scene(WALL, Trajectory.arc((42, 62), (80, 48), (118, 60)), Ball(11, ORANGE))
+BEHIND = render(SCENE, 120).layer.alpha
+
+
+def posts(name):
+    """(H, W) bool."""
+    hidden = np.zeros(SIZE[::-1], bool)
+    if name == "post":
+        hidden[:, 74:82] = True
+    else:
+        hidden[:, ::16] = hidden[:, 1::16] = True
+    return hidden
+
+
+def light(hidden, color=(0.1, 0.25, 0.12)):
+    """The truth with something of a color in front."""
+    layer = Layer(hidden.astype(float), hidden[..., None] * np.array(color))
+    return render(replace(SCENE, occluder=layer), 120)
+
+
+def looked_at(truth, seed=0):
+    """What is found in front, if alpha is known."""
+    rng = np.random.default_rng(seed)
+    C, B = (p.rgb + rng.normal(0, SIGMA, p.rgb.shape) for p in (truth.image, truth.plate))
+    use, variance = np.ones(BEHIND.shape, bool), np.full(C.shape, 2 * SIGMA**2)
+    return in_front(BEHIND, ORANGE, C, B, variance, use)
+
+
+@pytest.mark.parametrize("name", ["post", "wires"])
+@pytest.mark.parametrize("color", [(0.1, 0.25, 0.12), (0.03, 0.03, 0.03)], ids=["green", "black"])
+def test_finds_what_hides_the_object(name, color):
+    """honest: most of it, and hardly anything beside it."""
+    found = looked_at(light(posts(name), color))
+    assert found[posts(name) & (BEHIND > 0.2)].mean() > 0.85
+    assert found[~posts(name)].mean() < 0.002
+
+
+def test_finds_nothing_where_nothing_is():
+    """honest: over several pictures of one object."""
+    nothing = light(np.zeros(SIZE[::-1], bool))
+    assert sum(looked_at(nothing, seed).sum() for seed in range(5)) == 0
+
+
+def test_a_shade_of_the_object_that_looks_like_the_plate_is_no_evidence():
+    """exact: where the plate has the object's own color nothing can be said."""
+    B = np.broadcast_to(0.5 * ORANGE, (*BEHIND.shape, 3))
+    use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
+    assert not in_front(BEHIND, ORANGE, B, B, variance, use).any()
+    assert in_front(BEHIND, ORANGE, B[..., ::-1], B[..., ::-1], variance, use).any()
+
+
+def test_mean_of_neighbors():
+    """exact: nine pixels."""
+    one = np.zeros((5, 5))
+    one[2, 2] = 9
+    assert mean_of_neighbors(one)[1:4, 1:4] == pytest.approx(np.ones((3, 3)))
+    assert mean_of_neighbors(one).sum() == pytest.approx(9)
+
+
+def test_a_sweep_is_found_behind_wires():
+    """honest: with two wires of sixteen pixels in front of one paint."""
+    truth, rng = light(posts("wires")), np.random.default_rng(3)
+    pictures = (
+        Camera(code_std=1.5 / 255).photograph(p.rgb, rng) for p in (truth.image, truth.plate)
+    )
+    sweep = fit_sweep(*with_noise(*pictures))
+    assert sweep.misfit <= MAX_MISFIT
+    assert sweep.model.rank == 1
+    assert abs(sweep.radius - 11) < 0.2
+    assert np.sqrt(np.mean((sweep.alpha - BEHIND)[BEHIND > 0] ** 2)) < 0.005
