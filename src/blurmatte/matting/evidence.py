@@ -11,6 +11,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
+from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
 from blurmatte.radiometry import LinearImage, block_squares, smooth_variance
 from blurmatte.streaks import Streak
 
@@ -28,7 +29,12 @@ _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
 def evidence_of(
-    image: LinearImage, plate: LinearImage, model: ColorModel, inside: Bools, alpha: Floats
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel,
+    inside: Bools,
+    alpha: Floats,
+    mixed: MixedPlate | None = None,
 ) -> tuple[Array, Array]:
     """Information and pull of each pixel, both 0 where it is clipped or not `inside`.
 
@@ -43,6 +49,8 @@ def evidence_of(
     inside : (h, w) bool
     alpha : (h, w)
         About what alpha is, known from elsewhere than the pixel: by 1 − alpha the plate's noise counts.
+    mixed : MixedPlate, optional
+        Where the plate's edges are uncertain.
 
     Returns
     -------
@@ -50,22 +58,28 @@ def evidence_of(
         One over the variance of a pixel's own alpha, and that alpha times the information.
     """
     C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
+    wide = plate if mixed is None else mixed.widened(plate)
     V_C, V_B = smooth_variance(image), np.ascontiguousarray(plate.variance, dtype=float)
+    V_wide = np.asarray(wide.variance, float)
     use = inside & image.valid & plate.valid
     if model.rank == 1:  # two channels still tell something
         clipped = inside & one_clipped(image, plate)
         V_C[clipped[..., None] & ~(image.usable & plate.usable)] = _UNTOLD
         use |= clipped
     if model.rank == 3:
-        information, pull = _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
+        information, pull = _of_texture(C, B, V_C, V_wide, np.asarray(alpha, float), use)
     else:
         from blurmatte.matting.smooth_kernel import evidence  # numba takes half a second
 
         information, pull = np.zeros((2, *use.shape))
         N = np.ascontiguousarray(model.normals)
         evidence(C, B, V_C, V_B, N, np.asarray(alpha, float), use, information, pull)
+        if mixed is not None:
+            at_edges = evidence_at_edges(mixed, image, plate, model, alpha)
+            for own, of_edges in zip((information, pull), at_edges, strict=True):
+                own[mixed.edges] = of_edges * inside[mixed.edges]
     still = image.valid & plate.valid & ~inside
-    alike = _hangs_together(C - B, V_C + V_B, still)
+    alike = _hangs_together(C - B, V_C + V_wide, still)
     return information / alike, pull / alike
 
 

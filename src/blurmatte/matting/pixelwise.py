@@ -44,6 +44,15 @@ class PixelMaps(NamedTuple):
             np.empty(three, dtype), np.empty(three, dtype), np.empty(one, np.uint8),
         )  # fmt: skip
 
+    def within(self, box: tuple[int, int, int, int]) -> "PixelMaps":
+        """Views of a box (x0, y0, x1, y1)."""
+        x0, y0, x1, y1 = box
+        place = slice(y0, y1), slice(x0, x1)
+        return PixelMaps(
+            self.alpha[place], self.alpha_std[place],
+            self.premultiplied[place], self.premultiplied_std[place], self.quality[place],
+        )  # fmt: skip
+
 
 @dataclass(frozen=True)
 class Pixelwise:

@@ -17,6 +17,7 @@ from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.evidence import evidence_of
 from blurmatte.matting.light import light_given
+from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.smooth_prior import (
     BORDER,
@@ -83,6 +84,7 @@ class Smooth:
         model: ColorModel,
         inside: Bools,
         box: tuple[int, int, int, int],
+        mixed: MixedPlate | None = None,
     ) -> dict[str, Any]:
         """Write the answer into maps of the closed form.
 
@@ -98,15 +100,18 @@ class Smooth:
             Where in the box alpha may be other than 0.
         box : (int, int, int, int)
             Where to write.
+        mixed : MixedPlate, optional
+            Where in the box the plate's edges are uncertain.
 
         Returns
         -------
         dict
             The standard deviation of the sum of alpha, how smooth it is, and how the solution ended.
         """
-        field, prior, of_sum = self._field(image, plate, model, inside)
+        field, prior, of_sum = self._field(image, plate, model, inside, mixed)
         alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
-        P, P_std, _ = light_given(alpha, alpha_std, model, image, plate)
+        wide = plate if mixed is None else mixed.widened(plate)
+        P, P_std, _ = light_given(alpha, alpha_std, model, image, wide)
         place = slice(box[1], box[3]), slice(box[0], box[2])
         hidden = (maps.quality[place] & np.uint8(Quality.OCCLUDED)) != 0
         P[hidden], P_std[hidden] = 0, np.inf
@@ -129,12 +134,17 @@ class Smooth:
         }
 
     def _field(
-        self, image: LinearImage, plate: LinearImage, model: ColorModel, inside: Bools
+        self,
+        image: LinearImage,
+        plate: LinearImage,
+        model: ColorModel,
+        inside: Bools,
+        mixed: MixedPlate | None,
     ) -> tuple[Field, Prior, float]:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
         nothing = np.zeros(inside.shape)
-        near = _local(evidence_of(image, plate, model, inside, nothing))
-        levels = [_bordered(*evidence_of(image, plate, model, inside, near), inside)]
+        near = _local(evidence_of(image, plate, model, inside, nothing, mixed))
+        levels = [_bordered(*evidence_of(image, plate, model, inside, near, mixed), inside)]
         while np.count_nonzero(levels[-1].mask) > _CELLS:
             levels.append(levels[-1].coarser())
         top = len(levels) - 1
@@ -147,7 +157,7 @@ class Smooth:
                 prior, field = _least_risk(levels[depth], choice, field, 4**depth)
         prior = replace(prior, scale=prior.scale / self.strength)
         near = np.clip(_inner(field.x), 0, 1)
-        last = _bordered(*evidence_of(image, plate, model, inside, near), inside)
+        last = _bordered(*evidence_of(image, plate, model, inside, near, mixed), inside)
         samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
         return smoothed(last, prior, field, samples), prior, of_sum
 

@@ -16,6 +16,7 @@ from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_sha
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.evidence import with_faint_rims
+from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.shadow import mark_shadow
@@ -23,7 +24,7 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
-from blurmatte.streaks import Streak, joined_behind, require_streaks, shift_variance
+from blurmatte.streaks import Streak, joined_behind, require_streaks
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
 
@@ -126,20 +127,24 @@ def solve(
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
     flags = _flags(image, plate, streak, hidden)
     maps = _closed_form(pixelwise, image, plate, model, flags, out)
-    _solve_again_near_edges(maps, image, plate, model, pixelwise, streak)
+    box = streak.around(_MARGIN)
+    C, B, mixed = _within(image, plate, streak, box)
+    solve_mixed_plate(maps.within(box), mixed, C, B, model, pixelwise.max_alpha_std)
     together: dict[str, Any] = {}
     used: Pixelwise | Smooth | Swept = pixelwise
     if swept is not None and sweep is not None:
         used = swept
         box = _box_of_both(streak, sweep)
-        swept(maps, sweep, *_unsure_of_edges(image, plate, streak, box), box)
+        C, B, mixed = _within(image, plate, streak, box)
+        swept(maps, sweep, C, mixed.widened(B), box)
         together = _sweep_measures(sweep)
     elif not isinstance(solver, Pixelwise):
         used = solver if isinstance(solver, Smooth) else Smooth()
         wide = streak if np.isnan(streak.evidence) else with_faint_rims(streak, image, plate, model)
         box = wide.around(_MARGIN)
         inside = wide.mask[box[1] : box[3], box[0] : box[2]]
-        together = used(maps, *_unsure_of_edges(image, plate, streak, box), model, inside, box)
+        C, B, mixed = _within(image, plate, streak, box)
+        together = used(maps, C, B, model, inside, box, mixed)
     mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
     if used is not pixelwise:
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
@@ -238,33 +243,13 @@ def _closed_form(
     return maps
 
 
-def _solve_again_near_edges(
-    maps: PixelMaps,
-    image: LinearImage,
-    plate: LinearImage,
-    model: ColorModel,
-    solver: Pixelwise,
-    streak: Streak,
-) -> None:
-    """Around the streak, let pixels at the plate's edges know that it may be slightly shifted."""
-    box = streak.around(_MARGIN)
-    place = slice(box[1], box[3]), slice(box[0], box[2])
-    image, plate = _unsure_of_edges(image, plate, streak, box)
-    known = np.uint8(Quality.SATURATED | Quality.OUTSIDE | Quality.OCCLUDED)
-    out = PixelMaps.empty(box[3] - box[1], box[2] - box[0], maps.alpha.dtype)
-    again = _closed_form(solver, image, plate, model, maps.quality[place] & known, out)
-    for whole, part in zip(maps, again, strict=True):
-        whole[place] = part
-
-
-def _unsure_of_edges(
+def _within(
     image: LinearImage, plate: LinearImage, streak: Streak, box: tuple[int, int, int, int]
-) -> tuple[LinearImage, LinearImage]:
-    """Both within a box; the plate's noise knows how badly its edges fit beside the streak."""
+) -> tuple[LinearImage, LinearImage, MixedPlate]:
+    """Both within a box, and where the plate's edges fit badly, as they do beside the streak."""
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
-    extra = shift_variance(image, plate, image.valid & plate.valid & ~inside)
-    return image, plate.with_noise(plate.variance + extra)
+    return image, plate, mixed_plate(image, plate, image.valid & plate.valid & ~inside)
 
 
 def _noise(picture: LinearImage) -> Any:
