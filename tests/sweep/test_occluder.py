@@ -64,7 +64,10 @@ def test_a_shade_of_the_object_that_looks_like_the_plate_is_no_evidence():
     B = np.broadcast_to(0.5 * ORANGE, (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
     assert not in_front(BEHIND, ORANGE, B, B, variance, use).any()
-    assert in_front(BEHIND, ORANGE, B[..., ::-1], B[..., ::-1], variance, use).any()
+    half = np.arange(SIZE[0])[:, None] < 70
+    blue = B[..., ::-1]
+    C = np.where(half, blue, blue + BEHIND[..., None] * (ORANGE - blue))
+    assert in_front(BEHIND, ORANGE, C, blue, variance, use).any()
 
 
 def test_mean_of_neighbors():
@@ -86,3 +89,12 @@ def test_a_sweep_is_found_behind_wires():
     assert sweep.model.rank == 1
     assert abs(sweep.radius - 11) < 0.2
     assert np.sqrt(np.mean((sweep.alpha - BEHIND)[BEHIND > 0] ** 2)) < 0.005
+
+
+def test_a_sweep_that_is_hardly_seen_is_none():
+    """exact: a shape fitted to noise is not behind something, it is not there."""
+    B = np.broadcast_to(np.array([0.3, 0.33, 0.36]), (*BEHIND.shape, 3))
+    use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
+    assert not in_front(BEHIND, ORANGE, B, B, variance, use).any()
+    C = np.where(posts("post")[..., None], B, B + BEHIND[..., None] * (ORANGE - B))
+    assert in_front(BEHIND, ORANGE, C, B, variance, use).any()

@@ -18,7 +18,7 @@ from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 from blurmatte.sweep.known import KnownColor, known_color
-from blurmatte.sweep.occluder import in_front_of
+from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.shadow import shadow_beside
@@ -135,7 +135,8 @@ def _in_front_left_out(
         return search, disc
     rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
     again = rest.best(disc.frame.rank)
-    return (rest, again) if misfit(rest.data, again) <= _NOISE else (search, disc)
+    better = misfit(rest.data, again) <= _NOISE and mostly_seen(rest.data, again)
+    return (rest, again) if better else (search, disc)
 
 
 def _followed(streak: Streak, sweep: Sweep) -> Streak:

@@ -18,6 +18,7 @@ _SEEN = 3.0  # expected change² over noise² of a patch that would not be misse
 _SEEN_ALONE = 9.0  # of a single pixel: noise hides it in 1 of 400
 _STILL = 2.0  # change² over noise²: the plate, if there is nothing else
 _SHADES = 0.3, 2.0  # times its usual light, what an object may send somewhere
+_MOST = 0.5  # of alpha, that may be hidden
 _CORE = 0.5  # of the largest alpha: a post in front crosses more than the rim
 
 
@@ -59,9 +60,17 @@ def in_front(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     core = use & (core | (alone & (mean_of_neighbors(alone.astype(float)) > several)))
     near = binary_dilation(core, iterations=_NEIGHBORS // 2 + 1)
     found = core | (use & near & (still < np.minimum(seen, _SEEN)))
-    return np.asarray(
-        binary_propagation(found & (alpha > _CORE * alpha.max(initial=0)), mask=found)
-    )
+    found = binary_propagation(found & (alpha > _CORE * alpha.max(initial=0)), mask=found)
+    return np.asarray(found & (_share(alpha * use, found) < _MOST))
+
+
+def mostly_seen(data: Data, state: State) -> bool:
+    """Whether less than half of a sweep lies where nothing is to be believed."""
+    return _share(state.swept.alpha, ~data.valid) < _MOST
+
+
+def _share(alpha: Array, where: Bools) -> float:
+    return float(alpha[where].sum() / max(float(alpha.sum()), 1e-12))
 
 
 def in_front_of(data: Data, state: State, shape: tuple[int, int]) -> Bools:
