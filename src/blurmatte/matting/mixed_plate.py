@@ -31,7 +31,10 @@ Array = npt.NDArray[np.float64]
 _ACROSS = 3  # pixels: the neighborhood
 _STRONG = 0.9  # quantile of K's trace: edges that tell how far the plate is off
 _MATTERS = 0.25  # of the noise's variance: less at a pixel is none of our business
-_MEDIAN, _MEDIAN_OF_THREE = 0.455, 0.79  # of χ² of one; of χ² of three over its mean
+_KEPT, _MEAN_OF_KEPT = (
+    0.95,
+    0.76,
+)  # the lower part of χ² of one: something may move beside the streak
 _TINY = 1e-30
 _ROUNDS = 3  # to know by how much the plate shines through
 _SIGMAS_OUT, _CHI2_MISFIT = 3.0, 16.0  # as in `kernel`
@@ -97,12 +100,16 @@ def _neighborhoods(B: Array) -> Array:
 
 
 def _kappa(d2: Array, noise: Array, trace: Array) -> float:
-    """What (C − B)² has beyond noise at the strongest edges, in units of K's trace; from medians."""
+    """What (C − B)² has beyond noise at the strongest edges, in units of K's trace.
+
+    A mean, for of edges in several directions a shift may spoil but few; less the worst.
+    """
     if d2.size == 0:
         return 0.0
     strong = trace >= np.quantile(trace, _STRONG)
-    excess = np.median(d2[strong]) - _MEDIAN_OF_THREE * np.median(noise[strong])
-    return max(float(excess / (_MEDIAN * np.median(trace[strong]) + 1e-14)), 0.0)
+    excess = np.sort(((d2 - noise) / (trace + 1e-14))[strong])
+    kept = excess[: int(np.ceil(_KEPT * len(excess)))]
+    return max(float(kept.mean()) / _MEAN_OF_KEPT, 0.0)
 
 
 def evidence_at_edges(

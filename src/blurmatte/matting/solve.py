@@ -101,7 +101,7 @@ def solve(
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
-    if model is not None:
+    if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
     match = fit_match(image, plate, matching)
     image, plate = with_noise(image, match.apply(plate))
