@@ -78,7 +78,7 @@ def test_alpha_and_light_agree_with_slow_algebra():
 
 @pytest.mark.parametrize("model", [LINE, PLANE])
 def test_errors_at_edges_are_honest(model):
-    """Honest: a plate that is off by part of a pixel, in one direction, so that half of its edges fit."""
+    """Honest: a plate that is off by part of a pixel in one direction; half of its edges fit."""
     z = []
     for seed in range(5):
         image, plate = pictures(10 + seed, 0.25)
