@@ -173,6 +173,14 @@ def test_foreign_plates_are_refused():
         bm.Match((2, 2), *(np.zeros(3),) * 4)
 
 
+def test_another_scene_is_refused():
+    """door: no shift makes one of it, and nothing is answered."""
+    image, _ = photographed(RENDERING, Drift(), 1)
+    _, plate = photographed(scene(7), Drift(), 1)
+    with pytest.raises(bm.PlateError, match="do not show the same scene"):
+        bm.fit_match(image, plate)
+
+
 def test_little_pictures_are_left_alone():
     """invariant: too few pixels to say anything."""
     image, plate = photographed(RENDERING, Drift(), 1)

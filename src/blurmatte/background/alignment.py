@@ -286,6 +286,12 @@ def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
     return np.asarray(noise.variance(light) + _SMALL)
 
 
+def disagreement(level: Level, fit: Fit) -> tuple[float, float]:
+    """The spread of what a fit leaves, and that of the image's light about its median; light."""
+    C = level.C[level.xy[:, 1], level.xy[:, 0]]
+    return spread(fit.residuals * level.sigma), spread(C - np.median(C, axis=0))
+
+
 def _cells(values: Floats, side: int) -> Array:
     """Means over blocks; what is left over at the far sides is cut."""
     if side == 1:

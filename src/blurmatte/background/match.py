@@ -19,6 +19,7 @@ from blurmatte.background.alignment import (
     Fit,
     Level,
     descend,
+    disagreement,
     first_step,
     gain_in_likelihood,
     levels,
@@ -38,6 +39,8 @@ _LEAST_GAIN = 0.001  # change of light, below which a plate is left as it is
 _DARKEST, _BRIGHTEST = 0.25, 4.0  # gains that a plate can bridge
 _SMALLEST = 32  # pixels across: smaller pictures are left alone
 _FEWEST = 100  # pixels to compare, below which nothing can be said
+_FOREIGN = 0.5  # of the image's own changes of light, and
+_DIFFERENT = 0.1  # of its usual light: pictures of one scene differ by less in most places
 _OVERLAP = 0.5  # of the picture, that the plate must show
 _WITHIN = 0.9733  # variance of a standard normal within three deviations
 _EDGES = 0.9  # quantile of the plate's gradients from which on they are edges
@@ -325,7 +328,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
         return Match.nothing(image.size)
     best = _simplest(fine, list(pyramid), matching)
     match = _in_pixels(best, image.size)
-    _refuse_the_foreign(match, best, plate)
+    _refuse_the_foreign(match, best, fine, plate)
     small = match.reach <= _LEAST_SHIFT and match.light_change(plate) <= _LEAST_GAIN
     return Match.nothing(image.size) if matching is None and small else match
 
@@ -390,8 +393,16 @@ def _in_pixels(fit: Fit, size: tuple[int, int]) -> Match:
     return Match(size, fit.h, fit.light, h_std, light_std)
 
 
-def _refuse_the_foreign(match: Match, fit: Fit, plate: LinearImage) -> None:
+def _refuse_the_foreign(match: Match, fit: Fit, level: Level, plate: LinearImage) -> None:
     """Raise PlateError if the plate is none of this image."""
+    left, own = disagreement(level, fit)
+    if left > _FOREIGN * own and left > _DIFFERENT * float(_usual_light(plate).mean()):
+        x, y = match.shift
+        raise PlateError(
+            "image and plate do not show the same scene from the same place: wherever the plate is "
+            f"moved (at best by {x:+.0f}, {y:+.0f} pixels), they differ by {left:.2f} of white; take "
+            "both from a tripod, one right after the other"
+        )
     seen = float(np.mean(np.isfinite(fit.residuals)))
     if seen < _OVERLAP:
         x, y = match.shift
