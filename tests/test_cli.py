@@ -796,3 +796,43 @@ def test_pictures_with_different_curves_are_solved_without_a_word_on_them(scene,
     files = (image, "--plate", tmp_path / "plate.exr", "--out", tmp_path / "out")
     assert "light looks bent" not in good("solve", *files, "--color", COLOR).stderr
     assert (tmp_path / "out" / "alpha.png").exists()
+
+
+def test_a_shadow_is_solved_with_the_object(scene, tmp_path):
+    shade = bm.read(scene / "plate.png").rgb * np.array([0.4, 0.55, 0.8], np.float32)
+    bm.write(tmp_path / "shade.png", bm.LinearImage(shade))
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--solver", "shaded")
+    out = ("--out", tmp_path / "a", "--color", COLOR)
+    good("solve", *files, "--shaded-plate", tmp_path / "shade.png", *out)
+    solution = bm.read_solution(tmp_path / "a" / "layer.exr")
+    assert solution.solver == "Shaded(plate in shadow)"
+    assert "sum_shadow" in solution.stats
+    good("solve", *files, "--out", tmp_path / "b", "--color", COLOR)
+    assert "light=" in bm.read_solution(tmp_path / "b" / "layer.exr").solver
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        (("--solver", "shaded"), "--solver shaded needs --shaded-plate FILE"),
+        (("--shaded-plate", "x.png"), "--shaded-plate is for --solver shaded"),
+        (("--solver", "fast"), "--solver must be auto, swept, smooth, pixelwise or shaded"),
+        (("--match", "much"), "--match must be auto, none, exposure, shift or full, got 'much'"),
+    ],
+)
+def test_solvers_and_matching_have_names(scene, tmp_path, options, words):
+    """door"""
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path / "o")
+    assert words in complaint(run("solve", *files, *options))
+    assert not (tmp_path / "o").exists()
+
+
+def test_a_shifted_plate_is_matched_and_told(scene, tmp_path):
+    plate = bm.read(scene / "plate.png")
+    moved = bm.LinearImage(np.roll(plate.rgb, (1, 2), axis=(0, 1)))
+    bm.write(tmp_path / "moved.png", moved)
+    files = (scene / "image.png", "--plate", tmp_path / "moved.png", "--color", COLOR)
+    good("solve", *files, "--out", tmp_path / "o")
+    report = json.loads((tmp_path / "o" / "report.json").read_text())
+    assert np.allclose(report["stats"]["match"]["shift"], (2, 1), atol=0.02)
+    assert any("shifted by +2.00, +1.00 px" in line for line in report["in_words"])

@@ -39,6 +39,7 @@ from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise
 from blurmatte.matting import Quality as Quality
+from blurmatte.matting import Shaded as Shaded
 from blurmatte.matting import Solution as Solution
 from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept

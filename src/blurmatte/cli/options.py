@@ -80,9 +80,10 @@ MaxBrightness = Annotated[
 SolverName = Annotated[
     str,
     typer.Option(
-        metavar="auto|swept|smooth|pixelwise",
-        help="swept: a shape on a path; smooth: all pixels together; pixelwise: each alone. auto: "
-        "swept where a shape explains the streak, else smooth.",
+        metavar="auto|swept|smooth|pixelwise|shaded",
+        help="swept: a shape on a path; smooth: all pixels together; pixelwise: each alone; shaded: "
+        "each alone, and the object's shadow with it. auto: swept where a shape explains the streak, "
+        "else smooth.",
     ),
 ]
 
@@ -94,6 +95,9 @@ Smoothness = Annotated[
 
 
 MaxPixels = Annotated[int, typer.Option(help="Larger pictures are refused.")]
+ShadedPlate = Annotated[
+    Path | None, typer.Option(help="With shaded: the plate in the shadow of the object.")
+]
 MatchName = Annotated[
     str,
     typer.Option(

@@ -26,6 +26,7 @@ from blurmatte.cli.options import (
     Plate,
     Rank,
     Region,
+    ShadedPlate,
     Smoothness,
     SolverName,
     TransferName,
@@ -53,6 +54,7 @@ def solve(
     max_brightness: MaxBrightness = None,
     solver: SolverName = "auto",
     smoothness: Smoothness = None,
+    shaded_plate: ShadedPlate = None,
     match: MatchName = "auto",
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
@@ -64,6 +66,10 @@ def solve(
     way, matching = _solver(solver, smoothness), _matching(match)
     files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
+    if solver == "shaded":
+        way = _shaded(files, shaded_plate, color or [], B)
+    elif shaded_plate is not None:
+        raise ValueError(f"--shaded-plate is for --solver shaded, the solver is {solver}")
     task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     failed = 0
     for path, folder in with_progress(places(images, out)):
@@ -79,7 +85,7 @@ def solve(
                     C,
                     matched,
                     model,
-                    way,
+                    _beside(way, found),
                     streak=streak,
                     matching=bm.Matching.NONE,
                     occluder=hidden,
@@ -146,12 +152,39 @@ def _settled(files: Files, image: Path, plate: Path) -> Files:
     return files if fit.best is fit.curves[0] else replace(files, transfer=fit.best.name)
 
 
-def _solver(name: str, smoothness: float | None) -> bm.Pixelwise | bm.Smooth | bm.Swept | None:
-    """The solver of a name; None: what suits."""
+Solver = bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded
+
+
+def _shaded(
+    files: Files, shaded_plate: Path | None, colors: list[str], plate: bm.LinearImage
+) -> bm.Shaded:
+    """The solver that knows the plate in shadow, or the object's own light."""
+    if shaded_plate is not None:
+        return bm.Shaded(plate=files.read(shaded_plate)[0])
+    if len(colors) != 1 or _kind(colors[0]) != "hex" or plate.meta.to_srgb is not None:
+        raise ValueError(
+            "--solver shaded needs --shaded-plate FILE; or, of pictures that are not camera RAW, one "
+            "hex --color that is the object's own light, brightness included"
+        )
+    bm.ColorModel.from_hex(colors[0])  # refuses what is no color
+    codes = np.array(list(bytes.fromhex(colors[0].removeprefix("#"))))
+    r, g, b = bm.SRGB.decode(codes / 255)
+    return bm.Shaded(light=(float(r), float(g), float(b)))
+
+
+def _beside(way: Solver | None, match: bm.Match) -> Solver | None:
+    """The solver, its plate in shadow matched like the other plate."""
+    if isinstance(way, bm.Shaded) and way.plate is not None:
+        return replace(way, plate=match.apply(way.plate))
+    return way
+
+
+def _solver(name: str, smoothness: float | None) -> Solver | None:
+    """The solver of a name; None: what suits, or is known later."""
     if smoothness is not None and name != "smooth":
         raise ValueError(f"--smoothness is for --solver smooth, the solver is {name}")
     match name:
-        case "auto":
+        case "auto" | "shaded":
             return None
         case "swept":
             return bm.Swept()
@@ -159,7 +192,7 @@ def _solver(name: str, smoothness: float | None) -> bm.Pixelwise | bm.Smooth | b
             return bm.Smooth() if smoothness is None else bm.Smooth(smoothness)
         case "pixelwise":
             return bm.Pixelwise()
-    raise ValueError(f"--solver must be auto, swept, smooth or pixelwise, got {name!r}")
+    raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {name!r}")
 
 
 def _matching(name: str) -> bm.Matching | None:

@@ -19,6 +19,7 @@ from blurmatte.matting.evidence import with_faint_rims
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
+from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
@@ -32,6 +33,8 @@ _NO_COLOR = (
     "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
     "by neither{}; give its color, or take the pictures so that it moves evenly and alone"
 )
+Solver = Pixelwise | Smooth | Swept | Shaded
+
 _UNTOLD = 0.15  # of the largest alpha: a standard deviation with which nothing is told
 _MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
 
@@ -40,7 +43,7 @@ def solve(
     image: LinearImage,
     plate: LinearImage,
     model: ColorModel | None = None,
-    solver: Pixelwise | Smooth | Swept | None = None,
+    solver: Solver | None = None,
     *,
     streak: Streak | None = None,
     matching: Matching | None = None,
@@ -56,7 +59,7 @@ def solve(
         known is measured from their difference.
     model : ColorModel, optional
         The colors the object may have; found from the streak if not given, as by `fit_color`.
-    solver : Pixelwise, Smooth or Swept, optional
+    solver : Pixelwise, Smooth, Swept or Shaded, optional
         How to solve. If not given: `Swept()` where a sweep explains the streak, with the model if one
         is given, else `Smooth()`; `Solution.solver` says which it was.
     streak : Streak, optional
@@ -115,7 +118,8 @@ def solve(
     only_lost = model is not None and only_light_lost(image, plate, streak)
     if model is not None and model.rank == 3:
         refuse_shade(image, plate, streak)
-    asked = isinstance(solver, Pixelwise | Smooth)
+    model = _of_light(solver, model)
+    asked = isinstance(solver, Pixelwise | Smooth | Shaded)
     sweep = None if asked and model is not None else fit_sweep(image, plate, streak, model)
     swept = _chosen(solver, sweep)
     if model is None:
@@ -131,13 +135,16 @@ def solve(
     C, B, mixed = _within(image, plate, streak, box)
     solve_mixed_plate(maps.within(box), mixed, C, B, model, pixelwise.max_alpha_std)
     together: dict[str, Any] = {}
-    used: Pixelwise | Smooth | Swept = pixelwise
+    used: Solver = pixelwise
     if swept is not None and sweep is not None:
         used = swept
         box = _box_of_both(streak, sweep)
         C, B, mixed = _within(image, plate, streak, box)
         swept(maps, sweep, C, mixed.widened(B), box)
         together = _sweep_measures(sweep)
+    elif isinstance(solver, Shaded):
+        used = solver
+        together = _solve_shaded(solver, maps, image, plate, match, model, streak)
     elif not isinstance(solver, Pixelwise):
         used = solver if isinstance(solver, Smooth) else Smooth()
         wide = streak if np.isnan(streak.evidence) else with_faint_rims(streak, image, plate, model)
@@ -145,8 +152,9 @@ def solve(
         inside = wide.mask[box[1] : box[3], box[0] : box[2]]
         C, B, mixed = _within(image, plate, streak, box)
         together = used(maps, C, B, model, inside, box, mixed)
-    mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
-    if used is not pixelwise:
+    if not isinstance(used, Shaded):
+        mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
+    if not isinstance(used, Pixelwise | Shaded):
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
     _refuse_the_untold(maps, model, streak, sweep)
     stats = {
@@ -162,6 +170,36 @@ def solve(
     return Solution(*maps, model=model, solver=repr(used), stats=stats)
 
 
+def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:
+    """The model, or that of the object's light if it is known."""
+    if not isinstance(solver, Shaded):
+        return model
+    if solver.light is not None:
+        return ColorModel.from_samples(np.array([solver.light]), std=1e-9)
+    if model is not None and model.rank != 1:
+        raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
+    return model
+
+
+def _solve_shaded(
+    solver: Shaded,
+    maps: PixelMaps,
+    image: LinearImage,
+    plate: LinearImage,
+    match: Match,
+    model: ColorModel,
+    streak: Streak,
+) -> dict[str, Any]:
+    """Around the streak, alpha and shadow of each pixel."""
+    box = streak.around(_MARGIN)
+    shaded = None
+    if solver.plate is not None:
+        shaded = match.apply(solver.plate).crop(box)
+    S = solver(maps.within(box), image.crop(box), plate.crop(box), shaded, model)
+    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+    return {"sum_shadow": float(S[inside].sum())}
+
+
 def _refuse_the_untold(
     maps: PixelMaps, model: ColorModel, streak: Streak, sweep: Sweep | None
 ) -> None:
@@ -175,9 +213,9 @@ def _refuse_the_untold(
     raise ColorModelError(_NO_COLOR.format(left))
 
 
-def _chosen(solver: Pixelwise | Smooth | Swept | None, sweep: Sweep | None) -> Swept | None:
+def _chosen(solver: Solver | None, sweep: Sweep | None) -> Swept | None:
     """The solver that uses the sweep, if it is to be used."""
-    if sweep is None or isinstance(solver, Pixelwise | Smooth):
+    if sweep is None or isinstance(solver, Pixelwise | Smooth | Shaded):
         return None
     swept = solver or Swept()
     if sweep.misfit <= swept.max_misfit:

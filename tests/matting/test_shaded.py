@@ -1,0 +1,108 @@
+"""A ball whose shadow lies beside and behind it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import blurmatte as bm
+from blurmatte.matting import Quality
+from blurmatte.rendering import Shadow, colorful_plate
+
+SIZE = (160, 120)
+LIGHT = np.array([0.5, 0.35, 0.08])
+STRENGTH = np.array([0.6, 0.45, 0.25])
+NOISE = bm.NoiseModel(read_std=0.003)
+
+
+def rendering(strength):
+    plate = colorful_plate(SIZE, np.random.default_rng(2))
+    path = bm.Trajectory.line((60, 50), (95, 65))
+    shadow = Shadow((6, 14), 3.0, tuple(strength))
+    return bm.render(bm.Scene(plate, path, bm.Ball(14, LIGHT), shadow=shadow))
+
+
+COLORED, GRAY = rendering(STRENGTH), rendering((0.5, 0.5, 0.5))
+
+
+def taken(truth, seed=None, std=0.003):
+    rng = np.random.default_rng(seed)
+    pictures = [truth.image.rgb, truth.plate.rgb]
+    if seed is not None:
+        pictures = [light + rng.normal(0, std, light.shape) for light in pictures]
+    return [bm.LinearImage(light, NOISE) for light in pictures]
+
+
+def in_shadow(plate):
+    return replace(plate, rgb=plate.rgb * (1 - STRENGTH))
+
+
+MODEL = bm.ColorModel.from_samples(LIGHT[None], std=1e-9)
+
+
+def off(truth, solution):
+    at = (truth.layer.alpha > 0) & solution.known
+    return float(np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[at] ** 2)))
+
+
+def test_a_plate_in_shadow_tells_shadow_from_object():
+    """Exact: alpha, light and how much of the exposure lay in shadow."""
+    image, plate = (picture.with_noise(bm.NoiseModel(read_std=1e-4)) for picture in taken(COLORED))
+    solver = bm.Shaded(plate=in_shadow(plate))
+    solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
+    told = solution.known & solution.streak
+    assert told.mean() > 0.05
+    assert np.abs(solution.alpha - COLORED.layer.alpha)[told].max() < 1e-5
+    assert np.abs(solution.premultiplied - COLORED.layer.premultiplied)[told].max() < 1e-5
+    assert np.any(solution.quality & Quality.SHADOW)
+    plain = bm.solve(image, plate, MODEL, bm.Pixelwise(), matching=bm.Matching.NONE)
+    assert off(COLORED, plain) > 0.05
+
+
+def test_a_known_light_tells_shadow_from_object():
+    """Exact: a shadow that only dims, and an object whose light is known and even."""
+    flat = replace(GRAY, image=replace(GRAY.image, rgb=_even(GRAY)))
+    image, plate = taken(flat)
+    solver = bm.Shaded(light=tuple(LIGHT))
+    solution = bm.solve(image, plate, None, solver, matching=bm.Matching.NONE)
+    told = solution.known & solution.streak
+    assert np.abs(solution.alpha - GRAY.layer.alpha)[told].max() < 1e-5
+    assert solution.model.rank == 1
+
+
+def _even(truth):
+    """The image if the ball had the same light all over."""
+    return truth.image.rgb - truth.layer.premultiplied + truth.layer.alpha[..., None] * LIGHT
+
+
+@pytest.mark.parametrize("case", ["plate", "light"])
+def test_errors_are_honest(case):
+    """Honest."""
+    z = []
+    truth = (
+        COLORED if case == "plate" else replace(GRAY, image=replace(GRAY.image, rgb=_even(GRAY)))
+    )
+    for seed in range(4):
+        image, plate = taken(truth, seed)
+        shaded = bm.LinearImage(truth.plate.rgb * (1 - STRENGTH), NOISE)
+        solver = bm.Shaded(plate=shaded) if case == "plate" else bm.Shaded(light=tuple(LIGHT))
+        solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
+        at = solution.known & solution.streak
+        z += list(((solution.alpha - truth.layer.alpha) / solution.alpha_std)[at])
+    assert 0.85 < np.std(z) < 1.2
+
+
+def test_doors():
+    with pytest.raises(ValueError, match="exactly one of both"):
+        bm.Shaded()
+    with pytest.raises(ValueError, match="three finite numbers"):
+        bm.Shaded(light=(0, 0, 0))
+    with pytest.raises(ValueError, match="max_alpha_std must be positive"):
+        bm.Shaded(light=(1, 1, 1), max_alpha_std=0)
+    image, plate = taken(COLORED)
+    plane = bm.ColorModel.from_hex("#ff8000", "#0080ff")
+    with pytest.raises(ValueError, match="needs a model of rank 1, got rank 2"):
+        bm.solve(image, plate, plane, bm.Shaded(plate=plate))
+    small = plate.crop((0, 0, 50, 50))
+    with pytest.raises(ValueError, match="50x50"):
+        bm.solve(image, plate, MODEL, bm.Shaded(plate=small))
