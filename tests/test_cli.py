@@ -832,7 +832,8 @@ def test_a_shifted_plate_is_matched_and_told(scene, tmp_path):
     moved = bm.LinearImage(np.roll(plate.rgb, (1, 2), axis=(0, 1)))
     bm.write(tmp_path / "moved.png", moved)
     files = (scene / "image.png", "--plate", tmp_path / "moved.png", "--color", COLOR)
-    good("solve", *files, "--out", tmp_path / "o")
+    said = good("solve", *files, "--out", tmp_path / "o").stdout
+    assert "plate: shifted by +2.00, +1.00 px" in said
     report = json.loads((tmp_path / "o" / "report.json").read_text())
     assert np.allclose(report["stats"]["match"]["shift"], (2, 1), atol=0.02)
     assert any("shifted by +2.00, +1.00 px" in line for line in report["in_words"])

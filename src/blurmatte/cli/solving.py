@@ -99,7 +99,9 @@ def solve(
             complain(str(error))
             failed += 1
         else:
-            say("\n".join([str(solution), in_degrees(solution.model), *_others(solution)]))
+            plate_said = [] if found.in_words == "plate as it is" else [f"plate: {found.in_words}"]
+            lines = [str(solution), in_degrees(solution.model), *plate_said, *_others(solution)]
+            say("\n".join(lines))
             say(str(folder / "overview.png"))
     if failed:
         raise typer.Exit(2)
