@@ -178,7 +178,7 @@ class Match:
         if self.changes_light:
             gain = ", ".join(f"{g:.3f}" for g in self.gain)
             said.append(f"light times {gain}")
-            if self.light[1].any():
+            if np.abs(self.light[1]).max() >= 5e-5:  # what four places show
                 said.append("plus " + ", ".join(f"{o:+.4f}" for o in self.light[1]))
             if self.light[2:].any():
                 said.append("changing smoothly over the picture")
