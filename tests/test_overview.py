@@ -107,7 +107,7 @@ def test_a_4k_picture_is_reduced():
     little = NoiseModel(read_std=1e-6)
     image, plate = (LinearImage(a.astype(np.float32), little) for a in (image, light))
     streak = Streak.from_box((500, 400, 3300, 1700), (3840, 2160))
-    solution = solve(image, plate, ColorModel.from_hex("#ff8000"), streak=streak)
+    solution = solve(image, plate, ColorModel.from_hex("#ff8000"), Pixelwise(), streak=streak)
     assert draw_overview(image, plate, solution).shape[1] == 1800
 
 
