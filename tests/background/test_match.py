@@ -74,6 +74,16 @@ def test_a_large_object_is_not_taken_for_a_change_of_light():
     assert bm.match_plate(plate, image) is plate
 
 
+def test_a_plain_wall_keeps_its_light():
+    """invariant: of an even wall only noise changes, which a small gain and an offset would remove."""
+    ball = bm.Ball(16, np.array([0.9, 0.5, 0.1]))
+    wall = np.broadcast_to(np.array([0.3, 0.38, 0.35]), (SIZE[1], SIZE[0], 3)).copy()
+    truth = bm.render(bm.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball))
+    for seed in range(3):
+        image, plate = photographed(truth, Drift(), seed, 0.01)
+        assert np.allclose(bm.fit_match(image, plate).gain, 1, atol=0.01)
+
+
 def test_a_turn_is_recovered():
     drift = Drift(shift=(1.0, 2.0), rotation=0.008)
     image, plate = photographed(RENDERING, drift, 4)

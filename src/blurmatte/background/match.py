@@ -36,6 +36,7 @@ _PRICE = (
 )
 _LEAST_SHIFT = 0.01  # pixels, and
 _LEAST_GAIN = 0.001  # change of light, below which a plate is left as it is
+_MOST_OFFSET = 0.1  # of the usual light, that flare may add
 _DARKEST, _BRIGHTEST = 0.25, 4.0  # gains that a plate can bridge
 _SMALLEST = 32  # pixels across: smaller pictures are left alone
 _FEWEST = 100  # pixels to compare, below which nothing can be said
@@ -326,15 +327,21 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     fine = next(pyramid)
     if len(fine.xy) < _FEWEST or (matching is None and not _worth(fine, plate)):
         return Match.nothing(image.size)
-    best = _simplest(fine, list(pyramid), matching)
+    best = _simplest(fine, list(pyramid), matching, _MOST_OFFSET * _usual_light(plate))
     match = _in_pixels(best, image.size)
     _refuse_the_foreign(match, best, fine, plate)
     small = match.reach <= _LEAST_SHIFT and match.light_change(plate) <= _LEAST_GAIN
     return Match.nothing(image.size) if matching is None and small else match
 
 
-def _simplest(fine: Level, coarse: list[Level], matching: Matching | None) -> Fit:
-    """The simplest fit that nothing clearly better contradicts."""
+def _simplest(
+    fine: Level, coarse: list[Level], matching: Matching | None, most_offset: Array
+) -> Fit:
+    """The simplest fit that nothing clearly better contradicts.
+
+    Of a plain plate little but noise changes from pixel to pixel; a small gain and a large offset would
+    take that away, and seem better for it.
+    """
     least, most = _LEAST.get(matching, (0, 0)), _MOST.get(matching, (2, 3))  # type: ignore[arg-type]
     rough = _start()
     for level in reversed(coarse):
@@ -360,6 +367,7 @@ def _simplest(fine: Level, coarse: list[Level], matching: Matching | None) -> Fi
         gains = {
             way: gain_in_likelihood(fit(state), fit(way)) - _cost(way) + _cost(state)
             for way in ways
+            if np.all(np.abs(fit(way).light[1]) <= most_offset)
         }
         if not gains or max(gains.values()) <= 0:
             return fit(state)
