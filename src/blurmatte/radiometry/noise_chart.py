@@ -1,11 +1,9 @@
 """The photon transfer curve: how the variance of noise grows with light."""
 
-from typing import Any
-
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.errors import BlurmatteError
+from blurmatte.radiometry.chart import new_figure, pixels
 from blurmatte.radiometry.noise_fit import NoiseFit
 
 _SIZE, _DPI = (8.0, 5.5), 110  # inches, pixels in each
@@ -31,12 +29,7 @@ def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
     BlurmatteError
         If matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise BlurmatteError('a plot needs matplotlib: pip install "blurmatte[plot]"') from error
-    figure = Figure(_SIZE, _DPI, layout="constrained")
+    figure = new_figure(_SIZE, _DPI)
     axes = figure.add_subplot(
         xscale="log", yscale="log", xlabel="light, 1 is white", ylabel="standard deviation of light"
     )
@@ -59,6 +52,4 @@ def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
         axes.plot(light, rounding[:, 0], ":", color="black", label="rounding alone")
     axes.grid(which="both", alpha=0.2)
     axes.legend()
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.array(canvas.buffer_rgba(), np.uint8)[..., :3]
+    return pixels(figure)

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.errors import BlurmatteError
+from blurmatte.radiometry.chart import new_figure, pixels
 from blurmatte.radiometry.response import ResponseFit
 from blurmatte.radiometry.transfer import nearest_transfer
 
@@ -30,18 +30,11 @@ def draw_response(fit: ResponseFit) -> npt.NDArray[np.uint8]:
     BlurmatteError
         If matplotlib is not installed.
     """
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError as error:
-        raise BlurmatteError('a plot needs matplotlib: pip install "blurmatte[plot]"') from error
-    figure = Figure(_SIZE, _DPI, layout="constrained")
+    figure = new_figure(_SIZE, _DPI)
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     _draw_curve(above, fit)
     _draw_residuals(below, fit)
-    canvas: Any = FigureCanvasAgg(figure)
-    canvas.draw()
-    return np.array(canvas.buffer_rgba(), np.uint8)[..., :3]
+    return pixels(figure)
 
 
 def _draw_curve(axes: Any, fit: ResponseFit) -> None:
