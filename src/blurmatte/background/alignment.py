@@ -39,8 +39,9 @@ _QUARTER = 0.3186  # quantile of the magnitude of a standard normal
 _FINEST = 0.1  # of the noise: no fit is better than that
 _SMALL = 1e-8  # variance of light that is not rounded
 _LEAST_BLOCK = 4  # pixels between those that are compared: smoothed noise is alike over less
-_NOTHING = np.zeros((7, 3))
-_NOTHING[0] = 1
+SAME_LIGHT = np.zeros((7, 3))
+SAME_LIGHT[0] = 1
+SAME_LIGHT.setflags(write=False)
 _TILES = 12  # by as many
 _FLATTER = 0.7034  # E ψ' / E w of ψ = w r for Gaussian noise: the fit's own equations say too much
 
@@ -156,7 +157,7 @@ def descend(level: Level, start: Fit, geometry: int, light: int) -> Fit:
     for left in range(_STEPS, -1, -1):
         residuals, slopes = _compare(level, h, parts, free, rows)
         normal, pull = _equations(residuals, slopes, believed)
-        now = np.concatenate([h[free], (parts[:rows] - _NOTHING[:rows]).T.ravel()])
+        now = np.concatenate([h[free], (parts[:rows] - SAME_LIGHT[:rows]).T.ravel()])
         step = np.linalg.solve(normal + prior, -pull - prior @ now)
         if left == 0 or not len(step) or step @ normal @ step < _SETTLED * len(now):
             if not believed.all() or left <= _LAST:
@@ -173,7 +174,7 @@ def first_step(level: Level) -> tuple[Array, Array, float]:
     likelier that seems.
     """
     rows = LIGHTS[-1]
-    residuals, slopes = _compare(level, np.zeros(8), _NOTHING, list(range(8)), rows)
+    residuals, slopes = _compare(level, np.zeros(8), SAME_LIGHT, list(range(8)), rows)
     normal, pull = _equations(residuals, slopes, np.True_)
     step = -np.linalg.solve(normal + np.eye(len(normal)) / _PRIOR**2, pull)
     h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, rows).T)

@@ -16,6 +16,7 @@ import numpy.typing as npt
 from blurmatte.background.alignment import (
     GEOMETRIES,
     LIGHTS,
+    SAME_LIGHT,
     Fit,
     Level,
     descend,
@@ -104,9 +105,7 @@ class Match:
     @classmethod
     def nothing(cls, size: tuple[int, int]) -> "Match":
         """Of a plate that stays as it is."""
-        light = np.zeros((7, 3))
-        light[0] = 1
-        return cls(size, np.zeros(8), light, np.zeros(8), np.zeros((7, 3)))
+        return cls(size, np.zeros(8), SAME_LIGHT, np.zeros(8), np.zeros((7, 3)))
 
     def __repr__(self) -> str:
         return f"Match({self.in_words})"
@@ -119,7 +118,7 @@ class Match:
     @property
     def changes_light(self) -> bool:
         """Whether the plate's light is changed."""
-        return bool((self.light != Match.nothing(self.size).light).any())
+        return bool((self.light != SAME_LIGHT).any())
 
     @property
     def homography(self) -> Array:
@@ -354,7 +353,7 @@ def _simplest(
             start = rough if state[0] else _start()
             if state[0] == 1:
                 start = replace(start, h=start.h * np.isin(np.arange(8), GEOMETRIES[1]))
-            found[state] = descend(fine, replace(start, light=_start().light), *state)
+            found[state] = descend(fine, replace(start, light=SAME_LIGHT), *state)
         return found[state]
 
     state = least
@@ -375,8 +374,7 @@ def _simplest(
 
 
 def _start() -> Fit:
-    nothing = Match.nothing((1, 1))
-    return Fit(nothing.h, nothing.light, np.zeros((0, 3)), np.zeros((0, 0)))
+    return Fit(np.zeros(8), SAME_LIGHT, np.zeros((0, 3)), np.zeros((0, 0)))
 
 
 def _cost(state: tuple[int, int]) -> float:
@@ -386,7 +384,7 @@ def _cost(state: tuple[int, int]) -> float:
 def _worth(level: Level, plate: LinearImage) -> bool:
     """Whether the first step from the plate as it is changes anything, and anything that matters."""
     h, light, likelier = first_step(level)
-    step = replace(Match.nothing(level.size), h=h, light=Match.nothing(level.size).light + light)
+    step = replace(Match.nothing(level.size), h=h, light=SAME_LIGHT + light)
     matters = step.reach > _LEAST_SHIFT or step.light_change(plate) > _LEAST_GAIN
     return likelier > _PRICE * len(GEOMETRIES[1]) and matters
 

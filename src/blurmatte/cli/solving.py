@@ -99,7 +99,8 @@ def solve(
             complain(str(error))
             failed += 1
         else:
-            plate_said = [] if found.in_words == "plate as it is" else [f"plate: {found.in_words}"]
+            changed = found.moves or found.changes_light
+            plate_said = [f"plate: {found.in_words}"] if changed else []
             lines = [str(solution), in_degrees(solution.model), *plate_said, *_others(solution)]
             say("\n".join(lines))
             say(str(folder / "overview.png"))
