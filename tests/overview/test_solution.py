@@ -5,7 +5,9 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Solution, solve
-from blurmatte.overview import _WARNING, _layout, _surroundings, draw_overview
+from blurmatte.overview import draw_overview
+from blurmatte.overview.panels import WARNING
+from blurmatte.overview.solution import _layout, _surroundings
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
 from blurmatte.streaks import Streak
@@ -93,7 +95,7 @@ def test_what_the_border_takes_the_far_side_gets():
 def test_doubts_stand_out():
     image, plate, good = solved((120, 90), (30, 40), (80, 50))
     bad = replace(good, alpha=good.alpha * 5)
-    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == _WARNING).all(-1))
+    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == WARNING).all(-1))
               for s in (good, bad)]  # fmt: skip
     assert orange[0] == 0
     assert orange[1] > 100

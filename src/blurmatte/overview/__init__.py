@@ -1,0 +1,5 @@
+"""Sheets that show a person what was found: pictures, numbers, and what is known against them."""
+
+from blurmatte.overview.plate import draw_plate as draw_plate
+from blurmatte.overview.solution import draw_overview as draw_overview
+from blurmatte.overview.solution import sure_pixels as sure_pixels

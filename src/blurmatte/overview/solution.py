@@ -1,0 +1,267 @@
+"""The sheet of a solution: the whole picture, what was found in words, and the streak enlarged."""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from blurmatte.checks import Bools, Floats, check_same_size
+from blurmatte.color import ColorModel
+from blurmatte.explain import alpha_peak, doubts, explain
+from blurmatte.matting import Quality, Solution
+from blurmatte.overview.panels import (
+    BRIGHT,
+    DIM,
+    GAP,
+    HEAT,
+    MARGIN,
+    MOST_ENLARGED,
+    NEUTRAL,
+    OTHER,
+    STREAK,
+    TALLEST,
+    WARNING,
+    WIDTH,
+    Color,
+    Layout,
+    Panel,
+    Pixels,
+    by,
+    checkerboard,
+    heat,
+    round_up,
+    shown,
+    shown_alpha,
+)
+from blurmatte.overview.sheet import BODY, TITLE, Sheet
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Box
+
+_TEXT_WIDTH = 560  # of the panel of words, at least
+_COUNT = 6  # panels of the streak
+_POSSIBLE = "the color, and the rim of what it is in 95 of 100 cases"
+
+_FLAGS: dict[Quality, tuple[Color, str]] = {
+    Quality.MISFIT: ((255, 122, 40), "misfit"),
+    Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
+    Quality.SATURATED: ((236, 64, 190), "clipped"),
+    Quality.SHADOW: ((150, 90, 220), "only darker"),
+    Quality.OCCLUDED: ((90, 200, 230), "behind something"),
+}
+
+
+def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) -> Pixels:
+    """Draw what a solution says on one sheet.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        What was solved.
+    solution : Solution
+        What was found.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ.
+    """
+    check_same_size("image", image.size, "plate", plate.size)
+    check_same_size("image", image.size, "solution", solution.size)
+    image, plate = image.in_srgb(), plate.in_srgb()
+    layout = _layout(solution)
+    panels = _panels(image, plate, solution, _surroundings(solution, layout))
+    sheet = Sheet()
+    names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
+    sheet.title(" over ".join(names) or "blurmatte", f"{by(solution.size)} px, {solution.solver}")
+    _head(sheet, _whole(image, solution), solution)
+    sheet.grid(panels, layout, "the streak")
+    return sheet.pixels()
+
+
+def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
+    """The whole picture, and the words beside it."""
+    sheet.paste(whole.pixels, MARGIN, sheet.y)
+    x = MARGIN + whole.pixels.shape[1] + GAP + 8
+    y = _draw_model(sheet, x, solution)
+    y = sheet.heading(x, y + 14, "what was found")
+    doubtful = doubts(solution)
+    for fact in explain(solution):
+        color = WARNING if fact in doubtful else BRIGHT
+        y += sheet.words(x, y, WIDTH - MARGIN - x, fact, BODY, color) + 5
+    sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + GAP
+
+
+def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
+    """Swatches of the color model and its evidence; returns where they end."""
+    model = solution.model
+    y = sheet.heading(x, sheet.y, "color of the object")
+    width = min(WIDTH - MARGIN - x, 520)
+    mix = np.linspace(0, 1, width)[None, :, None]
+    first, last, name = _colors(solution)
+    sheet.paste(shown((1 - mix) * first + mix * last).repeat(56, axis=0), x, y)
+    y += 64
+    if len({other.hex for other in model.possible}) > 1:
+        for row in _possible(model):
+            sheet.paste(row, x, y)
+            y += row.shape[0] + 4
+        y += sheet.words(x, y, width, _POSSIBLE, BODY, DIM) + 8
+    y += sheet.words(x, y, width, name, TITLE, BRIGHT) + 6
+    for sentence in explain(model):
+        y += sheet.words(x, y, WIDTH - MARGIN - x, sentence, BODY, DIM) + 3
+    return y
+
+
+def _panels(
+    image: LinearImage, plate: LinearImage, solution: Solution, place: tuple[slice, slice]
+) -> list[Panel]:
+    part = _cut(solution, place)
+    layer = part.layer
+    peak = round_up(min(alpha_peak(part), 1))
+    background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
+    return [
+        Panel(shown(image.rgb[place]), "image"),
+        Panel(shown(plate.rgb[place]), "plate"),
+        Panel(shown_alpha(layer.alpha, peak), "alpha", f"white = {peak:g}"),
+        Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
+        _error_panel(part),
+        Panel(shown(layer.over(background).rgb), "layer", "over a checkerboard"),
+    ]
+
+
+def _surroundings(solution: Solution, layout: Layout) -> tuple[slice, slice]:
+    """The streak's box and as much around it as the layout has room for, within reason."""
+    sides, around = _spans(solution), []
+    longest = max(last - first for first, last in sides)
+    for (first, last), room, whole in zip(
+        sides, layout.room[::-1], solution.size[::-1], strict=True
+    ):
+        most = max(8, longest // 3, (last - first) // 2)
+        rim = max(0, min(most, (room - (last - first)) // 2))
+        count = min(last - first + 2 * rim, whole)
+        start = min(max(first - rim, 0), whole - count)  # what the border takes, the far side gets
+        around.append(slice(start, start + count))
+    return around[0], around[1]
+
+
+def _layout(solution: Solution) -> Layout:
+    """With a rim of an eighth around the streak, or a narrow one where that enlarges more."""
+    (top, bottom), (left, right) = _spans(solution)
+    width, height = solution.size
+    layouts = []
+    for rim in (max(4, max(right - left, bottom - top) // 8), 4):
+        size = min(right - left + 2 * rim, width), min(bottom - top + 2 * rim, height)
+        layouts.append(Layout.around(size, _COUNT))
+    return max(layouts, key=lambda layout: layout.scale)
+
+
+def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First row and one past the last, and the same of the columns, of the streak."""
+    if not solution.streak.any():
+        return (0, solution.size[1]), (0, solution.size[0])
+    y, x = (np.flatnonzero(solution.streak.any(axis=axis)) for axis in (1, 0))
+    return (int(y[0]), int(y[-1]) + 1), (int(x[0]), int(x[-1]) + 1)
+
+
+def _cut(solution: Solution, place: tuple[slice, slice]) -> Solution:
+    names = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
+    return replace(solution, **{name: getattr(solution, name)[place] for name in names})
+
+
+def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
+    """The ends of a swatch, linear light, and what to call what lies between."""
+    model = solution.model
+    if model.rank == 3:
+        layer = solution.layer
+        mean = layer.premultiplied.sum(axis=(0, 1)) / max(float(layer.alpha.sum()), 1e-9)
+        mean = np.clip(mean, 0, 1)
+        return mean, mean, "any colors, on average this"
+    colors = model.srgb
+    sure = f"   ± {model.angle_std:.2g}°" if model.evidence else ""
+    first, last = (0 * colors[0], colors[0]) if model.rank == 1 else (colors[0], colors[1])
+    return first, last, "  to  ".join(model.hex) + sure
+
+
+def _possible(model: ColorModel) -> list[Pixels]:
+    """A row of swatches of the colors still possible, for each color of the model."""
+    colors = np.stack([other.srgb for other in model.possible], axis=1)
+    return [shown(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
+
+
+def _shown_color(part: Solution) -> Pixels:
+    sure = sure_pixels(part)
+    return np.where(sure[..., None], shown(part.layer.straight()), np.array(NEUTRAL, np.uint8))
+
+
+def sure_pixels(solution: Solution) -> Bools:
+    """(H, W) True where alpha is known to be there: in the streak, above three sigma."""
+    sure = solution.streak & solution.known & (solution.alpha > 3 * solution.alpha_std)
+    return np.asarray(sure & (solution.alpha > 0))
+
+
+def _error_panel(part: Solution) -> Panel:
+    inside = part.streak & part.known
+    std = part.alpha_std[inside]
+    top = round_up(float(np.percentile(std, 98))) if std.size else 1.0
+    with np.errstate(invalid="ignore"):
+        position = np.clip(np.nan_to_num(part.alpha_std / top, nan=1.0), 0, 1) * (len(HEAT) - 1)
+    pixels = heat(position)
+    legend: list[tuple[Color | None, str]] = [(None, f"0 to {top:g}")]
+    for flag, (color, name) in _FLAGS.items():
+        flagged = part.streak & ((part.quality & flag) != 0)
+        pixels[flagged] = color
+        share = float(np.mean(flagged[part.streak])) if part.streak.any() else 0.0
+        if share >= 0.0005:
+            legend.append((color, f"{name} {share:.1%}"))
+    pixels = np.where(part.streak[..., None], pixels, (pixels * 0.45).astype(np.uint8))
+    return Panel(pixels, "error", "std of alpha; dim outside the streak", legend)
+
+
+def _whole(image: LinearImage, solution: Solution) -> Panel:
+    """The whole picture, with a box around everything that moved."""
+    from PIL import Image, ImageDraw
+
+    width, height = image.size
+    room = WIDTH - 2 * MARGIN - GAP - _TEXT_WIDTH
+    scale = min(room / width, TALLEST[0] / height, MOST_ENLARGED)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    method = Image.Resampling.BOX if not 1 < scale < 3 else Image.Resampling.BICUBIC
+    bands = [
+        np.asarray(
+            Image.fromarray(np.ascontiguousarray(image.rgb[..., c], np.float32)).resize(
+                size, method
+            )
+        )
+        for c in range(3)
+    ]
+    picture = Image.fromarray(shown(np.stack(bands, axis=-1)))
+    pen = ImageDraw.Draw(picture)
+    for box in solution.stats.get("other_boxes", ()):
+        pen.rectangle(_scaled(box, scale, size), outline=OTHER, width=1)
+    _draw_sweep(pen, solution, scale)
+    (y0, y1), (x0, x1) = _spans(solution)
+    pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=STREAK, width=3)
+    return Panel(np.asarray(picture), "")
+
+
+def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
+    """Path of the center, and the silhouette at both ends of it."""
+    sweep = solution.stats.get("sweep")
+    if sweep is None:
+        return
+    points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in sweep["xy"]]
+    pen.line(points, fill=BRIGHT, width=2, joint="curve")
+    for outline in sweep["outlines"]:
+        points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in outline]
+        pen.line([*points, points[0]], fill=BRIGHT, width=2, joint="curve")
+
+
+def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:
+    """Corners of the frame around a box, within the picture."""
+    x0, y0, x1, y1 = (round(scale * edge) for edge in box)
+    corners = (max(x0 - 2, 0), max(y0 - 2, 0)), (min(x1 + 1, size[0] - 1), min(y1 + 1, size[1] - 1))
+    return [float(edge) for corner in corners for edge in corner]
