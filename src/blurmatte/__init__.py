@@ -13,7 +13,14 @@ from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
 from blurmatte.color import pick_colors as pick_colors
 from blurmatte.color import published_color_line as published_color_line
+from blurmatte.compositing import Exposures as Exposures
 from blurmatte.compositing import cover as cover
+from blurmatte.compositing import light_gain as light_gain
+from blurmatte.compositing import long_exposure as long_exposure
+from blurmatte.compositing import remove as remove
+from blurmatte.compositing import retouch as retouch
+from blurmatte.compositing import split_exposure as split_exposure
+from blurmatte.compositing import stack as stack
 from blurmatte.errors import BlurmatteError as BlurmatteError
 from blurmatte.errors import BlurmatteWarning as BlurmatteWarning
 from blurmatte.errors import ColorModelError as ColorModelError

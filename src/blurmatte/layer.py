@@ -1,15 +1,24 @@
-"""A layer: the moving object by itself, ready to be put over any background.
+"""A layer: the moving object by itself, ready to be put over any background, and changed before.
 
 `alpha` is the fraction of the exposure, `premultiplied` the light the object sent: alpha times its
-color. Straight color exists only on the way out (`Layer.straight`).
+color. Straight color exists only on the way out (`Layer.straight`). Every change gives a new layer;
+all of them are linear in light and clip nothing but alpha.
 """
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_light, check_map, check_same_size
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, light_of_hex
+
+Color = str | Sequence[float] | Floats
+
+_BRIGHTEST = 0.99  # share of the object, by its alpha, that is no brighter than its brightest part
+_ALIKE = 0.05  # sine between paints, about 3 degrees, below which they are one
+_FILTER = "blackman-harris"  # averages light and rings nowhere
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,6 +55,35 @@ class Layer:
         height, width = self.alpha.shape
         return width, height
 
+    @property
+    def box(self) -> tuple[int, int, int, int]:
+        """(x0, y0, x1, y1) around everything that is there, x1 and y1 one past the last pixel.
+
+        Raises
+        ------
+        ValueError
+            If the layer is empty.
+        """
+        there = (self.alpha > 0) | self.premultiplied.any(axis=-1)
+        y, x = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
+        if not len(x):
+            raise ValueError("the layer is empty: alpha is 0 everywhere")
+        return int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1
+
+    @property
+    def color(self) -> npt.NDArray[np.float64]:
+        """(3,) linear color of the object, on average over its alpha.
+
+        Raises
+        ------
+        ValueError
+            If the layer is empty.
+        """
+        x0, y0, x1, y1 = self.box
+        place = np.s_[y0:y1, x0:x1]
+        light = self.premultiplied[place].sum(axis=(0, 1), dtype=float)
+        return np.asarray(light / max(self.alpha[place].sum(dtype=float), 1e-12))
+
     def over(self, background: LinearImage) -> LinearImage:
         """Put the layer over a background of the same size [GC07 Eq. 3].
 
@@ -71,3 +109,189 @@ class Layer:
         return np.divide(
             self.premultiplied, alpha, out=np.zeros_like(self.premultiplied), where=alpha > 0
         )
+
+    def fade(self, factor: float) -> "Layer":
+        """The object `factor` times as opaque: alpha ends at 1, color and shading stay [GC07 §4].
+
+        Raises
+        ------
+        ValueError
+            If the factor is negative or not finite.
+        """
+        _check_factor("factor", factor)
+        alpha = np.minimum(factor * self.alpha, np.maximum(self.alpha, 1))
+        share = np.divide(alpha, self.alpha, out=np.full_like(alpha, factor), where=self.alpha > 0)
+        return Layer(alpha, self.premultiplied * share[..., None])
+
+    def relight(self, gain: npt.ArrayLike) -> "Layer":
+        """The object in `gain` times the light, one number or one for each channel.
+
+        Raises
+        ------
+        ValueError
+            If it is neither, negative, or not finite.
+        """
+        gains = np.asarray(gain, dtype=self.premultiplied.dtype)
+        if gains.shape not in ((), (1,), (3,)):
+            raise ValueError(f"gain must be one number or three, got {gain!r}")
+        _check_factor("gain", gains)
+        return Layer(self.alpha, self.premultiplied * gains)
+
+    def amplify(self, factor: float, brightness: float = 1.0) -> "Layer":
+        """A faint object made plain: `factor` times as opaque, its color as bright as can be.
+
+        The enhancement of [GC07 Fig. 4]: alpha is multiplied, and the color scaled so that the
+        brightest channel of all but the brightest hundredth of the object is `brightness`. Hue and
+        shading stay.
+
+        Parameters
+        ----------
+        factor : float
+            As in `fade`.
+        brightness : float
+            Linear light, 1 = white.
+
+        Raises
+        ------
+        ValueError
+            If a number is negative or not finite, or the layer is empty.
+        """
+        _check_factor("brightness", brightness)
+        x0, y0, x1, y1 = self.box
+        brightest = self.straight()[y0:y1, x0:x1].max(axis=-1).ravel()
+        weight = self.alpha[y0:y1, x0:x1].ravel().astype(float)
+        order = np.argsort(brightest, kind="stable")
+        share = np.cumsum(weight[order])
+        top = brightest[order[np.searchsorted(share, _BRIGHTEST * share[-1])]]
+        faded = self.fade(factor)
+        return faded if top <= 0 else faded.relight(brightness / float(top))
+
+    def recolor(self, *colors: Color, paints: Sequence[Color] | None = None) -> "Layer":
+        """The object painted anew: other hues, its shading kept.
+
+        Without `paints` all of the object becomes one color: each pixel as much brighter or darker
+        than it as it was than the object's own color on average. With them, light is split into that
+        of each paint (least squares), and each paint gets its new color; what is between two paints
+        before is between their new colors after.
+
+        Parameters
+        ----------
+        *colors : str or (3,) float
+            New colors, as sRGB-coded hex or as linear light; one for each paint.
+        paints : sequence of str or (3,) float, optional
+            One to three colors of the object, of clearly different hues, such as a paint and white
+            for its highlights.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many colors as paints, paints have one hue, or the layer is empty.
+        """
+        old, new = colors_of([self.color] if paints is None else paints), colors_of(colors)
+        if len(new) != len(old):
+            raise ValueError(f"give as many colors as paints, {len(old)}, got {len(new)}")
+        amounts = split(self.premultiplied, old)
+        return Layer(self.alpha, amounts @ new.astype(amounts.dtype))
+
+    def crop(self, box: tuple[int, int, int, int]) -> "Layer":
+        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
+        x0, y0, x1, y1 = box
+        place = np.s_[y0:y1, x0:x1]
+        return Layer(self.alpha[place], self.premultiplied[place])
+
+    def place(
+        self,
+        size: tuple[int, int],
+        center: tuple[float, float] | None = None,
+        scale: float = 1.0,
+    ) -> "Layer":
+        """The object elsewhere, in a layer of another size; what stands out is cut off.
+
+        Parameters
+        ----------
+        size : (int, int)
+            (width, height) of the new layer.
+        center : (float, float), optional
+            (x, y) of the middle of its `box`, to the nearest whole pixel; without it, the middle of the
+            new layer.
+        scale : float
+            Times as large; light is averaged or interpolated. 1 leaves every pixel as it is.
+
+        Raises
+        ------
+        ValueError
+            If a side or the scale is not above 0, nothing of the object is within, or it is empty.
+        """
+        if min(size) < 1:
+            raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
+        if not (np.isfinite(scale) and scale > 0):
+            raise ValueError(f"scale must be above 0, got {scale}")
+        middle = ((size[0] - 1) / 2, (size[1] - 1) / 2) if center is None else center
+        part = self.crop(self.box)._scaled(scale)
+        first = [round(m - (side - 1) / 2) for m, side in zip(middle, part.size, strict=True)]
+        spans = [
+            (max(at, 0), min(at + side, whole))
+            for at, side, whole in zip(first, part.size, size, strict=True)
+        ]
+        (x0, x1), (y0, y1) = spans
+        if x0 >= x1 or y0 >= y1:
+            raise ValueError(
+                f"the object would lie beside the picture: around ({middle[0]:g}, {middle[1]:g}) of "
+                f"{size[0]}x{size[1]} pixels"
+            )
+        seen = part.crop((x0 - first[0], y0 - first[1], x1 - first[0], y1 - first[1]))
+        alpha = np.zeros(size[::-1], self.alpha.dtype)
+        light = np.zeros((*size[::-1], 3), self.premultiplied.dtype)
+        alpha[y0:y1, x0:x1], light[y0:y1, x0:x1] = seen.alpha, seen.premultiplied
+        return Layer(alpha, light)
+
+    def _scaled(self, scale: float) -> "Layer":
+        size = [max(1, round(scale * side)) for side in self.size]
+        if size == list(self.size):
+            return self
+        import OpenImageIO as oiio
+
+        numbers = np.dstack([self.premultiplied, self.alpha]).astype(np.float32)
+        roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 4)
+        scaled = oiio.ImageBufAlgo.resize(oiio.ImageBuf(numbers), _FILTER, roi=roi)
+        pixels = np.asarray(scaled.get_pixels(oiio.FLOAT))
+        light = np.ascontiguousarray(pixels[..., :3]).astype(self.premultiplied.dtype)
+        return Layer(pixels[..., 3].astype(self.alpha.dtype), light)
+
+
+def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
+    """(n, 3) linear light of one to three colors, each sRGB-coded hex or linear.
+
+    Raises
+    ------
+    ValueError
+        If they are more or none, or no colors.
+    """
+    rows = [
+        light_of_hex(color)[0] if isinstance(color, str) else np.asarray(color, dtype=float)
+        for color in colors
+    ]
+    if not 1 <= len(rows) <= 3 or any(row.shape != (3,) for row in rows):
+        raise ValueError("give one to three colors, each #rrggbb or three numbers of linear light")
+    return np.array(rows)
+
+
+def split(light: Floats, paints: npt.NDArray[np.float64]) -> Floats:
+    """(..., n) how much of each paint is in light (..., 3), by least squares.
+
+    Raises
+    ------
+    ValueError
+        If paints are black or so alike that light cannot be split between them.
+    """
+    size = np.linalg.norm(paints, axis=1)
+    if size.min() < 1e-6:
+        raise ValueError("a paint is black: nothing can be told from it")
+    if np.linalg.svd(paints / size[:, None], compute_uv=False)[-1] < _ALIKE:
+        raise ValueError("the paints are shades or mixtures of one another; give other colors")
+    return np.asarray(light @ np.linalg.pinv(paints).astype(light.dtype))
+
+
+def _check_factor(name: str, value: float | Floats) -> None:
+    if not (np.all(np.isfinite(value)) and np.min(value) >= 0):
+        raise ValueError(f"{name} must be 0 or more, got {value}")

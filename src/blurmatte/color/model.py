@@ -7,7 +7,6 @@ belongs to it. Of either, one unit vector says everything: l or n, called the po
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
@@ -16,7 +15,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import SRGB, Matrix3, light_in_srgb
+from blurmatte.radiometry import SRGB, Matrix3, light_in_srgb, light_of_hex
 
 Array = npt.NDArray[np.float64]
 
@@ -173,13 +172,7 @@ class ColorModel:
         ValueError
             If a color is not six hexadecimal digits, is black, or both have one hue.
         """
-        codes = []
-        for color in colors:
-            digits = re.fullmatch(r"#?([0-9a-fA-F]{6})", color)
-            if digits is None:
-                raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
-            codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
-        light = SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255)
+        light = light_of_hex(*colors)
         if to_srgb is not None:  # no camera sees negative light
             light = np.maximum(light @ np.linalg.inv(np.array(to_srgb)).T, 0)
         if len(light) not in (1, 2) or np.any(light.max(axis=1) == 0):

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.compositing import cover
+from blurmatte.compositing import cover, light_gain
 from blurmatte.radiometry import LinearImage
 
 
@@ -49,3 +49,25 @@ def test_what_is_not_valid_stays_so():
 def test_no_size_at_all_is_refused():
     with pytest.raises(ValueError, match="1 or more"):
         cover(LinearImage(np.ones((4, 4, 3))), (0, 5))
+
+
+def test_light_gain_is_the_ratio_of_mean_light():
+    plate = LinearImage(np.full((4, 6, 3), [0.1, 0.2, 0.4]))
+    bright = LinearImage(np.full((3, 3, 3), [0.3, 0.2, 0.1]))
+    assert_allclose(light_gain(bright, plate), [3, 1, 0.25])
+
+
+def test_light_gain_leaves_out_what_is_not_valid():
+    rgb = np.full((2, 2, 3), 0.5)
+    rgb[0, 0] = 50
+    valid = np.array([[False, True], [True, True]])
+    assert_allclose(light_gain(LinearImage(rgb, valid=valid), LinearImage(np.ones((1, 1, 3)))), 0.5)
+
+
+def test_no_light_to_compare_with_is_refused():
+    black, white = LinearImage(np.zeros((2, 2, 3))), LinearImage(np.ones((2, 2, 3)))
+    with pytest.raises(ValueError, match="no light on average"):
+        light_gain(white, black)
+    nothing = LinearImage(np.ones((2, 2, 3)), valid=np.zeros((2, 2), bool))
+    with pytest.raises(ValueError, match="no pixel of the background is valid"):
+        light_gain(nothing, white)

@@ -1,8 +1,9 @@
-"""Backgrounds for a layer."""
+"""Backgrounds for a layer: their size, and their light."""
 
 import math
 
 import numpy as np
+import numpy.typing as npt
 import OpenImageIO as oiio
 
 from blurmatte.radiometry import LinearImage
@@ -48,3 +49,35 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
     kept = np.asarray(scaled.get_pixels(oiio.FLOAT))[top : top + height, left : left + width]
     rgb = np.ascontiguousarray(kept[..., :3]).astype(picture.rgb.dtype, copy=False)
     return LinearImage(rgb, valid=kept[..., 3] < 1e-3, meta=picture.meta)
+
+
+def light_gain(background: LinearImage, plate: LinearImage) -> npt.NDArray[np.float64]:
+    """How much brighter a background is than the plate: what brings a layer into its light.
+
+    Parameters
+    ----------
+    background : LinearImage
+        Where the layer goes; of any size.
+    plate : LinearImage
+        What it was taken from.
+
+    Returns
+    -------
+    (3,) float
+        Mean light of the background over that of the plate, per channel, for `Layer.relight`. It takes
+        both scenes to be of the same gray on average.
+
+    Raises
+    ------
+    ValueError
+        If a channel of the plate is black, or nothing is valid in one of both.
+    """
+    means = []
+    for name, picture in (("background", background), ("plate", plate)):
+        seen = picture.in_srgb()
+        if not seen.valid.any():
+            raise ValueError(f"no pixel of the {name} is valid; its light cannot be measured")
+        means.append(seen.rgb[seen.valid].mean(axis=0, dtype=float))
+    if means[1].min() <= 0:
+        raise ValueError("a channel of the plate has no light on average; give the gain yourself")
+    return np.asarray(np.maximum(means[0], 0) / means[1])

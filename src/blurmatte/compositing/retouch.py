@@ -1,0 +1,89 @@
+"""The object changed within its own picture, or removed from it.
+
+With P, alpha of the object before and P', alpha' after, a picture C over the plate B becomes
+
+    C' = C + (P' + (1 − alpha') B) − (P + (1 − alpha) B):
+
+what the layer does not explain, grain, shadow or reflection, stays, and where nothing of the layer
+changed, so does every pixel.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from blurmatte.checks import Bools, check_map, check_same_size
+from blurmatte.layer import Layer
+from blurmatte.radiometry import LinearImage
+
+
+def retouch(
+    image: LinearImage, layer: Layer, edited: Layer, plate: LinearImage | None = None
+) -> tuple[LinearImage, Bools]:
+    """The image with its object changed.
+
+    Parameters
+    ----------
+    image : LinearImage
+        The picture that the layer was taken from.
+    layer, edited : Layer
+        The object as it is, and as it shall be.
+    plate : LinearImage, optional
+        The scene without it; needed where alpha changes.
+
+    Returns
+    -------
+    picture : LinearImage
+        In sRGB, unclipped; its noise is not known.
+    changed : (H, W) bool
+        Where it is another than `image`: where the layer changed.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ, or alpha changes and there is no plate.
+    """
+    check_same_size("the layer", layer.size, "the image", image.size)
+    check_same_size("the layer", layer.size, "the edited layer", edited.size)
+    image = image.in_srgb()
+    light = edited.premultiplied - layer.premultiplied
+    uncovered = layer.alpha - edited.alpha
+    changed = (uncovered != 0) | light.any(axis=-1)
+    if plate is not None:
+        check_same_size("the plate", plate.size, "the image", image.size)
+        light = light + uncovered[..., None] * plate.in_srgb().rgb
+    elif uncovered.any():
+        raise ValueError("where alpha changes the scene behind comes out: give the plate, too")
+    rgb = image.rgb.copy()
+    rgb[changed] += light[changed].astype(rgb.dtype)
+    return replace(image, rgb=rgb, noise=None), np.asarray(changed)
+
+
+def remove(image: LinearImage, plate: LinearImage, streak: Bools) -> tuple[LinearImage, Bools]:
+    """The image with the plate where the streak was: nothing of the object stays, nor its shadow.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The picture, and the scene without the object, matched to it.
+    streak : (H, W) bool
+        What to replace, e.g. `solution.streak`.
+
+    Returns
+    -------
+    picture : LinearImage
+        In sRGB; its noise is not known.
+    changed : (H, W) bool
+        The streak, but for pixels of which the plate knows no light.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If sizes differ, or the streak is no array of bools.
+    """
+    check_same_size("the plate", plate.size, "the image", image.size)
+    check_map("streak", streak, image.rgb.shape[:2], kinds="b")
+    changed = np.asarray(streak & (plate.valid | plate.clipped.any(axis=-1)))
+    image, behind = image.in_srgb(), plate.in_srgb()
+    rgb = np.where(changed[..., None], behind.rgb, image.rgb).astype(image.rgb.dtype)
+    return replace(image, rgb=rgb, noise=None), changed
