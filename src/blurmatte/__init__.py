@@ -51,6 +51,9 @@ from blurmatte.matting import Solution as Solution
 from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
+from blurmatte.overview import draw_edit as draw_edit
+from blurmatte.overview import draw_exposures as draw_exposures
+from blurmatte.overview import draw_look as draw_look
 from blurmatte.overview import draw_overview as draw_overview
 from blurmatte.overview import draw_plate as draw_plate
 from blurmatte.radiometry import LINEAR as LINEAR
@@ -78,6 +81,7 @@ from blurmatte.rendering import Rendering as Rendering
 from blurmatte.rendering import Scene as Scene
 from blurmatte.rendering import Shot as Shot
 from blurmatte.rendering import render as render
+from blurmatte.results import save_exposures as save_exposures
 from blurmatte.results import save_plate as save_plate
 from blurmatte.results import save_results as save_results
 from blurmatte.scenes import Score as Score

@@ -21,10 +21,12 @@ import numpy as np
 
 from blurmatte.background import PlateFit
 from blurmatte.checks import check_same_size
+from blurmatte.compositing import Exposures
 from blurmatte.explain import alpha_peak, explain
 from blurmatte.files import write_together
+from blurmatte.layer import Layer
 from blurmatte.matting import Quality, Solution
-from blurmatte.overview import draw_overview, draw_plate, sure_pixels
+from blurmatte.overview import draw_exposures, draw_overview, draw_plate, sure_pixels
 from blurmatte.radiometry import LinearImage
 
 _PACKAGES = ("blurmatte", "numpy", "scipy", "numba", "OpenImageIO")
@@ -106,6 +108,38 @@ def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
     path = Path(path)
     things = {path.name: fit.plate, f"{path.stem}_overview.png": draw_plate(fit)}
     return write_together(path.parent, things)
+
+
+def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> list[Path]:
+    """Write how long each paint was there: paint1.png, paint1_std.png, …, and a sheet to look at.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Made if it is not there. Files of the same names in it are replaced: all or none.
+    layer : Layer
+        The object, for the sheet.
+    exposures : Exposures
+        What `split_exposure` found. Its maps are 16-bit gray, not encoded: 65535 is the whole
+        exposure, and in those of the standard deviation also what is not known.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ.
+    FileError
+        If they cannot be written. What was there before stays as it was.
+    """
+    things: dict[str, Any] = {}
+    for k in range(exposures.fraction.shape[-1]):
+        things[f"paint{k + 1}.png"] = exposures.fraction[..., k]
+        things[f"paint{k + 1}_std.png"] = exposures.fraction_std[..., k]
+    return write_together(folder, {**things, "overview.png": draw_exposures(layer, exposures)})
 
 
 def _report(

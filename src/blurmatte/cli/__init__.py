@@ -1,5 +1,7 @@
 """The command line: one function for each command, a thin skin over the public API."""
 
+from blurmatte.cli import editing as editing
+from blurmatte.cli import layers as layers
 from blurmatte.cli import noise as noise
 from blurmatte.cli import pictures as pictures
 from blurmatte.cli import plates as plates

@@ -9,6 +9,8 @@ from pathlib import Path
 import blurmatte as bm
 from blurmatte.cli.program import about
 
+_NUMBER = r"\s*[-+]?(\d+\.?\d*|\.\d+)\s*"
+
 
 @dataclass(frozen=True)
 class Files:
@@ -60,11 +62,26 @@ def expanded(text: str) -> list[Path]:
     return [Path(path) for path in found]
 
 
-def numbers(name: str, text: str, *counts: int) -> list[float]:
-    """Numbers with commas between them, as many as one of `counts`."""
+def numbers(name: str, text: str, *forms: str) -> list[float]:
+    """Numbers with commas between them, as many as one of `forms` has, like "x,y,radius"."""
     parts = text.split(",")
-    whole = r"\s*-?\d+\s*" if 4 in counts else r"\s*-?\d+(\.\d*)?\s*"
-    if len(parts) not in counts or not all(re.fullmatch(whole, part) for part in parts):
-        what = "x0,y0,x1,y1 in whole pixels" if 4 in counts else "x,y or x,y,radius"
-        raise ValueError(f"{name} must be {what}, got {text!r}")
+    counts = [form.count(",") + 1 for form in forms]
+    if len(parts) not in counts or not all(re.fullmatch(_NUMBER, part) for part in parts):
+        raise ValueError(f"{name} must be {' or '.join(forms)}, got {text!r}")
     return [float(part) for part in parts]
+
+
+def box_of(text: str) -> tuple[int, int, int, int]:
+    """The box that --region gives."""
+    if not re.fullmatch(r"(\s*-?\d+\s*,){3}\s*-?\d+\s*", text):
+        raise ValueError(f"--region must be x0,y0,x1,y1 in whole pixels, got {text!r}")
+    x0, y0, x1, y1 = (int(part) for part in text.split(","))
+    return x0, y0, x1, y1
+
+
+def matching_of(name: str) -> bm.Matching | None:
+    """The matching of a name; None: what suits."""
+    names = ["auto", *(way.value for way in bm.Matching)]
+    if name not in names:
+        raise ValueError(f"--match must be {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
+    return None if name == "auto" else bm.Matching(name)

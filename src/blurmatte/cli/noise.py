@@ -9,7 +9,7 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.inputs import Files, expanded, numbers
+from blurmatte.cli.inputs import Files, box_of, expanded
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, calibrate, told
@@ -78,5 +78,4 @@ def _measured(
 def _inside(
     region: str, picture: bm.LinearImage
 ) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    x0, y0, x1, y1 = (int(n) for n in numbers("--region", region, 4))
-    return bm.Streak.from_box((x0, y0, x1, y1), picture.size).mask
+    return bm.Streak.from_box(box_of(region), picture.size).mask

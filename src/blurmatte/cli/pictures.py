@@ -1,6 +1,7 @@
-"""The commands for picture files: compose and info."""
+"""The commands for picture files: compose, show and info."""
 
 import math
+import tempfile
 import warnings
 from collections.abc import Iterator
 from pathlib import Path
@@ -10,9 +11,10 @@ import numpy as np
 import typer
 
 import blurmatte as bm
+from blurmatte.cli.backgrounds import Fit, MatchLight, Place, Scale, onto
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
-from blurmatte.cli.printing import by, in_degrees, say
+from blurmatte.cli.printing import by, complain, in_degrees, say
 from blurmatte.cli.program import about, app, told
 
 
@@ -24,30 +26,47 @@ def compose(
     ],
     over: Annotated[Path, typer.Option(help="The picture to put it over.")],
     out: Annotated[Path, typer.Option(help="Where to write: .png, .tif, .jpg or .exr.")],
-    fit: Annotated[
-        str | None,
-        typer.Option(metavar="cover", help="Scale the picture to the layer's size and crop it."),
-    ] = None,
+    fit: Fit = None,
+    place: Place = None,
+    scale: Scale = None,
+    match_light: MatchLight = None,
     transfer: TransferName = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Put LAYER over another picture, in linear light."""
-    if fit not in (None, "cover"):
-        raise ValueError(f"--fit {fit}: there is only one fit, cover")
     files = Files(transfer, max_pixels)
     with about(layer):
         top = bm.read_layer(layer, files.curve, max_pixels)
-    picture, _ = files.read(over)
-    with about(over):
-        if fit == "cover":
-            picture = bm.cover(picture, top.size)
-        if picture.size != top.size:
-            raise ValueError(
-                f"the picture is {by(picture.size)} pixels and the layer {by(top.size)}; "
-                "add --fit cover to scale and crop the picture"
-            )
+    top, picture = onto(files, top, over, fit, place, scale, match_light)
     with about(out):
         bm.write(out, top.over(picture))
+
+
+@app.command()
+@told
+def show(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="A picture, a layer or a solution.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Write the sheet there instead of opening it: .png or .jpg."),
+    ] = None,
+    transfer: TransferName = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Show FILE on a sheet: for a quick look."""
+    files = Files(transfer, max_pixels)
+    with about(file):
+        thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, max_pixels)
+        if thing is None:
+            picture, _ = files.read(file)
+            thing = _layer(file, files.curve, max_pixels) or picture
+        sheet = bm.draw_look(thing)
+    target = out or Path(tempfile.mkdtemp(prefix="blurmatte-")) / f"{file.stem}.png"
+    with about(target):
+        bm.write(target, sheet)
+    say(str(target))
+    if out is None and typer.launch(str(target)) != 0:
+        complain("no program was found to show it with; open the file that is named above")
 
 
 @app.command()

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.inputs import Files, numbers, places
+from blurmatte.cli.inputs import Files, box_of, matching_of, numbers, places
 from blurmatte.cli.options import (
     ColorFrom,
     Colors,
@@ -63,7 +63,7 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
-    way, matching = _solver(solver, smoothness), _matching(match)
+    way, matching = _solver(solver, smoothness), matching_of(match)
     files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
     if solver == "shaded":
@@ -131,7 +131,7 @@ def color(
     task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
     with about(image) as said:
         C, _ = files.read(image, said)
-        B = bm.match_plate(B, C, _matching(match))
+        B = bm.match_plate(B, C, matching_of(match))
         streak = task.streak(C, B)
         model = task.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
@@ -198,14 +198,6 @@ def _solver(name: str, smoothness: float | None) -> Solver | None:
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {name!r}")
 
 
-def _matching(name: str) -> bm.Matching | None:
-    """The matching of a name; None: what suits."""
-    names = ["auto", *(way.value for way in bm.Matching)]
-    if name not in names:
-        raise ValueError(f"--match must be {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
-    return None if name == "auto" else bm.Matching(name)
-
-
 def _with_match(solution: bm.Solution, match: bm.Match) -> bm.Solution:
     """The solution of a matched plate, with what was done to the plate before."""
     agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
@@ -229,9 +221,8 @@ class _Task:
         if self.region is not None and self.mask is not None:
             raise ValueError("give --region or --mask, not both")
         if self.region is not None:
-            x0, y0, x1, y1 = (int(n) for n in numbers("--region", self.region, 4))
-            region = bm.Streak.from_box((x0, y0, x1, y1), image.size)
-            return bm.find_streak_within(region, image, plate)
+            inside = bm.Streak.from_box(box_of(self.region), image.size)
+            return bm.find_streak_within(inside, image, plate)
         if self.mask is None:
             return None
         return bm.Streak(self.white("mask", self.mask, image))
@@ -302,7 +293,7 @@ class _Task:
 
         if color == "core":
             return bm.core_colors(image, plate, streak)
-        x, y, *radius = numbers("--color", color, 2, 3)
+        x, y, *radius = numbers("--color", color, "x,y", "x,y,radius")
         if self.color_from is None:
             return bm.pick_colors(image, x, y, *radius)
         sharp = self.files.read(self.color_from)[0]

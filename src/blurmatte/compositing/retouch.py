@@ -59,7 +59,9 @@ def retouch(
     return replace(image, rgb=rgb, noise=None), np.asarray(changed)
 
 
-def remove(image: LinearImage, plate: LinearImage, streak: Bools) -> tuple[LinearImage, Bools]:
+def remove(
+    image: LinearImage, plate: LinearImage, streak: Bools, grow: int = 0
+) -> tuple[LinearImage, Bools]:
     """The image with the plate where the streak was: nothing of the object stays, nor its shadow.
 
     Parameters
@@ -68,6 +70,8 @@ def remove(image: LinearImage, plate: LinearImage, streak: Bools) -> tuple[Linea
         The picture, and the scene without the object, matched to it.
     streak : (H, W) bool
         What to replace, e.g. `solution.streak`.
+    grow : int
+        How many pixels more on every side.
 
     Returns
     -------
@@ -79,10 +83,16 @@ def remove(image: LinearImage, plate: LinearImage, streak: Bools) -> tuple[Linea
     Raises
     ------
     TypeError, ValueError
-        If sizes differ, or the streak is no array of bools.
+        If sizes differ, the streak is no array of bools, or `grow` is negative.
     """
     check_same_size("the plate", plate.size, "the image", image.size)
     check_map("streak", streak, image.rgb.shape[:2], kinds="b")
+    if grow < 0:
+        raise ValueError(f"grow must be 0 or more pixels, got {grow}")
+    if grow > 0:
+        from scipy.ndimage import maximum_filter
+
+        streak = maximum_filter(streak, 2 * grow + 1)
     changed = np.asarray(streak & (plate.valid | plate.clipped.any(axis=-1)))
     image, behind = image.in_srgb(), plate.in_srgb()
     rgb = np.where(changed[..., None], behind.rgb, image.rgb).astype(image.rgb.dtype)

@@ -51,10 +51,13 @@ class Layout:
     scale: int
 
     @classmethod
-    def around(cls, size: tuple[int, int], count: int) -> "Layout":
-        """The one that shows `count` pictures of a size largest; three columns if in doubt."""
+    def around(cls, size: tuple[int, int], count: int, given: int | None = None) -> "Layout":
+        """The one that shows `count` pictures of a size largest; three columns if in doubt, or those
+        that are given.
+        """
         best, largest = cls(3, 1, 1, 1), 0.0
-        for columns, handicap in ((3, 1.0), (2, 1.5), (6, 1.5), (1, 1.5)):
+        wishes = ((3, 1.0), (2, 1.5), (6, 1.5), (1, 1.5)) if given is None else ((given, 1.0),)
+        for columns, handicap in wishes:
             width = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
             height = TALLEST[1] // -(-count // columns)
             fit = min(width / size[0], height / size[1], MOST_ENLARGED)

@@ -1,0 +1,82 @@
+"""The commands for many layers, and for what one is made of: stack and paints."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.inputs import Files, expanded
+from blurmatte.cli.options import MaxPixels, TransferName
+from blurmatte.cli.printing import say
+from blurmatte.cli.program import about, app, told, with_progress
+
+
+@app.command()
+@told
+def stack(
+    layers: Annotated[
+        list[str], typer.Argument(metavar="LAYER", help="Layers in their order; quoted globs work.")
+    ],
+    out: Annotated[
+        Path, typer.Option(help="Where to write: a picture, or a layer without --over.")
+    ],
+    over: Annotated[
+        Path | None, typer.Option(help="The picture behind all of them, usually the plate.")
+    ] = None,
+    long: Annotated[
+        bool, typer.Option("--long", help="As one exposure as long as all together.")
+    ] = False,
+    transfer: TransferName = None,
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Put many layers into one: the whole way of an object through a clip.
+
+    Only one of them is in memory at a time.
+    """
+    files = Files(transfer, max_pixels)
+    paths = [path for text in layers for path in expanded(text)]
+
+    def read() -> Iterator[bm.Layer]:
+        for path in with_progress(paths, "stacking"):
+            with about(path):
+                yield bm.read_layer(path, files.curve, max_pixels)
+
+    whole = bm.long_exposure(read()) if long else bm.stack(read())
+    if over is None:
+        with about(out):
+            bm.write(out, whole)
+        return
+    picture, _ = files.read(over)
+    with about(over):
+        together = whole.over(picture)
+    with about(out):
+        bm.write(out, together)
+
+
+@app.command()
+@told
+def paints(
+    layer: Annotated[
+        Path, typer.Argument(metavar="LAYER", help="A layer.exr that solve wrote, of two colors.")
+    ],
+    color: Annotated[
+        list[str], typer.Option(metavar="HEX", help="The color of a paint; repeat for each.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the maps, made if it is not there.")],
+    max_pixels: MaxPixels = bm.MAX_PIXELS,
+) -> None:
+    """Say how long each paint of an object of several colors was at each pixel.
+
+    Writes paint1.png, paint1_std.png, … and overview.png into the folder.
+    """
+    with about(layer):
+        solution = bm.read_solution(layer, max_pixels)
+        exposures = bm.split_exposure(solution, *color)
+    written = bm.save_exposures(out, solution.layer, exposures)
+    for hex_color, total in zip(
+        color, exposures.fraction.sum(axis=(0, 1), dtype=float), strict=True
+    ):
+        say(f"{hex_color}: {total:.6g} pixels times exposure")
+    say("\n".join(map(str, written)))

@@ -1,0 +1,181 @@
+"""Sheets for people: an object before and after an edit, and a quick look at anything."""
+
+import numpy as np
+
+from blurmatte.checks import check_same_size
+from blurmatte.compositing import Exposures
+from blurmatte.layer import Layer
+from blurmatte.matting import Solution
+from blurmatte.overview.panels import (
+    Layout,
+    Panel,
+    Pixels,
+    by,
+    checkerboard,
+    round_up,
+    shown,
+    shown_alpha,
+)
+from blurmatte.overview.sheet import Sheet
+from blurmatte.radiometry import LinearImage
+
+_RIM = 0.15  # of the object's longer side, shown around it
+_Box = tuple[int, int, int, int]
+
+
+def draw_edit(
+    layer: Layer,
+    edited: Layer,
+    before: LinearImage | None = None,
+    after: LinearImage | None = None,
+    remark: str = "",
+) -> Pixels:
+    """Draw an object before and after an edit, and the pictures that it is in.
+
+    Parameters
+    ----------
+    layer, edited : Layer
+        The object as it was, and as it is; either may be empty, but not both.
+    before, after : LinearImage, optional
+        The picture with the one and with the other; both or none.
+    remark : str
+        What was done.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ, or both layers are empty.
+    """
+    check_same_size("the layer", layer.size, "the edited layer", edited.size)
+    box = _around([one for one in (layer, edited) if one.alpha.any()], layer.size)
+    part, new = layer.crop(box), edited.crop(box)
+    peak = round_up(float(max(part.alpha.max(), new.alpha.max())))
+    sheet = Sheet()
+    sheet.title("before and after", f"{by(layer.size)} px{remark and f', {remark}'}")
+    panels = [_layer_panels(one, peak, name) for one, name in ((part, "before"), (new, "after"))]
+    if before is not None and after is not None:
+        strip = [("before", before.in_srgb()), ("after", after.in_srgb())]
+        for row, (name, picture) in zip(panels, strip, strict=True):
+            check_same_size(name, picture.size, "the layer", layer.size)
+            row.insert(0, Panel(shown(picture.crop(box).rgb), name))
+        whole = [Panel(shown(picture.rgb), name) for name, picture in strip]
+        sheet.grid(whole, Layout.around(layer.size, 2), "the picture")
+    rows = [panel for row in panels for panel in row]
+    sheet.grid(rows, Layout.around(part.size, len(rows), len(panels[0])), "the object")
+    return sheet.pixels()
+
+
+def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
+    return [
+        Panel(_over_checks(layer), f"layer {when}", "over a checkerboard"),
+        Panel(shown_alpha(layer.alpha, peak), f"alpha {when}", f"white = {peak:g}"),
+    ]
+
+
+def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
+    """Draw a picture, a layer or a solution for a quick look.
+
+    Parameters
+    ----------
+    thing : LinearImage, Layer or Solution
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide: a picture by itself; a layer over a checkerboard, its color and
+        its alpha, whole and around the object.
+
+    Raises
+    ------
+    TypeError
+        If it is something else.
+    """
+    sheet = Sheet()
+    if isinstance(thing, LinearImage):
+        sheet.title(thing.meta.source or "picture", f"{by(thing.size)} px")
+        _one(sheet, Panel(shown(thing.in_srgb().rgb), ""), "as a screen shows it")
+        return sheet.pixels()
+    if not isinstance(thing, Layer | Solution):
+        raise TypeError(
+            f"a picture, a layer or a solution can be drawn, not {type(thing).__name__}"
+        )
+    layer = thing if isinstance(thing, Layer) else thing.layer
+    sheet.title(str(thing), "" if isinstance(thing, Layer) else thing.solver)
+    _one(sheet, Panel(_over_checks(layer), ""), "the layer over a checkerboard")
+    if layer.alpha.any():
+        part = layer.crop(_around([layer], layer.size))
+        peak = round_up(float(part.alpha.max()))
+        panels = [
+            Panel(_over_checks(part), "layer"),
+            Panel(shown(part.straight()), "color"),
+            Panel(shown_alpha(part.alpha, peak), "alpha", f"white = {peak:g}"),
+        ]
+        sheet.grid(panels, Layout.around(part.size, len(panels)), "the object")
+    return sheet.pixels()
+
+
+def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
+    """Draw how long each paint of an object was there.
+
+    Parameters
+    ----------
+    layer : Layer
+        The object.
+    exposures : Exposures
+        Of it, what `split_exposure` found.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ, or the layer is empty.
+    """
+    height, width, count = exposures.fraction.shape
+    check_same_size("the exposures", (width, height), "the layer", layer.size)
+    box = _around([layer] if layer.alpha.any() else [], layer.size)
+    x0, y0, x1, y1 = box
+    place, part = np.s_[y0:y1, x0:x1], layer.crop(box)
+    peak = round_up(float(part.alpha.max()))
+    panels = [Panel(_over_checks(part), "layer", "over a checkerboard")]
+    codes = shown(np.minimum(exposures.paints, 1))
+    for k in range(count):
+        map_of = shown_alpha(np.maximum(exposures.fraction[place][..., k], 0), peak)
+        red, green, blue = (int(code) for code in codes[k])
+        legend = [((red, green, blue), f"#{red:02x}{green:02x}{blue:02x}")]
+        panels.append(Panel(map_of, f"paint {k + 1}", f"white = {peak:g} of the exposure", legend))
+    sheet = Sheet()
+    sheet.title("how long each paint was there", f"{by(layer.size)} px")
+    sheet.grid(panels, Layout.around(part.size, len(panels)), "the object")
+    return sheet.pixels()
+
+
+def _one(sheet: Sheet, panel: Panel, what: str) -> None:
+    height, width = panel.pixels.shape[:2]
+    sheet.grid([panel], Layout.around((width, height), 1), what)
+
+
+def _over_checks(layer: Layer) -> Pixels:
+    return shown(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
+
+
+def _around(layers: list[Layer], size: tuple[int, int]) -> _Box:
+    """The box of all that is in the layers, and a rim."""
+    boxes = np.array([layer.box for layer in layers])
+    if not len(boxes):
+        raise ValueError("both layers are empty: there is nothing to show")
+    x0, y0 = boxes[:, :2].min(axis=0)
+    x1, y1 = boxes[:, 2:].max(axis=0)
+    rim = max(4, int(_RIM * max(x1 - x0, y1 - y0)))
+    return (
+        *(int(max(x0 - rim, 0)), int(max(y0 - rim, 0))),
+        *(int(min(x1 + rim, size[0])), int(min(y1 + rim, size[1]))),
+    )

@@ -1,0 +1,54 @@
+"""Sheets of edits, and quick looks."""
+
+import numpy as np
+import pytest
+
+from blurmatte.layer import Layer
+from blurmatte.overview import draw_edit, draw_look
+from blurmatte.overview.panels import shown
+from blurmatte.radiometry import LinearImage, Meta
+
+EMPTY = Layer(np.zeros((128, 192)), np.zeros((128, 192, 3)))
+
+
+def panels_of(sheet, pixels):
+    """How many places of the sheet hold these pixels, by their first row."""
+    row = pixels[len(pixels) // 2]
+    step = row[:: max(1, len(row) // 8)]
+    found = [np.flatnonzero((sheet == color).all(axis=-1).ravel()).size for color in step]
+    return min(found)
+
+
+def test_the_pictures_are_on_the_sheet(paint):
+    edited = paint.layer.recolor("#00ff00").fade(3)
+    after = edited.over(paint.plate)
+    sheet = draw_edit(paint.layer, edited, paint.image, after, "fade 3")
+    assert sheet.shape[1] == 1800
+    assert sheet.dtype == np.uint8
+    for picture in (paint.image, after):
+        assert panels_of(sheet, shown(picture.rgb))
+
+
+def test_layers_alone_and_an_empty_one_are_drawn(paint):
+    removed = draw_edit(paint.layer, paint.layer.fade(0))
+    assert removed.shape[1] == 1800
+    with_pictures = draw_edit(paint.layer, EMPTY, paint.image, paint.plate)
+    assert with_pictures.shape[0] > removed.shape[0]
+
+
+def test_a_look_at_anything(paint):
+    for thing in (paint.image, paint.layer, EMPTY):
+        assert draw_look(thing).shape[1] == 1800
+    camera = LinearImage(paint.image.rgb, meta=Meta("x.png"))
+    assert panels_of(draw_look(camera), shown(paint.image.rgb))
+
+
+def test_door(paint):
+    with pytest.raises(ValueError, match="both layers are empty"):
+        draw_edit(EMPTY, EMPTY)
+    with pytest.raises(ValueError, match="same size"):
+        draw_edit(paint.layer, EMPTY.crop((0, 0, 5, 5)))
+    with pytest.raises(ValueError, match="same size"):
+        draw_edit(paint.layer, EMPTY, paint.image.crop((0, 0, 5, 5)), paint.image)
+    with pytest.raises(TypeError, match="not str"):
+        draw_look("out.png")
