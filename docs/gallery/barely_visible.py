@@ -1,0 +1,56 @@
+"""
+A barely visible object
+=======================
+Figure 1 of [GC07]. A ball flies through a picture in a fraction of the exposure. What it leaves can
+hardly be seen, and the difference to the plate does not tell what moved: it is large where ball and
+plate have different colors, and nothing where they agree.
+"""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+
+import blurmatte as bm
+from blurmatte.rendering import colorful_plate
+
+sys.path.insert(0, str(Path(__file__).parent))
+from figure import color_of, gray, save, shown
+
+# **A scene with a known answer.** Alpha reaches 0.1. The camera has 8 bits and noise of half a code
+# value, the plate is the median of nine pictures.
+shot = bm.Shot(
+    bm.Scene(
+        colorful_plate((340, 200), 10, tile=60),
+        bm.Trajectory.arc((40, 150), (160, 70), (295, 45)),
+        bm.Ball(15, np.array([0.85, 0.32, 0.04]), ambient=0.3),
+    ),
+    bm.Camera(code_std=0.5 / 255),
+    plate_frames=9,
+    seed=1,
+)
+rendering = bm.render(shot.scene)
+image, plate = shot.photograph(rendering)
+
+# **Ordinary background subtraction,** as bright as it can be.
+difference = np.abs(image.rgb - plate.rgb).max(axis=-1)
+
+# **Alpha and color.** No hint is given; the color is that of the streak's own evidence.
+solution = bm.solve(image, plate)
+error = np.sqrt(np.mean((solution.layer.alpha - rendering.layer.alpha) ** 2))
+print(f"{solution.model.hex[0]}, alpha off by {error:.4f} RMS")
+
+peak = float(rendering.layer.alpha.max())
+save(
+    __file__,
+    [
+        ("the picture", shown(image.rgb)),
+        (
+            "difference to the plate, stretched",
+            gray(difference, float(np.quantile(difference, 0.999))),
+        ),
+        (f"alpha (white is {peak:.2f})", gray(solution.layer.alpha, peak)),
+        ("color", color_of(solution)),
+    ],
+    columns=2,
+)
