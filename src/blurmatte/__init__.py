@@ -42,6 +42,7 @@ from blurmatte.files import read_noise as read_noise
 from blurmatte.files import read_solution as read_solution
 from blurmatte.files import read_transfer as read_transfer
 from blurmatte.files import write as write
+from blurmatte.files import write_changed as write_changed
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise

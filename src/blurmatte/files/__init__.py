@@ -4,6 +4,7 @@ from blurmatte.files.frames import Frames as Frames
 from blurmatte.files.frames import read_frames as read_frames
 from blurmatte.files.models import read_color_model as read_color_model
 from blurmatte.files.noise import read_noise as read_noise
+from blurmatte.files.originals import write_changed as write_changed
 from blurmatte.files.paths import path_to_mapping as path_to_mapping
 from blurmatte.files.paths import read_path as read_path
 from blurmatte.files.raster import MAX_PIXELS as MAX_PIXELS

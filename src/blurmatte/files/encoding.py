@@ -46,7 +46,7 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
     """
     if transfer is not None:
         return Profile((transfer, transfer, transfer), _matrix(raster))
-    found = _from_profile(raster) or _from_chunks(raster)
+    found = _from_profile(raster) or png_encoding(raster)
     if found or raster.levels is None:
         return found
     if raster.tags.get("Exif:ColorSpace") != 1:
@@ -69,11 +69,39 @@ def to_light(numbers: npt.NDArray[Any], encoding: Profile | None) -> Floats:
     return to_srgb_primaries(light, encoding)
 
 
+def from_light(light: Floats, encoding: Profile | None) -> npt.NDArray[np.float64]:
+    """(N, 3) code values 0…1, or light that is stored as floats: what `to_light` turns into `light`.
+
+    Not clipped. In float64, so that rounding does not move code values of 16 bits.
+    """
+    values = light.astype(np.float64)
+    if encoding is None:
+        return values
+    if encoding.matrix is not None:
+        values = np.linalg.solve(encoding.matrix, values.T).T.astype(np.float64)
+    columns = [curve.encode(values[:, c]) for c, curve in enumerate(encoding.curves)]
+    return np.stack(columns, axis=-1)
+
+
 def to_srgb_primaries(light: Floats, encoding: Profile) -> Floats:
     """The same light as seen by the primaries of sRGB."""
     if encoding.matrix is None:
         return light
     return np.asarray(light @ encoding.matrix.T.astype(light.dtype))
+
+
+def png_encoding(raster: Raster) -> Profile | None:
+    """What the chunks of a PNG say of its curve and primaries, but for its ICC profile."""
+    if raster.png is None:
+        return None
+    if "CICP" in raster.tags:
+        return _from_cicp(raster)
+    if raster.png.srgb:
+        return _ASSUMED
+    if raster.png.gamma is None:
+        return None
+    curve = _power(raster.png.gamma)
+    return Profile((curve, curve, curve), None) if curve else None
 
 
 def _from_profile(raster: Raster) -> Profile | None:
@@ -94,19 +122,6 @@ def _matrix(raster: Raster) -> Matrix | None:
         return parse_profile(data).matrix if data is not None else None
     except ProfileError:  # the caller knows better than a profile that cannot be used
         return None
-
-
-def _from_chunks(raster: Raster) -> Profile | None:
-    if raster.png is None:
-        return None
-    if "CICP" in raster.tags:
-        return _from_cicp(raster)
-    if raster.png.srgb:
-        return _ASSUMED
-    if raster.png.gamma is None:
-        return None
-    curve = _power(raster.png.gamma)
-    return Profile((curve, curve, curve), None) if curve else None
 
 
 def _from_cicp(raster: Raster) -> Profile:

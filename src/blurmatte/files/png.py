@@ -6,7 +6,7 @@ here, before libpng sees them, for it prints its complaints to stderr.
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -51,7 +51,7 @@ def inspect_png(path: Path) -> PngFacts:
     """
     chunks: dict[bytes, bytes] = {}
     for kind, data in _chunks(path, path.read_bytes()):
-        chunks.setdefault(kind, data if kind != b"IDAT" else b"")
+        chunks.setdefault(kind, bytes(data) if kind != b"IDAT" else b"")
     if len(chunks.get(b"IHDR", b"")) != 13 or b"IDAT" not in chunks:
         raise FileError(f"{path}: the PNG has no picture in it; export it again")
     width, height, bits, color = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
@@ -59,7 +59,27 @@ def inspect_png(path: Path) -> PngFacts:
     return PngFacts((width, height), bits, color == _PALETTE, b"sRGB" in chunks, gamma or None)
 
 
-def _chunks(path: Path, content: bytes) -> Iterator[tuple[bytes, bytes]]:
+def png_chunks(path: Path) -> list[tuple[bytes, bytes]]:
+    """Type and data of every chunk of a PNG, the header first.
+
+    Raises
+    ------
+    FileError
+        If it is cut short or damaged.
+    """
+    return [(kind, bytes(data)) for kind, data in _chunks(path, path.read_bytes())]
+
+
+def save_chunks(path: Path, chunks: Iterable[tuple[bytes, bytes]]) -> None:
+    """Write a PNG of chunks, from the header to IEND."""
+    with path.open("wb") as file:
+        file.write(SIGNATURE)
+        for kind, data in chunks:
+            checksum = zlib.crc32(data, zlib.crc32(kind))
+            file.writelines((struct.pack(">I", len(data)), kind, data, struct.pack(">I", checksum)))
+
+
+def _chunks(path: Path, content: bytes) -> Iterator[tuple[bytes, memoryview]]:
     """Type and data of every chunk to IEND; whatever follows that belongs to somebody else."""
     view = memoryview(content)
     at, kind = len(SIGNATURE), b""
@@ -72,5 +92,5 @@ def _chunks(path: Path, content: bytes) -> Iterator[tuple[bytes, bytes]]:
             raise FileError(f"{path}: the PNG is cut short; copy or export it again")
         if zlib.crc32(view[at + 4 : end]) != int.from_bytes(view[end : end + 4]):
             raise FileError(f"{path}: the PNG is damaged (checksum); copy or export it again")
-        yield kind, bytes(view[at + 8 : end]) if kind != b"IDAT" else b""
+        yield kind, view[at + 8 : end]
         at = end + 4

@@ -83,6 +83,11 @@ class Raster:
         return not self.tags.get("oiio:UnassociatedAlpha", 0)
 
     @property
+    def orientation(self) -> int:
+        """The EXIF tag: how the stored pixels were turned to be upright; 1: not at all."""
+        return int(self.tags.get("Orientation", 1))
+
+    @property
     def colors(self) -> npt.NDArray[Any]:
         """(H, W, 3) numbers of red, green and blue; gray three times."""
         return self.channels("YYY" if self.gray else "RGB")
@@ -209,3 +214,8 @@ def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
     if orientation in (2, 4, 5, 7):
         turned = turned[:, ::-1]
     return np.ascontiguousarray(turned)
+
+
+def as_stored(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
+    """Turn what is upright back to how a file with this EXIF tag stores it."""
+    return upright(pixels, {6: 8, 8: 6}.get(orientation, orientation))

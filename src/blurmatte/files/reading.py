@@ -63,15 +63,19 @@ def read(
     if kind_of(path) == RAW:
         _check_linear(path, transfer)
         return read_raw(path, max_pixels)
-    raster = load(path, max_pixels)
-    encoding = encoding_of(raster, transfer, stacklevel=2)
+    return light_of(load(path, max_pixels), transfer, stacklevel=2)
+
+
+def light_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> LinearImage:
+    """The linear light of what a file holds; see `read`."""
+    encoding = encoding_of(raster, transfer, stacklevel + 1)
     image = _decoded(raster, encoding)
     valid = image.valid & raster.inside
     if raster.alpha is not None:
         valid &= raster.alpha >= 1
     image = with_layers(replace(image, valid=valid, meta=_meta(raster, encoding)), raster)
     header = raster.tags.get(CAMERA_TAG)
-    return image if header is None else in_camera_colors(path, image, str(header))
+    return image if header is None else in_camera_colors(raster.path, image, str(header))
 
 
 def read_layer(
