@@ -5,10 +5,7 @@ is written beside its target under another name and then renamed. The same input
 bytes.
 """
 
-import os
-import secrets
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -23,6 +20,7 @@ from blurmatte.files.models import mapping_to_json, model_to_json
 from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.plates import light_parts
+from blurmatte.files.replacing import replacing
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.files.transfers import transfer_to_json
 from blurmatte.layer import Layer
@@ -101,7 +99,7 @@ def write(
         raise FileError(
             f"{path}: {_called(thing)} is written as {' or '.join(ways)}; change the ending"
         )
-    with _replacing(target, extension) as temporary:
+    with replacing(target, extension) as temporary:
         ways[extension](temporary)
 
 
@@ -213,31 +211,3 @@ def _associated(layer: Layer) -> Parts:
     """TIFF multiplies code values, not light, by alpha."""
     straight, alpha = _straight(layer)
     return np.rint(straight * (alpha[..., None] / _TOP)).astype(np.uint16), alpha
-
-
-@contextmanager
-def _replacing(target: Path, extension: str) -> Iterator[Path]:
-    """A new file beside `target` that takes its place if all goes well, and else is gone."""
-    final = Path(os.path.realpath(target))  # a link stays a link
-    if final.is_dir():
-        raise FileError(f"{target}: is a folder; give the name of a file")
-    temporary = final.with_name(f".blurmatte-{secrets.token_hex(6)}{extension}")
-    try:
-        temporary.touch(exist_ok=False)
-        yield temporary
-        os.replace(temporary, final)
-    except OSError as error:
-        reason = (error.strerror or str(error)).replace(str(temporary), target.name)
-        raise FileError(
-            f"{target}: cannot be written ({reason}); check the folder and the space on its disk"
-        ) from error
-    finally:
-        _forget(temporary)
-
-
-def _forget(temporary: Path) -> None:
-    # The folder may be gone or closed to us; the error that told so is the one to hear.
-    try:
-        temporary.unlink(missing_ok=True)
-    except OSError:
-        return
