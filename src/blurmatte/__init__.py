@@ -38,11 +38,13 @@ from blurmatte.files import read as read
 from blurmatte.files import read_color_model as read_color_model
 from blurmatte.files import read_frames as read_frames
 from blurmatte.files import read_layer as read_layer
+from blurmatte.files import read_layers as read_layers
 from blurmatte.files import read_noise as read_noise
 from blurmatte.files import read_solution as read_solution
 from blurmatte.files import read_transfer as read_transfer
 from blurmatte.files import write as write
 from blurmatte.files import write_changed as write_changed
+from blurmatte.files import write_frames as write_frames
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise

@@ -67,7 +67,7 @@ def _number(text: str | None, rate: float | None) -> int | None:
 
 
 @contextmanager
-def _watched(frames: bm.Frames) -> Iterator[bm.Frames]:
+def _watched(frames: bm.Frames[bm.LinearImage]) -> Iterator[bm.Frames[bm.LinearImage]]:
     """The same frames, with a bar on stderr for each run through them, if a person is watching."""
     if not sys.stderr.isatty():
         yield frames

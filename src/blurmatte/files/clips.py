@@ -20,6 +20,7 @@ from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.refusals import check_size
+from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, LinearImage, Meta, Transfer
 
 if TYPE_CHECKING:
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
 
 _UNSAID = 2  # of curve, primaries and matrix: "unspecified"
 _BT709, _BT601 = 1, 5  # matrices; 1 is BT.709's number everywhere
+LIMITED_WHITE = 65281  # of 16 bits, as FFmpeg has it for Y'CbCr of the limited range
 _HD_HEIGHT = 720  # players take untagged clips of at least this height as BT.709, else as BT.601
 _WHITE_D65 = (0.3127, 0.3290)
 # x, y of red, green and blue. Those of 625 and 525 lines, 5 and 6, are kept apart from BT.709's.
@@ -60,6 +62,10 @@ class Clip:
         Curves, and the matrix to the primaries of sRGB.
     bits : int
         Of a code value.
+    white : int
+        The code value of white, as FFmpeg's R'G'B' of 8 or 16 bits has it.
+    alpha : bool
+        It has an alpha channel.
     """
 
     path: Path
@@ -68,6 +74,8 @@ class Clip:
     rate: float | None
     encoding: Profile
     bits: int
+    white: int
+    alpha: bool
 
 
 def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel: int) -> Clip:
@@ -94,14 +102,16 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         encoding = Profile(
             (_curve(path, first, transfer, stacklevel + 1),) * 3, _matrix(path, first)
         )
-        size = (first.width, first.height)
+        bits = max(part.bits for part in first.format.components)
         return Clip(
             path=path,
             count=count,
-            size=size if first.rotation % 180 == 0 else size[::-1],
+            size=_size(first),
             rate=float(rate) if rate else None,
             encoding=encoding,
-            bits=max(part.bits for part in first.format.components),
+            bits=bits,
+            white=_white(first, bits),
+            alpha=any(part.is_alpha for part in first.format.components),
         )
 
 
@@ -113,35 +123,88 @@ def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
     FileError
         If the clip is damaged, or its frames change their size.
     """
-    curve = clip.encoding.curves[0]
-    table = curve.table(256 if clip.bits <= 8 else 65536).astype(np.float32)
+    curve, table = clip.encoding.curves[0], _table(clip)
+    for number, frame in _decoded(clip, numbers):
+        codes = _codes(clip, frame)
+        light = to_srgb_primaries(table.take(codes), clip.encoding)
+        when = f" ({frame.time:.2f} s)" if frame.time is not None else ""
+        name = f"{clip.path.name} frame {number}{when}"
+        meta = Meta(name, curve, 2**clip.bits, time=frame.time)
+        yield LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
+
+
+def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:
+    """The same of a clip with alpha, whose colors are straight.
+
+    Raises
+    ------
+    FileError
+        As `decode_frames`.
+    """
+    table = _table(clip)
+    shift = 16 - clip.bits if clip.bits > 8 else 0
+    top = np.float32(2**clip.bits - 1)
+    for _, frame in _decoded(clip, numbers):
+        codes = _codes(clip, frame, alpha=True)
+        alpha = (codes[..., 3] >> shift) / top
+        light = to_srgb_primaries(table.take(codes[..., :3]), clip.encoding)
+        yield Layer(alpha, light * alpha[..., None])
+
+
+def _decoded(clip: Clip, numbers: range) -> "Iterator[tuple[int, VideoFrame]]":
     with _opened(clip.path) as (container, stream):
         stream.thread_type = "AUTO"
         frames = enumerate(container.decode(stream))
         for number, frame in islice(frames, numbers.start, numbers.stop, numbers.step):
-            codes = _codes(clip, frame)
-            light = to_srgb_primaries(table.take(codes), clip.encoding)
-            when = f" ({frame.time:.2f} s)" if frame.time is not None else ""
-            name = f"{clip.path.name} frame {number}{when}"
-            meta = Meta(name, curve, 2**clip.bits, time=frame.time)
-            image = LinearImage(light, valid=_unclipped(codes, clip.bits), meta=meta)
-            if image.size != clip.size:
+            size = _size(frame)
+            if size != clip.size:
                 raise FileError(
-                    f"{clip.path}: frame {number} is {image.size[0]}x{image.size[1]} pixels, the "
+                    f"{clip.path}: frame {number} is {size[0]}x{size[1]} pixels, the "
                     f"first {clip.size[0]}x{clip.size[1]}; cut the clip there"
                 )
-            yield image
+            yield number, frame
 
 
-def _codes(clip: Clip, frame: "VideoFrame") -> npt.NDArray[Any]:
-    """(H, W, 3) R'G'B' codes of 8 or 16 bits, upright."""
+def _size(frame: "VideoFrame") -> tuple[int, int]:
+    """As it is shown."""
+    on_a_side = frame.rotation % 180 != 0
+    return (frame.height, frame.width) if on_a_side else (frame.width, frame.height)
+
+
+def _white(frame: "VideoFrame", bits: int) -> int:
+    """White in the codes that FFmpeg makes of a frame.
+
+    Of more than 8 bits it makes 16 without rounding white up: that of Y'CbCr in the limited range
+    comes as 255 times 256 and a little, in the full range with zeros behind its bits.
+    """
+    from av.video.reformatter import ColorRange
+
+    if bits <= 8:
+        return 255
+    if frame.format.is_rgb:
+        return 65535
+    gray = sum(not part.is_alpha for part in frame.format.components) == 1
+    if gray or frame.color_range == ColorRange.JPEG:
+        return 65535 - (65535 >> bits)
+    return LIMITED_WHITE
+
+
+def _table(clip: Clip) -> npt.NDArray[np.float32]:
+    """Light of every code."""
+    codes = np.arange(256 if clip.bits <= 8 else 65536)
+    return np.asarray(clip.encoding.curves[0].decode(codes / clip.white), dtype=np.float32)
+
+
+def _codes(clip: Clip, frame: "VideoFrame", alpha: bool = False) -> npt.NDArray[Any]:
+    """(H, W, 3) R'G'B' codes of 8 or 16 bits, upright; with alpha as a fourth."""
     from av.video.reformatter import Interpolation as Way
 
     # Without these flags codes come out one too dark, and the chroma of 4:2:0 in steps.
     way = Way.BICUBIC | Way.FULL_CHR_H_INT | Way.ACCURATE_RND
+    form = ("rgb24", "rgb48le", "rgba", "rgba64le")[2 * alpha + (clip.bits > 8)]
     unsaid = _BT709 if frame.height >= _HD_HEIGHT else _BT601
     codes = frame.reformat(
-        format="rgb24" if clip.bits <= 8 else "rgb48le",
+        format=form,
         src_colorspace=unsaid if frame.colorspace == _UNSAID else None,
         interpolation=way,
         threads=1,  # more of them are slower
@@ -149,10 +212,9 @@ def _codes(clip: Clip, frame: "VideoFrame") -> npt.NDArray[Any]:
     return np.rot90(codes, round(frame.rotation / 90))  # both count against the clock
 
 
-def _unclipped(codes: npt.NDArray[Any], bits: int) -> Bools:
-    """(H, W) where no channel is white. White of 10 bits is a little less than the most of 16."""
-    top = int(np.iinfo(codes.dtype).max)
-    white = top - (top >> (bits + 1)) if bits > 8 else top
+def _unclipped(clip: Clip, codes: npt.NDArray[Any]) -> Bools:
+    """(H, W) where no channel is white."""
+    white = clip.white - (clip.white >> (clip.bits + 1))  # half a step of the file's own bits below
     red, green, blue = (codes[..., c] < white for c in range(3))
     return np.asarray(red & green & blue)
 
@@ -197,15 +259,27 @@ def _to_xyz(primaries: Any) -> Matrix:
     return np.asarray(xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3]), dtype=np.float64)
 
 
-@contextmanager
-def _opened(path: Path) -> "Iterator[tuple[InputContainer, VideoStream]]":
-    """The file and its video stream; complaints of FFmpeg become one line."""
+def video_library(path: Path) -> Any:
+    """PyAV.
+
+    Raises
+    ------
+    FileError
+        If it is not installed.
+    """
     try:
         import av
     except ImportError as error:
         raise FileError(
-            f'{path}: clips need one package more: pip install "blurmatte[video]"; or give pictures'
+            f'{path}: clips need one package more: pip install "blurmatte[video]"; or take pictures'
         ) from error
+    return av
+
+
+@contextmanager
+def _opened(path: Path) -> "Iterator[tuple[InputContainer, VideoStream]]":
+    """The file and its video stream; complaints of FFmpeg become one line."""
+    av = video_library(path)
     _check_there(path)
     try:
         with av.open(str(path)) as container:

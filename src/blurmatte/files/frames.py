@@ -1,4 +1,4 @@
-"""Frames of a clip, or a row of pictures, one after another and as often as they are asked for.
+"""Frames of a clip, or a row of pictures or layers, one after another, as often as they are asked for.
 
 Nothing is held in memory: each run through reads the files again. clips.py decodes the clips.
 """
@@ -7,26 +7,31 @@ import re
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from glob import glob, has_magic
 from pathlib import Path
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING, TypeVar, overload
 
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files.clips import decode_frames, open_clip
+from blurmatte.files.clips import Clip, decode_frames, decode_layers, open_clip
+from blurmatte.files.numbering import numbering
 from blurmatte.files.raster import MAX_PIXELS
-from blurmatte.files.reading import read
+from blurmatte.files.reading import read, read_layer
 from blurmatte.files.refusals import EXTENSIONS
+from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage, Transfer
 
 Source = str | Path | Sequence[str | Path]
+Frame = TypeVar("Frame", LinearImage, Layer)
 
 
 @dataclass(frozen=True)
-class Frames(Sequence[LinearImage]):
+class Frames(Sequence[Frame]):
     """Frames that are read when they are run through, again each time.
 
-    `frames[100:400:3]` are Frames too, `frames[17]` is one LinearImage, len(frames) how many there
-    are: of some clips only an estimate. `meta.time` of each frame is in seconds, where it is known.
+    `frames[100:400:3]` are Frames too, `frames[17]` is one LinearImage or Layer, len(frames) how many
+    there are: of some clips only an estimate. `meta.time` of a LinearImage is in seconds, where it is
+    known.
 
     Parameters
     ----------
@@ -43,7 +48,7 @@ class Frames(Sequence[LinearImage]):
     numbers: range
     size: tuple[int, int]
     rate: float | None
-    load: Callable[[range], Iterator[LinearImage]] = field(repr=False)
+    load: Callable[[range], Iterator[Frame]] = field(repr=False)
 
     def __post_init__(self) -> None:
         if self.numbers.step < 1:
@@ -52,18 +57,18 @@ class Frames(Sequence[LinearImage]):
     def __len__(self) -> int:
         return len(self.numbers)
 
-    def __iter__(self) -> Iterator[LinearImage]:
+    def __iter__(self) -> Iterator[Frame]:
         return self.load(self.numbers)
 
     # The registry of `overload` would keep this module, and all it imports, beyond the end.
     if TYPE_CHECKING:
 
         @overload
-        def __getitem__(self, which: int) -> LinearImage: ...
+        def __getitem__(self, which: int) -> Frame: ...
         @overload
-        def __getitem__(self, which: slice) -> "Frames": ...
+        def __getitem__(self, which: slice) -> "Frames[Frame]": ...
 
-    def __getitem__(self, which: int | slice) -> "LinearImage | Frames":
+    def __getitem__(self, which: int | slice) -> "Frame | Frames[Frame]":
         if isinstance(which, slice):
             return replace(self, numbers=self.numbers[which])
         number = self.numbers[which]
@@ -74,7 +79,7 @@ class Frames(Sequence[LinearImage]):
 
 def read_frames(
     source: Source, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
-) -> Frames:
+) -> Frames[LinearImage]:
     """The frames of a clip, or pictures in their order, as linear light.
 
     Clips are read by FFmpeg (the `video` extra). Their tags say how code values encode light, what
@@ -83,8 +88,9 @@ def read_frames(
     Parameters
     ----------
     source : str, Path or a sequence of them
-        A clip; or pictures: a folder of them, a pattern like "plates/*.png", or their names. Those of
-        a folder or a pattern are sorted, with numbers in their names as numbers.
+        A clip; or pictures: a folder of them, a pattern like "plates/*.png", a name with a place for
+        the number like "plate.####.exr" or "plate.%04d.exr", or their names. Those of a folder or a
+        pattern are sorted, with numbers in their names as numbers; numbers may be missing.
     transfer : Transfer, optional
         The curve of the code values, if you know better than the file.
     max_pixels : int
@@ -104,19 +110,60 @@ def read_frames(
     TransferWarning
         If nothing says how code values encode light: clips are taken as Rec. 709, pictures as sRGB.
     """
-    paths = _paths(source)
+    return _frames(_paths(source), transfer, max_pixels, read, decode_frames)
+
+
+def read_layers(
+    source: Source, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
+) -> Frames[Layer]:
+    """The layers of a clip with alpha, or of a row of pictures with alpha, premultiplied.
+
+    What `write_frames` wrote, or other programs: ProRes 4444, and other codecs with alpha, whose
+    colors are taken as straight, for nothing in a clip tells; EXR, PNG, TIFF as in `read_layer`.
+
+    Parameters
+    ----------
+    source, transfer, max_pixels
+        As in `read_frames`.
+
+    Returns
+    -------
+    Frames
+        Of Layers.
+
+    Raises
+    ------
+    FileError
+        As in `read_frames` and `read_layer`; if there is no alpha.
+    """
+    return _frames(_paths(source), transfer, max_pixels, read_layer, decode_layers)
+
+
+def _frames(
+    paths: list[Path],
+    transfer: Transfer | None,
+    max_pixels: int,
+    read_one: Callable[[Path, Transfer | None, int], Frame],
+    decode: Callable[[Clip, range], Iterator[Frame]],
+) -> Frames[Frame]:
     if len(paths) == 1 and paths[0].suffix.lower() not in EXTENSIONS:
-        clip = open_clip(paths[0], transfer, max_pixels, stacklevel=2)
-        return Frames(
-            range(clip.count), clip.size, clip.rate, lambda numbers: decode_frames(clip, numbers)
-        )
-    first = read(paths[0], transfer, max_pixels)
+        clip = open_clip(paths[0], transfer, max_pixels, stacklevel=3)
+        if decode is decode_layers and not clip.alpha:
+            raise FileError(
+                f"{clip.path}: has no alpha, so it holds no layers; "
+                "give a .mov of ProRes 4444 with alpha, or a row of EXR or PNG"
+            )
+        return Frames(range(clip.count), clip.size, clip.rate, partial(decode, clip))
+    size = read_one(paths[0], transfer, max_pixels).size
 
-    def load(numbers: range) -> Iterator[LinearImage]:
+    def load(numbers: range) -> Iterator[Frame]:
         for number in numbers:
-            yield _picture(paths[number], transfer, max_pixels, paths[0], first.size)
+            with warnings.catch_warnings():  # the first has told already what is assumed
+                warnings.simplefilter("ignore", TransferWarning)
+                frame = read_one(paths[number], transfer, max_pixels)
+            _check_size(paths[number], frame.size, paths[0], size)
+            yield frame
 
-    size = first.size
     return Frames(range(len(paths)), size, None, load)
 
 
@@ -127,6 +174,9 @@ def _paths(source: Source) -> list[Path]:
             raise FileError("there are no frames to read; name a clip or pictures")
         return paths
     path = Path(source)
+    numbers = None if path.exists() else numbering(path)
+    if numbers is not None:
+        return _sorted(numbers.files(), f"{source}: no file fits")
     if path.is_dir():
         inside = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS]
         return _sorted(inside, f"{path}: the folder holds no {', '.join(EXTENSIONS)}")
@@ -148,16 +198,9 @@ def _sorted(paths: list[Path], complaint: str) -> list[Path]:
     )
 
 
-def _picture(
-    path: Path, transfer: Transfer | None, max_pixels: int, first: Path, size: tuple[int, int]
-) -> LinearImage:
-    """One of a row of pictures; the first has told already what is assumed of their curve."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", TransferWarning)
-        picture = read(path, transfer, max_pixels)
-    if picture.size != size:
+def _check_size(path: Path, size: tuple[int, int], first: Path, wanted: tuple[int, int]) -> None:
+    if size != wanted:
         raise FileError(
-            f"{path}: is {picture.size[0]}x{picture.size[1]} pixels, but {first.name} "
-            f"{size[0]}x{size[1]}; frames must be of one size"
+            f"{path}: is {size[0]}x{size[1]} pixels, but {first.name} {wanted[0]}x{wanted[1]}; "
+            "frames must be of one size"
         )
-    return picture

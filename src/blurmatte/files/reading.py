@@ -18,7 +18,7 @@ from blurmatte.files.icc import Profile
 from blurmatte.files.plates import with_layers
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
 from blurmatte.files.raw import read_raw
-from blurmatte.files.refusals import RAW, kind_of
+from blurmatte.files.refusals import RAW, check_premultiplied, kind_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LINEAR, LinearImage, Meta, Transfer, decode
 
@@ -96,7 +96,7 @@ def read_layer(
     Raises
     ------
     FileError
-        As in `read`, and if there is no alpha.
+        As in `read`, if there is no alpha, and if the colors of an EXR look straight.
     """
     raster = load(Path(path), max_pixels)
     alpha = raster.alpha
@@ -107,6 +107,8 @@ def read_layer(
     encoding = encoding_of(raster, transfer, stacklevel=2)
     light = _premultiplied(raster, alpha, encoding)
     _check_finite(raster.path, light, alpha)
+    if encoding is None and raster.associated:
+        check_premultiplied(raster.path, light, alpha)
     return Layer(alpha, light)
 
 

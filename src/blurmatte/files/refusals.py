@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import OpenImageIO as oiio
 
+from blurmatte.checks import Floats
 from blurmatte.errors import FileError
 from blurmatte.files.png import SIGNATURE as PNG_SIGNATURE
 from blurmatte.files.png import PngFacts
@@ -29,6 +31,13 @@ _SIGNATURES = {
     b"\x76\x2f\x31\x01": "EXR",
 }
 _BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
+# What light that was not multiplied by alpha looks like: see `check_premultiplied`.
+_LOW, _MIDDLE, _HIGH = 1 / 8, 1 / 4, 1 / 2  # of the alpha that most of the layer stays below
+_BRIGHT_SHARE = (
+    0.3  # of the pixels of low alpha; premultiplied light without noise leaves none bright
+)
+_BEYOND_WHITE = 1.25  # color; white things in front of a noisy plate came out as 1.0
+_LEAST_SHARE, _LEAST_PIXELS = 0.01, 32  # of low alpha, before anything is said
 _PHOTOMETRIC = (0, 1, 2, 6)  # TIFF: gray, gray, RGB, YCbCr (which libtiff turns into RGB)
 
 
@@ -100,6 +109,34 @@ def check_format(path: Path, kind: str, spec: oiio.ImageSpec, tags: Mapping[str,
         raise FileError(
             f"{path}: {bits or ''} bits per channel ({form}) are not supported; "
             "export 8 or 16 bits, or float"
+        )
+
+
+def check_premultiplied(path: Path, light: Floats, alpha: Floats) -> None:
+    """Refuse light that was not multiplied by alpha, as far as the numbers tell.
+
+    It is as bright where alpha is low as where it is high, and would be brighter than white if it were
+    divided by alpha; or most of the pixels without alpha are lit. A glow around something opaque is
+    neither, and lamps brighter than white fade with alpha. Noise leaves bright pixels where alpha is
+    low, but the rest is not beyond white: up to 12 code values of it, no layer of ours looked straight.
+    """
+    there, brightest = alpha > 0, light.max(axis=-1)
+    if not there.any():
+        return
+    most = np.quantile(alpha[there], 0.95)
+    bright = brightest > np.quantile(brightest[alpha >= _HIGH * most], 0.25) / 2
+    low, none = there & (alpha < _LOW * most), ~there
+    middle = (alpha >= _LOW * most) & (alpha < _MIDDLE * most)
+    enough = max(_LEAST_PIXELS, _LEAST_SHARE * np.count_nonzero(there))
+    straight = (
+        min(np.count_nonzero(low), np.count_nonzero(middle)) >= enough
+        and bright[low].mean() > _BRIGHT_SHARE
+        and np.median(brightest[middle] / alpha[middle]) > _BEYOND_WHITE
+    )
+    if straight or (np.count_nonzero(none) >= enough and bright[none].mean() > 0.5):
+        raise FileError(
+            f"{path}: its colors look straight, for light does not fall with alpha; an EXR's are "
+            "multiplied by alpha: do so where it was made (Premult in Nuke, oiiotool --premult)"
         )
 
 

@@ -2,7 +2,8 @@
 
 import secrets
 import shutil
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -31,19 +32,36 @@ def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
         If one of them cannot be written. What was there before stays as it was.
     """
     folder = Path(folder)
-    for name in things:
-        if (folder / name).is_dir():
-            raise FileError(f"{folder / name}: is a folder; move it out of the way")
-    made = _missing_folders({(folder / name).parent for name in things})
-    aside = folder / f".blurmatte-{secrets.token_hex(6)}"
-    try:
+    with moved_together(folder) as aside:
         for name, thing in things.items():
             (aside / name).parent.mkdir(parents=True, exist_ok=True)
             write(aside / name, thing)
-        for name in things:
+    return [folder / name for name in things]
+
+
+@contextmanager
+def moved_together(folder: Path) -> Iterator[Path]:
+    """A folder inside `folder`: what is put there moves up if all goes well, and else is gone.
+
+    Raises
+    ------
+    FileError
+        If that is not possible. What was there before stays as it was.
+    """
+    made = _missing_folders({folder})
+    aside = folder / f".blurmatte-{secrets.token_hex(6)}"
+    try:
+        aside.mkdir(parents=True)
+        yield aside
+        names = sorted(p.relative_to(aside) for p in aside.rglob("*") if not p.is_dir())
+        for name in names:
+            if (folder / name).is_dir():
+                raise FileError(f"{folder / name}: is a folder; move it out of the way")
+        made = _missing_folders({(folder / name).parent for name in names}) + made
+        for name in names:
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
             (aside / name).replace(folder / name)
-        made.clear()
+        made = []
     except FileError as error:
         raise FileError(str(error).replace(str(aside), str(folder))) from error
     except OSError as error:
@@ -55,7 +73,6 @@ def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
         shutil.rmtree(aside, ignore_errors=True)
         for empty in made:
             _forget(empty)
-    return [folder / name for name in things]
 
 
 def _missing_folders(folders: set[Path]) -> list[Path]:
