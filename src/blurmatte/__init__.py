@@ -15,6 +15,7 @@ from blurmatte.color import pick_colors as pick_colors
 from blurmatte.color import published_color_line as published_color_line
 from blurmatte.compositing import Exposures as Exposures
 from blurmatte.compositing import cover as cover
+from blurmatte.compositing import fade_between as fade_between
 from blurmatte.compositing import light_gain as light_gain
 from blurmatte.compositing import long_exposure as long_exposure
 from blurmatte.compositing import remove as remove

@@ -1,8 +1,11 @@
 """Putting a layer over another picture: where, how large, and in which light."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
+import numpy.typing as npt
 import typer
 
 import blurmatte as bm
@@ -33,37 +36,57 @@ MatchLight = Annotated[
 ]
 
 
-def onto(
+@dataclass(frozen=True)
+class Behind:
+    """A picture to put layers over, and where in it, how large and how bright they go."""
+
+    path: Path
+    picture: bm.LinearImage
+    fit: str | None = None
+    center: tuple[float, float] | None = None
+    scale: float | None = None
+    gain: npt.NDArray[np.float64] | None = None
+
+    def under(self, layer: bm.Layer) -> tuple[bm.Layer, bm.LinearImage]:
+        """The layer as it goes over the picture, and the picture, now of one size."""
+        picture = self.picture
+        with about(self.path):
+            if self.gain is not None:
+                layer = layer.relight(self.gain)
+            if self.fit == "cover":
+                picture = bm.cover(picture, layer.size)
+            elif self.center is not None or self.scale is not None:
+                scale = 1.0 if self.scale is None else self.scale
+                layer = layer.place(picture.size, self.center, scale)
+            if picture.size != layer.size:
+                raise ValueError(
+                    f"the picture is {by(picture.size)} pixels and the layer {by(layer.size)}; add "
+                    "--fit cover to scale and crop the picture, or --place X,Y to put the object in it"
+                )
+        return layer, picture
+
+
+def read_behind(
     files: Files,
-    layer: bm.Layer,
-    over: Path,
+    path: Path,
     fit: str | None,
     place: str | None,
     scale: float | None,
     match_light: Path | None,
-) -> tuple[bm.Layer, bm.LinearImage]:
-    """The layer as it is to be put over the picture, and the picture."""
+) -> Behind:
+    """What the options say."""
     if fit not in (None, "cover"):
         raise ValueError(f"--fit {fit}: there is only one fit, cover")
     if fit and (place or scale):
         raise ValueError("--fit changes the picture, --place and --scale the layer; give one")
-    picture, _ = files.read(over)
+    center = None
+    if place is not None:
+        x, y = numbers("--place", place, "x,y")
+        center = x, y
+    picture, _ = files.read(path)
+    gain = None
     if match_light is not None:
         plate, _ = files.read(match_light)
         with about(match_light):
-            layer = layer.relight(bm.light_gain(picture, plate))
-    with about(over):
-        if fit == "cover":
-            picture = bm.cover(picture, layer.size)
-        elif place is not None or scale is not None:
-            center = None
-            if place is not None:
-                x, y = numbers("--place", place, "x,y")
-                center = x, y
-            layer = layer.place(picture.size, center, 1.0 if scale is None else scale)
-        if picture.size != layer.size:
-            raise ValueError(
-                f"the picture is {by(picture.size)} pixels and the layer {by(layer.size)}; add "
-                "--fit cover to scale and crop the picture, or --place X,Y to put the object in it"
-            )
-    return layer, picture
+            gain = bm.light_gain(picture, plate)
+    return Behind(path, picture, fit, center, scale, gain)

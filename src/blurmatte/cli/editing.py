@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,14 +10,17 @@ import typer
 from typer.core import TyperCommand
 
 import blurmatte as bm
-from blurmatte.cli.backgrounds import Fit, MatchLight, Place, Scale, onto
+from blurmatte.cli.backgrounds import Behind, Fit, MatchLight, Place, Scale, read_behind
 from blurmatte.cli.inputs import Files, matching_of, numbers
 from blurmatte.cli.options import MatchName, MaxPixels, TransferName
-from blurmatte.cli.program import about, app, told
+from blurmatte.cli.program import about, app, told, with_progress
 
 _ORDER = "blurmatte.order"
 _CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
 _HEX = "#?[0-9a-fA-F]{6}"
+_LAYERS = (".exr", ".png", ".tif", ".tiff")  # files of one layer each
+_LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
+_RATE = 25.0
 
 Change = tuple[str, str]
 
@@ -30,12 +34,27 @@ class _InOrder(TyperCommand):
         return super().parse_args(ctx, args)
 
 
+@dataclass(frozen=True)
+class _Edit:
+    """One layer before and after, and the pictures with either; of a mere layer there are none."""
+
+    before: bm.Layer
+    after: bm.Layer
+    without: bm.LinearImage | None = None
+    picture: bm.LinearImage | None = None
+    result: bm.LinearImage | None = None
+
+
 @app.command(cls=_InOrder)
 @told
 def edit(
     ctx: typer.Context,
     layer: Annotated[
-        Path, typer.Argument(metavar="LAYER", help="A layer with alpha: EXR, PNG, TIFF.")
+        str,
+        typer.Argument(
+            metavar="LAYER",
+            help="A layer with alpha: EXR, PNG, TIFF; or a row of them: layer.####.exr, a .mov.",
+        ),
     ],
     out: Annotated[
         Path, typer.Option(help="Where to write: a picture, or a layer if nothing is behind it.")
@@ -56,7 +75,7 @@ def edit(
         list[str] | None,
         typer.Option(
             metavar="G[,BRIGHTNESS]",
-            help="G times as opaque, and as bright as can be: for faint ones.",
+            help="G times as opaque, and as bright as can be: for faint objects.",
         ),
     ] = None,
     recolor: Annotated[
@@ -77,7 +96,7 @@ def edit(
         bool, typer.Option("--remove", help="Put the plate where the object was.")
     ] = False,
     grow: Annotated[
-        int, typer.Option(help="With --remove: how many pixels more on every side.")
+        int, typer.Option(help="With --remove: so many pixels more on every side.")
     ] = 0,
     fit: Fit = None,
     place: Place = None,
@@ -87,6 +106,14 @@ def edit(
     sheet: Annotated[
         Path | None, typer.Option(help="A sheet to look at, before and after: .png or .jpg.")
     ] = None,
+    preview: Annotated[
+        Path | None,
+        typer.Option(help="The object coming and going: a .webp, .gif or .mp4 to look at."),
+    ] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Of a row: frames per second of the clip.")
+    ] = None,
+    start: Annotated[int, typer.Option(help="Of a row: the first number of its files.")] = 1,
     transfer: TransferName = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
@@ -96,38 +123,44 @@ def edit(
     """
     given = {"--fade": fade, "--amplify": amplify, "--recolor": recolor, "--expose": expose}
     changes = list(_in_order(ctx.meta[_ORDER], {**given, "--gain": gain}))
-    placed = bool(fit or place or scale or match_light)
-    _check(image, plate, over, changes, remove, placed)
+    _check(image, plate, over, changes, remove, bool(fit or place or scale or match_light))
     files = Files(transfer, max_pixels)
-    with about(layer):
-        before = bm.read_layer(layer, files.curve, max_pixels)
+    behind = None
+    scene = over or plate
+    if image is None and scene is not None:
+        behind = read_behind(files, scene, fit, place, scale, match_light)
+    path = Path(layer)
+    if path.suffix.lower() not in _LAYERS or not path.is_file():
+        if image or sheet or preview:
+            raise ValueError(
+                f"{layer}: --image, --sheet and --preview go with one layer, not a row"
+            )
+        _edit_row(files, layer, out, changes, behind, rate, start)
+        return
+    with about(path):
+        before = bm.read_layer(path, files.curve, max_pixels)
         after = before.fade(0) if remove else _changed(before, changes)
-    picture: bm.LinearImage | None = None
-    result: bm.LinearImage | None = None
-    if image is not None:
-        picture, _ = files.read(image)
-        scene = None if plate is None else _matched(files, plate, picture, match)
-        with about(layer):
-            if remove and scene is not None:
-                streak = _streak(layer, before, max_pixels)
-                result, touched = bm.remove(picture, scene, streak, grow)
-            else:
-                result, touched = bm.retouch(picture, before, after, scene)
+    if image is None:
+        done = _put(_Edit(before, after), behind)
         with about(out):
-            bm.write_changed(out, image, result, touched, files.curve)
-    elif (behind := over or plate) is not None:
-        before, _ = onto(files, before, behind, fit, place, scale, match_light)
-        after, under = onto(files, after, behind, fit, place, scale, match_light)
-        picture, result = before.over(under), after.over(under)
-        with about(out):
-            bm.write(out, result)
+            bm.write(out, done.after if done.result is None else done.result)
     else:
+        picture, _ = files.read(image)
+        matched = None if plate is None else _matched(files, plate, picture, match)
+        streak = _streak(path, before, max_pixels) if remove else None
+        with about(path):
+            without, result, touched = _retouched(before, after, picture, matched, streak, grow)
+        done = _Edit(before, after, without, picture, result)
         with about(out):
-            bm.write(out, after)
+            bm.write_changed(out, image, result, touched, files.curve, max_pixels)
     if sheet is not None:
-        done = ", ".join(["remove"] * remove + [f"{name[2:]} {text}" for name, text in changes])
+        names = ["remove"] * remove + [f"{name[2:]} {text}" for name, text in changes]
         with about(sheet):
-            bm.write(sheet, bm.draw_edit(before, after, picture, result, done))
+            drawn = bm.draw_edit(before, after, done.picture, done.result, ", ".join(names))
+            bm.write(sheet, drawn)
+    if preview is not None:
+        with about(preview):
+            _write_preview(preview, done)
 
 
 def _check(
@@ -146,7 +179,7 @@ def _check(
     if remove and (image is None or plate is None):
         raise ValueError("--remove needs --image and --plate: what it was in, and what was behind")
     if remove and changes:
-        raise ValueError(f"nothing is left to {changes[0][0][2:]} after --remove; give one of them")
+        raise ValueError(f"after --remove nothing is left to {changes[0][0][2:]}; give one of them")
     if not (remove or changes or over or (plate and image is None)):
         raise ValueError(f"nothing to do; give {', '.join(_CHANGES)}, --remove or --over")
 
@@ -187,10 +220,65 @@ def _recolored(layer: bm.Layer, text: str) -> bm.Layer:
     return layer.recolor(*(new for _, new in pairs), paints=[old for old, _ in pairs])
 
 
+def _edit_row(
+    files: Files,
+    source: str,
+    out: Path,
+    changes: Sequence[Change],
+    behind: Behind | None,
+    rate: float | None,
+    start: int,
+) -> None:
+    """Change layers one after another; only one of them is in memory at a time."""
+    with about(Path(source)):
+        row = bm.read_layers(source, files.curve, files.max_pixels)
+    seconds = rate or row.rate or _RATE
+
+    def changed() -> Iterator[bm.Layer]:
+        for layer in with_progress(row, "editing"):
+            yield _changed(layer, changes)
+
+    with about(out):
+        if behind is None:
+            bm.write_frames(out, changed(), seconds, start)
+            return
+        pictures = (above.over(below) for above, below in map(behind.under, changed()))
+        bm.write_frames(out, pictures, seconds, start)
+
+
+def _put(done: _Edit, behind: Behind | None) -> _Edit:
+    """Over another picture, if there is one."""
+    if behind is None:
+        return done
+    before, _ = behind.under(done.before)
+    after, picture = behind.under(done.after)
+    return _Edit(before, after, picture, before.over(picture), after.over(picture))
+
+
 def _matched(files: Files, plate: Path, image: bm.LinearImage, match: str) -> bm.LinearImage:
     behind, _ = files.read(plate)
     with about(plate):
         return bm.match_plate(behind, image, matching_of(match))
+
+
+def _retouched(
+    before: bm.Layer,
+    after: bm.Layer,
+    picture: bm.LinearImage,
+    plate: bm.LinearImage | None,
+    streak: Any,
+    grow: int,
+) -> tuple[bm.LinearImage, bm.LinearImage, Any]:
+    """The picture without the object, with the edited one, and where that is another than before.
+
+    `streak` is what to remove; None: nothing.
+    """
+    without = picture
+    if plate is not None:
+        without, _ = bm.retouch(picture, before, before.fade(0), plate)
+    if streak is not None and plate is not None:
+        return without, *bm.remove(picture, plate, streak, grow)
+    return without, *bm.retouch(picture, before, after, plate)
 
 
 def _streak(path: Path, layer: bm.Layer, max_pixels: int) -> Any:
@@ -199,3 +287,21 @@ def _streak(path: Path, layer: bm.Layer, max_pixels: int) -> Any:
         return bm.read_solution(path, max_pixels).streak
     except bm.FileError:  # no solution: a layer, which was read already
         return layer.alpha > 0
+
+
+def _write_preview(path: Path, done: _Edit) -> None:
+    """The object coming and going, small: an alpha that rises and falls."""
+    if done.without is None or done.result is None:
+        raise ValueError(
+            "a preview needs something behind the object; give --plate, --over or --image"
+        )
+    shown = done.after if done.after.alpha.any() else done.before
+    x0, y0, x1, y1 = shown.box
+    most, rim = _LOOK[0], int(_LOOK[1] * max(x1 - x0, y1 - y0))
+    width, height = shown.size
+    box = max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)
+    first, second = done.without.crop(box), done.result.crop(box)
+    scale = min(1.0, most / max(first.size))
+    size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
+    frames = bm.fade_between(bm.cover(first, size), bm.cover(second, size))
+    bm.write_frames(path, frames, _RATE)

@@ -1,13 +1,12 @@
 """The commands for many layers, and for what one is made of: stack and paints."""
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.inputs import Files, expanded
+from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told, with_progress
@@ -17,7 +16,10 @@ from blurmatte.cli.program import about, app, told, with_progress
 @told
 def stack(
     layers: Annotated[
-        list[str], typer.Argument(metavar="LAYER", help="Layers in their order; quoted globs work.")
+        list[str],
+        typer.Argument(
+            metavar="LAYER", help="Layers in their order, a pattern, a folder, or a .mov."
+        ),
     ],
     out: Annotated[
         Path, typer.Option(help="Where to write: a picture, or a layer without --over.")
@@ -36,14 +38,11 @@ def stack(
     Only one of them is in memory at a time.
     """
     files = Files(transfer, max_pixels)
-    paths = [path for text in layers for path in expanded(text)]
-
-    def read() -> Iterator[bm.Layer]:
-        for path in with_progress(paths, "stacking"):
-            with about(path):
-                yield bm.read_layer(path, files.curve, max_pixels)
-
-    whole = bm.long_exposure(read()) if long else bm.stack(read())
+    with about(Path(layers[0])):
+        source = layers[0] if len(layers) == 1 else layers
+        row = bm.read_layers(source, files.curve, max_pixels)
+        watched = with_progress(row, "stacking")
+        whole = bm.long_exposure(watched) if long else bm.stack(watched)
     if over is None:
         with about(out):
             bm.write(out, whole)

@@ -11,7 +11,7 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.backgrounds import Fit, MatchLight, Place, Scale, onto
+from blurmatte.cli.backgrounds import Fit, MatchLight, Place, Scale, read_behind
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, complain, in_degrees, say
@@ -37,7 +37,7 @@ def compose(
     files = Files(transfer, max_pixels)
     with about(layer):
         top = bm.read_layer(layer, files.curve, max_pixels)
-    top, picture = onto(files, top, over, fit, place, scale, match_light)
+    top, picture = read_behind(files, over, fit, place, scale, match_light).under(top)
     with about(out):
         bm.write(out, top.over(picture))
 

@@ -7,7 +7,7 @@ of warning.
 import functools
 import sys
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -94,7 +94,7 @@ def _blurmatte(
     pass
 
 
-def with_progress(things: list[T], doing: str = "solving") -> Iterator[T]:
+def with_progress(things: Collection[T], doing: str = "solving") -> Iterator[T]:
     """A bar on stderr for several things, if a person is watching."""
     if len(things) < 2 or not sys.stderr.isatty():
         yield from things

@@ -1,0 +1,41 @@
+"""A picture that turns into another and back, to be looked at again and again."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from blurmatte.checks import check_same_size
+from blurmatte.radiometry import LinearImage
+
+
+def fade_between(first: LinearImage, second: LinearImage, count: int = 24) -> Iterator[LinearImage]:
+    """Frames from one picture to another and back, mixed in linear light, without a jump at the end.
+
+    With the scene as `first` and a layer over it as `second`, these are the layer with an alpha that
+    rises from nothing and falls again.
+
+    Parameters
+    ----------
+    first, second : LinearImage
+        Of one size.
+    count : int
+        How many frames, 2 or more.
+
+    Yields
+    ------
+    LinearImage
+        One frame after another; their noise is not known.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ or `count` is below 2.
+    """
+    check_same_size("the first picture", first.size, "the second", second.size)
+    if count < 2:
+        raise ValueError(f"count must be 2 or more frames, got {count}")
+    first, second = first.in_srgb(), second.in_srgb()
+    for number in range(count):
+        share = np.float32((1 - np.cos(2 * np.pi * number / count)) / 2)
+        yield replace(second, rgb=first.rgb + share * (second.rgb - first.rgb), noise=None)
