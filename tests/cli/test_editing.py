@@ -1,0 +1,295 @@
+"""blurmatte edit, stack, paints, compose and show: layers in, pictures and layers out, or one line."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app, pictures
+from blurmatte.rendering import colorful_plate
+
+SIZE = (96, 64)
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def good(*args):
+    result = run(*args)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def complaint(result):
+    """The one line that says what is wrong."""
+    assert result.exit_code == 2, result.output
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: ")
+    return line
+
+
+def codes(path):
+    with Image.open(path) as picture:
+        return np.array(picture)
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """Image, plate and a beach as files, the layer with and without a solution around it."""
+    folder = tmp_path_factory.mktemp("edit")
+    ball = bm.Ball(9, np.array([0.7, 0.35, 0.1]))
+    path = bm.Trajectory.line((30, 25), (60, 38))
+    truth = bm.render(bm.Scene(colorful_plate(SIZE, 1, tile=16), path, ball))
+    shape = SIZE[::-1]
+    layer = bm.Layer(
+        truth.layer.alpha.astype(np.float32), truth.layer.premultiplied.astype(np.float32)
+    )
+    inside = layer.alpha > 0
+    solution = bm.Solution(
+        *(layer.alpha, np.full(shape, 0.01, np.float32), layer.premultiplied),
+        *(np.full((*shape, 3), 0.01, np.float32), np.where(inside, 0, 16).astype(np.uint8)),
+        *(truth.model, "truth"),
+    )
+    bm.write(folder / "image.png", truth.image)
+    bm.write(folder / "plate.png", truth.plate)
+    bm.write(folder / "beach.png", bm.LinearImage(colorful_plate((150, 100), 7, tile=30)))
+    bm.write(folder / "layer.exr", layer)
+    bm.write(folder / "solved.exr", solution)
+    return folder
+
+
+@pytest.fixture
+def own(scene):
+    """The options for the object in its own picture."""
+    return "--image", scene / "image.png", "--plate", scene / "plate.png", "--match", "none"
+
+
+def test_changes_are_made_in_the_order_given(scene, tmp_path):
+    layer = bm.read_layer(scene / "layer.exr")
+    for options, expected in [
+        (("--fade", 8, "--fade=0.5"), layer.fade(8).fade(0.5)),
+        (("--fade", 0.5, "--fade", 8), layer.fade(0.5).fade(8)),
+        (("--recolor", "#20c040", "--expose", -1), layer.recolor("#20c040").relight(0.5)),
+        (("--expose", -1, "--recolor", "#20c040"), layer.relight(0.5).recolor("#20c040")),
+        (("--gain", "1,2,.5", "--amplify", "2,0.8"), layer.relight([1, 2, 0.5]).amplify(2, 0.8)),
+        (
+            ("--recolor", "#d08030=#20c040,#ffffff=#ff0000"),
+            layer.recolor("#20c040", "#ff0000", paints=["#d08030", "#ffffff"]),
+        ),
+    ]:
+        out = tmp_path / "out.exr"
+        good("edit", scene / "layer.exr", *options, "--out", out)
+        edited = bm.read_layer(out)
+        assert_allclose(edited.alpha, expected.alpha, rtol=1e-6)
+        assert_allclose(edited.premultiplied, expected.premultiplied, rtol=1e-5, atol=1e-7)
+
+
+def test_in_its_own_picture_all_else_stays(scene, own, tmp_path):
+    out = tmp_path / "out.png"
+    good("edit", scene / "layer.exr", *own, "--recolor", "#2040ff", "--fade", 2, "--out", out)
+    layer = bm.read_layer(scene / "layer.exr")
+    inside = layer.alpha > 0
+    assert_array_equal(codes_of(out)[~inside], codes_of(scene / "image.png")[~inside])
+    expected = layer.recolor("#2040ff").fade(2).over(bm.read(scene / "plate.png"))
+    assert_allclose(bm.read(out).rgb, np.minimum(expected.rgb, 1), atol=3e-5)  # 16 bits, twice
+
+
+def codes_of(path):
+    """16-bit codes, which Pillow would make 8 bits of."""
+    return np.rint(65535 * bm.SRGB.encode(bm.read(path).rgb)).astype(int)
+
+
+def test_removed_is_the_plate_inside_and_the_file_outside(scene, own, tmp_path):
+    streak = bm.read_solution(scene / "solved.exr").streak
+    for layer in ("solved.exr", "layer.exr"):
+        good("edit", scene / layer, *own, "--remove", "--out", tmp_path / "out.png")
+        out, image, plate = (
+            codes_of(p) for p in (tmp_path / "out.png", scene / "image.png", scene / "plate.png")
+        )
+        assert_array_equal(out[~streak], image[~streak])
+        assert_array_equal(out[streak], plate[streak])
+    good("edit", scene / "layer.exr", *own, "--remove", "--grow", 2, "--out", tmp_path / "o.png")
+    grown = (codes_of(tmp_path / "o.png") == plate).all(axis=-1)
+    assert grown.sum() > streak.sum() + 2 * 30
+
+
+def test_a_jpeg_keeps_its_profile_and_exif(scene, tmp_path):
+    """The photographer's way: three pictures from a tripod, and one comes out."""
+    for name in ("image", "plate"):
+        exif = Image.Exif()
+        exif[0x010F] = "a camera"
+        pixels = Image.fromarray((codes_of(scene / f"{name}.png") // 257).astype(np.uint8))
+        pixels.save(tmp_path / f"{name}.jpg", quality=95, exif=exif, icc_profile=_srgb_profile())
+    own = ("--image", tmp_path / "image.jpg", "--plate", tmp_path / "plate.jpg")
+    out = tmp_path / "out.jpg"
+    good("edit", scene / "layer.exr", *own, "--fade", 2, "--match", "none", "--out", out)
+    with Image.open(out) as after, Image.open(tmp_path / "image.jpg") as before:
+        assert after.getexif()[0x010F] == "a camera"
+        assert after.info["icc_profile"] == before.info["icc_profile"]
+        difference = np.abs(np.asarray(after).astype(int) - np.asarray(before)).max(axis=-1)
+    x0, y0, x1, y1 = bm.read_layer(scene / "layer.exr").box
+    assert difference[y0:y1, x0:x1].max() > 20
+    touched = np.zeros_like(difference, bool)  # blocks of 16, and a pixel of chroma around them
+    touched[
+        y0 // 16 * 16 - 1 : -(-y1 // 16) * 16 + 1, x0 // 16 * 16 - 1 : -(-x1 // 16) * 16 + 1
+    ] = 1
+    assert difference[~touched].max() == 0
+
+
+def _srgb_profile():
+    from PIL import ImageCms
+
+    return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
+
+
+def test_over_another_picture(scene, tmp_path):
+    layer, beach = bm.read_layer(scene / "layer.exr"), bm.read(scene / "beach.png")
+    over = "--over", scene / "beach.png"
+    for options, expected in [
+        (("--place", "100,50"), layer.place((150, 100), (100, 50)).over(beach)),
+        (("--place", "60,40.0", "--scale", 2), layer.place((150, 100), (60, 40), 2).over(beach)),
+        (("--scale", 0.5), layer.place((150, 100), None, 0.5).over(beach)),
+        (("--fit", "cover"), layer.over(bm.cover(beach, SIZE))),
+    ]:
+        for command in ("compose", "edit"):
+            out = tmp_path / "at_sea.exr"
+            good(command, scene / "layer.exr", *over, *options, "--out", out)
+            assert_allclose(bm.read(out).rgb, expected.rgb, atol=1e-6)
+
+
+def test_light_is_matched(scene, tmp_path):
+    out, plate = tmp_path / "o.exr", bm.read(scene / "plate.png")
+    bm.write(tmp_path / "dim.exr", bm.LinearImage(plate.rgb * np.float32([0.5, 0.25, 0.125])))
+    options = "--over", tmp_path / "dim.exr", "--match-light", scene / "plate.png"
+    good("compose", scene / "layer.exr", *options, "--out", out)
+    lit = bm.read_layer(scene / "layer.exr").relight([0.5, 0.25, 0.125])
+    assert_allclose(bm.read(out).rgb, lit.over(bm.read(tmp_path / "dim.exr")).rgb, atol=1e-5)
+
+
+def test_sheets_and_previews(scene, own, tmp_path):
+    sheet, preview = tmp_path / "sheet.png", tmp_path / "preview.webp"
+    look = "--sheet", sheet, "--preview", preview
+    good("edit", scene / "layer.exr", *own, "--fade", 2, *look, "--out", tmp_path / "a.png")
+    assert codes(sheet).shape[1] == 1800
+    with Image.open(preview) as moving:
+        assert 12 <= moving.n_frames <= 24  # WebP makes one of two that are the same
+        first, middle = (frame(moving, n) for n in (0, moving.n_frames // 2))
+    assert np.abs(first - middle).max() > 30  # nothing there, and all of it
+    good("edit", scene / "layer.exr", "--fade", 2, "--sheet", sheet, "--out", tmp_path / "a.exr")
+    options = "--plate", scene / "plate.png", "--preview", tmp_path / "p.gif"
+    good("edit", scene / "layer.exr", *options, "--out", tmp_path / "b.png")
+    none = run(
+        "edit", scene / "layer.exr", "--fade", 2, "--preview", preview, "--out", tmp_path / "c.exr"
+    )
+    assert "something behind" in complaint(none)
+
+
+def frame(moving, number):
+    moving.seek(number)
+    return np.asarray(moving.convert("RGB")).astype(int)
+
+
+def test_rows(scene, tmp_path):
+    layer = bm.read_layer(scene / "layer.exr")
+    for number in (1, 2, 3):
+        bm.write(tmp_path / f"in.{number:04d}.exr", layer.fade(number / 4))
+    row = tmp_path / "in.####.exr"
+    good("edit", row, "--fade", 0.5, "--start", 7, "--out", tmp_path / "out.%03d.exr")
+    written = sorted(path.name for path in tmp_path.glob("out*"))
+    assert written == ["out.007.exr", "out.008.exr", "out.009.exr"]
+    assert_allclose(
+        bm.read_layer(tmp_path / "out.009.exr").alpha, layer.fade(0.375).alpha, atol=1e-6
+    )
+    over = "--plate", scene / "plate.png"
+    good("edit", row, *over, "--rate", 10, "--out", tmp_path / "out.mp4")
+    assert len(bm.read_frames(tmp_path / "out.mp4", bm.REC709)) == 3
+    single = run("edit", row, "--fade", 0.5, "--out", tmp_path / "x.exr")
+    assert "x.####.exr" in complaint(single)
+
+
+def test_stack(scene, tmp_path):
+    layer = bm.read_layer(scene / "layer.exr")
+    places = [(20.0, 20.0), (40.0, 30.0), (70.0, 40.0)]
+    layers = [layer.place(SIZE, place) for place in places]
+    names = [tmp_path / f"l.{n}.exr" for n in range(3)]
+    for name, one in zip(names, layers, strict=True):
+        bm.write(name, one)
+    good("stack", *names, "--out", tmp_path / "all.exr")
+    together = bm.read_layer(tmp_path / "all.exr")
+    assert_allclose(together.alpha, bm.stack(layers).alpha, atol=1e-6)
+    over = "--over", scene / "plate.png"
+    good("stack", tmp_path / "l.#.exr", "--long", *over, "--out", tmp_path / "long.exr")
+    expected = bm.long_exposure(layers).over(bm.read(scene / "plate.png"))
+    assert_allclose(bm.read(tmp_path / "long.exr").rgb, expected.rgb, atol=1e-6)
+
+
+def test_paints(scene, tmp_path):
+    good(
+        "paints",
+        scene / "solved.exr",
+        "--color",
+        "#dca059",
+        "--color",
+        "#2030ff",
+        "--out",
+        tmp_path,
+    )
+    names = ["overview.png", "paint1.png", "paint1_std.png", "paint2.png", "paint2_std.png"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == names
+    one = run("paints", scene / "solved.exr", "--color", "#dca059", "--out", tmp_path)
+    assert "give two or three" in complaint(one)
+    layer = run("paints", scene / "layer.exr", "--color", "#dca059", "--out", tmp_path)
+    assert "layer.exr" in complaint(layer)
+
+
+@pytest.mark.parametrize("name", ["image.png", "layer.exr", "solved.exr"])
+def test_show(scene, tmp_path, monkeypatch, name):
+    opened = []
+    monkeypatch.setattr(pictures.typer, "launch", lambda path: opened.append(path) or 0)
+    good("show", scene / name, "--out", tmp_path / "look.png")
+    assert not opened
+    assert codes(tmp_path / "look.png").shape[1] == 1800
+    good("show", scene / name)
+    assert codes(opened[0]).shape[1] == 1800
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "nothing to do"),
+        (("--image", "image.png"), "nothing to do"),
+        (("--fade", "much"), "--fade must be a factor, got 'much'"),
+        (("--fade", "-1"), "factor must be 0 or more"),
+        (("--recolor", "blue"), "--recolor must be a color like #d8ff3c"),
+        (("--gain", "1,2"), "--gain must be a factor or red,green,blue"),
+        (("--remove",), "--remove needs --image and --plate"),
+        (
+            ("--remove", "--fade", "2", "--image", "image.png", "--plate", "plate.png"),
+            "nothing is left",
+        ),
+        (("--fade", "2", "--image", "image.png"), "give the plate"),
+        (("--fade", "2", "--image", "image.png", "--over", "beach.png"), "its own picture"),
+        (("--fade", "2", "--image", "beach.png"), "96x64 pixels and the image 150x100"),
+        (("--fade", "2", "--place", "1,2"), "need --over"),
+        (("--over", "beach.png"), "--fit cover"),
+        (("--over", "beach.png", "--place", "1"), "--place must be x,y"),
+        (("--over", "beach.png", "--place", "900,2"), "beside the picture"),
+        (("--over", "beach.png", "--fit", "cover", "--scale", "2"), "give one"),
+        (("--fade", "2", "--image", "image.png", "--plate", "nothing.png"), "nothing.png"),
+    ],
+)
+def test_edit_door(scene, tmp_path, options, words):
+    options = [scene / o if o.endswith(".png") else o for o in options]
+    out = tmp_path / "out.png"
+    out.write_bytes(b"precious")
+    assert words in complaint(run("edit", scene / "layer.exr", *options, "--out", out))
+    assert out.read_bytes() == b"precious"
+
+
+def test_what_is_no_layer(scene, tmp_path):
+    out = "--fade", "2", "--out", tmp_path / "out.png"
+    assert "has no alpha" in complaint(run("edit", scene / "image.png", *out))
+    assert "no such file" in complaint(run("edit", scene / "nothing.exr", *out))
