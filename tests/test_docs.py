@@ -13,7 +13,7 @@ import blurmatte as bm
 from blurmatte.cli import app
 
 ROOT = Path(__file__).parents[1]
-DOCUMENTS = [ROOT / "README.md", *ROOT.glob("C*.md"), *sorted((ROOT / "docs").glob("*.md"))]
+DOCUMENTS = [ROOT / "README.md", *ROOT.glob("C*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
 TEXTS = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in DOCUMENTS}
 CLI = TEXTS["docs/cli.md"]
 GROUP = typer.main.get_command(app)
