@@ -2,6 +2,7 @@
 
 import heapq
 import io
+import itertools
 import struct
 from dataclasses import replace
 
@@ -309,7 +310,7 @@ def check_codes(codes, lengths):
     assert lengths.max() <= 16
     words = [f"{c:0{n}b}" for c, n in zip(codes.tolist(), lengths.tolist(), strict=True) if n]
     words.sort()
-    assert not any(b.startswith(a) for a, b in zip(words, words[1:], strict=False))
+    assert not any(b.startswith(a) for a, b in itertools.pairwise(words))
     assert all("0" in word for word in words)
 
 

@@ -48,6 +48,7 @@ def save_pixels(
     height, width = parts[0].shape[:2]
     spec = oiio.ImageSpec(width, height, len(names), _FORMATS[dtype.name])
     spec.channelnames = tuple(names)
+    spec.alpha_channel = names.index("A") if "A" in names else -1
     if path.suffix in _DATED:
         spec["compression"] = "zip"
         spec["DateTime"] = _DATE
