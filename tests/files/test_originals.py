@@ -322,6 +322,17 @@ def test_the_chunks_of_a_png_stay(tmp_path, make_png):
     assert np.array_equal(pillow_codes(tmp_path / "n.png"), codes)
 
 
+def test_compressed_xmp_of_a_png_goes_along(tmp_path):
+    """Exact: into another kind of file, where it is not compressed."""
+    text = PngInfo()
+    text.add_itxt("XML:com.adobe.xmp", XMP.decode(), lang="en", zip=True)
+    Image.fromarray(scene()).save(tmp_path / "o.png", pnginfo=text, icc_profile=srgb_profile())
+    assert XMP not in (tmp_path / "o.png").read_bytes()
+    write_changed(tmp_path / "n.jpg", tmp_path / "o.png", *edited(tmp_path / "o.png"))
+    with Image.open(tmp_path / "n.jpg") as file:
+        assert file.info["xmp"] == XMP
+
+
 def test_a_color_key_becomes_alpha_once(tmp_path, make_png):
     """Exact: what OpenImageIO reads as alpha is not said twice."""
     codes = scene()
