@@ -1,8 +1,6 @@
 import os
-import resource
 import stat
 import time
-from contextlib import contextmanager
 
 import numpy as np
 import OpenEXR
@@ -30,17 +28,6 @@ def layer(light):
     alpha = np.linspace(0, 1, light.shape[0] * light.shape[1], dtype=np.float32)
     alpha = alpha.reshape(light.shape[:2])
     return Layer(alpha, alpha[..., None] * light)
-
-
-@contextmanager
-def room_for(size):
-    """A disk that is full after `size` bytes of any one file."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, before[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
 @pytest.mark.parametrize("extension", ["png", "tif", "TIFF"])
@@ -188,7 +175,7 @@ def test_other_things_cannot_be_written(tmp_path, thing):
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "tif", "exr"])
-def test_a_full_disk_leaves_the_old_file(tmp_path, extension, capfd):
+def test_a_full_disk_leaves_the_old_file(tmp_path, extension, capfd, room_for):
     noise = np.random.default_rng(0).random((120, 160, 3)).astype(np.float32)
     path = tmp_path / f"a.{extension}"
     write(path, LinearImage(noise[:8, :8]))
@@ -203,7 +190,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, extension, capfd):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_full_disk_is_noticed_by_json_too(tmp_path):
+def test_a_full_disk_is_noticed_by_json_too(tmp_path, room_for):
     path = tmp_path / "a.json"
     with room_for(20), pytest.raises(FileError):
         write(path, ColorModel.from_hex("#d8ff3c"))

@@ -20,7 +20,7 @@ from blurmatte.files.jpeg_segments import kept_segments
 from blurmatte.files.pixels import save_pixels
 from blurmatte.files.png import png_chunks, save_chunks
 from blurmatte.files.raster import Raster
-from blurmatte.files.refusals import kind_of
+from blurmatte.files.refusals import damaged, kind_of
 from blurmatte.files.tags import (
     COLOR_SPACE,
     EXIF,
@@ -40,7 +40,8 @@ from blurmatte.files.tags import (
 from blurmatte.radiometry import SRGB
 
 _EXIF_MARK, _XMP_MARK = b"Exif\0\0", b"http://ns.adobe.com/xap/1.0/\0"
-_XMP_TEXT = b"XML:com.adobe.xmp\0\0\0\0\0"  # of a PNG: not compressed, no language
+_XMP_NAME = b"XML:com.adobe.xmp\0"  # of a text in a PNG
+_PLAIN = b"\0\0\0\0"  # not compressed, two bytes; no language; no translated name
 _XMP_TAG, _ICC_TAG, _STRIP_OFFSETS, _STRIP_LENGTHS = 700, 34675, 273, 279
 _IS_SRGB, _INCH, _CENTIMETER = 1, 2, 3
 _METER = 0.0254  # of an inch
@@ -194,12 +195,21 @@ def _beside_png(raster: Raster) -> Beside:
     for kind, data in png_chunks(raster.path):
         if kind == b"eXIf":
             exif = without_thumbnail(data.removeprefix(_EXIF_MARK))
-        elif kind == b"iTXt" and data.startswith(_XMP_TEXT):
-            xmp = data[len(_XMP_TEXT) :]
+        elif kind == b"iTXt" and data.startswith(_XMP_NAME):
+            xmp = _text(data) or xmp
         elif kind == b"pHYs" and len(data) == 9 and data[8] == 1:
             x, y = struct.unpack(">2L", data[:8])
             dpi = x * _METER, y * _METER
     return Beside(icc_profile(raster), exif, xmp, dpi)
+
+
+def _text(data: bytes) -> bytes:
+    """The text of an iTXt chunk; empty if it makes no sense."""
+    try:
+        compressed, text = data[len(_XMP_NAME)], data[len(_XMP_NAME) + 2 :].split(b"\0", 2)[2]
+        return zlib.decompress(text) if compressed else text
+    except (IndexError, zlib.error):
+        return b""
 
 
 def _beside_jpeg(raster: Raster) -> Beside:
@@ -218,7 +228,10 @@ def _beside_jpeg(raster: Raster) -> Beside:
 
 
 def _beside_tiff(raster: Raster) -> Beside:
-    tags = parse_tags(raster.path.read_bytes())
+    try:
+        tags = parse_tags(raster.path.read_bytes())
+    except ValueError as error:
+        raise damaged(raster.path, "TIFF", [f"its tags: {error}"]) from error
     xmp = tags.get(_XMP_TAG)
     kept = {name: tag for name, tag in tags.items() if name not in _STALE}
     exif = tags_block(kept) if kept else b""
@@ -296,5 +309,5 @@ def _chunks_of(beside: Beside, raster: Raster) -> list[tuple[bytes, bytes]]:
     if exif:
         chunks.append((b"eXIf", exif))
     if beside.xmp:
-        chunks.append((b"iTXt", _XMP_TEXT + beside.xmp))
+        chunks.append((b"iTXt", _XMP_NAME + _PLAIN + beside.xmp))
     return chunks

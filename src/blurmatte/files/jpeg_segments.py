@@ -13,8 +13,9 @@ import numpy.typing as npt
 Table = npt.NDArray[np.uint16]
 
 _SOF, _OTHER_SOF = (0xC0, 0xC1, 0xC2), (0xC3, *range(0xC5, 0xC8), *range(0xC9, 0xCC), 0xCD, 0xCE)
-_DHT, _DAC, _SOI, _EOI, _SOS, _DQT, _DNL, _DRI = 0xC4, 0xCC, 0xD8, 0xD9, 0xDA, 0xDB, 0xDC, 0xDD
-_PROGRESSIVE, _OTHER_PROCESS = 0xC2, {0xC3: "lossless", 0xCB: "lossless"}
+_DHT, _DAC, _EOI, _SOS, _DQT, _DRI = 0xC4, 0xCC, 0xD9, 0xDA, 0xDB, 0xDD
+_PROGRESSIVE = 0xC2
+_RARE = {0xC3: "lossless", 0xC5: "hierarchical", 0xC6: "hierarchical", 0xC7: "hierarchical"}
 _APP0, _APP15, _COM = 0xE0, 0xEF, 0xFE
 _ADOBE, _ADOBE_RGB = b"\xff\xee", 0  # APP14, and its number for "not transformed"
 _COEFFICIENTS = 64
@@ -118,9 +119,8 @@ class Segments:
             (self.interval,) = struct.unpack(">H", body)
         elif marker in _SOF:
             self._frame(marker, body)
-        elif marker in _OTHER_SOF or marker in (_DAC, _DNL):
-            kind = _OTHER_PROCESS.get(marker, "hierarchical or arithmetic")
-            raise JpegError(f"is a {kind} JPEG, which hardly any program reads")
+        elif marker in _OTHER_SOF or marker == _DAC:
+            raise JpegError(f"is of a rare kind ({_RARE.get(marker, 'arithmetic coding')})")
 
     def _quantize(self, body: bytes) -> None:
         at = 0
@@ -257,9 +257,9 @@ def _marker(data: bytes, at: int) -> tuple[int, int]:
 
 def _lookup(counts: bytes, symbols: bytes) -> Table:
     """Length · 256 + symbol for all 16 bits that begin with the code of a symbol [T.81 annex C]."""
-    lengths = np.repeat(np.arange(1, 17), list(counts))
+    lengths = np.repeat(np.arange(1, 17), list(counts.ljust(16, b"\0")))
     spans = 1 << (16 - lengths)
-    if len(symbols) != len(lengths) or len(counts) < 16 or spans.sum() > 1 << 16:
+    if len(symbols) != len(lengths) or spans.sum() > 1 << 16:
         raise JpegError("is damaged (a Huffman table does not add up)")
     entries = (lengths << 8 | np.frombuffer(symbols, np.uint8)).astype(np.uint16)
     table = np.zeros(1 << 16, np.uint16)

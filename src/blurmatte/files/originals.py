@@ -56,8 +56,8 @@ def write_changed(
     ============  ============================================================================
 
     What would show the old picture is left out: the small picture in EXIF, more pictures or pages, and
-    Photoshop's layers. Other small pictures, in the notes of a camera maker or in XMP, stay. A
-    progressive JPEG becomes a sequential one, and restart markers are not written.
+    Photoshop's layers. Other small pictures stay: in the notes of a camera maker, in XMP, in what
+    Photoshop adds to a JPEG. A progressive JPEG becomes a sequential one, without restart markers.
 
     Parameters
     ----------

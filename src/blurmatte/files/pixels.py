@@ -51,6 +51,7 @@ def save_pixels(
     spec.channelnames = tuple(names)
     if path.suffix == ".png":
         spec["png:compressionLevel"] = _PNG_LEVEL
+    spec.alpha_channel = names.index("A") if "A" in names else -1
     if path.suffix in _DATED:
         spec["compression"] = "zip"
         spec["DateTime"] = _DATE

@@ -100,12 +100,12 @@ def without_thumbnail(block: bytes) -> bytes:
 def _header(block: bytes) -> tuple[str, bool, int]:
     """Order of bytes, whether offsets have 64 bits, and where the first directory is."""
     order = {b"II": "<", b"MM": ">"}.get(block[:2])
-    if order is None or len(block) < 16:
+    if order is None or len(block) < 8:
         raise ValueError("no TIFF")
     (version,) = struct.unpack(order + "H", block[2:4])
-    if version not in (42, 43):
-        raise ValueError("no TIFF")
     big = version == 43
+    if version not in (42, 43) or (big and len(block) < 16):
+        raise ValueError("no TIFF")
     (at,) = struct.unpack_from(order + ("Q" if big else "L"), block, 8 if big else 4)
     return order, big, at
 
@@ -124,12 +124,16 @@ def _directory(
     if count > _MOST or end > len(block):
         raise ValueError("cut short")
     found: dict[int, Tag | Tags] = {}
+    room = len(block)  # values do not overlap, but in files that are made to fill the memory
     for entry in range(first, end - width, length):
         name, form, many = struct.unpack_from(order + "HH" + offset[1], block, entry)
         size = _UNITS.get(form, 0) * many * (2 if form in _PAIRS else 1)
         value = entry + length - width
         (place,) = (value,) if size <= width else struct.unpack_from(offset, block, value)
         data = block[place : place + size]
+        room -= size
+        if room < 0:
+            raise ValueError("damaged")
         if not size or len(data) < size:
             continue
         tag = Tag(form, many, _swapped(data, form, order))
