@@ -118,7 +118,8 @@ def check_premultiplied(path: Path, light: Floats, alpha: Floats) -> None:
     neither, and lamps brighter than white fade with alpha. Noise can look like it: that of 8 bits with
     12 code values did not make any of our layers look straight. Very dark colors stay unnoticed.
     """
-    there, brightest = alpha > 0, light.max(axis=-1)
+    there = alpha > 0
+    brightest = np.maximum(np.maximum(light[..., 0], light[..., 1]), light[..., 2])
     if not there.any():
         return
     most = np.quantile(alpha[there], 0.95)
