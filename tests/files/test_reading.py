@@ -146,7 +146,8 @@ def test_premultiplied_tiff_is_divided_before_its_curve(tmp_path):
 
 
 def test_exr_layer_is_taken_as_it_is(tmp_path, ramp):
-    rgba = np.dstack([ramp / 300, ramp[..., 0] / 255]).astype(np.float32)
+    alpha = ramp[..., :1] / 255
+    rgba = np.dstack([ramp / 300 * alpha, alpha]).astype(np.float32)
     OpenEXR.File(dict(EXR), {"RGBA": rgba}).write(str(tmp_path / "a.exr"))
     layer = read_layer(tmp_path / "a.exr")
     assert np.array_equal(layer.premultiplied, rgba[..., :3])
