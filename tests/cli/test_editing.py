@@ -179,6 +179,8 @@ def test_sheets_and_previews(scene, own, tmp_path):
         first, middle = (frame(moving, n) for n in (0, moving.n_frames // 2))
     assert np.abs(first - middle).max() > 30  # nothing there, and all of it
     good("edit", scene / "layer.exr", "--fade", 2, "--sheet", sheet, "--out", tmp_path / "a.exr")
+    moved = "--over", scene / "beach.png", "--place", "90,40", "--sheet", sheet
+    good("edit", scene / "layer.exr", *moved, "--out", tmp_path / "m.png")
     options = "--plate", scene / "plate.png", "--preview", tmp_path / "p.gif"
     good("edit", scene / "layer.exr", *options, "--out", tmp_path / "b.png")
     none = run(

@@ -36,13 +36,13 @@ class _InOrder(TyperCommand):
 
 @dataclass(frozen=True)
 class _Edit:
-    """One layer before and after, and the pictures with either; of a mere layer there are none."""
+    """One layer before and after, the pictures with either, and what is behind, as far as there are."""
 
     before: bm.Layer
     after: bm.Layer
-    without: bm.LinearImage | None = None
     picture: bm.LinearImage | None = None
     result: bm.LinearImage | None = None
+    plate: bm.LinearImage | None = None
 
 
 @app.command(cls=_InOrder)
@@ -149,14 +149,19 @@ def edit(
         matched = None if plate is None else _matched(files, plate, picture, match)
         streak = _streak(path, before, max_pixels) if remove else None
         with about(path):
-            without, result, touched = _retouched(before, after, picture, matched, streak, grow)
-        done = _Edit(before, after, without, picture, result)
+            if streak is not None and matched is not None:
+                result, touched = bm.remove(picture, matched, streak, grow)
+            else:
+                result, touched = bm.retouch(picture, before, after, matched)
+        done = _Edit(before, after, picture, result, matched)
         with about(out):
             bm.write_changed(out, image, result, touched, files.curve, max_pixels)
     if sheet is not None:
         names = ["remove"] * remove + [f"{name[2:]} {text}" for name, text in changes]
         with about(sheet):
-            drawn = bm.draw_edit(before, after, done.picture, done.result, ", ".join(names))
+            drawn = bm.draw_edit(
+                done.before, done.after, done.picture, done.result, ", ".join(names)
+            )
             bm.write(sheet, drawn)
     if preview is not None:
         with about(preview):
@@ -252,33 +257,13 @@ def _put(done: _Edit, behind: Behind | None) -> _Edit:
         return done
     before, _ = behind.under(done.before)
     after, picture = behind.under(done.after)
-    return _Edit(before, after, picture, before.over(picture), after.over(picture))
+    return _Edit(before, after, before.over(picture), after.over(picture), picture)
 
 
 def _matched(files: Files, plate: Path, image: bm.LinearImage, match: str) -> bm.LinearImage:
     behind, _ = files.read(plate)
     with about(plate):
         return bm.match_plate(behind, image, matching_of(match))
-
-
-def _retouched(
-    before: bm.Layer,
-    after: bm.Layer,
-    picture: bm.LinearImage,
-    plate: bm.LinearImage | None,
-    streak: Any,
-    grow: int,
-) -> tuple[bm.LinearImage, bm.LinearImage, Any]:
-    """The picture without the object, with the edited one, and where that is another than before.
-
-    `streak` is what to remove; None: nothing.
-    """
-    without = picture
-    if plate is not None:
-        without, _ = bm.retouch(picture, before, before.fade(0), plate)
-    if streak is not None and plate is not None:
-        return without, *bm.remove(picture, plate, streak, grow)
-    return without, *bm.retouch(picture, before, after, plate)
 
 
 def _streak(path: Path, layer: bm.Layer, max_pixels: int) -> Any:
@@ -291,16 +276,17 @@ def _streak(path: Path, layer: bm.Layer, max_pixels: int) -> Any:
 
 def _write_preview(path: Path, done: _Edit) -> None:
     """The object coming and going, small: an alpha that rises and falls."""
-    if done.without is None or done.result is None:
-        raise ValueError(
-            "a preview needs something behind the object; give --plate, --over or --image"
-        )
+    if done.picture is None or done.result is None:
+        raise ValueError("a preview needs something behind it; give --plate, --over or --image")
+    without = done.picture
+    if done.plate is not None:
+        without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)
     shown = done.after if done.after.alpha.any() else done.before
     x0, y0, x1, y1 = shown.box
     most, rim = _LOOK[0], int(_LOOK[1] * max(x1 - x0, y1 - y0))
     width, height = shown.size
     box = max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)
-    first, second = done.without.crop(box), done.result.crop(box)
+    first, second = without.crop(box), done.result.crop(box)
     scale = min(1.0, most / max(first.size))
     size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
     frames = bm.fade_between(bm.cover(first, size), bm.cover(second, size))
