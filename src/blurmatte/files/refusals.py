@@ -114,10 +114,10 @@ def check_format(path: Path, kind: str, spec: oiio.ImageSpec, tags: Mapping[str,
 def check_premultiplied(path: Path, light: Floats, alpha: Floats) -> None:
     """Refuse light that was not multiplied by alpha, as far as the numbers tell.
 
-    Then pixels of low alpha are as bright as those of high alpha, and would be beyond white if they were
-    divided by alpha: the share of the first times the second, 1 being white, is what is looked at; or
-    most of the pixels without alpha are lit. A glow around something opaque is neither, and lamps
-    brighter than white fade with alpha. What is very dark stays unnoticed.
+    Such pixels of low alpha are as bright as those of high alpha, and would be beyond white if they
+    were divided by alpha. The share of the first times the second, 1 being white, is what is looked
+    at; or whether most of the pixels without alpha are lit. A glow around something opaque is neither,
+    and lamps brighter than white fade with alpha. What is very dark stays unnoticed.
     """
     there = alpha > 0
     brightest = np.maximum(np.maximum(light[..., 0], light[..., 1]), light[..., 2])
