@@ -163,6 +163,7 @@ def test_exr_solutions_for_other_readers(tmp_path, solution):
 @pytest.mark.parametrize("extension", ["png", "tif"])
 def test_pictures_for_other_readers(tmp_path, scenes, extension):
     """Oracle: OpenCV reads 16 bits as they are, PNG straight and TIFF multiplied in code values."""
+    worst = 0.0
     for name, (layer, plate) in scenes.items():
         write(tmp_path / f"a.{extension}", layer)
         codes = cv2.imread(str(tmp_path / f"a.{extension}"), cv2.IMREAD_UNCHANGED)
@@ -175,6 +176,8 @@ def test_pictures_for_other_readers(tmp_path, scenes, extension):
         ours = layer.over(plate).rgb
         apart = np.abs(encode_srgb(seen) - encode_srgb(ours))[white(layer)]
         assert apart.max() <= STEP, name
+        worst = max(worst, apart.max())
+    print(f"OpenCV and Layer.over of {extension}: at most {worst * 1023:.4f}/1023 apart")
 
 
 @needs_oiiotool

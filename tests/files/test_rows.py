@@ -94,6 +94,26 @@ def test_clips_of_pictures_come_back(tmp_path, name, pixels, coded):
         assert tags == (1, 1, 1, 1)
 
 
+@pytest.mark.parametrize("codec", ["png", "qtrle"])
+def test_other_codecs_with_alpha(tmp_path, codec):
+    # exact: 8 bits of straight colors, without loss
+    codes = np.random.default_rng(0).integers(0, 256, (48, 64, 4), np.uint8)
+    with av.open(str(tmp_path / "a.mov"), "w") as clip:
+        stream = clip.add_stream(codec, rate=25)
+        stream.height, stream.width, stream.pix_fmt = (
+            48,
+            64,
+            {"png": "rgba", "qtrle": "argb"}[codec],
+        )
+        frame = av.VideoFrame.from_ndarray(codes, format="rgba").reformat(format=stream.pix_fmt)
+        clip.mux(stream.encode(frame))
+        clip.mux(stream.encode())
+    layer = read_layers(tmp_path / "a.mov", SRGB)[0]
+    assert_allclose(layer.alpha, codes[..., 3] / 255, rtol=1e-6)
+    light = SRGB.decode(codes[..., :3] / 255) * layer.alpha[..., None]
+    assert_allclose(layer.premultiplied, light, atol=1e-6)
+
+
 def test_odd_sizes_of_h264_are_filled_up(tmp_path):
     odd = pictures(2, size=(47, 63))
     write_frames(tmp_path / "a.mp4", odd)

@@ -50,9 +50,9 @@ def write_frames(
     =====================  =============================================================
 
     .mov and .mp4 (the `video` extra) are in the curve, primaries and limited range of Rec. 709, and say
-    so. ProRes has 10 bits here: alpha loses nothing else, colors hardly anything. That colors are
-    straight no .mov can tell: say so to the program that reads it (in Nuke with a Premult behind the
-    Read). Layers that are to be composited in linear light are better written as .exr.
+    so. ProRes has 10 bits here: alpha loses nothing else, colors hardly anything but what is
+    brighter than white. Nothing in a .mov tells that colors are straight: say so to the program that
+    reads it (in Nuke with a Premult behind the Read). Linear light as it is needs .exr.
 
     Parameters
     ----------
