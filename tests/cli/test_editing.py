@@ -145,6 +145,24 @@ def _srgb_profile():
     return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
+def test_a_transfer_is_for_pictures_and_not_for_light(scene, own, tmp_path):
+    """Layers and EXRs hold light, whatever curve the pictures have."""
+    for name in ("image", "plate"):
+        bm.write(
+            tmp_path / f"{name}.png", (codes_of(scene / f"{name}.png") // 257).astype(np.uint8)
+        )
+    bm.write(tmp_path / "plate.exr", bm.read(tmp_path / "plate.png"))
+    results = []
+    for plate, curve in (("plate.png", "srgb"), ("plate.exr", "srgb"), ("plate.png", None)):
+        options = "--image", tmp_path / "image.png", "--plate", tmp_path / plate, "--match", "none"
+        out = tmp_path / "o.png"
+        named = ("--transfer", curve) if curve else ()
+        good("edit", scene / "layer.exr", *options, *named, "--fade", 3, "--out", out)
+        results.append(codes(out))
+    assert_array_equal(results[1], results[0])
+    assert_array_equal(results[2], results[0])
+
+
 def test_over_another_picture(scene, tmp_path):
     layer, beach = bm.read_layer(scene / "layer.exr"), bm.read(scene / "beach.png")
     over = "--over", scene / "beach.png"

@@ -138,7 +138,7 @@ def edit(
         _edit_row(files, layer, out, changes, behind, rate, start)
         return
     with about(path):
-        before = bm.read_layer(path, files.curve, max_pixels)
+        before = bm.read_layer(path, max_pixels=max_pixels)
         after = before.fade(0) if remove else _changed(before, changes)
     if image is None:
         done = _put(_Edit(before, after), behind)
@@ -155,7 +155,7 @@ def edit(
                 result, touched = bm.retouch(picture, before, after, matched)
         done = _Edit(before, after, picture, result, matched)
         with about(out):
-            bm.write_changed(out, image, result, touched, files.curve, max_pixels)
+            bm.write_changed(out, image, result, touched, files.curve_of(image), max_pixels)
     if sheet is not None:
         names = ["remove"] * remove + [f"{name[2:]} {text}" for name, text in changes]
         with about(sheet):
@@ -236,7 +236,7 @@ def _edit_row(
 ) -> None:
     """Change layers one after another; only one of them is in memory at a time."""
     with about(Path(source)):
-        row = bm.read_layers(source, files.curve, files.max_pixels)
+        row = bm.read_layers(source, max_pixels=files.max_pixels)
     seconds = rate or row.rate or _RATE
 
     def changed() -> Iterator[bm.Layer]:

@@ -29,10 +29,14 @@ class Files:
             return bm.read_transfer(self.transfer)
         return bm.named_transfer(self.transfer)
 
+    def curve_of(self, path: Path | str) -> bm.Transfer | None:
+        """The curve of one file: that which was asked for, but an EXR holds light, not code values."""
+        return None if str(path).lower().endswith(".exr") else self.curve
+
     def read(self, path: Path, said: list[str] | None = None) -> tuple[bm.LinearImage, list[str]]:
         """The picture, and what there was to warn of (also added to `said`)."""
         with about(path) as notes:
-            picture = bm.read(path, self.curve, self.max_pixels)
+            picture = bm.read(path, self.curve_of(path), self.max_pixels)
         if self.noise is not None and picture.noise is None:
             picture = picture.with_noise(self.noise)
         if said is not None:

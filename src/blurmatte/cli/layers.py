@@ -40,7 +40,7 @@ def stack(
     files = Files(transfer, max_pixels)
     with about(Path(layers[0])):
         source = layers[0] if len(layers) == 1 else layers
-        row = bm.read_layers(source, files.curve, max_pixels)
+        row = bm.read_layers(source, max_pixels=max_pixels)
         watched = with_progress(row, "stacking")
         whole = bm.long_exposure(watched) if long else bm.stack(watched)
     if over is None:

@@ -36,7 +36,7 @@ def compose(
     """Put LAYER over another picture, in linear light."""
     files = Files(transfer, max_pixels)
     with about(layer):
-        top = bm.read_layer(layer, files.curve, max_pixels)
+        top = bm.read_layer(layer, max_pixels=max_pixels)
     top, picture = read_behind(files, over, fit, place, scale, match_light).under(top)
     with about(out):
         bm.write(out, top.over(picture))
@@ -59,7 +59,7 @@ def show(
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, max_pixels)
         if thing is None:
             picture, _ = files.read(file)
-            thing = _layer(file, files.curve, max_pixels) or picture
+            thing = _layer(file, files.curve_of(file), max_pixels) or picture
         sheet = bm.draw_look(thing)
     target = out or Path(tempfile.mkdtemp(prefix="blurmatte-")) / f"{file.stem}.png"
     with about(target):
@@ -92,7 +92,7 @@ def info(
             lines += [in_degrees(solution.model), *bm.explain(solution), *facts]
         else:
             picture, _ = files.read(file, said)
-            layer = _layer(file, files.curve, max_pixels)
+            layer = _layer(file, files.curve_of(file), max_pixels)
             lines = list(_facts(file, picture, layer, transfer, guessed=bool(said)))
     say("\n".join(lines))
 
