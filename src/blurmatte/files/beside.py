@@ -52,10 +52,10 @@ _LAYOUT = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 317, 338, 339)
 # What is said of the old pixels and their place, other pages, smaller pictures, Photoshop's layers; and
 # what is carried apart.
 _STALE = (
-    *_LAYOUT, 254, 255, 263, 264, 265, 266, 280, 281, 288, 289, 290, 291, 292, 293, 301, 318, 319,
-    320, 321, 322, 323, 324, 325, 330, 332, 333, 334, 336, 340, 341, 347, 512, 513, 514, 515, 517,
-    518, 519, 520, 521, 529, 530, 531, 532, 37724, _XMP_TAG, _ICC_TAG,
-)  # fmt: skip
+    *_LAYOUT,
+    *(254, 255, 280, 281, 330, 332, 333, 334, 336, 340, 341, 347, 37724, _XMP_TAG, _ICC_TAG),
+    *(*range(263, 267), *range(288, 294), *range(320, 326), *range(512, 522), *range(529, 533)),
+)
 _ONLY_TIFF = (33723, 34377)  # IPTC and Photoshop's resources: EXIF elsewhere does not hold them
 _MOST_EXIF = 65533 - 2 - len(_EXIF_MARK)  # of a JPEG: one segment
 # Chunks of a PNG that hold, or describe, pixels; an animation's other frames.
