@@ -14,9 +14,10 @@ from numpy.testing import assert_allclose
 from PIL import Image
 from scipy.fft import idctn
 
-from blurmatte.files.jpeg import ZIGZAG, exchanged, jpeg_bytes, read_jpeg
+from blurmatte.files.jpeg import ZIGZAG, exchanged, read_jpeg
 from blurmatte.files.jpeg_huffman import huffman_codes, table_bytes
 from blurmatte.files.jpeg_segments import Component, JpegError
+from blurmatte.files.jpeg_writing import jpeg_bytes
 
 
 def scene(width, height, seed=0):
