@@ -10,7 +10,7 @@ import OpenEXR
 import pytest
 import tifffile
 from numpy.testing import assert_allclose
-from PIL import Image, ImageCms, ImageOps
+from PIL import ExifTags, Image, ImageCms, ImageOps
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
@@ -322,6 +322,26 @@ def test_the_chunks_of_a_png_stay(tmp_path, make_png):
     assert np.array_equal(pillow_codes(tmp_path / "n.png"), codes)
 
 
+@pytest.mark.parametrize("target", EXTENSIONS)
+@pytest.mark.parametrize("source", EXTENSIONS)
+def test_a_file_that_says_srgb_becomes_one_that_says_so(tmp_path, make_png, source, target):
+    """Exact: by EXIF or by a chunk, whichever the kind of file has; nobody has to guess."""
+    original = tmp_path / f"o.{source}"
+    original.write_bytes(make_png(scene(), {b"sRGB": b"\0"}))
+    if source != "png":
+        image = read(original)
+        first = original.rename(tmp_path / "first.png")
+        write_changed(original, first, image, np.zeros(image.valid.shape, bool))
+    path = tmp_path / f"n.{target}"
+    write_changed(path, original, *edited(original))
+    assert read(path).meta.transfer is SRGB
+    with Image.open(path) as file:
+        if target == "png":
+            assert file.info["srgb"] == 0
+        else:
+            assert file.getexif().get_ifd(EXIF_DIRECTORY)[0xA001] == 1
+
+
 def test_compressed_xmp_of_a_png_goes_along(tmp_path):
     """Exact: into another kind of file, where it is not compressed."""
     text = PngInfo()
@@ -398,8 +418,9 @@ def test_the_small_picture_of_the_old_one_is_gone(tmp_path, source, target):
     write_changed(path, original, *edited(original))
     assert small[20:] not in path.read_bytes()
     assert told(path) == told(original)
-    with Image.open(path) as file:
-        assert not file.getexif().get_ifd(1)
+    with Image.open(original) as before, Image.open(path) as after:
+        assert before.getexif().get_ifd(ExifTags.IFD.IFD1)
+        assert not after.getexif().get_ifd(ExifTags.IFD.IFD1)
 
 
 def test_an_index_of_more_pictures_is_gone(tmp_path):

@@ -5,13 +5,13 @@ What is decoded from an untouched block stays the same to the bit.
 """
 
 import io
-import struct
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
+from blurmatte.files.jpeg_blocks import block_numbers, mcu_size, scan_order
 from blurmatte.files.jpeg_segments import Component, JpegError, Scan, Segments, holds_rgb
 
 _SAMPLINGS = {
@@ -20,9 +20,7 @@ _SAMPLINGS = {
     ((2, 1), (1, 1), (1, 1)): 1,
     ((2, 2), (1, 1), (1, 1)): 2,
 }
-_SOI, _EOI = b"\xff\xd8", b"\xff\xd9"
-_MOST_IN_MCU = 10  # blocks [T.81 B.2.3]
-_BLOCK = 8  # pixels
+_SOI = b"\xff\xd8"
 # Row by row in a block, at which place in zigzag order [T.81 figure A.6].
 _DIAGONALS = sorted(
     ((y, x) for y in range(8) for x in range(8)),
@@ -57,11 +55,11 @@ class Jpeg:
     @property
     def mcu(self) -> tuple[int, int]:
         """Width and height of an MCU in pixels: the smallest part that is coded by itself."""
-        return _mcu(self.components)
+        return mcu_size(self.components)
 
     def blocks(self, place: int) -> npt.NDArray[np.int16]:
         """(rows, columns, 64) the coefficients of a component, a view; its last MCUs are full ones."""
-        numbers = _block_numbers(self.size, self.components)[place]
+        numbers = block_numbers(self.size, self.components)[place]
         part = self.coefficients[numbers[0, 0] : numbers[-1, -1] + 1]
         return part.reshape(*numbers.shape, 64)
 
@@ -91,7 +89,7 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
             width, height = segments.size
             if max_pixels is not None and width * height > max_pixels:
                 raise JpegError(f"claims {width} x {height} pixels, more than {max_pixels}")
-            count = sum(n.size for n in _block_numbers(segments.size, segments.components))
+            count = sum(n.size for n in block_numbers(segments.size, segments.components))
             coefficients = np.zeros((count, 64), np.int16)
         at = _decode(segments, scan, coefficients)
     segments.check_complete()
@@ -99,41 +97,6 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
         raise JpegError("is damaged (it holds no picture)")
     tables = tuple(segments.quantization[i] for i in range(len(segments.components)))
     return Jpeg(tuple(segments.kept), segments.size, segments.components, tables, coefficients)
-
-
-def jpeg_bytes(jpeg: Jpeg) -> bytes:
-    """The file of a JPEG: sequential, in one scan, with the shortest Huffman codes.
-
-    Raises
-    ------
-    JpegError
-        If its coefficients or its sampling do not fit a sequential JPEG.
-    """
-    from blurmatte.files.jpeg_entropy import pack, tokenize
-    from blurmatte.files.jpeg_huffman import huffman_codes, table_bytes
-
-    if sum(c.across * c.down for c in jpeg.components) > _MOST_IN_MCU:
-        raise JpegError("has sampling factors that are too large for one scan")
-    order, slots = _scan_order(jpeg.size, jpeg.components, range(len(jpeg.components)))
-    blocks = jpeg.coefficients
-    # Beside each coefficient that is not 0: the DC, three long runs of zeros, the end of the block.
-    tokens = np.empty(np.count_nonzero(blocks) + 5 * len(blocks), np.uint32)
-    counts = np.zeros((4, 256), np.int64)
-    used = tokenize(blocks, order, slots, tokens, counts)
-    if used < 0:
-        raise JpegError("is damaged (a coefficient is too large)")
-    codes, lengths = np.zeros((4, 256), np.uint32), np.zeros((4, 256), np.uint8)
-    tables = b""
-    for i, name in enumerate((0x00, 0x01, 0x10, 0x11)):
-        if counts[i].any():
-            symbols, codes[i], lengths[i] = huffman_codes(counts[i])
-            tables += table_bytes(name, symbols, lengths[i])
-    bits = int((counts * (lengths + np.arange(256) % 16)).sum())
-    packed = np.empty(2 * (bits // 8 + 1), np.uint8)
-    length = pack(tokens[:used], codes, lengths, packed)
-    data = packed[:length].tobytes()
-    head = b"".join(jpeg.kept) + _quantization_bytes(jpeg) + _frame_bytes(jpeg)
-    return _SOI + head + _segment(0xC4, tables) + _scan_bytes(jpeg) + data + _EOI
 
 
 def exchanged(jpeg: Jpeg, codes: npt.NDArray[np.uint8], changed: Bools) -> Jpeg:
@@ -210,60 +173,12 @@ def _compressed(jpeg: Jpeg, codes: npt.NDArray[np.uint8], sampling: int) -> Jpeg
     return new
 
 
-def _mcu(components: tuple[Component, ...]) -> tuple[int, int]:
-    return (
-        _BLOCK * max(component.across for component in components),
-        _BLOCK * max(component.down for component in components),
-    )
-
-
-def _block_numbers(
-    size: tuple[int, int], components: tuple[Component, ...]
-) -> list[npt.NDArray[np.int32]]:
-    """(rows, columns) of each component: where its blocks are among all. Its last MCUs are full."""
-    mcu = _mcu(components)
-    columns, rows = (-(-pixels // length) for pixels, length in zip(size, mcu, strict=True))
-    numbers, first = [], 0
-    for component in components:
-        shape = rows * component.down, columns * component.across
-        count = shape[0] * shape[1]
-        numbers.append(np.arange(first, first + count, dtype=np.int32).reshape(shape))
-        first += count
-    return numbers
-
-
-def _scan_order(
-    size: tuple[int, int],
-    components: tuple[Component, ...],
-    chosen: tuple[int, ...] | range,
-) -> tuple[npt.NDArray[np.int32], npt.NDArray[np.int64]]:
-    """Which blocks make up each unit of a scan of the `chosen` components, and whose those are.
-
-    A scan of one component goes block by block, and not beyond the picture [T.81 A.2].
-    """
-    numbers, mcu = _block_numbers(size, components), _mcu(components)
-    if len(chosen) == 1:
-        own = components[chosen[0]]
-        columns = -(-size[0] * own.across // mcu[0])
-        rows = -(-size[1] * own.down // mcu[1])
-        inside = numbers[chosen[0]][:rows, :columns]
-        return np.ascontiguousarray(inside.reshape(-1, 1)), np.zeros(1, np.int64)
-    parts, slots = [], []
-    for slot, place in enumerate(chosen):
-        c = components[place]
-        rows, columns = numbers[place].shape
-        cut = numbers[place].reshape(rows // c.down, c.down, columns // c.across, c.across)
-        parts.append(cut.swapaxes(1, 2).reshape(-1, c.down * c.across))
-        slots += [slot] * (c.down * c.across)
-    return np.concatenate(parts, axis=1), np.array(slots)
-
-
 def _decode(segments: Segments, scan: Scan, out: npt.NDArray[np.int16]) -> int:
     """Decode a scan into all blocks; where the next marker is."""
     from blurmatte.files import jpeg_entropy as entropy
 
     components = segments.components
-    order, slots = _scan_order(segments.size, components, scan.components)
+    order, slots = scan_order(segments.size, components, scan.components)
     interval = scan.interval or len(order)
     data = np.frombuffer(segments.data, np.uint8)
     bits = np.zeros(len(data) - scan.start + entropy.PADDING, np.uint8)
@@ -294,36 +209,3 @@ def _mode(segments: Segments, scan: Scan) -> int:
     if scan.band[0] == 0:
         return entropy.DC_REFINED if scan.high else entropy.DC_FIRST
     return entropy.AC_REFINED if scan.high else entropy.AC_FIRST
-
-
-def _segment(marker: int, body: bytes) -> bytes:
-    return struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
-
-
-def _selectors(jpeg: Jpeg) -> list[int]:
-    """Which table each component uses, where equal ones are written once."""
-    tables = [table.tobytes() for table in jpeg.quantization]
-    different = list(dict.fromkeys(tables))
-    return [different.index(table) for table in tables]
-
-
-def _quantization_bytes(jpeg: Jpeg) -> bytes:
-    body = b""
-    for name, table in dict(zip(_selectors(jpeg), jpeg.quantization, strict=True)).items():
-        wide = int(table.max() > 255)
-        body += bytes([wide << 4 | name]) + table.astype(">u2" if wide else "u1").tobytes()
-    return _segment(0xDB, body)
-
-
-def _frame_bytes(jpeg: Jpeg) -> bytes:
-    width, height = jpeg.size
-    body = struct.pack(">BHHB", 8, height, width, len(jpeg.components))
-    for c, table in zip(jpeg.components, _selectors(jpeg), strict=True):
-        body += bytes([c.number, c.across << 4 | c.down, table])
-    wide = any(table.max() > 255 for table in jpeg.quantization)  # baseline has 8 bits
-    return _segment(0xC1 if wide else 0xC0, body)
-
-
-def _scan_bytes(jpeg: Jpeg) -> bytes:
-    parts = [bytes([c.number, 0x11 if i else 0x00]) for i, c in enumerate(jpeg.components)]
-    return _segment(0xDA, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")

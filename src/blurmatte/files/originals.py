@@ -16,16 +16,12 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, check_map, check_same_size
 from blurmatte.errors import FileError
-from blurmatte.files.beside import (
-    current_segments,
-    raster_colors,
-    save_new_jpeg,
-    save_png,
-    save_tiff,
-)
+from blurmatte.files.beside import current_segments
 from blurmatte.files.encoding import encoding_of, from_light
-from blurmatte.files.jpeg import exchanged, jpeg_bytes, read_jpeg
+from blurmatte.files.jpeg import exchanged, read_jpeg
 from blurmatte.files.jpeg_segments import JpegError
+from blurmatte.files.jpeg_writing import jpeg_bytes
+from blurmatte.files.keeping import raster_colors, save_new_jpeg, save_png, save_tiff
 from blurmatte.files.raster import MAX_PIXELS, Raster, as_stored, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.refusals import RAW, kind_of
@@ -55,9 +51,10 @@ def write_changed(
     .exr          The light of the whole picture, as `write` does it.
     ============  ============================================================================
 
-    What would show the old picture is left out: the small picture in EXIF, more pictures or pages, and
-    Photoshop's layers. Other small pictures stay: in the notes of a camera maker, in XMP, in what
-    Photoshop adds to a JPEG. A progressive JPEG becomes a sequential one, without restart markers.
+    What would show the old picture is left out: the small picture in EXIF, more pictures or pages,
+    further channels, and Photoshop's layers. Other small pictures stay: in the notes of a camera maker,
+    in XMP, in what Photoshop adds to a JPEG. A progressive JPEG becomes a sequential one, without
+    restart markers. Light that the file cannot hold is clipped.
 
     Parameters
     ----------
