@@ -40,6 +40,9 @@ def pictures(tmp_path_factory):
     )
     bm.write(folder / "throw.png", throw)
     bm.write(folder / "empty_room.png", empty_room)
+    for name, picture in (("throw", throw), ("empty_room", empty_room)):
+        bm.write(folder / f"{name}.jpg", picture)
+    bm.write_frames(folder / "frames" / "ball.####.exr", [truth.layer.fade(f) for f in (0.5, 1)])
     for k in range(8):
         still = bm.Camera(NOISE, bits=16).photograph(truth.plate.rgb, 2 + k)
         bm.write(folder / f"still_{k}.png", still)
@@ -70,7 +73,19 @@ def test_numpy_arrays_run(pictures, monkeypatch):
     names = {}
     exec(EXAMPLES[1], names)
     assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
-    assert len(EXAMPLES) == 3
+    assert len(EXAMPLES) == 4
+
+
+def test_edits_run(pictures, monkeypatch):
+    monkeypatch.chdir(pictures)
+    names = {}
+    exec(EXAMPLES[2], names)
+    image, blue = (bm.read(f"{name}.jpg", bm.SRGB).rgb for name in ("throw", "blue"))
+    object_light, more_blue = (light[names["changed"]].mean(axis=0) for light in (image, blue))
+    assert more_blue[2] > object_light[2] + 0.02
+    assert more_blue[0] < object_light[0]
+    assert len(bm.read_layers("ball.mov")) == 11
+    assert names["whole"].alpha.max() <= 1
 
 
 def test_a_clip_gives_the_plate(pictures, monkeypatch):
@@ -80,7 +95,7 @@ def test_a_clip_gives_the_plate(pictures, monkeypatch):
     lights[40] = image.rgb
     save_clip("rally.mp4", lights)
     names = {}
-    exec(EXAMPLES[2], names)
+    exec(EXAMPLES[3], names)
     alpha = names["solution"].layer.alpha
     assert alpha.sum(dtype=float) == pytest.approx(np.pi * 12**2, rel=0.05)
     assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
