@@ -58,6 +58,10 @@ from blurmatte.matting import solve as solve
 from blurmatte.overview import draw_edit as draw_edit
 from blurmatte.overview import draw_exposures as draw_exposures
 from blurmatte.overview import draw_look as draw_look
+from blurmatte.motion import Motion as Motion
+from blurmatte.motion import Scale as Scale
+from blurmatte.motion import Speed as Speed
+from blurmatte.motion import measure_motion as measure_motion
 from blurmatte.overview import draw_overview as draw_overview
 from blurmatte.overview import draw_plate as draw_plate
 from blurmatte.radiometry import LINEAR as LINEAR

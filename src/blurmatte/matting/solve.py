@@ -165,9 +165,11 @@ def solve(
         "plate_noise": _spoken(plate),
         "match": _match_measures(match, image, plate),
         "only_light_lost": only_lost,
+        "exposure_time": image.meta.exposure_time,
         **together,
     }
-    return Solution(*maps, model=model, solver=repr(used), stats=stats)
+    explains = sweep if swept is not None else None
+    return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
 
 
 def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:

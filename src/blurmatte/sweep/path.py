@@ -154,6 +154,20 @@ LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)
 ARC, BOUNCE, FROM_REST = Arc(), Bounce(), FromRest()
 
 
+def path_family(name: str) -> PathFamily:
+    """The family of this name.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    families = {f.name: f for f in (LINE, PARABOLA, CUBIC, ARC, BOUNCE, FROM_REST)}
+    if name not in families:
+        raise ValueError(f"a path is one of {', '.join(families)}, got {name!r}")
+    return families[name]
+
+
 _TINY = 1e-30  # no more than rounding
 
 
