@@ -58,10 +58,13 @@ from blurmatte.matting import solve as solve
 from blurmatte.overview import draw_edit as draw_edit
 from blurmatte.overview import draw_exposures as draw_exposures
 from blurmatte.overview import draw_look as draw_look
+from blurmatte.motion import EndSilhouettes as EndSilhouettes
 from blurmatte.motion import Motion as Motion
 from blurmatte.motion import Scale as Scale
 from blurmatte.motion import Speed as Speed
+from blurmatte.motion import end_silhouettes as end_silhouettes
 from blurmatte.motion import measure_motion as measure_motion
+from blurmatte.overview import draw_motion as draw_motion
 from blurmatte.overview import draw_overview as draw_overview
 from blurmatte.overview import draw_plate as draw_plate
 from blurmatte.radiometry import LINEAR as LINEAR

@@ -1,4 +1,4 @@
-"""What colors, solutions, plates, noise and curves say, in plain words."""
+"""What colors, solutions, plates, noise, curves and motions say, in plain words."""
 
 import math
 from collections.abc import Iterator, Mapping
@@ -9,6 +9,7 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
+from blurmatte.motion import Motion, Speed, motion_in_words, speed_in_words
 from blurmatte.radiometry import (
     BLOCKS,
     SRGB,
@@ -56,7 +57,7 @@ _REMEDY = {
 }
 
 
-Explained = ColorModel | Solution | PlateFit | NoiseFit | Transfer | ResponseFit
+Explained = ColorModel | Solution | PlateFit | NoiseFit | Transfer | ResponseFit | Motion | Speed
 
 
 def explain(thing: Explained) -> list[str]:
@@ -64,7 +65,7 @@ def explain(thing: Explained) -> list[str]:
 
     Parameters
     ----------
-    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer or ResponseFit
+    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer, ResponseFit, Motion or Speed
 
     Returns
     -------
@@ -101,9 +102,13 @@ def explain(thing: Explained) -> list[str]:
         return _curve(thing)
     if isinstance(thing, ResponseFit):
         return [*_curve(thing.transfer), *_response(thing)]
+    if isinstance(thing, Motion):
+        return motion_in_words(thing)
+    if isinstance(thing, Speed):
+        return speed_in_words(thing)
     raise TypeError(
-        "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer or a ResponseFit, "
-        f"got {type(thing).__name__}"
+        "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer, a ResponseFit, a "
+        f"Motion or a Speed, got {type(thing).__name__}"
     )
 
 

@@ -193,6 +193,18 @@ class Motion:
             )
         return self.sweep.outline_at(1 - t if self.backward else t)
 
+    def place_covariance(self, t: float) -> Array:
+        """(2, 2) covariance of where the center was at exposure fraction t, pixels²."""
+        if self.sweep is not None:
+            n = len(self.sweep.path)
+            when = np.array([1 - t if self.backward else t])
+            D = self.sweep.family.at(self.sweep.path, when)[1][0]
+            return np.asarray(D @ self.sweep.covariance[:n, :n] @ D.T)
+        along = np.array([np.cos(self.angle), np.sin(self.angle)])
+        across = np.array([-along[1], along[0]])
+        D = np.column_stack([np.eye(2), (t - 0.5) * self.length * across, (t - 0.5) * along])
+        return np.asarray(D @ self.covariance[:4, :4] @ D.T)
+
     def speed(
         self,
         scale: Scale | None = None,
