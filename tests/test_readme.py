@@ -101,6 +101,19 @@ def test_a_clip_gives_the_plate(pictures, monkeypatch):
     assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
 
 
+def test_a_solution_tells_the_motion(pictures, monkeypatch, capsys):
+    monkeypatch.chdir(pictures)
+    image, plate = bm.read("throw.png", bm.SRGB), bm.read("empty_room.png", bm.SRGB)
+    Path("out").mkdir(exist_ok=True)
+    bm.write("out/layer.exr", bm.solve(image, plate))
+    names = {}
+    exec(EXAMPLES[3], names)
+    motion = names["motion"]
+    assert motion.radius == pytest.approx(12, abs=4 * motion.radius_std)
+    assert motion.length == pytest.approx(np.hypot(60, 12), abs=4 * motion.length_std)
+    assert "km/h" in capsys.readouterr().out
+
+
 def save_clip(path, lights):
     """A lossless clip, tagged as sRGB, with noise of one code value."""
     av, rng = pytest.importorskip("av"), np.random.default_rng(3)

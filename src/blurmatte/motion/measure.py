@@ -18,6 +18,8 @@ def measure_motion(solution: Solution) -> Motion:
     mean the mean place; for a straight way of length L at constant speed the variance along the way
     is L²/12 more than across, if the silhouette is about as long as wide.
 
+    Which way it went a single picture cannot tell; the motion is given as going to the right.
+
     Parameters
     ----------
     solution : Solution
@@ -44,6 +46,7 @@ def measure_motion(solution: Solution) -> Motion:
             "no pixel of the streak has a known alpha, so that nothing can be measured; solve with "
             "another color, or before another background"
         )
-    if solution.sweep is not None:
-        return motion_of_sweep(solution.sweep, solution.stats.get("exposure_time"))
-    return motion_of_alpha(solution)
+    if solution.sweep is None:
+        return motion_of_alpha(solution)
+    motion = motion_of_sweep(solution.sweep, solution.stats.get("exposure_time"))
+    return motion.reversed if abs(motion.angle) > np.pi / 2 else motion

@@ -147,6 +147,18 @@ class Speed:
         """What most of the error comes from: "length", "scale", "exposure time", …"""
         return max(self.parts, key=lambda name: self.parts[name])
 
+    def numbers(self) -> dict[str, float | str | None]:
+        """All numbers by name, flat, for a row of a table."""
+        return {
+            "mean_speed": self.mean,
+            "mean_speed_std": self.mean_std,
+            "highest_speed": self.top,
+            "highest_speed_std": self.top_std,
+            "speed_unit": self.unit,
+            "speed_error_from": self.dominant,
+            "rolling_shutter_may_change": self.unknown,
+        }
+
     def in_unit(self, unit: str) -> Speed:
         """The same in "m/s", "km/h" or "mph".
 

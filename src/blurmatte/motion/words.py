@@ -112,13 +112,8 @@ def _speed(speed: Speed) -> Iterator[str]:
             "second."
         )
     parts = sorted(speed.parts.items(), key=lambda part: -part[1])
-    told = ", ".join(f"{name} {share:.2g}" for name, share in _percent(parts))
-    yield f"Errors in percent of the speed, one standard deviation: {told}."
-
-
-def _percent(parts: list[tuple[str, float]]) -> Iterator[tuple[str, float]]:
-    for name, share in parts:
-        yield name, 100 * share
+    told = ", ".join(f"{name} {100 * share:.2g} %" for name, share in parts if share > 0)
+    yield f"What its error comes from, most first: {told}."
 
 
 def _shutter(speed: Speed) -> Iterator[str]:
