@@ -34,7 +34,7 @@ from blurmatte.trajectory import Trajectory
 NOISES = (1, 2)  # code values of 255
 RADII = ((6, 12), (12, 24), (24, 40))  # pixels
 LENGTHS = (1, 15)  # radii
-SEEDS = 22
+SEEDS = 12
 MOST_LENGTH = 300.0  # pixels: larger pictures tell nothing new, and take long
 STEP = 0.05  # pixels, for derivatives of the bound
 CONVERGED = 0.9  # of TIoU
@@ -47,9 +47,9 @@ with the same noise, in code values of 255; nothing given. converged: share of t
 of {CONVERGED:g} or more; the other columns are of these. straight: share in which the path was taken
 for a straight even one. ratio: root mean square of the error in units of the Cramer-Rao bound of its
 own scene, which knows the noise, that the path is straight and the ball a disc, but neither color
-nor shading; of the direction times half the length. typical ratio: the same of both center and length from the median of its size,
-which single failures do not change. spread: root mean square of the error in units of the reported standard deviation; 1
-is honest. bias: mean error in these units, of center, length and radius the largest in size; it
+nor shading; of the direction times half the length. typical ratio: the same of center and length
+from the median of their sizes, which single failures do not change. spread: root mean square of the
+error in units of the reported standard deviation; 1 is honest. bias: mean error in these units, of center, length and radius the largest in size; it
 scatters by about 1 over the root of the number of scenes. bound: median, pixels.
 """
 

@@ -29,7 +29,7 @@ def motion_of_sweep(sweep: Sweep, exposure_time: float | None) -> Motion:
     parameters = np.concatenate([sweep.path, sweep.shape])
     values, covariance = propagated(told, parameters, sweep.covariance, slice(2, 3))
     bends = sweep.family not in (LINE, FROM_REST)
-    t = np.linspace(0, 1, _STEPS + 1)
+    t = _times(sweep, sweep.path)
     xy = _centers(sweep, sweep.path, sweep.shape, t)
     resting = sweep.family is FROM_REST
     return Motion(
@@ -55,15 +55,15 @@ def motion_of_sweep(sweep: Sweep, exposure_time: float | None) -> Motion:
 
 def _told(sweep: Sweep, path: Array, shape: Array) -> Array:
     """`QUANTITIES`, then the acceleration (2,), then the speeds between moments."""
-    t = np.linspace(0, 1, _STEPS + 1)
-    xy = _centers(sweep, path, shape, t)
+    t = _times(sweep, path)
+    xy, lasting = _centers(sweep, path, shape, t), np.diff(t)
     steps = np.linalg.norm(np.diff(xy, axis=0), axis=1)
-    center = (xy[1:] + xy[:-1]).mean(axis=0) / 2
+    center = lasting @ (xy[1:] + xy[:-1]) / 2
     chord = xy[-1] - xy[0]
     angle = float(np.arctan2(chord[1], chord[0]))
     across = sweep.silhouette.outline(shape, _RIM) @ np.array([-np.sin(angle), np.cos(angle)])
     first, last = (_velocity(sweep, path, shape, t) for t in (0, 1))
-    speeds = steps * _STEPS
+    speeds = steps / lasting
     return np.array(
         [
             *center,
@@ -77,6 +77,15 @@ def _told(sweep: Sweep, path: Array, shape: Array) -> Array:
             *speeds,
         ]
     )
+
+
+def _times(sweep: Sweep, path: Array) -> Array:
+    """(T,) moments, one of them at the corner if there is one."""
+    kink = sweep.family.kink(path)
+    if kink is None:
+        return np.linspace(0, 1, _STEPS + 1)
+    before, after = np.linspace(0, kink, _STEPS // 2 + 1), np.linspace(kink, 1, _STEPS // 2 + 1)
+    return np.concatenate([before, after[1:]])
 
 
 def _centers(sweep: Sweep, path: Array, shape: Array, t: Array) -> Array:

@@ -15,6 +15,7 @@ from blurmatte.trajectory import Trajectory
 Array = npt.NDArray[np.float64]
 
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
+_SIGMAS = 3.5  # in two dimensions exp(−3.5² / 2)
 _ANGLE = QUANTITIES.index("angle")
 
 
@@ -160,8 +161,12 @@ class Motion:
 
     @property
     def moved(self) -> bool:
-        """Whether the length is above its error by more than three times; else it may be at rest."""
-        return self.length > 3 * self.length_std
+        """Whether it moved more than noise feigns; else it may have been at rest.
+
+        Alpha depends on the square of a short length, and so does noise: it must be 3.5 times its
+        error, which is twice the relative error of the length. Noise does that in 1 of 500.
+        """
+        return self.length > 2 * _SIGMAS * self.length_std
 
     @property
     def reversed(self) -> Motion:
