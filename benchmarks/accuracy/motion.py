@@ -49,8 +49,9 @@ for a straight even one. ratio: root mean square of the error in units of the Cr
 own scene, which knows the noise, that the path is straight and the ball a disc, but neither color
 nor shading; of the direction times half the length. typical ratio: the same of center and length
 from the median of their sizes, which single failures do not change. spread: root mean square of the
-error in units of the reported standard deviation; 1 is honest. bias: mean error in these units, of center, length and radius the largest in size; it
-scatters by about 1 over the root of the number of scenes. bound: median, pixels.
+error in units of the reported standard deviation; 1 is honest. bias: mean error in these units, of
+center, length and radius the largest in size; it scatters by about 1 over the root of the number of
+scenes. bound: median, pixels.
 """
 
 
