@@ -177,8 +177,9 @@ def test_errors_of_sweeps_are_their_scatter():
         ball = Ball(radius, np.array([0.8, 0.35, 0.06]))
         truth = render(Scene(colorful_plate((64, 64), seed, tile=14), path, ball))
         image, plate = Shot(truth.scene, Camera(code_std=1 / 255), seed=seed).photograph(truth)
+        image = replace(image, meta=replace(image.meta, exposure_time=0.02))
         motion = measure_motion(solve(image, plate))
-        assert motion.source == "sweep"
+        assert (motion.source, motion.exposure_time) == ("sweep", 0.02)
         true = np.array([*path.at(0.5), path.length, radius])
         found = np.array([*motion.center, motion.length, motion.radius])
         std = np.array([*motion.center_std, motion.length_std, motion.radius_std])

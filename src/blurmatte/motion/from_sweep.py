@@ -80,9 +80,9 @@ def _told(sweep: Sweep, path: Array, shape: Array) -> Array:
 
 
 def _times(sweep: Sweep, path: Array) -> Array:
-    """(T,) moments, one of them at the corner if there is one."""
+    """(T,) moments, one of them when the velocity jumps if it does."""
     kink = sweep.family.kink(path)
-    if kink is None:
+    if not kink:  # also a departure at once
         return np.linspace(0, 1, _STEPS + 1)
     before, after = np.linspace(0, kink, _STEPS // 2 + 1), np.linspace(kink, 1, _STEPS // 2 + 1)
     return np.concatenate([before, after[1:]])

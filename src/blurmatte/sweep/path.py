@@ -27,7 +27,7 @@ class PathFamily(ABC):
         """Points xy (T, 2) and their derivatives D (T, 2, n)."""
 
     def kink(self, p: Array) -> float | None:
-        """When it turns a corner; None if never."""
+        """When its velocity jumps; None if never."""
         return None
 
     @abstractmethod
@@ -146,12 +146,16 @@ class FromRest(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Nowhere, then along the line."""
-        a, b, k = p[:2], p[2:4], float(np.clip(p[4], 0, 0.98))
+        a, b, k = p[:2], p[2:4], self.kink(p)
         u = np.maximum((t - k) / (1 - k), 0)
         basis = np.stack([1 - u, u], axis=1)
         by_time = np.where((t > k) & (0 < k < 0.98), (t - 1) / (1 - k) ** 2, 0)[:, None] * (b - a)
         xy = basis @ np.stack([a, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
+
+    def kink(self, p: Array) -> float:
+        """The time of the departure."""
+        return float(np.clip(p[4], 0, 0.98))
 
     def starts(self, curve: Array) -> list[Array]:
         """A line from one of its ends to the other."""
