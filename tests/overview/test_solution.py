@@ -8,8 +8,6 @@ from blurmatte.matting import Pixelwise, Quality, Solution, solve
 from blurmatte.overview import draw_overview
 from blurmatte.overview.panels import WARNING
 from blurmatte.overview.solution import _layout, _surroundings
-from blurmatte.motion import measure_motion
-from blurmatte.overview import _BRIGHT, _WARNING, _layout, _surroundings, draw_motion, draw_overview
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
 from blurmatte.streaks import Streak
@@ -160,15 +158,3 @@ def test_sizes_must_agree():
     image, plate, solution = solved((60, 40), (20, 20), (40, 20))
     with pytest.raises(ValueError, match="same size"):
         draw_overview(image, LinearImage(plate.rgb[:30]), solution)
-
-
-def test_a_motion_is_drawn_where_it_was():
-    """Exact: bright on the path, bright on the outlines, the picture beside it."""
-    image, _, solution = solved((120, 90), (30, 40), (80, 50))
-    for one in (solution, replace(solution, sweep=None)):
-        motion = measure_motion(one)
-        sheet = draw_motion(image, one, motion)
-        assert sheet.dtype == np.uint8
-        assert sheet.shape[1] == 1800
-        y, x = np.nonzero((sheet == _BRIGHT).all(axis=-1)[130:830])  # between title and words
-        assert np.ptp(x) / np.ptp(y) == pytest.approx((50 + 12) / (10 + 12), rel=0.1)

@@ -17,8 +17,8 @@ def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
     """States and by how much each is worse than the likeliest, the best first.
 
     Units of log likelihood, with the `price` of the parameters. When a velocity jumps counts twice: it
-    could have been at any time, and one of them suits the noise [Yao 1988]. States that mean nothing are
-    left out if there are others.
+    could have been at any time, and one of them suits the noise [Yao 1988]. States that mean nothing
+    are left out if there are others.
     """
     states = [s for s in states if means_something(data, s)] or list(states)
     likeliest = min(states, key=lambda state: state.cost)
