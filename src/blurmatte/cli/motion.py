@@ -3,6 +3,7 @@
 import json
 import math
 import re
+from collections.abc import Callable
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any
@@ -75,13 +76,14 @@ def measure(
         raise ValueError("--overlay and --image belong together: what to draw, and on what")
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
+    scaled = _scaling(radius, diameter, scale, points)
+    time, time_std = (None, 0.0) if exposure is None else _seconds("--exposure", exposure)
+    line = None if line_time is None else _seconds("--line-time", line_time)[0]
+    downward = None if going is None else going == "down"
     with about(layer):
         solution = bm.read_solution(layer, max_pixels)
         motion = bm.measure_motion(solution)
-        known = _scale(motion, radius, diameter, scale, points)
-        time, time_std = (None, 0.0) if exposure is None else _seconds("--exposure", exposure)
-        line = None if line_time is None else _seconds("--line-time", line_time)[0]
-        downward = None if going is None else going == "down"
+        known = None if scaled is None else scaled(motion)
         speed = motion.speed(known, time, time_std, line, downward)
     words = [*bm.explain(motion), *bm.explain(speed)]
     row = {**motion.numbers(), **speed.numbers()}
@@ -118,24 +120,22 @@ def _finite(value: Any) -> Any:
     return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
-def _scale(
-    motion: bm.Motion,
-    radius: str | None,
-    diameter: str | None,
-    scale: str | None,
-    points: str | None,
-) -> bm.Scale | None:
-    """Meters per pixel, by the one option that was given."""
+def _scaling(
+    radius: str | None, diameter: str | None, scale: str | None, points: str | None
+) -> Callable[[bm.Motion], bm.Scale] | None:
+    """How meters per pixel follow from a motion, by the one option that was given."""
     given = [text for text in (radius, diameter, scale, points) if text is not None]
     if len(given) > 1:
         raise ValueError("give one of --radius, --diameter, --scale and --points")
     if radius is not None:
-        return bm.Scale.from_radius(motion, *_meters("--radius", radius))
+        half, std = _meters("--radius", radius)
+        return lambda motion: bm.Scale.from_radius(motion, half, std)
     if diameter is not None:
         whole, std = _meters("--diameter", diameter)
-        return bm.Scale.from_radius(motion, whole / 2, std / 2)
+        return lambda motion: bm.Scale.from_radius(motion, whole / 2, std / 2)
     if scale is not None:
-        return bm.Scale(*_meters("--scale", scale))
+        told = bm.Scale(*_meters("--scale", scale))
+        return lambda _: told
     if points is None:
         return None
     *place, distance = points.split(",")
@@ -143,7 +143,8 @@ def _scale(
         x0, y0, x1, y1 = map(float, place)
     except ValueError:
         raise ValueError(f"--points must be x0,y0,x1,y1,length, got {points!r}") from None
-    return bm.Scale.from_points((x0, y0), (x1, y1), *_meters("--points", distance))
+    between = bm.Scale.from_points((x0, y0), (x1, y1), *_meters("--points", distance))
+    return lambda _: between
 
 
 def _meters(name: str, text: str) -> tuple[float, float]:
