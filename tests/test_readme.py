@@ -73,7 +73,7 @@ def test_numpy_arrays_run(pictures, monkeypatch):
     names = {}
     exec(EXAMPLES[1], names)
     assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
-    assert len(EXAMPLES) == 4
+    assert len(EXAMPLES) == 5
 
 
 def test_edits_run(pictures, monkeypatch):
@@ -107,7 +107,7 @@ def test_a_solution_tells_the_motion(pictures, monkeypatch, capsys):
     Path("out").mkdir(exist_ok=True)
     bm.write("out/layer.exr", bm.solve(image, plate))
     names = {}
-    exec(EXAMPLES[3], names)
+    exec(EXAMPLES[4], names)
     motion = names["motion"]
     assert motion.radius == pytest.approx(12, abs=4 * motion.radius_std)
     assert motion.length == pytest.approx(np.hypot(60, 12), abs=4 * motion.length_std)
