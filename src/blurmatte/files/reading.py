@@ -149,15 +149,17 @@ def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> F
 
 
 def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> None:
+    numbers = [light] if alpha is None else [light, alpha]
+    if all(np.isfinite([values.min(), values.max()]).all() for values in numbers):
+        return
     finite: Bools = np.asarray(np.isfinite(light).all(axis=-1))
     if alpha is not None:
         finite = finite & np.isfinite(alpha)
     bad = finite.size - int(np.count_nonzero(finite))
-    if bad:
-        raise FileError(
-            f"{path}: {bad} of {finite.size} pixels are NaN or infinite; "
-            "repair them in the program that wrote the file"
-        )
+    raise FileError(
+        f"{path}: {bad} of {finite.size} pixels are NaN or infinite; "
+        "repair them in the program that wrote the file"
+    )
 
 
 def _meta(raster: Raster, encoding: Profile | None) -> Meta:
