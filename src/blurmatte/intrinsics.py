@@ -211,7 +211,7 @@ class Intrinsics:
         return np.stack([self._distorted(m + d).imag / _TINY for d in steps], axis=-1)
 
     def _unfished(self, there: Array) -> Array:
-        """m of m′ of a fisheye: its angle by Newton's method; what is 90° off or more is NaN."""
+        """What a fisheye puts at m′: its angle by Newton's method; 90° off the axis or more is NaN."""
         r = np.linalg.norm(there, axis=-1)
         theta, k = r, self.distortion
         with np.errstate(all="ignore"):

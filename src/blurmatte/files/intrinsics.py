@@ -51,14 +51,14 @@ def read_intrinsics(path: str | Path) -> Intrinsics:
         )
     fields = json.loads(read_json_text(path, _HINT))
     try:
-        fisheye, errors = fields.get("fisheye", False), {}
+        fisheye, covariance = fields.get("fisheye", False), np.zeros((0, 0))
         if not isinstance(fisheye, bool):
             raise TypeError("fisheye must be true or false")
         if "covariance" in fields:
-            errors = {"covariance": np.array(fields["covariance"], float)}
+            covariance = np.array(fields["covariance"], float)
         elif "std" in fields:
-            errors = {"covariance": np.diag(np.array(fields["std"], float) ** 2)}
-        return Intrinsics(*_pinhole(fields), _distortion(fields), fisheye, **errors)
+            covariance = np.diag(np.array(fields["std"], float) ** 2)
+        return Intrinsics(*_pinhole(fields), _distortion(fields), fisheye, covariance)
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileError(f"{path}: is no calibrated camera ({error}); {_HINT}") from error
 

@@ -204,7 +204,7 @@ def _before(
     data = data_around(streak, int(_MARGIN * sweep.radius) + 4, image, plate, None)
     data = data.coarser(max(1, int(sweep.radius / _FINE_RADIUS)))
     ball = SeenBall.before(intrinsics, data)
-    known = np.isfinite(ball.rays).all(axis=-1) & np.isfinite(ball.slopes).all(axis=(-1, -2))
+    known = np.isfinite(ball.slopes.sum(axis=(-1, -2)))
     if not np.all(known[data.streak]):
         raise MotionError(
             "the streak leaves the part of the picture in which the camera's distortion can be undone; "

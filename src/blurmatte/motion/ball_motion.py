@@ -10,12 +10,20 @@ import numpy.typing as npt
 
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
-from blurmatte.motion.sources import Source, covariances
+from blurmatte.motion.sources import (
+    Source,
+    check_exposure,
+    check_number,
+    covariances,
+    relative_errors,
+)
+from blurmatte.sweep.path import PARABOLA
 
 Array = npt.NDArray[np.float64]
 
 _MOMENTS = np.linspace(0, 1, 33)
 _POSITIONS = 9
+_NOTHING = 1e-12  # meters
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +77,7 @@ class BallMotion:
     @property
     def positions_std(self) -> Array:
         """(3, 3) standard deviations of the positions, meters."""
-        return np.sqrt(np.diag(self.covariance)).reshape(3, 3)
+        return np.asarray(np.sqrt(np.diag(self.covariance)).reshape(3, 3))
 
     @property
     def displacement(self) -> Array:
@@ -84,7 +92,7 @@ class BallMotion:
     @property
     def velocity(self) -> Array:
         """(3,) mean over the exposure, m/s."""
-        return self.displacement / self._seconds
+        return np.asarray(self.displacement / self._seconds)
 
     @property
     def velocity_std(self) -> Array:
@@ -130,7 +138,7 @@ class BallMotion:
 
     @property
     def _difference(self) -> Array:
-        return np.kron([-1.0, 0.0, 1.0], np.eye(3))
+        return np.asarray(np.kron([-1.0, 0.0, 1.0], np.eye(3)), dtype=float)
 
     @property
     def _seconds(self) -> float:
@@ -163,9 +171,8 @@ def ball_motion(
     path : str
         What is taken of the way.
     """
-    _check("radius", *radius)
-    if exposure[0] is not None:
-        _check("exposure", exposure[0], exposure[1])
+    check_number("radius", *radius)
+    check_exposure(*exposure)
     sources = {
         "picture": picture,
         "radius": Source.number(*radius),
@@ -181,9 +188,7 @@ def ball_motion(
         raise MotionError("the ball is seen where the camera's distortion cannot be undone")
     total = sum(parts.values(), np.zeros_like(next(iter(parts.values()))))
     length, depth = float(values[_POSITIONS]), float(values[5])
-    relative = _relative(parts, _POSITIONS, length)
-    if exposure[0] is not None and exposure[1] > 0:
-        relative["exposure time"] = exposure[1] / exposure[0]
+    relative = relative_errors(parts, _POSITIONS, max(length, _NOTHING), *exposure)
     return BallMotion(
         values[:_POSITIONS].reshape(3, 3),
         total[:_POSITIONS, :_POSITIONS],
@@ -193,25 +198,12 @@ def ball_motion(
         float(np.sqrt(total[5, 5])),
         path,
         relative,
-        _relative(parts, 5, depth),
+        relative_errors(parts, 5, depth),
         *exposure,
     )
 
 
-def _relative(parts: Mapping[str, Array], i: int, value: float) -> dict[str, float]:
-    return {name: float(np.sqrt(part[i, i])) / max(value, 1e-300) for name, part in parts.items()}
-
-
 def _length(X: Array) -> float:
     """Of the parabola through three positions at equally spaced times."""
-    t = _MOMENTS[:, None]
-    start, middle, end = X
-    points = (1 - t) * (1 - 2 * t) * start + 4 * t * (1 - t) * middle + t * (2 * t - 1) * end
+    points = PARABOLA.weights(_MOMENTS) @ X
     return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
-
-
-def _check(name: str, value: float, std: float) -> None:
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be finite and above 0, got {value}")
-    if not (np.isfinite(std) and std >= 0):
-        raise ValueError(f"{name}_std must be finite and not negative, got {std}")

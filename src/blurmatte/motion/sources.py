@@ -1,4 +1,4 @@
-"""From errors of what was measured to errors of what follows from it, and which of them matter.
+"""Sources: what an answer in meters rests on, and the error that each of them leaves in it.
 
 To first order: the covariance of f(x) is J Σ Jᵀ, J by central differences.
 """
@@ -8,6 +8,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+
+from blurmatte.sweep import Sweep
+from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
@@ -68,9 +71,52 @@ def covariances(
     return value, parts
 
 
-def shares(direction: Array, parts: Mapping[str, Array]) -> dict[str, float]:
-    """Which share of the variance along a direction (m,) comes from each part, the largest first."""
-    variances = {name: float(direction @ part @ direction) for name, part in parts.items()}
-    total = sum(variances.values())
-    order = sorted(variances.items(), key=lambda pair: -pair[1])
-    return {name: variance / total for name, variance in order if total > 0 and variance > 0}
+def relative_errors(
+    parts: Mapping[str, Array],
+    i: int,
+    value: float,
+    exposure_time: float | None = None,
+    exposure_std: float = 0.0,
+) -> dict[str, float]:
+    """Of the value i, as each part alone makes it; of a speed, that of the exposure time too."""
+    errors = {name: float(np.sqrt(part[i, i])) / value for name, part in parts.items()}
+    if exposure_time is not None and exposure_std > 0:
+        errors["exposure time"] = exposure_std / exposure_time
+    return errors
+
+
+def seen_path(
+    path: Sweep | Trajectory, path_std: float
+) -> tuple[Source, Callable[[Array, Array], Array]]:
+    """What a picture says of a path, and where that is: (T, 2) pixels of parameters and times (T,).
+
+    Raises
+    ------
+    TypeError
+        If it is no path.
+    """
+    if isinstance(path, Sweep):
+        n = len(path.path)
+        picture = Source(path.path, path.covariance[:n, :n])
+        return picture, lambda parameters, t: path.family.at(parameters, t)[0]
+    if not isinstance(path, Trajectory):
+        raise TypeError(f"path must be a Sweep or a Trajectory, got {type(path).__name__}")
+
+    def moved(off: Array, t: Array) -> Array:
+        ends = np.column_stack([1 - t, t]) @ off.reshape(2, 2)
+        return np.asarray(path.at(t) + ends)
+
+    return Source(np.zeros(4), path_std**2 * np.eye(4)), moved
+
+
+def check_number(name: str, value: float, std: float) -> None:
+    """ValueError unless value > 0 and std >= 0."""
+    if not (np.isfinite(value) and value > 0):
+        raise ValueError(f"{name} must be finite and above 0, got {value}")
+    if not (np.isfinite(std) and std >= 0):
+        raise ValueError(f"{name}_std must be finite and not negative, got {std}")
+
+
+def check_exposure(exposure_time: float | None, exposure_std: float) -> None:
+    """The same of an exposure time that may not be known."""
+    check_number("exposure", 1.0 if exposure_time is None else exposure_time, exposure_std)
