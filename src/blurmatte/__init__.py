@@ -38,6 +38,7 @@ from blurmatte.files import Frames as Frames
 from blurmatte.files import read as read
 from blurmatte.files import read_color_model as read_color_model
 from blurmatte.files import read_frames as read_frames
+from blurmatte.files import read_intrinsics as read_intrinsics
 from blurmatte.files import read_layer as read_layer
 from blurmatte.files import read_layers as read_layers
 from blurmatte.files import read_noise as read_noise
@@ -46,6 +47,7 @@ from blurmatte.files import read_transfer as read_transfer
 from blurmatte.files import write as write
 from blurmatte.files import write_changed as write_changed
 from blurmatte.files import write_frames as write_frames
+from blurmatte.intrinsics import Intrinsics as Intrinsics
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise
@@ -55,6 +57,16 @@ from blurmatte.matting import Solution as Solution
 from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
+from blurmatte.motion import BallMotion as BallMotion
+from blurmatte.motion import BlurDepth as BlurDepth
+from blurmatte.motion import Plane as Plane
+from blurmatte.motion import PlaneMotion as PlaneMotion
+from blurmatte.motion import Rotation as Rotation
+from blurmatte.motion import depth_from_blur as depth_from_blur
+from blurmatte.motion import fit_ball as fit_ball
+from blurmatte.motion import measure_ball as measure_ball
+from blurmatte.motion import measure_on_plane as measure_on_plane
+from blurmatte.motion import measure_rotation as measure_rotation
 from blurmatte.overview import draw_edit as draw_edit
 from blurmatte.overview import draw_exposures as draw_exposures
 from blurmatte.overview import draw_look as draw_look

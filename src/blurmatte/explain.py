@@ -9,6 +9,7 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
+from blurmatte.motion import SpaceMotion, space_motion_in_words
 from blurmatte.radiometry import (
     BLOCKS,
     SRGB,
@@ -56,7 +57,7 @@ _REMEDY = {
 }
 
 
-Explained = ColorModel | Solution | PlateFit | NoiseFit | Transfer | ResponseFit
+Explained = ColorModel | Solution | PlateFit | NoiseFit | Transfer | ResponseFit | SpaceMotion
 
 
 def explain(thing: Explained) -> list[str]:
@@ -64,7 +65,8 @@ def explain(thing: Explained) -> list[str]:
 
     Parameters
     ----------
-    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer or ResponseFit
+    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer, ResponseFit, BallMotion, PlaneMotion, \
+            BlurDepth or Rotation
 
     Returns
     -------
@@ -101,9 +103,11 @@ def explain(thing: Explained) -> list[str]:
         return _curve(thing)
     if isinstance(thing, ResponseFit):
         return [*_curve(thing.transfer), *_response(thing)]
+    if isinstance(thing, SpaceMotion):
+        return space_motion_in_words(thing)
     raise TypeError(
-        "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer or a ResponseFit, "
-        f"got {type(thing).__name__}"
+        "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer, a ResponseFit, a "
+        f"BallMotion, a PlaneMotion, a BlurDepth or a Rotation, got {type(thing).__name__}"
     )
 
 
