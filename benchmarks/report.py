@@ -21,6 +21,7 @@ FIRST = (
     "color",
     "color_hue_spread",
     "calibration",
+    "space",
 )
 TOP = """\
 # Results

@@ -97,3 +97,12 @@ def test_door(arguments, says):
         Intrinsics(*arguments)
     with pytest.raises(ValueError, match="sensor_width must be positive"):
         Intrinsics.from_focal_length(50, (60, 40), -1)
+
+
+@lenses
+def test_slopes_of_rays_are_their_derivatives(lens):
+    """oracle: differences."""
+    pixels = np.array([[320.5, 239.0], [100, 50], [600, 400]])
+    for i, d in enumerate(1e-3 * np.eye(2)):
+        numeric = (lens.rays(pixels + d) - lens.rays(pixels - d)) / 2e-3
+        assert_allclose(lens.ray_slopes(pixels)[..., i], numeric, atol=1e-9)

@@ -23,7 +23,6 @@ _FISHEYE_COUNTS = (0, 4)
 _STEPS = 30
 _CLOSE = 1e-12  # on the plane z = 1: far below a pixel
 _TINY = 1e-30
-_HALF = 0.5  # pixels, by which slopes of rays are taken to each side
 _DIAGONAL_35MM = float(np.hypot(36, 24))  # what a 35 mm equivalent is made for [CIPA DCG-001]
 
 
@@ -152,33 +151,36 @@ class Intrinsics:
         """
         xy = np.asarray(pixels, dtype=float)
         there = (xy - [self.cx, self.cy]) / [self.fx, self.fy]
+        if not self.fisheye and not self.distortion.any():
+            return np.asarray(there)
         if self.fisheye:
             return self._unfished(there)
         m = there
         with np.errstate(all="ignore"):
             for _ in range(_STEPS):
-                off, J = self._distorted(m) - there, self._slope(m)
+                off = self._distorted(m) - there
                 if np.nanmax(np.abs(off), initial=0) < _CLOSE:
                     break
-                det = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
-                dx = (J[..., 1, 1] * off[..., 0] - J[..., 0, 1] * off[..., 1]) / det
-                dy = (J[..., 0, 0] * off[..., 1] - J[..., 1, 0] * off[..., 0]) / det
-                m = m - np.stack([dx, dy], axis=-1)
+                J = self._slope(m)
+                m = m - (_inverse(J) @ off[..., None])[..., 0]
             wrong = ~(np.abs(self._distorted(m) - there).max(axis=-1) < 1e-6)
             wrong |= ~(np.linalg.det(self._slope(np.where(wrong[..., None], 0, m))) > 0)
         return np.where(wrong[..., None], np.nan, m)
 
     def rays(self, pixels: npt.ArrayLike) -> Array:
         """Unit directions (..., 3) in which pixels (..., 2) look; NaN where `undistort` is."""
-        m = self.undistort(pixels)
-        ray = np.concatenate([m, np.ones_like(m[..., :1])], axis=-1)
-        return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
+        return _ray(self.undistort(pixels))
 
     def ray_slopes(self, pixels: npt.ArrayLike) -> Array:
-        """(..., 3, 2) by how much rays change from one pixel to the next, in x and in y."""
-        xy, (x, y) = np.asarray(pixels, dtype=float), _HALF * np.eye(2)
-        sides = [self.rays(xy + d) - self.rays(xy - d) for d in (x, y)]
-        return np.stack(sides, axis=-1) / (2 * _HALF)
+        """(..., 3, 2) derivatives of the rays by the pixel's x and y."""
+        m = self.undistort(pixels)
+        ray = _ray(m)[..., None]
+        with np.errstate(all="ignore"):  # NaN stays NaN
+            by_pixel = _inverse(self._slope(m)) / [self.fx, self.fy]
+        flat = np.concatenate([by_pixel, np.zeros_like(by_pixel[..., :1, :])], axis=-2)
+        length = np.sqrt(1 + (m**2).sum(axis=-1))[..., None, None]
+        along = np.swapaxes(ray, -1, -2) @ flat
+        return np.asarray((flat - ray * along) / length)
 
     def magnification(self, pixels: npt.ArrayLike) -> Array:
         """(...) pixels that a radian takes there, the geometric mean of all directions."""
@@ -222,6 +224,19 @@ class Intrinsics:
             seen &= (theta >= 0) & (_turned(theta + 1j * _TINY, k).imag > 0)
             factor = np.where(r > _CLOSE, np.tan(theta) / np.maximum(r, _TINY), 1)
         return np.where(seen[..., None], there * factor[..., None], np.nan)
+
+
+def _ray(m: Array) -> Array:
+    """Unit directions (..., 3) of points m (..., 2)."""
+    ray = np.concatenate([m, np.ones_like(m[..., :1])], axis=-1)
+    return np.asarray(ray / np.linalg.norm(ray, axis=-1, keepdims=True))
+
+
+def _inverse(J: Array) -> Array:
+    """Of (..., 2, 2) matrices, infinite or NaN if there is none."""
+    a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
+    adjugate = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
+    return np.asarray(adjugate / (a * d - b * c)[..., None, None])
 
 
 def _turned(theta: Array, k: Array) -> Array:

@@ -111,7 +111,7 @@ def test_the_rim_is_where_rays_touch_and_its_ellipse_tells_the_ball(X):
     spread = np.outer(center, center) - Q[:2, :2] / Q[2, 2]
     radius = 700 * np.linalg.det(spread) ** 0.25
     found = positions_of_discs(lens, 700 * center[None] + [320, 240], radius)[0]
-    assert_allclose(found, X, rtol=1e-6)  # the magnification is taken over a pixel
+    assert_allclose(found, X, rtol=1e-9)
 
 
 @pytest.mark.parametrize("sag", [0.0, 1.0], ids=["line", "thrown"])

@@ -46,15 +46,15 @@ def test_errors_are_honest(direction):
     """honest: of picture, speed and exposure time together."""
     rng, z = np.random.default_rng(2), []
     true = START[2] + (0 if direction is None else 0.1 * 0.5 / np.linalg.norm(direction))
-    for _ in range(300):
+    for _ in range(150):
         path = path_of([1, -0.3, 0] if direction is None else direction, rng.normal(0, 0.3, (2, 2)))
         speed, time = SPEED + rng.normal(0, 0.2), EXPOSURE * (1 + rng.normal(0, 0.01))
         depth = bm.depth_from_blur(
             path, LENS, speed, time, direction, 0.2, 0.01 * EXPOSURE, path_std=0.3
         )
         z.append((depth.depth - true) / depth.depth_std)
-    assert abs(np.std(z) - 1) < 0.12
-    assert abs(np.mean(z)) < 0.2
+    assert abs(np.std(z) - 1) < 0.18
+    assert abs(np.mean(z)) < 0.27
 
 
 def test_door():

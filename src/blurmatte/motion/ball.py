@@ -37,6 +37,9 @@ Array = npt.NDArray[np.float64]
 _MARGIN = 0.5  # of the radius, around the sweep: it may be wrong by that
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _ROUND = 20  # steps of a fixed point that gains four digits in each
+_NOISE = 1.2  # misfit of what needs no better explanation
+_WORTH = 2.0  # units of log likelihood that a parameter must gain, as `choice` has it
+_ROUNDS = 3
 _BOUNDS = 0.5, 2.0  # of the sweep's radius
 
 
@@ -133,8 +136,10 @@ def fit_ball(
     if sweep is None:
         sweep = fit_sweep(image, plate)
     data, ball = _before(intrinsics, sweep, image, plate)
-    ends = [descend(data, _start(data, ball, sweep, f), _bounds(sweep)) for f in (LINE, PARABOLA)]
-    best = best_of(data, ends)
+    best = _descended(data, _start(data, ball, sweep, LINE), sweep)
+    if misfit(data, best) > _NOISE or _would_bend(data, ball, best):
+        bent = _descended(data, _start(data, ball, sweep, PARABOLA), sweep)
+        best = best_of(data, [best, bent])
     _check_explained(misfit(data, best), "no ball that flew straight, or like thrown,")
     n = len(best.path)
 
@@ -192,8 +197,13 @@ def _check_explained(left: float, what: str) -> None:
         )
 
 
-def _bounds(sweep: Sweep) -> tuple[float, float]:
-    return _BOUNDS[0] * sweep.radius, _BOUNDS[1] * sweep.radius
+def _descended(data: Data, state: State, sweep: Sweep) -> State:
+    """Where a descent ends, though it takes more steps than others, for a start may be far off."""
+    for _ in range(_ROUNDS):
+        state = descend(data, state, (_BOUNDS[0] * sweep.radius, _BOUNDS[1] * sweep.radius))
+        if state.converged:
+            break
+    return state
 
 
 def _before(
@@ -222,3 +232,17 @@ def _start(data: Data, ball: SeenBall, sweep: Sweep, family: Polynomial) -> Stat
     shape = np.array([np.exp(np.log(radii).mean()), *np.zeros(family.degree)])
     frame = Frame.of(sweep.model.basis)
     return state_at(data, family, pixels.ravel(), ball, shape, frame)
+
+
+def _would_bend(data: Data, ball: SeenBall, line: State) -> bool:
+    """Whether acceleration could explain clearly more: Rao's score test of its three parameters."""
+    X, _ = at_nodes(ball.intrinsics, line.path, line.shape)
+    middle = X.mean(axis=0, keepdims=True)
+    pixel = ball.intrinsics.project(middle)
+    radius = ball.intrinsics.magnification(pixel) / np.linalg.norm(middle)
+    path = np.concatenate([line.path[:2], pixel[0], line.path[2:]])
+    shape = np.array([*line.shape, np.log(radius[0] / line.shape[0])])
+    bent = state_at(data, PARABOLA, path, ball, shape, line.frame)
+    H, g = bent.information(data)
+    gain = float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
+    return gain / overstated(data, line) > _WORTH * (bent.size - line.size)

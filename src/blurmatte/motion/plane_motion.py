@@ -29,7 +29,7 @@ from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
-_MOMENTS = np.linspace(0, 1, 33)
+_MOMENTS = np.linspace(0, 1, 17)
 
 
 @dataclass(frozen=True, eq=False)

@@ -52,6 +52,7 @@ _FEW = 3000  # pixels, with which starts are compared
 _STEPS, _ENOUGH = 60, 1e-2  # units of log likelihood: no step gains more
 _LEAST = 1e-12  # of the largest curvature, what a parameter without any is given
 _DOUBT = 3.0  # residuals, from which on they count less
+_NOISE = 1.2  # times as much as noise, what needs no better start
 _MISFIT = 12.0  # times as much as noise, over blocks, what a rigid thing that turns leaves at most
 
 
@@ -200,6 +201,8 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     for c, omega in _starts(alpha, std, use & solution.streak, center):
         try:
             tried.append(_fitted(alpha, std, use, c, omega, center, _FEW))
+            if tried[-1][0] < _NOISE:
+                break
         except MotionError as error:
             refusal = error
     if not tried:
@@ -257,14 +260,14 @@ def _fitted(
 def _starts(
     alpha: Array, std: Array, use: Bools, center: Array | None
 ) -> list[tuple[Array, float]]:
-    """Centers and angles to begin with: what (1) says, and the middle of alpha, right for most fans."""
+    """Centers and angles to begin with: the middle of alpha, right for most fans, and what (1) says."""
     c, slope = _start(alpha, std, use, center)
     if center is not None:
         return [(center, min(1 / slope, 2 * np.pi))]
     y, x = np.nonzero(use)
     middle = np.array([x, y]) @ alpha[use] / max(float(alpha[use].sum()), 1.0)
     _, other = _start(alpha, std, use, middle)
-    return [(c, min(1 / slope, 2 * np.pi)), (middle, min(1 / other, 2 * np.pi))]
+    return [(middle, min(1 / other, 2 * np.pi)), (c, min(1 / slope, 2 * np.pi))]
 
 
 def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[Array, float]:
