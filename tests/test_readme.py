@@ -51,7 +51,6 @@ def pictures(tmp_path_factory):
         exposed = bm.LinearImage(light, meta=replace(throw.meta, exposure_time=2.0 ** (k - 6)))
         bm.write(folder / f"bracket_{k}.jpg", exposed)
     bm.write(folder / "beach.jpg", bm.LinearImage(np.full((90, 160, 3), [0.2, 0.4, 0.7])))
-    bm.write(folder / "lens.json", bm.Intrinsics(400, 400, 63.5, 39.5))
     np.save(folder / "throw.npy", throw.rgb)
     codes = np.rint(65535 * bm.SRGB.encode(empty_room.rgb)).astype(np.uint16)
     np.save(folder / "empty_room.npy", codes)

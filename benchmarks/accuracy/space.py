@@ -69,7 +69,7 @@ def flight(degrees: float, seed: int) -> tuple[LinearImage, np.ndarray, np.ndarr
     return image, plate, np.array([middle - half, middle + half])
 
 
-def errors_of(motion: BallMotion, ends: np.ndarray, disc: BallMotion) -> Errors:
+def errors_of(motion: BallMotion, ends: np.ndarray, disc: float) -> Errors:
     way = ends[1] - ends[0]
     length, depth = float(np.linalg.norm(way)), float(ends[:, 2].mean())
     cosine = abs(motion.displacement @ way) / np.linalg.norm(motion.displacement) / length
@@ -79,7 +79,7 @@ def errors_of(motion: BallMotion, ends: np.ndarray, disc: BallMotion) -> Errors:
         float(np.degrees(np.arccos(min(cosine, 1)))),
         (motion.depth - depth) / motion.depth_std,
         (motion.length - length) / motion.length_std,
-        100 * (disc.length / length - 1),
+        100 * (disc / length - 1),
     )
 
 
@@ -93,9 +93,13 @@ def trial(degrees: float, noise: int, seed: int) -> Errors:
     try:
         sweep = fit_sweep(image, plate)
         motion = fit_ball(image, plate, LENS, RADIUS, EXPOSURE, sweep=sweep)
-        return errors_of(motion, ends, measure_ball(sweep, LENS, RADIUS, EXPOSURE))
     except BlurmatteError:
         return Errors()
+    try:
+        disc = measure_ball(sweep, LENS, RADIUS, EXPOSURE).length
+    except BlurmatteError:
+        disc = np.nan
+    return errors_of(motion, ends, disc)
 
 
 def row(group: list[Errors]) -> list[Cell]:

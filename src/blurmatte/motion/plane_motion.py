@@ -246,11 +246,12 @@ def measure_on_plane(
     plane : Plane
     exposure_time : float, optional
         Seconds; without it there is no speed.
+    exposure_std : float
+        Its standard deviation.
     height, height_std : float
         Of the point above the plane, meters.
-    exposure_std, path_std : float
-        Standard deviations of the exposure time, and of each coordinate of both ends of a
-        Trajectory, pixels.
+    path_std : float
+        Standard deviation of each coordinate of both ends of a Trajectory, pixels.
 
     Returns
     -------
