@@ -134,7 +134,7 @@ def test_a_flight_is_found(sag):
 def test_errors_are_honest():
     """honest: of nine coordinates, depth and length; radius 13 px, noise of a code value."""
     z, of_length, within = [], [], []
-    for seed in range(10):
+    for seed in range(8):
         image, plate, sweep = taken(seed)
         motion = bm.fit_ball(image, plate, LENS, RADIUS, EXPOSURE, sweep=sweep)
         off = motion.positions - true_positions()

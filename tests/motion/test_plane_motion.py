@@ -82,7 +82,7 @@ def test_errors_are_honest():
     start, end, T = np.array([-2.0, 4]), np.array([1.0, 5]), 0.1
     corners, ends = seen(on_ground(CORNERS)), seen(on_ground([start, end], 0.6))
     z, speeds = [], []
-    for _ in range(80):
+    for _ in range(50):
         pixels = corners + rng.normal(0, 0.4, corners.shape)
         plane = bm.Plane.from_points(pixels, CORNERS, LENS, pixel_std=0.4)
         path = bm.Trajectory.line(*(ends + rng.normal(0, 0.5, ends.shape)))
@@ -92,9 +92,9 @@ def test_errors_are_honest():
         off = np.concatenate([motion.start - start, motion.end - end])
         z.append(off / np.sqrt(np.diag(motion.covariance)))
         speeds.append((motion.speed - np.hypot(3, 1) / T) / motion.speed_std)
-    assert np.abs(np.std(z, axis=0) - 1).max() < 0.27
-    assert abs(np.std(speeds) - 1) < 0.25
-    assert abs(np.mean(speeds)) < 0.3
+    assert np.abs(np.std(z, axis=0) - 1).max() < 0.3
+    assert abs(np.std(speeds) - 1) < 0.3
+    assert abs(np.mean(speeds)) < 0.4
     assert set(motion.parts) == {"picture", "plane", "height", "exposure time"}
     assert motion.dominant in " ".join(bm.explain(motion)) or motion.dominant == "picture"
 
