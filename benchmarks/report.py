@@ -20,6 +20,7 @@ FIRST = (
     "alpha_gamma",
     "color",
     "color_hue_spread",
+    "motion",
     "calibration",
     "space",
 )

@@ -73,7 +73,7 @@ def test_numpy_arrays_run(pictures, monkeypatch):
     names = {}
     exec(EXAMPLES[1], names)
     assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
-    assert len(EXAMPLES) == 4
+    assert len(EXAMPLES) == 5
 
 
 def test_edits_run(pictures, monkeypatch):
@@ -99,6 +99,19 @@ def test_a_clip_gives_the_plate(pictures, monkeypatch):
     alpha = names["solution"].layer.alpha
     assert alpha.sum(dtype=float) == pytest.approx(np.pi * 12**2, rel=0.05)
     assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
+
+
+def test_a_solution_tells_the_motion(pictures, monkeypatch, capsys):
+    monkeypatch.chdir(pictures)
+    image, plate = bm.read("throw.png", bm.SRGB), bm.read("empty_room.png", bm.SRGB)
+    Path("out").mkdir(exist_ok=True)
+    bm.write("out/layer.exr", bm.solve(image, plate))
+    names = {}
+    exec(EXAMPLES[4], names)
+    motion = names["motion"]
+    assert motion.radius == pytest.approx(12, abs=4 * motion.radius_std)
+    assert motion.length == pytest.approx(np.hypot(60, 12), abs=4 * motion.length_std)
+    assert "km/h" in capsys.readouterr().out
 
 
 def save_clip(path, lights):

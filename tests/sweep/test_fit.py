@@ -23,6 +23,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
+from blurmatte.sweep.search import Search
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -274,3 +275,25 @@ def test_door(ball):
     _, image, plate, _ = ball
     with pytest.raises(ValueError, match="160x112"):
         fit_sweep(image, plate.crop((0, 0, 150, 112)))
+
+
+@pytest.mark.parametrize("name", ["line", "arc"])
+def test_the_sweep_of_another_frame_is_a_start(name, monkeypatch):
+    """Exact: the same answer from a path elsewhere, without the search."""
+    _, image, plate = taken(Scene(TILES, WAYS[name], Ball(11, GREEN)))
+    found = fit_sweep(image, plate)
+    elsewhere = replace(found, path=found.path + 6.0 * (np.arange(len(found.path)) < 4))
+    monkeypatch.setattr(Search, "best", None)  # not called
+    again = fit_sweep(image, plate, start=elsewhere)
+    assert again.family is found.family
+    assert abs(again.radius - found.radius) < 0.1 * found.radius_std
+    assert_allclose(np.sort(again.outline_at(0.5), 0), np.sort(found.outline_at(0.5), 0), atol=0.05)
+
+
+def test_a_start_that_leads_nowhere_does_no_harm():
+    """Invariant: a path that is a line is no start for a bounce; the search finds it all the same."""
+    _, image, plate = taken(Scene(TILES, WAYS["bounce"], Ball(11, GREEN)))
+    _, *straight = taken(BALL)
+    found, again = fit_sweep(image, plate), fit_sweep(image, plate, start=fit_sweep(*straight))
+    assert again.family is found.family
+    assert_allclose(again.path, found.path)

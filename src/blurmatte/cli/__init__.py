@@ -2,6 +2,7 @@
 
 from blurmatte.cli import editing as editing
 from blurmatte.cli import layers as layers
+from blurmatte.cli import motion as motion
 from blurmatte.cli import noise as noise
 from blurmatte.cli import pictures as pictures
 from blurmatte.cli import plates as plates

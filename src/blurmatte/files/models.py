@@ -1,5 +1,7 @@
-"""JSON: a ColorModel, in a file of its own and in the header of a Solution; and reports."""
+"""JSON: a ColorModel, in a file of its own and in the header of a Solution; reports; rows of CSV."""
 
+import csv
+import io
 import json
 import math
 from collections.abc import Mapping
@@ -39,6 +41,24 @@ def mapping_to_json(mapping: Mapping[str, Any]) -> str:
         If it holds something that JSON has no word for.
     """
     return _indented(_plain(mapping), "")
+
+
+def mapping_to_csv(mapping: Mapping[str, Any]) -> str:
+    """A line of names and a line of values; what is missing is empty.
+
+    Raises
+    ------
+    TypeError
+        If a value is no number and no text.
+    """
+    plain = _plain(mapping)
+    for name, value in plain.items():
+        if isinstance(value, list | dict):
+            raise TypeError(f"a row of a table holds numbers and text, {name} is {value!r}")
+    lines = io.StringIO(newline="")
+    writer = csv.writer(lines, lineterminator="\n")
+    writer.writerows([plain.keys(), plain.values()])
+    return lines.getvalue()
 
 
 def _indented(value: Any, margin: str) -> str:

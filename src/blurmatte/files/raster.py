@@ -32,7 +32,7 @@ _TAGS = (
     *("ICCProfile", "CICP", "Orientation", "ExposureTime", "Exif:ColorSpace"),
     *("oiio:UnassociatedAlpha", "oiio:BitsPerSample", "tiff:PhotometricInterpretation"),
     *("tiff:ColorSpace", "jpeg:ColorSpace"),
-    *("blurmatte:model", "blurmatte:solver", "blurmatte:stats"),
+    *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
 )
 # Some cameras pad the end of a JPEG; every other complaint of libjpeg costs pixels.

@@ -2,7 +2,7 @@
 
 R, G, B, A without a name in front are the picture, premultiplied, as every program expects it.
 Beside them, untouched: alpha.raw, alpha.std, premultiplied.R …, premultiplied_std.R …,
-quality.flags. Model, solver and stats are text in the header. All channels are float32.
+quality.flags. Model, solver, stats and sweep are text in the header. All channels are float32.
 """
 
 import json
@@ -16,6 +16,7 @@ import numpy.typing as npt
 from blurmatte.errors import FileError
 from blurmatte.files.models import model_from_json, model_to_json
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
+from blurmatte.files.sweeps import sweep_from_json, sweep_to_json
 from blurmatte.matting import Solution
 
 CHANNELS = (
@@ -36,17 +37,19 @@ def solution_parts(solution: Solution) -> tuple[npt.NDArray[Any], ...]:
 
 def solution_header(solution: Solution) -> dict[str, str]:
     """What is no pixel, as text."""
+    swept = {} if solution.sweep is None else {"blurmatte:sweep": sweep_to_json(solution.sweep)}
     return {
         "blurmatte:model": model_to_json(solution.model),
         "blurmatte:solver": solution.solver,
         "blurmatte:stats": json.dumps(dict(solution.stats), default=_plain),
+        **swept,
     }
 
 
 def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     """Read a Solution that `write` wrote.
 
-    Arrays come back as float32, sequences in `stats` as tuples.
+    Arrays come back as float32, sequences in `stats` as tuples, the sweep with every digit.
 
     Raises
     ------
@@ -58,13 +61,15 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
         header = {name: str(raster.tags[f"blurmatte:{name}"]) for name in ("model", "stats")}
         model = model_from_json(header["model"])
         stats = _frozen(json.loads(header["stats"]))
+        text = raster.tags.get("blurmatte:sweep")
+        sweep = None if text is None else sweep_from_json(str(text))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileError(
             f"{path}: another program has changed its header; "
             "give the EXR as blurmatte.write made it"
         ) from error
     solver = str(raster.tags.get("blurmatte:solver", ""))
-    return Solution(**_arrays(raster), model=model, solver=solver, stats=stats)
+    return Solution(**_arrays(raster), model=model, solver=solver, stats=stats, sweep=sweep)
 
 
 def _arrays(raster: Raster) -> Mapping[str, Any]:

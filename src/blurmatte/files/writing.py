@@ -17,7 +17,7 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.camera import camera_header
 from blurmatte.files.intrinsics import intrinsics_to_mapping
-from blurmatte.files.models import mapping_to_json, model_to_json
+from blurmatte.files.models import mapping_to_csv, mapping_to_json, model_to_json
 from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.plates import light_parts
@@ -72,7 +72,7 @@ def write(
     NoiseModel        .json, and so is a NoiseFit
     Transfer          .json, as a table
     ResponseFit       .json: its transfer, the error of it, and what was found
-    mapping           .json; numbers that are not finite become null
+    mapping           .json, numbers that are not finite become null; .csv, one row, if it is flat
     str               .toml, as is
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
     (H, W, 3) uint8   .png .jpg, as is: already sRGB
@@ -124,7 +124,10 @@ def _ways(thing: object) -> Mapping[str, Way]:
         case Transfer() | ResponseFit():
             return {".json": lambda path: _save_text(path, transfer_to_json(thing) + "\n")}
         case Mapping():
-            return {".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n")}
+            return {
+                ".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n"),
+                ".csv": lambda path: _save_text(path, mapping_to_csv(thing)),
+            }
         case str():
             return {".toml": lambda path: _save_text(path, thing)}
         case np.ndarray() if thing.ndim == 2 and thing.dtype.kind == "f":

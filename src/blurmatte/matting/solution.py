@@ -12,6 +12,7 @@ from blurmatte.checks import Bools, Floats, check_light, check_map
 from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import light_in_srgb
+from blurmatte.sweep import Sweep
 
 
 class Quality(IntFlag):
@@ -45,6 +46,8 @@ class Solution:
         How it was solved, e.g. "Pixelwise(max_alpha_std=0.5)".
     stats : mapping
         Numbers about the solve: the streak's box and evidence, the noise, how well the model fits.
+    sweep : Sweep, optional
+        The shape on a path that alpha came from, if one explains the streak.
 
     Raises
     ------
@@ -60,6 +63,7 @@ class Solution:
     model: ColorModel
     solver: str
     stats: Mapping[str, Any] = field(default_factory=dict)
+    sweep: Sweep | None = None
 
     def __post_init__(self) -> None:
         check_light("premultiplied", self.premultiplied)

@@ -49,6 +49,7 @@ def solve(
     matching: Matching | None = None,
     occluder: Bools | None = None,
     out: PixelMaps | None = None,
+    start: Sweep | None = None,
 ) -> Solution:
     """Separate a moving object from its background: alpha, color, and the error of both.
 
@@ -72,6 +73,9 @@ def solve(
         behind it is carried over from path and shape, or from its neighbors, and OCCLUDED.
     out : PixelMaps, optional
         Arrays to write the result to, for the next picture of the same size.
+    start : Sweep, optional
+        `Solution.sweep` of another frame of a clip, in which the object went about the same way
+        elsewhere; see `fit_sweep`.
 
     Returns
     -------
@@ -120,7 +124,9 @@ def solve(
         refuse_shade(image, plate, streak)
     model = _of_light(solver, model)
     asked = isinstance(solver, Pixelwise | Smooth | Shaded)
-    sweep = None if asked and model is not None else fit_sweep(image, plate, streak, model)
+    sweep = (
+        None if asked and model is not None else fit_sweep(image, plate, streak, model, start=start)
+    )
     swept = _chosen(solver, sweep)
     if model is None:
         assert sweep is not None
@@ -165,9 +171,11 @@ def solve(
         "plate_noise": _spoken(plate),
         "match": _match_measures(match, image, plate),
         "only_light_lost": only_lost,
+        "exposure_time": image.meta.exposure_time,
         **together,
     }
-    return Solution(*maps, model=model, solver=repr(used), stats=stats)
+    explains = sweep if swept is not None else None
+    return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
 
 
 def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:

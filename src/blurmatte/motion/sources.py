@@ -1,7 +1,4 @@
-"""Sources: what an answer in meters rests on, and the error that each of them leaves in it.
-
-To first order: the covariance of f(x) is J Σ Jᵀ, J by central differences.
-"""
+"""Sources: what an answer in meters rests on, and the error that each of them leaves in it."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.motion.propagation import propagated
 from blurmatte.sweep import Sweep
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
-
-_STEP = 1e-3  # standard deviations: far less than where a function bends
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,17 +53,13 @@ def covariances(
     value = np.asarray(f(*values), dtype=float)
     parts = {}
     for i, (name, source) in enumerate(sources.items()):
-        # Along the axes of the covariance: each step is as small as its own error asks for.
-        variances, axes = np.linalg.eigh(source.covariance)
-        total = np.zeros((len(value), len(value)))
-        for variance, axis in zip(variances, axes.T, strict=True):
-            if variance <= 0:
-                continue
-            d = _STEP * np.sqrt(variance) * axis
-            up, down = (f(*values[:i], v, *values[i + 1 :]) for v in (values[i] + d, values[i] - d))
-            slope = (np.asarray(up) - np.asarray(down)) / (2 * _STEP)
-            total += np.outer(slope, slope)
-        parts[name] = total
+        parts[name] = np.zeros((len(value), len(value)))
+        if source.covariance.any():
+
+            def alone(x: Array, i: int = i) -> Array:
+                return np.asarray(f(*values[:i], x, *values[i + 1 :]), dtype=float)
+
+            parts[name] = propagated(alone, source.values, source.covariance)[1]
     return value, parts
 
 

@@ -6,12 +6,13 @@ number, every pixel a square, or averaged over squares; all of a sheet alike.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import SRGB
+from blurmatte.radiometry import SRGB, LinearImage
 
 Pixels = npt.NDArray[np.uint8]
 Color = tuple[int, int, int]
@@ -106,6 +107,31 @@ def checkerboard(shape: tuple[int, ...]) -> Floats:
     y, x = np.ogrid[: shape[0], : shape[1]]
     light = np.where((y // tile + x // tile) % 2, 0.2, 0.16).astype(np.float32)
     return np.asarray(light[..., None].repeat(3, axis=-1))
+
+
+def fitted(image: LinearImage, room: tuple[int, int]) -> tuple[Any, float]:
+    """The picture as large as there is room (width, height) for, and how many times enlarged."""
+    from PIL import Image
+
+    width, height = image.size
+    scale = min(room[0] / width, room[1] / height, MOST_ENLARGED)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    method = Image.Resampling.BOX if not 1 < scale < 3 else Image.Resampling.BICUBIC
+    bands = [
+        np.asarray(
+            Image.fromarray(np.ascontiguousarray(image.rgb[..., c], np.float32)).resize(
+                size, method
+            )
+        )
+        for c in range(3)
+    ]
+    return Image.fromarray(shown(np.stack(bands, axis=-1))), scale
+
+
+def draw_line(pen: Any, xy: Any, scale: float, color: Color = BRIGHT) -> None:
+    """Points (x, y) of a picture that is enlarged `scale` times, joined."""
+    points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in xy]
+    pen.line(points, fill=color, width=2, joint="curve")
 
 
 def by(size: tuple[int, int]) -> str:

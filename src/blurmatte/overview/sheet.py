@@ -44,6 +44,11 @@ class Sheet:
         self.y += self.words(MARGIN, self.y, width, name, 28, BRIGHT) + 4
         self.y += self.words(MARGIN, self.y, width, remark, BODY, DIM) + GAP // 2
 
+    def picture(self, pixels: Pixels) -> None:
+        """One, over the whole width or less."""
+        self.paste(pixels, MARGIN, self.y)
+        self.y += pixels.shape[0] + GAP
+
     def sentences(self, lines: Sequence[str]) -> None:
         """One below the other, over the whole width."""
         for line in lines:

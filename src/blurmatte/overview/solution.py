@@ -15,7 +15,6 @@ from blurmatte.overview.panels import (
     GAP,
     HEAT,
     MARGIN,
-    MOST_ENLARGED,
     NEUTRAL,
     OTHER,
     STREAK,
@@ -28,6 +27,8 @@ from blurmatte.overview.panels import (
     Pixels,
     by,
     checkerboard,
+    draw_line,
+    fitted,
     heat,
     round_up,
     shown,
@@ -223,23 +224,10 @@ def _error_panel(part: Solution) -> Panel:
 
 def _whole(image: LinearImage, solution: Solution) -> Panel:
     """The whole picture, with a box around everything that moved."""
-    from PIL import Image, ImageDraw
+    from PIL import ImageDraw
 
-    width, height = image.size
-    room = WIDTH - 2 * MARGIN - GAP - _TEXT_WIDTH
-    scale = min(room / width, TALLEST[0] / height, MOST_ENLARGED)
-    size = max(round(width * scale), 1), max(round(height * scale), 1)
-    method = Image.Resampling.BOX if not 1 < scale < 3 else Image.Resampling.BICUBIC
-    bands = [
-        np.asarray(
-            Image.fromarray(np.ascontiguousarray(image.rgb[..., c], np.float32)).resize(
-                size, method
-            )
-        )
-        for c in range(3)
-    ]
-    picture = Image.fromarray(shown(np.stack(bands, axis=-1)))
-    pen = ImageDraw.Draw(picture)
+    picture, scale = fitted(image, (WIDTH - 2 * MARGIN - GAP - _TEXT_WIDTH, TALLEST[0]))
+    size, pen = picture.size, ImageDraw.Draw(picture)
     for box in solution.stats.get("other_boxes", ()):
         pen.rectangle(_scaled(box, scale, size), outline=OTHER, width=1)
     _draw_sweep(pen, solution, scale)
@@ -253,11 +241,9 @@ def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
     sweep = solution.stats.get("sweep")
     if sweep is None:
         return
-    points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in sweep["xy"]]
-    pen.line(points, fill=BRIGHT, width=2, joint="curve")
+    draw_line(pen, sweep["xy"], scale)
     for outline in sweep["outlines"]:
-        points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in outline]
-        pen.line([*points, points[0]], fill=BRIGHT, width=2, joint="curve")
+        draw_line(pen, [*outline, outline[0]], scale)
 
 
 def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:

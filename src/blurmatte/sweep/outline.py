@@ -14,6 +14,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.sweep.choice import price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
@@ -152,5 +153,4 @@ def _best(data: Data, states: Sequence[State]) -> State:
 
 def _price(data: Data, parameters: int) -> float:
     """What the log likelihood must gain by so many more parameters, or may lose by fewer."""
-    price = 0.5 * parameters * float(np.log(max(data.weight.sum(), 2)))
-    return price + _CLEARLY if parameters > 0 else price
+    return price(data, parameters) + (_CLEARLY if parameters > 0 else 0)

@@ -26,6 +26,10 @@ class PathFamily(ABC):
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Points xy (T, 2) and their derivatives D (T, 2, n)."""
 
+    def kink(self, p: Array) -> float | None:
+        """When its velocity jumps; None if never."""
+        return None
+
     @abstractmethod
     def starts(self, curve: Array) -> list[Array]:
         """Parameters (n,) of paths along `curve` (m, 2), points equally far from each other."""
@@ -105,7 +109,7 @@ class Bounce(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Along the one piece, then the other."""
-        a, m, b, k = p[:2], p[2:4], p[4:6], float(np.clip(p[6], 0.02, 0.98))
+        a, m, b, k = p[:2], p[2:4], p[4:6], self.kink(p)
         first = t < k
         u = np.where(first, t / k, (t - k) / (1 - k))
         left = np.where(first, 1 - u, 0)
@@ -116,6 +120,10 @@ class Bounce(PathFamily):
         by_time *= 0.02 < k < 0.98
         xy = basis @ np.stack([a, m, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
+
+    def kink(self, p: Array) -> float:
+        """The time of the contact."""
+        return float(np.clip(p[6], 0.02, 0.98))
 
     def starts(self, curve: Array) -> list[Array]:
         """The corner is where the curve is farthest from its chord, or at a third or two of it."""
@@ -138,12 +146,16 @@ class FromRest(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Nowhere, then along the line."""
-        a, b, k = p[:2], p[2:4], float(np.clip(p[4], 0, 0.98))
+        a, b, k = p[:2], p[2:4], self.kink(p)
         u = np.maximum((t - k) / (1 - k), 0)
         basis = np.stack([1 - u, u], axis=1)
         by_time = np.where((t > k) & (0 < k < 0.98), (t - 1) / (1 - k) ** 2, 0)[:, None] * (b - a)
         xy = basis @ np.stack([a, b])
         return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
+
+    def kink(self, p: Array) -> float:
+        """The time of the departure."""
+        return float(np.clip(p[4], 0, 0.98))
 
     def starts(self, curve: Array) -> list[Array]:
         """A line from one of its ends to the other."""
@@ -152,6 +164,20 @@ class FromRest(PathFamily):
 
 LINE, PARABOLA, CUBIC = Polynomial(1), Polynomial(2), Polynomial(3)
 ARC, BOUNCE, FROM_REST = Arc(), Bounce(), FromRest()
+
+
+def path_family(name: str) -> PathFamily:
+    """The family of this name.
+
+    Raises
+    ------
+    ValueError
+        If there is none.
+    """
+    families = {f.name: f for f in (LINE, PARABOLA, CUBIC, ARC, BOUNCE, FROM_REST)}
+    if name not in families:
+        raise ValueError(f"a path is one of {', '.join(families)}, got {name!r}")
+    return families[name]
 
 
 _TINY = 1e-30  # no more than rounding

@@ -20,6 +20,7 @@ from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
+from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import misfit
 
 Array = npt.NDArray[np.float64]
@@ -34,6 +35,7 @@ _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of sm
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
+_POINTS = 33  # of a curve to begin along
 _HOPELESS = 6.0  # misfit on large pixels
 
 
@@ -48,12 +50,15 @@ class Search:
         Curves through the streak, and the radius of a disc that may have gone along.
     bounds : (float, float)
         Of the radius, pixels.
+    middle : (2,) float
+        Of the streak's box (x, y), pixels.
     """
 
     data: Data
     coarse: Data
     curves: Sequence[tuple[Array, float]]
     bounds: tuple[float, float]
+    middle: Array
 
     @classmethod
     def of(
@@ -74,6 +79,7 @@ class Search:
                 for radius in (part * half_width for part in _RADII)
             ],
             (_LEAST * half_width, _MOST * half_width),
+            np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
         )
 
     def best(self, rank: int) -> State:
@@ -88,18 +94,39 @@ class Search:
             self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
         )
 
-    def _ends(self, curve: Array, radius: float, rank: int) -> list[State]:
-        """Of descents of all families that begin along a curve."""
+    def near(self, start: Sweep, rank: int) -> State:
+        """What descents end at that begin with the path and size of another sweep, or a line there.
+
+        It is laid over the streak: the next frame of a clip shows about the same path elsewhere.
+        """
+        xy = start.family.at(start.path, np.linspace(0, 1, _POINTS))[0]
+        curve = xy + self.middle - (xy.min(axis=0) + xy.max(axis=0)) / 2
+        families = dict.fromkeys((start.family, LINE))
+        tried = self._ends(curve, start.radius, rank, tuple(families))
+        return best_of(
+            self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
+        )
+
+    def _ends(
+        self,
+        curve: Array,
+        radius: float,
+        rank: int,
+        families: tuple[PathFamily, ...] = FAMILIES,
+    ) -> list[State]:
+        """Of descents that begin along a curve."""
         return [
             descend(self.coarse, start, self.bounds)
-            for start in _starts(self.coarse, curve, radius, rank)
+            for start in _starts(self.coarse, curve, radius, rank, families)
         ]
 
 
-def _starts(data: Data, curve: Array, radius: float, rank: int) -> Iterable[State]:
+def _starts(
+    data: Data, curve: Array, radius: float, rank: int, families: tuple[PathFamily, ...]
+) -> Iterable[State]:
     """Where descents along a curve begin."""
     shape = DISC.start(radius)
-    for family in FAMILIES:
+    for family in families:
         for path in family.starts(curve):
             if rank == 3:
                 frame = Frame.of(np.eye(3))

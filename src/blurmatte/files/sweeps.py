@@ -1,0 +1,52 @@
+"""A Sweep as text in the header of a Solution, every digit of it, and back."""
+
+import json
+from typing import Any
+
+import numpy as np
+
+from blurmatte.files.models import model_from_json, model_to_json
+from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep.silhouette import Silhouette
+
+
+def sweep_to_json(sweep: Sweep) -> str:
+    """All fields; numbers as Python prints them, so that they come back as they were."""
+    fields: dict[str, Any] = {
+        "family": sweep.family.name,
+        "path": sweep.path.tolist(),
+        "bulges": sweep.silhouette.bulges,
+        "turns": sweep.silhouette.turns,
+        "shape": sweep.shape.tolist(),
+        "model": model_to_json(sweep.model),
+        "covariance": sweep.covariance.tolist(),
+        "size": list(sweep.size),
+        "stats": {name: _plain(value) for name, value in sweep.stats.items()},
+    }
+    return json.dumps(fields)
+
+
+def sweep_from_json(text: str) -> Sweep:
+    """The sweep of `sweep_to_json`.
+
+    Raises
+    ------
+    KeyError, TypeError, ValueError
+        If the text is something else.
+    """
+    fields: Any = json.loads(text)
+    width, height = fields["size"]
+    return Sweep(
+        path_family(fields["family"]),
+        np.array(fields["path"], float),
+        Silhouette(int(fields["bulges"]), bool(fields["turns"])),
+        np.array(fields["shape"], float),
+        model_from_json(fields["model"]),
+        np.array(fields["covariance"], float),
+        (int(width), int(height)),
+        fields["stats"],
+    )
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value

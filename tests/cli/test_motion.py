@@ -1,0 +1,134 @@
+"""blurmatte measure: words, numbers, a table, the picture, and one line where something is wrong."""
+
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import colorful_plate
+
+LENGTH, RADIUS = np.hypot(44, 14), 9
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A solved picture of a ball."""
+    folder = tmp_path_factory.mktemp("measured")
+    path = bm.Trajectory.line((26, 28), (70, 42))
+    truth = bm.render(bm.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.Ball(RADIUS)))
+    image, plate = bm.Shot(truth.scene, bm.Camera(code_std=1 / 255)).photograph(truth)
+    solution = bm.solve(image, plate)
+    bm.write(folder / "layer.exr", solution)
+    bm.write(folder / "image.png", image)
+    return folder
+
+
+@pytest.fixture
+def measure(folder):
+    """Run `blurmatte measure` on the layer."""
+
+    def run(*options):
+        return CliRunner().invoke(app, ["measure", str(folder / "layer.exr"), *map(str, options)])
+
+    return run
+
+
+def test_it_says_what_it_found(measure):
+    """Exact: in words, with what is missing."""
+    result = measure()
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert result.stdout.startswith("Motion(around (48.")
+    assert "a disc on a straight line at constant speed" in result.stdout
+    assert "or the opposite one: a single picture cannot tell which" in result.stdout
+    assert "the scale and the exposure time are missing" in result.stdout
+
+
+def test_numbers_are_right(measure, tmp_path):
+    """Oracle: the scene that was rendered; JSON on the output and in a file agree."""
+    numbers = json.loads(measure("--json", "--out", tmp_path / "m.json").stdout)
+    assert json.loads((tmp_path / "m.json").read_text()) == numbers
+    true = {"x": 48, "y": 35, "length": LENGTH, "radius": RADIUS, "angle": np.arctan2(14, 44)}
+    for name, value in true.items():
+        assert abs(numbers[name] - value) < 4 * numbers[f"{name}_std"], name
+    assert len(numbers["trajectory"]["xy"]) == len(numbers["speeds"]) + 1
+
+
+def test_a_row_of_a_table(measure, tmp_path):
+    """Exact: names and values, and meters per second from the diameter."""
+    measure("--diameter", "18mm±0.1mm", "--exposure", "1/50", "--out", tmp_path / "m.csv")
+    names, row = (tmp_path / "m.csv").read_text().splitlines()
+    told = dict(zip(names.split(","), row.split(","), strict=True))
+    assert told["speed_unit"] == "m/s"
+    assert float(told["mean_speed"]) == pytest.approx(LENGTH * 0.001 * 50, rel=0.02)
+    assert told["source"] == "sweep"
+    assert told["acceleration_x"] == ""
+
+
+@pytest.mark.parametrize(
+    ("options", "meters"),
+    [
+        (("--scale", "1mm"), 0.001),
+        (("--points", "0,0,30,40,5cm+-1mm"), 0.001),
+        (("--radius", "9e-3"), 0.001),
+    ],
+)
+def test_scales(measure, options, meters):
+    """Exact: three ways to the same."""
+    result = measure(*options, "--exposure", "20ms", "--line-time", "0", "--json")
+    numbers = json.loads(result.stdout)
+    assert numbers["mean_speed"] == pytest.approx(LENGTH * meters / 0.02, rel=0.02)
+    assert numbers["rolling_shutter_may_change"] == 0
+
+
+def test_the_shutter_and_the_direction(measure):
+    """Exact: down is slower than it looks, up faster, not knowing is between."""
+    speeds = [
+        json.loads(measure("--exposure", "2ms", "--line-time", "15us", "--json", *going).stdout)
+        for going in (("--going", "down"), (), ("--going", "up"))
+    ]
+    down, between, up = (one["mean_speed"] for one in speeds)
+    assert down < between < up
+    assert speeds[1]["mean_speed_std"] > 3 * speeds[0]["mean_speed_std"]
+
+
+def test_the_picture(measure, folder, tmp_path):
+    """Exact: as wide as the other sheets."""
+    result = measure("--overlay", tmp_path / "m.png", "--image", folder / "image.png")
+    assert result.exit_code == 0
+    with Image.open(tmp_path / "m.png") as picture:
+        assert picture.width == 1800
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (("--radius", "2 feet"), "--radius must be a length like 0.02, 2cm or 2cm±0.1mm"),
+        (("--radius", "1/0"), "--radius must be a length"),
+        (("--radius", "1cm±1mm±1mm"), "--radius must be a length"),
+        (("--exposure", "1//60"), "--exposure must be a time like 1/60"),
+        (("--points", "1,2,3,1m"), "--points must be x0,y0,x1,y1,length"),
+        (("--points", "1,2,1,2,1m"), "the two points must differ"),
+        (("--scale", "1mm", "--radius", "1cm"), "give one of --radius, --diameter"),
+        (("--overlay", "a.png"), "--overlay and --image belong together"),
+        (("--line-time", "1us"), "line_time needs exposure_time"),
+        (("--going", "left"), "--going must be down or up, got 'left'"),
+        (("--out", "m.txt"), "is written as .json or .csv"),
+    ],
+)
+def test_mistakes_are_one_line(measure, options, said):
+    """Door."""
+    result = measure(*options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_what_holds_no_solution_is_refused(folder):
+    """Door."""
+    result = CliRunner().invoke(app, ["measure", str(folder / "image.png")])
+    assert result.exit_code == 2
+    assert "image.png" in result.stderr

@@ -1,0 +1,46 @@
+"""A Sweep in the header of an EXR: every digit comes back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.files.sweeps import sweep_from_json, sweep_to_json
+from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
+
+FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+@pytest.mark.parametrize("silhouette", [DISC, ELLIPSE, Silhouette(4, turns=True)])
+def test_every_digit_comes_back(name, silhouette):
+    """Exact."""
+    rng, family = np.random.default_rng(0), path_family(name)
+    n = family.size + silhouette.size
+    model = ColorModel(ColorModel.from_hex("#d8ff3c").basis, 1e-4 * np.eye(3), {"shape": np.inf})
+    sweep = Sweep(
+        family,
+        100 * rng.uniform(size=family.size),
+        silhouette,
+        rng.uniform(size=silhouette.size),
+        model,
+        rng.normal(size=(n, n)),
+        (640, 480),
+        {"misfit": np.float64(1.1), "converged": True, "doubtful": np.inf},
+    )
+    back = sweep_from_json(sweep_to_json(sweep))
+    assert (back.family, back.silhouette, back.size) == (family, silhouette, (640, 480))
+    for field in ("path", "shape", "covariance"):
+        assert np.array_equal(getattr(back, field), getattr(sweep, field))
+    assert np.array_equal(back.model.basis, model.basis)
+    assert back.stats == sweep.stats
+
+
+def test_an_unknown_path_is_refused():
+    """Door."""
+    with pytest.raises(ValueError, match="a path is one of line, parabola"):
+        path_family("spiral")
+    with pytest.raises(KeyError):
+        sweep_from_json(json.dumps({"size": [1, 2]}))

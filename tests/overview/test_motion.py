@@ -1,0 +1,53 @@
+"""draw_motion: the path and the outlines are drawn where they were."""
+
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.matting import Solution
+from blurmatte.motion import measure_motion
+from blurmatte.overview import draw_motion
+from blurmatte.overview.panels import BRIGHT
+from blurmatte.radiometry import LinearImage
+from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep.silhouette import DISC
+
+SIZE = (120, 90)
+RED = ColorModel(np.array([[1.0], [0], [0]]))
+SWEEP = Sweep(
+    path_family("line"),
+    np.array([30.0, 40, 80, 50]),
+    DISC,
+    np.array([6.0]),
+    RED,
+    1e-4 * np.eye(5),
+    SIZE,
+    {"misfit": 1.0},
+)
+
+
+def solution_of(alpha, sweep):
+    light = alpha[..., None] * RED.rgb[0]
+    quality = np.zeros(alpha.shape, np.uint8)
+    ones = np.full(alpha.shape, 0.01)
+    return Solution(alpha, ones, light, np.ones_like(light), quality, RED, "", {}, sweep)
+
+
+@pytest.mark.parametrize("sweep", [SWEEP, None], ids=["sweep", "moments"])
+def test_a_motion_is_drawn_where_it_was(sweep):
+    """Exact: path and outlines together are as wide and as high as the streak."""
+    solution = solution_of(SWEEP.alpha, sweep)
+    motion = measure_motion(solution)
+    image = LinearImage(np.full((SIZE[1], SIZE[0], 3), 0.1))
+    sheet = draw_motion(image, solution, motion)
+    assert sheet.dtype == np.uint8
+    assert sheet.shape[1] == 1800
+    y, x = np.nonzero((sheet == BRIGHT).all(axis=-1)[130:830])  # between title and words
+    assert np.ptp(x) / np.ptp(y) == pytest.approx((50 + 12) / (10 + 12), rel=0.03)
+
+
+def test_another_picture_is_refused():
+    """Door."""
+    solution = solution_of(SWEEP.alpha, SWEEP)
+    with pytest.raises(ValueError, match="image is 20x10 pixels and solution 120x90"):
+        draw_motion(LinearImage(np.zeros((10, 20, 3))), solution, measure_motion(solution))
