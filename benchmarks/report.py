@@ -22,6 +22,7 @@ FIRST = (
     "color_hue_spread",
     "motion",
     "calibration",
+    "space",
 )
 TOP = """\
 # Results

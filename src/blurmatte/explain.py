@@ -9,7 +9,14 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
-from blurmatte.motion import Motion, Speed, motion_in_words, speed_in_words
+from blurmatte.motion import (
+    Motion,
+    SpaceMotion,
+    Speed,
+    motion_in_words,
+    space_motion_in_words,
+    speed_in_words,
+)
 from blurmatte.radiometry import (
     BLOCKS,
     SRGB,
@@ -57,7 +64,17 @@ _REMEDY = {
 }
 
 
-Explained = ColorModel | Solution | PlateFit | NoiseFit | Transfer | ResponseFit | Motion | Speed
+Explained = (
+    ColorModel
+    | Solution
+    | PlateFit
+    | NoiseFit
+    | Transfer
+    | ResponseFit
+    | Motion
+    | Speed
+    | SpaceMotion
+)
 
 
 def explain(thing: Explained) -> list[str]:
@@ -65,7 +82,8 @@ def explain(thing: Explained) -> list[str]:
 
     Parameters
     ----------
-    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer, ResponseFit, Motion or Speed
+    thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer, ResponseFit, Motion, Speed, \
+            BallMotion, PlaneMotion, BlurDepth or Rotation
 
     Returns
     -------
@@ -106,9 +124,12 @@ def explain(thing: Explained) -> list[str]:
         return motion_in_words(thing)
     if isinstance(thing, Speed):
         return speed_in_words(thing)
+    if isinstance(thing, SpaceMotion):
+        return space_motion_in_words(thing)
     raise TypeError(
         "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer, a ResponseFit, a "
-        f"Motion or a Speed, got {type(thing).__name__}"
+        "Motion, a Speed, a BallMotion, a PlaneMotion, a BlurDepth or a Rotation, "
+        f"got {type(thing).__name__}"
     )
 
 

@@ -132,3 +132,24 @@ def test_what_holds_no_solution_is_refused(folder):
     result = CliRunner().invoke(app, ["measure", str(folder / "image.png")])
     assert result.exit_code == 2
     assert "image.png" in result.stderr
+
+
+def test_a_camera_says_where_the_ball_was(measure, tmp_path):
+    """Oracle: a ball of 18 px that is 20 mm wide, 900 px of focal length; not without a radius."""
+    bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
+    told = measure(
+        "--radius", "10mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
+    ).stdout
+    depth = float(told.split("It was ")[1].split(" ")[0])
+    assert depth == pytest.approx(900 * 0.01 / RADIUS, rel=0.02)
+    assert "nothing of speed along the line of sight" in told
+    refused = measure("--camera", tmp_path / "lens.json")
+    assert refused.exit_code == 2
+    assert "--camera needs --radius" in refused.stderr
+
+
+def test_a_disc_has_no_rotation(measure):
+    """Door: one line, and the exit code of data that cannot answer."""
+    refused = measure("--rotation")
+    assert refused.exit_code == 2
+    assert "Traceback" not in refused.stderr

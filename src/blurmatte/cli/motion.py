@@ -3,7 +3,7 @@
 import json
 import math
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Annotated, Any
@@ -64,6 +64,15 @@ def measure(
         str | None,
         typer.Option(metavar="down|up", help="Which way it moved, if you know, for --line-time."),
     ] = None,
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            help="JSON of the calibrated camera: where the ball of --radius was in space."
+        ),
+    ] = None,
+    rotation: Annotated[
+        bool, typer.Option("--rotation", help="Measure how far it turned, and about which point.")
+    ] = False,
     overlay: Annotated[
         Path | None, typer.Option(help="Draw path and outlines over --image: a .png or .jpg.")
     ] = None,
@@ -84,8 +93,13 @@ def measure(
         solution = bm.read_solution(layer, max_pixels)
         motion = bm.measure_motion(solution)
         known = None if scaled is None else scaled(motion)
+        exposed = (motion.exposure_time if time is None else time, time_std)
+        more: list[bm.BallMotion | bm.Rotation]
+        more = list(_in_space(solution, camera, radius, exposed))
+        if rotation:
+            more.append(bm.measure_rotation(_turning(solution), None, *exposed))
         speed = motion.speed(known, time, time_std, line, downward)
-    words = [*bm.explain(motion), *bm.explain(speed)]
+    words = [words for thing in (motion, speed, *more) for words in bm.explain(thing)]
     row = {**motion.numbers(), **speed.numbers()}
     numbers = {**row, **_over_time(motion), "in_words": words}
     drawn = None
@@ -98,6 +112,32 @@ def measure(
     if overlay is not None and drawn is not None:
         bm.write(overlay, drawn)
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
+
+
+def _in_space(
+    solution: bm.Solution,
+    camera: Path | None,
+    radius: str | None,
+    exposed: tuple[float | None, float],
+) -> Iterator[bm.BallMotion]:
+    """Where the ball was, if a camera is given."""
+    if camera is None:
+        return
+    if radius is None:
+        raise ValueError("--camera needs --radius, the true size of the ball")
+    if solution.sweep is None:
+        raise bm.MotionError(
+            "no shape on a path explains the streak; --camera needs one, of a ball"
+        )
+    size, std = _meters("--radius", radius)
+    lens = bm.read_intrinsics(camera)
+    yield bm.measure_ball(solution.sweep, lens, size, exposed[0], std, exposed[1])
+
+
+def _turning(solution: bm.Solution) -> bm.Solution | bm.Sweep:
+    """What tells a turn: an outline that turns on its way, or else alpha."""
+    sweep = solution.sweep
+    return sweep if sweep is not None and sweep.silhouette.turns else solution
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from blurmatte.files.frames import Frames as Frames
 from blurmatte.files.frames import read_frames as read_frames
 from blurmatte.files.frames import read_layers as read_layers
+from blurmatte.files.intrinsics import read_intrinsics as read_intrinsics
 from blurmatte.files.models import read_color_model as read_color_model
 from blurmatte.files.noise import read_noise as read_noise
 from blurmatte.files.originals import write_changed as write_changed

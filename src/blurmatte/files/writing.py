@@ -16,6 +16,7 @@ from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.camera import camera_header
+from blurmatte.files.intrinsics import intrinsics_to_mapping
 from blurmatte.files.models import mapping_to_csv, mapping_to_json, model_to_json
 from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
@@ -23,6 +24,7 @@ from blurmatte.files.plates import light_parts
 from blurmatte.files.replacing import extension_of, replacing
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.files.transfers import transfer_to_json
+from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
 from blurmatte.radiometry import (
@@ -48,6 +50,7 @@ def write(
     | Layer
     | Solution
     | ColorModel
+    | Intrinsics
     | NoiseModel
     | NoiseFit
     | Transfer
@@ -65,6 +68,7 @@ def write(
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, everything in it
     ColorModel        .json
+    Intrinsics        .json
     NoiseModel        .json, and so is a NoiseFit
     Transfer          .json, as a table
     ResponseFit       .json: its transfer, the error of it, and what was found
@@ -113,6 +117,8 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {".exr": lambda path: _save_solution(path, thing)}
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
+        case Intrinsics():
+            return _ways(intrinsics_to_mapping(thing))
         case NoiseModel() | NoiseFit():
             return _ways(noise_to_mapping(thing))
         case Transfer() | ResponseFit():

@@ -6,6 +6,7 @@ from blurmatte.rendering.camera import add_noise as add_noise
 from blurmatte.rendering.camera import encode_codes as encode_codes
 from blurmatte.rendering.cube import Cube as Cube
 from blurmatte.rendering.drift import Drift as Drift
+from blurmatte.rendering.flight import render_flight as render_flight
 from blurmatte.rendering.lamp import Lamp as Lamp
 from blurmatte.rendering.plates import PHOTOS as PHOTOS
 from blurmatte.rendering.plates import colorful_plate as colorful_plate

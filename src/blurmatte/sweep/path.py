@@ -56,16 +56,16 @@ class Polynomial(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Sums of the points, weighted by time."""
-        basis = self._basis(t)
+        basis = self.weights(t)
         return basis @ p.reshape(-1, 2), _both(basis)
 
     def starts(self, curve: Array) -> list[Array]:
         """The nearest such curve to it."""
         t = np.linspace(0, 1, len(curve))
-        points, *_ = np.linalg.lstsq(self._basis(t), curve, rcond=None)
+        points, *_ = np.linalg.lstsq(self.weights(t), curve, rcond=None)
         return [np.asarray(points.ravel())]
 
-    def _basis(self, t: Array) -> Array:
+    def weights(self, t: Array) -> Array:
         """(T, degree + 1) Lagrange's polynomials."""
         nodes = np.linspace(0, 1, self.degree + 1)
         columns = []

@@ -1,0 +1,209 @@
+"""BallMotion: a flight through space, and what its errors come from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.errors import MotionError
+from blurmatte.intrinsics import Intrinsics
+from blurmatte.motion.sources import (
+    Source,
+    check_exposure,
+    check_number,
+    covariances,
+    relative_errors,
+)
+from blurmatte.sweep.path import PARABOLA
+
+Array = npt.NDArray[np.float64]
+
+_MOMENTS = np.linspace(0, 1, 33)
+_POSITIONS = 9
+_NOTHING = 1e-12  # meters
+
+
+@dataclass(frozen=True, eq=False)
+class BallMotion:
+    """Where a ball was in space during the exposure, and how fast.
+
+    In the camera's coordinates: x right, y down, z forward, meters from the camera. A picture does not
+    tell the direction of time: the flight backwards (`reversed`) gives the same picture.
+
+    Parameters
+    ----------
+    positions : (3, 3) float
+        Of its center at the beginning, in the middle and at the end of the exposure.
+    covariance : (9, 9) float
+        Of these, row by row.
+    length, length_std : float
+        Of its way, meters.
+    depth, depth_std : float
+        Along the optical axis, in the middle of the exposure, meters.
+    path : str
+        "line" or "parabola" in space, fitted to the pictures; or "disc": taken from a disc of one
+        radius, so that speed along the line of sight is not known but taken to be none.
+    parts, depth_parts : mapping of str to float
+        Relative errors of the speed, and of the depth, that each source alone would give: the
+        "picture", the "radius" of the ball, the "camera", and the "exposure time".
+    exposure_time, exposure_std : float or None, float
+        Seconds.
+    """
+
+    positions: Array
+    covariance: Array
+    length: float
+    length_std: float
+    depth: float
+    depth_std: float
+    path: str
+    parts: Mapping[str, float]
+    depth_parts: Mapping[str, float]
+    exposure_time: float | None = None
+    exposure_std: float = 0.0
+
+    def __repr__(self) -> str:
+        moved = f"{self.length:.4g} ± {self.length_std:.2g} m on a {self.path}"
+        if self.path == "disc":
+            moved = f"{self.length:.4g} ± {self.length_std:.2g} m at constant distance"
+        speed = ""
+        if self.exposure_time is not None:
+            speed = f", {self.speed:.4g} ± {self.speed_std:.2g} m/s"
+        return f"BallMotion({self.depth:.4g} ± {self.depth_std:.2g} m away, {moved}{speed})"
+
+    @property
+    def positions_std(self) -> Array:
+        """(3, 3) standard deviations of the positions, meters."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)).reshape(3, 3))
+
+    @property
+    def displacement(self) -> Array:
+        """(3,) from the beginning to the end, meters."""
+        return np.asarray(self.positions[2] - self.positions[0])
+
+    @property
+    def displacement_std(self) -> Array:
+        """(3,) standard deviations of the displacement, meters."""
+        return np.asarray(np.sqrt(np.diag(self._difference @ self.covariance @ self._difference.T)))
+
+    @property
+    def velocity(self) -> Array:
+        """(3,) mean over the exposure, m/s."""
+        return np.asarray(self.displacement / self._seconds)
+
+    @property
+    def velocity_std(self) -> Array:
+        """(3,) standard deviations of the velocity, m/s."""
+        of_time = self.displacement * self.exposure_std / self._seconds
+        return np.asarray(np.hypot(self.displacement_std, of_time) / self._seconds)
+
+    @property
+    def speed(self) -> float:
+        """Length of the way over the exposure time, m/s."""
+        return self.length / self._seconds
+
+    @property
+    def speed_std(self) -> float:
+        """Standard deviation of the speed, m/s."""
+        relative = self.exposure_std / self._seconds
+        return float(np.hypot(self.length_std, self.length * relative) / self._seconds)
+
+    @property
+    def acceleration(self) -> Array:
+        """(3,) m/s²; zeros of a flight that was fitted with a line."""
+        start, middle, end = self.positions
+        return np.asarray(4 * (start - 2 * middle + end) / self._seconds**2)
+
+    @property
+    def acceleration_std(self) -> Array:
+        """(3,) standard deviations of the acceleration, m/s²; zeros for a line."""
+        bend = np.kron([4.0, -8.0, 4.0], np.eye(3))
+        variance = np.diag(bend @ self.covariance @ bend.T)
+        return np.asarray(np.sqrt(np.maximum(variance, 0)) / self._seconds**2)
+
+    @property
+    def dominant(self) -> str:
+        """Where most of the speed's error comes from."""
+        return max(self.parts, key=lambda name: self.parts[name])
+
+    @property
+    def reversed(self) -> BallMotion:
+        """The flight backwards, which gives the same picture."""
+        order = np.kron(np.eye(3)[::-1], np.eye(3))
+        covariance = order @ self.covariance @ order.T
+        return replace(self, positions=self.positions[::-1], covariance=covariance)
+
+    @property
+    def _difference(self) -> Array:
+        return np.asarray(np.kron([-1.0, 0.0, 1.0], np.eye(3)), dtype=float)
+
+    @property
+    def _seconds(self) -> float:
+        if self.exposure_time is None:
+            raise MotionError("a velocity needs the exposure_time, in seconds; give it")
+        return self.exposure_time
+
+
+def ball_motion(
+    nodes: Callable[[Array, Array], Array],
+    picture: Source,
+    intrinsics: Intrinsics,
+    radius: tuple[float, float],
+    exposure: tuple[float | None, float],
+    path: str,
+) -> BallMotion:
+    """The motion that positions in radii make, with the errors of all that they rest on.
+
+    Parameters
+    ----------
+    nodes : callable
+        Positions (3, 3) at the beginning, middle and end, radii, from what the picture says and
+        from the values of a camera.
+    picture : Source
+    intrinsics : Intrinsics
+    radius : (float, float)
+        Of the ball and its standard deviation, meters.
+    exposure : (float or None, float)
+        Time and its standard deviation, seconds.
+    path : str
+        What is taken of the way.
+    """
+    check_number("radius", *radius)
+    check_exposure(*exposure)
+    sources = {
+        "picture": picture,
+        "radius": Source.number(*radius),
+        "camera": Source(intrinsics.values, intrinsics.covariance),
+    }
+
+    def told(parameters: Array, size: Array, values: Array) -> Array:
+        X = size[0] * nodes(parameters, values)
+        return np.concatenate([X.ravel(), [_length(X)]])
+
+    values, parts = covariances(told, sources)
+    if not np.all(np.isfinite(values)):
+        raise MotionError("the ball is seen where the camera's distortion cannot be undone")
+    total = sum(parts.values(), np.zeros_like(next(iter(parts.values()))))
+    length, depth = float(values[_POSITIONS]), float(values[5])
+    relative = relative_errors(parts, _POSITIONS, max(length, _NOTHING), *exposure)
+    return BallMotion(
+        values[:_POSITIONS].reshape(3, 3),
+        total[:_POSITIONS, :_POSITIONS],
+        length,
+        float(np.sqrt(total[_POSITIONS, _POSITIONS])),
+        depth,
+        float(np.sqrt(total[5, 5])),
+        path,
+        relative,
+        relative_errors(parts, 5, depth),
+        *exposure,
+    )
+
+
+def _length(X: Array) -> float:
+    """Of the parabola through three positions at equally spaced times."""
+    points = PARABOLA.weights(_MOMENTS) @ X
+    return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())

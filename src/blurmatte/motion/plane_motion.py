@@ -1,0 +1,332 @@
+"""Motion on a plane that the camera sees at a slant: a car on a road, a puck on ice.
+
+Points (X, Y) of the plane, meters, and the pictures of them are joined by a homography H: the point m
+that a camera without distortion would see is H (X, Y, 1)ᵀ but for a factor. With known intrinsics m
+lies on the plane z = 1, and H = (r₁ r₂ t) but for a factor, r₁ and r₂ the plane's axes and t its
+origin in the camera's coordinates [Zhang, A flexible new technique for camera calibration, TPAMI
+2000]; so the planes parallel to it are known too. Without them m is the pixel.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.errors import MotionError
+from blurmatte.intrinsics import Intrinsics
+from blurmatte.motion.sources import (
+    Source,
+    check_exposure,
+    covariances,
+    relative_errors,
+    seen_path,
+)
+from blurmatte.sweep import Sweep
+from blurmatte.trajectory import Trajectory
+
+Array = npt.NDArray[np.float64]
+
+_MOMENTS = np.linspace(0, 1, 17)
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """A plane with a scale, and where the camera sees it.
+
+    Parameters
+    ----------
+    homography : (3, 3) float
+        From (X, Y, 1) on the plane, meters, to the pixel (x, y, 1), or with `intrinsics` to the
+        point on z = 1 before the camera; but for a factor that is positive where it is seen.
+    intrinsics : Intrinsics, optional
+    covariance : (9, 9) float
+        Of the homography, row by row.
+
+    Raises
+    ------
+    ValueError
+        If the homography has no inverse, or the camera lies within the plane.
+    """
+
+    homography: Array
+    intrinsics: Intrinsics | None = None
+    covariance: Array = field(default_factory=lambda: np.zeros((9, 9)))
+
+    def __post_init__(self) -> None:
+        H = np.array(self.homography, dtype=float)
+        if H.shape != (3, 3) or not np.all(np.isfinite(H)) or np.linalg.cond(H) > 1e12:
+            raise ValueError(
+                "homography must be (3, 3), finite and have an inverse: no three points on a line, and "
+                "the camera beside the plane"
+            )
+        object.__setattr__(self, "homography", H)
+
+    def __repr__(self) -> str:
+        return f"Plane({'with' if self.intrinsics else 'without'} intrinsics)"
+
+    @classmethod
+    def from_points(
+        cls,
+        pixels: npt.ArrayLike,
+        meters: npt.ArrayLike,
+        intrinsics: Intrinsics | None = None,
+        pixel_std: float = 0.0,
+        meter_std: float = 0.0,
+    ) -> Plane:
+        """From four points or more of which it is known where on the plane they are.
+
+        Parameters
+        ----------
+        pixels, meters : (n, 2) float
+            The points in the picture and on the plane, n >= 4.
+        intrinsics : Intrinsics, optional
+            Needed if the lens distorts, and for what moves above the plane.
+        pixel_std, meter_std : float
+            Standard deviations of each coordinate.
+
+        Raises
+        ------
+        ValueError
+            For fewer points, or three of four on a line.
+        """
+        seen, true = np.array(pixels, float), np.array(meters, float)
+        if seen.ndim != 2 or seen.shape[1:] != (2,) or seen.shape != true.shape or len(seen) < 4:
+            raise ValueError(
+                f"pixels and meters must be four points (x, y) or more each, got {seen.shape} and "
+                f"{true.shape}"
+            )
+
+        def homography(pixels: Array, meters: Array) -> Array:
+            points = pixels.reshape(-1, 2)
+            points = points if intrinsics is None else intrinsics.undistort(points)
+            return _homography(meters.reshape(-1, 2), points).ravel()
+
+        n = seen.size
+        sources = {
+            "pixels": Source(seen.ravel(), pixel_std**2 * np.eye(n)),
+            "meters": Source(true.ravel(), meter_std**2 * np.eye(n)),
+        }
+        H, parts = covariances(homography, sources)
+        return cls(H.reshape(3, 3), intrinsics, parts["pixels"] + parts["meters"])
+
+    @classmethod
+    def from_pose(
+        cls, intrinsics: Intrinsics, rotation: npt.ArrayLike, translation: npt.ArrayLike
+    ) -> Plane:
+        """From where it is before the camera, as OpenCV's solvePnP says it.
+
+        Parameters
+        ----------
+        intrinsics : Intrinsics
+        rotation : (3, 3) float
+            Takes points (X, Y, 0) of the plane into the camera's directions; or (3,), the axis of
+            that turn, as long as its angle in radians.
+        translation : (3,) float
+            Where the plane's origin is in the camera's coordinates, meters.
+        """
+        R = np.asarray(rotation, dtype=float)
+        if R.size == 3:
+            from scipy.spatial.transform import Rotation
+
+            R = Rotation.from_rotvec(R.ravel()).as_matrix()
+        t = np.asarray(translation, dtype=float).ravel()
+        if R.shape != (3, 3) or t.shape != (3,):
+            raise ValueError(
+                f"rotation must be (3, 3) or (3,) and translation (3,), got {R.shape} and {t.shape}"
+            )
+        return cls(np.column_stack([R[:, 0], R[:, 1], t]), intrinsics)
+
+    def locate(self, pixels: npt.ArrayLike, height: float = 0.0) -> Array:
+        """Points (..., 2) on the plane, meters, that are seen in pixels (..., 2).
+
+        Of what is `height` meters above it, towards the camera, the foot. NaN beyond the horizon.
+
+        Raises
+        ------
+        ValueError
+            For a height without intrinsics.
+        """
+        return self._locate(self.homography, np.asarray(pixels, float), height)
+
+    def _locate(self, H: Array, pixels: Array, height: float) -> Array:
+        m = pixels
+        if self.intrinsics is not None:
+            m = self.intrinsics.undistort(pixels)
+            H = _raised(H, height)
+        elif height != 0:
+            raise ValueError(f"a height needs intrinsics of the camera, got a height of {height}")
+        point = np.concatenate([m, np.ones_like(m[..., :1])], axis=-1) @ np.linalg.inv(H).T
+        before = (
+            np.sign(np.linalg.det(H)) * np.sign(np.linalg.det(self.homography)) * point[..., 2:]
+        )
+        return np.where(before > 0, point[..., :2] / point[..., 2:], np.nan)
+
+
+@dataclass(frozen=True, eq=False)
+class PlaneMotion:
+    """How something moved on a plane; which end came first, the picture does not tell.
+
+    Parameters
+    ----------
+    start, end : (2,) float
+        On the plane, meters.
+    covariance : (4, 4) float
+        Of start and end.
+    length, length_std : float
+        Of the way, meters.
+    parts : mapping of str to float
+        Relative errors of the length that each source alone would give: the "picture", the "plane",
+        the "height"; and of the speed the "exposure time".
+    exposure_time, exposure_std : float or None, float
+        Seconds.
+    """
+
+    start: Array
+    end: Array
+    covariance: Array
+    length: float
+    length_std: float
+    parts: Mapping[str, float]
+    exposure_time: float | None = None
+    exposure_std: float = 0.0
+
+    def __repr__(self) -> str:
+        speed = ""
+        if self.exposure_time is not None:
+            speed = f", {self.speed:.4g} ± {self.speed_std:.2g} m/s"
+        return f"PlaneMotion({self.length:.4g} ± {self.length_std:.2g} m{speed})"
+
+    @property
+    def displacement(self) -> Array:
+        """(2,) from start to end, meters."""
+        return np.asarray(self.end - self.start)
+
+    @property
+    def speed(self) -> float:
+        """Mean over the exposure, m/s."""
+        return self.length / self._seconds
+
+    @property
+    def speed_std(self) -> float:
+        """Standard deviation of the speed, m/s."""
+        relative = np.hypot(self.length_std / self.length, self.exposure_std / self._seconds)
+        return float(self.speed * relative)
+
+    @property
+    def dominant(self) -> str:
+        """Where most of the speed's error comes from."""
+        return max(self.parts, key=lambda name: self.parts[name])
+
+    @property
+    def _seconds(self) -> float:
+        if self.exposure_time is None:
+            raise MotionError("a speed needs the exposure_time, in seconds; give it")
+        return self.exposure_time
+
+
+def measure_on_plane(
+    path: Sweep | Trajectory,
+    plane: Plane,
+    exposure_time: float | None = None,
+    exposure_std: float = 0.0,
+    height: float = 0.0,
+    height_std: float = 0.0,
+    path_std: float = 0.0,
+) -> PlaneMotion:
+    """How far and how fast something went that moves on a plane without leaving it.
+
+    Parameters
+    ----------
+    path : Sweep or Trajectory
+        Where a point of it was seen. That of a sweep is the middle of the outline, which is above
+        the plane: give its height.
+    plane : Plane
+    exposure_time : float, optional
+        Seconds; without it there is no speed.
+    exposure_std : float
+        Its standard deviation.
+    height, height_std : float
+        Of the point above the plane, meters.
+    path_std : float
+        Standard deviation of each coordinate of both ends of a Trajectory, pixels.
+
+    Returns
+    -------
+    PlaneMotion
+
+    Raises
+    ------
+    TypeError, ValueError
+        For another path, or a number out of its range.
+    MotionError
+        If the path leaves the plane's part of the picture, or is a point.
+    """
+    check_exposure(exposure_time, exposure_std)
+    picture, points = seen_path(path, path_std)
+    sources = {
+        "picture": picture,
+        "plane": Source(plane.homography.ravel(), plane.covariance),
+        "height": Source.number(height, height_std),
+    }
+
+    def told(parameters: Array, homography: Array, above: Array) -> Array:
+        xy = points(parameters, _MOMENTS)
+        X = plane._locate(homography.reshape(3, 3), xy, float(above[0]))
+        length = np.linalg.norm(np.diff(X, axis=0), axis=1).sum()
+        return np.concatenate([X[0], X[-1], [length]])
+
+    values, parts = covariances(told, sources)
+    if not np.all(np.isfinite(values)):
+        raise MotionError("the streak goes beyond the plane's horizon; check the plane's points")
+    if not values[4] > 0:
+        raise MotionError("nothing moved: start and end of the path are one point")
+    total = sum(parts.values(), np.zeros((5, 5)))
+    return PlaneMotion(
+        values[:2],
+        values[2:4],
+        total[:4, :4],
+        float(values[4]),
+        float(np.sqrt(total[4, 4])),
+        relative_errors(parts, 4, float(values[4]), exposure_time, exposure_std),
+        exposure_time,
+        exposure_std,
+    )
+
+
+def _raised(H: Array, height: float) -> Array:
+    """The homography of the plane that is higher by that, towards the camera."""
+    if height == 0:
+        return H
+    scale = (np.linalg.norm(H[:, 0]) + np.linalg.norm(H[:, 1])) / 2
+    normal = np.cross(H[:, 0], H[:, 1])
+    normal /= np.linalg.norm(normal)
+    normal *= -np.sign(normal @ H[:, 2])
+    return np.column_stack([H[:, :2], H[:, 2] + height * scale * normal])
+
+
+def _homography(a: Array, b: Array) -> Array:
+    """H (3, 3) of unit norm that takes a (n, 2) to b (n, 2), positive there, by linear least squares.
+
+    Points are shifted to their mean and scaled first [Hartley, In defense of the eight-point
+    algorithm, TPAMI 1997].
+    """
+    (a, A), (b, B) = _normalized(a), _normalized(b)
+    one, zero = np.ones(len(a)), np.zeros((len(a), 3))
+    p = np.column_stack([a, one])
+    rows = np.concatenate([
+        np.hstack([p, zero, -b[:, :1] * p]), np.hstack([zero, p, -b[:, 1:] * p]),
+    ])  # fmt: skip
+    H = np.linalg.inv(B) @ np.linalg.svd(rows)[2][-1].reshape(3, 3) @ A
+    origin = np.linalg.inv(A) @ [0, 0, 1]  # the mean point
+    return np.asarray(H * np.sign(H[2] @ origin) / np.linalg.norm(H))
+
+
+def _normalized(points: Array) -> tuple[Array, Array]:
+    """Points (n, 2) around 0 and of size about 1, and the map (3, 3) that made them so."""
+    mean = points.mean(axis=0)
+    scale = 1 / max(float(np.abs(points - mean).mean()), 1e-300)
+    T = np.array([[scale, 0, -scale * mean[0]], [0, scale, -scale * mean[1]], [0, 0, 1]])
+    return (points - mean) * scale, T
