@@ -24,6 +24,7 @@ def folder(tmp_path_factory):
     solution = bm.solve(image, plate)
     bm.write(folder / "layer.exr", solution)
     bm.write(folder / "image.png", image)
+    bm.write(folder / "plate.png", plate)
     return folder
 
 
@@ -113,7 +114,11 @@ def test_the_picture(measure, folder, tmp_path):
         (("--points", "1,2,3,1m"), "--points must be x0,y0,x1,y1,length"),
         (("--points", "1,2,1,2,1m"), "the two points must differ"),
         (("--scale", "1mm", "--radius", "1cm"), "give one of --radius, --diameter"),
-        (("--overlay", "a.png"), "--overlay and --image belong together"),
+        (("--overlay", "a.png"), "--overlay needs --image"),
+        (("--speed", "12"), "--speed needs --camera"),
+        (("--height", "1m"), "--height needs --on-plane"),
+        (("--on-plane", "1,2=3"), "--on-plane must be like 120,300=0,1.5m"),
+        (("--on-plane", "1,2=3,4"), "needed for 4 points or more, got 1"),
         (("--line-time", "1us"), "line_time needs exposure_time"),
         (("--going", "left"), "--going must be down or up, got 'left'"),
         (("--out", "m.txt"), "is written as .json or .csv"),
@@ -146,6 +151,38 @@ def test_a_camera_says_where_the_ball_was(measure, tmp_path):
     refused = measure("--camera", tmp_path / "lens.json")
     assert refused.exit_code == 2
     assert "--camera needs --radius" in refused.stderr
+
+
+def test_the_flight_is_fitted_to_the_pictures(folder, measure, tmp_path):
+    """Oracle: with the plate the depth is that of the disc, and the line of sight is measured too."""
+    bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
+    asked = "--radius", "10mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
+    pictures = "--image", folder / "image.png", "--plate", folder / "plate.png"
+    fitted = json.loads(measure(*asked, *pictures, "--json").stdout)
+    assert fitted["ball_path"] == "line"
+    assert abs(fitted["ball_depth"] - 900 * 0.01 / RADIUS) < 4 * fitted["ball_depth_std"]
+    across = LENGTH / RADIUS * 0.01 * 50
+    found, std = fitted["ball_velocity_x"], fitted["ball_velocity_x_std"]
+    assert abs(abs(found) - across * 44 / LENGTH) < 4 * std
+    assert "--plate needs" in measure("--plate", folder / "plate.png").stderr
+
+
+def test_a_speed_tells_the_depth(measure, tmp_path):
+    """Oracle: speed × time × focal length over the length in pixels."""
+    bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
+    lens = "--camera", tmp_path / "lens.json"
+    told = json.loads(measure("--speed", "36km/h", "--exposure", "10ms", *lens, "--json").stdout)
+    assert abs(told["blur_depth"] - 0.1 * 900 / LENGTH) < 4 * told["blur_depth_std"]
+    assert "needs --exposure" in measure("--speed", "10", *lens).stderr
+
+
+def test_four_points_make_a_plane(measure):
+    """Oracle: a square seen from straight above, 1 cm for a pixel."""
+    corners = [("0,0", "0,0"), ("90,0", "90cm,0"), ("90,70", "90cm,0.7"), ("0,70", "0,70cm")]
+    plane = [word for at, is_at in corners for word in ("--on-plane", f"{at}={is_at}")]
+    told = json.loads(measure(*plane, "--exposure", "10ms", "--json").stdout)
+    assert abs(told["plane_length"] - LENGTH / 100) < 4 * told["plane_length_std"]
+    assert told["plane_speed"] == pytest.approx(told["plane_length"] * 100)
 
 
 def test_a_disc_has_no_rotation(measure):

@@ -2,9 +2,7 @@
 
 import json
 import math
-import re
-from collections.abc import Callable, Iterator
-from fractions import Fraction
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,10 +13,18 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
+from blurmatte.cli.quantities import meters, seconds
+from blurmatte.cli.space import (
+    Before,
+    Camera,
+    Height,
+    OnPlane,
+    Plate,
+    Rotation,
+    SpeedKnown,
+    in_space,
+)
 
-_METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
-_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
-_NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*([a-zµ]*)"
 _LENGTH = "LENGTH[±ERROR]"
 
 
@@ -64,15 +70,12 @@ def measure(
         str | None,
         typer.Option(metavar="down|up", help="Which way it moved, if you know, for --line-time."),
     ] = None,
-    camera: Annotated[
-        Path | None,
-        typer.Option(
-            help="JSON of the calibrated camera: where the ball of --radius was in space."
-        ),
-    ] = None,
-    rotation: Annotated[
-        bool, typer.Option("--rotation", help="Measure how far it turned, and about which point.")
-    ] = False,
+    camera: Camera = None,
+    plate: Plate = None,
+    on_plane: OnPlane = None,
+    height: Height = None,
+    speed: SpeedKnown = None,
+    rotation: Rotation = False,
     overlay: Annotated[
         Path | None, typer.Option(help="Draw path and outlines over --image: a .png or .jpg.")
     ] = None,
@@ -81,63 +84,38 @@ def measure(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Measure the motion in LAYER: where, how far, how fast, how large."""
-    if (overlay is None) != (image is None):
-        raise ValueError("--overlay and --image belong together: what to draw, and on what")
+    if overlay is not None and image is None:
+        raise ValueError("--overlay needs --image, the picture to draw on")
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
     scaled = _scaling(radius, diameter, scale, points)
-    time, time_std = (None, 0.0) if exposure is None else _seconds("--exposure", exposure)
-    line = None if line_time is None else _seconds("--line-time", line_time)[0]
+    time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
+    line = None if line_time is None else seconds("--line-time", line_time)[0]
     downward = None if going is None else going == "down"
+    files = Files(transfer, max_pixels)
+    picture = None if image is None else files.read(image)[0]
+    before = None
+    if plate is not None:
+        before = Before(picture, files.read(plate)[0])
     with about(layer):
         solution = bm.read_solution(layer, max_pixels)
         motion = bm.measure_motion(solution)
         known = None if scaled is None else scaled(motion)
         exposed = (motion.exposure_time if time is None else time, time_std)
-        more: list[bm.BallMotion | bm.Rotation]
-        more = list(_in_space(solution, camera, radius, exposed))
-        if rotation:
-            more.append(bm.measure_rotation(_turning(solution), None, *exposed))
-        speed = motion.speed(known, time, time_std, line, downward)
-    words = [words for thing in (motion, speed, *more) for words in bm.explain(thing)]
-    row = {**motion.numbers(), **speed.numbers()}
+        told_speed = motion.speed(known, time, time_std, line, downward)
+        asked = (camera, radius, on_plane or [], height, speed, rotation)
+        more = list(in_space(solution, exposed, before, *asked))
+    words = [words for thing in (motion, told_speed, *more) for words in bm.explain(thing)]
+    row = {**motion.numbers(), **told_speed.numbers()}
+    for thing in more:
+        row |= thing.numbers()
     numbers = {**row, **_over_time(motion), "in_words": words}
-    drawn = None
-    if image is not None:
-        picture, _ = Files(transfer, max_pixels).read(image)
-        with about(image):
-            drawn = bm.draw_motion(picture, solution, motion)
     if out is not None:
         bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
-    if overlay is not None and drawn is not None:
-        bm.write(overlay, drawn)
+    if overlay is not None and picture is not None:
+        with about(overlay):
+            bm.write(overlay, bm.draw_motion(picture, solution, motion))
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
-
-
-def _in_space(
-    solution: bm.Solution,
-    camera: Path | None,
-    radius: str | None,
-    exposed: tuple[float | None, float],
-) -> Iterator[bm.BallMotion]:
-    """Where the ball was, if a camera is given."""
-    if camera is None:
-        return
-    if radius is None:
-        raise ValueError("--camera needs --radius, the true size of the ball")
-    if solution.sweep is None:
-        raise bm.MotionError(
-            "no shape on a path explains the streak; --camera needs one, of a ball"
-        )
-    size, std = _meters("--radius", radius)
-    lens = bm.read_intrinsics(camera)
-    yield bm.measure_ball(solution.sweep, lens, size, exposed[0], std, exposed[1])
-
-
-def _turning(solution: bm.Solution) -> bm.Solution | bm.Sweep:
-    """What tells a turn: an outline that turns on its way, or else alpha."""
-    sweep = solution.sweep
-    return sweep if sweep is not None and sweep.silhouette.turns else solution
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:
@@ -168,13 +146,13 @@ def _scaling(
     if len(given) > 1:
         raise ValueError("give one of --radius, --diameter, --scale and --points")
     if radius is not None:
-        half, std = _meters("--radius", radius)
+        half, std = meters("--radius", radius)
         return lambda motion: bm.Scale.from_radius(motion, half, std)
     if diameter is not None:
-        whole, std = _meters("--diameter", diameter)
+        whole, std = meters("--diameter", diameter)
         return lambda motion: bm.Scale.from_radius(motion, whole / 2, std / 2)
     if scale is not None:
-        told = bm.Scale(*_meters("--scale", scale))
+        told = bm.Scale(*meters("--scale", scale))
         return lambda _: told
     if points is None:
         return None
@@ -183,29 +161,5 @@ def _scaling(
         x0, y0, x1, y1 = map(float, place)
     except ValueError:
         raise ValueError(f"--points must be x0,y0,x1,y1,length, got {points!r}") from None
-    between = bm.Scale.from_points((x0, y0), (x1, y1), *_meters("--points", distance))
+    between = bm.Scale.from_points((x0, y0), (x1, y1), *meters("--points", distance))
     return lambda _: between
-
-
-def _meters(name: str, text: str) -> tuple[float, float]:
-    return _with_error(name, text, _METERS, "a length like 0.02, 2cm or 2cm±0.1mm")
-
-
-def _seconds(name: str, text: str) -> tuple[float, float]:
-    return _with_error(name, text, _SECONDS, "a time like 1/60, 0.004, 4ms or 15us")
-
-
-def _with_error(name: str, text: str, units: dict[str, float], what: str) -> tuple[float, float]:
-    """Value and error, each a number or fraction with a unit."""
-    values = []
-    for part in text.replace("+-", "±").split("±"):
-        found = re.fullmatch(_NUMBER, part.strip())
-        if found is None or found[2] not in units:
-            raise ValueError(f"{name} must be {what}, got {text!r}")
-        try:
-            values.append(units[found[2]] * float(Fraction(found[1])))
-        except (ValueError, ZeroDivisionError):
-            raise ValueError(f"{name} must be {what}, got {text!r}") from None
-    if len(values) > 2:
-        raise ValueError(f"{name} must be {what}, got {text!r}")
-    return values[0], values[1] if len(values) == 2 else 0.0

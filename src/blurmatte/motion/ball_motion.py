@@ -15,6 +15,7 @@ from blurmatte.motion.sources import (
     check_exposure,
     check_number,
     covariances,
+    named_axes,
     relative_errors,
 )
 from blurmatte.sweep.path import PARABOLA
@@ -128,6 +129,20 @@ class BallMotion:
     def dominant(self) -> str:
         """Where most of the speed's error comes from."""
         return max(self.parts, key=lambda name: self.parts[name])
+
+    def numbers(self) -> dict[str, float | str]:
+        """All numbers by name, flat, for a row of a table: meters, and m/s where the time is known."""
+        told: dict[str, float | str] = {"ball_path": self.path}
+        told |= {"ball_depth": self.depth, "ball_depth_std": self.depth_std}
+        told |= {"ball_length": self.length, "ball_length_std": self.length_std}
+        for when, place, std in zip(
+            ("start", "middle", "end"), self.positions, self.positions_std, strict=True
+        ):
+            told |= named_axes(f"ball_{when}", place, std)
+        if self.exposure_time is not None:
+            told |= {"ball_speed": self.speed, "ball_speed_std": self.speed_std}
+            told |= named_axes("ball_velocity", self.velocity, self.velocity_std)
+        return told | {"ball_error_from": self.dominant}
 
     @property
     def reversed(self) -> BallMotion:

@@ -71,6 +71,16 @@ class BlurDepth:
         """Standard deviation of `depth`, meters."""
         return float(np.sqrt(self.covariance.sum())) / 2
 
+    def numbers(self) -> dict[str, float]:
+        """All numbers by name, flat, for a row of a table: meters and radians."""
+        ends = np.sqrt(np.diag(self.covariance))
+        return {
+            **{"blur_depth": self.depth, "blur_depth_std": self.depth_std},
+            **{"blur_depth_start": self.start, "blur_depth_start_std": float(ends[0])},
+            **{"blur_depth_end": self.end, "blur_depth_end_std": float(ends[1])},
+            "blur_depth_off": self.off,
+        }
+
 
 def depth_from_blur(
     path: Sweep | Trajectory,

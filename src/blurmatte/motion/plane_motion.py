@@ -21,6 +21,7 @@ from blurmatte.motion.sources import (
     Source,
     check_exposure,
     covariances,
+    named_axes,
     relative_errors,
     seen_path,
 )
@@ -219,6 +220,17 @@ class PlaneMotion:
     def dominant(self) -> str:
         """Where most of the speed's error comes from."""
         return max(self.parts, key=lambda name: self.parts[name])
+
+    def numbers(self) -> dict[str, float | str]:
+        """All numbers by name, flat, for a row of a table: meters, and m/s where the time is known."""
+        std = np.sqrt(np.diag(self.covariance))
+        told: dict[str, float | str] = {}
+        told |= named_axes("plane_start", self.start, std[:2])
+        told |= named_axes("plane_end", self.end, std[2:])
+        told |= {"plane_length": self.length, "plane_length_std": self.length_std}
+        if self.exposure_time is not None:
+            told |= {"plane_speed": self.speed, "plane_speed_std": self.speed_std}
+        return told | {"plane_error_from": self.dominant}
 
     @property
     def _seconds(self) -> float:

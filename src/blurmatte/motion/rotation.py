@@ -22,7 +22,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools
 from blurmatte.errors import MotionError
 from blurmatte.matting import Solution
-from blurmatte.motion.sources import check_exposure
+from blurmatte.motion.sources import check_exposure, named_axes
 from blurmatte.radiometry import coherence
 from blurmatte.sweep import Sweep
 
@@ -112,6 +112,14 @@ class Rotation:
         """Standard deviation of the speed, rad/s."""
         relative = np.hypot(self.angle_std / self.angle, self.exposure_std / self._seconds)
         return float(self.speed * relative)
+
+    def numbers(self) -> dict[str, float]:
+        """All numbers by name, flat, for a row of a table: pixels, radians, rad/s."""
+        told = named_axes("rotation_center", self.center, self.center_std)
+        told |= {"rotation": self.angle, "rotation_std": self.angle_std, "blades": self.blades}
+        if self.exposure_time is not None:
+            told |= {"rotation_speed": self.speed, "rotation_speed_std": self.speed_std}
+        return told
 
     @property
     def _seconds(self) -> float:

@@ -112,3 +112,11 @@ def check_number(name: str, value: float, std: float) -> None:
 def check_exposure(exposure_time: float | None, exposure_std: float) -> None:
     """The same of an exposure time that may not be known."""
     check_number("exposure", 1.0 if exposure_time is None else exposure_time, exposure_std)
+
+
+def named_axes(name: str, values: Array, stds: Array) -> dict[str, float]:
+    """Coordinates and their standard deviations by name: name_x, name_x_std, name_y …"""
+    told = {}
+    for axis, value, std in zip("xyz", values, stds, strict=False):
+        told[f"{name}_{axis}"], told[f"{name}_{axis}_std"] = float(value), float(std)
+    return told

@@ -1,0 +1,42 @@
+"""Lengths, times and speeds as people type them: a number or fraction, a unit, and an error."""
+
+import re
+from collections.abc import Mapping
+from fractions import Fraction
+
+_METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
+_METERS_PER_SECOND = {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
+_NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*([a-zµ/]*)"
+
+
+def meters(name: str, text: str) -> tuple[float, float]:
+    """A length and its error, meters."""
+    return _with_error(name, text, _METERS, "a length like 0.02, 2cm or 2cm±0.1mm")
+
+
+def seconds(name: str, text: str) -> tuple[float, float]:
+    """A time and its error, seconds."""
+    return _with_error(name, text, _SECONDS, "a time like 1/60, 0.004, 4ms or 15us")
+
+
+def meters_per_second(name: str, text: str) -> tuple[float, float]:
+    """A speed and its error, m/s."""
+    what = "a speed like 12, 12m/s, 43km/h or 12±0.2m/s"
+    return _with_error(name, text, _METERS_PER_SECOND, what)
+
+
+def _with_error(name: str, text: str, units: Mapping[str, float], what: str) -> tuple[float, float]:
+    """Value and error, each a number or fraction with a unit."""
+    values = []
+    for part in text.replace("+-", "±").split("±"):
+        found = re.fullmatch(_NUMBER, part.strip())
+        if found is None or found[2] not in units:
+            raise ValueError(f"{name} must be {what}, got {text!r}")
+        try:
+            values.append(units[found[2]] * float(Fraction(found[1])))
+        except (ValueError, ZeroDivisionError):
+            raise ValueError(f"{name} must be {what}, got {text!r}") from None
+    if len(values) > 2:
+        raise ValueError(f"{name} must be {what}, got {text!r}")
+    return values[0], values[1] if len(values) == 2 else 0.0
