@@ -5,8 +5,9 @@ color. Straight color exists only on the way out (`Layer.straight`). Every chang
 all of them are linear in light and clip nothing but alpha.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -55,19 +56,19 @@ class Layer:
         height, width = self.alpha.shape
         return width, height
 
-    @property
+    @cached_property
     def empty(self) -> bool:
         """Whether there is nothing in it, neither alpha nor light."""
         return not self._there.any()
 
-    @property
+    @cached_property
     def _there(self) -> Bools:
         there = np.asarray(self.alpha != 0)
         for channel in range(3):  # several times as fast as `any` over the last axis
             there |= self.premultiplied[..., channel] != 0
         return there
 
-    @property
+    @cached_property
     def box(self) -> tuple[int, int, int, int]:
         """(x0, y0, x1, y1) around everything that is there, x1 and y1 one past the last pixel.
 
@@ -131,9 +132,14 @@ class Layer:
             If the factor is negative or not finite.
         """
         _check_factor("factor", factor)
-        alpha = np.minimum(factor * self.alpha, np.maximum(self.alpha, 1))
-        share = np.divide(alpha, self.alpha, out=np.full_like(alpha, factor), where=self.alpha > 0)
-        return Layer(alpha, self.premultiplied * share[..., None])
+
+        def faded(part: Layer) -> Layer:
+            alpha = np.minimum(factor * part.alpha, np.maximum(part.alpha, 1))
+            share = np.full_like(alpha, factor)
+            np.divide(alpha, part.alpha, out=share, where=part.alpha > 0)
+            return Layer(alpha, part.premultiplied * share[..., None])
+
+        return self._changed(faded)
 
     def relight(self, gain: npt.ArrayLike) -> "Layer":
         """The object in `gain` times the light, one number or one for each channel.
@@ -147,7 +153,7 @@ class Layer:
         if gains.shape not in ((), (1,), (3,)):
             raise ValueError(f"gain must be one number or three, got {gain!r}")
         _check_factor("gain", gains)
-        return Layer(self.alpha, self.premultiplied * gains)
+        return self._changed(lambda part: Layer(part.alpha, part.premultiplied * gains))
 
     def amplify(self, factor: float, brightness: float = 1.0) -> "Layer":
         """A faint object made plain: `factor` times as opaque, its color as bright as can be.
@@ -202,8 +208,12 @@ class Layer:
         old, new = colors_of([self.color] if paints is None else paints), colors_of(colors)
         if len(new) != len(old):
             raise ValueError(f"give as many colors as paints, {len(old)}, got {len(new)}")
-        amounts = split(self.premultiplied, old)
-        return Layer(self.alpha, amounts @ new.astype(amounts.dtype))
+
+        def painted(part: Layer) -> Layer:
+            amounts = split(part.premultiplied, old)
+            return Layer(part.alpha, amounts @ new.astype(amounts.dtype))
+
+        return self._changed(painted)
 
     def crop(self, box: tuple[int, int, int, int]) -> "Layer":
         """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
@@ -252,9 +262,20 @@ class Layer:
                 f"{size[0]}x{size[1]} pixels"
             )
         seen = part.crop((x0 - first[0], y0 - first[1], x1 - first[0], y1 - first[1]))
-        alpha = np.zeros(size[::-1], self.alpha.dtype)
+        return seen._within(size, (x0, y0))
+
+    def _changed(self, change: Callable[["Layer"], "Layer"]) -> "Layer":
+        """With a change that leaves nothing of nothing, made around the object alone."""
+        if self.empty:
+            return self
+        return change(self.crop(self.box))._within(self.size, self.box[:2])
+
+    def _within(self, size: tuple[int, int], corner: tuple[int, int]) -> "Layer":
+        """In a larger layer, empty elsewhere; `corner` is where its first pixel goes."""
+        place = tuple(slice(at, at + n) for at, n in zip(corner, self.size, strict=True))[::-1]
+        alpha = np.zeros(size[::-1], self.alpha.dtype)  # rows that nobody touches take no memory
         light = np.zeros((*size[::-1], 3), self.premultiplied.dtype)
-        alpha[y0:y1, x0:x1], light[y0:y1, x0:x1] = seen.alpha, seen.premultiplied
+        alpha[place], light[place] = self.alpha, self.premultiplied
         return Layer(alpha, light)
 
     def _scaled(self, scale: float) -> "Layer":

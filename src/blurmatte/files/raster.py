@@ -97,19 +97,21 @@ class Raster:
         """(H, W) 0…1, or None if there is no such channel."""
         if "A" not in self.names:
             return None
-        alpha = self.channels("A")[..., 0]
+        alpha = self.seen("A")[..., 0]
         if self.levels is None:
             return alpha
         return np.asarray(alpha / np.float32(self.levels - 1), dtype=np.float32)
 
     def channels(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
         """(H, W, n) numbers of the channels that are called `names`."""
+        return np.ascontiguousarray(self.seen(names))
+
+    def seen(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
+        """The same without a copy, where the channels lie side by side."""
         at = [self.names.index(name) for name in names]
-        if at == list(range(len(self.names))):
-            return self.pixels
-        if at == list(range(at[0], at[0] + len(at))):  # a part is copied faster than a choice
-            return np.ascontiguousarray(self.pixels[..., at[0] : at[0] + len(at)])
-        return np.ascontiguousarray(self.pixels[..., at])
+        if at == list(range(at[0], at[0] + len(at))):
+            return self.pixels[..., at[0] : at[0] + len(at)]
+        return self.pixels[..., at]
 
 
 def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None = None) -> Raster:

@@ -141,8 +141,8 @@ def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> F
     cover = alpha[..., None]
     if not raster.associated:
         return np.asarray(_decoded(raster, encoding).rgb * cover)
-    if encoding is None:
-        return to_light(raster.colors, None)
+    if encoding is None:  # gray or in color: nothing is copied, for layers are large
+        return to_light(raster.seen("YYY" if raster.gray else "RGB"), None)
     codes = raster.colors / np.float32((raster.levels or 2) - 1)
     straight = np.divide(codes, cover, out=np.zeros_like(codes), where=cover > 0)
     return np.asarray(to_light(straight, encoding) * cover)
