@@ -313,3 +313,6 @@ def test_what_is_no_layer(scene, tmp_path):
     out = "--fade", "2", "--out", tmp_path / "out.png"
     assert "has no alpha" in complaint(run("edit", scene / "image.png", *out))
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *out))
+    own = "--image", scene / "image.png"
+    assert "no such file" in complaint(run("edit", scene / "nothing.exr", *own, *out))
+    assert "not a row" in complaint(run("edit", scene / "n.####.exr", *own, *out))

@@ -192,3 +192,11 @@ def test_any_name_will_do(tmp_path, ramp, make_png, name):
 def test_one_pixel(tmp_path, make_png):
     (tmp_path / "a.png").write_bytes(make_png(np.full((1, 1, 3), 100, np.uint8)))
     assert read(tmp_path / "a.png", transfer=SRGB).size == (1, 1)
+
+
+def test_an_exposure_time_that_is_no_number_is_not_told(tmp_path):
+    """Door: EXIF as some programs write it, two numbers instead of their ratio."""
+    exif = Image.Exif()
+    exif[0x829A] = (1, 50)
+    Image.new("RGB", (8, 8)).save(tmp_path / "odd.jpg", exif=exif)
+    assert read(tmp_path / "odd.jpg", transfer=SRGB).meta.exposure_time is None

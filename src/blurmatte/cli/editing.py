@@ -130,7 +130,7 @@ def edit(
     if image is None and scene is not None:
         behind = read_behind(files, scene, fit, place, scale, match_light)
     path = Path(layer)
-    if path.suffix.lower() not in _LAYERS or not path.is_file():
+    if _is_row(path):
         if image or sheet or preview:
             raise ValueError(
                 f"{layer}: --image, --sheet and --preview go with one layer, not a row"
@@ -223,6 +223,13 @@ def _recolored(layer: bm.Layer, text: str) -> bm.Layer:
             f"--recolor must be a color like #d8ff3c, or OLD=NEW for each paint, got {text!r}"
         )
     return layer.recolor(*(new for _, new in pairs), paints=[old for old, _ in pairs])
+
+
+def _is_row(path: Path) -> bool:
+    """Whether layers are meant, and not one: a folder, a clip, or a name with a place for others."""
+    if path.is_file():
+        return path.suffix.lower() not in _LAYERS
+    return path.is_dir() or re.search(r"[#*?\[]|%\d*d", path.name) is not None
 
 
 def _edit_row(

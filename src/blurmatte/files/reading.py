@@ -163,7 +163,8 @@ def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> Non
 
 
 def _meta(raster: Raster, encoding: Profile | None) -> Meta:
-    seconds = float(raster.tags.get("ExposureTime", 0))
+    told = raster.tags.get("ExposureTime", 0)
+    seconds = float(told) if isinstance(told, int | float) else 0.0  # some programs write pairs
     return Meta(
         source=raster.path.name,
         transfer=encoding.curves[1] if encoding else None,
