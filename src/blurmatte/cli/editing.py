@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -137,19 +138,21 @@ def edit(
             )
         _edit_row(files, layer, out, changes, behind, rate, start)
         return
+    own = [] if image is None else [name for name in (image, plate) if name is not None]
+    (before, streak), pictures = _read(files, path, own, remove)
     with about(path):
-        before = bm.read_layer(path, max_pixels=max_pixels)
         after = before.fade(0) if remove else _changed(before, changes)
     if image is None:
         done = _put(_Edit(before, after), behind)
         with about(out):
             bm.write(out, done.after if done.result is None else done.result)
     else:
-        picture, _ = files.read(image)
-        matched = None if plate is None else _matched(files, plate, picture, match)
-        streak = _streak(path, before, max_pixels) if remove else None
+        picture, matched = pictures[0], None
+        if plate is not None:
+            with about(plate):
+                matched = bm.match_plate(pictures[1], picture, matching_of(match))
         with about(path):
-            if streak is not None and matched is not None:
+            if remove and matched is not None:
                 result, touched = bm.remove(picture, matched, streak, grow)
             else:
                 result, touched = bm.retouch(picture, before, after, matched)
@@ -267,18 +270,32 @@ def _put(done: _Edit, behind: Behind | None) -> _Edit:
     return _Edit(before, after, before.over(picture), after.over(picture), picture)
 
 
-def _matched(files: Files, plate: Path, image: bm.LinearImage, match: str) -> bm.LinearImage:
-    behind, _ = files.read(plate)
-    with about(plate):
-        return bm.match_plate(behind, image, matching_of(match))
+def _read(
+    files: Files, path: Path, pictures: Sequence[Path], remove: bool
+) -> tuple[tuple[bm.Layer, Any], list[bm.LinearImage]]:
+    """The layer with its streak, and pictures, at the same time: of large ones this takes longest."""
+    with about(path), ThreadPoolExecutor() as pool:
+        layer = pool.submit(_layer_and_streak, path, files.max_pixels, remove)
+        others = [
+            pool.submit(bm.read, name, files.curve_of(name), files.max_pixels) for name in pictures
+        ]
+        return layer.result(), [other.result() for other in others]
 
 
-def _streak(path: Path, layer: bm.Layer, max_pixels: int) -> Any:
-    """(H, W) bool: where the solution says that something moved; of a mere layer, where it is."""
-    try:
-        return bm.read_solution(path, max_pixels).streak
-    except bm.FileError:  # no solution: a layer, which was read already
-        return layer.alpha > 0
+def _layer_and_streak(path: Path, max_pixels: int, remove: bool) -> tuple[bm.Layer, Any]:
+    """The layer, and (H, W) bool: where the solution says that something moved, if it is to go.
+
+    Of a mere layer that is where it is.
+    """
+    if remove:
+        try:
+            solution = bm.read_solution(path, max_pixels)
+        except bm.FileError:  # no solution: a layer, or what reading it as one will tell
+            pass
+        else:
+            return solution.layer, solution.streak
+    layer = bm.read_layer(path, max_pixels=max_pixels)
+    return layer, layer.alpha > 0
 
 
 def _write_preview(path: Path, done: _Edit) -> None:
