@@ -308,6 +308,6 @@ def test_a_pattern_that_is_a_file_is_that_file(tmp_path):
 def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     # door
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(FileError, match=r'pip install "blurmatte\[video\]"'):
+    with pytest.raises(FileError, match=r'a\.mov: .*pip install "blurmatte\[video\]"'):
         write_frames(tmp_path / "a.mov", layers())
     assert not list(tmp_path.iterdir())

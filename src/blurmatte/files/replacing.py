@@ -27,6 +27,8 @@ def replacing(target: Path, extension: str) -> Iterator[Path]:
         temporary.touch(exist_ok=False)
         yield temporary
         os.replace(temporary, final)
+    except FileError as error:
+        raise FileError(str(error).replace(str(temporary), str(target))) from error
     except OSError as error:
         reason = (error.strerror or str(error)).replace(str(temporary), target.name)
         raise FileError(
