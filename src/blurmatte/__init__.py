@@ -25,6 +25,7 @@ from blurmatte.compositing import stack as stack
 from blurmatte.errors import BlurmatteError as BlurmatteError
 from blurmatte.errors import BlurmatteWarning as BlurmatteWarning
 from blurmatte.errors import ColorModelError as ColorModelError
+from blurmatte.errors import ConvergenceWarning as ConvergenceWarning
 from blurmatte.errors import FileError as FileError
 from blurmatte.errors import MotionError as MotionError
 from blurmatte.errors import NoiseError as NoiseError

@@ -11,7 +11,8 @@ BlurmatteError            the data cannot answer; the message says what to do
 
 BlurmatteWarning          an answer was given, on an assumption
 ├── TransferWarning       the file does not say how its code values encode light
-└── PlateWarning          image and plate look swapped, or do not fit each other
+├── PlateWarning          image and plate look swapped, or do not fit each other
+└── ConvergenceWarning    the steps ran out before the answer had settled
 
 Wrong arguments (a bad shape, a negative gain) raise ValueError or TypeError.
 Bad *pixels* never raise; they are marked in `Solution.quality`.
@@ -56,3 +57,7 @@ class TransferWarning(BlurmatteWarning):
 
 class PlateWarning(BlurmatteWarning):
     """Image and plate look swapped, or do not fit each other."""
+
+
+class ConvergenceWarning(BlurmatteWarning):
+    """The steps ran out before the answer had settled; it is the last one."""

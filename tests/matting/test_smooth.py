@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
-from blurmatte.errors import ColorModelError
-from blurmatte.matting import Pixelwise, Quality, Smooth, solve
+from blurmatte.errors import ColorModelError, ConvergenceWarning
+from blurmatte.matting import Pixelwise, Quality, Smooth, smooth_prior, solve
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,
@@ -154,6 +154,16 @@ def test_is_what_solve_does_where_no_shape_explains_the_streak():
     assert solution.solver == repr(Smooth())
     assert solution.stats["smooth"]["converged"]
     assert rmse(solution, truth) < 0.03
+
+
+def test_an_answer_that_has_not_settled_is_told(monkeypatch):
+    """Door: the last iterate comes with a warning."""
+    truth, image, plate = taken("ball", "colorful")
+    monkeypatch.setattr(smooth_prior, "_STEPS", 2)
+    with pytest.warns(ConvergenceWarning, match="had not settled after 2 steps"):
+        solution = solve(image, plate, truth.model, Smooth())
+    assert not solution.stats["smooth"]["converged"]
+    assert np.isfinite(solution.alpha).all()
 
 
 def test_the_same_every_time():

@@ -6,6 +6,7 @@ both orders of differences those for which Stein's unbiased estimate of the erro
 large that this takes no time. Then it goes from coarse to fine.
 """
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -15,6 +16,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
+from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.evidence import evidence_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
@@ -107,8 +109,20 @@ class Smooth:
         -------
         dict
             The standard deviation of the sum of alpha, how smooth it is, and how the solution ended.
+
+        Warns
+        -----
+        ConvergenceWarning
+            If the last step still changed the answer; it is the last one then.
         """
         field, prior, of_sum = self._field(image, plate, model, inside, mixed)
+        if not field.converged:
+            warnings.warn(
+                f"alpha had not settled after {field.steps} steps and is that of the last one; choose a "
+                "smaller region, or less strength",
+                ConvergenceWarning,
+                stacklevel=3,
+            )
         alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
         wide = plate if mixed is None else mixed.widened(plate)
         P, P_std, _ = light_given(alpha, alpha_std, model, image, wide)
