@@ -118,8 +118,8 @@ class Smooth:
         field, prior, of_sum = self._field(image, plate, model, inside, mixed)
         if not field.converged:
             warnings.warn(
-                f"alpha had not settled after {field.steps} steps and is that of the last one; choose a "
-                "smaller region, or less strength",
+                f"alpha had not settled after {field.steps} steps and is that of the last one; choose "
+                "a smaller region, or less strength",
                 ConvergenceWarning,
                 stacklevel=3,
             )

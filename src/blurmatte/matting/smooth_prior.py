@@ -25,7 +25,7 @@ _NU = 1.0  # degrees of freedom of the t distribution: edges are common
 _POOL = 3  # cells across, over which precisions are alike
 _TOLD_BY = 5  # cells across, over which a few samples tell a variance
 _ROUNDS = 2
-_STEPS, _TOLERANCE = 60, 1e-5
+_STEPS, _TOLERANCE = 300, 1e-5
 _LEAST = -0.05  # alpha: held at 0 its sum would be too large, for only noise above 0 would be left
 _SHARP = 0.01**-2.0  # information of what is held
 _SEED = 0  # of samples: the same answer every time
@@ -126,7 +126,7 @@ def smoothed(
         for n, z in zip(noise, drawn, strict=True):
             # What is held from below is no better known for that: there was no object, or no answer.
             jobs.append((A + above, _disturbed(A + above, gamma, prior.order, mask, n), z))
-        steps = _solve_all(gamma, prior.order, mask, jobs)
+        steps = _solve_all(gamma, prior.order, mask, jobs, _STEPS)
         field = replace(field, x=x, steps=steps, converged=steps < _STEPS)
         if noise:
             traces = [np.sum(n[0] * np.sqrt(A) * z) for n, z in zip(noise, drawn, strict=True)]
@@ -144,7 +144,7 @@ def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1)
     gamma, whole = _precision(prior, field, cells), np.zeros(field.x.shape)
     ones = evidence.mask.astype(float)
     job = evidence.information, ones, whole
-    _solve_all(gamma, prior.order, evidence.mask, [job], 10 * _STEPS, 0.0)
+    _solve_all(gamma, prior.order, evidence.mask, [job], 2 * _STEPS, 0.0)
     return float(whole.sum()) * cells**2
 
 
@@ -179,7 +179,7 @@ def _solve_all(
     order: int,
     mask: Bools,
     jobs: list[tuple[Array, Array, Array]],
-    most: int = _STEPS,
+    most: int,
     tolerance: float = _TOLERANCE,
 ) -> int:
     """Solve for each information and right hand side, into the array given with them.
