@@ -14,7 +14,13 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
 from blurmatte.errors import MotionError, PlateError
-from blurmatte.radiometry import LinearImage, check_same_colors, rounding_noise, with_noise
+from blurmatte.radiometry import (
+    LinearImage,
+    cell_means,
+    check_same_colors,
+    rounding_noise,
+    with_noise,
+)
 
 Box = tuple[int, int, int, int]
 
@@ -336,8 +342,7 @@ def _cells(values: npt.NDArray[np.floating], cell: int) -> Floats:
     height, width = (n // cell * cell for n in values.shape[:2])
     pad = [(0, -n % cell) for n in values.shape[:2]] + [(0, 0)]
     padded = np.pad(values, pad, mode="edge") if (height, width) != values.shape[:2] else values
-    rows, columns = padded.shape[0] // cell, padded.shape[1] // cell
-    return np.asarray(padded.reshape(rows, cell, columns, cell, -1).mean(axis=(1, 3)))
+    return cell_means(padded, cell)
 
 
 def _mean_variance(picture: LinearImage, B: Floats, cell: int) -> Floats:

@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from blurmatte.background.warp import SHIFT, centered, places, read_at, spline_of
 from blurmatte.checks import Floats
-from blurmatte.radiometry import LinearImage, rounding_noise
+from blurmatte.radiometry import LinearImage, cell_means, rounding_noise
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -295,8 +295,4 @@ def disagreement(level: Level, fit: Fit) -> tuple[float, float]:
 
 def _cells(values: Floats, side: int) -> Array:
     """Means over blocks; what is left over at the far sides is cut."""
-    if side == 1:
-        return np.asarray(values, dtype=float)
-    height, width = (n // side for n in values.shape[:2])
-    cut = values[: height * side, : width * side]
-    return np.asarray(cut.reshape(height, side, width, side, -1).mean(axis=(1, 3)), dtype=float)
+    return np.asarray(cell_means(values, side), dtype=float)

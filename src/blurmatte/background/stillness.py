@@ -10,6 +10,7 @@ import numpy as np
 
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
+from blurmatte.radiometry import cell_means
 
 _TILES = 3  # a side
 _LEAST_TILE, _TILE = 64, 256  # pixels of a side
@@ -57,20 +58,13 @@ def check_still(light: Floats, gain: Floats, variance: float, names: Sequence[st
 def _moved(a: Floats, b: Floats, variance: float) -> float:
     """How far the camera moved between two pictures, pixels; 0 if it did not."""
     cell = -(-max(a.shape) // _TILE)
-    whole = _shift(_cells(a, cell), _cells(b, cell), variance / cell**2)
+    whole = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
     if whole is not None and max(map(abs, whole)) > 1:  # farther than a tile may be wide
         return float(cell * np.hypot(*whole))
     shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
     lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
     moved = [length for length in lengths if length > _MOST_SHIFT]
     return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
-
-
-def _cells(picture: Floats, side: int) -> Floats:
-    """Means over squares; what is left at the borders is cut off."""
-    height, width = (n // side for n in picture.shape)
-    whole = picture[: height * side, : width * side]
-    return np.asarray(whole.reshape(height, side, width, side).mean(axis=(1, 3)))
 
 
 def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.radiometry import LinearImage, cell_means, smooth_variance
 from blurmatte.streaks import Streak
 from blurmatte.sweep.known import KnownColor
 
@@ -70,9 +70,7 @@ class Data:
             return self
 
         def means(x: Array) -> Array:
-            h, w = (side // by for side in x.shape[:2])
-            blocks = x[: h * by, : w * by].reshape(h, by, w, by, *x.shape[2:])
-            return np.asarray(blocks.mean(axis=(1, 3)))
+            return np.asarray(cell_means(x, by), dtype=float)
 
         middle = (by - 1) / 2 * self.scale
         return Data(
