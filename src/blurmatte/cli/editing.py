@@ -4,6 +4,7 @@ import re
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -22,6 +23,7 @@ _HEX = "#?[0-9a-fA-F]{6}"
 _LAYERS = (".exr", ".png", ".tif", ".tiff")  # files of one layer each
 _LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
 _RATE = 25.0
+_NEEDED = "scipy.optimize", "numba"  # by what follows; their import takes as long as a large file
 
 Change = tuple[str, str]
 
@@ -275,6 +277,8 @@ def _read(
 ) -> tuple[tuple[bm.Layer, Any], list[bm.LinearImage]]:
     """The layer with its streak, and pictures, at the same time: of large ones this takes longest."""
     with about(path), ThreadPoolExecutor() as pool:
+        for package in _NEEDED if pictures else ():
+            pool.submit(import_module, package)
         layer = pool.submit(_layer_and_streak, path, files.max_pixels, remove)
         others = [
             pool.submit(bm.read, name, files.curve_of(name), files.max_pixels) for name in pictures
