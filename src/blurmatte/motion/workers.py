@@ -1,5 +1,6 @@
 """in_order: one function over many frames, by several processes, in order."""
 
+import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from typing import Any, TypeVar
@@ -50,6 +51,9 @@ def in_order(
 def _begin(work: Callable[..., Any]) -> None:
     global _work
     _work = work
+    # An interrupt reaches all processes of a terminal. One that dies of it holding a lock of the pool
+    # would let the first wait forever; it is the first that ends them.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _do(*task: Any) -> Any:
