@@ -10,9 +10,11 @@ from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.matting import Quality, Solution
 from blurmatte.motion import (
+    FreeFall,
     Motion,
     SpaceMotion,
     Speed,
+    fall_in_words,
     motion_in_words,
     space_motion_in_words,
     speed_in_words,
@@ -74,6 +76,7 @@ Explained = (
     | Motion
     | Speed
     | SpaceMotion
+    | FreeFall
 )
 
 
@@ -83,7 +86,7 @@ def explain(thing: Explained) -> list[str]:
     Parameters
     ----------
     thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer, ResponseFit, Motion, Speed, \
-            BallMotion, PlaneMotion, BlurDepth or Rotation
+            BallMotion, PlaneMotion, BlurDepth, Rotation or FreeFall
 
     Returns
     -------
@@ -126,9 +129,11 @@ def explain(thing: Explained) -> list[str]:
         return speed_in_words(thing)
     if isinstance(thing, SpaceMotion):
         return space_motion_in_words(thing)
+    if isinstance(thing, FreeFall):
+        return fall_in_words(thing)
     raise TypeError(
         "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer, a ResponseFit, a "
-        "Motion, a Speed, a BallMotion, a PlaneMotion, a BlurDepth or a Rotation, "
+        "Motion, a Speed, a BallMotion, a PlaneMotion, a BlurDepth, a Rotation or a FreeFall, "
         f"got {type(thing).__name__}"
     )
 

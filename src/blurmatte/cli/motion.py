@@ -9,8 +9,20 @@ from typing import Annotated, Any
 import typer
 
 import blurmatte as bm
+from blurmatte.cli.clips import (
+    ClipTask,
+    Rows,
+    Scaling,
+    finish,
+    is_clip,
+    measure_frames,
+    table,
+    usual_radius,
+    words,
+)
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
+from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
 from blurmatte.cli.quantities import meters, seconds
@@ -31,12 +43,22 @@ _LENGTH = "LENGTH[±ERROR]"
 @app.command()
 @told
 def measure(
-    layer: Annotated[Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote.")],
+    layer: Annotated[
+        Path,
+        typer.Argument(
+            metavar="LAYER|CLIP",
+            help="The layer.exr that solve wrote; or a clip, a folder or a pattern of pictures.",
+        ),
+    ],
     as_json: Annotated[
         bool, typer.Option("--json", help="Print all numbers as JSON instead of words.")
     ] = False,
     out: Annotated[
-        Path | None, typer.Option(help="Where to write all numbers: a .json, or a .csv of one row.")
+        Path | None,
+        typer.Option(
+            help="Where to write all numbers: a .json, or a .csv of one row; of a clip a row for each "
+            "frame, .parquet too."
+        ),
     ] = None,
     radius: Annotated[
         str | None, typer.Option(metavar=_LENGTH, help="True radius of the ball: 20mm, 2cm±0.1mm.")
@@ -77,22 +99,57 @@ def measure(
     speed: SpeedKnown = None,
     rotation: Rotation = False,
     overlay: Annotated[
-        Path | None, typer.Option(help="Draw path and outlines over --image: a .png or .jpg.")
+        Path | None,
+        typer.Option(
+            help="Draw path and outlines over --image, or a clip's over its plate: a .png or .jpg."
+        ),
     ] = None,
     image: Annotated[Path | None, typer.Option(help="The picture that was solved.")] = None,
+    color: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HEX|FILE.json|any",
+            help="Of a clip: the object's color; found in some of its frames if not given.",
+        ),
+    ] = None,
+    start: When = None,
+    stop: When = None,
+    step: Annotated[int, typer.Option(help="Of a clip: use every frame of that many.")] = 1,
+    rate: Annotated[
+        float | None, typer.Option(help="Of a clip: frames per second, if its frames do not tell.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Of a clip: go on where an interrupted run stopped.")
+    ] = False,
+    workers: Annotated[
+        int | None,
+        typer.Option(help="Of a clip: how many processes; one for each core if not given."),
+    ] = None,
     transfer: TransferName = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
-    """Measure the motion in LAYER: where, how far, how fast, how large."""
-    if overlay is not None and image is None:
-        raise ValueError("--overlay needs --image, the picture to draw on")
+    """Measure the motion in LAYER, or in each frame of CLIP: where, how far, how fast, how large."""
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
-    scaled = _scaling(radius, diameter, scale, points)
     time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
+    files = Files(transfer, max_pixels)
+    if is_clip(layer):
+        if any((image, line_time, going, camera, on_plane, height, speed, rotation)):
+            raise ValueError(
+                "--image, --line-time, --going, --camera, --on-plane, --height, --speed and "
+                "--rotation are for a layer, not for a clip"
+            )
+        task = ClipTask(layer, files, plate, color, start, stop, step, rate, workers, out, resume)
+        size = _clip_scaling(radius, diameter, scale, points)
+        _measure_clip(task, size, None if time is None else (time, time_std), overlay, as_json)
+        return
+    if any(given is not None for given in (color, start, stop, rate, workers)) or resume:
+        raise ValueError("--color, --start, --stop, --rate, --resume and --workers are for a clip")
+    if overlay is not None and image is None:
+        raise ValueError("--overlay needs --image, the picture to draw on")
+    scaled = _scaling(radius, diameter, scale, points)
     line = None if line_time is None else seconds("--line-time", line_time)[0]
     downward = None if going is None else going == "down"
-    files = Files(transfer, max_pixels)
     picture = None if image is None else files.read(image)[0]
     before = None
     if plate is not None:
@@ -116,6 +173,46 @@ def measure(
         with about(overlay):
             bm.write(overlay, bm.draw_motion(picture, solution, motion))
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
+
+
+def _measure_clip(
+    task: ClipTask,
+    scaled: Scaling | None,
+    time: tuple[float, float] | None,
+    overlay: Path | None,
+    as_json: bool,
+) -> None:
+    """The table of a clip, its sheet, and what both say."""
+    background, model, rows = measure_frames(task)
+    with about(task.source):
+        scale = None if scaled is None else scaled(rows)
+        told, fall = words(rows, model, scale)
+    lines = table(rows, scale, time)
+    if task.out is not None:
+        bm.write(task.out, lines)
+    if overlay is not None:
+        bm.write(overlay, bm.draw_clip(background, rows, told))
+    finish(task)
+    numbers = {"rows": lines, "fall": None if fall is None else fall.numbers(), "in_words": told}
+    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(told))
+
+
+def _clip_scaling(
+    radius: str | None, diameter: str | None, scale: str | None, points: str | None
+) -> Scaling | None:
+    """How meters per pixel follow from the frames of a clip; of the ball's size, from its usual one."""
+    scaled = _scaling(radius, diameter, scale, points)
+    if radius is None and diameter is None:
+        return None if scaled is None else lambda _: scaled(None)  # type: ignore[arg-type]
+    true, std = meters("--radius", radius) if radius else meters("--diameter", diameter or "")
+    half = 1.0 if radius else 0.5
+
+    def told(rows: Rows) -> bm.Scale:
+        seen, seen_std = usual_radius(rows)
+        relative = math.hypot(std / true, seen_std / seen)
+        return bm.Scale(half * true / seen, half * true / seen * relative)
+
+    return told
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:

@@ -44,7 +44,7 @@ def plate(
     curve = Files(transfer, max_pixels).curve
     with about(Path(source[0])):
         frames = bm.read_frames(source[0] if len(source) == 1 else source, curve, max_pixels)
-        frames = frames[_number(start, frames.rate) : _number(stop, frames.rate) : step]
+        frames = frames[frame_number(start, frames.rate) : frame_number(stop, frames.rate) : step]
         with _watched(frames) as watched:
             fit = bm.make_plate(watched)
     with about(out):
@@ -53,7 +53,7 @@ def plate(
     say("\n".join(map(str, written)))
 
 
-def _number(text: str | None, rate: float | None) -> int | None:
+def frame_number(text: str | None, rate: float | None) -> int | None:
     """A frame's number, of what counts frames or, with an s behind it, seconds."""
     if text is None:
         return None

@@ -7,7 +7,7 @@ of warning.
 import functools
 import sys
 import warnings
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, ParamSpec, TypeVar
@@ -94,16 +94,21 @@ def _blurmatte(
     pass
 
 
-def with_progress(things: Collection[T], doing: str = "solving") -> Iterator[T]:
-    """A bar on stderr for several things, if a person is watching."""
-    if len(things) < 2 or not sys.stderr.isatty():
+def with_progress(
+    things: Iterable[T], doing: str = "solving", count: int | None = None
+) -> Iterator[T]:
+    """A bar on stderr for several things, if a person is watching; `count` of what has no length."""
+    if count is None:
+        assert isinstance(things, Sized)
+        count = len(things)
+    if count < 2 or not sys.stderr.isatty():
         yield from things
         return
     from rich.console import Console
     from rich.progress import Progress
 
     with Progress(console=Console(stderr=True), redirect_stdout=False) as progress:
-        yield from progress.track(things, description=doing)
+        yield from progress.track(things, count, description=doing)
 
 
 class NamedError(bm.BlurmatteError):

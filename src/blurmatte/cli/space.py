@@ -26,7 +26,8 @@ Plate = Annotated[
     Path | None,
     typer.Option(
         help="With --camera, --radius and --image: the scene without the object. The flight is then "
-        "fitted to the pictures, along the line of sight too."
+        "fitted to the pictures, along the line of sight too. Of a clip: its plate; made of it if not "
+        "given."
     ),
 ]
 

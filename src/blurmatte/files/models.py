@@ -4,7 +4,7 @@ import csv
 import io
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -51,14 +51,53 @@ def mapping_to_csv(mapping: Mapping[str, Any]) -> str:
     TypeError
         If a value is no number and no text.
     """
-    plain = _plain(mapping)
-    for name, value in plain.items():
-        if isinstance(value, list | dict):
-            raise TypeError(f"a row of a table holds numbers and text, {name} is {value!r}")
+    return rows_to_csv([mapping])
+
+
+def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line of names and a line of values for each row; what is missing is empty.
+
+    Raises
+    ------
+    TypeError
+        If a value is no number and no text.
+    """
     lines = io.StringIO(newline="")
     writer = csv.writer(lines, lineterminator="\n")
-    writer.writerows([plain.keys(), plain.values()])
+    flat = flat_rows(rows)
+    writer.writerows([flat[0].keys(), *(row.values() for row in flat)])
     return lines.getvalue()
+
+
+def rows_to_json(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A list, a line for each row.
+
+    Raises
+    ------
+    TypeError
+        If a value is no number and no text.
+    """
+    return "[\n" + ",\n".join("  " + _dumped(row) for row in flat_rows(rows)) + "\n]"
+
+
+def flat_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of one table, of numbers, text and None.
+
+    Raises
+    ------
+    TypeError
+        If a value is something else.
+    ValueError
+        If rows have other names than the first.
+    """
+    flat: list[dict[str, Any]] = [_plain(row) for row in rows]
+    for row in flat:
+        if row.keys() != flat[0].keys():
+            raise ValueError(f"rows of a table have the same names, got {list(row)}")
+        for name, value in row.items():
+            if isinstance(value, list | dict):
+                raise TypeError(f"a row of a table holds numbers and text, {name} is {value!r}")
+    return flat
 
 
 def _indented(value: Any, margin: str) -> str:

@@ -5,7 +5,7 @@ is written beside its target under another name and then renamed. The same input
 bytes.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,14 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.camera import camera_header
 from blurmatte.files.intrinsics import intrinsics_to_mapping
-from blurmatte.files.models import mapping_to_csv, mapping_to_json, model_to_json
+from blurmatte.files.models import (
+    flat_rows,
+    mapping_to_csv,
+    mapping_to_json,
+    model_to_json,
+    rows_to_csv,
+    rows_to_json,
+)
 from blurmatte.files.noise import noise_to_mapping
 from blurmatte.files.pixels import save_jpeg, save_pixels
 from blurmatte.files.plates import light_parts
@@ -56,6 +63,7 @@ def write(
     | Transfer
     | ResponseFit
     | Mapping[str, Any]
+    | Sequence[Mapping[str, Any]]
     | str
     | Floats
     | npt.NDArray[np.uint8],
@@ -73,6 +81,8 @@ def write(
     Transfer          .json, as a table
     ResponseFit       .json: its transfer, the error of it, and what was found
     mapping           .json, numbers that are not finite become null; .csv, one row, if it is flat
+    mappings          .csv, .json, or .parquet (needs the `tables` extra): rows of one table, all with
+                      the same names
     str               .toml, as is
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
     (H, W, 3) uint8   .png .jpg, as is: already sRGB
@@ -127,6 +137,13 @@ def _ways(thing: object) -> Mapping[str, Way]:
             return {
                 ".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n"),
                 ".csv": lambda path: _save_text(path, mapping_to_csv(thing)),
+            }
+        case [Mapping(), *_]:
+            rows: Sequence[Mapping[str, Any]] = thing  # type: ignore[assignment]
+            return {
+                ".csv": lambda path: _save_text(path, rows_to_csv(rows)),
+                ".json": lambda path: _save_text(path, rows_to_json(rows) + "\n"),
+                ".parquet": lambda path: _save_parquet(path, rows),
             }
         case str():
             return {".toml": lambda path: _save_text(path, thing)}
@@ -192,6 +209,15 @@ def _save_map(path: Path, values: Floats) -> None:
 
 def _save_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
+
+
+def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    try:
+        from pyarrow import Table
+        from pyarrow.parquet import write_table
+    except ImportError as error:
+        raise FileError('.parquet needs pyarrow: pip install "blurmatte[tables]"') from error
+    write_table(Table.from_pylist(flat_rows(rows)), path)
 
 
 def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> npt.NDArray[Any]:

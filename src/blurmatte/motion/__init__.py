@@ -3,8 +3,14 @@
 from blurmatte.motion.ball import fit_ball as fit_ball
 from blurmatte.motion.ball import measure_ball as measure_ball
 from blurmatte.motion.ball_motion import BallMotion as BallMotion
+from blurmatte.motion.clip import measure_clip as measure_clip
 from blurmatte.motion.depth import BlurDepth as BlurDepth
 from blurmatte.motion.depth import depth_from_blur as depth_from_blur
+from blurmatte.motion.fall import FreeFall as FreeFall
+from blurmatte.motion.fall import fall_in_words as fall_in_words
+from blurmatte.motion.fall import fit_fall as fit_fall
+from blurmatte.motion.linking import FrameMotion as FrameMotion
+from blurmatte.motion.linking import link_sightings as link_sightings
 from blurmatte.motion.measure import measure_motion as measure_motion
 from blurmatte.motion.motion import Motion as Motion
 from blurmatte.motion.outlines import EndSilhouettes as EndSilhouettes
@@ -14,6 +20,10 @@ from blurmatte.motion.plane_motion import PlaneMotion as PlaneMotion
 from blurmatte.motion.plane_motion import measure_on_plane as measure_on_plane
 from blurmatte.motion.rotation import Rotation as Rotation
 from blurmatte.motion.rotation import measure_rotation as measure_rotation
+from blurmatte.motion.sightings import FrameSightings as FrameSightings
+from blurmatte.motion.sightings import Sighting as Sighting
+from blurmatte.motion.sightings import clip_color as clip_color
+from blurmatte.motion.sightings import sightings as sightings
 from blurmatte.motion.space_words import SpaceMotion as SpaceMotion
 from blurmatte.motion.space_words import space_motion_in_words as space_motion_in_words
 from blurmatte.motion.units import Scale as Scale

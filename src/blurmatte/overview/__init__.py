@@ -1,5 +1,6 @@
 """Sheets that show a person what was found: pictures, numbers, and what is known against them."""
 
+from blurmatte.overview.clip import draw_clip as draw_clip
 from blurmatte.overview.edit import draw_edit as draw_edit
 from blurmatte.overview.edit import draw_exposures as draw_exposures
 from blurmatte.overview.edit import draw_look as draw_look

@@ -131,6 +131,7 @@ class Sheet:
 
 def _drawable(text: str) -> str:
     """Letters that the font has."""
+    text = text.replace("²", "^2")
     return "".join(c if c.isascii() or c in "±°·…" else "?" for c in text)
 
 

@@ -111,8 +111,29 @@ class _Lines:
         return y
 
 
-def _odd(curve: Curve) -> Curve:
-    return lambda x: np.copysign(curve(np.abs(x)), x)
+# Classes and not closures, so that pictures can be sent to other processes.
+@dataclass(frozen=True)
+class _Odd:
+    """A curve of what is not negative, continued oddly."""
+
+    curve: Curve
+
+    def __call__(self, x: Any) -> Any:
+        return np.copysign(self.curve(np.abs(x)), x)
+
+
+@dataclass(frozen=True)
+class _Power:
+    """A power of what is not negative."""
+
+    exponent: float
+
+    def __call__(self, x: Any) -> Any:
+        return x**self.exponent
+
+
+def _same(x: Any) -> Any:
+    return x
 
 
 def _srgb_decode(v: Floats) -> Floats:
@@ -135,9 +156,9 @@ def _rec709_encode(light: Floats) -> Floats:
     return np.where(light < _B, 4.5 * light, _A * light**0.45 - (_A - 1))
 
 
-SRGB = Transfer("srgb", _odd(_srgb_decode), _odd(_srgb_encode))  # IEC 61966-2-1:1999
-REC709 = Transfer("rec709", _odd(_rec709_decode), _odd(_rec709_encode))  # ITU-R BT.709-6 §1.2
-LINEAR = Transfer("linear", lambda v: v, lambda light: light)
+SRGB = Transfer("srgb", _Odd(_srgb_decode), _Odd(_srgb_encode))  # IEC 61966-2-1:1999
+REC709 = Transfer("rec709", _Odd(_rec709_decode), _Odd(_rec709_encode))  # ITU-R BT.709-6 §1.2
+LINEAR = Transfer("linear", _same, _same)
 
 
 def gamma(exponent: float) -> Transfer:
@@ -152,8 +173,8 @@ def gamma(exponent: float) -> Transfer:
         raise ValueError(f"gamma must lie between 0.1 and 10, got {exponent}")
     return Transfer(
         f"gamma{exponent:g}",
-        _odd(lambda v: v**exponent),
-        _odd(lambda light: light ** (1 / exponent)),
+        _Odd(_Power(exponent)),
+        _Odd(_Power(1 / exponent)),
     )
 
 

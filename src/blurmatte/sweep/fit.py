@@ -119,6 +119,32 @@ def fit_sweep(
     return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
 
 
+def fit_disc(
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel | None = None
+) -> Sweep:
+    """A disc on a throw: the quick part of `fit_sweep`, for the frames of a clip.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Of one size, noise known.
+    streak : Streak
+        Where the object moved.
+    model : ColorModel, optional
+        As for `fit_sweep`; one paint if not given.
+
+    Returns
+    -------
+    Sweep
+        It need not explain the streak: `Sweep.misfit` says.
+    """
+    rank = 1 if model is None else model.rank
+    known = None if model is None or rank == 3 else known_color(model)
+    search = Search.of(streak, image, plate, known)
+    found = _sweep(search.data, search.quick(rank), image.size)
+    return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
+
+
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
     """A disc on a path like that of another frame if it explains the streak, or the best of all."""
     if start is not None:

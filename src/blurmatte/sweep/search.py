@@ -33,6 +33,7 @@ _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
+_QUICK = 2  # which of the radii, where one must do
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
@@ -90,6 +91,18 @@ class Search:
         finalists = _finalists(self.coarse, tried)
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
+        return best_of(
+            self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
+        )
+
+    def quick(self, rank: int) -> State:
+        """The best of a few descents, on throws: for one of many frames of a clip.
+
+        A throw is never too simple for a short way: a line where there is a faint bend would tell
+        its center better than it is known.
+        """
+        curve, radius = self.curves[_QUICK]
+        finalists = _finalists(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
         return best_of(
             self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
         )

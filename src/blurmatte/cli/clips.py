@@ -1,0 +1,232 @@
+"""What `measure` does with a clip: the object in every frame, as a table."""
+
+import json
+import os
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import blurmatte as bm
+from blurmatte.cli.inputs import Files
+from blurmatte.cli.plates import frame_number
+from blurmatte.cli.printing import in_degrees
+from blurmatte.cli.program import NamedError, about, with_progress
+
+Rows = Sequence[bm.FrameMotion]
+Scaling = Callable[[Rows], bm.Scale]
+
+_TABLES = ".csv", ".json", ".parquet"
+_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
+_FEW = 16  # frames for which more processes do not pay
+
+
+@dataclass(frozen=True)
+class ClipTask:
+    """What the options of `measure` say about a clip."""
+
+    source: Path
+    files: Files
+    plate: Path | None
+    color: str | None
+    start: str | None
+    stop: str | None
+    step: int
+    rate: float | None
+    workers: int | None
+    out: Path | None
+    resume: bool
+
+    def __post_init__(self) -> None:
+        if self.step < 1:
+            raise ValueError(f"--step must be at least 1, got {self.step}")
+        if self.out is not None and self.out.suffix.lower() not in _TABLES:
+            raise ValueError(f"--out must end with {', '.join(_TABLES)}, got {self.out}")
+        if self.resume and self.out is None:
+            raise ValueError("--resume goes on with the table that --out names")
+
+    @property
+    def begun(self) -> Path | None:
+        """Where the frames that are done are kept until the table is whole."""
+        return None if self.out is None else self.out.with_name(f"{self.out.name}.unfinished")
+
+    @property
+    def asked(self) -> dict[str, Any]:
+        """What must be the same to go on."""
+        return {
+            "blurmatte": bm.__version__,
+            "clip": str(self.source),
+            "plate": None if self.plate is None else str(self.plate),
+            "color": self.color,
+            "frames": [self.start, self.stop, self.step, self.rate],
+            "transfer": self.files.transfer,
+        }
+
+
+def is_clip(source: Path) -> bool:
+    """Whether it is a clip or a row of pictures, and not one layer."""
+    several = source.is_dir() or any(mark in source.name for mark in "*?[#%")
+    return several or source.suffix.lower() not in _PICTURES
+
+
+def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[bm.FrameMotion]]:
+    """The plate, the object's color, and where it was in each frame."""
+    done = _done(task)
+    with about(task.source):
+        frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
+        first, last = (frame_number(text, frames.rate) for text in (task.start, task.stop))
+        frames = frames[first : last : task.step]
+        if len(frames) == 0:
+            raise ValueError("there are no such frames; look at --start and --stop")
+    plate = _plate(task, frames)
+    with about(task.source):
+        model = _color(task, frames, plate)
+        workers = task.workers
+        if workers is None:
+            workers = 1 if len(frames) < _FEW else os.cpu_count() or 1
+        seen = bm.sightings(
+            frames,
+            plate,
+            model,
+            numbers=frames.numbers,
+            rate=task.rate,
+            skip=len(done),
+            workers=workers,
+        )
+        kept = _kept(task, done, with_progress(seen, "measuring", len(frames) - len(done)))
+        return plate, model, bm.link_sightings(kept)
+
+
+def finish(task: ClipTask) -> None:
+    """The table is written; what it was made of is not needed any more."""
+    if task.begun is not None:
+        task.begun.unlink(missing_ok=True)
+
+
+def table(
+    rows: Rows, scale: bm.Scale | None, time: tuple[float, float] | None
+) -> list[dict[str, Any]]:
+    """All numbers of each frame, with the speed as well as it is known."""
+    return [{**row.numbers(), **_speed(row.sighting, scale, time)} for row in rows]
+
+
+def words(rows: Rows, model: bm.ColorModel, scale: bm.Scale | None) -> tuple[list[str], Any]:
+    """What was found, in sentences; and the free fall, if there can be one."""
+    found = [row.sighting for row in rows if row.sighting is not None]
+    told = [f"Color: {in_degrees(model)}.", f"Found in {len(found)} of {len(rows)} frames"]
+    if found:
+        swept = sum(one.source == "sweep" for one in found)
+        directed = sum(row.directed for row in rows)
+        tracks = len({row.track for row in rows if row.track is not None})
+        told[1] += (
+            f", in {tracks} track{'' if tracks == 1 else 's'}: {swept} measured from a shape on a "
+            f"path, {len(found) - swept} from the moments of alpha; of {directed} the direction of "
+            "time is known."
+        )
+        told.append(_radius(found))
+    else:
+        told[1] += "."
+    try:
+        fall = bm.fit_fall(rows, scale)
+    except bm.MotionError as error:
+        return [*told, f"No fall to check: {error}."], None
+    return [*told, *bm.explain(fall)], fall
+
+
+def usual_radius(rows: Rows) -> tuple[float, float]:
+    """Median of the radii, pixels, and its error, from how they scatter."""
+    radii = sorted(row.sighting.radius for row in rows if row.sighting is not None)
+    if not radii:
+        raise bm.MotionError("the object was found in no frame, so that its size gives no scale")
+    middle = radii[len(radii) // 2]
+    apart = sorted(abs(radius - middle) for radius in radii)[len(radii) // 2]
+    stds = [row.sighting.radius_std for row in rows if row.sighting is not None]
+    # Of normal numbers a median scatters by √(π/2) times as much as a mean.
+    scatter = 1.2533 * 1.4826 * apart / len(radii) ** 0.5
+    return middle, max(scatter, min(stds))
+
+
+def _radius(found: Sequence[bm.Sighting]) -> str:
+    radii = sorted(one.radius for one in found)
+    middle = radii[len(radii) // 2]
+    apart = sorted(abs(radius - middle) for radius in radii)[len(radii) // 2]
+    return (
+        f"Radius {middle:.2f} px in the middle of all; they vary by {1.4826 * apart / middle:.1%} "
+        "(1.48 times the median of the differences)."
+    )
+
+
+def _speed(
+    one: bm.Sighting | None, scale: bm.Scale | None, time: tuple[float, float] | None
+) -> dict[str, Any]:
+    """Mean speed within the exposure, and its error."""
+    unit = ("px" if scale is None else "m") + ("/exposure" if time is None else "/s")
+    if one is None:
+        return {"speed": None, "speed_std": None, "speed_unit": unit}
+    speed, relative2 = one.length, (one.length_std / max(one.length, 1e-12)) ** 2
+    if scale is not None:
+        speed *= scale.meters_per_pixel
+        relative2 += (scale.std / scale.meters_per_pixel) ** 2
+    if time is not None:
+        speed /= time[0]
+        relative2 += (time[1] / time[0]) ** 2
+    return {"speed": speed, "speed_std": speed * relative2**0.5, "speed_unit": unit}
+
+
+def _plate(task: ClipTask, frames: bm.Frames[bm.LinearImage]) -> bm.LinearImage:
+    if task.plate is not None:
+        return task.files.read(task.plate)[0]
+    with about(task.source):
+        return bm.make_plate(frames).plate
+
+
+def _color(
+    task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage
+) -> bm.ColorModel:
+    if task.color is None:
+        return bm.clip_color(frames, plate)
+    if task.color.lower().endswith(".json"):
+        return bm.read_color_model(task.color)
+    if task.color == "any":
+        return bm.ColorModel.any()
+    return bm.ColorModel.from_hex(task.color)
+
+
+def _done(task: ClipTask) -> list[bm.FrameSightings]:
+    """The frames that an interrupted run has left."""
+    path = task.begun
+    if path is None or not path.exists():
+        return []
+    if not task.resume:
+        raise NamedError(f"{path}: an interrupted run left it; go on with --resume, or delete it")
+    try:
+        # The last line may have been cut off.
+        lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
+        head, *frames = map(json.loads, lines)
+    except (OSError, ValueError) as error:
+        raise NamedError(f"{path}: cannot be gone on with ({error}); delete it") from error
+    if head != task.asked:
+        raise NamedError(f"{path}: was begun with other options; give the same, or delete it")
+    return [_frame(frame) for frame in frames]
+
+
+def _frame(told: dict[str, Any]) -> bm.FrameSightings:
+    found = tuple(bm.Sighting(**one) for one in told["found"])
+    return bm.FrameSightings(told["frame"], told["time"], found, told["reason"])
+
+
+def _kept(
+    task: ClipTask, done: Sequence[bm.FrameSightings], new: Iterator[bm.FrameSightings]
+) -> Iterator[bm.FrameSightings]:
+    """All frames, each written down as soon as it is done."""
+    if task.begun is None:
+        yield from new
+        return
+    with task.begun.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(json.dumps(task.asked) + "\n")
+        file.writelines(json.dumps(asdict(frame)) + "\n" for frame in done)
+        yield from done
+        for frame in new:
+            file.write(json.dumps(asdict(frame)) + "\n")
+            file.flush()
+            yield frame

@@ -1,0 +1,135 @@
+"""Where the object's own light shows in the frames of a clip: without arms, strings and shadows.
+
+In this file C is the image's light, B the plate's, l the unit direction of the object's color.
+C = p l + (1 − α) B is solved for p, whatever α is, by the direction in the plane of l and B that is
+perpendicular to B:
+
+    m = (l − (l·b) b) / (1 − (l·b)²),   b = B / |B|,   p = m·C.
+
+A shadow, and whatever has the plate's hue there, has p = 0.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools
+from blurmatte.color import ColorModel, only_light_lost
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak, find_streaks
+
+Array = npt.NDArray[np.floating]
+
+_SURE, _POSSIBLE = 6.0, 2.5  # standard deviations of p, smoothed: it shows here; it belongs to that
+_SMOOTHING = 1.5  # pixels
+_FAINTEST = 0.1  # of a part's own strength: less is a reflection, or blocks of a codec
+_LEAST_SHARE = 0.1  # of the energy of a frame's strongest part: less is not the object
+_RIM = 4  # pixels added where the edge fades below the noise
+_JOIN = 3  # pixels: gaps that places of the object's own color in the plate leave
+_LEAST = 25  # pixels of a part
+_MOST = 3  # parts of a frame that are looked at
+_NEARLY_PARALLEL = 1e-4  # 1 − (l·b)²: the plate has the object's color
+_QUARTILE = 0.6745  # of normal noise: the median of its size
+_TINY = 1e-14
+
+
+@dataclass(frozen=True, eq=False)
+class ObjectLight:
+    """How light of one color is told from that of a plate.
+
+    Parameters
+    ----------
+    m : (H, W, 3) float32
+    weight : (H, W) float32
+        1 / Var p.
+    std : (H, W) float32
+        Of the weighted mean of p over neighbors, times the sum of the weights.
+    """
+
+    m: npt.NDArray[np.float32]
+    weight: npt.NDArray[np.float32]
+    std: npt.NDArray[np.float32]
+
+    @classmethod
+    def before(cls, plate: LinearImage, image: LinearImage, model: ColorModel) -> "ObjectLight":
+        """For frames like this image, noise known, and a model of rank 1."""
+        from scipy.ndimage import gaussian_filter
+
+        l = model.basis[:, 0].astype(np.float32)
+        B = np.asarray(plate.rgb, np.float32)
+        b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
+        along = b @ l
+        across2 = np.maximum(1 - along**2, _NEARLY_PARALLEL)
+        m = (l - along[..., None] * b) / across2[..., None]
+        noise = np.asarray(image.variance + plate.variance, np.float32)
+        weight = np.where(plate.valid, 1 / np.maximum((m**2 * noise).sum(axis=-1), _TINY), 0)
+        # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
+        squares = gaussian_filter(weight, _SMOOTHING / np.sqrt(2)) / (4 * np.pi * _SMOOTHING**2)
+        std = np.sqrt(np.maximum(squares, _TINY))
+        return cls(m, weight.astype(np.float32), std.astype(np.float32))
+
+    def parts(self, image: LinearImage) -> tuple[list[Streak], float]:
+        """Where the object's light shows, and how noise hangs together.
+
+        Returns
+        -------
+        parts : list of Streak
+            The one with the largest energy of the object's light, Σ p², first; that is its
+            `evidence`. Light alone would prefer large faint places, where the plate fits badly, and
+            light over noise those where noise is small.
+        coherence : float
+            By what errors of sums over neighbors are larger than those of white noise, 1 or more.
+        """
+        from scipy import ndimage
+
+        p = np.where(image.valid, np.einsum("hwc,hwc->hw", self.m, image.rgb), 0)
+        strength = (
+            ndimage.gaussian_filter(self.weight * p.astype(np.float32), _SMOOTHING) / self.std
+        )
+        usual = float(np.median(np.abs(strength[::4, ::4]))) / _QUARTILE
+        coherence = max(usual, 1.0)
+        strength /= coherence  # of video, no model knows the noise
+        there = ndimage.binary_opening(strength > _POSSIBLE, np.ones((3, 3)))
+        near = ndimage.binary_dilation(there, iterations=_JOIN)
+        labels, count = ndimage.label(near, np.ones((3, 3)))
+        tops = ndimage.maximum(strength, labels, np.arange(1, count + 1)) if count else []
+        places = ndimage.find_objects(labels)
+        parts = []
+        for number in np.flatnonzero(np.asarray(tops) > _SURE) + 1:
+            place = places[number - 1]
+            inside = np.where((labels[place] == number) & there[place], strength[place], 0)
+            mask = _strong(inside, place, p.shape)
+            if mask is not None:
+                parts.append(Streak(mask, evidence=self._energy(p, mask)))
+        parts.sort(key=lambda part: -part.evidence)
+        least = max(_LEAST_SHARE * parts[0].evidence, 0) if parts else 0.0
+        return [part for part in parts if part.evidence > least][:_MOST], coherence
+
+    def _energy(self, p: Array, mask: Bools) -> float:
+        """Σ p² without that of noise."""
+        weight = np.maximum(self.weight[mask], _TINY)
+        return float(np.sum(p[mask] ** 2 - (weight > _TINY) / weight))
+
+
+def _strong(strength: Array, place: tuple[slice, ...], shape: tuple[int, ...]) -> Bools | None:
+    """What is not faint in a part, without holes and with a rim; None if that is next to nothing."""
+    from scipy.ndimage import binary_dilation, binary_fill_holes
+
+    usual = float(np.quantile(strength[strength > 0], 0.9))
+    strong = strength > max(_POSSIBLE, _FAINTEST * usual)
+    if np.count_nonzero(strong) < _LEAST:
+        return None
+    edge = _JOIN + _RIM
+    padded = np.pad(strong, edge)
+    filled = binary_fill_holes(binary_dilation(padded, iterations=_JOIN))
+    grown = binary_dilation(filled, iterations=_RIM - _JOIN)
+    mask = np.zeros(tuple(side + 2 * edge for side in shape), bool)
+    mask[tuple(slice(s.start, s.stop + 2 * edge) for s in place)] = grown
+    return np.asarray(mask[edge:-edge, edge:-edge])
+
+
+def moving_parts(image: LinearImage, plate: LinearImage) -> list[Streak]:
+    """What moved and is no shadow, for an object of several colors or of any."""
+    found = find_streaks(image, plate)[:_MOST]
+    return [streak for streak in found if not only_light_lost(image, plate, streak)]

@@ -1,0 +1,55 @@
+"""measure_clip: frames → where one object was in each of them."""
+
+from collections.abc import Sequence
+
+from blurmatte.background import make_plate
+from blurmatte.color import ColorModel
+from blurmatte.motion.linking import FrameMotion, link_sightings
+from blurmatte.motion.sightings import clip_color, sightings
+from blurmatte.radiometry import LinearImage
+
+
+def measure_clip(
+    frames: Sequence[LinearImage],
+    plate: LinearImage | None = None,
+    model: ColorModel | None = None,
+    *,
+    rate: float | None = None,
+    workers: int = 1,
+) -> list[FrameMotion]:
+    """Measure one moving object in all frames of a clip of a camera that stands still.
+
+    All frames share one plate and one color. What has that color is measured in each frame by itself
+    (`sightings`), then joined to tracks (`link_sightings`); arms, strings and shadows are left
+    aside. Which way the object went within each exposure follows from its neighbors.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+        `read_frames`, or a list.
+    plate : LinearImage, optional
+        The scene without the object; made of the frames if not given.
+    model : ColorModel, optional
+        Its color; `clip_color` finds it if not given.
+    rate, workers
+        As in `sightings`.
+
+    Returns
+    -------
+    list of FrameMotion
+        One for each frame, also those in which nothing was found.
+
+    Raises
+    ------
+    PlateError
+        If the frames make no plate.
+    ColorModelError
+        If no color was given and no frame tells it.
+    ValueError
+        As in `sightings`.
+    """
+    if plate is None:
+        plate = make_plate(frames).plate
+    if model is None:
+        model = clip_color(frames, plate)
+    return link_sightings(sightings(frames, plate, model, rate=rate, workers=workers))

@@ -1,0 +1,401 @@
+"""sightings: what of an object each frame of a clip shows, each frame by itself.
+
+Frames know nothing of each other here, so that they can be measured in any order, and a clip that was
+interrupted goes on where it stopped. `link_sightings` joins them.
+"""
+
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.background import Matching
+from blurmatte.checks import check_same_size
+from blurmatte.color import ColorModel
+from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError, MotionError
+from blurmatte.matting import Pixelwise, solve
+from blurmatte.motion.candidates import ObjectLight, moving_parts
+from blurmatte.motion.from_sweep import motion_of_sweep
+from blurmatte.motion.moments import motion_of_alpha
+from blurmatte.motion.motion import Motion
+from blurmatte.motion.workers import in_order
+from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.streaks import Streak, require_streaks
+from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc, fit_sweep, pooled
+from blurmatte.trajectory import Trajectory
+
+Array = npt.NDArray[np.float64]
+Noise = NoiseModel | npt.NDArray[np.floating]
+
+_MARGIN = 24  # pixels around a streak that is solved
+_ASKED = 6  # frames that are asked for the color
+_ASKED_STREAKS = 3  # of each, the strongest
+_SAME_COLOR = (
+    0.15  # radians: shades of one paint in changing light; things that move differ by more
+)
+_GRID = 5  # pixels between those whose light is compared
+_SIGMAS = 3.0
+_LEAST_LIGHT = 0.01  # of a plate's pixel that tells how bright a frame is
+_NO_COLOR = (
+    "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
+    "hidden"
+)
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One streak that may be the object's, in pixels, exposures and radians.
+
+    Which way it went is not known; it is given as going to the right.
+
+    Parameters
+    ----------
+    x, y, x_std, y_std, xy_covariance : float
+        Mean place of the center, and how well it is known.
+    vx, vy, vx_std, vy_std : float
+        Mean velocity within the exposure, pixels per exposure.
+    length, length_std, angle, angle_std, radius, radius_std : float
+        As in `Motion`.
+    first_x, first_y, last_x, last_y : float
+        The ends of the way.
+    color : str
+        sRGB-coded.
+    evidence : float
+        How clearly the object's light shows.
+    source, path, silhouette : str
+        As in `Motion`.
+    misfit : float or None
+        What the disc on a path leaves, 1 is noise; None if it is nothing that could be.
+    at_border, moved : bool
+        As in `Motion`.
+    doubts : str
+        Why the numbers may mean something else.
+    """
+
+    x: float
+    y: float
+    x_std: float
+    y_std: float
+    xy_covariance: float
+    vx: float
+    vy: float
+    vx_std: float
+    vy_std: float
+    length: float
+    length_std: float
+    angle: float
+    angle_std: float
+    radius: float
+    radius_std: float
+    first_x: float
+    first_y: float
+    last_x: float
+    last_y: float
+    color: str
+    evidence: float
+    source: str
+    path: str
+    silhouette: str
+    misfit: float | None
+    at_border: bool
+    moved: bool
+    doubts: str
+
+    @property
+    def place(self) -> Array:
+        """(2,) the center."""
+        return np.array([self.x, self.y])
+
+    @property
+    def covariance(self) -> Array:
+        """(2, 2) of the center."""
+        off = self.xy_covariance
+        return np.array([[self.x_std**2, off], [off, self.y_std**2]])
+
+    @property
+    def reversed(self) -> "Sighting":
+        """The same with time run backwards."""
+        return replace(
+            self,
+            vx=-self.vx,
+            vy=-self.vy,
+            angle=self.angle + (-np.pi if self.angle > 0 else np.pi),
+            first_x=self.last_x,
+            first_y=self.last_y,
+            last_x=self.first_x,
+            last_y=self.first_y,
+        )
+
+
+@dataclass(frozen=True)
+class FrameSightings:
+    """What one frame shows.
+
+    Parameters
+    ----------
+    frame : int
+        Its number.
+    time : float or None
+        Seconds.
+    found : tuple of Sighting
+        None, one or several.
+    reason : str
+        Why there is none, or what was refused; "" if nothing was.
+    """
+
+    frame: int
+    time: float | None
+    found: tuple[Sighting, ...]
+    reason: str = ""
+
+
+def sightings(
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    model: ColorModel,
+    *,
+    numbers: Iterable[int] | None = None,
+    rate: float | None = None,
+    skip: int = 0,
+    workers: int = 1,
+) -> Iterator[FrameSightings]:
+    """Look for an object in each frame of a clip.
+
+    Of an object of one paint, the parts of a frame in which light of its color shows are its
+    streaks; of others, whatever moved and is not only darker. Each is measured from a disc on a
+    throw if that explains it, else from the moments of alpha. Nothing is taken from other frames but
+    the noise, which the first frame tells, if nobody did.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+        `read_frames`, or a list.
+    plate : LinearImage
+        The same scene without it, of the same size.
+    model : ColorModel
+        Its color; `clip_color` finds it.
+    numbers : iterable of int, optional
+        The frames' numbers; 0, 1, … if not given.
+    rate : float, optional
+        Frames per second, by their numbers, if the frames do not tell their time, or not well.
+    skip : int
+        How many frames were done before.
+    workers : int
+        How many processes share the work; what they find does not depend on it. Programs that ask for
+        more than one need the usual `if __name__ == "__main__":`.
+
+    Yields
+    ------
+    FrameSightings
+        One for each frame, in order.
+
+    Raises
+    ------
+    ValueError
+        If a frame and the plate differ in size, or rate or workers are not positive.
+    """
+    if rate is not None and not (np.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be frames per second, above 0, got {rate}")
+    if not isinstance(workers, int) or workers < 1:
+        raise ValueError(f"workers must be at least 1, got {workers!r}")
+    first = frames[0]
+    check_same_size("a frame", first.size, "plate", plate.size)
+    first, plate = with_noise(first, plate)
+    model = replace(model, to_srgb=first.meta.to_srgb)
+    light = ObjectLight.before(plate, first, model) if model.rank == 1 else None
+    look = _Look(plate, model, light, _noise(first), rate)
+    where = list(numbers)[skip:] if numbers is not None else count(skip)
+    yield from in_order(look, zip(where, frames[skip:], strict=False), workers)
+
+
+@dataclass(frozen=True, eq=False)
+class _Look:
+    """What is known before a frame is looked at."""
+
+    plate: LinearImage
+    model: ColorModel
+    light: ObjectLight | None
+    noise: Noise
+    rate: float | None
+
+    def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
+        check_same_size("a frame", frame.size, "plate", self.plate.size)
+        image = frame.with_noise(self.noise) if frame.noise is None else frame
+        time = frame.meta.time if self.rate is None else number / self.rate
+        plate = _as_bright(self.plate, image)
+        if self.light is None:
+            streaks, coherence = moving_parts(image, plate), 1.0
+        else:
+            streaks, coherence = self.light.parts(image)
+        found, reasons = [], []
+        for streak in streaks:
+            try:
+                found.append(_measured(image, plate, streak, self.model, coherence))
+            except BlurmatteError as error:
+                reasons.append(str(error))
+        if not streaks:
+            reasons = ["nothing moved" if self.light is None else _NO_COLOR]
+        return FrameSightings(number, time, tuple(found), "; ".join(reasons))
+
+
+def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
+    """The color that what moves in a clip has, from some of its frames together.
+
+    Several frames all over the clip are asked for everything in them that a shape on a path explains.
+    Colors that agree count together; the ones that most of the streaks' light stands for win.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+    plate : LinearImage
+        The same scene without it.
+
+    Returns
+    -------
+    ColorModel
+        Of one paint if any frame shows one.
+
+    Raises
+    ------
+    ColorModelError
+        If no frame tells it.
+    """
+    asked = np.unique(np.linspace(0, len(frames) - 1, _ASKED + 2).round().astype(int)[1:-1])
+    told: list[tuple[ColorModel, float]] = []
+    for number in asked:
+        told += _colors(*with_noise(frames[int(number)], plate), fit_disc)
+    for number in asked if not told else ():
+        told += _colors(*with_noise(frames[int(number)], plate), fit_sweep)
+    told = [one for one in told if one[0].rank == 1] or told[:1]
+    if not told:
+        raise ColorModelError(
+            f"none of {len(asked)} frames tells the object's color: no shape on a path explains what "
+            "moves; give its color (--color, model=)"
+        )
+    together = [[b for b in told if _angle(a[0], b[0]) < _SAME_COLOR] for a in told]
+    best = max(together, key=lambda group: sum(weight for _, weight in group))
+    return pooled([model for model, _ in best])
+
+
+def _angle(a: ColorModel, b: ColorModel) -> float:
+    return float(np.arccos(np.clip(abs(a.pole @ b.pole), 0, 1)))
+
+
+def _colors(
+    image: LinearImage, plate: LinearImage, fit: Callable[..., Sweep]
+) -> Iterator[tuple[ColorModel, float]]:
+    """Colors of what a sweep explains in a frame, and how strong each streak is."""
+    try:
+        found = require_streaks(image, plate)
+    except BlurmatteError:
+        return
+    for streak in found[:_ASKED_STREAKS]:
+        try:
+            sweep = fit(image, plate, streak)
+        except (ColorModelError, MotionError):
+            continue
+        if sweep.misfit <= MAX_MISFIT:
+            yield sweep.model, streak.evidence
+
+
+def _noise(image: LinearImage) -> Noise:
+    assert image.noise is not None
+    return image.noise
+
+
+def _as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
+    """The plate in the light of a frame, if lamp or shutter made that another one."""
+    grid = np.s_[::_GRID, ::_GRID]
+    B, C = (np.asarray(picture.rgb[grid], float) for picture in (plate, image))
+    use = (plate.valid & image.valid)[grid] & (B.min(axis=-1) > _LEAST_LIGHT)
+    if not use.any():
+        return plate
+    ratio = C[use] / B[use]
+    gain = np.median(ratio, axis=0)
+    spread = 1.4826 * np.median(np.abs(ratio - gain), axis=0)
+    if np.all(np.abs(gain - 1) < _SIGMAS * spread / np.sqrt(len(ratio))):
+        return plate
+    rgb = (plate.rgb * gain).astype(plate.rgb.dtype)
+    return replace(plate, rgb=rgb, noise=np.asarray(plate.variance * gain**2, np.float32))
+
+
+def _measured(
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel, coherence: float
+) -> Sighting:
+    """From a disc on a path, or from moments."""
+    sweep = fit_disc(image, plate, streak, model)
+    if sweep.misfit <= MAX_MISFIT:
+        return _told(motion_of_sweep(sweep, image.meta.exposure_time), streak, model, sweep)
+    if model.rank == 3:
+        raise MotionError(
+            "no disc on a path explains the streak, and of any colors nothing else does"
+        )
+    x0, y0, x1, y1 = box = streak.around(_MARGIN)
+    inside = Streak(streak.mask[y0:y1, x0:x1])
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always", BlurmatteWarning)
+        solution = solve(
+            image.crop(box),
+            plate.crop(box),
+            model,
+            Pixelwise(),
+            streak=inside,
+            matching=Matching.NONE,
+        )
+    motion = _moved_by(motion_of_alpha(solution), np.array([x0, y0], float), image.size)
+    doubts = motion.doubts + tuple(str(one.message) for one in said)
+    motion = replace(motion, covariance=coherence**2 * motion.covariance, doubts=doubts)
+    return _told(motion, streak, model, sweep)
+
+
+def _moved_by(motion: Motion, corner: Array, size: tuple[int, int]) -> Motion:
+    """A motion of a part of a picture in all of it."""
+    path, values = motion.trajectory, motion.values.copy()
+    values[:2] += corner
+    xy = path.xy + corner
+    return replace(motion, trajectory=Trajectory(xy, path.t), values=values, size=size)
+
+
+def _told(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Sighting:
+    if abs(motion.angle) > np.pi / 2:
+        motion = motion.reversed
+    c, s, L = np.cos(motion.angle), np.sin(motion.angle), motion.length
+    J = np.array([[c, -L * s], [s, L * c]])
+    names = ("length", "angle")
+    V = J @ np.array([[motion.covariance_of(a, b) for b in names] for a in names]) @ J.T
+    (x, y), (x_std, y_std) = motion.center.tolist(), motion.center_std.tolist()
+    vx_std, vy_std = np.sqrt(np.maximum(np.diag(V), 0)).tolist()
+    (first_x, first_y), (last_x, last_y) = motion.trajectory.xy[[0, -1]].tolist()
+    return Sighting(
+        x=x,
+        y=y,
+        x_std=x_std,
+        y_std=y_std,
+        xy_covariance=motion.covariance_of("x", "y"),
+        vx=float(L * c),
+        vy=float(L * s),
+        vx_std=vx_std,
+        vy_std=vy_std,
+        length=L,
+        length_std=motion.length_std,
+        angle=motion.angle,
+        angle_std=motion.angle_std,
+        radius=motion.radius,
+        radius_std=motion.radius_std,
+        first_x=first_x,
+        first_y=first_y,
+        last_x=last_x,
+        last_y=last_y,
+        color="" if model.rank == 3 else " + ".join(model.hex),
+        evidence=float(streak.evidence),
+        source=motion.source,
+        path=motion.path,
+        silhouette=motion.silhouette,
+        misfit=float(sweep.misfit) if np.isfinite(sweep.misfit) else None,
+        at_border=motion.at_border,
+        moved=motion.moved,
+        doubts=" ".join(motion.doubts),
+    )

@@ -1,0 +1,151 @@
+"""blurmatte measure of a clip: the table, the sheet, going on, one line where something is wrong."""
+
+import csv
+import json
+
+import numpy as np
+import pytest
+from PIL import Image
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import colorful_plate
+
+FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Five pictures of a ball that goes to the left, faster and faster, and their plate."""
+    folder = tmp_path_factory.mktemp("clip")
+    scene, rng = colorful_plate((128, 96), 2, tile=24), np.random.default_rng(1)
+    camera = bm.Camera(code_std=1 / 255)
+    for k in range(FRAMES):
+        x = 100 - 12 * k - 2 * k * k
+        path = bm.Trajectory.line((x + 5 + k, 50), (x - 5 - k, 50))
+        light = bm.render(bm.Scene(scene, path, bm.Ball(8, color=COLOR))).image.rgb
+        bm.write(folder / f"f{k}.png", camera.photograph(light, rng))
+    bm.write(folder / "plate.exr", camera.photograph(scene, rng))
+    bm.write(folder / "color.json", bm.ColorModel.from_hex(HEX))
+    return folder
+
+
+@pytest.fixture
+def measure(folder):
+    """Run `blurmatte measure` on the pictures."""
+
+    def run(*options):
+        given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb", *options]
+        return CliRunner().invoke(app, ["measure", str(folder / "f*.png"), *map(str, given)])
+
+    return run
+
+
+def rows_of(path):
+    with path.open(newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_the_table_is_right(measure, tmp_path):
+    """Oracle: the places that were rendered, all frames, the direction of time, meters per second."""
+    result = measure(
+        "--out", tmp_path / "t.csv", "--rate", 25, "--diameter", "16mm", "--exposure", "1/100"
+    )
+    assert (result.exit_code, result.stderr) == (0, "")
+    assert "Found in 5 of 5 frames, in 1 track" in result.stdout
+    rows = rows_of(tmp_path / "t.csv")
+    assert [row["frame"] for row in rows] == list("01234")
+    for k, row in enumerate(rows):
+        assert float(row["time"]) == pytest.approx(k / 25)
+        assert abs(float(row["x"]) - (100 - 12 * k - 2 * k * k)) < 5 * float(row["x_std"])
+        assert abs(float(row["vx"]) + 10 + 2 * k) < 5 * float(row["vx_std"])
+        assert float(row["speed"]) == pytest.approx((10 + 2 * k) / 10, rel=0.05)
+        assert (row["speed_unit"], row["directed"], row["reason"]) == ("m/s", "True", "")
+    assert not (tmp_path / "t.csv.unfinished").exists()
+
+
+def test_all_forms_say_the_same(measure, tmp_path):
+    """Exact: CSV, JSON, Parquet and the output."""
+    from pyarrow.parquet import read_table
+
+    printed = json.loads(measure("--json", "--out", tmp_path / "t.json").stdout)["rows"]
+    measure("--out", tmp_path / "t.csv")
+    measure("--out", tmp_path / "t.parquet")
+    assert json.loads((tmp_path / "t.json").read_text()) == printed
+    assert read_table(tmp_path / "t.parquet").to_pylist() == printed
+    as_text = [{k: "" if v is None else str(v) for k, v in row.items()} for row in printed]
+    assert rows_of(tmp_path / "t.csv") == as_text
+
+
+def test_it_goes_on_after_a_break(measure, tmp_path, monkeypatch):
+    """Exact: interrupted after two frames, cut within a line, gone on with: the same table."""
+    out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
+    measure("--out", out)
+    whole = out.read_bytes()
+    out.unlink()
+    real = bm.sightings
+
+    def interrupted(*args, **options):
+        for k, seen in enumerate(real(*args, **options)):
+            if k == 2:
+                raise KeyboardInterrupt
+            yield seen
+
+    monkeypatch.setattr(bm, "sightings", interrupted)
+    assert measure("--out", out).exit_code == 130
+    assert not out.exists()
+    begun.write_text(begun.read_text() + '{"frame": 2, "ti')
+    refused = measure("--out", out)
+    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
+    assert "go on with --resume, or delete it" in refused.stderr
+    other = measure("--out", out, "--resume", "--step", 2)
+    assert "was begun with other options" in other.stderr
+    skipped = []
+    monkeypatch.setattr(bm, "sightings", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o))
+    assert measure("--out", out, "--resume").exit_code == 0
+    assert skipped == [2]
+    assert out.read_bytes() == whole
+    assert not begun.exists()
+
+
+def test_the_sheet(measure, tmp_path, folder):
+    """Exact: it is there, with a color from a file."""
+    path = tmp_path / "path.png"
+    result = measure("--overlay", path, "--color", folder / "color.json", "--stop", 2)
+    assert "Found in 2 of 2 frames" in result.stdout
+    assert "No fall to check" in result.stdout
+    with Image.open(path) as sheet:
+        assert sheet.width == 1800
+
+
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("--step", 0), "--step must be at least 1"),
+        (("--start", 9), "there are no such frames"),
+        (("--start", "x"), "a frame must be a number"),
+        (("--out", "t.txt"), "--out must end with .csv, .json, .parquet"),
+        (("--resume",), "--resume goes on with the table that --out names"),
+        (("--going", "up"), "are for a layer, not for a clip"),
+        (("--color", "greenish"), "greenish"),
+        (("--rate", -1), "rate must be frames per second"),
+        (("--workers", 0), "workers must be at least 1"),
+        (("--plate", "nowhere.exr"), "nowhere.exr"),
+        (("--overlay", "sheet.txt", "--stop", 1), "change the ending"),
+    ],
+)
+def test_wrong_options_are_one_line(measure, options, complaint, tmp_path, monkeypatch):
+    """Door."""
+    monkeypatch.chdir(tmp_path)
+    result = measure(*options)
+    assert result.exit_code == 2
+    assert result.stderr.count("\n") == 1
+    assert complaint in result.stderr
+
+
+def test_options_of_a_clip_are_not_for_a_layer():
+    """Door."""
+    result = CliRunner().invoke(app, ["measure", "layer.exr", "--rate", "25"])
+    assert result.exit_code == 2
+    assert "are for a clip" in result.stderr
