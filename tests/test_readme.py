@@ -73,7 +73,7 @@ def test_numpy_arrays_run(pictures, monkeypatch):
     names = {}
     exec(EXAMPLES[1], names)
     assert names["total"] == pytest.approx(np.pi * 12**2, rel=0.03)
-    assert len(EXAMPLES) == 5
+    assert len(EXAMPLES) == 6
 
 
 def test_edits_run(pictures, monkeypatch):
@@ -112,6 +112,26 @@ def test_a_solution_tells_the_motion(pictures, monkeypatch, capsys):
     assert motion.radius == pytest.approx(12, abs=4 * motion.radius_std)
     assert motion.length == pytest.approx(np.hypot(60, 12), abs=4 * motion.length_std)
     assert "km/h" in capsys.readouterr().out
+
+
+def test_a_clip_tells_a_fall(pictures, monkeypatch, capsys):
+    monkeypatch.chdir(pictures)
+    plate = bm.read("empty_room.png", bm.SRGB)
+    ball = bm.Ball(7, 0.9 * bm.ColorModel.from_hex("#d8ff3c").rgb[0], ambient=0.6)
+    lights = []
+    for k in range(5):
+        way = bm.Trajectory.parabola(
+            (15 + 20 * k, 50 - 18 * k + 4 * k**2), (12, 8 * k - 14), (0, 5)
+        )
+        lights.append(bm.render(bm.Scene(plate.rgb, way, ball)).image.rgb)
+    save_clip("rally.mp4", lights)
+    bm.write("plate.exr", plate)
+    names = {}
+    exec(EXAMPLES[5], names)
+    found = [row for row in names["rows"] if row.sighting is not None]
+    assert len(found) == 5
+    assert len(Path("rally.csv").read_text().splitlines()) == 6
+    assert capsys.readouterr().out
 
 
 def save_clip(path, lights):
