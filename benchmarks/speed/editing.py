@@ -115,4 +115,4 @@ def tables(quick: bool = False) -> list[Table]:
 
 
 if __name__ == "__main__":
-    publish_all(tables())
+    publish_all(tables)
