@@ -16,6 +16,8 @@ from blurmatte.overview.panels import (
     WIDTH,
     Pixels,
     draw_line,
+    enlargement,
+    error_ellipse,
     fitted,
 )
 from blurmatte.overview.sheet import Sheet
@@ -24,7 +26,6 @@ from blurmatte.radiometry.chart import new_figure, pixels
 
 Array = npt.NDArray[np.float64]
 
-_CIRCLE = np.stack([f(np.linspace(0, 2 * np.pi, 65)) for f in (np.cos, np.sin)], axis=1)
 _DPI = 100
 _CHART = (WIDTH - 2 * MARGIN) / _DPI, 3.4  # inches
 
@@ -67,7 +68,7 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
     enlarged = _enlarged(sights, scale)
     for s in sights:
         draw_line(pen, [(s.first_x, s.first_y), (s.last_x, s.last_y)], scale, BRIGHT)
-        draw_line(pen, _ellipse(s, enlarged), scale, STREAK)
+        draw_line(pen, error_ellipse(s.place, s.covariance, enlarged), scale, STREAK)
     sheet = Sheet()
     sheet.title("clip", f"found in {len(found)} of {len(rows)} frames")
     sheet.picture(np.asarray(picture))
@@ -78,18 +79,12 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
     return sheet.pixels()
 
 
-def _ellipse(s: Sighting, enlarged: float) -> Array:
-    """(65, 2) one standard deviation around the center, so many times enlarged."""
-    values, axes = np.linalg.eigh(s.covariance)
-    return np.asarray(s.place + enlarged * _CIRCLE * np.sqrt(np.maximum(values, 0)) @ axes.T)
-
-
 def _enlarged(sights: Sequence[Sighting], scale: float) -> float:
-    """1, 10, 100 … so that the ellipses can be seen."""
+    """So that the usual ellipse can be seen."""
     if not sights:
         return 1.0
     usual = float(np.median([np.hypot(s.x_std, s.y_std) for s in sights]))
-    return float(10.0 ** max(0, np.floor(np.log10(20 / scale / max(usual, 1e-6)))))
+    return enlargement(usual, 20 / scale)
 
 
 def _over_time(found: Sequence[FrameMotion]) -> Pixels:

@@ -8,12 +8,15 @@ from blurmatte.explain import explain
 from blurmatte.matting import Solution
 from blurmatte.motion import Motion
 from blurmatte.overview.panels import (
+    CIRCLE,
     MARGIN,
     STREAK,
     TALLEST,
     WIDTH,
     Pixels,
     draw_line,
+    enlargement,
+    error_ellipse,
     fitted,
 )
 from blurmatte.overview.sheet import Sheet
@@ -21,8 +24,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Box
 
 Array = npt.NDArray[np.float64]
-
-_CIRCLE = np.stack([f(np.linspace(0, 2 * np.pi, 65)) for f in (np.cos, np.sin)], axis=1)
 
 
 def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixels:
@@ -53,14 +54,15 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixel
     from PIL import ImageDraw
 
     check_same_size("image", image.size, "solution", solution.size)
-    place, corner = _around(motion)
-    picture, scale = fitted(image.in_srgb().crop(place), (WIDTH - 2 * MARGIN, TALLEST[0]))
+    box, corner = _around(motion)
+    picture, scale = fitted(image.in_srgb().crop(box), (WIDTH - 2 * MARGIN, TALLEST[0]))
     pen = ImageDraw.Draw(picture)
     draw_line(pen, motion.trajectory.xy - corner, scale)
     enlarged = _enlarged(motion, scale)
     for t in (0, 1):
         draw_line(pen, _outline(motion, t) - corner, scale)
-        draw_line(pen, _error_ellipse(motion, t, enlarged) - corner, scale, STREAK)
+        place = motion.trajectory.at(t) - corner
+        draw_line(pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, STREAK)
     sheet = Sheet()
     sheet.title(image.meta.source or "blurmatte", repr(motion))
     sheet.picture(np.asarray(picture))
@@ -81,18 +83,10 @@ def _outline(motion: Motion, t: float) -> Array:
     """Around the silhouette, or the disc of its area where that is not known."""
     if motion.sweep is not None:
         return motion.outline_at(t)
-    return np.asarray(motion.trajectory.at(t) + motion.radius * _CIRCLE)
-
-
-def _error_ellipse(motion: Motion, t: float, enlarged: float) -> Array:
-    """(65, 2) one standard deviation around the center, so many times enlarged."""
-    values, axes = np.linalg.eigh(motion.place_covariance(t))
-    half_axes = enlarged * np.sqrt(np.maximum(values, 0))
-    return np.asarray(motion.trajectory.at(t) + _CIRCLE * half_axes @ axes.T)
+    return np.asarray(motion.trajectory.at(t) + motion.radius * CIRCLE)
 
 
 def _enlarged(motion: Motion, scale: float) -> float:
-    """1, 10, 100 … so that the ellipses are large enough to see, but smaller than the object."""
+    """So that the ellipses are large enough to see, but smaller than the object."""
     largest = max(float(np.sqrt(np.trace(motion.place_covariance(t)))) for t in (0, 1))
-    room = max(motion.radius, 20 / scale) / max(largest, 1e-6)
-    return float(10.0 ** max(0, np.floor(np.log10(room))))
+    return enlargement(largest, max(motion.radius, 20 / scale))

@@ -29,6 +29,7 @@ WARNING: Color = (255, 150, 90)
 UNKNOWN: Color = (236, 64, 190)
 STREAK: Color = (255, 196, 60)
 OTHER: Color = (120, 190, 255)
+CIRCLE = np.stack([f(np.linspace(0, 2 * np.pi, 65)) for f in (np.cos, np.sin)], axis=1)
 HEAT = np.array([(18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120)], float)
 
 
@@ -152,3 +153,15 @@ def resized(pixels: Pixels, scale: int) -> Pixels:
         *(np.diff([*at, side]) for at, side in zip((rows, columns), pixels.shape, strict=False))
     )
     return shown(total / count[..., None])
+
+
+def error_ellipse(place: Floats, covariance: Floats, enlarged: float) -> Floats:
+    """(65, 2) points one standard deviation around a place (x, y), so many times enlarged."""
+    values, axes = np.linalg.eigh(covariance)
+    half_axes = enlarged * np.sqrt(np.maximum(values, 0))
+    return np.asarray(place + CIRCLE * half_axes @ axes.T)
+
+
+def enlargement(std: float, room: float) -> float:
+    """1, 10, 100 …: the most that keeps so large a standard deviation within the room."""
+    return float(10.0 ** max(0, np.floor(np.log10(room / max(std, 1e-6)))))
