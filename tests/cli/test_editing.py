@@ -8,6 +8,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app, pictures
+from blurmatte.cli.inputs import is_row
 from blurmatte.rendering import colorful_plate
 
 SIZE = (96, 64)
@@ -307,6 +308,20 @@ def test_edit_door(scene, tmp_path, options, words):
     out.write_bytes(b"precious")
     assert words in complaint(run("edit", scene / "layer.exr", *options, "--out", out))
     assert out.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize(
+    ("name", "row"),
+    [
+        *(("a.exr", False), ("a.jpg", False), ("a.####.exr", True), ("a.%04d.png", True)),
+        *(("a*.exr", True), ("a.mov", True), ("rally.mp4", True), ("100%d.tif", True)),
+        *(("5% off.exr", False), ("folder.exr", True), ("#1.exr", False)),
+    ],
+)
+def test_a_row_is_told_by_its_name(tmp_path, name, row):
+    (tmp_path / "folder.exr").mkdir()
+    (tmp_path / "#1.exr").touch()
+    assert is_row(tmp_path / name) == row
 
 
 def test_what_is_no_layer(scene, tmp_path):

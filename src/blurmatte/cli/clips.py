@@ -17,7 +17,6 @@ Rows = Sequence[bm.FrameMotion]
 Scaling = Callable[[Rows], bm.Scale]
 
 _TABLES = ".csv", ".json", ".parquet"
-_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -63,17 +62,13 @@ class ClipTask:
         }
 
 
-def is_clip(source: Path) -> bool:
-    """Whether it is a clip or a row of pictures, and not one layer."""
-    several = source.is_dir() or any(mark in source.name for mark in "*?[#%")
-    return several or source.suffix.lower() not in _PICTURES
-
-
 def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[bm.FrameMotion]]:
     """The plate, the object's color, and where it was in each frame."""
     done = _done(task)
     with about(task.source):
-        frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
+        frames = bm.read_frames(
+            str(task.source), task.files.curve_of(task.source), task.files.max_pixels
+        )
         first, last = (frame_number(text, frames.rate) for text in (task.start, task.stop))
         frames = frames[first : last : task.step]
         if len(frames) == 0:

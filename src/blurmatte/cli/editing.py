@@ -13,14 +13,13 @@ from typer.core import TyperCommand
 
 import blurmatte as bm
 from blurmatte.cli.backgrounds import Behind, Fit, MatchLight, Place, Scale, read_behind
-from blurmatte.cli.inputs import Files, matching_of, numbers
+from blurmatte.cli.inputs import Files, is_row, matching_of, numbers
 from blurmatte.cli.options import MatchName, MaxPixels, TransferName
 from blurmatte.cli.program import about, app, told, with_progress
 
 _ORDER = "blurmatte.order"
 _CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
 _HEX = "#?[0-9a-fA-F]{6}"
-_LAYERS = (".exr", ".png", ".tif", ".tiff")  # files of one layer each
 _LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
 _RATE = 25.0
 _NEEDED = "scipy.optimize", "numba"  # by what follows; their import takes as long as a large file
@@ -133,7 +132,7 @@ def edit(
     if image is None and scene is not None:
         behind = read_behind(files, scene, fit, place, scale, match_light)
     path = Path(layer)
-    if _is_row(path):
+    if is_row(path):
         if image or sheet or preview:
             raise ValueError(
                 f"{layer}: --image, --sheet and --preview go with one layer, not a row"
@@ -228,13 +227,6 @@ def _recolored(layer: bm.Layer, text: str) -> bm.Layer:
             f"--recolor must be a color like #d8ff3c, or OLD=NEW for each paint, got {text!r}"
         )
     return layer.recolor(*(new for _, new in pairs), paints=[old for old, _ in pairs])
-
-
-def _is_row(path: Path) -> bool:
-    """Whether layers are meant, and not one: a folder, a clip, or a name with a place for others."""
-    if path.is_file():
-        return path.suffix.lower() not in _LAYERS
-    return path.is_dir() or re.search(r"[#*?\[]|%\d*d", path.name) is not None
 
 
 def _edit_row(

@@ -9,6 +9,7 @@ from pathlib import Path
 import blurmatte as bm
 from blurmatte.cli.program import about
 
+_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 _NUMBER = r"\s*[-+]?(\d+\.?\d*|\.\d+)\s*"
 
 
@@ -64,6 +65,13 @@ def expanded(text: str) -> list[Path]:
     if not found:
         raise bm.FileError(f"{text}: there are no such files; check the pattern")
     return [Path(path) for path in found]
+
+
+def is_row(source: Path) -> bool:
+    """Whether a clip or a row of files is meant, and not one picture or layer."""
+    marked = re.search(r"[#*?\[]|%\d*d", source.name) is not None
+    several = source.is_dir() or (marked and not source.is_file())
+    return several or source.suffix.lower() not in _PICTURES
 
 
 def numbers(name: str, text: str, *forms: str) -> list[float]:

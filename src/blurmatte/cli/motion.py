@@ -14,13 +14,12 @@ from blurmatte.cli.clips import (
     Rows,
     Scaling,
     finish,
-    is_clip,
     measure_frames,
     table,
     usual_radius,
     words,
 )
-from blurmatte.cli.inputs import Files
+from blurmatte.cli.inputs import Files, is_row
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
@@ -133,7 +132,7 @@ def measure(
         raise ValueError(f"--going must be down or up, got {going!r}")
     time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
     files = Files(transfer, max_pixels)
-    if is_clip(layer):
+    if is_row(layer):
         if any((image, line_time, going, camera, on_plane, height, speed, rotation)):
             raise ValueError(
                 "--image, --line-time, --going, --camera, --on-plane, --height, --speed and "
