@@ -1,7 +1,7 @@
 """The command that changes a layer, or a picture by it: edit."""
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
@@ -22,9 +22,8 @@ _CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
 _HEX = "#?[0-9a-fA-F]{6}"
 _LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
 _RATE = 25.0
-_NEEDED = "scipy.optimize", "numba"  # by what follows; their import takes as long as a large file
 
-Change = tuple[str, str]
+Change = Callable[[bm.Layer], bm.Layer]
 
 
 class _InOrder(TyperCommand):
@@ -124,8 +123,9 @@ def edit(
     Changes are made in the order in which they are given, in linear light.
     """
     given = {"--fade": fade, "--amplify": amplify, "--recolor": recolor, "--expose": expose}
-    changes = list(_in_order(ctx.meta[_ORDER], {**given, "--gain": gain}))
-    _check(image, plate, over, changes, remove, bool(fit or place or scale or match_light))
+    asked = list(_in_order(ctx.meta[_ORDER], {**given, "--gain": gain}))
+    _check(image, plate, over, asked, remove, bool(fit or place or scale or match_light))
+    changes = [_change(name, text) for name, text in asked]
     files = Files(transfer, max_pixels)
     behind = None
     scene = over or plate
@@ -153,7 +153,7 @@ def edit(
             with about(plate):
                 matched = bm.match_plate(pictures[1], picture, matching_of(match))
         with about(path):
-            if remove and matched is not None:
+            if streak is not None and matched is not None:
                 result, touched = bm.remove(picture, matched, streak, grow)
             else:
                 result, touched = bm.retouch(picture, before, after, matched)
@@ -161,7 +161,7 @@ def edit(
         with about(out):
             bm.write_changed(out, image, result, touched, files.curve_of(image), max_pixels)
     if sheet is not None:
-        names = ["remove"] * remove + [f"{name[2:]} {text}" for name, text in changes]
+        names = ["remove"] * remove + [f"{name[2:]} {text}" for name, text in asked]
         with about(sheet):
             drawn = bm.draw_edit(
                 done.before, done.after, done.picture, done.result, ", ".join(names)
@@ -176,7 +176,7 @@ def _check(
     image: Path | None,
     plate: Path | None,
     over: Path | None,
-    changes: Sequence[Change],
+    asked: Sequence[tuple[str, str]],
     remove: bool,
     placed: bool,
 ) -> None:
@@ -187,46 +187,57 @@ def _check(
         raise ValueError("--fit, --place, --scale and --match-light need --over, another picture")
     if remove and (image is None or plate is None):
         raise ValueError("--remove needs --image and --plate: what it was in, and what was behind")
-    if remove and changes:
-        raise ValueError(f"after --remove nothing is left to {changes[0][0][2:]}; give one of them")
-    if not (remove or changes or over or (plate and image is None)):
+    if remove and asked:
+        raise ValueError(f"after --remove nothing is left to {asked[0][0][2:]}; give one of them")
+    if not (remove or asked or over or (plate and image is None)):
         raise ValueError(f"nothing to do; give {', '.join(_CHANGES)}, --remove or --over")
 
 
-def _in_order(order: Sequence[str], given: Mapping[str, list[str] | None]) -> Iterator[Change]:
-    """The changes and their values, as they stand on the command line."""
+def _in_order(
+    order: Sequence[str], given: Mapping[str, list[str] | None]
+) -> Iterator[tuple[str, str]]:
+    """The options that change something and their values, as they stand on the command line."""
     values = {name: iter(texts or ()) for name, texts in given.items()}
     for name in order:
         yield name, next(values[name])
 
 
-def _changed(layer: bm.Layer, changes: Sequence[Change]) -> bm.Layer:
-    """The layer after all changes, one after another."""
-    for name, text in changes:
-        match name:
-            case "--fade":
-                layer = layer.fade(*numbers(name, text, "a factor"))
-            case "--amplify":
-                layer = layer.amplify(*numbers(name, text, "a factor", "factor,brightness"))
-            case "--expose":
-                layer = layer.relight(2.0 ** numbers(name, text, "a number of stops")[0])
-            case "--gain":
-                layer = layer.relight(numbers(name, text, "a factor", "red,green,blue"))
-            case _:
-                layer = _recolored(layer, text)
-    return layer
+def _change(name: str, text: str) -> Change:
+    """What an option and its value do to a layer."""
+    match name:
+        case "--fade":
+            (factor,) = numbers(name, text, "a factor")
+            return lambda layer: layer.fade(factor)
+        case "--amplify":
+            amounts = numbers(name, text, "a factor", "factor,brightness")
+            return lambda layer: layer.amplify(*amounts)
+        case "--expose":
+            (stops,) = numbers(name, text, "a number of stops")
+            return lambda layer: layer.relight(2.0**stops)
+        case "--gain":
+            gains = numbers(name, text, "a factor", "red,green,blue")
+            return lambda layer: layer.relight(gains)
+    old, new = _colors(text)
+    return lambda layer: layer.recolor(*new, paints=old)
 
 
-def _recolored(layer: bm.Layer, text: str) -> bm.Layer:
-    """In one new color, or with a new color for each paint."""
+def _colors(text: str) -> tuple[list[str] | None, list[str]]:
+    """Paints and their new colors; or one new color for all."""
     if re.fullmatch(_HEX, text):
-        return layer.recolor(text)
+        return None, [text]
     pairs = [pair.split("=") for pair in text.split(",")]
     if any(len(pair) != 2 or not all(re.fullmatch(_HEX, c) for c in pair) for pair in pairs):
         raise ValueError(
             f"--recolor must be a color like #d8ff3c, or OLD=NEW for each paint, got {text!r}"
         )
-    return layer.recolor(*(new for _, new in pairs), paints=[old for old, _ in pairs])
+    return [old for old, _ in pairs], [new for _, new in pairs]
+
+
+def _changed(layer: bm.Layer, changes: Sequence[Change]) -> bm.Layer:
+    """The layer after all changes, one after another."""
+    for change in changes:
+        layer = change(layer)
+    return layer
 
 
 def _edit_row(
@@ -269,7 +280,7 @@ def _read(
 ) -> tuple[tuple[bm.Layer, Any], list[bm.LinearImage]]:
     """The layer with its streak, and pictures, at the same time: of large ones this takes longest."""
     with about(path), ThreadPoolExecutor() as pool:
-        for package in _NEEDED if pictures else ():
+        for package in _needed(pictures):
             pool.submit(import_module, package)
         layer = pool.submit(_layer_and_streak, path, files.max_pixels, remove)
         others = [
@@ -278,20 +289,26 @@ def _read(
         return layer.result(), [other.result() for other in others]
 
 
-def _layer_and_streak(path: Path, max_pixels: int, remove: bool) -> tuple[bm.Layer, Any]:
-    """The layer, and (H, W) bool: where the solution says that something moved, if it is to go.
+def _needed(pictures: Sequence[Path]) -> Iterator[str]:
+    """What is imported for the image, and for the plate if there is one, as long as a file is read."""
+    if pictures and pictures[0].suffix.lower() in (".jpg", ".jpeg"):
+        yield "numba"  # for its blocks
+    if len(pictures) > 1:
+        yield "scipy.optimize"  # to match them
 
-    Of a mere layer that is where it is.
+
+def _layer_and_streak(path: Path, max_pixels: int, remove: bool) -> tuple[bm.Layer, Any]:
+    """The layer, and what is to go: (H, W) bool, where the solution says that something moved, of a
+    mere layer where it is; None if it is to stay.
     """
-    if remove:
-        try:
-            solution = bm.read_solution(path, max_pixels)
-        except bm.FileError:  # no solution: a layer, or what reading it as one will tell
-            pass
-        else:
-            return solution.layer, solution.streak
-    layer = bm.read_layer(path, max_pixels=max_pixels)
-    return layer, layer.alpha > 0
+    if not remove:
+        return bm.read_layer(path, max_pixels=max_pixels), None
+    try:
+        solution = bm.read_solution(path, max_pixels)
+    except bm.FileError:  # no solution: a layer, or what reading it as one will tell
+        layer = bm.read_layer(path, max_pixels=max_pixels)
+        return layer, layer.alpha > 0
+    return solution.layer, solution.streak
 
 
 def _write_preview(path: Path, done: _Edit) -> None:
