@@ -12,9 +12,10 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_light, check_map, check_same_size
+from blurmatte.checks import Floats, check_light, check_map, check_same_size
 from blurmatte.radiometry import LinearImage, light_of_hex
 
+Box = tuple[int, int, int, int]
 Color = str | Sequence[float] | Floats
 
 _BRIGHTEST = 0.99  # share of the object, by its alpha, that is no brighter than its brightest part
@@ -56,20 +57,13 @@ class Layer:
         height, width = self.alpha.shape
         return width, height
 
-    @cached_property
+    @property
     def empty(self) -> bool:
         """Whether there is nothing in it, neither alpha nor light."""
-        return not self._there.any()
+        return self._box is None
 
-    @cached_property
-    def _there(self) -> Bools:
-        there = np.asarray(self.alpha != 0)
-        for channel in range(3):  # several times as fast as `any` over the last axis
-            there |= self.premultiplied[..., channel] != 0
-        return there
-
-    @cached_property
-    def box(self) -> tuple[int, int, int, int]:
+    @property
+    def box(self) -> Box:
         """(x0, y0, x1, y1) around everything that is there, x1 and y1 one past the last pixel.
 
         Raises
@@ -77,11 +71,17 @@ class Layer:
         ValueError
             If the layer is empty.
         """
-        there = self._there
-        y, x = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
-        if not len(x):
+        if self._box is None:
             raise ValueError("the layer is empty: alpha is 0 everywhere")
-        return int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1
+        return self._box
+
+    @cached_property
+    def _box(self) -> Box | None:
+        there = np.asarray(self.alpha != 0)
+        for channel in range(3):  # several times as fast as `any` over the last axis
+            there |= self.premultiplied[..., channel] != 0
+        y, x = (np.flatnonzero(there.any(axis=axis)) for axis in (1, 0))
+        return (int(x[0]), int(y[0]), int(x[-1]) + 1, int(y[-1]) + 1) if len(x) else None
 
     @property
     def color(self) -> npt.NDArray[np.float64]:
@@ -215,7 +215,7 @@ class Layer:
 
         return self._changed(painted)
 
-    def crop(self, box: tuple[int, int, int, int]) -> "Layer":
+    def crop(self, box: Box) -> "Layer":
         """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
         x0, y0, x1, y1 = box
         place = np.s_[y0:y1, x0:x1]
@@ -290,6 +290,15 @@ class Layer:
         pixels = np.asarray(scaled.get_pixels(oiio.FLOAT))
         light = np.ascontiguousarray(pixels[..., :3]).astype(self.premultiplied.dtype)
         return Layer(pixels[..., 3].astype(self.alpha.dtype), light)
+
+
+def box_around(*layers: Layer) -> Box | None:
+    """The box around all that is in any of the layers; None if there is nothing."""
+    boxes = np.array([layer.box for layer in layers if not layer.empty])
+    if not len(boxes):
+        return None
+    (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    return int(x0), int(y0), int(x1), int(y1)
 
 
 def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:

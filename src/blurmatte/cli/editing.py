@@ -318,7 +318,7 @@ def _write_preview(path: Path, done: _Edit) -> None:
     without = done.picture
     if done.plate is not None:
         without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)
-    shown = done.after if done.after.alpha.any() else done.before
+    shown = done.before if done.after.empty else done.after
     x0, y0, x1, y1 = shown.box
     most, rim = _LOOK[0], int(_LOOK[1] * max(x1 - x0, y1 - y0))
     width, height = shown.size

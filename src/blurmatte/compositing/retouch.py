@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.checks import Bools, check_map, check_same_size
-from blurmatte.layer import Layer
+from blurmatte.layer import Layer, box_around
 from blurmatte.radiometry import LinearImage
 
 
@@ -49,27 +49,19 @@ def retouch(
         check_same_size("the plate", plate.size, "the image", image.size)
     image = image.in_srgb()
     rgb, changed = image.rgb.copy(), np.zeros(image.valid.shape, bool)
-    for x0, y0, x1, y1 in _around_both(layer, edited):
+    box = box_around(layer, edited)
+    if box is not None:
+        x0, y0, x1, y1 = box
         place = np.s_[y0:y1, x0:x1]
         light = edited.premultiplied[place] - layer.premultiplied[place]
         uncovered = layer.alpha[place] - edited.alpha[place]
         changed[place] = (uncovered != 0) | light.any(axis=-1)
         if plate is not None:
-            light = light + uncovered[..., None] * plate.crop((x0, y0, x1, y1)).in_srgb().rgb
+            light = light + uncovered[..., None] * plate.crop(box).in_srgb().rgb
         elif uncovered.any():
             raise ValueError("where alpha changes the scene behind comes out: give the plate, too")
         rgb[place][changed[place]] += light[changed[place]].astype(rgb.dtype)
     return replace(image, rgb=rgb, noise=None), changed
-
-
-def _around_both(*layers: Layer) -> list[tuple[int, int, int, int]]:
-    """The box around all that is in any of the layers; none if there is nothing."""
-    boxes = np.array([layer.box for layer in layers if not layer.empty])
-    if not len(boxes):
-        return []
-    x0, y0 = boxes[:, :2].min(axis=0)
-    x1, y1 = boxes[:, 2:].max(axis=0)
-    return [(int(x0), int(y0), int(x1), int(y1))]
 
 
 def remove(

@@ -1,6 +1,7 @@
 """Many layers as one: the whole way of an object through a clip, or one long exposure."""
 
 from collections.abc import Iterable, Iterator
+from functools import reduce
 
 from blurmatte.checks import check_same_size
 from blurmatte.layer import Layer
@@ -24,15 +25,7 @@ def stack(layers: Iterable[Layer]) -> Layer:
     ValueError
         If there is none, or sizes differ.
     """
-    whole = None
-    for layer in _of_one_size(layers):
-        if whole is None:
-            whole = layer
-            continue
-        through = 1 - layer.alpha
-        alpha = layer.alpha + through * whole.alpha
-        whole = Layer(alpha, layer.premultiplied + through[..., None] * whole.premultiplied)
-    return _some(whole)
+    return reduce(_above, _of_one_size(layers))
 
 
 def long_exposure(layers: Iterable[Layer]) -> Layer:
@@ -54,30 +47,31 @@ def long_exposure(layers: Iterable[Layer]) -> Layer:
     ValueError
         If there is none, or sizes differ.
     """
-    alpha = light = None
-    count = 0
-    for layer in _of_one_size(layers):
+    row = _of_one_size(layers)
+    first = next(row)
+    alpha, light = first.alpha.astype(float), first.premultiplied.astype(float)
+    count = 1
+    for layer in row:
         count += 1
-        if alpha is None or light is None:
-            alpha, light = layer.alpha.astype(float), layer.premultiplied.astype(float)
-            kind = layer.alpha.dtype
-        else:
-            alpha += layer.alpha
-            light += layer.premultiplied
-    if alpha is None or light is None:
-        return _some(None)
+        alpha += layer.alpha
+        light += layer.premultiplied
+    kind = first.alpha.dtype
     return Layer((alpha / count).astype(kind), (light / count).astype(kind))
 
 
+def _above(below: Layer, layer: Layer) -> Layer:
+    """Both as one, as each would be put over a background."""
+    through = 1 - layer.alpha
+    alpha = layer.alpha + through * below.alpha
+    return Layer(alpha, layer.premultiplied + through[..., None] * below.premultiplied)
+
+
 def _of_one_size(layers: Iterable[Layer]) -> Iterator[Layer]:
-    first = None
+    """The same layers; raises ValueError if there is none, or one of another size."""
+    size = None
     for number, layer in enumerate(layers):
-        first = first or layer.size
-        check_same_size(f"layer {number}", layer.size, "the first", first)
+        size = size or layer.size
+        check_same_size(f"layer {number}", layer.size, "the first", size)
         yield layer
-
-
-def _some(whole: Layer | None) -> Layer:
-    if whole is None:
+    if size is None:
         raise ValueError("there are no layers; give one at least")
-    return whole

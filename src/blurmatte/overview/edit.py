@@ -4,7 +4,7 @@ import numpy as np
 
 from blurmatte.checks import check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.layer import Layer
+from blurmatte.layer import Box, Layer, box_around
 from blurmatte.matting import Solution
 from blurmatte.overview.panels import (
     Layout,
@@ -20,7 +20,6 @@ from blurmatte.overview.sheet import Sheet
 from blurmatte.radiometry import LinearImage
 
 _RIM = 0.15  # of the object's longer side, shown around it
-_Box = tuple[int, int, int, int]
 
 
 def draw_edit(
@@ -52,7 +51,7 @@ def draw_edit(
         If sizes differ, or both layers are empty.
     """
     check_same_size("the layer", layer.size, "the edited layer", edited.size)
-    box = _around([one for one in (layer, edited) if one.alpha.any()], layer.size)
+    box = _around(layer, edited)
     part, new = layer.crop(box), edited.crop(box)
     peak = round_up(float(max(part.alpha.max(), new.alpha.max())))
     sheet = Sheet()
@@ -107,8 +106,8 @@ def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
     layer = thing if isinstance(thing, Layer) else thing.layer
     sheet.title(str(thing), "" if isinstance(thing, Layer) else thing.solver)
     _one(sheet, Panel(_over_checks(layer), ""), "the layer over a checkerboard")
-    if layer.alpha.any():
-        part = layer.crop(_around([layer], layer.size))
+    if not layer.empty:
+        part = layer.crop(_around(layer))
         peak = round_up(float(part.alpha.max()))
         panels = [
             Panel(_over_checks(part), "layer"),
@@ -141,7 +140,7 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
     """
     height, width, count = exposures.fraction.shape
     check_same_size("the exposures", (width, height), "the layer", layer.size)
-    box = _around([layer] if layer.alpha.any() else [], layer.size)
+    box = _around(layer)
     x0, y0, x1, y1 = box
     place, part = np.s_[y0:y1, x0:x1], layer.crop(box)
     peak = round_up(float(part.alpha.max()))
@@ -167,15 +166,11 @@ def _over_checks(layer: Layer) -> Pixels:
     return shown(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
 
-def _around(layers: list[Layer], size: tuple[int, int]) -> _Box:
-    """The box of all that is in the layers, and a rim."""
-    boxes = np.array([layer.box for layer in layers])
-    if not len(boxes):
+def _around(*layers: Layer) -> Box:
+    """The box of all that is in layers of one size, and a rim."""
+    box = box_around(*layers)
+    if box is None:
         raise ValueError("both layers are empty: there is nothing to show")
-    x0, y0 = boxes[:, :2].min(axis=0)
-    x1, y1 = boxes[:, 2:].max(axis=0)
-    rim = max(4, int(_RIM * max(x1 - x0, y1 - y0)))
-    return (
-        *(int(max(x0 - rim, 0)), int(max(y0 - rim, 0))),
-        *(int(min(x1 + rim, size[0])), int(min(y1 + rim, size[1]))),
-    )
+    x0, y0, x1, y1 = box
+    rim, (width, height) = max(4, int(_RIM * max(x1 - x0, y1 - y0))), layers[0].size
+    return max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)
