@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 Floats = npt.NDArray[np.floating[Any]]
 Bools = npt.NDArray[np.bool_]
+Box = tuple[int, int, int, int]  # (x0, y0, x1, y1) pixels; x1 and y1 are one past the last
 
 
 def check_light(name: str, value: object) -> None:

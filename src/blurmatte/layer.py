@@ -12,10 +12,9 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_light, check_map, check_same_size
+from blurmatte.checks import Box, Floats, check_light, check_map, check_same_size
 from blurmatte.radiometry import LinearImage, light_of_hex
 
-Box = tuple[int, int, int, int]
 Color = str | Sequence[float] | Floats
 
 _BRIGHTEST = 0.99  # share of the object, by its alpha, that is no brighter than its brightest part

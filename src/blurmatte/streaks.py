@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_map, check_same_size
+from blurmatte.checks import Bools, Box, Floats, check_map, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import (
     LinearImage,
@@ -21,8 +21,6 @@ from blurmatte.radiometry import (
     rounding_noise,
     with_noise,
 )
-
-Box = tuple[int, int, int, int]
 
 _SURE, _POSSIBLE = 6.0**2, 3.5**2  # T: something moved here; part of it if it touches a sure place
 _FAINTEST = 0.1  # of a streak's own strength: what is weaker beside it is its shadow or its halo

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from blurmatte.checks import check_same_size
+from blurmatte.checks import Box, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.layer import Box, Layer, box_around
+from blurmatte.layer import Layer, box_around
 from blurmatte.matting import Solution
 from blurmatte.overview.panels import (
     Layout,

@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_same_size
+from blurmatte.checks import Box, check_same_size
 from blurmatte.explain import explain
 from blurmatte.matting import Solution
 from blurmatte.motion import Motion
@@ -21,7 +21,6 @@ from blurmatte.overview.panels import (
 )
 from blurmatte.overview.sheet import Sheet
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Box
 
 Array = npt.NDArray[np.float64]
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Bools, Floats, check_same_size
+from blurmatte.checks import Bools, Box, Floats, check_same_size
 from blurmatte.color import ColorModel
 from blurmatte.explain import alpha_peak, doubts, explain
 from blurmatte.matting import Quality, Solution
@@ -36,7 +36,6 @@ from blurmatte.overview.panels import (
 )
 from blurmatte.overview.sheet import BODY, TITLE, Sheet
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Box
 
 _TEXT_WIDTH = 560  # of the panel of words, at least
 _COUNT = 6  # panels of the streak

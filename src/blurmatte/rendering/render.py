@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
@@ -21,7 +21,6 @@ from blurmatte.rendering.scene import Scene, Shadow
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
-Box = tuple[int, int, int, int]
 
 _ALPHA_ERROR = 1e-4  # the largest error that averaging over time may leave in α
 _ROUNDING = 1e-11  # what a Fourier transform leaves of nothing
