@@ -130,25 +130,27 @@ def words(rows: Rows, model: bm.ColorModel, scale: bm.Scale | None) -> tuple[lis
 
 def usual_radius(rows: Rows) -> tuple[float, float]:
     """Median of the radii, pixels, and its error, from how they scatter."""
-    radii = sorted(row.sighting.radius for row in rows if row.sighting is not None)
-    if not radii:
+    found = [row.sighting for row in rows if row.sighting is not None]
+    if not found:
         raise bm.MotionError("the object was found in no frame, so that its size gives no scale")
-    middle = radii[len(radii) // 2]
-    apart = sorted(abs(radius - middle) for radius in radii)[len(radii) // 2]
-    stds = [row.sighting.radius_std for row in rows if row.sighting is not None]
+    middle, scatter = _middle(found)
     # Of normal numbers a median scatters by √(π/2) times as much as a mean.
-    scatter = 1.2533 * 1.4826 * apart / len(radii) ** 0.5
-    return middle, max(scatter, min(stds))
+    return middle, max(1.2533 * scatter / len(found) ** 0.5, min(one.radius_std for one in found))
 
 
 def _radius(found: Sequence[bm.Sighting]) -> str:
-    radii = sorted(one.radius for one in found)
-    middle = radii[len(radii) // 2]
-    apart = sorted(abs(radius - middle) for radius in radii)[len(radii) // 2]
+    middle, scatter = _middle(found)
     return (
-        f"Radius {middle:.2f} px in the middle of all; they vary by {1.4826 * apart / middle:.1%} "
+        f"Radius {middle:.2f} px in the middle of all; they vary by {scatter / middle:.1%} "
         "(1.48 times the median of the differences)."
     )
+
+
+def _middle(found: Sequence[bm.Sighting]) -> tuple[float, float]:
+    """Median of the radii, and how they scatter about it: the standard deviation of normal numbers."""
+    radii = sorted(one.radius for one in found)
+    middle = radii[len(radii) // 2]
+    return middle, 1.4826 * sorted(abs(radius - middle) for radius in radii)[len(radii) // 2]
 
 
 def _speed(
