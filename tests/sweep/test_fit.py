@@ -6,10 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
-from blurmatte.radiometry import NoiseModel
+from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -24,6 +25,7 @@ from blurmatte.rendering import (
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
 from blurmatte.sweep.search import Search
+from blurmatte.sweep.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -132,6 +134,39 @@ def test_an_object_that_leaves_the_picture(plate):
     assert sweep.misfit < MAX_MISFIT
     assert sweep.alpha.shape == truth.layer.alpha.shape
     assert sweep.box[2] == SIZE[0]
+
+
+FILE = Camera(code_std=1.5 / 255, jpeg_quality=90, chroma="4:2:0")
+
+
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+def test_a_file_that_blurs_colors_leaves_a_sharp_disc(plate):
+    """Honest: rims seem soft, but alpha is not, and no other outline stands for it."""
+    scene = Scene(plate, LINE, Ball(13, GREEN))
+    truth = taken(scene)[0]
+    for seed in range(3):
+        sweep = fit_sweep(*with_noise(*Shot(scene, FILE, seed=seed).photograph(truth)))
+        assert sweep.stats["rim"] > 0.5
+        assert sweep.silhouette == Silhouette(1)
+        assert sweep.misfit < MAX_MISFIT
+        assert rmse(sweep, truth) < 0.015
+        assert abs(sweep.radius - 13) < max(4 * sweep.radius_std, 0.1)
+
+
+def test_a_lens_that_blurs_makes_a_soft_alpha(ball):
+    truth, _, _, sharp = ball
+    assert sharp.stats["rim"] == 0
+    noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
+    seen, empty = (
+        LinearImage(gaussian_filter(light, (1.3, 1.3, 0)) + off, np.full(light.shape, 0.004**2))
+        for light, off in zip((truth.image.rgb, truth.plate.rgb), noise, strict=True)
+    )
+    sweep = fit_sweep(seen, empty, Streak(truth.layer.alpha > 0))
+    assert sweep.silhouette == Silhouette(1, soft=True)
+    assert_allclose(sweep.stats["rim"], 1.3, atol=0.15)
+    assert abs(sweep.radius - 11) < max(4 * sweep.radius_std, 0.05)
+    blurred = gaussian_filter(truth.layer.alpha, 1.3)
+    assert np.sqrt(np.mean((sweep.alpha - blurred)[blurred > 0.001] ** 2)) < 0.005
 
 
 def test_two_paints():

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
+from scipy.ndimage import gaussian_filter
 
 from blurmatte.rendering.coverage import disc_coverage
 from blurmatte.sweep.data import Data
@@ -25,6 +26,13 @@ SHAPES = {
     TURNING: np.array([6, 0.3, 0.1, 1.2]),
     SPINNING: np.array([6, 0.2, 0.1, 0.06, -0.04, 0.03, 0.02, -1.5]),
 }
+SOFT = {
+    Silhouette(1, soft=True): np.array([6.2, 1.2]),
+    Silhouette(4, turns=True, soft=True): np.array(
+        [6, 0.2, 0.1, 0.06, -0.04, 0.03, 0.02, -1.5, 0.8]
+    ),
+}
+every_soft_kind = pytest.mark.parametrize("silhouette", SOFT, ids=lambda s: s.name)
 every_kind = pytest.mark.parametrize("silhouette", SHAPES, ids=lambda silhouette: silhouette.name)
 
 
@@ -253,6 +261,50 @@ def test_bulges_are_where_they_say():
     phi = 2 * np.pi * np.arange(360) / 360
     assert_allclose(np.hypot(x, y), 6 * np.exp(0.1 * np.sin(3 * phi)))
     assert_allclose(np.arctan2(y, x) % (2 * np.pi), phi, atol=1e-12)
+
+
+@every_soft_kind
+def test_a_soft_rim_is_a_blurred_one(silhouette):
+    """Oracle: points of the sharp one counted, many in each pixel, and blurred."""
+    shape = SOFT[silhouette]
+    sharp = Silhouette(silhouette.bulges, silhouette.turns)
+    alpha = silhouette.sweep(ARC, ROUND, shape, canvas()).alpha
+    fine = counted(sharp, ARC, ROUND, shape[:-1])
+    blurred = gaussian_filter(fine, shape[-1], mode="constant")
+    assert_allclose(alpha, blurred, rtol=0, atol=8e-3)
+    assert np.sqrt(np.mean((alpha - blurred) ** 2)) < 1.5e-3
+    assert_allclose(alpha.sum(), silhouette.area(shape), rtol=2e-3)
+    assert np.abs(fine - blurred).max() > 0.05  # it is seen
+
+
+@every_soft_kind
+def test_derivatives_of_soft_rims_are_those_of_small_steps(silhouette):
+    shape, step, data, n = SOFT[silhouette], 1e-4, canvas(), len(ROUND)
+    J = silhouette.sweep(ARC, ROUND, shape, data).by_parameters
+    everything = np.concatenate([ROUND, shape])
+    assert J.shape == (H, W, n + silhouette.size)
+    for i, along in enumerate(step * np.eye(len(everything))):
+        there, back = (
+            silhouette.sweep(ARC, p[:n], p[n:], data).alpha
+            for p in (everything + along, everything - along)
+        )
+        slope = (there - back) / (2 * step)
+        most = 0.2 if i >= n + 1 and silhouette.bulges > 2 else 0.04
+        assert np.linalg.norm(J[..., i] - slope) < most * np.linalg.norm(slope)
+
+
+def test_soft_rims_stay_what_files_and_lenses_make():
+    soft = Silhouette(2, soft=True)
+    assert_array_equal(soft.possible(np.array([9.0, 0.1, 0.2, 5]), (2, 8)), [8, 0.1, 0.2, 2])
+    assert soft.possible(np.array([1.0, 0.1, 0.2, -1]), (2, 8))[0] == 2
+    assert 0 < soft.possible(np.array([1.0, 0.1, 0.2, -1]), (2, 8))[-1] < 0.5
+    assert_array_equal(ELLIPSE.possible(np.array([9.0, 0.1, 0.2]), (2, 8)), [8, 0.1, 0.2])
+    assert_array_equal(soft.like(ELLIPSE, SHAPES[ELLIPSE]), [6, 0.3, -0.2, 0])
+    spinning = Silhouette(4, turns=True, soft=True)
+    assert_array_equal(TURNING.like(spinning, SOFT[spinning]), [6, 0.2, 0.1, -1.5])
+    assert spinning.softness(SOFT[spinning]) == 0.8
+    assert spinning.turn(SOFT[spinning]) == -1.5
+    assert ELLIPSE.softness(SHAPES[ELLIPSE]) == 0
 
 
 def test_moments_are_the_whole_exposure_in_short_steps():

@@ -35,6 +35,7 @@ from blurmatte.sweep.verdict import (
     mean_light,
     means_something,
     misfit,
+    shared_coherence,
     told_by_texture,
 )
 from blurmatte.trajectory import Trajectory
@@ -99,6 +100,36 @@ def test_noise_of_a_jpeg_is_no_misfit(seed):
     data = taken(BALL, seed, replace(CAMERA, jpeg_quality=85, chroma="4:2:0"))
     state = fitted(data)
     assert coherence(data, state) > MAX_MISFIT > misfit(data, state)
+
+
+GRAY = plain_plate(SIZE, (0.2, 0.2, 0.2), 4)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_what_compression_spares_beside_a_streak_is_no_misfit_within(seed):
+    """Honest: a gray wall has no color to be lost, and its noise says nothing about a green ball's."""
+    camera = replace(CAMERA, jpeg_quality=90, chroma="4:2:0")
+    ball = taken(replace(BALL, plate=GRAY), seed, camera)
+    assert misfit(ball, fitted(ball)) < MAX_MISFIT
+    large = taken(replace(SQUARE, plate=GRAY, body=Sheet(52, 36, GREEN)), seed, camera)
+    assert misfit(large, fitted(large)) > MAX_MISFIT
+
+
+@pytest.mark.parametrize("scale", [1, 2])
+@pytest.mark.parametrize("size", [4, 8])
+def test_shared_colors_hang_together_as_simulated_ones_do(size, scale):
+    """Oracle: white noise of every other pixel, interpolated between, and summed over blocks."""
+    pixels = np.random.default_rng(0).standard_normal((600, 600))
+    for _ in "xy":
+        before, after = np.roll(pixels, 1, axis=0), np.roll(pixels, -1, axis=0)
+        twice = np.stack([3 * pixels + before, 3 * pixels + after], axis=1)
+        pixels = twice.reshape(-1, pixels.shape[1]).T
+    h, w = (side // scale for side in pixels.shape)
+    pixels = pixels.reshape(h, scale, w, scale).mean(axis=(1, 3))
+    n = len(pixels) // size * size
+    blocks = pixels[:n, :n].reshape(n // size, size, n // size, size).sum(axis=(1, 3))
+    simulated = np.mean(blocks**2) / (size**2 * np.mean(pixels**2))
+    assert_allclose(shared_coherence(size, scale), simulated, rtol=0.08)
 
 
 def test_it_does_not_matter_how_well_the_noise_is_known():

@@ -17,6 +17,7 @@ def sweep_to_json(sweep: Sweep) -> str:
         "path": sweep.path.tolist(),
         "bulges": sweep.silhouette.bulges,
         "turns": sweep.silhouette.turns,
+        "soft": sweep.silhouette.soft,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
@@ -39,7 +40,7 @@ def sweep_from_json(text: str) -> Sweep:
     return Sweep(
         path_family(fields["family"]),
         np.array(fields["path"], float),
-        Silhouette(int(fields["bulges"]), bool(fields["turns"])),
+        Silhouette(int(fields["bulges"]), bool(fields["turns"]), bool(fields.get("soft"))),
         np.array(fields["shape"], float),
         model_from_json(fields["model"]),
         np.array(fields["covariance"], float),

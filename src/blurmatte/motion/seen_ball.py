@@ -68,6 +68,10 @@ class SeenBall(Silhouette):
         ball_kernel.flight(X, D, weights, boxes, self.rays, self.slopes, alpha, J)
         return Swept(alpha, J)
 
+    def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
+        """The nearest shape with a radius within bounds."""
+        return np.concatenate([np.clip(shape[:1], *bounds), shape[1:]])
+
     def _boxes(self, X: Array, data: Data) -> npt.NDArray[np.int64]:
         """(T, 4) pixels of the data that may see a ball at X (T, 3), radii."""
         rims = self.intrinsics.project(rim(X, _RIM))

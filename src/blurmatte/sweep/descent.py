@@ -25,6 +25,7 @@ _LEAST = 1e-10  # of the largest curvature, what a parameter without any is give
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
 _BRIGHTEST = 3.0  # times the root mean square of an object's light, what a spot of it may be
+_BIT = 1e-9  # of a pixel
 _TURN = 0.3  # radians, the largest turn of a color in a step
 
 
@@ -157,6 +158,8 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     state, caution = start, 1e-2
     for _ in range(_STEPS):
         H, g = state.information(data)
+        held = _held(state, g, bounds)
+        H[held], H[:, held], g[held] = 0, 0, 0
         if not np.diag(H).any():
             return state  # it has left the picture, and nothing there tells where to go
         scales = np.sqrt(np.diag(H) + _LEAST * np.diag(H).max())
@@ -213,6 +216,15 @@ def _positive(moments: Array) -> Array:
     return np.asarray((directions * np.maximum(values, 0)) @ directions.T)
 
 
+def _held(state: State, g: Array, bounds: tuple[float, float]) -> npt.NDArray[np.bool_]:
+    """(size,) which parameters are at the end of what is possible, and would go beyond."""
+    n, m = len(state.path), len(state.shape)
+    beyond = state.shape - _BIT * np.sign(g[n : n + m])
+    held = np.zeros(state.size, bool)
+    held[n : n + m] = state.silhouette.possible(beyond, bounds) != beyond
+    return held
+
+
 def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:
     """The state after a step, which is shortened where it leaves the range of the linear."""
     n, m = len(state.path), len(state.shape)
@@ -220,8 +232,7 @@ def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -
     bend = np.abs(step[n + 1 : n + m]).max(initial=0) / _BEND
     turn = np.linalg.norm(step[n + m :]) / _TURN
     step = step / max(far, bend, turn, 1)
-    shape = state.shape + step[n : n + m]
-    shape[0] = np.clip(shape[0], *bounds)
+    shape = state.silhouette.possible(state.shape + step[n : n + m], bounds)
     frame = state.frame.turned(step[n + m :])
     return state_at(data, state.family, state.path + step[:n], state.silhouette, shape, frame)
 

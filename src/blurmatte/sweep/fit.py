@@ -43,6 +43,7 @@ _SHADOWS = 2  # times that a streak is looked at without what is found of its sh
 _FOLLOWED = 0.2  # of the largest alpha
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
+_OF_FILES = 2.0  # coherence: of light itself, noise hangs together less
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -213,6 +214,7 @@ def _textured(data: Data, state: State) -> bool:
 
 
 def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
+    """A descent's end. If it was the file that blurred the colors of its rim, the rim is sharp."""
     trust = overstated(data, state)
     H, _ = state.information(data)
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
@@ -220,17 +222,21 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     model = _model(state, covariance[n:, n:])
     k = len(state.path)
     known = covariance[k, k] < (_MOST_UNSURE * state.shape[0]) ** 2
+    soft = state.silhouette.soft and trust < _OF_FILES
+    silhouette = replace(state.silhouette, soft=soft)
+    n = k + silhouette.size
     stats = {
         "converged": state.converged,
         "misfit": misfit(data, state) if known else np.inf,
         "coherence": trust,
         "doubtful": doubtful_share(data, state),
+        "rim": state.silhouette.softness(state.shape),
     }
     return Sweep(
         state.family,
         state.path,
-        state.silhouette,
-        state.shape,
+        silhouette,
+        state.shape[: silhouette.size],
         model,
         covariance[:n, :n],
         size,

@@ -11,9 +11,12 @@ curvature is κ = det A (1 + g² − (log R)″) / (R |A (g, 1)|³).
 
 A pixel takes part in the shape as in the half plane beyond the tangent at that point. On average
 over a pixel a rim of curvature κ lies κ/24 inside its tangent; that is taken off the distance, so
-that the sum over all pixels is the area.
+that the sum over all pixels is the area. The edge of a half plane that is blurred by σ, `soft`, is
+that of a normal distribution of variance σ² + 1/12, the last being the pixel's; κ (σ² + 1/12)/2 is
+taken off then.
 """
 
+import math
 from typing import Any
 
 import numpy as np
@@ -22,6 +25,9 @@ from numba import njit
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
 _REACH = 0.7072  # pixels: half the diagonal of one; what is farther from the rim is in or out
+_PIXEL = 1 / 12  # variance of a box as wide as a pixel
+_TAIL = 3.0  # standard deviations from a soft rim, where all is in or out
+_WITHIN = math.erf(_TAIL / math.sqrt(2))
 _SHARPEST = 2.0  # per pixel, the largest curvature that the half plane is corrected for
 _CELLS = 512  # directions, in each of which it is known what is near the rim
 
@@ -47,12 +53,39 @@ def covered(s, nx, ny):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def disc(xy, D, weights, radius, alpha, J):  # type: ignore[no-untyped-def]
-    """What `sweep` does for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1)."""
+def covered_softly(s, nx, ny, soft, curvature):  # type: ignore[no-untyped-def]
+    """Part of a pixel inside an edge that is blurred by `soft`, its derivatives by s and by `soft`.
+
+    s is how far inside the edge the pixel's center is, less κ (σ² + 1/12)/2; soft 0 is a sharp edge.
+    """
+    if soft == 0:
+        part, gain = covered(s, nx, ny)
+        return part, gain, 0.0
+    width = np.sqrt(_PIXEL + soft * soft)
+    z = s / width
+    if abs(z) > _TAIL:
+        return (1.0 if z > 0 else 0.0), 0.0, 0.0
+    gain = np.exp(-z * z / 2) / (np.sqrt(2 * np.pi) * width * _WITHIN)
+    by_soft = -gain * soft * (z / width + curvature)
+    return 0.5 * (1 + math.erf(z / np.sqrt(2)) / _WITHIN), gain, by_soft
+
+
+@njit(**_COMPILED)
+def reach_of(soft):  # type: ignore[no-untyped-def]
+    """How far from the rim pixels are partly inside."""
+    return _REACH if soft == 0 else _TAIL * np.sqrt(_PIXEL + soft * soft)
+
+
+@njit(**_COMPILED)
+def disc(xy, D, weights, radius, soft, alpha, J):  # type: ignore[no-untyped-def]
+    """What `sweep` does for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
+
+    If J has room for one more, that is for `soft`.
+    """
     h, w = alpha.shape
     n = D.shape[2]
-    r = radius - 1 / (24 * radius)
-    outer, inner = r + _REACH, max(r - _REACH, 0.0)
+    r = radius - (_PIXEL + soft * soft) / (2 * radius)
+    outer, inner = r + reach_of(soft), max(r - reach_of(soft), 0.0)
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
         first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
@@ -68,13 +101,15 @@ def disc(xy, D, weights, radius, alpha, J):  # type: ignore[no-untyped-def]
                     continue
                 d = np.sqrt(square)
                 nx, ny = (dx / d, dy / d) if d > 1e-9 else (1.0, 0.0)
-                part, gain = covered(r - d, nx, ny)
+                part, gain, by_soft = covered_softly(r - d, nx, ny, soft, 1 / radius)
                 alpha[j, i] += weights[k] * part
                 g = weights[k] * gain
                 if g > 0:
                     for p in range(n):
                         J[j, i, p] += g * (nx * D[k, 0, p] + ny * D[k, 1, p])
                     J[j, i, n] += g
+                    if n + 1 < J.shape[2]:
+                        J[j, i, n + 1] += weights[k] * by_soft
 
 
 @njit(**_COMPILED)
@@ -107,8 +142,8 @@ def around(x, y, A, bulges):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def edge(x, y, A, bulges):  # type: ignore[no-untyped-def]
-    """How far inside the rim a point is, the normal there, and R and the angle's cosine and sine."""
+def edge(x, y, A, bulges, soft):  # type: ignore[no-untyped-def]
+    """How far inside the rim a point is, normal and curvature there, R, the angle's cosine and sine."""
     R, g, bend, c, s, nx, ny = around(x, y, A, bulges)
     px, py = R * (A[0, 0] * c + A[0, 1] * s), R * (A[1, 0] * c + A[1, 1] * s)
     inside = (px - x) * nx + (py - y) * ny
@@ -120,7 +155,8 @@ def edge(x, y, A, bulges):  # type: ignore[no-untyped-def]
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     long = np.sqrt(tx * tx + ty * ty)
     curvature = area * (1 + g * g - bend) / (R * long * long * long)
-    return inside - min(max(curvature, -_SHARPEST), _SHARPEST) / 24, nx, ny, R, c, s
+    curvature = min(max(curvature, -_SHARPEST), _SHARPEST)
+    return inside - curvature * (_PIXEL + soft * soft) / 2, nx, ny, curvature, R, c, s
 
 
 @njit(**_COMPILED)
@@ -132,7 +168,7 @@ def direction(x, y):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def near(A, bulges):  # type: ignore[no-untyped-def]
+def near(A, bulges, reach):  # type: ignore[no-untyped-def]
     """(_CELLS,) squared distances from the center below and above which all is in or out."""
     low, high = np.empty(_CELLS + 1), np.empty(_CELLS + 1)
     for i in range(_CELLS + 1):
@@ -142,7 +178,7 @@ def near(A, bulges):  # type: ignore[no-untyped-def]
         px, py = R * (A[0, 0] * c + A[0, 1] * s), R * (A[1, 0] * c + A[1, 1] * s)
         rho = np.sqrt(px * px + py * py)
         slanted = rho / (px * nx + py * ny)
-        width = _REACH * slanted + 2 * (slanted - 1)
+        width = reach * slanted + 2 * (slanted - 1)
         low[i], high[i] = max(rho - width, 0.0), rho + width
     least = np.minimum(low[:-1], low[1:]) ** 2
     most = np.maximum(high[:-1], high[1:]) ** 2
@@ -150,23 +186,24 @@ def near(A, bulges):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def sweep(xy, D, weights, turns, by_turning, A, by_A, bulges, alpha, J):  # type: ignore[no-untyped-def]
+def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha, J):  # type: ignore[no-untyped-def]
     """Add to alpha (h, w) and J (h, w, n + j + k), zeros, what a shape covers on its way.
 
     xy (T, 2) are the centers in pixels of the maps, D (T, 2, n) their derivatives, weights (T,) parts
     of the exposure, turns (T,) angles by which the shape is turned, from +x towards +y; by_A
-    (2, 2, j) are the derivatives of A by some parameters, bulges (k,) are a₃, b₃, a₄, b₄, … If J has
-    room for one more, that is for the parameter by which turns have the derivative by_turning (T,).
+    (2, 2, j) are the derivatives of A by some parameters, bulges (k,) are a₃, b₃, a₄, b₄, … If it
+    `spins`, J has one more, for the parameter by which turns have the derivative by_turning (T,). If
+    J has room for yet one more, that is for `soft`.
     """
     h, w = alpha.shape
     n, m = D.shape[2], by_A.shape[2]
-    least, most = near(A, bulges)
+    least, most = near(A, bulges, reach_of(soft))
     surely, outer = least.min(), np.sqrt(most.max())
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
         ct, st = np.cos(turns[k]), np.sin(turns[k])
-        first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
-        for j in range(first, last + 1):
+        top, bottom = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
+        for j in range(top, bottom + 1):
             dy = j - cy
             half = np.sqrt(max(outer * outer - dy * dy, 0.0))
             left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
@@ -183,9 +220,9 @@ def sweep(xy, D, weights, turns, by_turning, A, by_A, bulges, alpha, J):  # type
                 if square < least[cell]:
                     alpha[j, i] += weights[k]
                     continue
-                inside, nx, ny, R, c, s = edge(x, y, A, bulges)
+                inside, nx, ny, curvature, R, c, s = edge(x, y, A, bulges, soft)
                 mx, my = ct * nx - st * ny, ct * ny + st * nx
-                part, gain = covered(inside, mx, my)
+                part, gain, by_soft = covered_softly(inside, mx, my, soft, curvature)
                 alpha[j, i] += weights[k] * part
                 g = weights[k] * gain
                 if g == 0:
@@ -204,5 +241,9 @@ def sweep(xy, D, weights, turns, by_turning, A, by_A, bulges, alpha, J):  # type
                     ck, sk = ck * c - sk * s, sk * c + ck * s
                     J[j, i, n + m + 2 * p] += along * ck
                     J[j, i, n + m + 2 * p + 1] += along * sk
-                if n + m + len(bulges) < J.shape[2]:
-                    J[j, i, n + m + len(bulges)] += (ny * px - nx * py) * by_turning[k]
+                last = n + m + len(bulges)
+                if spins:
+                    J[j, i, last] += (ny * px - nx * py) * by_turning[k]
+                    last += 1
+                if last < J.shape[2]:
+                    J[j, i, last] += weights[k] * by_soft

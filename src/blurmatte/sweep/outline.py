@@ -10,6 +10,7 @@ path fits; what would be brighter than anything in a picture is left out.
 """
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
@@ -23,7 +24,7 @@ from blurmatte.sweep.verdict import can_be, coherence, overstated
 
 Array = npt.NDArray[np.float64]
 
-_RADIUS = 8.0  # pixels: enough to tell bulges from each other, few enough to be quick
+_RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels: enough to tell bulges apart, few enough to be quick
 _BULGES, _OTHERS = 6, (2, 4, 8)
 _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
@@ -47,13 +48,14 @@ def refined(data: Data, disc: State) -> State:
         `disc` itself unless another silhouette explains the data clearly better.
     """
     bounds = _LEAST * disc.shape[0], _MOST * disc.shape[0]
-    coarse = data.coarser(max(1, int(disc.shape[0] / _RADIUS)))
+    radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
+    coarse = data.coarser(max(1, int(disc.shape[0] / (radius * data.scale))))
     start = descend(coarse, seen(coarse, disc), bounds)
-    first = descend(coarse, _shaped(coarse, start, Silhouette(_BULGES)), bounds)
+    first = descend(coarse, _shaped(coarse, start, _bulgy(start)), bounds)
     if not _could_pay(coarse, start, first):
         return disc
     best = _best(coarse, [start, *_search(coarse, start, first, bounds)])
-    others = [_shaped(coarse, best, Silhouette(k, best.silhouette.turns)) for k in _OTHERS]
+    others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
     best = _best(coarse, [start, best, *(descend(coarse, s, bounds) for s in others)])
     return disc if best is start else descend(data, seen(data, best), bounds)
@@ -73,12 +75,12 @@ def _straighter(data: Data, disc: State, found: list[State]) -> Iterable[State]:
     """The disc's way as a line and as an arc."""
     for family in (LINE, ARC):
         if family is not disc.family:
-            yield _shaped(data, _on(data, disc, family), Silhouette(_BULGES))
+            yield _shaped(data, _on(data, disc, family), _bulgy(disc))
 
 
 def _stretched(data: Data, disc: State, found: list[State]) -> Iterable[State]:
     """Ellipses longer or shorter along the disc's way, that went less far or further."""
-    silhouette, radius = Silhouette(_BULGES), disc.shape[0]
+    silhouette, radius = _bulgy(disc), disc.shape[0]
     ends = _on(data, disc, LINE).curve[[0, -1]]
     way = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
     angle = np.arctan2(way[1], way[0])
@@ -86,7 +88,8 @@ def _stretched(data: Data, disc: State, found: list[State]) -> Iterable[State]:
         out = (1 - ratio) * radius * way
         if (ends[1] - ends[0] + 2 * out) @ way <= 0:
             continue
-        shape = silhouette.start(radius * np.sqrt(ratio))
+        shape = silhouette.like(disc.silhouette, disc.shape)
+        shape[0] = radius * np.sqrt(ratio)
         shape[1:3] = 0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
         path = LINE.starts(np.linspace(ends[0] - out, ends[1] + out, 33))[0]
         alpha = silhouette.sweep(LINE, path, shape, data).alpha
@@ -99,10 +102,11 @@ def _crosswise(data: Data, disc: State, found: list[State]) -> Iterable[State]:
     xy, _ = disc.family.at(disc.path, np.linspace(0, 1, 65))
     middle, spread = xy.mean(axis=0), np.cov(xy.T)
     variances, axes = np.linalg.eigh(spread)
-    width, silhouette = disc.shape[0], Silhouette(_BULGES)
+    width, silhouette = disc.shape[0], _bulgy(disc)
     length = width + np.sqrt(3 * variances[1])
     angle, stretch = np.arctan2(axes[1, 1], axes[0, 1]), 0.5 * np.log(length / width)
-    shape = silhouette.start(0.85 * np.sqrt(length * width))
+    shape = silhouette.like(disc.silhouette, disc.shape)
+    shape[0] = 0.85 * np.sqrt(length * width)
     shape[1:3] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
     for way in axes.T:
         path = LINE.starts(middle + np.linspace(-0.4, 0.4, 33)[:, None] * width * way)[0]
@@ -111,14 +115,20 @@ def _crosswise(data: Data, disc: State, found: list[State]) -> Iterable[State]:
 
 def _turning(data: Data, disc: State, found: list[State]) -> Iterable[State]:
     """The best found, and discs on the same path, that turn."""
-    silhouette = Silhouette(_BULGES, turns=True)
+    silhouette = replace(_bulgy(disc), turns=True)
     best = _best(data, found)
     yield _shaped(data, best, silhouette)
     for family in dict.fromkeys((best.family, LINE, ARC)):
         for turn in _TURNS:
             start = _shaped(data, _on(data, disc, family), silhouette)
-            start.shape[-1] = turn
-            yield seen(data, start)
+            shape = start.shape.copy()
+            shape[2 * _BULGES - 1] = turn
+            yield seen(data, replace(start, shape=shape))
+
+
+def _bulgy(disc: State) -> Silhouette:
+    """Outlines with a rim as soft as that of a disc."""
+    return Silhouette(_BULGES, soft=disc.silhouette.soft)
 
 
 def _shaped(data: Data, state: State, silhouette: Silhouette) -> State:

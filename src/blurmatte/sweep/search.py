@@ -37,6 +37,7 @@ _QUICK = 2  # which of the radii, where one must do
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
+_SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
 _HOPELESS = 6.0  # misfit on large pixels
 
 
@@ -91,9 +92,11 @@ class Search:
         finalists = _finalists(self.coarse, tried)
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
-        return best_of(
-            self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        )
+        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
+        sharp = best_of(self.data, ends)
+        if self._softened(sharp) is sharp:
+            return sharp
+        return best_of(self.data, [self._softened(s) for s in ends])
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws: for one of many frames of a clip.
@@ -103,9 +106,8 @@ class Search:
         """
         curve, radius = self.curves[_QUICK]
         finalists = _finalists(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
-        return best_of(
-            self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        )
+        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
+        return self._softened(best_of(self.data, ends))
 
     def near(self, start: Sweep, rank: int) -> State:
         """What descents end at that begin with the path and size of another sweep, or a line there.
@@ -116,9 +118,22 @@ class Search:
         curve = xy + self.middle - (xy.min(axis=0) + xy.max(axis=0)) / 2
         families = dict.fromkeys((start.family, LINE))
         tried = self._ends(curve, start.radius, rank, tuple(families))
-        return best_of(
-            self.data, [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
-        )
+        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
+        return self._softened(best_of(self.data, ends))
+
+    def _softened(self, sharp: State) -> State:
+        """The same with a soft rim, if that explains the data clearly better.
+
+        Lenses blur, and files blur color: most share it among pixels, and compression leaves out its
+        fine structure.
+        """
+        silhouette = replace(sharp.silhouette, soft=True)
+        shape = silhouette.like(sharp.silhouette, sharp.shape)
+        shape[-1] = _SOFT * self.data.scale
+        start = state_at(self.data, sharp.family, sharp.path, silhouette, shape, sharp.frame)
+        if start.cost >= sharp.cost:
+            return sharp
+        return best_of(self.data, [sharp, descend(self.data, start, self.bounds)])
 
     def _ends(
         self,

@@ -18,6 +18,7 @@ Array = npt.NDArray[np.float64]
 _PARTS = 48  # of the exposure, equally long
 _STEP, _MOST = 0.7, 200  # pixels between two moments, and how many in a part at most
 _ANGLES = 360
+_SHARP, _SOFT = 0.2, 2.0  # pixels: a pixel's width hides less, and blocks of 4 share no color
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,7 +40,8 @@ class Silhouette:
     """Shapes of one kind: discs, ellipses, or ellipses with bulges; each kind holds the simpler ones.
 
     The parameters are the radius in pixels, of an ellipse also two of its stretch, of a bulgy one
-    two more for every number of bulges from 3 on, and at last by how many radians it turns.
+    two more for every number of bulges from 3 on, then by how many radians it turns, and at last the
+    standard deviation, in pixels, of the normal distribution that its rim is blurred by.
 
     Parameters
     ----------
@@ -47,6 +49,8 @@ class Silhouette:
         The largest number of bulges; 1 is a disc, 2 an ellipse.
     turns : bool
         It turns evenly during the exposure, in the plane of the picture.
+    soft : bool
+        Its rim is blurred: by the lens, or by the file.
 
     Raises
     ------
@@ -56,6 +60,7 @@ class Silhouette:
 
     bulges: int = 1
     turns: bool = False
+    soft: bool = False
 
     def __post_init__(self) -> None:
         if self.bulges < 1:
@@ -72,7 +77,7 @@ class Silhouette:
     @property
     def size(self) -> int:
         """How many parameters."""
-        return 2 * self.bulges - 1 + self.turns
+        return 2 * self.bulges - 1 + self.turns + self.soft
 
     def start(self, half_width: float) -> Array:
         """Parameters (m,) of a disc of this radius."""
@@ -83,9 +88,19 @@ class Silhouette:
         mine = self.start(shape[0])
         known = min(2 * self.bulges - 1, 2 * other.bulges - 1)
         mine[1:known] = shape[1:known]
-        if self.turns and other.turns:
-            mine[-1] = shape[-1]
+        if self.turns:
+            mine[2 * self.bulges - 1] = other.turn(shape)
+        if self.soft:
+            mine[-1] = other.softness(shape)
         return mine
+
+    def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
+        """The nearest shape with a radius within bounds, and a rim that is blurred as files do it."""
+        near = shape.copy()
+        near[0] = np.clip(shape[0], *bounds)
+        if self.soft:
+            near[-1] = np.clip(shape[-1], _SHARP, _SOFT)
+        return near
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, data: Data) -> Swept:
         """Alpha of a shape that goes along a path; the path may leave the data.
@@ -96,7 +111,7 @@ class Silhouette:
         path : (n,) float
             Its parameters, pixels of the picture.
         shape : (m,) float
-            Pixels of the picture, and radians by which it turns.
+            Pixels of the picture, radians by which it turns, and pixels again.
         data : Data
             Where to look.
         """
@@ -104,17 +119,21 @@ class Silhouette:
 
         alpha = np.zeros(data.weight.shape)
         J = np.zeros((*alpha.shape, len(path) + self.size))
-        turn = self.turn(shape)
+        turn, soft = self.turn(shape), self.softness(shape) / data.scale
         t, weights = moments(family, path, data.scale, abs(turn) * self.reach(shape))
         xy, D = family.at(path, t)
         xy, D = (xy - data.origin) / data.scale, D / data.scale
         if self.bulges == 1:
-            kernel.disc(xy, D, weights, shape[0] / data.scale, alpha, J)
-            J[..., -1] /= data.scale
+            kernel.disc(xy, D, weights, shape[0] / data.scale, soft, alpha, J)
+            J[..., len(path)] /= data.scale
         else:
             A, by_A = (x / data.scale for x in self._stretch(shape))
             turns, bulges = turn * (t - 0.5), self._bulges(shape)
-            kernel.sweep(xy, D, weights, turns, t - 0.5, A, by_A, bulges, alpha, J)
+            kernel.sweep(
+                xy, D, weights, self.turns, turns, t - 0.5, A, by_A, bulges, soft, alpha, J
+            )
+        if self.soft:
+            J[..., -1] /= data.scale
         return Swept(alpha, J)
 
     def area(self, shape: Array) -> float:
@@ -143,7 +162,11 @@ class Silhouette:
 
     def turn(self, shape: Array) -> float:
         """By how much it turns during the exposure, radians from +x towards +y."""
-        return float(shape[-1]) if self.turns else 0.0
+        return float(shape[2 * self.bulges - 1]) if self.turns else 0.0
+
+    def softness(self, shape: Array) -> float:
+        """Standard deviation by which the rim is blurred, pixels; 0 if it is sharp."""
+        return float(shape[-1]) if self.soft else 0.0
 
     def _stretch(self, shape: Array) -> tuple[Array, Array]:
         """A (2, 2) and its derivatives (2, 2, 1 or 3) by the radius and the stretch.

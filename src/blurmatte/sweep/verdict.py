@@ -22,8 +22,8 @@ _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _CONTRADICTED = 0.5  # of a sweep's pixels
-_SPARED = 1.4  # compression spares plain surroundings: a power of what is found there
-_MOST_USUAL = 4.0  # that noise hangs together
+_HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
+_MOST_USUAL = {4: 10.0, 8: 25.0}  # that noise hangs together; where more does, something else moves
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
 _TOLD = 0.03  # of alpha, what a texture must tell
 _APART = 0.05  # radians
@@ -51,15 +51,44 @@ def misfit(data: Data, state: State) -> float:
     """How much more residuals hang together within the streak than noise does beside it.
 
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
-    known: 1 for a sweep that explains all there is, more for a wrong shape. Infinite if the descent
-    found no end, for what cannot be, and where most pixels contradict.
+    known: 1 for a sweep that explains all there is, more for a wrong shape. Where noise hangs together
+    at all, it does within the streak at least as much as colors that pixels share, for compression
+    spares plain surroundings; larger blocks tell as much then. Infinite if the descent found no end,
+    for what cannot be, and where most pixels contradict.
     """
     if not (state.converged and can_be(data, state)) or doubtful_share(data, state) > _CONTRADICTED:
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
-    usual = float(np.clip(_together(e, beside, _OTHERS), 1, _MOST_USUAL))
-    return _together(e, within, _WORST) / float(usual**_SPARED)
+    usual = _together(e, beside, _OTHERS, _BLOCK)
+    if usual < _HANGS:
+        return _together(e, within, _WORST, _BLOCK) / max(usual, 1)
+    ratios = [
+        _together(e, within, _WORST, size)
+        / max(min(_together(e, beside, _OTHERS, size), most), shared_coherence(size, data.scale))
+        for size, most in _MOST_USUAL.items()
+    ]
+    return float(np.exp(np.mean(np.log(ratios))))
+
+
+def shared_coherence(size: int, scale: float) -> float:
+    """How much noise of colors hangs together that 2 by 2 pixels of a file share.
+
+    Between the centers of two such blocks colors are interpolated linearly, as for 4:2:0.
+
+    Parameters
+    ----------
+    size : int
+        Of the blocks of pixels over which it is summed.
+    scale : float
+        Of the pixels, in pixels of the file.
+    """
+    pixels = size * int(scale)
+    at = (np.arange(4 * pixels) - 0.5) / 2
+    weights = np.maximum(1 - np.abs(at[:, None] - np.arange(2 * pixels)), 0)
+    of_pixels = weights.reshape(-1, int(scale), weights.shape[1]).mean(axis=1)[size:-size]
+    of_blocks = of_pixels.reshape(-1, size, weights.shape[1]).sum(axis=1)
+    return float((of_blocks**2).sum() / (of_pixels**2).sum()) ** 2
 
 
 def can_be(data: Data, state: State) -> bool:
@@ -151,15 +180,18 @@ def _places(data: Data, state: State) -> tuple[Bools, Bools]:
     return near & data.valid & (state.swept.alpha < _OPAQUE), ~near & data.valid
 
 
-def _together(e: Array, use: Bools, worst: float) -> float:
+def _together(e: Array, use: Bools, worst: float, size: int) -> float:
     """Coherence of blocks over that of pixels; 1 where there is nothing."""
     if not use.any():
         return 1.0
-    blocks, pixels = _in_blocks(e, use, worst), _mean_but_worst((e**2).mean(axis=0)[use], worst)
+    blocks, pixels = (
+        _in_blocks(e, use, worst, size),
+        _mean_but_worst((e**2).mean(axis=0)[use], worst),
+    )
     return blocks / pixels if pixels > 0 else 1.0
 
 
-def _in_blocks(e: Array, use: Bools, worst: float, size: int = _BLOCK) -> float:
+def _in_blocks(e: Array, use: Bools, worst: float, size: int) -> float:
     squares = block_squares(np.moveaxis(e, 0, -1), use, size)
     if len(squares) == 0:
         return 1.0
