@@ -119,9 +119,26 @@ def test_the_sheet(measure, tmp_path, folder):
         assert sheet.width == 1800
 
 
+def test_gravity_gives_the_scale(measure, tmp_path):
+    """Oracle: of a camera on its side; a scale that was given is checked; down it does not fall."""
+    asked = "--rate", 25, "--gravity", "-9.81,0±0.01", "--json"
+    told = json.loads(measure(*asked, "--exposure", "1/100").stdout)
+    scale, std = (told["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
+    assert abs(scale - 9.81 / (4 * 25**2)) < 4 * std
+    assert told["rows"][0]["speed"] == pytest.approx(10 * scale * 100, rel=0.05)
+    fall = json.loads(measure(*asked, "--scale", "1mm").stdout)["fall"]
+    assert fall["lengths_by_gravity"] == pytest.approx(1000 * scale)
+    refused = measure("--rate", 25, "--gravity", "9.81m/s²", "--out", tmp_path / "t.csv")
+    assert refused.exit_code == 2
+    assert refused.stderr.count("\n") == 1
+    assert "points 90° off gravity" in refused.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
+        (("--gravity", "1,2,3,4"), "--gravity must be 9.81, x,y or x,y,z in m/s²"),
+        (("--gravity", "9.81km"), "--gravity must be 9.81, x,y or x,y,z in m/s²"),
         (("--step", 0), "--step must be at least 1"),
         (("--start", 9), "there are no such frames"),
         (("--start", "x"), "a frame must be a number"),

@@ -15,6 +15,7 @@ from blurmatte.cli.program import NamedError, about, with_progress
 
 Rows = Sequence[bm.FrameMotion]
 Scaling = Callable[[Rows], bm.Scale]
+Gravity = tuple[float | list[float], float]
 
 _TABLES = ".csv", ".json", ".parquet"
 _FEW = 16  # frames for which more processes do not pay
@@ -105,8 +106,16 @@ def table(
     return [{**row.numbers(), **_speed(row.sighting, scale, time)} for row in rows]
 
 
-def words(rows: Rows, model: bm.ColorModel, scale: bm.Scale | None) -> tuple[list[str], Any]:
-    """What was found, in sentences; and the free fall, if there can be one."""
+def words(
+    rows: Rows, model: bm.ColorModel, scale: bm.Scale | None, gravity: Gravity | None
+) -> tuple[list[str], bm.FreeFall | None]:
+    """What was found, in sentences; and the free fall, if there can be one.
+
+    Raises
+    ------
+    MotionError
+        If there is none, and gravity is to give the scale.
+    """
     found = [row.sighting for row in rows if row.sighting is not None]
     told = [f"Color: {in_degrees(model)}.", f"Found in {len(found)} of {len(rows)} frames"]
     if found:
@@ -122,8 +131,10 @@ def words(rows: Rows, model: bm.ColorModel, scale: bm.Scale | None) -> tuple[lis
     else:
         told[1] += "."
     try:
-        fall = bm.fit_fall(rows, scale)
+        fall = bm.fit_fall(rows, scale, *(gravity or ()))
     except bm.MotionError as error:
+        if gravity is not None and scale is None:
+            raise
         return [*told, f"No fall to check: {error}."], None
     return [*told, *bm.explain(fall)], fall
 

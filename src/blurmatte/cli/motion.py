@@ -11,6 +11,7 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.clips import (
     ClipTask,
+    Gravity,
     Rows,
     Scaling,
     finish,
@@ -24,7 +25,7 @@ from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.quantities import meters, seconds
+from blurmatte.cli.quantities import acceleration, meters, seconds
 from blurmatte.cli.space import (
     Before,
     Camera,
@@ -117,6 +118,14 @@ def measure(
     rate: Annotated[
         float | None, typer.Option(help="Of a clip: frames per second, if its frames do not tell.")
     ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="G|X,Y|X,Y,Z[±ERROR]",
+            help="Of a clip of a free fall: gravity in m/s², straight down in the picture or as the "
+            "camera sees it. Gives the scale, or checks the one that was given.",
+        ),
+    ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Of a clip: go on where an interrupted run stopped.")
     ] = False,
@@ -140,10 +149,13 @@ def measure(
             )
         task = ClipTask(layer, files, plate, color, start, stop, step, rate, workers, out, resume)
         size = _clip_scaling(radius, diameter, scale, points)
-        _measure_clip(task, size, None if time is None else (time, time_std), overlay, as_json)
+        timed = None if time is None else (time, time_std)
+        _measure_clip(task, size, _gravity(gravity), timed, overlay, as_json)
         return
-    if any(given is not None for given in (color, start, stop, rate, workers)) or resume:
-        raise ValueError("--color, --start, --stop, --rate, --resume and --workers are for a clip")
+    if any(given is not None for given in (color, start, stop, rate, workers, gravity)) or resume:
+        raise ValueError(
+            "--color, --start, --stop, --rate, --gravity, --resume and --workers are for a clip"
+        )
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
     scaled = _scaling(radius, diameter, scale, points)
@@ -177,6 +189,7 @@ def measure(
 def _measure_clip(
     task: ClipTask,
     scaled: Scaling | None,
+    gravity: Gravity | None,
     time: tuple[float, float] | None,
     overlay: Path | None,
     as_json: bool,
@@ -185,8 +198,8 @@ def _measure_clip(
     background, model, rows = measure_frames(task)
     with about(task.source):
         scale = None if scaled is None else scaled(rows)
-        told, fall = words(rows, model, scale)
-    lines = table(rows, scale, time)
+        told, fall = words(rows, model, scale, gravity)
+    lines = table(rows, scale if fall is None else fall.scale, time)
     if task.out is not None:
         bm.write(task.out, lines)
     if overlay is not None:
@@ -212,6 +225,14 @@ def _clip_scaling(
         return bm.Scale(half * true / seen, half * true / seen * relative)
 
     return told
+
+
+def _gravity(text: str | None) -> Gravity | None:
+    """Of one number straight down, of more a vector; and its error."""
+    if text is None:
+        return None
+    vector, std = acceleration("--gravity", text)
+    return (vector if len(vector) > 1 else vector[0]), std
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:
