@@ -17,6 +17,7 @@ from blurmatte.cli.clips import (
     finish,
     measure_frames,
     table,
+    told_of,
     usual_radius,
     words,
 )
@@ -112,6 +113,15 @@ def measure(
             help="Of a clip: the object's color; found in some of its frames if not given.",
         ),
     ] = None,
+    several: Annotated[
+        bool,
+        typer.Option(
+            "--several", help="Of a clip: follow every object of the color, with numbers."
+        ),
+    ] = False,
+    least: Annotated[
+        int, typer.Option(help="With --several: in how many frames an object is seen at least.")
+    ] = 3,
     start: When = None,
     stop: When = None,
     step: Annotated[int, typer.Option(help="Of a clip: use every frame of that many.")] = 1,
@@ -147,14 +157,31 @@ def measure(
                 "--image, --line-time, --going, --camera, --on-plane, --height, --speed and "
                 "--rotation are for a layer, not for a clip"
             )
-        task = ClipTask(layer, files, plate, color, start, stop, step, rate, workers, out, resume)
+        task = ClipTask(
+            layer,
+            files,
+            plate,
+            color,
+            several,
+            least,
+            start,
+            stop,
+            step,
+            rate,
+            workers,
+            out,
+            resume,
+        )
         size = _clip_scaling(radius, diameter, scale, points)
         timed = None if time is None else (time, time_std)
         _measure_clip(task, size, _gravity(gravity), timed, overlay, as_json)
         return
-    if any(given is not None for given in (color, start, stop, rate, workers, gravity)) or resume:
+    if any(given is not None for given in (color, start, stop, rate, workers, gravity)) or (
+        resume or several
+    ):
         raise ValueError(
-            "--color, --start, --stop, --rate, --gravity, --resume and --workers are for a clip"
+            "--color, --several, --start, --stop, --rate, --gravity, --resume and --workers are for a "
+            "clip"
         )
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
@@ -197,16 +224,18 @@ def _measure_clip(
     """The table of a clip, its sheet, and what both say."""
     background, model, rows = measure_frames(task)
     with about(task.source):
-        scale = None if scaled is None else scaled(rows)
-        told, fall = words(rows, model, scale, gravity)
-    lines = table(rows, scale if fall is None else fall.scale, time)
+        found = told_of(task, rows, scaled, gravity)
+    said = [*words(rows, model, task.several), *(word for one in found for word in one.words)]
+    lines = table(rows, found, time)
     if task.out is not None:
         bm.write(task.out, lines)
     if overlay is not None:
-        bm.write(overlay, bm.draw_clip(background, rows, told))
+        bm.write(overlay, bm.draw_clip(background, rows, said))
     finish(task)
-    numbers = {"rows": lines, "fall": None if fall is None else fall.numbers(), "in_words": told}
-    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(told))
+    falls = [None if one.fall is None else one.fall.numbers() for one in found]
+    of_falls = {"falls": falls} if task.several else {"fall": falls[0]}
+    numbers = {"rows": lines, **of_falls, "in_words": said}
+    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(said))
 
 
 def _clip_scaling(

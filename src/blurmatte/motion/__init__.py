@@ -11,6 +11,7 @@ from blurmatte.motion.fall import fit_fall as fit_fall
 from blurmatte.motion.fall import fit_fall_in_space as fit_fall_in_space
 from blurmatte.motion.fall_words import fall_in_words as fall_in_words
 from blurmatte.motion.linking import FrameMotion as FrameMotion
+from blurmatte.motion.linking import link_objects as link_objects
 from blurmatte.motion.linking import link_sightings as link_sightings
 from blurmatte.motion.measure import measure_motion as measure_motion
 from blurmatte.motion.motion import Motion as Motion
