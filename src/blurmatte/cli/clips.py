@@ -72,9 +72,7 @@ def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[
     """The plate, the object's color, and where it was in each frame."""
     done = _done(task)
     with about(task.source):
-        frames = bm.read_frames(
-            str(task.source), task.files.curve_of(task.source), task.files.max_pixels
-        )
+        frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
         first, last = (frame_number(text, frames.rate) for text in (task.start, task.stop))
         frames = frames[first : last : task.step]
         if len(frames) == 0:
