@@ -162,6 +162,7 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--start", 9), "there are no such frames"),
         (("--start", "x"), "a frame must be a number"),
         (("--out", "t.txt"), "--out must end with .csv, .json, .parquet"),
+        (("--least", 2), "--least is for --several objects"),
         (("--several", "--least", 0), "--least must be at least 1, got 0"),
         (("--resume",), "--resume goes on with the table that --out names"),
         (("--going", "up"), "are for a layer, not for a clip"),

@@ -18,6 +18,7 @@ Scaling = Callable[[Rows], bm.Scale]
 Gravity = tuple[float | list[float], float]
 
 _TABLES = ".csv", ".json", ".parquet"
+_LEAST = 3  # frames of an object, if not told
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -30,7 +31,7 @@ class ClipTask:
     plate: Path | None
     color: str | None
     several: bool
-    least: int
+    least: int | None
     start: str | None
     stop: str | None
     step: int
@@ -42,7 +43,9 @@ class ClipTask:
     def __post_init__(self) -> None:
         if self.step < 1:
             raise ValueError(f"--step must be at least 1, got {self.step}")
-        if self.least < 1:
+        if self.least is not None and not self.several:
+            raise ValueError("--least is for --several objects")
+        if self.least is not None and self.least < 1:
             raise ValueError(f"--least must be at least 1, got {self.least}")
         if self.out is not None and self.out.suffix.lower() not in _TABLES:
             raise ValueError(f"--out must end with {', '.join(_TABLES)}, got {self.out}")
@@ -94,8 +97,9 @@ def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[
             workers=workers,
         )
         kept = _kept(task, done, with_progress(seen, "measuring", len(frames) - len(done)))
-        rows = bm.link_objects(kept, task.least) if task.several else bm.link_sightings(kept)
-        return plate, model, rows
+        if not task.several:
+            return plate, model, bm.link_sightings(kept)
+        return plate, model, bm.link_objects(kept, task.least or _LEAST)
 
 
 def finish(task: ClipTask) -> None:

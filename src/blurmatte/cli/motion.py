@@ -30,12 +30,15 @@ from blurmatte.cli.quantities import acceleration, meters, seconds
 from blurmatte.cli.space import (
     Before,
     Camera,
+    Found,
     Height,
     OnPlane,
     Plate,
     Rotation,
     SpeedKnown,
     in_space,
+    known_of,
+    turned,
 )
 
 _LENGTH = "LENGTH[±ERROR]"
@@ -120,8 +123,9 @@ def measure(
         ),
     ] = False,
     least: Annotated[
-        int, typer.Option(help="With --several: in how many frames an object is seen at least.")
-    ] = 3,
+        int | None,
+        typer.Option(help="With --several: in how many frames an object is seen at least; 3."),
+    ] = None,
     start: When = None,
     stop: When = None,
     step: Annotated[int, typer.Option(help="Of a clip: use every frame of that many.")] = 1,
@@ -172,20 +176,20 @@ def measure(
             out,
             resume,
         )
-        size = _clip_scaling(radius, diameter, scale, points)
+        by_size = _clip_scaling(radius, diameter, scale, points)
         timed = None if time is None else (time, time_std)
-        _measure_clip(task, size, _gravity(gravity), timed, overlay, as_json)
+        _measure_clip(task, by_size, _gravity(gravity), timed, overlay, as_json)
         return
-    if any(given is not None for given in (color, start, stop, rate, workers, gravity)) or (
-        resume or several
-    ):
+    of_clip = color, least, start, stop, rate, workers, gravity
+    if any(given is not None for given in of_clip) or several or resume:
         raise ValueError(
-            "--color, --several, --start, --stop, --rate, --gravity, --resume and --workers are for a "
-            "clip"
+            "--color, --several, --least, --start, --stop, --rate, --gravity, --resume and --workers "
+            "are for a clip"
         )
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
     scaled = _scaling(radius, diameter, scale, points)
+    known = known_of(camera, radius, speed, on_plane or [], height)
     line = None if line_time is None else seconds("--line-time", line_time)[0]
     downward = None if going is None else going == "down"
     picture = None if image is None else files.read(image)[0]
@@ -195,11 +199,12 @@ def measure(
     with about(layer):
         solution = bm.read_solution(layer, max_pixels)
         motion = bm.measure_motion(solution)
-        known = None if scaled is None else scaled(motion)
+        size = None if scaled is None else scaled(motion)
         exposed = (motion.exposure_time if time is None else time, time_std)
-        told_speed = motion.speed(known, time, time_std, line, downward)
-        asked = (camera, radius, on_plane or [], height, speed, rotation)
-        more = list(in_space(solution, exposed, before, *asked))
+        told_speed = motion.speed(size, time, time_std, line, downward)
+        more: list[Found] = list(in_space(solution, known, exposed, before))
+        if rotation:
+            more.append(turned(solution, exposed))
     words = [words for thing in (motion, told_speed, *more) for words in bm.explain(thing)]
     row = {**motion.numbers(), **told_speed.numbers()}
     for thing in more:
