@@ -76,6 +76,8 @@ from blurmatte.motion import depth_from_blur as depth_from_blur
 from blurmatte.motion import end_silhouettes as end_silhouettes
 from blurmatte.motion import fit_ball as fit_ball
 from blurmatte.motion import fit_fall as fit_fall
+from blurmatte.motion import fit_fall_in_space as fit_fall_in_space
+from blurmatte.motion import link_objects as link_objects
 from blurmatte.motion import link_sightings as link_sightings
 from blurmatte.motion import measure_ball as measure_ball
 from blurmatte.motion import measure_clip as measure_clip

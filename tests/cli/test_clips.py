@@ -119,13 +119,51 @@ def test_the_sheet(measure, tmp_path, folder):
         assert sheet.width == 1800
 
 
+def test_of_several_objects(measure, tmp_path):
+    """Exact: where there is one, the same table; each has its words and its fall."""
+    measure("--out", tmp_path / "one.csv", "--rate", 25)
+    told = json.loads(measure("--several", "--json", "--rate", 25, "--gravity", 9.81).stdout)
+    measure("--out", tmp_path / "all.csv", "--rate", 25, "--several")
+    assert (tmp_path / "all.csv").read_bytes() == (tmp_path / "one.csv").read_bytes()
+    assert [row["object"] for row in told["rows"]] == [1] * FRAMES
+    assert told["falls"][0]["fits"]
+    assert "meters_per_pixel" not in told["falls"][0]
+    words = " ".join(told["in_words"])
+    assert "Found in 5 of 5 frames, 1 object:" in words
+    assert "Object 1: in 5 frames, 0 to 4. No scale: no free fall that gravity" in words
+    none = json.loads(
+        measure("--several", "--least", 6, "--json", "--overlay", tmp_path / "a.png").stdout
+    )
+    assert none["falls"] == []
+    assert {row["object"] for row in none["rows"]} == {None}
+
+
+def test_gravity_gives_the_scale(measure, tmp_path):
+    """Oracle: of a camera on its side; a scale that was given is checked; down it does not fall."""
+    asked = "--rate", 25, "--gravity", "-9.81,0±0.01", "--json"
+    told = json.loads(measure(*asked, "--exposure", "1/100").stdout)
+    scale, std = (told["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
+    assert abs(scale - 9.81 / (4 * 25**2)) < 4 * std
+    assert told["rows"][0]["speed"] == pytest.approx(10 * scale * 100, rel=0.05)
+    fall = json.loads(measure(*asked, "--scale", "1mm").stdout)["fall"]
+    assert fall["lengths_by_gravity"] == pytest.approx(1000 * scale)
+    refused = measure("--rate", 25, "--gravity", "9.81m/s²", "--out", tmp_path / "t.csv")
+    assert refused.exit_code == 2
+    assert refused.stderr.count("\n") == 1
+    assert "points 90° off gravity" in refused.stderr
+
+
 @pytest.mark.parametrize(
     ("options", "complaint"),
     [
+        (("--gravity", "1,2,3,4"), "--gravity must be 9.81, x,y or x,y,z in m/s²"),
+        (("--gravity", "9.81km"), "--gravity must be 9.81, x,y or x,y,z in m/s²"),
         (("--step", 0), "--step must be at least 1"),
         (("--start", 9), "there are no such frames"),
         (("--start", "x"), "a frame must be a number"),
         (("--out", "t.txt"), "--out must end with .csv, .json, .parquet"),
+        (("--least", 2), "--least is for --several objects"),
+        (("--several", "--least", 0), "--least must be at least 1, got 0"),
         (("--resume",), "--resume goes on with the table that --out names"),
         (("--going", "up"), "are for a layer, not for a clip"),
         (("--color", "greenish"), "greenish"),

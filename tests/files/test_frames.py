@@ -5,7 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files import read_frames, write
+from blurmatte.files import read_frames, read_layers, write
+from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
 
 av = pytest.importorskip("av")
@@ -239,3 +240,17 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(FileError, match=r'pip install "blurmatte\[video\]"'):
         read_frames(path)
+
+
+def test_a_curve_is_not_for_light(tmp_path, make_png):
+    """Exact: EXRs of a row stay as they are, beside PNGs that the curve decodes; layers, too."""
+    light = np.full((4, 5, 3), 0.25, np.float32)
+    write(tmp_path / "a0.exr", LinearImage(light))
+    (tmp_path / "a1.png").write_bytes(make_png(np.full((4, 5, 3), 51, np.uint8)))
+    first, second = read_frames(tmp_path, gamma(2.0))
+    assert np.array_equal(first.rgb, light)
+    assert_allclose(second.rgb, (51 / 255) ** 2, rtol=1e-6)
+    (tmp_path / "layers").mkdir()
+    write(tmp_path / "layers" / "b.exr", Layer(np.full((4, 5), 0.5), light))
+    (layer,) = read_layers(tmp_path / "layers", gamma(2.0))
+    assert np.array_equal(layer.premultiplied, light)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
-from blurmatte.motion.rotation import _Blades, _Pixels, _ramp
+from blurmatte.motion.rotation import _Blades, _check_same, _Pixels, _ramp
 from blurmatte.rendering import Change, Sheet, colorful_plate
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
 from blurmatte.sweep.path import LINE
@@ -22,6 +22,8 @@ FANS = {
     "blade": (WEDGE, 1, 1.5),
     "fan": (WEDGE, 3, 0.5),
     "hook": (HOOK, 1, 0.7),
+    "beyond half": (STICK, 2, np.radians(190)),
+    "half": (STICK, 2, np.pi),
 }
 
 
@@ -46,7 +48,7 @@ def solution_of(alpha, std, seed):
     return bm.Solution(noisy, np.full(alpha.shape, std), light, light + 1, quality, model, "")
 
 
-@pytest.mark.parametrize("name", FANS)
+@pytest.mark.parametrize("name", [name for name in FANS if name != "half"])
 def test_center_and_angle_are_found(name):
     """exact: with little noise, from nothing but alpha."""
     found = bm.measure_rotation(solution_of(alpha_of(name), 0.01, 0), exposure_time=0.02)
@@ -143,6 +145,25 @@ def test_what_cannot_be_known_is_refused():
     straight = np.clip((x - 20) / 40, 0, 1) * np.clip((100 - x) / 40, 0, 1) * (abs(y - 50) < 9)
     with pytest.raises(bm.MotionError):
         bm.measure_rotation(solution_of(straight, 0.01, 0))
+
+
+def test_a_half_turn_of_a_stick_looks_like_none_at_all():
+    """door: alpha is even along circles; it says what all of that may be."""
+    with pytest.raises(bm.MotionError, match="of a stick with two ends also of half turns"):
+        bm.measure_rotation(solution_of(alpha_of("half"), 0.01, 0))
+
+
+def test_two_angles_that_explain_alpha_are_named():
+    """door: unless they are one within their errors."""
+    one, same, other = (
+        bm.Rotation(CENTER, np.radians(angle), np.diag([0.01, 0.01, 1e-4]))
+        for angle in (188.3, 189.0, 371.2)
+    )
+    _check_same(one, same)
+    with pytest.raises(
+        bm.MotionError, match=r"by 188\.3° or by 371\.2°: both explain alpha as well"
+    ):
+        _check_same(other, one)
 
 
 def test_door():

@@ -29,6 +29,23 @@ def test_the_pictures_are_on_the_sheet(paint):
         assert panels_of(sheet, shown(picture.rgb))
 
 
+@pytest.mark.parametrize("size", [(192, 128), (400, 90), (90, 128)])
+def test_before_and_after_are_side_by_side(size):
+    """Exact: whatever their shape, in the same rows, as wide as half of the sheet or 720 high."""
+    alpha = np.zeros(size[::-1])
+    alpha[30:50, 30:50] = 0.5
+    layer = Layer(alpha, alpha[..., None] * [1.0, 0, 0])
+    plain = [LinearImage(np.full((*size[::-1], 3), light, np.float32)) for light in (0.1, 0.6)]
+    sheet = draw_edit(layer, layer.fade(2), *plain)
+    places = []
+    for picture in plain:
+        column = (sheet == shown(picture.rgb)[0, 0]).all(axis=-1)
+        y, x = np.nonzero(column[:850])
+        places.append((y.min(), x.min()))
+    assert places[0][0] == places[1][0]
+    assert places[1][1] - places[0][1] == 846 + 28
+
+
 def test_layers_alone_and_an_empty_one_are_drawn(paint):
     removed = draw_edit(paint.layer, paint.layer.fade(0))
     assert removed.shape[1] == 1800

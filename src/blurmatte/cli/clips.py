@@ -3,7 +3,7 @@
 import json
 import os
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,8 +15,10 @@ from blurmatte.cli.program import NamedError, about, with_progress
 
 Rows = Sequence[bm.FrameMotion]
 Scaling = Callable[[Rows], bm.Scale]
+Gravity = tuple[float | list[float], float]
 
 _TABLES = ".csv", ".json", ".parquet"
+_LEAST = 3  # frames of an object, if not told
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -28,6 +30,8 @@ class ClipTask:
     files: Files
     plate: Path | None
     color: str | None
+    several: bool
+    least: int | None
     start: str | None
     stop: str | None
     step: int
@@ -39,6 +43,10 @@ class ClipTask:
     def __post_init__(self) -> None:
         if self.step < 1:
             raise ValueError(f"--step must be at least 1, got {self.step}")
+        if self.least is not None and not self.several:
+            raise ValueError("--least is for --several objects")
+        if self.least is not None and self.least < 1:
+            raise ValueError(f"--least must be at least 1, got {self.least}")
         if self.out is not None and self.out.suffix.lower() not in _TABLES:
             raise ValueError(f"--out must end with {', '.join(_TABLES)}, got {self.out}")
         if self.resume and self.out is None:
@@ -57,6 +65,7 @@ class ClipTask:
             "clip": str(self.source),
             "plate": None if self.plate is None else str(self.plate),
             "color": self.color,
+            "several": self.several,
             "frames": [self.start, self.stop, self.step, self.rate],
             "transfer": self.files.transfer,
         }
@@ -66,9 +75,7 @@ def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[
     """The plate, the object's color, and where it was in each frame."""
     done = _done(task)
     with about(task.source):
-        frames = bm.read_frames(
-            str(task.source), task.files.curve_of(task.source), task.files.max_pixels
-        )
+        frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
         first, last = (frame_number(text, frames.rate) for text in (task.start, task.stop))
         frames = frames[first : last : task.step]
         if len(frames) == 0:
@@ -83,13 +90,16 @@ def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[
             frames,
             plate,
             model,
+            several=task.several,
             numbers=frames.numbers,
             rate=task.rate,
             skip=len(done),
             workers=workers,
         )
         kept = _kept(task, done, with_progress(seen, "measuring", len(frames) - len(done)))
-        return plate, model, bm.link_sightings(kept)
+        if not task.several:
+            return plate, model, bm.link_sightings(kept)
+        return plate, model, bm.link_objects(kept, task.least or _LEAST)
 
 
 def finish(task: ClipTask) -> None:
@@ -98,34 +108,79 @@ def finish(task: ClipTask) -> None:
         task.begun.unlink(missing_ok=True)
 
 
+@dataclass(frozen=True, eq=False)
+class Told:
+    """What the frames of one object say of it, together."""
+
+    number: int
+    words: list[str]
+    fall: bm.FreeFall | None
+    scale: bm.Scale | None
+
+
+def told_of(
+    task: ClipTask, rows: Rows, scaled: Scaling | None, gravity: Gravity | None
+) -> list[Told]:
+    """Of the one object of a clip, or of each that was found; the scale is that of its own place.
+
+    Raises
+    ------
+    MotionError
+        If there is one object alone, and what is to give the scale does not.
+    """
+    if not task.several:
+        return [_told(1, rows, scaled, gravity)]
+    told = []
+    for number in sorted({row.object for row in rows if row.object is not None}):
+        mine = [row for row in rows if row.object == number]
+        try:
+            one = _told(number, mine, scaled, gravity)
+        except bm.MotionError as error:
+            one = replace(_told(number, mine, None, None), words=[f"No scale: {error}."])
+        frames = f"Object {number}: in {len(mine)} frames, {mine[0].frame} to {mine[-1].frame}."
+        told.append(replace(one, words=[frames, *one.words]))
+    return told
+
+
+def _told(number: int, rows: Rows, scaled: Scaling | None, gravity: Gravity | None) -> Told:
+    scale = None if scaled is None else scaled(rows)
+    found = [row.sighting for row in rows if row.sighting is not None]
+    words = [_radius(found)] if found else []
+    try:
+        fall = bm.fit_fall(rows, scale, *(gravity or ()))
+    except bm.MotionError as error:
+        if gravity is not None and scale is None:
+            raise
+        return Told(number, [*words, f"No fall to check: {error}."], None, scale)
+    return Told(number, [*words, *bm.explain(fall)], fall, fall.scale)
+
+
 def table(
-    rows: Rows, scale: bm.Scale | None, time: tuple[float, float] | None
+    rows: Rows, told: Sequence[Told], time: tuple[float, float] | None
 ) -> list[dict[str, Any]]:
     """All numbers of each frame, with the speed as well as it is known."""
-    return [{**row.numbers(), **_speed(row.sighting, scale, time)} for row in rows]
+    scales = {one.number: one.scale for one in told}
+    return [
+        {**row.numbers(), **_speed(row.sighting, scales.get(row.object or 1), time)} for row in rows
+    ]
 
 
-def words(rows: Rows, model: bm.ColorModel, scale: bm.Scale | None) -> tuple[list[str], Any]:
-    """What was found, in sentences; and the free fall, if there can be one."""
+def words(rows: Rows, model: bm.ColorModel, several: bool) -> list[str]:
+    """What was found, in sentences."""
     found = [row.sighting for row in rows if row.sighting is not None]
-    told = [f"Color: {in_degrees(model)}.", f"Found in {len(found)} of {len(rows)} frames"]
-    if found:
-        swept = sum(one.source == "sweep" for one in found)
-        directed = sum(row.directed for row in rows)
-        tracks = len({row.track for row in rows if row.track is not None})
-        told[1] += (
-            f", in {tracks} track{'' if tracks == 1 else 's'}: {swept} measured from a shape on a "
-            f"path, {len(found) - swept} from the moments of alpha; of {directed} the direction of "
-            "time is known."
-        )
-        told.append(_radius(found))
-    else:
-        told[1] += "."
-    try:
-        fall = bm.fit_fall(rows, scale)
-    except bm.MotionError as error:
-        return [*told, f"No fall to check: {error}."], None
-    return [*told, *bm.explain(fall)], fall
+    frames, of = len({row.frame for row in rows if row.sighting}), len({row.frame for row in rows})
+    told = [f"Color: {in_degrees(model)}.", f"Found in {frames} of {of} frames"]
+    if not found:
+        return [told[0], f"{told[1]}."]
+    swept = sum(one.source == "sweep" for one in found)
+    directed = sum(row.directed for row in rows)
+    count = len({row.track for row in rows if row.track is not None})
+    tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
+    how = (
+        f"{swept} measured from a shape on a path, {len(found) - swept} from the moments of alpha; of "
+        f"{directed} the direction of time is known."
+    )
+    return [told[0], f"{told[1]}, {tracks if several else f'in {tracks}'}: {how}"]
 
 
 def usual_radius(rows: Rows) -> tuple[float, float]:

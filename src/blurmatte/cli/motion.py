@@ -11,11 +11,13 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.clips import (
     ClipTask,
+    Gravity,
     Rows,
     Scaling,
     finish,
     measure_frames,
     table,
+    told_of,
     usual_radius,
     words,
 )
@@ -24,16 +26,19 @@ from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.quantities import meters, seconds
+from blurmatte.cli.quantities import acceleration, meters, seconds
 from blurmatte.cli.space import (
     Before,
     Camera,
+    Found,
     Height,
     OnPlane,
     Plate,
     Rotation,
     SpeedKnown,
     in_space,
+    known_of,
+    turned,
 )
 
 _LENGTH = "LENGTH[±ERROR]"
@@ -111,11 +116,29 @@ def measure(
             help="Of a clip: the object's color; found in some of its frames if not given.",
         ),
     ] = None,
+    several: Annotated[
+        bool,
+        typer.Option(
+            "--several", help="Of a clip: follow every object of the color, with numbers."
+        ),
+    ] = False,
+    least: Annotated[
+        int | None,
+        typer.Option(help="With --several: in how many frames an object is seen at least; 3."),
+    ] = None,
     start: When = None,
     stop: When = None,
     step: Annotated[int, typer.Option(help="Of a clip: use every frame of that many.")] = 1,
     rate: Annotated[
         float | None, typer.Option(help="Of a clip: frames per second, if its frames do not tell.")
+    ] = None,
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="G|X,Y|X,Y,Z[±ERROR]",
+            help="Of a clip of a free fall: gravity in m/s², straight down in the picture or as the "
+            "camera sees it. Gives the scale, or checks the one that was given.",
+        ),
     ] = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Of a clip: go on where an interrupted run stopped.")
@@ -138,15 +161,35 @@ def measure(
                 "--image, --line-time, --going, --camera, --on-plane, --height, --speed and "
                 "--rotation are for a layer, not for a clip"
             )
-        task = ClipTask(layer, files, plate, color, start, stop, step, rate, workers, out, resume)
-        size = _clip_scaling(radius, diameter, scale, points)
-        _measure_clip(task, size, None if time is None else (time, time_std), overlay, as_json)
+        task = ClipTask(
+            layer,
+            files,
+            plate,
+            color,
+            several,
+            least,
+            start,
+            stop,
+            step,
+            rate,
+            workers,
+            out,
+            resume,
+        )
+        by_size = _clip_scaling(radius, diameter, scale, points)
+        timed = None if time is None else (time, time_std)
+        _measure_clip(task, by_size, _gravity(gravity), timed, overlay, as_json)
         return
-    if any(given is not None for given in (color, start, stop, rate, workers)) or resume:
-        raise ValueError("--color, --start, --stop, --rate, --resume and --workers are for a clip")
+    of_clip = color, least, start, stop, rate, workers, gravity
+    if any(given is not None for given in of_clip) or several or resume:
+        raise ValueError(
+            "--color, --several, --least, --start, --stop, --rate, --gravity, --resume and --workers "
+            "are for a clip"
+        )
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
     scaled = _scaling(radius, diameter, scale, points)
+    known = known_of(camera, radius, speed, on_plane or [], height)
     line = None if line_time is None else seconds("--line-time", line_time)[0]
     downward = None if going is None else going == "down"
     picture = None if image is None else files.read(image)[0]
@@ -156,11 +199,12 @@ def measure(
     with about(layer):
         solution = bm.read_solution(layer, max_pixels)
         motion = bm.measure_motion(solution)
-        known = None if scaled is None else scaled(motion)
+        size = None if scaled is None else scaled(motion)
         exposed = (motion.exposure_time if time is None else time, time_std)
-        told_speed = motion.speed(known, time, time_std, line, downward)
-        asked = (camera, radius, on_plane or [], height, speed, rotation)
-        more = list(in_space(solution, exposed, before, *asked))
+        told_speed = motion.speed(size, time, time_std, line, downward)
+        more: list[Found] = list(in_space(solution, known, exposed, before))
+        if rotation:
+            more.append(turned(solution, exposed))
     words = [words for thing in (motion, told_speed, *more) for words in bm.explain(thing)]
     row = {**motion.numbers(), **told_speed.numbers()}
     for thing in more:
@@ -177,6 +221,7 @@ def measure(
 def _measure_clip(
     task: ClipTask,
     scaled: Scaling | None,
+    gravity: Gravity | None,
     time: tuple[float, float] | None,
     overlay: Path | None,
     as_json: bool,
@@ -184,16 +229,18 @@ def _measure_clip(
     """The table of a clip, its sheet, and what both say."""
     background, model, rows = measure_frames(task)
     with about(task.source):
-        scale = None if scaled is None else scaled(rows)
-        told, fall = words(rows, model, scale)
-    lines = table(rows, scale, time)
+        found = told_of(task, rows, scaled, gravity)
+    said = [*words(rows, model, task.several), *(word for one in found for word in one.words)]
+    lines = table(rows, found, time)
     if task.out is not None:
         bm.write(task.out, lines)
     if overlay is not None:
-        bm.write(overlay, bm.draw_clip(background, rows, told))
+        bm.write(overlay, bm.draw_clip(background, rows, said))
     finish(task)
-    numbers = {"rows": lines, "fall": None if fall is None else fall.numbers(), "in_words": told}
-    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(told))
+    falls = [None if one.fall is None else one.fall.numbers() for one in found]
+    of_falls = {"falls": falls} if task.several else {"fall": falls[0]}
+    numbers = {"rows": lines, **of_falls, "in_words": said}
+    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(said))
 
 
 def _clip_scaling(
@@ -212,6 +259,14 @@ def _clip_scaling(
         return bm.Scale(half * true / seen, half * true / seen * relative)
 
     return told
+
+
+def _gravity(text: str | None) -> Gravity | None:
+    """Of one number straight down, of more a vector; and its error."""
+    if text is None:
+        return None
+    vector, std = acceleration("--gravity", text)
+    return (vector if len(vector) > 1 else vector[0]), std
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:

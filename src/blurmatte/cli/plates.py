@@ -41,7 +41,7 @@ def plate(
     """
     if step < 1:
         raise ValueError(f"--step must be at least 1, got {step}")
-    curve = Files(transfer, max_pixels).curve_of(source[0])
+    curve = Files(transfer, max_pixels).curve
     with about(Path(source[0])):
         frames = bm.read_frames(source[0] if len(source) == 1 else source, curve, max_pixels)
         frames = frames[frame_number(start, frames.rate) : frame_number(stop, frames.rate) : step]

@@ -7,7 +7,8 @@ from fractions import Fraction
 _METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METERS_PER_SECOND = {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
-_NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*([a-zµ/]*)"
+_METERS_PER_SECOND2 = {"": 1.0, "m/s2": 1.0, "m/s²": 1.0}
+_NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)"
 
 
 def meters(name: str, text: str) -> tuple[float, float]:
@@ -24,6 +25,15 @@ def meters_per_second(name: str, text: str) -> tuple[float, float]:
     """A speed and its error, m/s."""
     what = "a speed like 12, 12m/s, 43km/h or 12±0.2m/s"
     return _with_error(name, text, _METERS_PER_SECOND, what)
+
+
+def acceleration(name: str, text: str) -> tuple[list[float], float]:
+    """A vector of one to three numbers, m/s², and the error of its size."""
+    what = "9.81, x,y or x,y,z in m/s², like 9.81±0.01 or 0,9.7,1.2"
+    parts = [_with_error(name, part, _METERS_PER_SECOND2, what) for part in text.split(",")]
+    if len(parts) > 3:
+        raise ValueError(f"{name} must be {what}, got {text!r}")
+    return [value for value, _ in parts], parts[-1][1]
 
 
 def _with_error(name: str, text: str, units: Mapping[str, float], what: str) -> tuple[float, float]:

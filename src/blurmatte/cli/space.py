@@ -60,6 +60,7 @@ Rotation = Annotated[
 
 Found = bm.BallMotion | bm.PlaneMotion | bm.BlurDepth | bm.Rotation
 Exposed = tuple[float | None, float]
+Quantity = tuple[float, float]
 
 
 @dataclass(frozen=True)
@@ -70,49 +71,73 @@ class Before:
     plate: bm.LinearImage
 
 
-def in_space(
-    solution: bm.Solution,
-    exposed: Exposed,
-    before: Before | None,
+@dataclass(frozen=True)
+class Known:
+    """What is known of the space that a picture shows; quantities with their errors, meters, m/s."""
+
+    lens: bm.Intrinsics | None
+    radius: Quantity | None
+    speed: Quantity | None
+    plane: bm.Plane | None
+    height: Quantity | None
+
+    def __post_init__(self) -> None:
+        if self.speed is not None and self.lens is None:
+            raise ValueError("--speed needs --camera, the calibrated camera")
+        if self.height is not None and self.plane is None:
+            raise ValueError("--height needs --on-plane, the plane that it is above")
+        if self.lens is not None and not (self.radius or self.speed or self.plane):
+            raise ValueError("--camera needs --radius, the true size of the ball, or --speed")
+
+
+def known_of(
     camera: Path | None,
     radius: str | None,
+    speed: str | None,
     on_plane: Sequence[str],
     height: str | None,
-    speed: str | None,
-    rotation: bool,
-) -> Iterator[Found]:
-    """All that was asked for, one after another; `exposed` is the exposure time and its error."""
-    if speed is not None and camera is None:
-        raise ValueError("--speed needs --camera, the calibrated camera")
-    if before is not None and (before.image is None or camera is None or radius is None):
-        raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
+) -> Known:
+    """What the options say, before anything else is read."""
     lens = None if camera is None else bm.read_intrinsics(camera)
-    if lens is not None:
-        if radius is None and speed is None and not on_plane:
-            raise ValueError("--camera needs --radius, the true size of the ball, or --speed")
-        if radius is not None:
-            yield _ball(solution, lens, radius, exposed, before)
-        if speed is not None:
-            yield _depth(solution, lens, speed, exposed)
-    if on_plane:
-        yield _plane(solution, lens, on_plane, height, exposed)
-    elif height is not None:
-        raise ValueError("--height needs --on-plane, the plane that it is above")
-    if rotation:
-        sweep = solution.sweep
-        turns = sweep is not None and sweep.silhouette.turns
-        yield bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
+    return Known(
+        lens,
+        None if radius is None else meters("--radius", radius),
+        None if speed is None else meters_per_second("--speed", speed),
+        _plane(on_plane, lens) if on_plane else None,
+        None if height is None else meters("--height", height),
+    )
+
+
+def in_space(
+    solution: bm.Solution, known: Known, exposed: Exposed, before: Before | None
+) -> Iterator[Found]:
+    """All that follows from what is known; `exposed` is the exposure time and its error."""
+    if before is not None and (before.image is None or not (known.lens and known.radius)):
+        raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
+    if known.lens is not None and known.radius is not None:
+        yield _ball(solution, known.lens, known.radius, exposed, before)
+    if known.lens is not None and known.speed is not None:
+        yield _depth(solution, known.lens, known.speed, exposed)
+    if known.plane is not None:
+        above = known.height or (0.0, 0.0)
+        yield bm.measure_on_plane(_sweep(solution, "--on-plane"), known.plane, *exposed, *above)
+
+
+def turned(solution: bm.Solution, exposed: Exposed) -> bm.Rotation:
+    """Of what flies and turns from its outline, else from alpha."""
+    sweep = solution.sweep
+    turns = sweep is not None and sweep.silhouette.turns
+    return bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
 
 
 def _ball(
     solution: bm.Solution,
     lens: bm.Intrinsics,
-    radius: str,
+    radius: Quantity,
     exposed: Exposed,
     before: Before | None,
 ) -> bm.BallMotion:
-    time, time_std = exposed
-    size, std = meters("--radius", radius)
+    (time, time_std), (size, std) = exposed, radius
     if before is None or before.image is None:
         return bm.measure_ball(_sweep(solution, "--camera"), lens, size, time, std, time_std)
     plate = bm.match_plate(before.plate, before.image)
@@ -121,23 +146,16 @@ def _ball(
 
 
 def _depth(
-    solution: bm.Solution, lens: bm.Intrinsics, speed: str, exposed: Exposed
+    solution: bm.Solution, lens: bm.Intrinsics, speed: Quantity, exposed: Exposed
 ) -> bm.BlurDepth:
-    time, time_std = exposed
+    (time, time_std), (value, std) = exposed, speed
     if time is None:
         raise ValueError("--speed needs --exposure, for the image's file does not tell the time")
-    value, std = meters_per_second("--speed", speed)
     path = _sweep(solution, "--speed")
     return bm.depth_from_blur(path, lens, value, time, None, std, time_std)
 
 
-def _plane(
-    solution: bm.Solution,
-    lens: bm.Intrinsics | None,
-    points: Sequence[str],
-    height: str | None,
-    exposed: Exposed,
-) -> bm.PlaneMotion:
+def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
     pixels, places = [], []
     for text in points:
         found = re.fullmatch(_POINT, text)
@@ -147,9 +165,7 @@ def _plane(
         places.append([meters("--on-plane", part.strip())[0] for part in found.groups()[2:]])
     if len(pixels) < _LEAST:
         raise ValueError(f"--on-plane is needed for {_LEAST} points or more, got {len(pixels)}")
-    plane = bm.Plane.from_points(pixels, places, lens)
-    above = (0.0, 0.0) if height is None else meters("--height", height)
-    return bm.measure_on_plane(_sweep(solution, "--on-plane"), plane, *exposed, *above)
+    return bm.Plane.from_points(pixels, places, lens)
 
 
 def _sweep(solution: bm.Solution, name: str) -> bm.Sweep:

@@ -92,7 +92,8 @@ def read_frames(
         the number like "plate.####.exr" or "plate.%04d.exr", or their names. Those of a folder or a
         pattern are sorted, with numbers in their names as numbers; numbers may be missing.
     transfer : Transfer, optional
-        The curve of the code values, if you know better than the file.
+        The curve of the code values, if you know better than the file. The EXRs of a row hold light
+        already, and are read as they are.
     max_pixels : int
         Larger frames are refused.
 
@@ -154,17 +155,23 @@ def _frames(
                 "give a .mov of ProRes 4444 with alpha, or a row of EXR or PNG"
             )
         return Frames(range(clip.count), clip.size, clip.rate, partial(decode, clip))
-    size = read_one(paths[0], transfer, max_pixels).size
+    size = read_one(paths[0], _curve_of(paths[0], transfer), max_pixels).size
 
     def load(numbers: range) -> Iterator[Frame]:
         for number in numbers:
             with warnings.catch_warnings():  # the first has told already what is assumed
                 warnings.simplefilter("ignore", TransferWarning)
-                frame = read_one(paths[number], transfer, max_pixels)
-            _check_size(paths[number], frame.size, paths[0], size)
+                path = paths[number]
+                frame = read_one(path, _curve_of(path, transfer), max_pixels)
+            _check_size(path, frame.size, paths[0], size)
             yield frame
 
     return Frames(range(len(paths)), size, None, load)
+
+
+def _curve_of(path: Path, transfer: Transfer | None) -> Transfer | None:
+    """The curve that was given for a row, which may hold code values and light side by side."""
+    return None if path.suffix.lower() == ".exr" else transfer
 
 
 def _paths(source: Source) -> list[Path]:

@@ -7,9 +7,11 @@ from blurmatte.motion.clip import measure_clip as measure_clip
 from blurmatte.motion.depth import BlurDepth as BlurDepth
 from blurmatte.motion.depth import depth_from_blur as depth_from_blur
 from blurmatte.motion.fall import FreeFall as FreeFall
-from blurmatte.motion.fall import fall_in_words as fall_in_words
 from blurmatte.motion.fall import fit_fall as fit_fall
+from blurmatte.motion.fall import fit_fall_in_space as fit_fall_in_space
+from blurmatte.motion.fall_words import fall_in_words as fall_in_words
 from blurmatte.motion.linking import FrameMotion as FrameMotion
+from blurmatte.motion.linking import link_objects as link_objects
 from blurmatte.motion.linking import link_sightings as link_sightings
 from blurmatte.motion.measure import measure_motion as measure_motion
 from blurmatte.motion.motion import Motion as Motion

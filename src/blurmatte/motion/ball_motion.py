@@ -40,6 +40,8 @@ class BallMotion:
         Of its center at the beginning, in the middle and at the end of the exposure.
     covariance : (9, 9) float
         Of these, row by row.
+    picture_covariance : (9, 9) float
+        What of that comes from the pictures alone, and is not shared by other frames of the ball.
     length, length_std : float
         Of its way, meters.
     depth, depth_std : float
@@ -56,6 +58,7 @@ class BallMotion:
 
     positions: Array
     covariance: Array
+    picture_covariance: Array
     length: float
     length_std: float
     depth: float
@@ -148,8 +151,12 @@ class BallMotion:
     def reversed(self) -> BallMotion:
         """The flight backwards, which gives the same picture."""
         order = np.kron(np.eye(3)[::-1], np.eye(3))
-        covariance = order @ self.covariance @ order.T
-        return replace(self, positions=self.positions[::-1], covariance=covariance)
+        return replace(
+            self,
+            positions=self.positions[::-1],
+            covariance=order @ self.covariance @ order.T,
+            picture_covariance=order @ self.picture_covariance @ order.T,
+        )
 
     @property
     def _difference(self) -> Array:
@@ -207,6 +214,7 @@ def ball_motion(
     return BallMotion(
         values[:_POSITIONS].reshape(3, 3),
         total[:_POSITIONS, :_POSITIONS],
+        parts["picture"][:_POSITIONS, :_POSITIONS],
         length,
         float(np.sqrt(total[_POSITIONS, _POSITIONS])),
         depth,

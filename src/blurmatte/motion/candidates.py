@@ -25,10 +25,10 @@ _SURE, _POSSIBLE = 6.0, 2.5  # standard deviations of p, smoothed: it shows here
 _SMOOTHING = 1.5  # pixels
 _FAINTEST = 0.1  # of a part's own strength: less is a reflection, or blocks of a codec
 _LEAST_SHARE = 0.1  # of the energy of a frame's strongest part: less is not the object
+_ONE, _SEVERAL = 3, 16  # parts of a frame that are looked at, for one object or for several
 _RIM = 4  # pixels added where the edge fades below the noise
 _JOIN = 3  # pixels: gaps that places of the object's own color in the plate leave
 _LEAST = 25  # pixels of a part
-_MOST = 3  # parts of a frame that are looked at
 _NEARLY_PARALLEL = 1e-4  # 1 − (l·b)²: the plate has the object's color
 _QUARTILE = 0.6745  # of normal noise: the median of its size
 _TINY = 1e-14
@@ -69,8 +69,8 @@ class ObjectLight:
         std = np.sqrt(np.maximum(squares, _TINY))
         return cls(m, weight.astype(np.float32), std.astype(np.float32))
 
-    def parts(self, image: LinearImage) -> tuple[list[Streak], float]:
-        """Where the object's light shows, and how noise hangs together.
+    def parts(self, image: LinearImage, several: bool) -> tuple[list[Streak], float]:
+        """Where the light of one object or of several shows, and how noise hangs together.
 
         Returns
         -------
@@ -104,12 +104,16 @@ class ObjectLight:
                 parts.append(Streak(mask, evidence=self._energy(p, mask)))
         parts.sort(key=lambda part: -part.evidence)
         least = max(_LEAST_SHARE * parts[0].evidence, 0) if parts else 0.0
-        return [part for part in parts if part.evidence > least][:_MOST], coherence
+        return [part for part in parts if part.evidence > least][: _most(several)], coherence
 
     def _energy(self, p: Array, mask: Bools) -> float:
         """Σ p² without that of noise."""
         weight = np.maximum(self.weight[mask], _TINY)
         return float(np.sum(p[mask] ** 2 - (weight > _TINY) / weight))
+
+
+def _most(several: bool) -> int:
+    return _SEVERAL if several else _ONE
 
 
 def _strong(strength: Array, place: tuple[slice, ...], shape: tuple[int, ...]) -> Bools | None:
@@ -129,7 +133,7 @@ def _strong(strength: Array, place: tuple[slice, ...], shape: tuple[int, ...]) -
     return np.asarray(mask[edge:-edge, edge:-edge])
 
 
-def moving_parts(image: LinearImage, plate: LinearImage) -> list[Streak]:
-    """What moved and is no shadow, for an object of several colors or of any."""
-    found = find_streaks(image, plate)[:_MOST]
+def moving_parts(image: LinearImage, plate: LinearImage, several: bool) -> list[Streak]:
+    """What moved and is no shadow, for an object of several colors or of any, or several objects."""
+    found = find_streaks(image, plate)[: _most(several)]
     return [streak for streak in found if not only_light_lost(image, plate, streak)]

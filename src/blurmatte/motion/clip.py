@@ -1,10 +1,10 @@
-"""measure_clip: frames → where one object was in each of them."""
+"""measure_clip: frames → where an object, or several, was in each of them."""
 
 from collections.abc import Sequence
 
 from blurmatte.background import make_plate
 from blurmatte.color import ColorModel
-from blurmatte.motion.linking import FrameMotion, link_sightings
+from blurmatte.motion.linking import FrameMotion, link_objects, link_sightings
 from blurmatte.motion.sightings import clip_color, sightings
 from blurmatte.radiometry import LinearImage
 
@@ -14,10 +14,11 @@ def measure_clip(
     plate: LinearImage | None = None,
     model: ColorModel | None = None,
     *,
+    several: bool = False,
     rate: float | None = None,
     workers: int = 1,
 ) -> list[FrameMotion]:
-    """Measure one moving object in all frames of a clip of a camera that stands still.
+    """Measure a moving object, or several, in all frames of a clip of a camera that stands still.
 
     All frames share one plate and one color. What has that color is measured in each frame by itself
     (`sightings`), then joined to tracks (`link_sightings`); arms, strings and shadows are left
@@ -31,13 +32,17 @@ def measure_clip(
         The scene without the object; made of the frames if not given.
     model : ColorModel, optional
         Its color; `clip_color` finds it if not given.
+    several : bool
+        Follow every object of that color that shows in three frames or more (`link_objects`), instead
+        of the clearest alone. Of different colors: `ColorModel.any()`, for discs.
     rate, workers
         As in `sightings`.
 
     Returns
     -------
     list of FrameMotion
-        One for each frame, also those in which nothing was found.
+        One for each frame, also those in which nothing was found; of several objects one for each
+        in it.
 
     Raises
     ------
@@ -52,4 +57,5 @@ def measure_clip(
         plate = make_plate(frames).plate
     if model is None:
         model = clip_color(frames, plate)
-    return link_sightings(sightings(frames, plate, model, rate=rate, workers=workers))
+    seen = sightings(frames, plate, model, several=several, rate=rate, workers=workers)
+    return link_objects(seen) if several else link_sightings(seen)

@@ -1,40 +1,28 @@
-"""link_sightings: streaks of single frames → the way of one object through a clip.
-
-A Kalman filter of constant velocity predicts each track, and the streaks of a frame are given to
-tracks so that the sum of the costs is least (`linear_sum_assignment`). In this file the state of a
-track is s = (x, y, vx, vy), in pixels and pixels per frame, with the covariance V; z is a place that
-was measured, with the covariance R. The recursion is that of Kalman (1960), with white acceleration.
-"""
+"""link_sightings, link_objects: streaks of single frames → the way of one object or several."""
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.motion.sightings import FrameSightings, Sighting
+from blurmatte.motion.tracks import Track, in_time, tracks_of
 
-Array = npt.NDArray[np.float64]
-
-_GATE = 13.8  # χ² of two that noise exceeds in one of a thousand
-_LOST = 5  # frames after which a track is over
-_AGILITY = 0.5  # of its speed, by which a velocity changes from frame to frame: an arc, a bounce
 _FAINT = 0.1  # of the strongest track's evidence in a frame: another thing of like color
-_SIGMAS = 3.0
 _SIZES = 2.0  # times as large or as small as usual: not all of it was seen, or not it alone
-_SAME = 2.0  # pixels; a place is not better known than this from frame to frame
-_H = np.eye(2, 4)
 _ODD_SIZE = (
     "Its radius is {:.2g} times that of most frames: it is hidden in part, at the border, or with "
     "something else."
 )
+_LEAST = 3  # frames of an object: two streaks of anything lie on some track
 _ASIDE = "the object's track does not go there; {} streak{} of its color ignored"
+_TOGETHER = "{} streak{} of the color ignored: of several objects at once, or seen too seldom"
 
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """A row of the table of a clip: the object in one frame, or why it is not there.
+    """A row of the table of a clip: an object in one frame, or why none is there.
 
     Parameters
     ----------
@@ -53,6 +41,8 @@ class FrameMotion:
         How many more streaks of its color were ignored.
     reason : str
         Why there is no sighting, in words; "" if there is one.
+    object : int or None
+        Which object it is, from 1.
     """
 
     frame: int
@@ -62,50 +52,16 @@ class FrameMotion:
     directed: bool = False
     others: int = 0
     reason: str = ""
+    object: int | None = None
 
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table; pixels, radians, exposures, seconds."""
-        told: dict[str, Any] = {"frame": self.frame, "time": self.time, "track": self.track}
+        told: dict[str, Any] = {"frame": self.frame, "time": self.time}
+        told |= {"object": self.object, "track": self.track}
         for name in Sighting.__dataclass_fields__:
             told[name] = None if self.sighting is None else getattr(self.sighting, name)
         directed = None if self.sighting is None else self.directed
         return told | {"directed": directed, "others": self.others, "reason": self.reason}
-
-
-@dataclass
-class _Track:
-    """Frames by index, and where it would be in the last one."""
-
-    state: Array
-    covariance: Array
-    agility: float
-    seen: dict[int, Sighting] = field(default_factory=dict)
-
-    @property
-    def evidence(self) -> float:
-        return sum(s.evidence for s in self.seen.values())
-
-    def predict(self) -> None:
-        """One frame on."""
-        F = np.eye(4) + np.eye(4, k=2)
-        G = np.vstack([np.eye(2) / 2, np.eye(2)])
-        a = self.agility + _AGILITY * float(np.linalg.norm(self.state[2:]))
-        self.state = F @ self.state
-        self.covariance = F @ self.covariance @ F.T + a**2 * G @ G.T
-
-    def cost(self, sighting: Sighting) -> float:
-        """χ² of a place."""
-        z = sighting.place - self.state[:2]
-        return float(z @ np.linalg.solve(self.covariance[:2, :2] + _known(sighting), z))
-
-    def take(self, index: int, sighting: Sighting) -> None:
-        """The place in a frame."""
-        S = self.covariance[:2, :2] + _known(sighting)
-        K = np.linalg.solve(S, _H @ self.covariance).T
-        self.state = self.state + K @ (sighting.place - self.state[:2])
-        self.covariance = (np.eye(4) - K @ _H) @ self.covariance
-        self.agility = sighting.length + sighting.radius
-        self.seen[index] = sighting
 
 
 def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
@@ -126,25 +82,80 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
         One for each frame, those without the object too.
     """
     all_frames = list(frames)
-    chosen = _chosen(_tracks(all_frames))
-    radii = [s.radius for track in chosen for s in track.seen.values()]
-    usual = float(np.median(radii)) if radii else 0.0
+    chosen = _chosen(tracks_of(all_frames))
+    usual = _usual_radius(chosen)
     rows = []
     for index, frame in enumerate(all_frames):
         mine = [(n, t) for n, t in enumerate(chosen, start=1) if index in t.seen]
-        if not mine:
-            reason, count = frame.reason, len(frame.found)
-            if count:
-                aside = _ASIDE.format(count, "" if count == 1 else "s")
-                reason = f"{aside}; {reason}" if reason else aside
-            rows.append(FrameMotion(frame.frame, frame.time, None, others=count, reason=reason))
-            continue
-        number, track = mine[0]
-        sighting, directed = _in_time(index, track)
         others = len(frame.found) - 1
-        sighting = _of_usual_size(sighting, usual)
-        rows.append(FrameMotion(frame.frame, frame.time, sighting, number, directed, others))
+        rows += [_row(frame, index, t, n, usual, others) for n, t in mine] or [
+            _nothing(frame, _ASIDE)
+        ]
     return rows
+
+
+def link_objects(frames: Iterable[FrameSightings], least: int = _LEAST) -> list[FrameMotion]:
+    """Join what single frames show to the ways of several objects, and tell which way they went.
+
+    Each track is an object; one that was lost for more than five frames is another one when it comes
+    again. Which of several that are alike is which, their velocities tell, and where a streak goes
+    in its own exposure.
+
+    Parameters
+    ----------
+    frames : iterable of FrameSightings
+        Of `sightings(…, several=True)`, in order.
+    least : int
+        In how many frames an object is seen at least; what is seen in fewer is dropped.
+
+    Returns
+    -------
+    list of FrameMotion
+        For each frame one for each object in it, by their numbers; one without a sighting for
+        frames without any. `object` counts them in the order in which they appear.
+
+    Raises
+    ------
+    ValueError
+        If least is not at least 1.
+    """
+    if least < 1:
+        raise ValueError(f"least must be at least 1, got {least}")
+    all_frames = list(frames)
+    found = [track for track in tracks_of(all_frames, alike=True) if len(track.seen) >= least]
+    usual = [_usual_radius([track]) for track in found]
+    rows = []
+    for index, frame in enumerate(all_frames):
+        seen = [n for n, track in enumerate(found) if index in track.seen]
+        others = len(frame.found) - len(seen)
+        rows += [
+            replace(_row(frame, index, found[n], n + 1, usual[n], others), object=n + 1)
+            for n in seen
+        ] or [_nothing(frame, _TOGETHER)]
+    return rows
+
+
+def _row(
+    frame: FrameSightings, index: int, track: Track, number: int, usual: float, others: int
+) -> FrameMotion:
+    """Of the object's track in a frame."""
+    sighting, directed = in_time(index, track)
+    sighting = _of_usual_size(sighting, usual)
+    return FrameMotion(frame.frame, frame.time, sighting, number, directed, others, object=1)
+
+
+def _nothing(frame: FrameSightings, why: str) -> FrameMotion:
+    """Of a frame to which no object's track goes."""
+    reason, count = frame.reason, len(frame.found)
+    if count:
+        aside = why.format(count, "" if count == 1 else "s")
+        reason = f"{aside}; {reason}" if reason else aside
+    return FrameMotion(frame.frame, frame.time, None, others=count, reason=reason)
+
+
+def _usual_radius(tracks: Sequence[Track]) -> float:
+    radii = [s.radius for track in tracks for s in track.seen.values()]
+    return float(np.median(radii)) if radii else 0.0
 
 
 def _of_usual_size(sighting: Sighting, usual: float) -> Sighting:
@@ -155,46 +166,9 @@ def _of_usual_size(sighting: Sighting, usual: float) -> Sighting:
     return replace(sighting, doubts=f"{sighting.doubts} {doubt}".strip())
 
 
-def _known(sighting: Sighting) -> Array:
-    """R: what the center tells of the place in the middle of the exposure."""
-    return np.asarray(sighting.covariance + _SAME**2 * np.eye(2))
-
-
-def _tracks(frames: Sequence[FrameSightings]) -> list[_Track]:
-    """All that frames join to."""
-    from scipy.optimize import linear_sum_assignment
-
-    places = np.array([s.place for frame in frames for s in frame.found])
-    extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
-    tracks: list[_Track] = []
-    for index, frame in enumerate(frames):
-        alive = [track for track in tracks if index - max(track.seen) <= _LOST]
-        for track in alive:
-            track.predict()
-        costs = np.array([[track.cost(s) for s in frame.found] for track in alive])
-        costs = costs.reshape(len(alive), len(frame.found))
-        given = set()
-        for a, b in zip(*linear_sum_assignment(np.minimum(costs, 2 * _GATE)), strict=True):
-            if costs[a, b] < _GATE:
-                alive[a].take(index, frame.found[b])
-                given.add(b)
-        fresh = (s for b, s in enumerate(frame.found) if b not in given)
-        tracks += [_begun(index, s, extent) for s in fresh]
-    return tracks
-
-
-def _begun(index: int, sighting: Sighting, extent: float) -> _Track:
-    """A track of which only the place is known."""
-    V = np.diag([0.0, 0.0, 1.0, 1.0]) * (extent / 2 + 1) ** 2
-    V[:2, :2] = _known(sighting)
-    state = np.array([sighting.x, sighting.y, 0.0, 0.0])
-    agility = sighting.length + sighting.radius
-    return _Track(state, V, agility, {index: sighting})
-
-
-def _chosen(tracks: Sequence[_Track]) -> list[_Track]:
+def _chosen(tracks: Sequence[Track]) -> list[Track]:
     """The clearest, and of others the part in frames where clearer ones are not; in order of time."""
-    chosen: list[_Track] = []
+    chosen: list[Track] = []
     for track in sorted(tracks, key=lambda track: -track.evidence):
         if chosen and _each(track) < _FAINT * _each(chosen[0]):
             continue
@@ -205,25 +179,8 @@ def _chosen(tracks: Sequence[_Track]) -> list[_Track]:
     return sorted(chosen, key=lambda track: min(track.seen))
 
 
-def _each(track: _Track) -> float:
+def _each(track: Track) -> float:
     return track.evidence / len(track.seen)
-
-
-def _in_time(index: int, track: _Track) -> tuple[Sighting, bool]:
-    """A sighting in the direction of time, and whether that is known."""
-    sighting = track.seen[index]
-    before = [i for i in track.seen if i < index]
-    after = [i for i in track.seen if i > index]
-    a = track.seen[max(before)] if before else sighting
-    b = track.seen[min(after)] if after else sighting
-    along = np.array([np.cos(sighting.angle), np.sin(sighting.angle)])
-    went = float(along @ (b.place - a.place))
-    unsure = float(np.sqrt(along @ (a.covariance + b.covariance) @ along))
-    # Beside its way it may have gone wherever it likes: it tells nothing of the way's direction.
-    clear = abs(went) > max(_SIGMAS * unsure, float(np.linalg.norm(b.place - a.place)) / 2)
-    if not (clear and sighting.moved):
-        return sighting, False
-    return (sighting if went > 0 else sighting.reversed), True
 
 
 def main_track(rows: Sequence[FrameMotion]) -> list[FrameMotion]:

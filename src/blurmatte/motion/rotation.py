@@ -49,11 +49,25 @@ _SURE = 5.0  # times its error, an angle that is known
 _ROUNDS, _STILL = 3, 0.5  # fits around a center that still moves by so many pixels
 _RAMP, _FAR = 0.5, 5.0  # of ω, and pixels of the center: the largest step
 _FEW = 3000  # pixels, with which starts are compared
+_SPACINGS = 0.85, 1.15, 1.7, 2.2  # times the angle between blades, where their ways overlap
+_CLEAR = 16.0  # times its error, what alpha varies by around the center: noise then makes no parts
+_COARSEST = 32.0  # of 720 angles: smoother than that, blades would be lost
+_UNEVEN = 0.1  # of its largest, what it varies by at least
+_AGAIN = 0.85  # of the angle between blades: beyond, their ways may overlap, and others look alike
+_DIFFERENT = 14.0  # of χ²: chance makes so much in one of a thousand
 _STEPS, _ENOUGH = 60, 1e-2  # units of log likelihood: no step gains more
 _LEAST = 1e-12  # of the largest curvature, what a parameter without any is given
 _DOUBT = 3.0  # residuals, from which on they count less
 _NOISE = 1.2  # times as much as noise, what needs no better start
 _MISFIT = 12.0  # times as much as noise, over blocks, what a rigid thing that turns leaves at most
+_MISFIT_OVERLAPPING = (
+    2.5  # the same where blades go on to where others were: much looks alike there
+)
+_ALIKE = (
+    "alpha is the same all around the center. So it is of something round, and after any number of "
+    "full turns, of a stick with two ends also of half turns, of n blades of nths of a turn: all of "
+    "them look alike, and which it was the picture does not tell. Expose shorter"
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,8 +171,9 @@ def measure_rotation(
     TypeError, ValueError
         For something else, or a number out of its range.
     MotionError
-        If alpha does not change along circles (full turns, a disc, nothing that turns), or nothing
-        rigid that turned about one point explains it.
+        If alpha does not change along circles (full turns, half turns of a stick, nths of n blades, a
+        disc, nothing that turns), nothing rigid that turned about one point explains it, or two
+        angles do as well: both are named then.
     """
     check_exposure(exposure_time, exposure_std)
     known = None if center is None else np.asarray(center, dtype=float)
@@ -201,28 +216,58 @@ class _Pixels:
     std: Array
 
 
+def _pixels(alpha: Array, std: Array, y: npt.NDArray[np.intp], x: npt.NDArray[np.intp]) -> _Pixels:
+    return _Pixels(x.astype(float), y.astype(float), alpha[y, x], std[y, x])
+
+
 def _of_solution(solution: Solution, center: Array | None) -> Rotation:
     use = np.asarray(solution.known & (solution.alpha_std > 0))
     alpha = np.where(use, solution.alpha, 0).astype(float)
     std = np.where(use, solution.alpha_std, 1).astype(float)
     tried, refusal = [], None
-    for c, omega in _starts(alpha, std, use & solution.streak, center):
+    for c, omega, spacings in _starts(alpha, std, use & solution.streak, center):
         try:
-            tried.append(_fitted(alpha, std, use, c, omega, center, _FEW))
-            if tried[-1][0] < _NOISE:
+            tried.append(_fitted(alpha, std, use, c, omega, center, _FEW, spacings))
+            left, found = tried[-1]
+            if left < _NOISE and found.angle * found.blades < _AGAIN * 2 * np.pi:
                 break
         except MotionError as error:
-            refusal = error
+            refusal = refusal or error
     if not tried:
         raise refusal or MotionError("alpha is nowhere known; solve with another color")
-    rough = min(tried, key=lambda pair: pair[0])[1]
-    left, rotation = _fitted(alpha, std, use, rough.center, rough.angle, center, alpha.size)
-    if left > _MISFIT:
+    tried.sort(key=lambda pair: pair[0])
+    left, rotation = _whole(alpha, std, use, center, tried[0])
+    overlap = rotation.angle * rotation.blades > _AGAIN * 2 * np.pi
+    if left > (_MISFIT_OVERLAPPING if overlap else _MISFIT):
+        if refusal is not None and str(refusal) == _ALIKE:
+            raise refusal
         raise MotionError(
             f"nothing rigid that turned about one point explains alpha: it leaves {left:.0f} times as "
             "much as noise; choose a region that holds it alone, or give its center"
         )
+    for other in tried[1:]:
+        if _FEW * (other[0] / tried[0][0] - 1) < _DIFFERENT:
+            _check_same(rotation, other[1])
     return rotation
+
+
+def _whole(
+    alpha: Array, std: Array, use: Bools, center: Array | None, rough: tuple[float, Rotation]
+) -> tuple[float, Rotation]:
+    """What is left, and the rotation, from all pixels."""
+    return _fitted(alpha, std, use, rough[1].center, rough[1].angle, center, alpha.size)
+
+
+def _check_same(rotation: Rotation, other: Rotation) -> None:
+    """MotionError if two explanations that are as good differ."""
+    unsure = float(np.hypot(rotation.angle_std, other.angle_std))
+    if abs(rotation.angle - other.angle) < _SURE * unsure:
+        return
+    angles = sorted(np.degrees([rotation.angle, other.angle]))
+    raise MotionError(
+        f"it turned by {angles[0]:.1f}° or by {angles[1]:.1f}°: both explain alpha as well, for it has "
+        "come near to where it looks the same again; expose shorter"
+    )
 
 
 def _fitted(
@@ -233,17 +278,26 @@ def _fitted(
     omega: float,
     center: Array | None,
     most: int,
+    spacings: float | None = None,
 ) -> tuple[float, Rotation]:
     """How many times as much as noise is left, and the rotation near a start that leaves it.
 
-    Of no more than `most` pixels, spread evenly.
+    Of no more than `most` pixels, spread evenly. The angle starts at so many times that between
+    blades, if `spacings` says how many.
     """
     for _ in range(_ROUNDS):  # circles around another center are others
         ring, mask = _ring(alpha, use, c)
         every = -(-np.count_nonzero(mask) // most)
-        y, x = (places[::every] for places in np.nonzero(mask))
-        pixels = _Pixels(x.astype(float), y.astype(float), alpha[y, x], std[y, x])
-        model = _Blades(center, ring, _blades(pixels, c, ring))
+        y, x = np.nonzero(mask)
+        blades = _blades(_pixels(alpha, std, y, x), c, ring)
+        y, x = y[::every], x[::every]
+        pixels = _pixels(alpha, std, y, x)
+        apart = 2 * np.pi / len(blades)
+        if spacings is not None:
+            omega, spacings = spacings * apart, None
+        # What goes on to where the next blade was overlaps with that: most is between them then.
+        shift = apart / 2 * np.floor(omega / apart)
+        model = _Blades(center, ring, [(middle + shift, width) for middle, width in blades])
         p, H, e = model.fit(pixels, c, omega)
         moved = float(np.hypot(*(p[:2] - c)))
         c, omega = p[:2], float(p[2])
@@ -267,15 +321,22 @@ def _fitted(
 
 def _starts(
     alpha: Array, std: Array, use: Bools, center: Array | None
-) -> list[tuple[Array, float]]:
-    """Centers and angles to begin with: the middle of alpha, right for most fans, and what (1) says."""
+) -> Iterator[tuple[Array, float, float | None]]:
+    """Centers and angles to begin with, or these in times the angle between blades.
+
+    The middle of alpha, right for most fans, and what (1) says. Where the ways of blades overlap (1)
+    holds nowhere, and angles around those after which all looks alike are tried.
+    """
     c, slope = _start(alpha, std, use, center)
-    if center is not None:
-        return [(center, min(1 / slope, 2 * np.pi))]
-    y, x = np.nonzero(use)
-    middle = np.array([x, y]) @ alpha[use] / max(float(alpha[use].sum()), 1.0)
-    _, other = _start(alpha, std, use, middle)
-    return [(middle, min(1 / other, 2 * np.pi)), (c, min(1 / slope, 2 * np.pi))]
+    if center is None:
+        y, x = np.nonzero(use)
+        middle = np.array([x, y]) @ alpha[use] / max(float(alpha[use].sum()), 1.0)
+        yield middle, min(1 / _start(alpha, std, use, middle)[1], 2 * np.pi), None
+    else:
+        middle = center
+    yield c, min(1 / slope, 2 * np.pi), None
+    for spacings in _SPACINGS:
+        yield middle, 0.0, spacings
 
 
 def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[Array, float]:
@@ -367,23 +428,9 @@ def _longest(present: Bools) -> tuple[int, int]:
 
 def _blades(pixels: _Pixels, c: Array, ring: tuple[float, float]) -> list[tuple[float, float]]:
     """Middle and width, radians, of what turns, as the mean over the ring has it."""
-    from scipy.ndimage import gaussian_filter1d
-
-    rho = np.hypot(pixels.x - c[0], pixels.y - c[1])
-    phi = np.arctan2(pixels.y - c[1], pixels.x - c[0])
-    which = np.floor((phi / (2 * np.pi)) * _GRID).astype(int) % _GRID
-    weight = 1 / rho
-    sums = [np.bincount(which, weights=w, minlength=_GRID) for w in (weight * pixels.alpha, weight)]
-    wide = _GRID / (2 * np.pi * ring[1])  # a pixel at the outer rim
-    above, below = (gaussian_filter1d(s, max(1.5 * wide, 2), mode="wrap") for s in sums)
-    profile = above / np.maximum(below, 1e-12)
+    profile = _profile(pixels, c, ring)
     level = (profile.max() + max(profile.min(), 0)) / 2
     inside = profile > level
-    if inside.all() or profile.max() - profile.min() < 0.1 * profile.max():
-        raise MotionError(
-            "alpha is the same all around the center: full turns, or something round; how far it "
-            "turned cannot be known. Expose shorter"
-        )
     turned = int(np.flatnonzero(~inside)[0])
     inside, profile = np.roll(inside, -turned), np.roll(profile, -turned)
     edges = np.flatnonzero(np.diff(np.concatenate([[0], inside.astype(int), [0]]))).reshape(-1, 2)
@@ -396,6 +443,52 @@ def _blades(pixels: _Pixels, c: Array, ring: tuple[float, float]) -> list[tuple[
         width = float(profile[before:after].sum()) * step
         found.append(((a + b) / 2 * step + turned * step, max(width, step)))
     return found
+
+
+def _profile(pixels: _Pixels, c: Array, ring: tuple[float, float]) -> Array:
+    """(720,) alpha around the center, the mean over the ring; as smooth as makes it clear of noise.
+
+    Raises
+    ------
+    MotionError
+        If it is even.
+    """
+    from scipy.ndimage import gaussian_filter1d
+
+    rho = np.hypot(pixels.x - c[0], pixels.y - c[1])
+    phi = np.arctan2(pixels.y - c[1], pixels.x - c[0])
+    which = np.floor((phi / (2 * np.pi)) * _GRID).astype(int) % _GRID
+    weight = 1 / rho
+    # Circles differ by far more than angles: which pixels of which circle a bin has must not show.
+    uneven, usual = (
+        pixels.alpha - _around(rho, pixels.alpha),
+        np.average(pixels.alpha, weights=weight),
+    )
+    sums = [
+        np.bincount(which, weights=w, minlength=_GRID)
+        for w in (weight * uneven, weight, (weight * pixels.std) ** 2)
+    ]
+    smooth = max(1.5 * _GRID / (2 * np.pi * ring[1]), 2)  # 1.5 pixels at the outer rim
+    while smooth < _COARSEST:
+        above, below = (gaussian_filter1d(s, smooth, mode="wrap") for s in sums[:2])
+        profile = np.asarray(usual + above / np.maximum(below, 1e-12))
+        # The sum of squared Gaussian weights is 1 / (2 √π s).
+        variance = sums[2].mean() / (2 * np.sqrt(np.pi) * smooth)
+        error = float(np.sqrt(variance)) / max(float(below.mean()), 1e-12)
+        varies = float(np.ptp(profile))
+        if varies > max(_UNEVEN * float(profile.max()), _CLEAR * error):
+            return profile
+        smooth *= 2
+    raise MotionError(_ALIKE)
+
+
+def _around(rho: Array, alpha: Array) -> Array:
+    """(n,) the mean of alpha over the circle that each pixel lies on."""
+    ring = np.rint(rho).astype(int)
+    count = np.maximum(np.bincount(ring), 1)
+    where, mean = (np.bincount(ring, weights=v) / count for v in (rho, alpha))
+    some = where > 0
+    return np.interp(rho, where[some], mean[some])
 
 
 @dataclass(frozen=True, eq=False)

@@ -157,6 +157,7 @@ def sightings(
     plate: LinearImage,
     model: ColorModel,
     *,
+    several: bool = False,
     numbers: Iterable[int] | None = None,
     rate: float | None = None,
     skip: int = 0,
@@ -177,6 +178,9 @@ def sightings(
         The same scene without it, of the same size.
     model : ColorModel
         Its color; `clip_color` finds it.
+    several : bool
+        Whether there is more than one object of the color: up to 16 streaks of a frame are looked at
+        instead of 3. What has less than a tenth of the strongest one's light is still ignored.
     numbers : iterable of int, optional
         The frames' numbers; 0, 1, … if not given.
     rate : float, optional
@@ -206,7 +210,7 @@ def sightings(
     first, plate = with_noise(first, plate)
     model = replace(model, to_srgb=first.meta.to_srgb)
     light = ObjectLight.before(plate, first, model) if model.rank == 1 else None
-    look = _Look(plate, model, light, _noise(first), rate)
+    look = _Look(plate, model, light, _noise(first), rate, several)
     where = list(numbers)[skip:] if numbers is not None else count(skip)
     yield from in_order(look, zip(where, frames[skip:], strict=False), workers)
 
@@ -220,6 +224,7 @@ class _Look:
     light: ObjectLight | None
     noise: Noise
     rate: float | None
+    several: bool
 
     def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
         check_same_size("a frame", frame.size, "plate", self.plate.size)
@@ -227,9 +232,9 @@ class _Look:
         time = frame.meta.time if self.rate is None else number / self.rate
         plate = _as_bright(self.plate, image)
         if self.light is None:
-            streaks, coherence = moving_parts(image, plate), 1.0
+            streaks, coherence = moving_parts(image, plate, self.several), 1.0
         else:
-            streaks, coherence = self.light.parts(image)
+            streaks, coherence = self.light.parts(image, self.several)
         found, reasons = [], []
         for streak in streaks:
             try:

@@ -7,11 +7,14 @@ from blurmatte.compositing import Exposures
 from blurmatte.layer import Layer, box_around
 from blurmatte.matting import Solution
 from blurmatte.overview.panels import (
+    TALLEST,
     Layout,
     Panel,
     Pixels,
     by,
     checkerboard,
+    fitted,
+    room_beside,
     round_up,
     shown,
     shown_alpha,
@@ -62,8 +65,9 @@ def draw_edit(
         for row, (name, picture) in zip(panels, strip, strict=True):
             check_same_size(name, picture.size, "the layer", layer.size)
             row.insert(0, Panel(shown(picture.crop(box).rgb), name))
-        whole = [Panel(shown(picture.rgb), name) for name, picture in strip]
-        sheet.grid(whole, Layout.around(layer.size, 2), "the picture")
+        room = room_beside(len(strip)), TALLEST[0]
+        whole = [Panel(np.asarray(fitted(picture, room)[0]), name) for name, picture in strip]
+        sheet.beside(whole, "the picture")
     rows = [panel for row in panels for panel in row]
     sheet.grid(rows, Layout.around(part.size, len(rows), len(panels[0])), "the object")
     return sheet.pixels()

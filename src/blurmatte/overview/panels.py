@@ -60,7 +60,7 @@ class Layout:
         best, largest = cls(3, 1, 1, 1), 0.0
         wishes = ((3, 1.0), (2, 1.5), (6, 1.5), (1, 1.5)) if given is None else ((given, 1.0),)
         for columns, handicap in wishes:
-            width = (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
+            width = room_beside(columns)
             height = TALLEST[1] // -(-count // columns)
             fit = min(width / size[0], height / size[1], MOST_ENLARGED)
             scale = int(fit) if fit >= 1 else -int(np.ceil(1 / fit))
@@ -75,6 +75,11 @@ class Layout:
         if self.scale > 0:
             return self.width // self.scale, self.height // self.scale
         return -self.width * self.scale, -self.height * self.scale
+
+
+def room_beside(columns: int) -> int:
+    """How wide each of several columns is, pixels."""
+    return (WIDTH - 2 * MARGIN - (columns - 1) * GAP) // columns
 
 
 def shown(light: Floats) -> Pixels:

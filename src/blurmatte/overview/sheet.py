@@ -19,6 +19,7 @@ from blurmatte.overview.panels import (
     Pixels,
     heat,
     resized,
+    room_beside,
 )
 
 TITLE, BODY, _LINE = 21, 17, 24  # letters; from line to line of the body
@@ -62,6 +63,11 @@ class Sheet:
         self.y = self.heading(MARGIN, self.y, f"{what}, {told}")
         for first in range(0, len(panels), layout.columns):
             self._row(panels[first : first + layout.columns], layout.width, scale)
+
+    def beside(self, panels: Sequence[Panel], what: str) -> None:
+        """Panels that are as large as they shall be, all in one row."""
+        self.y = self.heading(MARGIN, self.y, what)
+        self._row(panels, room_beside(len(panels)), 1)
 
     def _row(self, panels: Sequence[Panel], column: int, scale: int) -> None:
         places = [MARGIN + i * (column + GAP) for i in range(len(panels))]

@@ -1,0 +1,204 @@
+"""fit_fall with a known gravity, and in space: scale, distance, errors, and what is no fall."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import blurmatte as bm
+from blurmatte.motion.ball_motion import ball_motion
+from blurmatte.motion.seen_ball import positions
+from blurmatte.motion.sources import Source
+
+G = 9.81
+RATE, SCALE = 30, 0.004  # frames per second, meters per pixel
+LENS = bm.Intrinsics(900, 905, 640, 360)
+RADIUS, DISTANCE = 0.03, 3.0
+
+
+def sighting(place, std=0.1):
+    x, y = map(float, place)
+    return bm.Sighting(
+        x, y, std, std, 0.0, 9.0, 0.0, std, std, 9.0, std, 0.0, 0.01, 5.0, std,
+        x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
+    )  # fmt: skip
+
+
+def flight(rng, acceleration=(0, G / SCALE), count=9, std=0.1):
+    """Rows of a flight whose places have noise."""
+    t = np.arange(count) / RATE
+    places = 60 * t[:, None] * (4, -5) + t[:, None] ** 2 / 2 * np.array(acceleration)
+    places = places + rng.normal(0, std, places.shape)
+    return [bm.FrameMotion(k, float(t[k]), sighting(places[k], std), 1, True) for k in range(count)]
+
+
+def test_a_fall_gives_the_scale():
+    """Honest: over many flights, meters per pixel within its error; that of gravity is in it."""
+    rng = np.random.default_rng(0)
+    falls = [bm.fit_fall(flight(rng), gravity=G) for _ in range(200)]
+    z = [(fall.scale.meters_per_pixel - SCALE) / fall.scale.std for fall in falls]
+    assert np.std(z) == pytest.approx(1, abs=0.15)
+    assert abs(np.mean(z)) < 0.2
+    unsure = bm.fit_fall(flight(np.random.default_rng(0)), gravity=G, gravity_std=0.5)
+    relative = [fall.scale.std / fall.scale.meters_per_pixel for fall in (falls[0], unsure)]
+    assert relative[1] == pytest.approx(np.hypot(relative[0], 0.5 / G))
+    told = " ".join(bm.explain(falls[0]))
+    assert "With a gravity of 9.81 m/s² a pixel is 4.0" in told
+    assert falls[0].numbers()["meters_per_pixel"] == falls[0].scale.meters_per_pixel
+
+
+def test_scatter_takes_the_place_of_errors_that_are_too_small():
+    """Honest: of places that err ten times as much as stated, as of a compressed clip; most fit."""
+    rng, z = np.random.default_rng(8), []
+    for _ in range(150):
+        rows = [
+            replace(row, sighting=replace(row.sighting, x_std=0.03, y_std=0.03))
+            for row in flight(rng, count=12, std=0.3)
+        ]
+        fall = bm.fit_fall(rows, bm.Scale(SCALE), G)
+        if fall.fits:
+            assert fall.overscatter > 3
+            z.append((fall.lengths[0] - 1) / fall.lengths[1])
+    assert len(z) > 140
+    assert np.std(z) == pytest.approx(1, abs=0.2)
+    assert "errors are those of their scatter" in bm.explain(fall)[0]
+    few = bm.fit_fall(rows[:6])
+    assert not few.fits
+
+
+def test_a_bounce_is_no_scatter():
+    """Exact: down and up again, with noise beyond the errors."""
+    rng, t = np.random.default_rng(9), np.arange(11) - 5.0
+    places = np.stack([12 * t, 300 - 20 * abs(t)], axis=1) + rng.normal(0, 0.5, (11, 2))
+    rows = [bm.FrameMotion(k, k / RATE, sighting(p), 1) for k, p in enumerate(places)]
+    assert not bm.fit_fall(rows).fits
+
+
+def test_what_a_camera_sees_of_gravity():
+    """Exact: of a camera that looks down, the part within the picture; turned by a quarter, aside."""
+    rng = np.random.default_rng(1)
+    tilted = bm.fit_fall(flight(rng, (0, 8 / SCALE)), gravity=(0, 8, 6))
+    assert_allclose(tilted.scale.meters_per_pixel, SCALE, rtol=0.02)
+    turned = bm.fit_fall(flight(rng, (-G / SCALE, 0)), gravity=(-G, 0))
+    assert_allclose(turned.scale.meters_per_pixel, SCALE, rtol=0.02)
+    askew = (G / SCALE * np.sin(0.1), G / SCALE * np.cos(0.1))
+    assert bm.fit_fall(flight(rng, askew), gravity=G).objection == ""
+
+
+def test_a_scale_is_checked():
+    """Exact: one that is 10 % too small, and by what lengths must be multiplied; it stays."""
+    fall = bm.fit_fall(flight(np.random.default_rng(2)), bm.Scale(0.9 * SCALE), G, 0.01)
+    ratio, std = fall.lengths
+    assert abs(ratio - 1 / 0.9) < 4 * std
+    assert 0.001 < std < 0.02
+    assert fall.scale.meters_per_pixel == 0.9 * SCALE
+    said = bm.explain(fall)
+    assert "standard deviations apart" in said[1]
+    assert said[2].startswith("By the fall, all lengths are 1.1")
+    assert fall.numbers()["lengths_by_gravity"] == ratio
+    with pytest.raises(bm.MotionError, match="give both"):
+        _ = bm.fit_fall(flight(np.random.default_rng(2))).lengths
+
+
+def test_what_is_no_fall_gives_no_scale():
+    """Door: an arc, an even flight, one that is too short to tell, up; with a scale it is only said."""
+    rng = np.random.default_rng(3)
+    angle = np.linspace(0, 2, 9)
+    arc = [
+        bm.FrameMotion(k, k / RATE, sighting((60 * np.cos(a), 60 * np.sin(a))), 1)
+        for k, a in enumerate(angle)
+    ]
+    for rows, said in (
+        (arc, "times their variance: it was held"),
+        (flight(rng, (0, 0)), "is not 5 times its error"),
+        (flight(rng, count=4, std=3.0), "a longer flight or more frames"),
+        (flight(rng, (0, -G / SCALE)), "points 180° off gravity"),
+        (flight(rng, (G / SCALE, 0)), "points 90° off gravity"),
+    ):
+        with pytest.raises(bm.MotionError, match="no free fall that gravity could measure") as info:
+            bm.fit_fall(rows, gravity=G)
+        assert said in str(info.value)
+        checked = bm.fit_fall(rows, bm.Scale(SCALE), G)
+        assert said in checked.objection
+        assert "lengths_by_gravity" not in checked.numbers()
+        assert checked.objection in " ".join(bm.explain(checked))
+
+
+@pytest.mark.parametrize("gravity", [0, -G, np.inf, (1, 2, 3, 4), "down", (np.nan, 1)])
+def test_gravity_is_a_number_or_a_vector(gravity):
+    """Door."""
+    rows = flight(np.random.default_rng(4))
+    with pytest.raises(ValueError, match=r"gravity must be a number|could not convert"):
+        bm.fit_fall(rows, gravity=gravity)
+
+
+def test_gravity_must_show_in_the_picture():
+    """Door: straight into it; and a negative error."""
+    rows = flight(np.random.default_rng(4))
+    with pytest.raises(ValueError, match="gravity must have a part within the picture"):
+        bm.fit_fall(rows, gravity=(0, 0, G))
+    with pytest.raises(ValueError, match="gravity_std must be finite and not negative"):
+        bm.fit_fall(rows, gravity=G, gravity_std=-1)
+
+
+def balls(rng, gravity, given=RADIUS, radius_std=0.0, count=8, noise=(0.05, 0.02)):
+    """What pictures of a flight tell, with noise of center and radius in pixels; and their times."""
+    times = np.arange(count) / RATE
+    found = []
+    for t in times:
+        X = np.array([-0.8, 0.3, DISTANCE]) + t * np.array([3, -4, 0.5]) + t**2 / 2 * gravity
+        pixels = np.tile(LENS.project(X[None]), (3, 1))
+        size = RADIUS * LENS.magnification(pixels) / np.linalg.norm(X)
+        errors = np.concatenate([np.full(6, noise[0]), [noise[1]]])
+        values = np.concatenate([pixels.ravel(), size[:1]]) + errors * rng.standard_normal(7)
+
+        def nodes(p, camera):
+            return positions(LENS.with_values(camera), p[:6].reshape(3, 2), np.full(3, p[6]))
+
+        picture = Source(values, np.diag(errors**2))
+        found.append(ball_motion(nodes, picture, LENS, (given, radius_std), (None, 0), "disc"))
+    return found, times
+
+
+def test_a_fall_in_space_gives_distance_and_size():
+    """Honest: of a tilted camera, and a radius that is 10 % too small; the acceleration too."""
+    rng, gravity = np.random.default_rng(5), np.array([1, 9.3, 2.9])
+    z, ratios, chi2 = [], [], []
+    for _ in range(60):
+        seen, times = balls(rng, gravity)
+        fall = bm.fit_fall_in_space(seen, times)
+        std = np.sqrt(np.diag(fall.acceleration_covariance))
+        z.append((fall.acceleration - gravity) / std)
+        chi2.append(fall.chi2 / fall.freedom)
+        seen, times = balls(rng, gravity, given=0.9 * RADIUS)
+        ratio, ratio_std = bm.fit_fall_in_space(seen, times, gravity).lengths
+        ratios.append((ratio - 1 / 0.9) / ratio_std)
+    assert np.std(z) == pytest.approx(1, abs=0.2)
+    assert np.mean(chi2) == pytest.approx(1, abs=0.15)
+    assert np.std(ratios) == pytest.approx(1, abs=0.25)
+    assert abs(np.mean(ratios)) < 0.5
+
+
+def test_what_all_frames_share_does_not_average_out():
+    """Exact: the error of the radius is that of the acceleration in meters, and not of `lengths`."""
+    gravity = np.array([0, G, 0])
+    seen, times = balls(np.random.default_rng(6), gravity, radius_std=0.05 * RADIUS)
+    fall = bm.fit_fall_in_space(seen, times, G)
+    g, std = fall.in_meters(fall.scale)
+    assert std == pytest.approx(g * np.hypot(0.05, fall.size_std / fall.size))
+    assert fall.lengths[1] < 0.02
+    assert fall.unit == "m"
+    told = " ".join(bm.explain(fall))
+    assert "m/s². That is" in told
+    assert "times what the ball's radius makes them" in told
+    assert {"acceleration_z", "lengths_by_gravity"} <= fall.numbers().keys()
+
+
+def test_frames_in_space_are_counted():
+    """Door: four, and a time for each."""
+    seen, times = balls(np.random.default_rng(7), np.array([0, G, 0]), count=4)
+    with pytest.raises(bm.MotionError, match="a fall needs 4 places in space, got 3"):
+        bm.fit_fall_in_space(seen[:3], times[:3])
+    with pytest.raises(ValueError, match="times must be one number for each of 4 balls"):
+        bm.fit_fall_in_space(seen, times[:3])

@@ -1,0 +1,44 @@
+"""draw_clip: each of several objects has its color, one alone is drawn as ever."""
+
+import numpy as np
+import pytest
+
+from blurmatte.motion import FrameMotion, Sighting
+from blurmatte.overview import draw_clip
+from blurmatte.overview.panels import OTHER, STREAK
+from blurmatte.radiometry import LinearImage
+
+PLATE = LinearImage(np.full((90, 120, 3), 0.05))
+BLUE, ORANGE = (0x1F, 0x77, 0xB4), (0xFF, 0x7F, 0x0E)  # the first two of the palette
+
+
+def row(k, number, y):
+    x = 20.0 + 15 * k
+    s = Sighting(
+        x, y, 0.1, 0.1, 0.0, 6.0, 0.0, 0.1, 0.1, 6.0, 0.1, 0.0, 0.01, 5.0, 0.05,
+        x - 3, y, x + 3, y, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, "",
+    )  # fmt: skip
+    return FrameMotion(k, k / 30, s, number, True, object=number)
+
+
+def rows_with(sheet, color):
+    """Where on the picture a color is, not on the charts below."""
+    return np.flatnonzero((sheet[:850] == color).all(axis=-1).any(axis=1))
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_colors_tell_objects_apart(count):
+    """Exact: the second one lies lower; of one alone nothing is in the colors of several."""
+    rows = [row(k, n + 1, 25.0 + 40 * n) for k in range(5) for n in range(count)]
+    sheet = draw_clip(PLATE, rows)
+    assert sheet.shape[1] == 1800
+    alone, several = (OTHER, STREAK), (BLUE, ORANGE)
+    assert all(len(rows_with(sheet, c)) > 0 for c in (several if count == 2 else alone))
+    assert all(len(rows_with(sheet, c)) == 0 for c in (alone if count == 2 else several))
+    if count == 2:
+        assert rows_with(sheet, BLUE).max() < rows_with(sheet, ORANGE).min()
+
+
+def test_nothing_found_is_drawn_too():
+    """Exact: the plate alone."""
+    assert draw_clip(PLATE, [FrameMotion(0, None, None, reason="nothing moved")]).shape[1] == 1800
