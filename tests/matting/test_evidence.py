@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import evidence_of, with_faint_rims
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.matting.evidence import evidence_of, noise_together, with_faint_rims
+from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory
@@ -54,18 +54,54 @@ def test_error_of_many_pixels_is_their_scatter(model):
     assert 0.6 < np.std(scores) < 1.5
 
 
-def test_noise_that_hangs_together_counts_less():
-    rng = np.random.default_rng(0)
-    white = rng.normal(0, STD, (*SHAPE, 3))
-    smooth = gaussian_filter(rng.normal(size=(*SHAPE, 3)), (1.5, 1.5, 0))
-    told = []
-    for noise in (white, smooth / smooth.std() * STD):
-        image, plate, inside = still(noise)
-        told.append(evidence_of(image, plate, MODEL, inside, np.zeros(SHAPE))[0].sum())
-    assert told[1] < told[0] / 5
-    image, plate, inside = still(np.zeros((*SHAPE, 3)))
-    quiet = evidence_of(image, plate, MODEL, inside, np.zeros(SHAPE))[0].sum()
-    assert_allclose(told[0], quiet, rtol=0.35)
+def patch(seed, where=None):
+    """Image, plate, a region of them, and noise that hangs together where it says."""
+    shape = (128, 160)
+    rng = np.random.default_rng(seed)
+    white, smooth = rng.normal(0, STD, (2, *shape, 3))
+    smooth = gaussian_filter(smooth, (1.2, 1.2, 0))
+    noise = smooth / smooth.std() * STD
+    inside = np.zeros(shape, bool)
+    inside[32:104, 32:128] = True
+    if where == "within":
+        noise = np.where(inside[..., None], noise, white)
+    elif where == "nowhere":
+        noise = white
+    plate = colorful_plate(shape[::-1], 1, tile=30)
+    sure = np.full(plate.shape, 1e-12)
+    return LinearImage(plate + noise, NOISE), LinearImage(plate, sure), inside, noise
+
+
+@pytest.mark.parametrize("where", ["everywhere", "within"])
+def test_noise_that_hangs_together_counts_less(where):
+    """Honest: of the sum of a whole region, by how much more it scatters."""
+    scores, factors = [], []
+    for seed in range(16):
+        image, plate, inside, noise = patch(seed, where)
+        nothing = np.zeros(inside.shape)
+        information, pull = evidence_of(image, plate, MODEL, inside, nothing)
+        factors.append(noise_together(image, plate, MODEL, inside, nothing))
+        scores.append(pull.sum() / np.sqrt(information.sum() * factors[-1]))
+    blocks = coherence(noise / STD, inside)[:, 2].mean()
+    assert_allclose(np.mean(factors), blocks, rtol=0.25)
+    assert 0.6 < np.std(scores) < 1.5
+
+
+def test_noise_of_each_pixels_own_counts_in_full():
+    for seed in range(8):
+        image, plate, inside, _ = patch(seed, "nowhere")
+        assert noise_together(image, plate, MODEL, inside, np.zeros(inside.shape)) == 1
+
+
+def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():
+    """Its light leaves something everywhere, and alike in neighbors."""
+    turned = ORANGE + np.array([0, 0.02, 0])
+    for color, most in ((ORANGE, 1.0), (turned, 4.0)):
+        image, plate, inside, _ = patch(0, "nowhere")
+        alpha = 0.5 * inside
+        light = alpha[..., None] * color + (1 - alpha[..., None]) * image.rgb
+        given = LinearImage(light, NOISE)
+        assert noise_together(given, plate, MODEL, inside, alpha) <= most
 
 
 def test_a_streak_goes_on_where_it_is_fainter_than_noise():

@@ -8,7 +8,8 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, ConvergenceWarning
-from blurmatte.matting import Pixelwise, Quality, Smooth, smooth_prior, solve
+from blurmatte.matting import Pixelwise, Quality, Smooth, smooth, smooth_prior, solve
+from blurmatte.matting.smooth_prior import Evidence
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,
@@ -34,6 +35,8 @@ PLATES = {
 }
 WAY = Trajectory.arc((60, 84), (96, 52), (132, 80))
 SPOTS = np.kron(np.random.default_rng(0).uniform(0.05, 0.9, (4, 8, 3)), np.ones((8, 8, 1)))
+CAMERA = Camera(code_std=2 / 255)
+COMPRESSING = Camera(code_std=2 / 255, jpeg_quality=90, chroma="4:2:0")
 BODIES = {
     "ball": (Ball(18, ORANGE), Change()),
     "two paints": (Ball(18, ORANGE, second_color=BLUE), Change(spin=(1, 0.5, 0))),
@@ -49,12 +52,12 @@ def rendered(body, plate):
     return render(Scene(PLATES[plate], WAY, thing, change), 200)
 
 
-def taken(body, plate, seed=0, std=2 / 255):
+def taken(body, plate, seed=0, camera=CAMERA):
     """The truth, image and plate."""
     truth = rendered(body, plate)
     thing, change = BODIES[body]
     scene = Scene(PLATES[plate], WAY, thing, change)
-    return truth, *Shot(scene, Camera(code_std=std), plate_frames=5, seed=seed).photograph(truth)
+    return truth, *Shot(scene, camera, plate_frames=5, seed=seed).photograph(truth)
 
 
 def rmse(solution, truth):
@@ -84,6 +87,37 @@ def test_far_less_noise_than_pixels_alone_and_an_honest_error(body, plate, most)
     assert_allclose(together.alpha[together.streak].sum(), truth.layer.alpha.sum(), rtol=0.02)
     light = together.premultiplied - truth.layer.premultiplied
     assert np.sqrt(np.mean(light[inside] ** 2)) < 0.015
+
+
+@pytest.mark.parametrize(
+    ("body", "plate", "most"),
+    [("ball", "colorful", 0.035), ("growing", "textured", 0.022), ("two paints", "textured", 0.1)],
+)
+def test_errors_of_compressed_color_are_told(body, plate, most):
+    """Honest: noise in compressed color is beside the streak another than within."""
+    scores = []
+    for seed in range(2):
+        truth, image, without = taken(body, plate, seed, COMPRESSING)
+        solution = solve(image, without, truth.model, Smooth())
+        assert rmse(solution, truth) < most
+        inside = truth.layer.alpha > 0
+        scores.append(((solution.alpha - truth.layer.alpha) / solution.alpha_std)[inside])
+    score = np.abs(np.concatenate(scores))
+    assert 0.53 < np.mean(score < 1) < 0.85
+    assert 0.83 < np.mean(score < 2) < 0.98
+
+
+def test_noise_is_told_by_what_cells_differ_by_from_a_smooth_field():
+    """Honest: of pixels that know as much as they say, or half; no more noise than there is."""
+    y, x = np.mgrid[-80:80, -80:80] / 30.0
+    field = 0.6 * np.exp(-(x**2 + y**2) / 2)
+    mask = np.pad(np.ones(field.shape, bool), 2)
+    for factor, least in ((1.0, 1.0), (2.0, 1.1)):
+        for seed in range(3):
+            noise = np.random.default_rng(seed).normal(0, 0.2, field.shape)
+            pull = np.pad((field + noise) / 0.2**2, 2)
+            evidence = Evidence(mask / 0.2**2, pull, mask).weaker(1 / factor)
+            assert least <= smooth._noise_of_cells(evidence) <= factor
 
 
 def test_any_colors_before_texture():

@@ -18,6 +18,20 @@ def order(request):
     return request.param
 
 
+def packed(matrices):
+    """The lower triangles, row by row, as maps."""
+    rows, columns = np.tril_indices(matrices.shape[-1])
+    return np.ascontiguousarray(np.moveaxis(matrices[..., rows, columns], -1, 0))
+
+
+def unpacked(maps, order):
+    """(h, w, d, d) lower triangles."""
+    matrices = np.zeros((*maps.shape[1:], order + 1, order + 1))
+    rows, columns = np.tril_indices(order + 1)
+    matrices[..., rows, columns] = np.moveaxis(maps, 0, -1)
+    return matrices
+
+
 @pytest.fixture
 def mask():
     """A ragged region within the border."""
@@ -28,10 +42,12 @@ def mask():
 
 
 @pytest.fixture
-def known(mask):
-    """Information within the mask, and precisions everywhere."""
+def known(mask, order):
+    """Information within the mask, and a precision of each place, positive definite."""
     rng = np.random.default_rng(1)
-    return rng.uniform(0.1, 2, SHAPE) * mask, rng.uniform(0.1, 5, SHAPE)
+    root = rng.normal(size=(*SHAPE, order + 1, order + 1))
+    precisions = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(order + 1)
+    return rng.uniform(0.1, 2, SHAPE) * mask, packed(precisions)
 
 
 def differences(x, order):
@@ -41,21 +57,24 @@ def differences(x, order):
 
 
 def product(x, known, order, mask):
-    y = np.zeros(SHAPE)
-    compiled.product(x, *known, order, mask, y)
+    y, t = np.zeros(SHAPE), np.zeros((3, *SHAPE))
+    compiled.product(x, *known, order, mask, t, y)
     return y
 
 
 def matrix(known, order, mask):
-    """A + DᵀγD, of the mask's pixels, by its columns from differences alone."""
+    """A + DᵀΓD, of the mask's pixels, by its columns from differences alone."""
     information, gamma = known
+    lower = unpacked(gamma, order)
+    full = lower + np.swapaxes(np.tril(lower, -1), -1, -2)
     D = []
     for place in np.argwhere(mask):
         unit = np.zeros(SHAPE)
         unit[tuple(place)] = 1
-        D.append(differences(unit, order).ravel())
-    D = np.array(D).T
-    return np.diag(information[mask]) + D.T @ (np.tile(gamma.ravel(), 3)[:, None] * D)
+        D.append(np.moveaxis(differences(unit, order)[: order + 1], 0, -1))
+    weighed = [np.einsum("hwij,hwj->hwi", full, d) for d in D]
+    smooth = [[np.sum(a * b) for a in weighed] for b in D]
+    return np.diag(information[mask]) + np.array(smooth)
 
 
 def test_backward_is_the_adjoint_of_forward(order, mask):
@@ -97,6 +116,41 @@ def test_conjugate_gradients_solve_the_equations(known, order, mask):
     expected = np.linalg.solve(matrix(known, order, mask), b[mask])
     assert_allclose(x[mask], expected, rtol=1e-6, atol=1e-9)
     assert np.all(x[~mask] == 0)
+
+
+def test_steps_beyond_the_solution_do_no_harm(order, mask):
+    """Invariant: easy equations, solved to the last digit and on."""
+    easy = (
+        np.ones(SHAPE) * mask,
+        1e-3 * packed(np.broadcast_to(np.eye(order + 1), (*SHAPE, order + 1, order + 1))),
+    )
+    x = np.zeros(SHAPE)
+    assert compiled.conjugate_gradients(*easy, order, mask, np.ones(SHAPE), x, 5000, 0.0) < 50
+    assert_allclose(product(x, easy, order, mask)[mask], 1, rtol=1e-9)
+
+
+def test_precisions_and_their_roots_are_those_of_the_matrices(order):
+    """Oracle: NumPy's inverse and Cholesky factor."""
+    t = np.random.default_rng(7).normal(size=(5, 3, *SHAPE))
+    squares = np.zeros((3 * order, *SHAPE))
+    for differing in t:
+        compiled.outer(differing, order, 0.5, squares)
+    inner = np.s_[1:-1, 1:-1]
+    d = np.moveaxis(t[:, : order + 1], 1, -1)
+    expected = 0.5 * np.einsum("nhwi,nhwj->hwij", d, d)
+    assert_allclose(unpacked(squares, order)[inner], np.tril(expected)[inner], rtol=1e-12)
+    gamma, root = np.zeros((2, *squares.shape))
+    compiled.precision(squares, order, 0.3, 2.0, gamma, root)
+    inverse = 2.0 * np.linalg.inv(expected + 0.3 * np.eye(order + 1))
+    assert_allclose(unpacked(gamma, order)[inner], np.tril(inverse)[inner], rtol=1e-9, atol=1e-12)
+    L = np.linalg.cholesky(inverse)
+    assert_allclose(unpacked(root, order)[inner], L[inner], rtol=1e-8, atol=1e-10)
+    n, spread = t[0], np.zeros((3, *SHAPE))
+    compiled.spread(root, order, n, spread)
+    expected = np.einsum("hwij,jhw->ihw", L, n[: order + 1])
+    assert_allclose(
+        spread[: order + 1][(..., *inner)], expected[(..., *inner)], rtol=1e-8, atol=1e-9
+    )
 
 
 def test_nothing_to_do_takes_no_step(known, order, mask):

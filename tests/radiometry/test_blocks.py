@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
-from blurmatte.radiometry import BLOCKS, block_squares, coherence
+from blurmatte.radiometry import BLOCKS, block_squares, block_sums, coherence
 
 SHAPE = (61, 83)
 
@@ -30,6 +30,17 @@ def test_squares_are_those_of_each_block(size):
                 total = e[y : y + size, x : x + size][inside].sum(axis=0)
                 expected.append(total**2 / inside.sum())
     assert_allclose(block_squares(e, use, size), expected, rtol=1e-12)
+
+
+@pytest.mark.parametrize("size", [1, 3, 8])
+def test_sums_are_those_of_each_block(size):
+    """Oracle: one block after the other."""
+    e, _ = some(2)
+    rows = range(0, SHAPE[0] - size + 1, size)
+    columns = range(0, SHAPE[1] - size + 1, size)
+    expected = [[e[y : y + size, x : x + size].sum(axis=(0, 1)) for x in columns] for y in rows]
+    assert_allclose(block_sums(e, size), expected, rtol=1e-10, atol=1e-12)
+    assert_allclose(block_sums(e[..., 0], size), np.array(expected)[..., 0], rtol=1e-10, atol=1e-12)
 
 
 @pytest.mark.parametrize("size", [4, 8, 16])

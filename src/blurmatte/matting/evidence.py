@@ -12,7 +12,7 @@ from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
-from blurmatte.radiometry import LinearImage, block_squares, smooth_variance
+from blurmatte.radiometry import LinearImage, block_squares, block_sums, smooth_variance
 from blurmatte.streaks import Streak
 
 Array = npt.NDArray[np.float64]
@@ -25,6 +25,7 @@ _BLOCK = 8  # pixels: noise that hangs together does so over less, or over such 
 _KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
 _UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
 _MEDIAN = 0.455  # of χ² of one
+_CHANCE = 2.5  # standard deviations of a mean of squares
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
@@ -38,7 +39,8 @@ def evidence_of(
 ) -> tuple[Array, Array]:
     """Information and pull of each pixel, both 0 where it is clipped or not `inside`.
 
-    Of a line of colors a pixel may be clipped in one channel.
+    As though each pixel's noise were its own (`noise_together`). Of a line of colors a pixel may be
+    clipped in one channel.
 
     Parameters
     ----------
@@ -78,9 +80,34 @@ def evidence_of(
             at_edges = evidence_at_edges(mixed, image, plate, model, alpha)
             for own, of_edges in zip((information, pull), at_edges, strict=True):
                 own[mixed.edges] = of_edges * inside[mixed.edges]
+    return information, pull
+
+
+def noise_together(
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel,
+    inside: Bools,
+    alpha: Floats,
+    mixed: MixedPlate | None = None,
+) -> float:
+    """By how much more noise adds up over blocks than if each pixel had its own, 1 or more.
+
+    Beside the streak it shows in the difference of image and plate. Compression leaves other noise
+    where something moved than where nothing did; there a line l of colors tells it, by the equation
+    that it leaves over, (l × B)·C = 0, in which there is no alpha. The parameters are those of
+    `evidence_of`.
+    """
+    C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
+    wide = plate if mixed is None else mixed.widened(plate)
+    V_C, V_B = smooth_variance(image), np.asarray(wide.variance, float)
     still = image.valid & plate.valid & ~inside
-    alike = _hangs_together(C - B, V_C + V_wide, still)
-    return information / alike, pull / alike
+    together = _beside(C - B, V_C + V_B, still)
+    if model.rank == 1:
+        V = V_C + (1 - np.asarray(alpha, float)[..., None]) ** 2 * V_B
+        use = inside & image.valid & plate.valid
+        together = max(together, _left_over(C, B, V, model, use))
+    return together
 
 
 def with_faint_rims(
@@ -103,10 +130,12 @@ def with_faint_rims(
     near = away <= reach
     if model.rank < 3:
         image, plate = image.crop(box), plate.crop(box)
-        evidence = evidence_of(image, plate, model, near, np.zeros(near.shape))
+        nothing = np.zeros(near.shape)
+        evidence = evidence_of(image, plate, model, near, nothing)
+        together = noise_together(image, plate, model, near, nothing)
         window = max(_WINDOW * half_width, 1.0)
         information, pull = (gaussian_filter(e, window) for e in evidence)
-        pixels = 4 * np.pi * window**2  # of as much noise as a mean of this window
+        pixels = 4 * np.pi * window**2 / together  # of as much noise as a mean of this window
         seen = pull * np.sqrt(pixels) > _SIGMAS * np.sqrt(information + 1e-9)
         inside = binary_propagation(inside, mask=inside | (near & seen))
         away = np.asarray(distance_transform_edt(~inside))
@@ -156,15 +185,38 @@ def _of_texture(
     return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
 
 
-def _hangs_together(change: Array, variance: Array, still: Bools) -> float:
-    """By how much more noise adds up over blocks than if each still pixel had its own, 1 or more.
-
-    Of all blocks but the worst, where something may have moved, and less what chance makes of few.
-    """
+def _beside(change: Array, variance: Array, still: Bools) -> float:
+    """What noise adds up to beside the streak."""
     e = np.where(still[..., None], change / np.sqrt(np.maximum(variance, 1e-14)), 0)
-    squares = np.sort(block_squares(e, still, _BLOCK).ravel())
-    if len(squares) == 0:
+    squares = block_squares(e, still, _BLOCK).ravel()
+    return _beyond_chance(squares, len(squares))
+
+
+def _left_over(C: Array, B: Array, V: Array, model: ColorModel, inside: Bools) -> float:
+    """What the equation left over adds up to within the streak.
+
+    Of differences of neighboring blocks: a color that is a little wrong leaves something in all.
+    """
+    across = np.cross(model.basis[:, 0], B)
+    e, variance, count = (
+        block_sums(np.where(inside, values, 0.0), _BLOCK)
+        for values in (np.sum(across * C, axis=-1), np.sum(across**2 * V, axis=-1), 1.0)
+    )
+    full = count > _BLOCK**2 / 2
+    squares = []
+    for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
+        both = full[a] & full[b]
+        squares.append((e[a] - e[b])[both] ** 2 / (variance[a] + variance[b])[both])
+    return _beyond_chance(np.concatenate(squares), int(np.count_nonzero(full)))
+
+
+def _beyond_chance(squares: Array, independent: int) -> float:
+    """Mean of squares of spread 1 but for a factor; 1 if it may be so by chance.
+
+    The worst of them do not count.
+    """
+    if independent == 0 or len(squares) == 0:
         return 1.0
-    kept = squares[: int(np.ceil(_KEPT * len(squares)))]
+    kept = np.sort(squares)[: int(np.ceil(_KEPT * len(squares)))]
     factor = float(kept.mean()) / _MEAN_OF_KEPT
-    return max(factor / float(1 + 2 * np.sqrt(2 / len(kept))), 1.0)
+    return factor if factor > 1 + _CHANCE * np.sqrt(2 / independent) else 1.0

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import evidence_of
+from blurmatte.matting.evidence import evidence_of, noise_together
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
@@ -47,6 +47,8 @@ _SMOOTHER = 1.0, 0.5, 0.25  # times: noise of smaller cells is stronger
 _SAMPLES, _FINAL_SAMPLES = 2, 8
 _NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
 _SIGMAS_OUT = 3.0
+_IN_DETAIL = 0.7  # power: noise that hangs together is weaker in detail than in sums over blocks
+_CHANCE = 2.5  # standard deviations of a mean of squares
 
 
 @dataclass(frozen=True)
@@ -156,9 +158,13 @@ class Smooth:
         mixed: MixedPlate | None,
     ) -> tuple[Field, Prior, float]:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
-        nothing = np.zeros(inside.shape)
-        near = _local(evidence_of(image, plate, model, inside, nothing, mixed))
-        levels = [_bordered(*evidence_of(image, plate, model, inside, near, mixed), inside)]
+        given = image, plate, model, inside
+        near = _local(evidence_of(*given, np.zeros(inside.shape), mixed))
+        together = noise_together(*given, near, mixed)
+        own = _bordered(*evidence_of(*given, near, mixed), inside)
+        more = 1.0 if model.rank != 2 else _noise_of_cells(own.weaker(together))
+        weaker, left_out = more * together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
+        levels = [own.weaker(weaker)]
         while np.count_nonzero(levels[-1].mask) > _CELLS:
             levels.append(levels[-1].coarser())
         top = len(levels) - 1
@@ -171,9 +177,10 @@ class Smooth:
                 prior, field = _least_risk(levels[depth], choice, field, 4**depth)
         prior = replace(prior, scale=prior.scale / self.strength)
         near = np.clip(_inner(field.x), 0, 1)
-        last = _bordered(*evidence_of(image, plate, model, inside, near, mixed), inside)
+        last = _bordered(*evidence_of(*given, near, mixed), inside).weaker(weaker)
         samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
-        return smoothed(last, prior, field, samples), prior, of_sum
+        field = smoothed(last, prior, field, samples)
+        return replace(field, variance=field.variance * left_out), prior, of_sum * left_out
 
 
 def _least_risk(
@@ -185,6 +192,21 @@ def _least_risk(
         before = found[-1] if found and found[-1][0].order == prior.order else (prior, start)
         found.append((prior, smoothed(evidence, prior, before[1], _SAMPLES, cells)))
     return min(found, key=lambda trial: trial[1].risk)
+
+
+def _noise_of_cells(evidence: Evidence) -> float:
+    """By how much more cells differ from a smooth field than their noise lets them, 1 or more.
+
+    At least so much: with noise that is understated, the field of least risk is too rough.
+    """
+    factor, cells = 1.0, evidence.coarser()
+    for doubled in (2, 3):
+        cells = cells.coarser()
+        _, field = _least_risk(cells.weaker(factor), _PRIORS, None, 4**doubled)
+        by_chance = _CHANCE * np.sqrt(2 * max(field.freedom, 1.0))
+        if field.freedom > 1 and field.left > field.freedom + by_chance:
+            factor *= field.left / field.freedom
+    return factor
 
 
 def _local(evidence: tuple[Array, Array]) -> Array:

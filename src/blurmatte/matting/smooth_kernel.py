@@ -1,8 +1,9 @@
 """The compiled loops of `Smooth`: what each pixel knows of alpha, and the equations of all of them.
 
 In this file C, B, V_C, V_B, N are image, plate, their variances and the normals of the color model as
-in `kernel`, D the differences of first or second order between neighbors, and γ how strongly each of
-them is held at zero. Maps have a border of two pixels in which the mask is False.
+in `kernel`, D the differences of first or second order between neighbors, and Γ the precision of
+those of each place: the lower triangle of a symmetric matrix, row by row, (3 or 6, h, w), with its
+Cholesky factor L. Maps have a border of two pixels in which the mask is False.
 """
 
 from typing import Any
@@ -14,6 +15,8 @@ _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": Tru
 _FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 _ROOT2 = np.sqrt(2.0)
+_ROUNDING = 1e-20  # of all that was gained
+_LEAST = 1e-30  # of a square that rounding may leave negative
 _DOUBT = 5.0  # degrees of freedom of a t distribution: pixels that leave the model count less
 
 
@@ -92,73 +95,130 @@ def backward(t, order, mask, y):  # type: ignore[no-untyped-def]
 
 
 @njit(**_FAST)
-def product(x, information, gamma, order, mask, y):  # type: ignore[no-untyped-def]
-    """Write (A + DᵀγD) x within the mask, in one pass; x is 0 outside."""
+def weigh(gamma, order, t):  # type: ignore[no-untyped-def]
+    """Multiply each place's differences by its precision, in place."""
+    h, w = t.shape[1:]
+    for i in range(1, h - 1):
+        for j in range(1, w - 1):
+            a, b = t[0, i, j], t[1, i, j]
+            if order == 1:
+                t[0, i, j] = gamma[0, i, j] * a + gamma[1, i, j] * b
+                t[1, i, j] = gamma[1, i, j] * a + gamma[2, i, j] * b
+            else:
+                c = t[2, i, j]
+                t[0, i, j] = gamma[0, i, j] * a + gamma[1, i, j] * b + gamma[3, i, j] * c
+                t[1, i, j] = gamma[1, i, j] * a + gamma[2, i, j] * b + gamma[4, i, j] * c
+                t[2, i, j] = gamma[3, i, j] * a + gamma[4, i, j] * b + gamma[5, i, j] * c
+
+
+@njit(**_FAST)
+def product(x, information, gamma, order, mask, t, y):  # type: ignore[no-untyped-def]
+    """Write (A + DᵀΓD) x within the mask; x is 0 outside. t is for the differences, (3, h, w)."""
     h, w = x.shape
-    for i in range(2, h - 2):
-        up, row, down = x[i - 1], x[i], x[i + 1]
-        g_up, g, g_down = gamma[i - 1], gamma[i], gamma[i + 1]
-        if order == 1:
-            for j in range(2, w - 2):
-                c = row[j]
-                y[i, j] = mask[i, j] * (
-                    information[i, j] * c
-                    + g[j] * (2 * c - row[j + 1] - down[j])
-                    + g[j - 1] * (c - row[j - 1])
-                    + g_up[j] * (c - up[j])
-                )
-            continue
-        top, bottom = x[i - 2], x[i + 2]
-        for j in range(2, w - 2):
-            c = row[j]
-            along = (
-                g[j - 1] * (row[j - 2] - 2 * row[j - 1] + c)
-                - 2 * g[j] * (row[j - 1] - 2 * c + row[j + 1])
-                + g[j + 1] * (c - 2 * row[j + 1] + row[j + 2])
-            )
-            across = (
-                g_up[j] * (top[j] - 2 * up[j] + c)
-                - 2 * g[j] * (up[j] - 2 * c + down[j])
-                + g_down[j] * (c - 2 * down[j] + bottom[j])
-            )
-            twist = (
-                g[j] * (c - row[j + 1] - down[j] + down[j + 1])
-                - g[j - 1] * (row[j - 1] - c - down[j - 1] + down[j])
-                - g_up[j] * (up[j] - up[j + 1] - c + row[j + 1])
-                + g_up[j - 1] * (up[j - 1] - up[j] - row[j - 1] + c)
-            )
-            y[i, j] = mask[i, j] * (information[i, j] * c + along + across + 2 * twist)
+    forward(x, order, t)
+    weigh(gamma, order, t)
+    for i in range(h):
+        for j in range(w):
+            y[i, j] = mask[i, j] * information[i, j] * x[i, j]
+    backward(t, order, mask, y)
 
 
 @njit(**_FAST)
 def diagonal(information, gamma, order, mask):  # type: ignore[no-untyped-def]
-    """The diagonal of A + DᵀγD; 1 outside the mask."""
+    """The diagonal of A + DᵀΓD; 1 outside the mask."""
     h, w = mask.shape
     out = np.ones_like(information)
     for i in range(1, h - 1):
         for j in range(1, w - 1):
             if not mask[i, j]:
                 continue
-            g = gamma[i, j]
-            left, up, corner = gamma[i, j - 1], gamma[i - 1, j], gamma[i - 1, j - 1]
+            g = gamma[:, i, j]
+            left, up, corner = gamma[:, i, j - 1], gamma[:, i - 1, j], gamma[:, i - 1, j - 1]
             if order == 1:
-                out[i, j] = information[i, j] + 2 * g + left + up
+                out[i, j] = information[i, j] + g[0] + 2 * g[1] + g[2] + left[0] + up[2]
             else:
-                sides = left + gamma[i, j + 1] + up + gamma[i + 1, j]
-                out[i, j] = information[i, j] + 8 * g + sides + 2 * (g + left + up + corner)
+                out[i, j] = (
+                    information[i, j]
+                    + 4 * (g[0] + g[2]) + 8 * g[1] + 2 * g[5] - 4 * _ROOT2 * (g[3] + g[4])
+                    + gamma[0, i, j + 1] + left[0] + 2 * left[5] - 2 * _ROOT2 * left[3]
+                    + gamma[2, i + 1, j] + up[2] + 2 * up[5] - 2 * _ROOT2 * up[4]
+                    + 2 * corner[5]
+                )  # fmt: skip
     return out
 
 
 @njit(**_FAST)
-def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Improve x towards (A + DᵀγD) x = b; how many steps it took.
+def outer(t, order, weight, total):  # type: ignore[no-untyped-def]
+    """Add the outer products of the differences, times the weight."""
+    h, w = t.shape[1:]
+    for i in range(1, h - 1):
+        for j in range(1, w - 1):
+            a, b = t[0, i, j], t[1, i, j]
+            total[0, i, j] += weight * a * a
+            total[1, i, j] += weight * a * b
+            total[2, i, j] += weight * b * b
+            if order == 2:
+                c = t[2, i, j]
+                total[3, i, j] += weight * a * c
+                total[4, i, j] += weight * b * c
+                total[5, i, j] += weight * c * c
 
-    Ends where a step gains less than `tolerance` in log likelihood per pixel.
+
+@njit(**_COMPILED)
+def precision(squares, order, least, factor, gamma, root):  # type: ignore[no-untyped-def]
+    """Write Γ = factor (least I + S)⁻¹, and L of Γ = LLᵀ."""
+    h, w = squares.shape[1:]
+    for i in range(h):
+        for j in range(w):
+            a, b, c = squares[0, i, j] + least, squares[1, i, j], squares[2, i, j] + least
+            d, e, f = 0.0, 0.0, 1.0
+            if order == 2:
+                d, e, f = squares[3, i, j], squares[4, i, j], squares[5, i, j] + least
+            g = gamma[:, i, j]
+            cofactors = c * f - e * e, d * e - b * f, b * e - c * d
+            scale = factor / (a * cofactors[0] + b * cofactors[1] + d * cofactors[2])
+            g[0], g[1], g[2] = scale * cofactors[0], scale * cofactors[1], scale * (a * f - d * d)
+            r = root[:, i, j]
+            r[0] = np.sqrt(g[0])
+            r[1] = g[1] / r[0]
+            r[2] = np.sqrt(max(g[2] - r[1] ** 2, _LEAST))
+            if order == 2:
+                g[3], g[4], g[5] = (
+                    scale * cofactors[2],
+                    scale * (b * d - a * e),
+                    scale * (a * c - b * b),
+                )
+                r[3] = g[3] / r[0]
+                r[4] = (g[4] - r[3] * r[1]) / r[2]
+                r[5] = np.sqrt(max(g[5] - r[3] ** 2 - r[4] ** 2, _LEAST))
+
+
+@njit(**_FAST)
+def spread(root, order, n, t):  # type: ignore[no-untyped-def]
+    """Write L n."""
+    h, w = t.shape[1:]
+    for i in range(h):
+        for j in range(w):
+            t[0, i, j] = root[0, i, j] * n[0, i, j]
+            t[1, i, j] = root[1, i, j] * n[0, i, j] + root[2, i, j] * n[1, i, j]
+            if order == 2:
+                t[2, i, j] = (
+                    root[3, i, j] * n[0, i, j] + root[4, i, j] * n[1, i, j]
+                    + root[5, i, j] * n[2, i, j]
+                )  # fmt: skip
+
+
+@njit(**_FAST)
+def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance):  # type: ignore[no-untyped-def]
+    """Improve x towards (A + DᵀΓD) x = b; how many steps it took.
+
+    Ends where a step gains less than `tolerance` in log likelihood per pixel, or nothing but rounding.
     """
     h, w = mask.shape
     inverse = mask / diagonal(information, gamma, order, mask)
     q, r, p = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
-    product(x, information, gamma, order, mask, q)
+    t = np.zeros((3, h, w))
+    product(x, information, gamma, order, mask, t, q)
     rz, count = 0.0, 1
     for i in range(h):
         row = 0.0
@@ -168,19 +228,19 @@ def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance)
             row += r[i, j] * p[i, j]
             count += mask[i, j]
         rz += row
+    gained = 0.0
     for step in range(steps):
         if rz == 0:
             return step
-        product(p, information, gamma, order, mask, q)
+        product(p, information, gamma, order, mask, t, q)
         pq = 0.0
         for i in range(h):
             row = 0.0
             for j in range(w):
                 row += p[i, j] * q[i, j]
             pq += row
-        if pq <= 0:  # nothing left but rounding
-            return step
         along, new = rz / pq, 0.0
+        gained += along * rz
         for i in range(h):
             row = 0.0
             for j in range(w):
@@ -188,7 +248,7 @@ def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance)
                 r[i, j] -= along * q[i, j]
                 row += r[i, j] * r[i, j] * inverse[i, j]
             new += row
-        if along * rz < tolerance * count:
+        if along * rz <= max(tolerance * count, _ROUNDING * gained):
             return step + 1
         for i in range(h):
             for j in range(w):

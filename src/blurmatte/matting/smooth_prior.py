@@ -1,12 +1,13 @@
 """A field of alpha that is smooth, but for edges, as the pixels' evidence wants it.
 
-In this file A is the information of each pixel (or cell of pixels), x alpha, D x its differences of
-first or second order in all directions, d of them at each place. They are taken to be of a t
-distribution of scale σ: mostly small, now and then an edge. That is a normal distribution whose
-precision γ is not known; given the rest, the mean of γ is (ν + d) / (ν σ² + E|D x|²), and given γ, x is
-normal with information H = A + DᵀγD. Both are repeated in turn. The expectation of |D x|² is over what
-x can still be, not that of the best x alone, which would be too smooth; it is taken of samples
-H⁻¹(√A ξ + Dᵀ√γ η) with normal ξ and η, whose covariance is H⁻¹.
+In this file A is the information of each pixel (or cell of pixels), x alpha, and D x its differences of
+first or second order in all directions: a vector at each place. They are normal, but with a precision
+Γ of each place, a matrix, that is not known: before they are seen as if ν of scale σ had been (a
+Wishart distribution). So they follow a t distribution, mostly small, now and then an edge, and along
+an edge they are as small as elsewhere. Given the rest, the mean of Γ is (ν + 1)(νσ²I + E[Dx Dxᵀ])⁻¹,
+and given Γ, x is normal with information H = A + DᵀΓD. Both are repeated in turn. The expectation is
+over what x can still be, not that of the best x alone, which would be too smooth; it is taken of
+samples H⁻¹(√A ξ + DᵀL η) with normal ξ and η and LLᵀ = Γ, whose covariance is H⁻¹.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -21,7 +22,7 @@ Bools = npt.NDArray[np.bool_]
 
 BORDER = 2  # pixels around all maps, where the mask is False
 
-_NU = 1.0  # degrees of freedom of the t distribution: edges are common
+_NU = 1.0  # differences seen before: edges are common
 _POOL = 3  # cells across, over which precisions are alike
 _TOLD_BY = 5  # cells across, over which a few samples tell a variance
 _ROUNDS = 2
@@ -48,6 +49,10 @@ class Evidence:
     information: Array
     pull: Array
     mask: Bools
+
+    def weaker(self, factor: float) -> "Evidence":
+        """With as many times the variance."""
+        return Evidence(self.information / factor, self.pull / factor, self.mask)
 
     def coarser(self) -> "Evidence":
         """In cells of twice the width."""
@@ -87,11 +92,10 @@ class Field:
     x : (h, w) float
         Its mean.
     variance : (h, w) float
-    squares : (h, w) float
-        Expectation of |D x|², of neighbors together.
-    risk : float
-        Unbiased estimate of the squared error, times the information, in the mean of all cells
-        [Stein 1981].
+    squares : (3 or 6, h, w) float
+        Expectation of Dx Dxᵀ, of neighbors together: the lower triangle, row by row.
+    left, freedom : float
+        Squares that cells leave, over their variances, and how many there would be of noise.
     steps : int
         Of the last solution.
     converged : bool
@@ -101,9 +105,18 @@ class Field:
     x: Array
     variance: Array
     squares: Array
-    risk: float
+    left: float
+    freedom: float
     steps: int
     converged: bool
+
+    @property
+    def risk(self) -> float:
+        """Unbiased estimate of the squared error, times the information, of all cells [Stein 1981].
+
+        Up to a constant.
+        """
+        return self.left - 2 * self.freedom
 
 
 def smoothed(
@@ -119,43 +132,52 @@ def smoothed(
     noise = [rng.standard_normal((4, *mask.shape)) for _ in range(samples)]
     field = start or _nothing(mask, prior)
     for _ in range(_ROUNDS):
-        x, gamma = field.x.copy(), _precision(prior, field, cells)
+        x, (gamma, root) = field.x.copy(), _precision(prior, field, cells)
         above, below = (_SHARP * (mask & beyond) for beyond in (x > 1, x < _LEAST))
         drawn = [np.zeros(mask.shape) for _ in noise]
         jobs = [(A + above + below, evidence.pull + above + below * _LEAST, x)]
         for n, z in zip(noise, drawn, strict=True):
             # What is held from below is no better known for that: there was no object, or no answer.
-            jobs.append((A + above, _disturbed(A + above, gamma, prior.order, mask, n), z))
+            jobs.append((A + above, _disturbed(A + above, root, prior.order, mask, n), z))
         steps = _solve_all(gamma, prior.order, mask, jobs, _STEPS)
         field = replace(field, x=x, steps=steps, converged=steps < _STEPS)
         if noise:
             traces = [np.sum(n[0] * np.sqrt(A) * z) for n, z in zip(noise, drawn, strict=True)]
+            left, known = _left(evidence, x)
             field = replace(
                 field,
                 variance=_pooled(np.mean(np.square(drawn), axis=0), mask),
                 squares=_squares(x, drawn, prior.order),
-                risk=_risk(evidence, x, float(np.mean(traces))),
+                left=left,
+                freedom=known - float(np.mean(traces)),
             )
     return field
 
 
 def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
     """Variance of the sum of a field over all cells."""
-    gamma, whole = _precision(prior, field, cells), np.zeros(field.x.shape)
+    (gamma, _), whole = _precision(prior, field, cells), np.zeros(field.x.shape)
     ones = evidence.mask.astype(float)
     job = evidence.information, ones, whole
     _solve_all(gamma, prior.order, evidence.mask, [job], 2 * _STEPS, 0.0)
     return float(whole.sum()) * cells**2
 
 
-def _precision(prior: Prior, field: Field, cells: int) -> Array:
-    """γ, for differences that stand for so many pixels."""
-    return cells * (_NU + prior.order + 1) / (_NU * prior.scale**2 + field.squares)
+def _precision(prior: Prior, field: Field, cells: int) -> tuple[Array, Array]:
+    """Γ, for differences that stand for so many pixels, and L."""
+    from blurmatte.matting.smooth_kernel import precision  # numba takes half a second
+
+    gamma, root = np.zeros((2, *field.squares.shape))
+    least = _NU * prior.scale**2
+    precision(field.squares, prior.order, least, cells * (_NU + 1), gamma, root)
+    return gamma, root
 
 
 def _nothing(mask: Bools, prior: Prior) -> Field:
     zero = np.zeros(mask.shape)
-    return Field(zero, zero, np.full(mask.shape, prior.scale**2), np.inf, 0, False)
+    squares = np.zeros((3 * prior.order, *mask.shape))
+    squares[[0, 2, 5][: prior.order + 1]] = prior.scale**2
+    return Field(zero, zero, squares, np.inf, 0.0, 0, False)
 
 
 def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
@@ -170,7 +192,7 @@ def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
         field,
         x=up(field.x),
         variance=up(field.variance).clip(0),
-        squares=up(field.squares).clip(0) / 4**order,
+        squares=np.stack([up(part) for part in field.squares]) / 4**order,
     )
 
 
@@ -196,26 +218,27 @@ def _solve_all(
         return list(threads.map(solve, jobs))[0]  # noqa: RUF015  all must have ended
 
 
-def _disturbed(A: Array, gamma: Array, order: int, mask: Bools, normal: Array) -> Array:
+def _disturbed(A: Array, root: Array, order: int, mask: Bools, normal: Array) -> Array:
     """A right hand side whose solution has the covariance H⁻¹."""
-    from blurmatte.matting.smooth_kernel import backward
+    from blurmatte.matting.smooth_kernel import backward, spread
 
     b: Array = np.sqrt(A) * normal[0] * mask
-    backward(np.ascontiguousarray(np.sqrt(gamma) * normal[1:]), order, mask, b)
+    t = np.zeros((3, *mask.shape))
+    spread(root, order, normal[1:], t)
+    backward(t, order, mask, b)
     return b
 
 
 def _squares(x: Array, samples: list[Array], order: int) -> Array:
     from scipy.ndimage import uniform_filter
 
-    from blurmatte.matting.smooth_kernel import forward
+    from blurmatte.matting.smooth_kernel import forward, outer
 
-    t, total = np.zeros((3, *x.shape)), np.zeros(x.shape)
+    t, total = np.zeros((3, *x.shape)), np.zeros((3 * order, *x.shape))
     for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
         forward(values, order, t)
-        total += weight * np.sum(t[: order + 1] ** 2, axis=0)
-    pooled: Array = np.asarray(uniform_filter(total, _POOL), float)
-    return np.asarray(np.maximum(pooled, 0.0))
+        outer(t, order, weight, total)
+    return np.asarray(uniform_filter(total, (0, _POOL, _POOL)), float)
 
 
 def _pooled(variance: Array, mask: Bools) -> Array:
@@ -227,11 +250,11 @@ def _pooled(variance: Array, mask: Bools) -> Array:
     return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0))
 
 
-def _risk(evidence: Evidence, x: Array, trace: float) -> float:
+def _left(evidence: Evidence, x: Array) -> tuple[float, int]:
+    """Squares that cells leave, over their variances, and how many cells know anything."""
     known = evidence.information > 0
     A = evidence.information[known]
-    left = float(np.sum((evidence.pull[known] - A * x[known]) ** 2 / A))
-    return (left + 2 * trace) / max(len(A), 1) - 1
+    return float(np.sum((evidence.pull[known] - A * x[known]) ** 2 / A)), len(A)
 
 
 def _blocks(values: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from blurmatte.radiometry.blocks import BLOCKS as BLOCKS
 from blurmatte.radiometry.blocks import block_squares as block_squares
+from blurmatte.radiometry.blocks import block_sums as block_sums
 from blurmatte.radiometry.blocks import coherence as coherence
 from blurmatte.radiometry.cells import cell_means as cell_means
 from blurmatte.radiometry.hexadecimal import light_of_hex as light_of_hex

@@ -12,6 +12,20 @@ from blurmatte.checks import Bools, Floats
 BLOCKS = (2, 4, 8, 16)  # pixels: compression has blocks of up to 16
 
 
+def block_sums(values: Floats, size: int) -> npt.NDArray[np.float64]:
+    """(H // size, W // size, ...) sums over blocks; what is left over at the far sides is cut.
+
+    Parameters
+    ----------
+    values : (H, W, ...) float
+    size : int
+        Pixels across a block.
+    """
+    h, w = (side // size * size for side in values.shape[:2])
+    parts = values[:h, :w].reshape(h // size, size, w // size, size, *values.shape[2:])
+    return np.asarray(parts.sum(axis=(1, 3)))
+
+
 def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
     """(K, channels) squared sums over blocks of `size` by `size` pixels, by the pixels summed.
 
@@ -26,15 +40,9 @@ def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
         The pixels to sum.
     size : int
     """
-    h, w = (side // size * size for side in use.shape)
-
-    def sums(x: Floats) -> npt.NDArray[np.float64]:
-        parts = x[:h, :w].reshape(h // size, size, w // size, size, *x.shape[2:])
-        return np.asarray(parts.sum(axis=(1, 3)))
-
-    count = sums(use.astype(float))
+    count = block_sums(use.astype(float), size)
     full = count > size**2 / 2
-    squares: npt.NDArray[np.float64] = sums(np.where(use[..., None], e, 0))[full] ** 2
+    squares: npt.NDArray[np.float64] = block_sums(np.where(use[..., None], e, 0), size)[full] ** 2
     return squares / count[full][:, None]
 
 
