@@ -94,6 +94,18 @@ def test_clips_of_pictures_come_back(tmp_path, name, pixels, coded):
         assert tags == (1, 1, 1, 1)
 
 
+@pytest.mark.parametrize("name", ["a.mov", "a.mp4"])
+def test_color_stays_where_it_was(tmp_path, name):
+    """Honest: a green bump on gray; shared by two columns, color must not come back half one beside."""
+    x = np.arange(64)
+    bump = np.exp(-((x - 31.3) ** 2) / 50)[:, None] * np.array([-0.1, 0.15, -0.05])
+    picture = LinearImage(np.tile((0.2 + bump).astype(np.float32), (48, 1, 1)))
+    write_frames(tmp_path / name, [picture] * 3)
+    green = read_frames(tmp_path / name)[1].rgb @ [-0.5, 1, -0.5]
+    green = green.mean(axis=0) - green[:, :6].mean()
+    assert_allclose(green @ x / green.sum(), 31.3, atol=0.2)
+
+
 @pytest.mark.parametrize("codec", ["png", "qtrle"])
 def test_other_codecs_with_alpha(tmp_path, codec):
     # exact: 8 bits of straight colors, without loss

@@ -75,6 +75,14 @@ def test_a_bounce_is_no_scatter():
     assert not bm.fit_fall(rows).fits
 
 
+def test_rounds_are_no_scatter():
+    """Exact: a ball on a string; of low polynomials none explains it, nor better than others."""
+    t = np.arange(60)
+    places = 100 + 50 * np.stack([np.cos(0.7 * t), np.sin(0.7 * t)], axis=1)
+    rows = [bm.FrameMotion(k, k / RATE, sighting(p), 1) for k, p in enumerate(places)]
+    assert not bm.fit_fall(rows).fits
+
+
 def test_what_a_camera_sees_of_gravity():
     """Exact: of a camera that looks down, the part within the picture; turned by a quarter, aside."""
     rng = np.random.default_rng(1)

@@ -8,6 +8,7 @@ it so unless told otherwise, and the rounding of premultiplied colors would be d
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,6 +21,7 @@ from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, SRGB, LinearImage
 
 if TYPE_CHECKING:
+    from av.filter import Graph
     from av.video.frame import VideoFrame
 
 _BT709 = 1
@@ -30,6 +32,9 @@ _REACH = 16
 _PRORES = {"profile": "4444", "bits_per_mb": "8192", "vendor": "apl0"}
 # Hardly to be told from the original; with a fixed number of threads the same bytes on every machine.
 _H264 = {"crf": "16", "threads": "4"}
+_TO_BT709 = (
+    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
+)
 _QUALITY = 90  # of WebP
 
 
@@ -131,23 +136,23 @@ def _clip(
 ) -> Iterator[Callable[[npt.NDArray[Any], str, str], None]]:
     """A function that adds one frame: codes, their format, and the format of the stream."""
     av = video_library(path)
-    from av.video.reformatter import ColorRange, Interpolation
+    from av.video.reformatter import ColorRange
 
     steps = Fraction(rate).limit_denominator(1001)
     count = 0
+    converter: Graph
 
     def add(codes: npt.NDArray[Any], form: str, pixels: str) -> None:
-        nonlocal count
+        nonlocal count, converter
         if count == 0:
             stream.height, stream.width = codes.shape[:2]
             stream.pix_fmt = pixels
-        frame: VideoFrame = av.VideoFrame.from_ndarray(codes, format=form).reformat(
-            format=pixels,
-            dst_colorspace=_BT709,
-            dst_color_range=ColorRange.MPEG,
-            interpolation=Interpolation.BICUBIC | Interpolation.ACCURATE_RND,
-            threads=1,
-        )
+            converter = _converter(av.VideoFrame.from_ndarray(codes, format=form), pixels)
+        source = av.VideoFrame.from_ndarray(codes, format=form)
+        source.pts, source.time_base = count, 1 / steps
+        converter.push(source)
+        frame = converter.pull()
+        assert isinstance(frame, av.VideoFrame)
         frame.color_primaries = frame.color_trc = _BT709
         frame.pts, frame.time_base = count, 1 / steps
         target.mux(stream.encode(frame))
@@ -163,3 +168,26 @@ def _clip(
             target.mux(stream.encode())
     except av.FFmpegError as error:
         raise OSError(error.errno, error.strerror) from error
+
+
+def _converter(frame: "VideoFrame", pixels: str) -> "Graph":
+    """What turns frames like this one into Y'CbCr of Rec. 709.
+
+    In 4:2:0 the color of two columns is that of the left one: so players and cameras have it where
+    nothing is said (ITU-T H.264, figure E-1), and FFmpeg alone would put it between them.
+    """
+    from av.filter import Graph
+
+    graph = Graph()
+    parts = (
+        graph.add_buffer(
+            width=frame.width, height=frame.height, format=frame.format, time_base=Fraction(1, 1)
+        ),
+        graph.add("scale", _TO_BT709),
+        graph.add("format", pixels),
+        graph.add("buffersink"),
+    )
+    for part, following in pairwise(parts):
+        part.link_to(following)
+    graph.configure()
+    return graph

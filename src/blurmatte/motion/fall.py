@@ -6,7 +6,8 @@ exposure time, which is alike in all frames and changes x₀ alone.
 
 Where the places scatter by more than their errors, as those of compressed clips do, scatter takes the
 place of the errors, if a polynomial of fourth order explains the flight no better than scatter can
-make it look: an F test of nested fits. A bounce, an arc or drag of the air bends it otherwise.
+make it look: an F test of nested fits. A bounce, an arc or drag of the air bends it otherwise, and of
+rounds a parabola leaves nearly all.
 
 With a known gravity g the parabola measures lengths: one pixel is |g| / |a| long, and a ball in space
 is |g| / |a| times as large, and as far away, as was thought.
@@ -30,6 +31,7 @@ _LEAST = 4  # places: with three any parabola fits
 _BEST = 1e-3  # pixels: no center is known better
 _UNLIKELY = 1e-3  # of χ²: noise alone does that in one of a thousand clips
 _BENT = 1e-2  # of the F test: scatter alone makes one in a hundred flights look bent otherwise
+_SCATTER = 0.1  # of how far the places are spread, the most that they may err
 _TELLING = 7  # places: of fewer, too little is left over to compare fits
 _CLEAR = 5.0  # times its error, an acceleration: below, its inverse is not normal any more
 _SIGMAS = 3.0
@@ -338,6 +340,8 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
     )
     if count < _TELLING or fall.fits:
         return fall
+    if chi2 > _SCATTER**2 * _polynomial(times - middle, places, known, 0)[2]:
+        return fall  # it goes another way: nothing errs by so much of the whole path
     less = _polynomial(times - middle, places, known, 4)[2]
     more, left = 2 * n, n * (count - 5)
     ratio = (chi2 - less) / more / (less / left)
