@@ -33,6 +33,7 @@ Noise = NoiseModel | npt.NDArray[np.floating]
 _MARGIN = 24  # pixels around a streak that is solved
 _ASKED = 6  # frames that are asked for the color
 _ASKED_STREAKS = 3  # of each, the strongest
+_SURE_RADIUS = 0.05  # of itself, how well a radius is known that speaks for a color
 _SAME_COLOR = (
     0.15  # radians: shades of one paint in changing light; things that move differ by more
 )
@@ -292,7 +293,10 @@ def _angle(a: ColorModel, b: ColorModel) -> float:
 def _colors(
     image: LinearImage, plate: LinearImage, fit: Callable[..., Sweep]
 ) -> Iterator[tuple[ColorModel, float]]:
-    """Colors of what a sweep explains in a frame, and how strong each streak is."""
+    """Colors of what a sweep explains in a frame, and how strong each streak is.
+
+    Limbs and their shadows may look like a disc too, but of no certain size.
+    """
     try:
         found = require_streaks(image, plate)
     except BlurmatteError:
@@ -303,7 +307,8 @@ def _colors(
         except (ColorModelError, MotionError):
             continue
         if sweep.misfit <= MAX_MISFIT:
-            yield sweep.model, streak.evidence
+            unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
+            yield sweep.model, streak.evidence / (1 + unsure**2)
 
 
 def _noise(image: LinearImage) -> Noise:
