@@ -144,11 +144,11 @@ def _clip(
 
     def add(codes: npt.NDArray[Any], form: str, pixels: str) -> None:
         nonlocal count, converter
+        source = av.VideoFrame.from_ndarray(codes, format=form)
         if count == 0:
             stream.height, stream.width = codes.shape[:2]
             stream.pix_fmt = pixels
-            converter = _converter(av.VideoFrame.from_ndarray(codes, format=form), pixels)
-        source = av.VideoFrame.from_ndarray(codes, format=form)
+            converter = _converter(source, pixels)
         source.pts, source.time_base = count, 1 / steps
         converter.push(source)
         frame = converter.pull()

@@ -25,7 +25,7 @@ _BLOCK = 8  # pixels: noise that hangs together does so over less, or over such 
 _KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
 _UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
 _MEDIAN = 0.455  # of χ² of one
-_CHANCE = 2.5  # standard deviations of a mean of squares
+CHANCE = 2.5  # standard deviations of a mean of squares
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
@@ -219,4 +219,4 @@ def _beyond_chance(squares: Array, independent: int) -> float:
         return 1.0
     kept = np.sort(squares)[: int(np.ceil(_KEPT * len(squares)))]
     factor = float(kept.mean()) / _MEAN_OF_KEPT
-    return factor if factor > 1 + _CHANCE * np.sqrt(2 / independent) else 1.0
+    return factor if factor > 1 + CHANCE * np.sqrt(2 / independent) else 1.0

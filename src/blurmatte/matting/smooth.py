@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import evidence_of, noise_together
+from blurmatte.matting.evidence import CHANCE, evidence_of, noise_together
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
@@ -48,7 +48,6 @@ _SAMPLES, _FINAL_SAMPLES = 2, 8
 _NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
 _SIGMAS_OUT = 3.0
 _IN_DETAIL = 0.7  # power: noise that hangs together is weaker in detail than in sums over blocks
-_CHANCE = 2.5  # standard deviations of a mean of squares
 
 
 @dataclass(frozen=True)
@@ -203,7 +202,7 @@ def _noise_of_cells(evidence: Evidence) -> float:
     for doubled in (2, 3):
         cells = cells.coarser()
         _, field = _least_risk(cells.weaker(factor), _PRIORS, None, 4**doubled)
-        by_chance = _CHANCE * np.sqrt(2 * max(field.freedom, 1.0))
+        by_chance = CHANCE * np.sqrt(2 * max(field.freedom, 1.0))
         if field.freedom > 1 and field.left > field.freedom + by_chance:
             factor *= field.left / field.freedom
     return factor

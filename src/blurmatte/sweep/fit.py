@@ -218,8 +218,7 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     trust = overstated(data, state)
     H, _ = state.information(data)
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
-    n = state.size - 2
-    model = _model(state, covariance[n:, n:])
+    model = _model(state, covariance[-2:, -2:])
     k = len(state.path)
     known = covariance[k, k] < (_MOST_UNSURE * state.shape[0]) ** 2
     soft = state.silhouette.soft and trust < _OF_FILES

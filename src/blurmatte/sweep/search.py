@@ -94,9 +94,10 @@ class Search:
             finalists = finalists[:1]
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
         sharp = best_of(self.data, ends)
-        if self._softened(sharp) is sharp:
+        soft = self._softened(sharp)
+        if soft is sharp:
             return sharp
-        return best_of(self.data, [self._softened(s) for s in ends])
+        return best_of(self.data, [soft if s is sharp else self._softened(s) for s in ends])
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws: for one of many frames of a clip.

@@ -41,7 +41,8 @@ class Sweep:
     stats : mapping
         How the fit went: `misfit` is how much more the residuals within the streak hang together
         than those beside it, 1 if the sweep explains all there is; `doubtful` is the share of the
-        streak's pixels that it does not explain.
+        streak's pixels that it does not explain; `rim` the standard deviation, pixels, by which its
+        rim seems blurred, 0 if not. If the file did that, alpha is sharp.
     """
 
     family: PathFamily

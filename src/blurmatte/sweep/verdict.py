@@ -1,5 +1,7 @@
 """Does a sweep explain the streak? What its residuals and its light say."""
 
+from functools import cache
+
 import numpy as np
 import numpy.typing as npt
 
@@ -71,6 +73,7 @@ def misfit(data: Data, state: State) -> float:
     return float(np.exp(np.mean(np.log(ratios))))
 
 
+@cache
 def shared_coherence(size: int, scale: float) -> float:
     """How much noise of colors hangs together that 2 by 2 pixels of a file share.
 
