@@ -12,7 +12,7 @@ from blurmatte.checks import Bools, Floats
 BLOCKS = (2, 4, 8, 16)  # pixels: compression has blocks of up to 16
 
 
-def block_sums(values: Floats, size: int) -> npt.NDArray[np.float64]:
+def block_sums(values: Floats, size: int) -> Floats:
     """(H // size, W // size, ...) sums over blocks; what is left over at the far sides is cut.
 
     Parameters
@@ -22,8 +22,17 @@ def block_sums(values: Floats, size: int) -> npt.NDArray[np.float64]:
         Pixels across a block.
     """
     h, w = (side // size * size for side in values.shape[:2])
-    parts = values[:h, :w].reshape(h // size, size, w // size, size, *values.shape[2:])
-    return np.asarray(parts.sum(axis=(1, 3)))
+    cut = values[:h, :w]
+    if size == 1:
+        return cut
+    # Whole rows, then columns: several times as fast as a sum over two axes.
+    rows = cut[::size].copy()
+    for i in range(1, size):
+        rows += cut[i::size]
+    sums = rows[:, ::size].copy()
+    for i in range(1, size):
+        sums += rows[:, i::size]
+    return sums
 
 
 def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
@@ -42,7 +51,7 @@ def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
     """
     count = block_sums(use.astype(float), size)
     full = count > size**2 / 2
-    squares: npt.NDArray[np.float64] = block_sums(np.where(use[..., None], e, 0), size)[full] ** 2
+    squares: npt.NDArray[np.floating] = block_sums(np.where(use[..., None], e, 0), size)[full] ** 2
     return squares / count[full][:, None]
 
 

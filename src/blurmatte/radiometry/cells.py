@@ -3,6 +3,7 @@
 import numpy as np
 
 from blurmatte.checks import Floats
+from blurmatte.radiometry.blocks import block_sums
 
 
 def cell_means(values: Floats, side: int) -> Floats:
@@ -18,15 +19,5 @@ def cell_means(values: Floats, side: int) -> Floats:
     -------
     (H // side, W // side, …) float
     """
-    height, width = (n // side for n in values.shape[:2])
-    cut = values[: height * side, : width * side]
-    if side == 1:
-        return cut
-    # Whole rows, then columns: several times as fast as a mean over two axes.
-    rows = cut[::side].copy()
-    for i in range(1, side):
-        rows += cut[i::side]
-    cells = rows[:, ::side].copy()
-    for i in range(1, side):
-        cells += rows[:, i::side]
-    return np.asarray(cells / side**2)
+    sums = block_sums(values, side)
+    return sums if side == 1 else np.asarray(sums / side**2)
