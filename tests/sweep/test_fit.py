@@ -153,6 +153,18 @@ def test_a_file_that_blurs_colors_leaves_a_sharp_disc(plate):
         assert abs(sweep.radius - 13) < max(4 * sweep.radius_std, 0.1)
 
 
+@pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])
+def test_colors_that_pixels_share_move_no_rim(plate):
+    """Honest: without compression noise is that of single pixels, but for color."""
+    scene = Scene(plate, LINE, Ball(13, GREEN))
+    truth = taken(scene)[0]
+    camera = Camera(code_std=1.5 / 255, chroma="4:2:0")
+    sweep = fit_sweep(*with_noise(*Shot(scene, camera).photograph(truth)))
+    assert sweep.silhouette == Silhouette(1)
+    assert rmse(sweep, truth) < 0.006
+    assert abs(sweep.radius - 13) < 0.05
+
+
 def test_a_lens_that_blurs_makes_a_soft_alpha(ball):
     truth, _, _, sharp = ball
     assert sharp.stats["rim"] == 0

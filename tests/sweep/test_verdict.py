@@ -31,6 +31,7 @@ from blurmatte.sweep.verdict import (
     BRIGHTEST,
     can_be,
     coherence,
+    colors_ran_together,
     doubtful_share,
     mean_light,
     means_something,
@@ -263,3 +264,20 @@ def test_a_color_of_negative_light_cannot_be():
         data, C=data.C - np.where(right.swept.alpha > 0, 0.1, 0)[..., None] * [0, 0, 1]
     )
     assert not can_be(darker, disc(darker))
+
+
+@pytest.mark.parametrize("quality", [None, 100, 90])
+@pytest.mark.parametrize("chroma", ["4:2:0", "4:2:2"])
+def test_files_that_share_color_are_known_by_its_noise(chroma, quality):
+    camera = replace(CAMERA, jpeg_quality=quality, chroma=chroma)
+    data = taken(BALL, camera=camera)
+    assert colors_ran_together(data, fitted(data))
+
+
+def test_noise_of_single_pixels_is_no_file_s():
+    """Also where light changed slowly."""
+    data = taken(BALL)
+    found = fitted(data)
+    assert not colors_ran_together(data, found)
+    ramp = np.linspace(0, 0.05, data.C.shape[1])[:, None]
+    assert not colors_ran_together(replace(data, C=data.C * (1 + ramp)), found)

@@ -57,7 +57,8 @@ class Swept:
     ) -> None:
         """Write the sweep's answer into maps of the closed form, where it explains the pixel.
 
-        Where an object of one color went and the plate is seen unchanged, something still is in front:
+        Colors that a file let run together are taken as they were before. Where an object of one color
+        went and the plate is seen unchanged, something still is in front:
         alpha is that behind it, OCCLUDED, and no light is known. Another patch that the sweep does not
         explain is marked MISFIT: there is a hole, a highlight, or something else. It stays as the
         pixels alone say, if most of them are explained by the object's color with an alpha of their own
@@ -76,6 +77,7 @@ class Swept:
         """
         place = slice(box[1], box[3]), slice(box[0], box[2])
         alpha, alpha_std = sweep.within(box)
+        image = sweep.before_bleeding(image, plate, box)
         P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
         quality = maps.quality[place]
         saturated = (quality & np.uint8(Quality.SATURATED)) != 0

@@ -1,12 +1,13 @@
 """What a sweep is fitted to: light and noise of a box of the picture, at any coarseness."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import LinearImage, cell_means, smooth_variance
+from blurmatte.radiometry import LinearImage, Transfer, cell_means, smooth_variance
 from blurmatte.streaks import Streak
+from blurmatte.sweep.chroma import before_bleeding
 from blurmatte.sweep.known import KnownColor
 
 Array = npt.NDArray[np.float64]
@@ -63,6 +64,13 @@ class Data:
     def pitch(self) -> float:
         """`grain` in the pixels here, 2 or more."""
         return max(self.grain / self.scale, 2.0)
+
+    def before_bleeding(
+        self, alpha: Array, color: Array, blur: float, transfer: Transfer
+    ) -> "Data":
+        """With the light before colors ran together by so many pixels; see `chroma`."""
+        C = before_bleeding(self.C, self.B, alpha, color, blur / self.scale, transfer)
+        return replace(self, C=np.ascontiguousarray(C))
 
     def coarser(self, by: int) -> "Data":
         """Means over blocks of `by` by `by` pixels; what is left over at the far sides is cut."""

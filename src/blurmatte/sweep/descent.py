@@ -153,6 +153,13 @@ def seen(data: Data, state: State) -> State:
     return state_at(data, state.family, state.path, state.silhouette, state.shape, state.frame)
 
 
+def sharp(data: Data, state: State) -> State:
+    """The same with a sharp rim, in other data."""
+    silhouette = replace(state.silhouette, soft=False)
+    shape = silhouette.like(state.silhouette, state.shape)
+    return state_at(data, state.family, state.path, silhouette, shape, state.frame)
+
+
 def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     """Follow the cost down from a start, the radius within bounds."""
     state, caution = start, 1e-2

@@ -13,10 +13,10 @@ import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import SRGB, LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State
+from blurmatte.sweep.descent import State, descend, sharp
 from blurmatte.sweep.known import KnownColor, known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import refined
@@ -26,6 +26,7 @@ from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
+    colors_ran_together,
     doubtful_share,
     misfit,
     overstated,
@@ -43,7 +44,7 @@ _SHADOWS = 2  # times that a streak is looked at without what is found of its sh
 _FOLLOWED = 0.2  # of the largest alpha
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
-_OF_FILES = 2.0  # coherence: of light itself, noise hangs together less
+_AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -100,7 +101,7 @@ def fit_sweep(
     for _ in range(_FOLLOWING):
         if stays(search.data, disc) or np.isnan(streak.evidence):
             break  # a streak that was given, not found, is all there is
-        streak = _followed(streak, _sweep(search.data, disc, image.size))
+        streak = _followed(streak, _ended(search.data, disc, image.size))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
     first = search
@@ -116,8 +117,7 @@ def fit_sweep(
         search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = search is not first and misfit(search.data, disc) <= _NOISE
-    found = _sweep(search.data, disc if explained else _best(search, disc), image.size)
-    return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
+    return _sweep(search, disc if explained else _best(search, disc), image)
 
 
 def fit_disc(
@@ -142,8 +142,7 @@ def fit_disc(
     rank = 1 if model is None else model.rank
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
-    found = _sweep(search.data, search.quick(rank), image.size)
-    return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
+    return _sweep(search, search.quick(rank), image)
 
 
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
@@ -213,7 +212,25 @@ def _textured(data: Data, state: State) -> bool:
     return share > _MOST_OF_IT and (state.frame.rank < 3 or against < _AGAINST)
 
 
-def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
+def _sweep(search: Search, state: State, image: LinearImage) -> Sweep:
+    """The end of all searching; where a file let colors run together, of the light before that."""
+    data, blur = search.data, 0.0
+    if state.frame.rank == 1 and colors_ran_together(data, state):
+        first = search.softest(state)
+        blur = first.silhouette.softness(first.shape)
+    for _ in range(_AGAIN if blur else 0):
+        bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
+        alpha, transfer = sharp(data, state).swept.alpha, image.meta.transfer or SRGB
+        before = data.before_bleeding(alpha, state.main, blur, transfer)
+        search = replace(search, data=before, bounds=bounds)
+        state = search.softened(descend(before, sharp(before, state), bounds))
+        # Luma was not blurred: a rim seems less soft than the chroma of it is.
+        blur = float(np.hypot(blur, state.silhouette.softness(state.shape)))
+    found = _ended(search.data, state, image.size, blur)
+    return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
+
+
+def _ended(data: Data, state: State, size: tuple[int, int], blur: float = 0.0) -> Sweep:
     """A descent's end. If it was the file that blurred the colors of its rim, the rim is sharp."""
     trust = overstated(data, state)
     H, _ = state.information(data)
@@ -221,7 +238,7 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
     model = _model(state, covariance[-2:, -2:])
     k = len(state.path)
     known = covariance[k, k] < (_MOST_UNSURE * state.shape[0]) ** 2
-    soft = state.silhouette.soft and trust < _OF_FILES
+    soft = state.silhouette.soft and blur == 0 and not colors_ran_together(data, state)
     silhouette = replace(state.silhouette, soft=soft)
     n = k + silhouette.size
     stats = {
@@ -229,7 +246,7 @@ def _sweep(data: Data, state: State, size: tuple[int, int]) -> Sweep:
         "misfit": misfit(data, state) if known else np.inf,
         "coherence": trust,
         "doubtful": doubtful_share(data, state),
-        "rim": state.silhouette.softness(state.shape),
+        "rim": blur or state.silhouette.softness(state.shape),
     }
     return Sweep(
         state.family,

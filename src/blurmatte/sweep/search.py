@@ -94,10 +94,10 @@ class Search:
             finalists = finalists[:1]
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
         sharp = best_of(self.data, ends)
-        soft = self._softened(sharp)
+        soft = self.softened(sharp)
         if soft is sharp:
             return sharp
-        return best_of(self.data, [soft if s is sharp else self._softened(s) for s in ends])
+        return best_of(self.data, [soft if s is sharp else self.softened(s) for s in ends])
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws: for one of many frames of a clip.
@@ -108,7 +108,7 @@ class Search:
         curve, radius = self.curves[_QUICK]
         finalists = _finalists(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        return self._softened(best_of(self.data, ends))
+        return self.softened(best_of(self.data, ends))
 
     def near(self, start: Sweep, rank: int) -> State:
         """What descents end at that begin with the path and size of another sweep, or a line there.
@@ -120,21 +120,31 @@ class Search:
         families = dict.fromkeys((start.family, LINE))
         tried = self._ends(curve, start.radius, rank, tuple(families))
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
-        return self._softened(best_of(self.data, ends))
+        return self.softened(best_of(self.data, ends))
 
-    def _softened(self, sharp: State) -> State:
+    def softened(self, sharp: State) -> State:
         """The same with a soft rim, if that explains the data clearly better.
 
         Lenses blur, and files blur color: most share it among pixels, and compression leaves out its
         fine structure.
         """
-        silhouette = replace(sharp.silhouette, soft=True)
-        shape = silhouette.like(sharp.silhouette, sharp.shape)
-        shape[-1] = _SOFT * self.data.scale
-        start = state_at(self.data, sharp.family, sharp.path, silhouette, shape, sharp.frame)
+        start = self._soft(sharp)
         if start.cost >= sharp.cost:
             return sharp
         return best_of(self.data, [sharp, descend(self.data, start, self.bounds)])
+
+    def softest(self, state: State) -> State:
+        """The same with a soft rim, if that explains the data better at all."""
+        if state.silhouette.soft:
+            return state
+        soft = descend(self.data, self._soft(state), self.bounds)
+        return soft if soft.cost < state.cost else state
+
+    def _soft(self, sharp: State) -> State:
+        silhouette = replace(sharp.silhouette, soft=True)
+        shape = silhouette.like(sharp.silhouette, sharp.shape)
+        shape[-1] = _SOFT * self.data.scale
+        return state_at(self.data, sharp.family, sharp.path, silhouette, shape, sharp.frame)
 
     def _ends(
         self,

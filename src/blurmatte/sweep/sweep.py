@@ -1,13 +1,15 @@
 """Sweep: path, silhouette and color of a streak, found together."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
+from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.sweep.chroma import before_bleeding
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
@@ -42,7 +44,7 @@ class Sweep:
         How the fit went: `misfit` is how much more the residuals within the streak hang together
         than those beside it, 1 if the sweep explains all there is; `doubtful` is the share of the
         streak's pixels that it does not explain; `rim` the standard deviation, pixels, by which its
-        rim seems blurred, 0 if not. If the file did that, alpha is sharp.
+        rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is sharp.
     """
 
     family: PathFamily
@@ -134,6 +136,28 @@ class Sweep:
             wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
             variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
         return swept.alpha, np.sqrt(variance)
+
+    def before_bleeding(
+        self, image: LinearImage, plate: LinearImage, box: tuple[int, int, int, int]
+    ) -> LinearImage:
+        """What is in a box of the image, as it was before its file let colors run together.
+
+        The image itself if its file did not, or if the object has more than one color.
+
+        Parameters
+        ----------
+        image, plate : LinearImage
+            What is in the box (x0, y0, x1, y1).
+        """
+        blur = self.stats["rim"]
+        if blur == 0 or self.silhouette.soft or self.model.rank != 1:
+            return image
+        alpha, color = self.within(box)[0], self.model.basis[:, 0]
+        color = color if color.sum() > 0 else -color
+        transfer = image.meta.transfer or SRGB
+        light = before_bleeding(image.rgb, plate.rgb, alpha, color, blur, transfer)
+        kept = np.where(image.valid[..., None], light, image.rgb)
+        return replace(image, rgb=kept.astype(image.rgb.dtype))
 
     def area_std(self) -> float:
         """Standard deviation of the sum of alpha within the picture, pixels."""

@@ -25,6 +25,9 @@ _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _CONTRADICTED = 0.5  # of a sweep's pixels
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
+_SMOOTH = (
+    0.9  # where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02
+)
 _MOST_USUAL = {4: 10.0, 8: 25.0}  # that noise hangs together; where more does, something else moves
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
 _TOLD = 0.03  # of alpha, what a texture must tell
@@ -71,6 +74,27 @@ def misfit(data: Data, state: State) -> float:
         for size, most in _MOST_USUAL.items()
     ]
     return float(np.exp(np.mean(np.log(ratios))))
+
+
+def colors_ran_together(data: Data, state: State) -> bool:
+    """Whether noise of color is smoother than of single pixels beside the streak, as files make it.
+
+    A lens blurs no noise. Light that changed slowly changes nothing about that.
+    """
+    _, beside = _places(data, state)
+    e = (data.C - data.B) / np.sqrt(data.C_variance + data.B_variance)
+    color = e - e.mean(axis=-1, keepdims=True)
+    near, far = (_of_pairs(color, beside, apart) for apart in (1, 2))
+    return bool(near < _SMOOTH * far)
+
+
+def _of_pairs(values: Array, use: Bools, apart: int) -> float:
+    """Sum of squared differences of pixels so far apart, 1 or 2, of three in a row or column."""
+    total = 0.0
+    for x, told in ((values, use), (values.swapaxes(0, 1), use.T)):
+        all_three = told[2:] & told[1:-1] & told[:-2]
+        total += float(np.sum((x[apart:][: len(all_three)] - x[:-2])[all_three] ** 2))
+    return total
 
 
 @cache

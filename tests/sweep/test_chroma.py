@@ -1,0 +1,76 @@
+"""Chroma: light before and after a file blurred the color of it."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter
+
+from blurmatte.radiometry import REC709, SRGB
+from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate, render
+from blurmatte.sweep.chroma import before_bleeding
+from blurmatte.trajectory import Trajectory
+
+SIZE = (96, 72)
+GREEN = np.array([0.25, 0.7, 0.12])
+BLUR = 1.2
+LUMA = np.array([0.299, 0.587, 0.114])
+
+
+def through_a_file(light, transfer):
+    """Brightness as it was, color blurred."""
+    codes = transfer.encode(light)
+    luma = (codes @ LUMA)[..., None]
+    return transfer.decode(luma + gaussian_filter(codes - luma, (BLUR, BLUR, 0)))
+
+
+def rendered(plate):
+    way = Trajectory.line((32, 30), (62, 42))
+    truth = render(Scene(plate, way, Ball(9, GREEN)))
+    color = truth.scene.body.model.basis[:, 0]
+    return truth, color * np.sign(color.sum())
+
+
+@pytest.mark.parametrize("transfer", [SRGB, REC709], ids=lambda t: t.name)
+def test_what_a_file_did_is_taken_back(transfer):
+    """Exact: before a wall of one light, whose own color no blur changes."""
+    truth, color = rendered(np.full((*SIZE[::-1], 3), (0.4, 0.15, 0.4)))
+    light, wall = truth.image.rgb, truth.plate.rgb
+    seen = through_a_file(light, transfer)
+    assert np.abs(seen - light).max() > 0.02
+    back = before_bleeding(seen, wall, truth.layer.alpha, color, BLUR, transfer)
+    assert_allclose(back, light, atol=1e-5)
+
+
+def test_most_of_it_is_taken_back_before_tiles():
+    """Of the plate's own colors only what they had after the file is known."""
+    truth, color = rendered(colorful_plate(SIZE, 3, tile=16))
+    light, tiles = truth.image.rgb, truth.plate.rgb
+    seen, plate = (through_a_file(x, SRGB) for x in (light, tiles))
+    back = before_bleeding(seen, plate, truth.layer.alpha, color, BLUR, SRGB)
+    there = truth.layer.alpha > 0
+    # What is left of the light across its color is what alpha is found from.
+    across = np.linalg.svd(color[:, None])[0][:, 1:]
+    off = (1 - truth.layer.alpha)[..., None]
+    before, after = ((x - off * plate)[there] @ across for x in (seen, back))
+    assert np.sqrt(np.mean(after**2)) < 0.4 * np.sqrt(np.mean(before**2))
+
+
+def test_where_nothing_was_light_stays():
+    wall = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
+    nothing = np.zeros(SIZE[::-1])
+    assert_allclose(before_bleeding(wall, wall, nothing, GREEN, BLUR, SRGB), wall, atol=1e-7)
+    truth, color = rendered(wall)
+    back = before_bleeding(truth.image.rgb, wall, truth.layer.alpha, color, BLUR, SRGB)
+    far = np.s_[:12, :12]
+    assert_allclose(back[far], truth.image.rgb[far], atol=1e-7)
+
+
+def test_brightness_of_code_values_stays():
+    """Invariant: luma is what files keep."""
+    truth, color = rendered(plain_plate(SIZE, (0.3, 0.33, 0.36), 1))
+    seen = through_a_file(truth.image.rgb, SRGB)
+    back = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color, BLUR, SRGB)
+    assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-9)
+    again = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color, 0, SRGB)
+    assert_array_equal(again.shape, seen.shape)
+    assert_allclose(again, seen, atol=1e-9)
