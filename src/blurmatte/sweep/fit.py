@@ -6,14 +6,14 @@ a disc of one paint (`search`), then for other outlines (`outline`) or more colo
 colors that change little within a fraction of the radius (`field`).
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
-from blurmatte.radiometry import SRGB, LinearImage, with_noise
+from blurmatte.radiometry import SRGB, LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, sharp
@@ -46,6 +46,24 @@ _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to b
 _AGAINST = 3.0  # what it may tell against them
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 _CLEARLY = 1.3  # times less must be left to believe in more colors
+
+
+@dataclass(frozen=True, eq=False)
+class _Told:
+    """An end of a search, in the data that it explains.
+
+    Parameters
+    ----------
+    search : Search
+        Of the light before colors ran together.
+    state : State
+    blur : float
+        Pixels by which they did, 0 if not.
+    """
+
+    search: Search
+    state: State
+    blur: float
 
 
 def fit_sweep(
@@ -115,9 +133,14 @@ def fit_sweep(
         disc = search.best(rank)
     if misfit(search.data, disc) > _NOISE and disc.frame.rank == 1:
         search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
+    transfer = image.meta.transfer or SRGB
+    told = _before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = search is not first and misfit(search.data, disc) <= _NOISE
-    return _sweep(search, disc if explained else _best(search, disc), image)
+    explained = search is not first and misfit(told.search.data, told.state) <= _NOISE
+    if not explained:
+        best = _best(search, told)
+        told = told if best is told.state else _before_bleeding(search, best, transfer)
+    return _sweep(told, image)
 
 
 def fit_disc(
@@ -142,7 +165,8 @@ def fit_disc(
     rank = 1 if model is None else model.rank
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
-    return _sweep(search, search.quick(rank), image)
+    told = _before_bleeding(search, search.quick(rank), image.meta.transfer or SRGB)
+    return _sweep(told, image)
 
 
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
@@ -188,21 +212,23 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
     return replace(streak, mask=mask)
 
 
-def _best(search: Search, disc: State) -> State:
+def _best(search: Search, disc: _Told) -> State:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
-    if disc.frame.rank > 1:
-        return disc
-    line = refined(search.data, disc)
-    left = misfit(search.data, line)
+    if disc.state.frame.rank > 1:
+        return disc.state
+    data = disc.search.data
+    line = refined(data, disc.state)
+    left = misfit(data, line)
     if left <= _NOISE or search.data.known is not None:
         return line
     plane = search.best(2)
     if misfit(search.data, plane) <= min(left / _CLEARLY, _NOISE):
         return plane
-    if left <= MAX_MISFIT or not _textured(search.data, disc):
+    if left <= MAX_MISFIT or not _textured(data, disc.state):
         return line
     any_colors = search.best(3)
-    agrees = _textured(search.data, any_colors) and misfit(search.data, any_colors) <= MAX_MISFIT
+    agrees = _textured(search.data, any_colors)
+    agrees = agrees and misfit(search.data, any_colors) <= MAX_MISFIT
     return any_colors if agrees else line
 
 
@@ -212,21 +238,25 @@ def _textured(data: Data, state: State) -> bool:
     return share > _MOST_OF_IT and (state.frame.rank < 3 or against < _AGAINST)
 
 
-def _sweep(search: Search, state: State, image: LinearImage) -> Sweep:
-    """The end of all searching; where a file let colors run together, of the light before that."""
+def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
+    """What a state becomes of the light before a file let colors run together, if it did."""
     data, blur = search.data, 0.0
     if state.frame.rank == 1 and colors_ran_together(data, state):
         first = search.softest(state)
         blur = first.silhouette.softness(first.shape)
     for _ in range(_AGAIN if blur else 0):
         bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
-        alpha, transfer = sharp(data, state).swept.alpha, image.meta.transfer or SRGB
+        alpha = sharp(data, state).swept.alpha
         before = data.before_bleeding(alpha, state.main, blur, transfer)
         search = replace(search, data=before, bounds=bounds)
         state = search.softened(descend(before, sharp(before, state), bounds))
         # Luma was not blurred: a rim seems less soft than the chroma of it is.
         blur = float(np.hypot(blur, state.silhouette.softness(state.shape)))
-    found = _ended(search.data, state, image.size, blur)
+    return _Told(search, state, blur)
+
+
+def _sweep(told: _Told, image: LinearImage) -> Sweep:
+    found = _ended(told.search.data, told.state, image.size, told.blur)
     return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
 
 

@@ -58,8 +58,10 @@ def misfit(data: Data, state: State) -> float:
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
     known: 1 for a sweep that explains all there is, more for a wrong shape. Where noise hangs together
     at all, it does within the streak at least as much as colors that pixels share, for compression
-    spares plain surroundings; larger blocks tell as much then. Infinite if the descent found no end,
-    for what cannot be, and where most pixels contradict.
+    spares plain surroundings; larger blocks tell as much then. And it takes noise away from single
+    pixels sooner than from blocks: blocks that hold no more than the noise of the picture are
+    explained, however little their pixels do. Infinite if the descent found no end, for what cannot be,
+    and where most pixels contradict.
     """
     if not (state.converged and can_be(data, state)) or doubtful_share(data, state) > _CONTRADICTED:
         return np.inf
@@ -68,12 +70,14 @@ def misfit(data: Data, state: State) -> float:
     usual = _together(e, beside, _OTHERS, _BLOCK)
     if usual < _HANGS:
         return _together(e, within, _WORST, _BLOCK) / max(usual, 1)
-    ratios = [
+    usual_of = {size: shared_coherence(size, data.scale) for size in _MOST_USUAL}
+    of_pixels = [
         _together(e, within, _WORST, size)
-        / max(min(_together(e, beside, _OTHERS, size), most), shared_coherence(size, data.scale))
+        / max(min(_together(e, beside, _OTHERS, size), most), usual_of[size])
         for size, most in _MOST_USUAL.items()
     ]
-    return float(np.exp(np.mean(np.log(ratios))))
+    of_noise = [_in_blocks(e, within, _WORST, size) / usual_of[size] for size in _MOST_USUAL]
+    return min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
 
 
 def colors_ran_together(data: Data, state: State) -> bool:
