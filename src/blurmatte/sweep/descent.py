@@ -6,6 +6,7 @@ were left.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -81,19 +82,24 @@ class State:
     @property
     def main(self) -> Array:
         """(3,) unit direction of most of the object's light."""
-        return _main(self.frame, self.moments)[0]
+        return self.possible[0]
 
     @property
     def brightness(self) -> float:
         """Root mean square of the light along `main`."""
-        return _main(self.frame, self.moments)[1] / _BRIGHTEST
+        return self.possible[1] / _BRIGHTEST
 
-    @property
+    @cached_property
+    def possible(self) -> tuple[Array, float]:
+        """(3,) `main`, and the most light along it that is possible where alpha is 1."""
+        return _main(self.frame, self.moments)
+
+    @cached_property
     def chi2(self) -> Array:
         """(h, w) sum of squared residuals; of as many degrees of freedom as the frame has across."""
         return np.asarray((self.e**2).sum(axis=0))
 
-    @property
+    @cached_property
     def belief(self) -> Array:
         """(h, w) how much each pixel's residuals are taken for noise."""
         return belief(self.chi2)
@@ -112,7 +118,7 @@ class State:
 
         H, g = residuals.normal_equations(
             self.swept.by_parameters, *light_of(data), self.swept.alpha, self.weights(data),
-            self.frame.across, self.frame.within, self.moments, *_main(self.frame, self.moments),
+            self.frame.across, self.frame.within, self.moments, *self.possible,
         )  # fmt: skip
         if data.known is not None:
             H[-2:, -2:] += data.known.information
@@ -192,7 +198,7 @@ def _gained(data: Data, state: State, tried: State) -> float:
     feigned = residuals.feigned_by_noise(
         *light_of(data), state.swept.alpha, state.weights(data),
         state.frame.across, state.frame.within, state.moments,
-        *_main(state.frame, state.moments), tried.frame.across,
+        *state.possible, tried.frame.across,
     )  # fmt: skip
     return state.cost - tried.cost - float(feigned) / 2
 
