@@ -16,7 +16,7 @@ from blurmatte.sweep.field import Field, field_of
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
-from blurmatte.sweep.student import belief, loss
+from blurmatte.sweep.student import belief, bend, loss
 
 Array = npt.NDArray[np.float64]
 
@@ -108,8 +108,11 @@ class State:
         """(h, w) how much each pixel counts."""
         return data.weight * self.belief
 
-    def information(self, data: Data) -> tuple[Array, Array]:
-        """Curvature (size, size) and gradient (size,) of the cost."""
+    def information(self, data: Data, bent: bool = False) -> tuple[Array, Array]:
+        """Curvature (size, size) and gradient (size,) of the cost.
+
+        The curvature is what noise alone would leave, or `bent` as the loss is by what else there is.
+        """
         if self.field is not None:
             J, alpha = self.swept.by_parameters, self.swept.alpha
             H, g = self.field.information(J, light_of(data), alpha, self.weights(data), self.e)
@@ -118,6 +121,7 @@ class State:
 
         H, g = residuals.normal_equations(
             self.swept.by_parameters, *light_of(data), self.swept.alpha, self.weights(data),
+            bend(self.chi2) if bent else np.zeros_like(self.chi2),
             self.frame.across, self.frame.within, self.moments, *self.possible,
         )  # fmt: skip
         if data.known is not None:
@@ -163,7 +167,7 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
     """Follow the cost down from a start, the radius within bounds."""
     state, caution = start, 1e-2
     for _ in range(_STEPS):
-        H, g = state.information(data)
+        H, g = state.information(data, bent=True)
         held = _held(state, g, bounds)
         H[held], H[:, held], g[held] = 0, 0, 0
         if not np.diag(H).any():
@@ -234,10 +238,12 @@ def _held(state: State, g: Array, bounds: tuple[float, float]) -> npt.NDArray[np
 def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:
     """The state after a step, which is shortened where it leaves the range of the linear."""
     n, m = len(state.path), len(state.shape)
-    far = np.abs(step[: n + 1]).max() / max(0.5 * state.shape[0], 2 * data.scale)
-    bend = np.abs(step[n + 1 : n + m]).max(initial=0) / _BEND
+    bends = n + m - state.silhouette.soft
+    far = np.abs([*step[: n + 1], *step[bends : n + m]]).max()
+    far /= max(0.5 * state.shape[0], 2 * data.scale)
+    bent = np.abs(step[n + 1 : bends]).max(initial=0) / _BEND
     turn = np.linalg.norm(step[n + m :]) / _TURN
-    step = step / max(far, bend, turn, 1)
+    step = step / max(far, bent, turn, 1)
     shape = state.silhouette.possible(state.shape + step[n : n + m], bounds)
     frame = state.frame.turned(step[n + m :])
     return state_at(data, state.family, state.path + step[:n], state.silhouette, shape, frame)

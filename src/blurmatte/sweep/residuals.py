@@ -211,10 +211,10 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned
 
 
 @njit(**_COMPILED)
-def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  # type: ignore[no-untyped-def]
+def normal_equations(J, C, B, V_C, V_B, alpha, weights, bend, N, M, K, main, most):  # type: ignore[no-untyped-def]
     """Half the curvature (n + 2, n + 2) and gradient (n + 2,) of a sum of squares.
 
-    J (h, w, n) are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of
+    Of the curvature `bend` (h, w) times the square of each pixel's gradient is taken off. J (h, w, n) are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of
     M_j towards N_i, i first. K is (2, 2), 0 beyond the rank.
     """
     h, w, n = J.shape
@@ -222,7 +222,7 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     k, W, A = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
     QB, kept, S, NQN = np.empty(3), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
-    turn_beyond = np.zeros(2)
+    turn_beyond, slopes = np.zeros(2), np.zeros(2)
     rank = M.shape[1]
     for y in range(h):
         for x in range(w):
@@ -265,6 +265,7 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
             if beyond != 0:
                 aa += by_light * by_light
                 ae += by_light * beyond
+            aa -= bend[y, x] * ae * ae
             for t in range(2):
                 i, j = t // rank, t % rank
                 ne, nb, np_, mm = 0.0, 0.0, 0.0, 0.0
@@ -275,7 +276,8 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
                     mm += M[c, j] * main[c]
                 turn_beyond[t] = mm * np_ if beyond != 0 else 0.0
                 gradient = turn_beyond[t] * beyond - kept[j] * ne
-                cross = turn_beyond[t] * by_light - kept[j] * nb
+                slopes[t] = gradient
+                cross = turn_beyond[t] * by_light - kept[j] * nb - bend[y, x] * gradient * ae
                 g[n + t] += weight * gradient
                 for p in range(n):
                     if J[y, x, p] != 0:
@@ -283,7 +285,9 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
                 for v in range(t + 1):
                     b, c = v // rank, v % rank
                     curvature = NQN[i, b] * (kept[j] * kept[c] + S[j, c])
-                    H[n + t, n + v] += weight * (curvature + turn_beyond[t] * turn_beyond[v])
+                    curvature += turn_beyond[t] * turn_beyond[v]
+                    curvature -= bend[y, x] * slopes[t] * slopes[v]
+                    H[n + t, n + v] += weight * curvature
             for p in range(n):
                 slope = weight * J[y, x, p]
                 if slope != 0:

@@ -103,12 +103,16 @@ class Search:
         """The best of a few descents, on throws: for one of many frames of a clip.
 
         A throw is never too simple for a short way: a line where there is a faint bend would tell
-        its center better than it is known.
+        its center better than it is known. Nor is a soft rim; a sharp one is tried where that is not
+        clearly soft.
         """
         curve, radius = self.curves[_QUICK]
-        finalists = _finalists(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
-        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        return self._softened(best_of(self.data, ends))
+        coarse = best_of(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
+        soft = descend(self.data, self._soft(seen(self.data, coarse)), self.bounds)
+        if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:
+            return soft
+        sharp = state_at(self.data, soft.family, soft.path, DISC, soft.shape[:1], soft.frame)
+        return best_of(self.data, [soft, descend(self.data, sharp, self.bounds)])
 
     def near(self, start: Sweep, rank: int) -> State:
         """What descents end at that begin with the path and size of another sweep, or a line there.
@@ -128,13 +132,17 @@ class Search:
         Lenses blur, and files blur color: most share it among pixels, and compression leaves out its
         fine structure.
         """
-        silhouette = replace(sharp.silhouette, soft=True)
-        shape = silhouette.like(sharp.silhouette, sharp.shape)
-        shape[-1] = _SOFT * self.data.scale
-        start = state_at(self.data, sharp.family, sharp.path, silhouette, shape, sharp.frame)
+        start = self._soft(sharp)
         if start.cost >= sharp.cost:
             return sharp
         return best_of(self.data, [sharp, descend(self.data, start, self.bounds)])
+
+    def _soft(self, sharp: State) -> State:
+        """The same with a rim that is just soft."""
+        silhouette = replace(sharp.silhouette, soft=True)
+        shape = silhouette.like(sharp.silhouette, sharp.shape)
+        shape[-1] = _SOFT * self.data.scale
+        return state_at(self.data, sharp.family, sharp.path, silhouette, shape, sharp.frame)
 
     def _ends(
         self,
