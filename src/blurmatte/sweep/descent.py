@@ -22,6 +22,7 @@ Array = npt.NDArray[np.float64]
 
 _STEPS, _TRIES = 40, 8
 _POINTS = 33
+_CAREFUL = 1e-3  # of the curvature: less caution hardly changes a step that failed
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
@@ -163,10 +164,10 @@ def seen(data: Data, state: State) -> State:
     return state_at(data, state.family, state.path, state.silhouette, state.shape, state.frame)
 
 
-def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
-    """Follow the cost down from a start, the radius within bounds."""
+def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = _STEPS) -> State:
+    """Follow the cost down from a start in no more steps than that, the radius within bounds."""
     state, caution = start, 1e-2
-    for _ in range(_STEPS):
+    for _ in range(steps):
         H, g = state.information(data, bent=True)
         held = _held(state, g, bounds)
         H[held], H[:, held], g[held] = 0, 0, 0
@@ -181,7 +182,7 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
             gain = _gained(data, state, tried)
             if gain > 0:
                 break
-            caution *= 6
+            caution = max(6 * caution, _CAREFUL)
         else:
             return replace(state, converged=True)
         state, caution = tried, max(caution / 5, 1e-7)

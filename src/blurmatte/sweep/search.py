@@ -21,7 +21,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, 
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import misfit
+from blurmatte.sweep.verdict import doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -34,11 +34,13 @@ _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 _QUICK = 2  # which of the radii, where one must do
+_QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
 _SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
 _HOPELESS = 6.0  # misfit on large pixels
+_CONTRADICTED = 0.5  # of the pixels, by what was found on large ones: no verdict would believe more
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +106,14 @@ class Search:
 
         A throw is never too simple for a short way: a line where there is a faint bend would tell
         its center better than it is known. Nor is a soft rim; a sharp one is tried where that is not
-        clearly soft.
+        clearly soft. What most pixels contradict on large pixels is left as it is.
         """
         curve, radius = self.curves[_QUICK]
         coarse = best_of(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
-        soft = descend(self.data, self._soft(seen(self.data, coarse)), self.bounds)
+        start = self._soft(seen(self.data, coarse))
+        if doubtful_share(self.data, start) > _CONTRADICTED:
+            return start
+        soft = descend(self.data, start, self.bounds, _QUICK_STEPS)
         if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:
             return soft
         sharp = state_at(self.data, soft.family, soft.path, DISC, soft.shape[:1], soft.frame)

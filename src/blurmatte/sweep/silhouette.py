@@ -16,7 +16,10 @@ from blurmatte.sweep.path import PathFamily
 Array = npt.NDArray[np.float64]
 
 _PARTS = 48  # of the exposure, equally long
-_SOFT_PARTS = 16  # where nothing is sharp, neither the rim nor the path
+_SOFT_PARTS = 8  # where nothing is sharp, neither the rim nor the path
+_GAUSS = 1 / np.sqrt(
+    12
+)  # of a piece, how far its two moments are from its middle: exact for cubics
 _STEP, _MOST = 0.7, 200  # pixels between two moments, and how many in a part at most
 _PIXEL = 1 / 12  # variance of a box as wide as a pixel
 _ANGLES = 360
@@ -210,14 +213,14 @@ def moments(
 ) -> tuple[Array, Array]:
     """Times (T,) in the middles of pieces of the exposure, and how long these are, of sum 1.
 
-    Pieces are shorter where the rim is fast, and longer where it is soft: of steps as long as the
-    standard deviation of its blur nothing is left. The times stay the same when a path changes a
-    little, so that alpha changes smoothly. spin is how far turning moves the rim, pixels of the
-    picture; soft is the softness in units of scale.
+    Pieces are shorter where the rim is fast. The times stay the same when a path changes a little,
+    so that alpha changes smoothly. spin is how far turning moves the rim, pixels of the picture; soft
+    is the softness in units of scale. Of a soft rim on a path without a kink alpha is so smooth in
+    time that two moments of Gauss's do for a piece of two of its standard deviations.
     """
     even = soft > 0 and family.kink(path) is None
     parts = _SOFT_PARTS if even else _PARTS
-    step = max(_STEP, float(np.sqrt(_PIXEL + soft**2)))
+    step = 2 * max(float(np.sqrt(_PIXEL + soft**2)), _STEP) if even else _STEP
     xy, _ = family.at(path, np.linspace(0, 1, parts + 1))
     way = (np.linalg.norm(np.diff(xy, axis=0), axis=1) + spin / parts) / scale
     beside = np.pad(way, 1, mode="edge")
@@ -226,7 +229,11 @@ def moments(
     first = np.repeat(np.cumsum(counts) - counts, counts)
     within = (np.arange(counts.sum()) - first + 0.5) / np.repeat(counts, counts)
     t = (np.repeat(np.arange(parts), counts) + within) / parts
-    return t, np.repeat(1 / (parts * counts), counts)
+    lengths = np.repeat(1 / (parts * counts), counts)
+    if not even:
+        return t, lengths
+    pairs = t[:, None] + _GAUSS * lengths[:, None] * np.array([-1, 1])
+    return pairs.ravel(), np.repeat(lengths / 2, 2)
 
 
 def _angles(count: int) -> Array:
