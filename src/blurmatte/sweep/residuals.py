@@ -214,8 +214,9 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned
 def normal_equations(J, C, B, V_C, V_B, alpha, weights, bend, N, M, K, main, most):  # type: ignore[no-untyped-def]
     """Half the curvature (n + 2, n + 2) and gradient (n + 2,) of a sum of squares.
 
-    Of the curvature `bend` (h, w) times the square of each pixel's gradient is taken off. J (h, w, n) are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of
-    M_j towards N_i, i first. K is (2, 2), 0 beyond the rank.
+    Of the curvature `bend` (h, w) times the square of each pixel's gradient is taken off. J (h, w, n)
+    are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of M_j towards
+    N_i, i first. K is (2, 2), 0 beyond the rank.
     """
     h, w, n = J.shape
     H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)

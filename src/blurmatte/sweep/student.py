@@ -25,7 +25,7 @@ def belief(chi2: Array) -> Array:
 def bend(chi2: Array) -> Array:
     """By how much the loss bends down along its residuals, as a part of its slope squared.
 
-    Half its curvature by residuals e is belief(χ²) times 1 − e bend(χ²) eᵀ [Triggs et al. 2000]. Beyond χ² = 6
-    the loss is no longer convex; there it is flat along e.
+    Half its curvature by residuals e is belief(χ²) times 1 − e bend(χ²) eᵀ [Triggs et al. 2000].
+    Beyond χ² = 6 the loss is no longer convex; there it is taken for flat along e.
     """
     return np.asarray(1 / np.maximum(chi2, (_FREEDOM + chi2) / 2))
