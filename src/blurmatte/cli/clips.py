@@ -263,8 +263,8 @@ def _done(task: ClipTask) -> list[bm.FrameSightings]:
 
 
 def _frame(told: dict[str, Any]) -> bm.FrameSightings:
-    found = tuple(bm.Sighting(**one) for one in told["found"])
-    return bm.FrameSightings(told["frame"], told["time"], found, told["reason"])
+    found = tuple(bm.Sighting(**one) for one in told.pop("found"))
+    return bm.FrameSightings(found=found, **told)
 
 
 def _kept(

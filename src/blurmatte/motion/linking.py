@@ -87,7 +87,7 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
     rows = []
     for index, frame in enumerate(all_frames):
         mine = [(n, t) for n, t in enumerate(chosen, start=1) if index in t.seen]
-        others = len(frame.found) - 1
+        others = len(frame.found) - 1 + frame.unmeasured
         rows += [_row(frame, index, t, n, usual, others) for n, t in mine] or [
             _nothing(frame, _ASIDE)
         ]
@@ -146,7 +146,7 @@ def _row(
 
 def _nothing(frame: FrameSightings, why: str) -> FrameMotion:
     """Of a frame to which no object's track goes."""
-    reason, count = frame.reason, len(frame.found)
+    reason, count = frame.reason, len(frame.found) + frame.unmeasured
     if count:
         aside = why.format(count, "" if count == 1 else "s")
         reason = f"{aside}; {reason}" if reason else aside

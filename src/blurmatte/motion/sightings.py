@@ -5,6 +5,7 @@ interrupted goes on where it stopped. `link_sightings` joins them.
 """
 
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
@@ -145,12 +146,15 @@ class FrameSightings:
         None, one or several.
     reason : str
         Why there is none, or what was refused; "" if nothing was.
+    unmeasured : int
+        How many more streaks there are, fainter than one that a disc explains.
     """
 
     frame: int
     time: float | None
     found: tuple[Sighting, ...]
     reason: str = ""
+    unmeasured: int = 0
 
 
 def sightings(
@@ -168,7 +172,8 @@ def sightings(
 
     Of an object of one paint, the parts of a frame in which light of its color shows are its
     streaks; of others, whatever moved and is not only darker. Each is measured from a disc on a
-    throw if that explains it, else from the moments of alpha. Nothing is taken from other frames but
+    throw if that explains it, else from the moments of alpha; of one object of one paint no
+    fainter streak is looked at beside one that a disc explains. Nothing is taken from other frames but
     the noise, which the first frame tells, if nobody did.
 
     Parameters
@@ -236,15 +241,18 @@ class _Look:
             streaks, coherence = moving_parts(image, plate, self.several), 1.0
         else:
             streaks, coherence = self.light.parts(image, self.several)
-        found, reasons = [], []
-        for streak in streaks:
+        found, reasons, rest = [], [], deque(streaks)
+        alone = self.light is not None and not self.several  # the one object of its color
+        while rest:
             try:
-                found.append(_measured(image, plate, streak, self.model, coherence))
+                found.append(_measured(image, plate, rest.popleft(), self.model, coherence))
             except BlurmatteError as error:
                 reasons.append(str(error))
+            if alone and found and found[-1].source == "sweep":
+                break
         if not streaks:
             reasons = ["nothing moved" if self.light is None else _NO_COLOR]
-        return FrameSightings(number, time, tuple(found), "; ".join(reasons))
+        return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
 
 
 def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
