@@ -24,7 +24,7 @@ _OUTLIER = 3.5  # times the scatter of the others [Iglewicz and Hoaglin 1993]
 _MEDIANS = np.sqrt(
     [2 * np.log(2), 0.4549]
 )  # of the root of χ² of two, a place, and of one, a radius
-_OF_MEDIAN = 1.17  # relative error of a median of sizes of normal numbers, times √n
+_OF_MEDIAN = 1.5  # relative error of the scatter times √n, in trials: neighbors hang together
 _DOUBT = "Its {} is {:.2g} px off what the frames around it tell, {:.1f} times as far as is usual."
 
 

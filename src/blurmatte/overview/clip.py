@@ -136,8 +136,10 @@ def _draw_way(
     enlarged: float,
 ) -> None:
     """From each frame to the next, within each exposure, and how well the centers are known."""
-    for a, b in pairwise(row for row in way if not _doubted(row)):
-        if a.track == b.track and a.sighting is not None and b.sighting is not None:
+    for a, b in pairwise(way):
+        if a.track != b.track or _doubted(a) or _doubted(b):
+            continue
+        if a.sighting is not None and b.sighting is not None:
             draw_line(pen, [a.sighting.place, b.sighting.place], scale, between)
     for s in (row.sighting for row in way if row.sighting is not None):
         ends = np.array([(s.first_x, s.first_y), (s.last_x, s.last_y)])
