@@ -259,7 +259,8 @@ def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
     """The color that what moves in a clip has, from some of its frames together.
 
     Several frames all over the clip are asked for everything in them that a shape on a path explains.
-    Colors that agree count together; the ones that most of the streaks' light stands for win.
+    Colors that agree count together; the ones that most of the streaks' light stands for win. What
+    reaches the border of the picture counts only if nothing else tells.
 
     Parameters
     ----------
@@ -278,11 +279,12 @@ def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
         If no frame tells it.
     """
     asked = np.unique(np.linspace(0, len(frames) - 1, _ASKED + 2).round().astype(int)[1:-1])
-    told: list[tuple[ColorModel, float]] = []
+    told: list[tuple[ColorModel, float, bool]] = []
     for number in asked:
         told += _colors(*with_noise(frames[int(number)], plate), fit_disc)
     for number in asked if not told else ():
         told += _colors(*with_noise(frames[int(number)], plate), fit_sweep)
+    told = [one for one in told if one[2]] or told  # arms come from beyond the border
     told = [one for one in told if one[0].rank == 1] or told[:1]
     if not told:
         raise ColorModelError(
@@ -290,8 +292,8 @@ def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
             "moves; give its color (--color, model=)"
         )
     together = [[b for b in told if _angle(a[0], b[0]) < _SAME_COLOR] for a in told]
-    best = max(together, key=lambda group: sum(weight for _, weight in group))
-    return pooled([model for model, _ in best])
+    best = max(together, key=lambda group: sum(weight for _, weight, _ in group))
+    return pooled([model for model, _, _ in best])
 
 
 def _angle(a: ColorModel, b: ColorModel) -> float:
@@ -300,8 +302,8 @@ def _angle(a: ColorModel, b: ColorModel) -> float:
 
 def _colors(
     image: LinearImage, plate: LinearImage, fit: Callable[..., Sweep]
-) -> Iterator[tuple[ColorModel, float]]:
-    """Colors of what a sweep explains in a frame, and how strong each streak is.
+) -> Iterator[tuple[ColorModel, float, bool]]:
+    """Colors of what a sweep explains in a frame, how strong each streak is, and if all of it is seen.
 
     Limbs and their shadows may look like a disc too, but of no certain size.
     """
@@ -316,7 +318,9 @@ def _colors(
             continue
         if sweep.misfit <= MAX_MISFIT:
             unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
-            yield sweep.model, streak.evidence / (1 + unsure**2)
+            x0, y0, x1, y1 = streak.box
+            whole = min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0
+            yield sweep.model, streak.evidence / (1 + unsure**2), whole
 
 
 def _noise(image: LinearImage) -> Noise:
