@@ -69,6 +69,7 @@ from blurmatte.motion import Plane as Plane
 from blurmatte.motion import PlaneMotion as PlaneMotion
 from blurmatte.motion import Rotation as Rotation
 from blurmatte.motion import Scale as Scale
+from blurmatte.motion import Scatter as Scatter
 from blurmatte.motion import Sighting as Sighting
 from blurmatte.motion import Speed as Speed
 from blurmatte.motion import clip_color as clip_color
@@ -77,6 +78,7 @@ from blurmatte.motion import end_silhouettes as end_silhouettes
 from blurmatte.motion import fit_ball as fit_ball
 from blurmatte.motion import fit_fall as fit_fall
 from blurmatte.motion import fit_fall_in_space as fit_fall_in_space
+from blurmatte.motion import frame_scatter as frame_scatter
 from blurmatte.motion import link_objects as link_objects
 from blurmatte.motion import link_sightings as link_sightings
 from blurmatte.motion import measure_ball as measure_ball

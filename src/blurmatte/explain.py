@@ -12,10 +12,12 @@ from blurmatte.matting import Quality, Solution
 from blurmatte.motion import (
     FreeFall,
     Motion,
+    Scatter,
     SpaceMotion,
     Speed,
     fall_in_words,
     motion_in_words,
+    scatter_in_words,
     space_motion_in_words,
     speed_in_words,
 )
@@ -77,6 +79,7 @@ Explained = (
     | Speed
     | SpaceMotion
     | FreeFall
+    | Scatter
 )
 
 
@@ -86,7 +89,7 @@ def explain(thing: Explained) -> list[str]:
     Parameters
     ----------
     thing : ColorModel, Solution, PlateFit, NoiseFit, Transfer, ResponseFit, Motion, Speed, \
-            BallMotion, PlaneMotion, BlurDepth, Rotation or FreeFall
+            BallMotion, PlaneMotion, BlurDepth, Rotation, FreeFall or Scatter
 
     Returns
     -------
@@ -131,10 +134,12 @@ def explain(thing: Explained) -> list[str]:
         return space_motion_in_words(thing)
     if isinstance(thing, FreeFall):
         return fall_in_words(thing)
+    if isinstance(thing, Scatter):
+        return scatter_in_words(thing)
     raise TypeError(
         "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer, a ResponseFit, a "
-        "Motion, a Speed, a BallMotion, a PlaneMotion, a BlurDepth, a Rotation or a FreeFall, "
-        f"got {type(thing).__name__}"
+        "Motion, a Speed, a BallMotion, a PlaneMotion, a BlurDepth, a Rotation, a FreeFall or "
+        f"a Scatter, got {type(thing).__name__}"
     )
 
 

@@ -233,6 +233,20 @@ def test_any_colors_are_told_by_what_moves(clip):
     assert np.min(np.linalg.norm(places - (136, 17), axis=1)) < 0.5
 
 
+def test_what_comes_from_beyond_the_border_tells_no_color():
+    """Oracle: something larger and stronger than the ball, of which the border hides a part."""
+    rng, plate = np.random.default_rng(8), colorful_plate(SIZE, 2, tile=24)
+    frames = []
+    for k in range(2):
+        way = Trajectory.line((158, 80 - 10 * k), (150, 84 - 10 * k))
+        arm = render(Scene(plate, way, Ball(20, color=(0.9, 0.3, 0.2)))).image.rgb
+        way = Trajectory.line((30 + 15 * k, 40), (42 + 15 * k, 44))
+        light = render(Scene(arm, way, Ball(RADIUS, color=COLOR))).image.rgb
+        frames.append(CAMERA.photograph(light, rng))
+    told = clip_color(frames, CAMERA.photograph(plate, rng))
+    assert abs(told.pole @ MODEL.pole) > np.cos(0.05)
+
+
 def test_what_is_no_disc_has_moments(clip):
     """Oracle: the mean of alpha of a long bar, in all of the picture."""
     plate = clip[1]

@@ -5,18 +5,18 @@ import pytest
 
 from blurmatte.motion import FrameMotion, Sighting
 from blurmatte.overview import draw_clip
-from blurmatte.overview.panels import OTHER, STREAK
+from blurmatte.overview.panels import BRIGHT, OTHER, STREAK
 from blurmatte.radiometry import LinearImage
 
 PLATE = LinearImage(np.full((90, 120, 3), 0.05))
 BLUE, ORANGE = (0x1F, 0x77, 0xB4), (0xFF, 0x7F, 0x0E)  # the first two of the palette
 
 
-def row(k, number, y):
+def row(k, number, y, doubts=""):
     x = 20.0 + 15 * k
     s = Sighting(
         x, y, 0.1, 0.1, 0.0, 6.0, 0.0, 0.1, 0.1, 6.0, 0.1, 0.0, 0.01, 5.0, 0.05,
-        x - 3, y, x + 3, y, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, "",
+        x - 3, y, x + 3, y, "#ffffff", 1.0, "sweep", "line", "disc", 1.0, False, True, doubts,
     )  # fmt: skip
     return FrameMotion(k, k / 30, s, number, True, object=number)
 
@@ -37,6 +37,19 @@ def test_colors_tell_objects_apart(count):
     assert all(len(rows_with(sheet, c)) == 0 for c in (alone if count == 2 else several))
     if count == 2:
         assert rows_with(sheet, BLUE).max() < rows_with(sheet, ORANGE).min()
+
+
+def test_doubted_frames_are_dashed():
+    """Exact: nothing bright nor an ellipse is left where all are in doubt, and some where one is."""
+    sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
+    bright = [
+        np.sum((draw_clip(PLATE, way)[100:850] == BRIGHT).all(axis=-1)) for way in (sure, doubted)
+    ]
+    ellipses = [len(rows_with(draw_clip(PLATE, way), STREAK)) for way in (sure, doubted)]
+    assert bright[0] > 300 > bright[1] == 0
+    assert ellipses[0] > ellipses[1] == 0
+    one = draw_clip(PLATE, [*sure[:2], doubted[2], *sure[3:]])
+    assert len(rows_with(one, OTHER)) > 0
 
 
 def test_nothing_found_is_drawn_too():

@@ -58,9 +58,10 @@ class Picture:
         )  # fmt: skip
         return (np.sum(self.weights * self.residuals(alpha, frame) ** 2) + feigned) / 2
 
-    def normal_equations(self, J, K):
+    def normal_equations(self, J, K, bend=None):
+        bend = 0 * self.alpha if bend is None else bend
         return compiled.normal_equations(
-            J, *self.light, self.alpha, self.weights, self.frame.across, self.frame.within, K,
+            J, *self.light, self.alpha, self.weights, bend, self.frame.across, self.frame.within, K,
             self.frame.within @ self.coordinates, self.most,
         )  # fmt: skip
 
@@ -227,10 +228,27 @@ def test_noise_alone_says_nothing_about_a_color(rank):
     ],
 )
 def test_curvature_is_symmetric_and_nowhere_negative(rank, picture, moments, J):
-    H, _ = picture(rank).normal_equations(J, moments(rank))
-    assert_allclose(H, H.T, rtol=1e-14)
-    values = np.linalg.eigvalsh(H)
-    assert values[0] > -1e-10 * values[-1]
+    p = picture(rank)
+    chi2 = (p.residuals(p.alpha, p.frame) ** 2).sum(axis=0)
+    for part in (0, 1):  # of the curvature along residuals, what is taken off
+        H, _ = p.normal_equations(J, moments(rank), part / chi2)
+        assert_allclose(H, H.T, rtol=1e-14)
+        values = np.linalg.eigvalsh(H)
+        assert values[0] > -1e-10 * values[-1]
+
+
+@pytest.mark.parametrize("rank", [1, 2])
+def test_bent_curvature_is_less_by_the_squares_of_gradients(rank, J):
+    p, K, bend = any_picture(rank), all_kept(rank), np.random.default_rng(10).uniform(0, 1, SHAPE)
+    H, _ = p.normal_equations(J, K)
+    less, _ = p.normal_equations(J, K, bend)
+    expected = np.zeros_like(H)
+    for y, x in np.ndindex(SHAPE):
+        one = replace(p, weights=np.zeros(SHAPE))
+        one.weights[y, x] = 1
+        _, g = one.normal_equations(J, K)
+        expected += p.weights[y, x] * bend[y, x] * np.outer(g, g)
+    assert_allclose(H - less, expected, atol=1e-10 * np.abs(H).max())
 
 
 @pytest.mark.parametrize("rank", [1, 2])

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from blurmatte.sweep.student import VARIANCE, belief, loss
+from blurmatte.sweep.student import VARIANCE, belief, bend, loss
 
 
 def test_belief_is_twice_the_slope():
@@ -26,3 +26,13 @@ def test_variance_of_estimates_from_normal_noise():
     slope = w + r / 2 * np.gradient(w, r)  # of one component, mean over directions
     variance = np.sum(density * w**2 * r**2 / 2) / np.sum(density * slope) ** 2
     assert_allclose(variance * np.sum(density * w), VARIANCE, rtol=5e-3)
+
+
+def test_bend_is_what_the_loss_curves_less_along_residuals():
+    """And all of it where the loss curves down; across a residual there is no bend."""
+    e, d = np.linspace(-4, 4, 81), 1e-4
+    along = (loss((e + d) ** 2) - 2 * loss(e**2) + loss((e - d) ** 2)) / d**2
+    across = (2 * loss(e**2 + d**2) - 2 * loss(e**2)) / d**2
+    w = belief(e**2)
+    assert_allclose(w * (1 - e**2 * bend(e**2)), np.maximum(along, 0), atol=1e-6)
+    assert_allclose(w, across, atol=1e-6)

@@ -126,7 +126,7 @@ def told_of(
     Raises
     ------
     MotionError
-        If there is one object alone, and what is to give the scale does not.
+        If there is one object alone, and its size, that is to give the scale, does not.
     """
     if not task.several:
         return [_told(1, rows, scaled, gravity)]
@@ -144,14 +144,17 @@ def told_of(
 
 def _told(number: int, rows: Rows, scaled: Scaling | None, gravity: Gravity | None) -> Told:
     scale = None if scaled is None else scaled(rows)
-    found = [row.sighting for row in rows if row.sighting is not None]
+    found = _sound(rows)
     words = [_radius(found)] if found else []
+    scatter = bm.frame_scatter(rows)
+    words += [] if scatter is None else bm.explain(scatter)
     try:
         fall = bm.fit_fall(rows, scale, *(gravity or ()))
     except bm.MotionError as error:
-        if gravity is not None and scale is None:
-            raise
-        return Told(number, [*words, f"No fall to check: {error}."], None, scale)
+        if gravity is None:
+            return Told(number, [*words, f"No fall to check: {error}."], None, scale)
+        without = _told(number, rows, scaled, None)
+        return replace(without, words=[*without.words, f"Gravity was not used: {error}."])
     return Told(number, [*words, *bm.explain(fall)], fall, fall.scale)
 
 
@@ -176,21 +179,29 @@ def words(rows: Rows, model: bm.ColorModel, several: bool) -> list[str]:
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
     tracks = f"{count} {'object' if several else 'track'}{'' if count == 1 else 's'}"
+    doubted = sum(bool(one.doubts) for one in found)
     how = (
         f"{swept} measured from a shape on a path, {len(found) - swept} from the moments of alpha; of "
-        f"{directed} the direction of time is known."
+        f"{directed} the direction of time is known, and {doubted} "
+        f"{'is' if doubted == 1 else 'are'} doubtful."
     )
     return [told[0], f"{told[1]}, {tracks if several else f'in {tracks}'}: {how}"]
 
 
 def usual_radius(rows: Rows) -> tuple[float, float]:
     """Median of the radii, pixels, and its error, from how they scatter."""
-    found = [row.sighting for row in rows if row.sighting is not None]
+    found = _sound(rows)
     if not found:
         raise bm.MotionError("the object was found in no frame, so that its size gives no scale")
     middle, scatter = _middle(found)
     # Of normal numbers a median scatters by √(π/2) times as much as a mean.
     return middle, max(1.2533 * scatter / len(found) ** 0.5, min(one.radius_std for one in found))
+
+
+def _sound(rows: Rows) -> list[bm.Sighting]:
+    """What was found without doubts, or all if there is nothing else."""
+    found = [row.sighting for row in rows if row.sighting is not None]
+    return [one for one in found if not one.doubts] or found
 
 
 def _radius(found: Sequence[bm.Sighting]) -> str:
@@ -263,8 +274,8 @@ def _done(task: ClipTask) -> list[bm.FrameSightings]:
 
 
 def _frame(told: dict[str, Any]) -> bm.FrameSightings:
-    found = tuple(bm.Sighting(**one) for one in told["found"])
-    return bm.FrameSightings(told["frame"], told["time"], found, told["reason"])
+    found = tuple(bm.Sighting(**one) for one in told.pop("found"))
+    return bm.FrameSightings(found=found, **told)
 
 
 def _kept(

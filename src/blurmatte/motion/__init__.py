@@ -1,5 +1,7 @@
 """What alpha says about the movement."""
 
+from blurmatte.motion.agreement import Scatter as Scatter
+from blurmatte.motion.agreement import scatter_in_words as scatter_in_words
 from blurmatte.motion.ball import fit_ball as fit_ball
 from blurmatte.motion.ball import measure_ball as measure_ball
 from blurmatte.motion.ball_motion import BallMotion as BallMotion
@@ -11,6 +13,7 @@ from blurmatte.motion.fall import fit_fall as fit_fall
 from blurmatte.motion.fall import fit_fall_in_space as fit_fall_in_space
 from blurmatte.motion.fall_words import fall_in_words as fall_in_words
 from blurmatte.motion.linking import FrameMotion as FrameMotion
+from blurmatte.motion.linking import frame_scatter as frame_scatter
 from blurmatte.motion.linking import link_objects as link_objects
 from blurmatte.motion.linking import link_sightings as link_sightings
 from blurmatte.motion.measure import measure_motion as measure_motion

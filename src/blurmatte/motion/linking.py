@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.motion.agreement import Scatter, doubted, scatter_of
 from blurmatte.motion.sightings import FrameSightings, Sighting
 from blurmatte.motion.tracks import Track, in_time, tracks_of
 
@@ -79,7 +80,8 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
     Returns
     -------
     list of FrameMotion
-        One for each frame, those without the object too.
+        One for each frame, those without the object too. Where place or radius contradicts the frames
+        around, the doubts of the sighting say so.
     """
     all_frames = list(frames)
     chosen = _chosen(tracks_of(all_frames))
@@ -87,11 +89,11 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
     rows = []
     for index, frame in enumerate(all_frames):
         mine = [(n, t) for n, t in enumerate(chosen, start=1) if index in t.seen]
-        others = len(frame.found) - 1
+        others = len(frame.found) - 1 + frame.unmeasured
         rows += [_row(frame, index, t, n, usual, others) for n, t in mine] or [
             _nothing(frame, _ASIDE)
         ]
-    return rows
+    return _with_doubts(rows)
 
 
 def link_objects(frames: Iterable[FrameSightings], least: int = _LEAST) -> list[FrameMotion]:
@@ -132,7 +134,36 @@ def link_objects(frames: Iterable[FrameSightings], least: int = _LEAST) -> list[
             replace(_row(frame, index, found[n], n + 1, usual[n], others), object=n + 1)
             for n in seen
         ] or [_nothing(frame, _TOGETHER)]
-    return rows
+    return _with_doubts(rows)
+
+
+def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
+    """By how much places and radii of one object scatter about smooth motion.
+
+    Parameters
+    ----------
+    rows : sequence of FrameMotion
+        Of `measure_clip` or `link_sightings`; of several objects those of one.
+
+    Returns
+    -------
+    Scatter or None
+        None if too few frames tell: fewer than 14 in a row, or it turns by more than a fourteenth of
+        a circle from frame to frame.
+    """
+    seen = [(row.frame, row.sighting) for row in rows if row.sighting is not None]
+    return scatter_of([frame for frame, _ in seen], [sighting for _, sighting in seen])
+
+
+def _with_doubts(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
+    """The rows, with what each object's frames say of each other."""
+    told = list(rows)
+    for number in {row.object for row in rows}:
+        of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
+        seen = [one for k in of if (one := rows[k].sighting) is not None]
+        for k, sighting in zip(of, doubted([rows[k].frame for k in of], seen), strict=True):
+            told[k] = replace(rows[k], sighting=sighting)
+    return told
 
 
 def _row(
@@ -146,7 +177,7 @@ def _row(
 
 def _nothing(frame: FrameSightings, why: str) -> FrameMotion:
     """Of a frame to which no object's track goes."""
-    reason, count = frame.reason, len(frame.found)
+    reason, count = frame.reason, len(frame.found) + frame.unmeasured
     if count:
         aside = why.format(count, "" if count == 1 else "s")
         reason = f"{aside}; {reason}" if reason else aside

@@ -5,6 +5,7 @@ interrupted goes on where it stopped. `link_sightings` joins them.
 """
 
 import warnings
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
@@ -145,12 +146,15 @@ class FrameSightings:
         None, one or several.
     reason : str
         Why there is none, or what was refused; "" if nothing was.
+    unmeasured : int
+        How many more streaks there are, fainter than one that a disc explains.
     """
 
     frame: int
     time: float | None
     found: tuple[Sighting, ...]
     reason: str = ""
+    unmeasured: int = 0
 
 
 def sightings(
@@ -168,7 +172,8 @@ def sightings(
 
     Of an object of one paint, the parts of a frame in which light of its color shows are its
     streaks; of others, whatever moved and is not only darker. Each is measured from a disc on a
-    throw if that explains it, else from the moments of alpha. Nothing is taken from other frames but
+    throw if that explains it, else from the moments of alpha; of one object of one paint no
+    fainter streak is looked at beside one that a disc explains. Nothing is taken from other frames but
     the noise, which the first frame tells, if nobody did.
 
     Parameters
@@ -236,22 +241,26 @@ class _Look:
             streaks, coherence = moving_parts(image, plate, self.several), 1.0
         else:
             streaks, coherence = self.light.parts(image, self.several)
-        found, reasons = [], []
-        for streak in streaks:
+        found, reasons, rest = [], [], deque(streaks)
+        alone = self.light is not None and not self.several  # the one object of its color
+        while rest:
             try:
-                found.append(_measured(image, plate, streak, self.model, coherence))
+                found.append(_measured(image, plate, rest.popleft(), self.model, coherence))
             except BlurmatteError as error:
                 reasons.append(str(error))
+            if alone and found and found[-1].source == "sweep":
+                break
         if not streaks:
             reasons = ["nothing moved" if self.light is None else _NO_COLOR]
-        return FrameSightings(number, time, tuple(found), "; ".join(reasons))
+        return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
 
 
 def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
     """The color that what moves in a clip has, from some of its frames together.
 
     Several frames all over the clip are asked for everything in them that a shape on a path explains.
-    Colors that agree count together; the ones that most of the streaks' light stands for win.
+    Colors that agree count together; the ones that most of the streaks' light stands for win. What
+    reaches the border of the picture counts only if nothing else tells.
 
     Parameters
     ----------
@@ -270,11 +279,12 @@ def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
         If no frame tells it.
     """
     asked = np.unique(np.linspace(0, len(frames) - 1, _ASKED + 2).round().astype(int)[1:-1])
-    told: list[tuple[ColorModel, float]] = []
+    told: list[tuple[ColorModel, float, bool]] = []
     for number in asked:
         told += _colors(*with_noise(frames[int(number)], plate), fit_disc)
     for number in asked if not told else ():
         told += _colors(*with_noise(frames[int(number)], plate), fit_sweep)
+    told = [one for one in told if one[2]] or told  # arms come from beyond the border
     told = [one for one in told if one[0].rank == 1] or told[:1]
     if not told:
         raise ColorModelError(
@@ -282,8 +292,8 @@ def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
             "moves; give its color (--color, model=)"
         )
     together = [[b for b in told if _angle(a[0], b[0]) < _SAME_COLOR] for a in told]
-    best = max(together, key=lambda group: sum(weight for _, weight in group))
-    return pooled([model for model, _ in best])
+    best = max(together, key=lambda group: sum(weight for _, weight, _ in group))
+    return pooled([model for model, _, _ in best])
 
 
 def _angle(a: ColorModel, b: ColorModel) -> float:
@@ -292,8 +302,8 @@ def _angle(a: ColorModel, b: ColorModel) -> float:
 
 def _colors(
     image: LinearImage, plate: LinearImage, fit: Callable[..., Sweep]
-) -> Iterator[tuple[ColorModel, float]]:
-    """Colors of what a sweep explains in a frame, and how strong each streak is.
+) -> Iterator[tuple[ColorModel, float, bool]]:
+    """Colors of what a sweep explains in a frame, how strong each streak is, and if all of it is seen.
 
     Limbs and their shadows may look like a disc too, but of no certain size.
     """
@@ -308,7 +318,9 @@ def _colors(
             continue
         if sweep.misfit <= MAX_MISFIT:
             unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
-            yield sweep.model, streak.evidence / (1 + unsure**2)
+            x0, y0, x1, y1 = streak.box
+            whole = min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0
+            yield sweep.model, streak.evidence / (1 + unsure**2), whole
 
 
 def _noise(image: LinearImage) -> Noise:

@@ -30,6 +30,7 @@ from blurmatte.radiometry.chart import new_figure, pixels
 Array = npt.NDArray[np.float64]
 
 _DPI = 100
+_DASH = 8  # pixels of the sheet
 # Ten colors that are told apart on dark and on white, matplotlib's and Tableau's.
 _PALETTE = (
     "#1f77b4", "#ff7f0e", "#2ca02c", "#d62728", "#9467bd",
@@ -42,8 +43,9 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
     """Draw the ways of objects through a clip over its plate, and speed and radius over time.
 
     The way within each exposure is bright, from one frame to the next it is blue; of several objects
-    each has a color, and its number where it appears. Ellipses of one standard deviation of the
-    centers are enlarged so that they can be seen; it says how much. Needs matplotlib
+    each has a color, and its number where it appears. Where the numbers of a frame are in doubt, its
+    way is dashed and joined to nothing, and its points over time are hollow. Ellipses of one standard
+    deviation of the centers are enlarged so that they can be seen; it says how much. Needs matplotlib
     (`pip install "blurmatte[plot]"`).
 
     Parameters
@@ -70,7 +72,7 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
     found = [row for row in rows if row.sighting is not None]
     picture, scale = fitted(plate.in_srgb(), (WIDTH - 2 * MARGIN, TALLEST[0]))
     pen = ImageDraw.Draw(picture)
-    sights = [row.sighting for row in found if row.sighting is not None]
+    sights = [row.sighting for row in found if row.sighting is not None and not _doubted(row)]
     enlarged = _enlarged(sights, scale)
     objects = _objects(found)
     if len(objects) == 1:
@@ -87,8 +89,22 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
     if found:
         sheet.picture(_over_time(objects))
     told = f"Ellipses: one standard deviation of the centers, {enlarged:g} times enlarged."
-    sheet.sentences([*words, told])
+    sheet.sentences([*words, told, *_on_doubts(found)])
     return sheet.pixels()
+
+
+def _doubted(row: FrameMotion) -> bool:
+    return row.sighting is not None and bool(row.sighting.doubts)
+
+
+def _on_doubts(found: Sequence[FrameMotion]) -> list[str]:
+    """What dashes mean, if there are any."""
+    count = sum(map(_doubted, found))
+    if not count:
+        return []
+    return [
+        f"Dashed and hollow: {count} of {len(found)}, whose numbers are in doubt; the table says why."
+    ]
 
 
 def _objects(found: Sequence[FrameMotion]) -> dict[int, list[FrameMotion]]:
@@ -121,11 +137,25 @@ def _draw_way(
 ) -> None:
     """From each frame to the next, within each exposure, and how well the centers are known."""
     for a, b in pairwise(way):
-        if a.track == b.track and a.sighting is not None and b.sighting is not None:
+        if a.track != b.track or _doubted(a) or _doubted(b):
+            continue
+        if a.sighting is not None and b.sighting is not None:
             draw_line(pen, [a.sighting.place, b.sighting.place], scale, between)
     for s in (row.sighting for row in way if row.sighting is not None):
-        draw_line(pen, [(s.first_x, s.first_y), (s.last_x, s.last_y)], scale, BRIGHT)
+        ends = np.array([(s.first_x, s.first_y), (s.last_x, s.last_y)])
+        if s.doubts:
+            _draw_dashes(pen, ends, scale, between)
+            continue
+        draw_line(pen, ends, scale, BRIGHT)
         draw_line(pen, error_ellipse(s.place, s.covariance, enlarged), scale, ellipses)
+
+
+def _draw_dashes(pen: Any, ends: Array, scale: float, color: Color) -> None:
+    """From one end (2, 2) to the other."""
+    count = max(round(float(np.linalg.norm(ends[1] - ends[0])) * scale / (2 * _DASH)), 1)
+    for k in range(count):
+        t = (np.array([k, k + 0.5]) + 0.25)[:, None] / count
+        draw_line(pen, (1 - t) * ends[0] + t * ends[1], scale, color)
 
 
 def _number(pen: Any, number: int, way: Sequence[FrameMotion], scale: float) -> None:
@@ -160,14 +190,19 @@ def _over_time(objects: Mapping[int, Sequence[FrameMotion]]) -> Pixels:
         axes = figure.add_subplot(place, xlabel="time, s" if timed else "frame", ylabel=what)
         highest = 0.0
         for number, way in objects.items():
-            t = [row.time if timed else row.frame for row in way]
+            t = np.array([row.time if timed else row.frame for row in way], float)
             values, errors = (
                 np.array([getattr(row.sighting, value) for row in way])
                 for value in (kind, f"{kind}_std")
             )
+            unsure = np.array([_doubted(row) for row in way])
+            sure = ~unsure
             name = _name(number)
-            axes.errorbar(t, values, errors, fmt=".", color=name, alpha=0.8, label=str(number))
-            highest = max(highest, float(np.quantile(values, 0.95)))
+            drawn = {"color": name, "alpha": 0.8, "label": str(number)}
+            axes.errorbar(t[sure], values[sure], errors[sure], fmt=".", **drawn)
+            axes.plot(t[unsure], values[unsure], "o", color=name, alpha=0.6, mfc="none", ms=4)
+            believed = values[sure] if sure.any() else values
+            highest = max(highest, float(np.quantile(believed, 0.95)))
         axes.set_ylim(0, 1.3 * highest + 1e-6)
         axes.grid(alpha=0.3)
         if len(objects) > 1:

@@ -6,6 +6,7 @@ were left.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -15,12 +16,13 @@ from blurmatte.sweep.field import Field, field_of
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
-from blurmatte.sweep.student import belief, loss
+from blurmatte.sweep.student import belief, bend, loss
 
 Array = npt.NDArray[np.float64]
 
 _STEPS, _TRIES = 40, 8
 _POINTS = 33
+_CAREFUL = 1e-3  # of the curvature: less caution hardly changes a step that failed
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
@@ -81,19 +83,24 @@ class State:
     @property
     def main(self) -> Array:
         """(3,) unit direction of most of the object's light."""
-        return _main(self.frame, self.moments)[0]
+        return self.possible[0]
 
     @property
     def brightness(self) -> float:
         """Root mean square of the light along `main`."""
-        return _main(self.frame, self.moments)[1] / _BRIGHTEST
+        return self.possible[1] / _BRIGHTEST
 
-    @property
+    @cached_property
+    def possible(self) -> tuple[Array, float]:
+        """(3,) `main`, and the most light along it that is possible where alpha is 1."""
+        return _main(self.frame, self.moments)
+
+    @cached_property
     def chi2(self) -> Array:
         """(h, w) sum of squared residuals; of as many degrees of freedom as the frame has across."""
         return np.asarray((self.e**2).sum(axis=0))
 
-    @property
+    @cached_property
     def belief(self) -> Array:
         """(h, w) how much each pixel's residuals are taken for noise."""
         return belief(self.chi2)
@@ -102,8 +109,11 @@ class State:
         """(h, w) how much each pixel counts."""
         return data.weight * self.belief
 
-    def information(self, data: Data) -> tuple[Array, Array]:
-        """Curvature (size, size) and gradient (size,) of the cost."""
+    def information(self, data: Data, bent: bool = False) -> tuple[Array, Array]:
+        """Curvature (size, size) and gradient (size,) of the cost.
+
+        The curvature is what noise alone would leave, or `bent` as the loss is by what else there is.
+        """
         if self.field is not None:
             J, alpha = self.swept.by_parameters, self.swept.alpha
             H, g = self.field.information(J, light_of(data), alpha, self.weights(data), self.e)
@@ -112,7 +122,8 @@ class State:
 
         H, g = residuals.normal_equations(
             self.swept.by_parameters, *light_of(data), self.swept.alpha, self.weights(data),
-            self.frame.across, self.frame.within, self.moments, *_main(self.frame, self.moments),
+            bend(self.chi2) if bent else np.zeros_like(self.chi2),
+            self.frame.across, self.frame.within, self.moments, *self.possible,
         )  # fmt: skip
         if data.known is not None:
             H[-2:, -2:] += data.known.information
@@ -160,11 +171,11 @@ def sharp(data: Data, state: State) -> State:
     return state_at(data, state.family, state.path, silhouette, shape, state.frame)
 
 
-def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
-    """Follow the cost down from a start, the radius within bounds."""
+def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = _STEPS) -> State:
+    """Follow the cost down from a start in no more steps than that, the radius within bounds."""
     state, caution = start, 1e-2
-    for _ in range(_STEPS):
-        H, g = state.information(data)
+    for _ in range(steps):
+        H, g = state.information(data, bent=True)
         held = _held(state, g, bounds)
         H[held], H[:, held], g[held] = 0, 0, 0
         if not np.diag(H).any():
@@ -178,7 +189,7 @@ def descend(data: Data, start: State, bounds: tuple[float, float]) -> State:
             gain = _gained(data, state, tried)
             if gain > 0:
                 break
-            caution *= 6
+            caution = max(6 * caution, _CAREFUL)
         else:
             return replace(state, converged=True)
         state, caution = tried, max(caution / 5, 1e-7)
@@ -199,7 +210,7 @@ def _gained(data: Data, state: State, tried: State) -> float:
     feigned = residuals.feigned_by_noise(
         *light_of(data), state.swept.alpha, state.weights(data),
         state.frame.across, state.frame.within, state.moments,
-        *_main(state.frame, state.moments), tried.frame.across,
+        *state.possible, tried.frame.across,
     )  # fmt: skip
     return state.cost - tried.cost - float(feigned) / 2
 
@@ -235,10 +246,12 @@ def _held(state: State, g: Array, bounds: tuple[float, float]) -> npt.NDArray[np
 def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:
     """The state after a step, which is shortened where it leaves the range of the linear."""
     n, m = len(state.path), len(state.shape)
-    far = np.abs(step[: n + 1]).max() / max(0.5 * state.shape[0], 2 * data.scale)
-    bend = np.abs(step[n + 1 : n + m]).max(initial=0) / _BEND
+    bends = n + m - state.silhouette.soft
+    far = np.abs([*step[: n + 1], *step[bends : n + m]]).max()
+    far /= max(0.5 * state.shape[0], 2 * data.scale)
+    bent = np.abs(step[n + 1 : bends]).max(initial=0) / _BEND
     turn = np.linalg.norm(step[n + m :]) / _TURN
-    step = step / max(far, bend, turn, 1)
+    step = step / max(far, bent, turn, 1)
     shape = state.silhouette.possible(state.shape + step[n : n + m], bounds)
     frame = state.frame.turned(step[n + m :])
     return state_at(data, state.family, state.path + step[:n], state.silhouette, shape, frame)

@@ -8,6 +8,7 @@ line at constant speed, and is started from a curve of points.
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from typing import ClassVar
 
 import numpy as np
@@ -67,12 +68,7 @@ class Polynomial(PathFamily):
 
     def weights(self, t: Array) -> Array:
         """(T, degree + 1) Lagrange's polynomials."""
-        nodes = np.linspace(0, 1, self.degree + 1)
-        columns = []
-        for node in nodes:
-            others = nodes[nodes != node]
-            columns.append(np.prod((t[:, None] - others) / (node - others), axis=1))
-        return np.stack(columns, axis=1)
+        return np.asarray(np.vander(t, self.degree + 1, increasing=True) @ _lagrange(self.degree))
 
 
 class Arc(PathFamily):
@@ -181,6 +177,13 @@ def path_family(name: str) -> PathFamily:
 
 
 _TINY = 1e-30  # no more than rounding
+
+
+@cache
+def _lagrange(degree: int) -> Array:
+    """(degree + 1, degree + 1) coefficients of Lagrange's polynomials, a row for each power."""
+    nodes = np.linspace(0, 1, degree + 1)
+    return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True)))
 
 
 def _both(basis: Array) -> Array:

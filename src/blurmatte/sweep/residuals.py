@@ -38,32 +38,40 @@ def _light(C, B, V_C, V_B, a, P, V):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def _across(P, V, N, Q, R):  # type: ignore[no-untyped-def]
-    """Write Q and R; return the one or two residuals of unit variance whose squares sum to χ²."""
-    if N.shape[1] == 1:
-        s, p = 0.0, 0.0
-        for c in range(3):
-            s += V[c] * N[c, 0] * N[c, 0]
-            p += N[c, 0] * P[c]
-        for c in range(3):
-            R[c] = N[c, 0] * p / s
-            for d in range(3):
-                Q[c, d] = N[c, 0] * N[d, 0] / s
-        return p / np.sqrt(s), 0.0
+def _sums(P, V, N):  # type: ignore[no-untyped-def]
+    """NᵀVN as s, t, u and NᵀP as p, q; of a plane t = q = 0 and u = 1."""
     s, t, u, p, q = 0.0, 0.0, 0.0, 0.0, 0.0
     for c in range(3):
         s += V[c] * N[c, 0] * N[c, 0]
+        p += N[c, 0] * P[c]
+    if N.shape[1] == 1:
+        return s, 0.0, 1.0, p, 0.0
+    for c in range(3):
         t += V[c] * N[c, 0] * N[c, 1]
         u += V[c] * N[c, 1] * N[c, 1]
-        p += N[c, 0] * P[c]
         q += N[c, 1] * P[c]
+    return s, t, u, p, q
+
+
+@njit(**_COMPILED)
+def _whitened(s, t, u, p, q):  # type: ignore[no-untyped-def]
+    """The one or two residuals of unit variance whose squares sum to χ², of these sums."""
+    return p / np.sqrt(s), (q - t / s * p) / np.sqrt(u - t * t / s)
+
+
+@njit(**_COMPILED)
+def _across(P, V, N, Q, R):  # type: ignore[no-untyped-def]
+    """Write Q and R; return the residuals."""
+    s, t, u, p, q = _sums(P, V, N)
     det = s * u - t * t
     for c in range(3):
-        x, y = (u * N[c, 0] - t * N[c, 1]) / det, (s * N[c, 1] - t * N[c, 0]) / det
+        x, y = u * N[c, 0] / det, 0.0
+        if N.shape[1] == 2:
+            x, y = (u * N[c, 0] - t * N[c, 1]) / det, (s * N[c, 1] - t * N[c, 0]) / det
         R[c] = x * p + y * q
         for d in range(3):
-            Q[c, d] = x * N[d, 0] + y * N[d, 1]
-    return p / np.sqrt(s), (q - t / s * p) / np.sqrt(u - t * t / s)
+            Q[c, d] = x * N[d, 0] + (y * N[d, 1] if N.shape[1] == 2 else 0.0)
+    return _whitened(s, t, u, p, q)
 
 
 @njit(**_COMPILED)
@@ -108,11 +116,11 @@ def residuals(C, B, V_C, V_B, alpha, N, main, most, e):  # type: ignore[no-untyp
 
     Light along the color `main` is neither negative nor more than alpha times `most`.
     """
-    P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
+    P, V = np.empty(3), np.empty(3)
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             _light(C[y, x], B[y, x], V_C[y, x], V_B[y, x], alpha[y, x], P, V)
-            e[0, y, x], e[1, y, x] = _across(P, V, N, Q, R)
+            e[0, y, x], e[1, y, x] = _whitened(*_sums(P, V, N))
             e[2, y, x], _ = _beyond(P, V, main, alpha[y, x] * most)
 
 
@@ -148,6 +156,26 @@ def _kept(k, W, K, a, A, kept):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
+def _feigned_of_line(P, V, M, power, turned):  # type: ignore[no-untyped-def]
+    """What `feigned_by_noise` adds for a pixel with light of this power along a line that turns.
+
+    Across l there is χ² = P·P − (l·P)²/(l·l) left, with products weighted by 1/V. k̂ = l·P/(l·l) has
+    the variance 1/(l·l), and all of it but the best estimate, k̂ − k, is noise.
+    """
+    ll, lp, tt, tp, tl = 0.0, 0.0, 0.0, 0.0, 0.0
+    for c in range(3):
+        l, t, u = M[c, 0], turned[c], 1 / V[c]
+        ll += u * l * l
+        lp += u * l * P[c]
+        tt += u * t * t
+        tp += u * t * P[c]
+        tl += u * t * l
+    noise = lp / (ll * (1 + power * ll))
+    rest = tp - noise * tl
+    return noise * (noise * ll - 2 * lp) + (tp * tp - rest * rest) / tt
+
+
+@njit(**_COMPILED)
 def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned):  # type: ignore[no-untyped-def]
     """By how much a turn of N to `turned` lowers the sum of squares only because k̂ has noise.
 
@@ -156,6 +184,7 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     k, W, A, total = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2)), 0.0
     kept, best = np.zeros(2), np.empty(3)
+    pole = np.cross(turned[:, 0], turned[:, 1]) if turned.shape[1] == 2 else turned[:, 0]
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             if weights[y, x] == 0:
@@ -163,6 +192,9 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned
             _light(C[y, x], B[y, x], V_C[y, x], V_B[y, x], alpha[y, x], P, V)
             beyond, _ = _beyond(P, V, main, alpha[y, x] * most)
             if beyond != 0:
+                continue
+            if M.shape[1] == 1:
+                total += weights[y, x] * _feigned_of_line(P, V, M, alpha[y, x] ** 2 * K[0, 0], pole)
                 continue
             _across(P, V, N, Q, R)
             _within(P, V, Q, R, M, k, W)
@@ -179,18 +211,19 @@ def feigned_by_noise(C, B, V_C, V_B, alpha, weights, N, M, K, main, most, turned
 
 
 @njit(**_COMPILED)
-def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  # type: ignore[no-untyped-def]
+def normal_equations(J, C, B, V_C, V_B, alpha, weights, bend, N, M, K, main, most):  # type: ignore[no-untyped-def]
     """Half the curvature (n + 2, n + 2) and gradient (n + 2,) of a sum of squares.
 
-    J (h, w, n) are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of
-    M_j towards N_i, i first. K is (2, 2), 0 beyond the rank.
+    Of the curvature `bend` (h, w) times the square of each pixel's gradient is taken off. J (h, w, n)
+    are derivatives of alpha, 0 in most pixels; the last two parameters are the turns of M_j towards
+    N_i, i first. K is (2, 2), 0 beyond the rank.
     """
     h, w, n = J.shape
     H, g = np.zeros((n + 2, n + 2)), np.zeros(n + 2)
     P, V, R, Q = np.empty(3), np.empty(3), np.empty(3), np.empty((3, 3))
     k, W, A = np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
     QB, kept, S, NQN = np.empty(3), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
-    turn_beyond = np.zeros(2)
+    turn_beyond, slopes = np.zeros(2), np.zeros(2)
     rank = M.shape[1]
     for y in range(h):
         for x in range(w):
@@ -198,9 +231,11 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
             if weight == 0:
                 continue
             _light(C[y, x], B[y, x], V_C[y, x], V_B[y, x], a, P, V)
+            beyond, s = _beyond(P, V, main, a * most)
+            if a == 0 and beyond == 0:
+                continue  # neither alpha nor light that could turn the color
             _across(P, V, N, Q, R)
             _within(P, V, Q, R, M, k, W)
-            beyond, s = _beyond(P, V, main, a * most)
             if beyond != 0:  # impossible light is no noise
                 W[:] = 0.0
                 kept[:] = k
@@ -231,6 +266,7 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
             if beyond != 0:
                 aa += by_light * by_light
                 ae += by_light * beyond
+            aa -= bend[y, x] * ae * ae
             for t in range(2):
                 i, j = t // rank, t % rank
                 ne, nb, np_, mm = 0.0, 0.0, 0.0, 0.0
@@ -241,7 +277,8 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
                     mm += M[c, j] * main[c]
                 turn_beyond[t] = mm * np_ if beyond != 0 else 0.0
                 gradient = turn_beyond[t] * beyond - kept[j] * ne
-                cross = turn_beyond[t] * by_light - kept[j] * nb
+                slopes[t] = gradient
+                cross = turn_beyond[t] * by_light - kept[j] * nb - bend[y, x] * gradient * ae
                 g[n + t] += weight * gradient
                 for p in range(n):
                     if J[y, x, p] != 0:
@@ -249,7 +286,9 @@ def normal_equations(J, C, B, V_C, V_B, alpha, weights, N, M, K, main, most):  #
                 for v in range(t + 1):
                     b, c = v // rank, v % rank
                     curvature = NQN[i, b] * (kept[j] * kept[c] + S[j, c])
-                    H[n + t, n + v] += weight * (curvature + turn_beyond[t] * turn_beyond[v])
+                    curvature += turn_beyond[t] * turn_beyond[v]
+                    curvature -= bend[y, x] * slopes[t] * slopes[v]
+                    H[n + t, n + v] += weight * curvature
             for p in range(n):
                 slope = weight * J[y, x, p]
                 if slope != 0:

@@ -14,14 +14,14 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.choice import best_of, ranked
 from blurmatte.sweep.data import Data, data_around
-from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
+from blurmatte.sweep.descent import State, descend, main_colors, seen, sharp, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import misfit
+from blurmatte.sweep.verdict import CONTRADICTED, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -34,6 +34,7 @@ _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 _QUICK = 2  # which of the radii, where one must do
+_QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
@@ -93,22 +94,28 @@ class Search:
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        sharp = best_of(self.data, ends)
-        soft = self.softened(sharp)
-        if soft is sharp:
-            return sharp
-        return best_of(self.data, [soft if s is sharp else self.softened(s) for s in ends])
+        first = best_of(self.data, ends)
+        soft = self.softened(first)
+        if soft is first:
+            return first
+        return best_of(self.data, [soft if s is first else self.softened(s) for s in ends])
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws: for one of many frames of a clip.
 
         A throw is never too simple for a short way: a line where there is a faint bend would tell
-        its center better than it is known.
+        its center better than it is known. Nor is a soft rim; a sharp one is tried where that is not
+        clearly soft. What most pixels contradict on large pixels is left as it is.
         """
         curve, radius = self.curves[_QUICK]
-        finalists = _finalists(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
-        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        return self.softened(best_of(self.data, ends))
+        coarse = best_of(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
+        start = self._soft(seen(self.data, coarse))
+        if doubtful_share(self.data, start) > CONTRADICTED:
+            return start
+        soft = descend(self.data, start, self.bounds, _QUICK_STEPS)
+        if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:
+            return soft
+        return best_of(self.data, [soft, descend(self.data, sharp(self.data, soft), self.bounds)])
 
     def near(self, start: Sweep, rank: int) -> State:
         """What descents end at that begin with the path and size of another sweep, or a line there.
@@ -122,16 +129,16 @@ class Search:
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
         return self.softened(best_of(self.data, ends))
 
-    def softened(self, sharp: State) -> State:
+    def softened(self, state: State) -> State:
         """The same with a soft rim, if that explains the data clearly better.
 
         Lenses blur, and files blur color: most share it among pixels, and compression leaves out its
         fine structure.
         """
-        start = self._soft(sharp)
-        if start.cost >= sharp.cost:
-            return sharp
-        return best_of(self.data, [sharp, descend(self.data, start, self.bounds)])
+        start = self._soft(state)
+        if start.cost >= state.cost:
+            return state
+        return best_of(self.data, [state, descend(self.data, start, self.bounds)])
 
     def softest(self, state: State) -> State:
         """The same with a soft rim, if that explains the data better at all."""
@@ -140,11 +147,12 @@ class Search:
         soft = descend(self.data, self._soft(state), self.bounds)
         return soft if soft.cost < state.cost else state
 
-    def _soft(self, sharp: State) -> State:
-        silhouette = replace(sharp.silhouette, soft=True)
-        shape = silhouette.like(sharp.silhouette, sharp.shape)
+    def _soft(self, state: State) -> State:
+        """The same with a rim that is just soft."""
+        silhouette = replace(state.silhouette, soft=True)
+        shape = silhouette.like(state.silhouette, state.shape)
         shape[-1] = _SOFT * self.data.scale
-        return state_at(self.data, sharp.family, sharp.path, silhouette, shape, sharp.frame)
+        return state_at(self.data, state.family, state.path, silhouette, shape, state.frame)
 
     def _ends(
         self,

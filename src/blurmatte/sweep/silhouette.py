@@ -16,7 +16,12 @@ from blurmatte.sweep.path import PathFamily
 Array = npt.NDArray[np.float64]
 
 _PARTS = 48  # of the exposure, equally long
+_SOFT_PARTS = 8  # where nothing is sharp, neither the rim nor the path
+_GAUSS = 1 / np.sqrt(
+    12
+)  # of a piece, how far its two moments are from its middle: exact for cubics
 _STEP, _MOST = 0.7, 200  # pixels between two moments, and how many in a part at most
+_PIXEL = 1 / 12  # variance of a box as wide as a pixel
 _ANGLES = 360
 _SHARP, _SOFT = 0.2, 2.0  # pixels: a pixel's width hides less, and blocks of 4 share no color
 
@@ -120,7 +125,8 @@ class Silhouette:
         alpha = np.zeros(data.weight.shape)
         J = np.zeros((*alpha.shape, len(path) + self.size))
         turn, soft = self.turn(shape), self.softness(shape) / data.scale
-        t, weights = moments(family, path, data.scale, abs(turn) * self.reach(shape))
+        spin = abs(turn) * self.reach(shape) if self.turns else 0.0
+        t, weights = moments(family, path, data.scale, spin, soft)
         xy, D = family.at(path, t)
         xy, D = (xy - data.origin) / data.scale, D / data.scale
         if self.bulges == 1:
@@ -202,21 +208,32 @@ DISC, ELLIPSE = Silhouette(1), Silhouette(2)
 _BY_A, _BY_B = np.array([[1.0, 0], [0, -1]]), np.array([[0, 1.0], [1, 0]])
 
 
-def moments(family: PathFamily, path: Array, scale: float, spin: float = 0) -> tuple[Array, Array]:
+def moments(
+    family: PathFamily, path: Array, scale: float, spin: float = 0, soft: float = 0
+) -> tuple[Array, Array]:
     """Times (T,) in the middles of pieces of the exposure, and how long these are, of sum 1.
 
     Pieces are shorter where the rim is fast. The times stay the same when a path changes a little,
-    so that alpha changes smoothly. spin is how far turning moves the rim, pixels of the picture.
+    so that alpha changes smoothly. spin is how far turning moves the rim, pixels of the picture; soft
+    is the softness in units of scale. Of a soft rim on a path without a kink alpha is so smooth in
+    time that two moments of Gauss's do for a piece of two of its standard deviations.
     """
-    xy, _ = family.at(path, np.linspace(0, 1, _PARTS + 1))
-    way = (np.linalg.norm(np.diff(xy, axis=0), axis=1) + spin / _PARTS) / scale
+    even = soft > 0 and family.kink(path) is None
+    parts = _SOFT_PARTS if even else _PARTS
+    step = 2 * max(float(np.sqrt(_PIXEL + soft**2)), _STEP) if even else _STEP
+    xy, _ = family.at(path, np.linspace(0, 1, parts + 1))
+    way = (np.linalg.norm(np.diff(xy, axis=0), axis=1) + spin / parts) / scale
     beside = np.pad(way, 1, mode="edge")
     way = np.maximum(way, np.maximum(beside[:-2], beside[2:]))  # as the crow flies is not enough
-    counts = np.clip(np.ceil(way / _STEP), 1, _MOST).astype(int)
+    counts = np.clip(np.ceil(way / step), 1, _MOST).astype(int)
     first = np.repeat(np.cumsum(counts) - counts, counts)
     within = (np.arange(counts.sum()) - first + 0.5) / np.repeat(counts, counts)
-    t = (np.repeat(np.arange(_PARTS), counts) + within) / _PARTS
-    return t, np.repeat(1 / (_PARTS * counts), counts)
+    t = (np.repeat(np.arange(parts), counts) + within) / parts
+    lengths = np.repeat(1 / (parts * counts), counts)
+    if not even:
+        return t, lengths
+    pairs = t[:, None] + _GAUSS * lengths[:, None] * np.array([-1, 1])
+    return pairs.ravel(), np.repeat(lengths / 2, 2)
 
 
 def _angles(count: int) -> Array:

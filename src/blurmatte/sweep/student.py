@@ -20,3 +20,12 @@ def loss(chi2: Array) -> Array:
 def belief(chi2: Array) -> Array:
     """How much squared residuals are taken for noise; twice the slope of the loss."""
     return np.asarray((_FREEDOM + 2) / (_FREEDOM + chi2))
+
+
+def bend(chi2: Array) -> Array:
+    """By how much the loss bends down along its residuals, as a part of its slope squared.
+
+    Half its curvature by residuals e is belief(χ²) times 1 − e bend(χ²) eᵀ [Triggs et al. 2000].
+    Beyond χ² = 6 the loss is no longer convex; there it is taken for flat along e.
+    """
+    return np.asarray(1 / np.maximum(chi2, (_FREEDOM + chi2) / 2))

@@ -23,7 +23,7 @@ _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shap
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
-_CONTRADICTED = 0.5  # of a sweep's pixels
+CONTRADICTED = 0.5  # of a sweep's pixels
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
 _SMOOTH = (
     0.9  # where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02
@@ -63,7 +63,7 @@ def misfit(data: Data, state: State) -> float:
     explained, however little their pixels do. Infinite if the descent found no end, for what cannot be,
     and where most pixels contradict.
     """
-    if not (state.converged and can_be(data, state)) or doubtful_share(data, state) > _CONTRADICTED:
+    if not (state.converged and can_be(data, state)) or doubtful_share(data, state) > CONTRADICTED:
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)

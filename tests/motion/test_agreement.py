@@ -1,0 +1,63 @@
+"""frame_scatter: errors of a clip against smooth motion; frames that contradict the others."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blurmatte.motion import FrameMotion, FrameSightings, Sighting, frame_scatter, link_sightings
+from blurmatte.motion import scatter_in_words as in_words
+
+STD, RADIUS_STD = 0.3, 0.1
+
+
+def clip(rng, count=60, turn=0.3, larger=1.0):
+    """Around a circle that grows, seen with errors that are stated."""
+    frames = []
+    for k in range(count):
+        way = turn * k
+        x, y = 300 + 100 * np.array([np.cos(way), np.sin(way)]) + rng.normal(0, larger * STD, 2)
+        radius = 12 + 0.02 * k + rng.normal(0, larger * RADIUS_STD)
+        angle = (way + np.pi) % np.pi - np.pi / 2
+        sighting = Sighting(
+            x, y, STD, STD, 0.0, 25 * np.cos(angle), 25 * np.sin(angle), 0.5, 0.5, 25.0, 0.5, angle,
+            0.02, radius, RADIUS_STD, x, y, x, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0,
+            False, True, "",
+        )  # fmt: skip
+        frames.append(FrameSightings(k, k / 30, (sighting,)))
+    return frames
+
+
+def test_the_scatter_is_that_of_the_errors():
+    """Honest: 1 where errors are as stated, and the factor by which they are larger."""
+    for larger in (1, 3):
+        rng = np.random.default_rng(larger)
+        told = [frame_scatter(link_sightings(clip(rng, larger=larger))) for _ in range(20)]
+        for name in ("place", "radius"):
+            values = [getattr(one, name) for one in told]
+            assert np.mean(values) == pytest.approx(larger, rel=0.15)
+        assert sum(one.too_large for one in told) == (20 if larger == 3 else 0)
+    assert "errors are larger than stated" in in_words(told[0])[0]
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("place", {"x": 8.0}), ("radius", {"radius": 1.5})])
+def test_what_contradicts_is_doubted(name, wrong):
+    """Exact: the one frame that is off, and no other; its numbers stay."""
+    frames = clip(np.random.default_rng(5))
+    (s,) = frames[20].found
+    off = replace(s, **{key: getattr(s, key) + value for key, value in wrong.items()})
+    frames[20] = replace(frames[20], found=(off,))
+    rows = link_sightings(frames)
+    assert [row.frame for row in rows if row.sighting.doubts] == [20]
+    assert rows[20].sighting.doubts.startswith(f"Its {name} is ")
+    assert getattr(rows[20].sighting, next(iter(wrong))) == getattr(off, next(iter(wrong)))
+
+
+def test_what_turns_fast_tells_nothing():
+    """Exact: around a circle of six frames nothing is known, nor of a few frames."""
+    rng = np.random.default_rng(2)
+    for frames in (clip(rng, turn=1.05), clip(rng, count=13)):
+        rows = link_sightings(frames)
+        assert frame_scatter(rows) is None
+        assert not any(row.sighting.doubts for row in rows)
+    assert frame_scatter([FrameMotion(0, None, None, reason="nothing moved")]) is None
