@@ -21,6 +21,7 @@ from blurmatte.matting.evidence import CHANCE, evidence_of, noise_together, pixe
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.matting.shading import Told, with_shading
 from blurmatte.matting.smooth_prior import (
     BORDER,
     Evidence,
@@ -179,7 +180,11 @@ class Smooth:
                 field = smoothed(levels[depth], prior, field, 0, 4**depth)
         prior = replace(prior, scale=prior.scale / self.strength)
         near = np.clip(_inner(field.x), 0, 1)
-        last = _bordered(*evidence_of(pixels, near), inside).weaker(weaker)
+        information, pull = (values / weaker for values in evidence_of(pixels, near))
+        if model.rank == 1:
+            told = Told(pixels, near, _inner(field.variance), weaker)
+            information, pull = with_shading(told, information, pull)
+        last = _bordered(information, pull, inside)
         samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
         field = smoothed(last, prior, field, samples)
         return replace(field, variance=field.variance * left_out), prior, of_sum * left_out

@@ -59,9 +59,9 @@ class Evidence:
     def coarser(self) -> "Evidence":
         """In cells of twice the width."""
         return Evidence(
-            _blocks(self.information),
-            _blocks(self.pull),
-            _blocks(self.mask.astype(np.uint8)) > 0,
+            in_larger_cells(self.information),
+            in_larger_cells(self.pull),
+            in_larger_cells(self.mask.astype(np.uint8)) > 0,
         )
 
 
@@ -196,20 +196,20 @@ def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
     """The start that a field is for the level of half the width."""
     from blurmatte.matting.smooth_kernel import doubled  # numba takes half a second
 
-    def up(values: Floats) -> Floats:
-        out = np.zeros(shape, values.dtype)
-        doubled(values, BORDER, out)
-        return out
-
     squares = np.zeros((len(field.squares), *shape))
     for part, of_level in zip(squares, field.squares / 4**order, strict=True):
         doubled(of_level, BORDER, part)
-    return replace(
-        field,
-        x=up(field.x),
-        variance=up(field.variance),
-        squares=squares,
-    )
+    x, variance = (map_in_smaller_cells(values, shape) for values in (field.x, field.variance))
+    return replace(field, x=x, variance=variance, squares=squares)
+
+
+def map_in_smaller_cells(values: Floats, shape: tuple[int, ...]) -> Floats:
+    """A map in cells of half the width, between theirs linear."""
+    from blurmatte.matting.smooth_kernel import doubled
+
+    out = np.zeros(shape, values.dtype)
+    doubled(values, BORDER, out)
+    return out
 
 
 def _solve_all(
@@ -273,7 +273,7 @@ def _left(evidence: Evidence, x: Floats) -> tuple[float, int]:
     return float(np.sum(left, dtype=float)), len(A)
 
 
-def _blocks(values: Floats) -> Floats:
+def in_larger_cells(values: Floats) -> Floats:
     """Sums over 2 by 2, the border kept."""
     inner = values[BORDER:-BORDER, BORDER:-BORDER]
     h, w = inner.shape
