@@ -56,17 +56,19 @@ class Told:
     variance: Floats
     weaker: float
 
-    def along(self) -> tuple[Array, Array, Array, Array]:
+    def along(self) -> tuple[Floats, Floats, Floats, Floats]:
         """(h, w) each: m·C, m·B, m·V_B m and Var q."""
+        from blurmatte.matting.smooth_kernel import along  # numba takes half a second
+
         pixels, mixed = self.pixels, self.pixels.mixed
         plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
-        C, B, V_C, V_B = replace(pixels, plate=plate).arrays
+        light = replace(pixels, plate=plate).arrays
+        kind = light[0].dtype
         l = pixels.model.basis[:, 0] * np.sign(pixels.model.basis[:, 0].sum())
-        m = l / (V_C + (1 - self.alpha[..., None]) ** 2 * V_B)
-        variance = 1 / (m @ l)
-        m *= variance[..., None]
-        feigned = np.sum(m * m * V_B, axis=-1)
-        return np.sum(m * C, axis=-1), np.sum(m * B, axis=-1), feigned, self.weaker * variance
+        out = np.empty((4, *self.alpha.shape), kind)
+        along(*(np.asarray(a, kind) for a in light), l, np.asarray(self.alpha, kind), out)
+        C, B, feigned, variance = out
+        return C, B, feigned, self.weaker * variance
 
 
 def with_shading(told: Told, information: Floats, pull: Floats) -> tuple[Floats, Floats]:
@@ -108,10 +110,11 @@ def _brightness(known: Evidence, needy: Floats) -> tuple[Array, Array]:
         levels.append(levels[-1].coarser())
         wanting.append(in_larger_cells(wanting[-1]))
     best = _of_size(levels[-1], wanting[-1])
-    for level, sharing in zip(levels[-2::-1], wanting[-2::-1], strict=True):
+    for level, sharing in zip(levels[-2:0:-1], wanting[-2:0:-1], strict=True):
         coarse = np.stack([map_in_smaller_cells(m, level.mask.shape) for m in best])
         here = _of_size(level, sharing)
         best = np.where(here[1] < coarse[1], here, coarse)
+    best = np.stack([map_in_smaller_cells(m, known.mask.shape) for m in best])
     k, variance, n = best[:, BORDER:-BORDER, BORDER:-BORDER]
     return k, variance * np.maximum(n, 1)
 

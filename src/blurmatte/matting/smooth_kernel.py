@@ -80,6 +80,23 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
 
 
 @njit(**_FAST)
+def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
+    """Write m·C, m·B, m·V_B m and Var q of each pixel, as `shading` has them, (4, h, w)."""
+    for y in range(alpha.shape[0]):
+        for x in range(alpha.shape[1]):
+            t, total, c, b, v = 1.0 - alpha[y, x], 0.0, 0.0, 0.0, 0.0
+            for i in range(3):
+                m = l[i] / (V_C[y, x, i] + t * t * V_B[y, x, i])
+                total += m * l[i]
+                c += m * C[y, x, i]
+                b += m * B[y, x, i]
+                v += m * m * V_B[y, x, i]
+            variance = 1.0 / total
+            out[0, y, x], out[1, y, x] = c * variance, b * variance
+            out[2, y, x], out[3, y, x] = v * variance * variance, variance
+
+
+@njit(**_FAST)
 def doubled(values, border, out):  # type: ignore[no-untyped-def]
     """Write a map of cells, but for its border, in cells of half the width, in between linear."""
     h, w = out.shape[0] - 2 * border, out.shape[1] - 2 * border
