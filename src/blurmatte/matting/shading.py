@@ -7,13 +7,15 @@ equations across the line. With the brightness k of what covered a pixel
     q = m·(C − B) = α (k − m·B) + noise,    Var q = 1 / lᵀV⁻¹l,
 
 so that a known k tells alpha where the plate is dark, or of the object's own hue, and the closed form
-knows little. k is measured where that knows alpha, and is smooth in between. Neighbors share what it
-errs by. With ρ the sum of its covariances over all of them each pixel's
+knows little. k is measured where that knows alpha, in cells of many sizes and the eight around them. By
+how much it differs there between a cell and its neighbors, beyond noise, is the error of saying so of
+places between: of all sizes that with the least error counts. Pixels err alike by it. With n of them
+in want of it within the same cells, and σ² its variance,
 
-    Var α = (Var q + α² ρ) / (k − m·B)²
+    Var α = (Var q + α² n σ²) / (k − m·B)²
 
-of which a neighborhood that shares one k knows as much as k does, and not more. And as k came from the
-alphas of the neighborhood, of this and the closed form only what one knows more than the other counts.
+of which n pixels together know as much as k does, and not more. And as k came from the alphas of the
+neighborhood, of this and the closed form only what one knows more than the other counts.
 """
 
 from dataclasses import dataclass, replace
@@ -103,7 +105,7 @@ def with_shading(told: Told, information: Floats, pull: Floats) -> tuple[Floats,
     return (information + more).astype(kind), (pull + more * alone).astype(kind)
 
 
-def _brightness(known: Evidence, needy: Floats) -> tuple[Array, Array]:
+def _brightness(known: Evidence, needy: Floats) -> tuple[Floats, Floats]:
     """Of each pixel k, and ρ: of all sizes of cells those with the least error there."""
     levels, wanting = [known], [np.asarray(needy)]
     while min(levels[-1].mask.shape) > 4 * BORDER:
@@ -119,11 +121,11 @@ def _brightness(known: Evidence, needy: Floats) -> tuple[Array, Array]:
     return k, variance * np.maximum(n, 1)
 
 
-def _of_size(level: Evidence, needy: Floats) -> Array:
+def _of_size(level: Evidence, needy: Floats) -> Floats:
     """(3, h, w) k in and around cells, the variance of what it is in one, and how many share it."""
     I, p, n = (_three_by_three(m) for m in (level.information, level.pull, needy))
     I = np.maximum(I, _TINY)
-    return np.stack([p / I, _scatter(level) + 1 / I, n])
+    return np.stack([p / I, _scatter(level) + 1 / I, n]).astype(level.information.dtype)
 
 
 def _scatter(level: Evidence) -> float:

@@ -131,7 +131,7 @@ def smoothed(
     """
     A, mask = evidence.information, evidence.mask
     rng = np.random.default_rng(_SEED)
-    noise = [rng.standard_normal((4, *mask.shape), A.dtype) for _ in range(samples)]
+    noise = [rng.standard_normal((4, *mask.shape)).astype(A.dtype) for _ in range(samples)]
     field = start or _nothing(evidence, prior)
     root = _precision(prior, field, cells)
     for turn in range(_ROUNDS):
