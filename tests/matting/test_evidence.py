@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import evidence_of, noise_together, with_faint_rims
+from blurmatte.matting.evidence import evidence_of, noise_together, pixels_of, with_faint_rims
 from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
 from blurmatte.streaks import Streak, find_streaks
@@ -34,7 +34,7 @@ def test_clipped_pixels_and_those_outside_know_nothing():
     clipped[25:28, 33:36] = True
     image = LinearImage(image.rgb, NOISE, ~clipped)
     for model in (MODEL, ColorModel.any()):
-        information, pull = evidence_of(image, plate, model, inside, np.zeros(SHAPE))
+        information, pull = evidence_of(pixels_of(image, plate, model, inside), np.zeros(SHAPE))
         assert np.all(information[clipped | ~inside] == 0)
         assert np.all(pull[clipped | ~inside] == 0)
         assert np.all(information >= 0)
@@ -48,7 +48,7 @@ def test_error_of_many_pixels_is_their_scatter(model):
     for seed in range(40):
         noise = np.random.default_rng(seed).normal(0, STD, (*SHAPE, 3))
         image, plate, inside = still(noise)
-        information, pull = evidence_of(image, plate, model, inside, np.zeros(SHAPE))
+        information, pull = evidence_of(pixels_of(image, plate, model, inside), np.zeros(SHAPE))
         scores.append(pull.sum() / np.sqrt(information.sum()))
     assert abs(np.mean(scores)) < 0.6
     assert 0.6 < np.std(scores) < 1.5
@@ -79,8 +79,9 @@ def test_noise_that_hangs_together_counts_less(where):
     for seed in range(16):
         image, plate, inside, noise = patch(seed, where)
         nothing = np.zeros(inside.shape)
-        information, pull = evidence_of(image, plate, MODEL, inside, nothing)
-        factors.append(noise_together(image, plate, MODEL, inside, nothing))
+        pixels = pixels_of(image, plate, MODEL, inside)
+        information, pull = evidence_of(pixels, nothing)
+        factors.append(noise_together(pixels, nothing))
         scores.append(pull.sum() / np.sqrt(information.sum() * factors[-1]))
     blocks = coherence(noise / STD, inside)[:, 2].mean()
     assert_allclose(np.mean(factors), blocks, rtol=0.25)
@@ -90,7 +91,7 @@ def test_noise_that_hangs_together_counts_less(where):
 def test_noise_of_each_pixels_own_counts_in_full():
     for seed in range(8):
         image, plate, inside, _ = patch(seed, "nowhere")
-        assert noise_together(image, plate, MODEL, inside, np.zeros(inside.shape)) == 1
+        assert noise_together(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
 
 
 def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():
@@ -101,7 +102,7 @@ def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():
         alpha = 0.5 * inside
         light = alpha[..., None] * color + (1 - alpha[..., None]) * image.rgb
         given = LinearImage(light, NOISE)
-        assert noise_together(given, plate, MODEL, inside, alpha) <= most
+        assert noise_together(pixels_of(given, plate, MODEL, inside), alpha) <= most
 
 
 def test_a_streak_goes_on_where_it_is_fainter_than_noise():

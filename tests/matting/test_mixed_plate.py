@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.matting.evidence import evidence_of
+from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.mixed_plate import (
     MixedPlate,
     evidence_at_edges,
@@ -107,7 +107,7 @@ def test_without_edges_the_evidence_is_that_of_the_closed_form():
     mixed = MixedPlate(edges, np.zeros((np.count_nonzero(edges), 3, 3)))
     flat = replace(image, noise=np.full(image.rgb.shape, 0.004**2))
     everywhere = np.ones(SHAPE, bool)
-    plain = evidence_of(flat, plate, LINE, everywhere, ALPHA)
+    plain = evidence_of(pixels_of(flat, plate, LINE, everywhere), ALPHA)
     matrix = evidence_at_edges(mixed, flat, plate, LINE, ALPHA)
     for one, other in zip(plain, matrix, strict=True):
         assert np.allclose(one[edges], other, rtol=1e-5)

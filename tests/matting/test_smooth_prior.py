@@ -98,11 +98,11 @@ def test_nothing_is_far_above_one():
 def test_variance_of_the_sum_is_that_of_the_inverse(prior):
     _, evidence = noisy(3)
     field = smoothed(evidence, prior, None, 4)
-    gamma, root = np.zeros((2, *field.squares.shape))
-    compiled.precision(field.squares, prior.order, prior.scale**2, 2.0, gamma, root)
+    root = np.zeros(field.squares.shape)
+    compiled.precision(field.squares, prior.order, prior.scale**2, 2.0, root)
     ones, whole = evidence.mask.astype(float), np.zeros(field.x.shape)
     compiled.conjugate_gradients(
-        evidence.information, gamma, prior.order, evidence.mask, ones, whole, 2000, 0.0
+        evidence.information, root, prior.order, evidence.mask, ones, whole, 2000, 0.0
     )
     assert_allclose(sum_variance(evidence, prior, field), whole.sum(), rtol=0.02)
 

@@ -3,12 +3,12 @@
 In this file C is the image's light and B the plate's.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Bools, Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
@@ -16,7 +16,6 @@ from blurmatte.radiometry import LinearImage, block_squares, block_sums, smooth_
 from blurmatte.streaks import Streak
 
 Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 _LEAST_RIM = 4.0  # pixels that a streak's rims may reach unseen, and
 _RIM = 0.15  # half widths of it
@@ -29,68 +28,104 @@ CHANCE = 2.5  # standard deviations of a mean of squares
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
-def evidence_of(
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        With a noise variance of each value; of the image as the neighborhood's light has it.
+    model : ColorModel
+    inside, use : (h, w) bool
+        Where alpha may be other than 0, and where a pixel there tells of it.
+    mixed : MixedPlate or None
+    """
+
+    image: LinearImage
+    plate: LinearImage
+    model: ColorModel
+    inside: Bools
+    use: Bools
+    mixed: MixedPlate | None
+
+    @property
+    def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """C, B and their variances."""
+        return self.image.rgb, self.plate.rgb, self.image.variance, self.plate.variance
+
+
+def pixels_of(
     image: LinearImage,
     plate: LinearImage,
     model: ColorModel,
     inside: Bools,
-    alpha: Floats,
     mixed: MixedPlate | None = None,
-) -> tuple[Array, Array]:
-    """Information and pull of each pixel, both 0 where it is clipped or not `inside`.
-
-    As though each pixel's noise were its own (`noise_together`). Of a line of colors a pixel may be
-    clipped in one channel.
+) -> Pixels:
+    """What does not change with alpha.
 
     Parameters
     ----------
     image, plate : LinearImage
         Noise known.
     model : ColorModel
-        Of rank 1 or 2: the closed form. Of any colors: how much of the plate's texture is seen.
+        Of any rank. Of a line of colors a pixel may be clipped in one channel.
     inside : (h, w) bool
-    alpha : (h, w)
-        About what alpha is, known from elsewhere than the pixel: by 1 − alpha the plate's noise counts.
+        Where alpha may be other than 0.
     mixed : MixedPlate, optional
         Where the plate's edges are uncertain.
+    """
+    use = inside & image.valid & plate.valid
+    V_C = smooth_variance(image).astype(image.rgb.dtype)
+    if (
+        model.rank == 1 and not (image.valid & plate.valid).all()
+    ):  # two channels still tell something
+        clipped = inside & one_clipped(image, plate)
+        V_C[clipped[..., None] & ~(image.usable & plate.usable)] = _UNTOLD
+        use |= clipped
+
+    def plain(picture: LinearImage, variance: Floats) -> LinearImage:
+        return replace(picture, rgb=np.ascontiguousarray(picture.rgb), noise=variance)
+
+    V_B = np.ascontiguousarray(plate.variance, plate.rgb.dtype)
+    return Pixels(plain(image, V_C), plain(plate, V_B), model, inside, use, mixed)
+
+
+def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
+    """Information and pull of each pixel, both 0 where it is clipped or not inside.
+
+    As though each pixel's noise were its own (`noise_together`). Of a line or plane of colors by the
+    closed form; of any colors by how much of the plate's texture is seen.
+
+    Parameters
+    ----------
+    pixels : Pixels
+    alpha : (h, w)
+        About what alpha is, known from elsewhere than the pixel: by 1 − alpha the plate's noise counts.
 
     Returns
     -------
     information, pull : (h, w) float
         One over the variance of a pixel's own alpha, and that alpha times the information.
     """
-    C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
-    wide = plate if mixed is None else mixed.widened(plate)
-    V_C, V_B = smooth_variance(image), np.ascontiguousarray(plate.variance, dtype=float)
-    V_wide = np.asarray(wide.variance, float)
-    use = inside & image.valid & plate.valid
-    if model.rank == 1:  # two channels still tell something
-        clipped = inside & one_clipped(image, plate)
-        V_C[clipped[..., None] & ~(image.usable & plate.usable)] = _UNTOLD
-        use |= clipped
+    model, mixed, use = pixels.model, pixels.mixed, pixels.use
     if model.rank == 3:
-        information, pull = _of_texture(C, B, V_C, V_wide, np.asarray(alpha, float), use)
-    else:
-        from blurmatte.matting.smooth_kernel import evidence  # numba takes half a second
+        plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
+        C, B, V_C, V_B = (np.asarray(a, float) for a in replace(pixels, plate=plate).arrays)
+        return _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
+    from blurmatte.matting.smooth_kernel import evidence  # numba takes half a second
 
-        information, pull = np.zeros((2, *use.shape))
-        N = np.ascontiguousarray(model.normals)
-        evidence(C, B, V_C, V_B, N, np.asarray(alpha, float), use, information, pull)
-        if mixed is not None:
-            at_edges = evidence_at_edges(mixed, image, plate, model, alpha)
-            for own, of_edges in zip((information, pull), at_edges, strict=True):
-                own[mixed.edges] = of_edges * inside[mixed.edges]
+    information, pull = np.zeros((2, *use.shape), pixels.image.rgb.dtype)
+    N = np.ascontiguousarray(model.normals)
+    evidence(*pixels.arrays, N, np.asarray(alpha, information.dtype), use, information, pull)
+    if mixed is not None:
+        at_edges = evidence_at_edges(mixed, pixels.image, pixels.plate, model, alpha)
+        for own, of_edges in zip((information, pull), at_edges, strict=True):
+            own[mixed.edges] = of_edges * pixels.inside[mixed.edges]
     return information, pull
 
 
-def noise_together(
-    image: LinearImage,
-    plate: LinearImage,
-    model: ColorModel,
-    inside: Bools,
-    alpha: Floats,
-    mixed: MixedPlate | None = None,
-) -> float:
+def noise_together(pixels: Pixels, alpha: Floats) -> float:
     """By how much more noise adds up over blocks than if each pixel had its own, 1 or more.
 
     Beside the streak it shows in the difference of image and plate. Compression leaves other noise
@@ -98,15 +133,13 @@ def noise_together(
     that it leaves over, (l × B)·C = 0, in which there is no alpha. The parameters are those of
     `evidence_of`.
     """
-    C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
-    wide = plate if mixed is None else mixed.widened(plate)
-    V_C, V_B = smooth_variance(image), np.asarray(wide.variance, float)
-    still = image.valid & plate.valid & ~inside
-    together = _beside(C - B, V_C + V_B, still)
-    if model.rank == 1:
-        V = V_C + (1 - np.asarray(alpha, float)[..., None]) ** 2 * V_B
-        use = inside & image.valid & plate.valid
-        together = max(together, _left_over(C, B, V, model, use))
+    mixed, valid = pixels.mixed, pixels.image.valid & pixels.plate.valid
+    plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
+    C, B, V_C, V_B = replace(pixels, plate=plate).arrays
+    together = _beside(C - B, V_C + V_B, valid & ~pixels.inside)
+    if pixels.model.rank == 1:
+        V = V_C + (1 - np.asarray(alpha)[..., None]) ** 2 * V_B
+        together = max(together, _left_over(C, B, V, pixels.model, pixels.inside & valid))
     return together
 
 
@@ -131,12 +164,15 @@ def with_faint_rims(
     if model.rank < 3:
         image, plate = image.crop(box), plate.crop(box)
         nothing = np.zeros(near.shape)
-        evidence = evidence_of(image, plate, model, near, nothing)
-        together = noise_together(image, plate, model, near, nothing)
+        pixels = pixels_of(image, plate, model, near)
+        evidence = evidence_of(pixels, nothing)
+        together = noise_together(pixels, nothing)
         window = max(_WINDOW * half_width, 1.0)
         information, pull = (gaussian_filter(e, window) for e in evidence)
-        pixels = 4 * np.pi * window**2 / together  # of as much noise as a mean of this window
-        seen = pull * np.sqrt(pixels) > _SIGMAS * np.sqrt(information + 1e-9)
+        alike = (
+            4 * np.pi * window**2 / together
+        )  # pixels, of as much noise as a mean of this window
+        seen = pull * np.sqrt(alike) > _SIGMAS * np.sqrt(information + 1e-9)
         inside = binary_propagation(inside, mask=inside | (near & seen))
         away = np.asarray(distance_transform_edt(~inside))
     mask = np.zeros(streak.mask.shape, bool)
@@ -185,14 +221,14 @@ def _of_texture(
     return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
 
 
-def _beside(change: Array, variance: Array, still: Bools) -> float:
+def _beside(change: Floats, variance: Floats, still: Bools) -> float:
     """What noise adds up to beside the streak."""
     e = np.where(still[..., None], change / np.sqrt(np.maximum(variance, 1e-14)), 0)
     squares = block_squares(e, still, _BLOCK).ravel()
     return _beyond_chance(squares, len(squares))
 
 
-def _left_over(C: Array, B: Array, V: Array, model: ColorModel, inside: Bools) -> float:
+def _left_over(C: Floats, B: Floats, V: Floats, model: ColorModel, inside: Bools) -> float:
     """What the equation left over adds up to within the streak.
 
     Of differences of neighboring blocks: a color that is a little wrong leaves something in all.

@@ -18,8 +18,6 @@ from blurmatte.radiometry import LinearImage
 
 Array = npt.NDArray[np.float64]
 
-_SINGULAR = 1e-9  # of the best told dimension
-
 
 def light_given(
     alpha: Floats, alpha_std: Floats, model: ColorModel, image: LinearImage, plate: LinearImage
@@ -29,34 +27,16 @@ def light_given(
     Where too many channels are clipped P is 0, with an infinite standard deviation. χ² is 1 where no
     channel is left to check with.
     """
-    M = model.basis
-    through = (1 - np.asarray(alpha, float))[..., None]
-    B = plate.rgb.astype(float)
-    light = image.rgb - through * B
-    usable = image.usable & plate.usable
-    weight = usable / np.maximum(image.variance + through**2 * plate.variance, 1e-14)
-    count = np.count_nonzero(usable, axis=-1)
-    information = np.einsum("ci,hwc,cj->hwij", M, weight, M)
-    told = count >= model.rank
-    some = told & (count < 3)
-    told[some] = _invertible(information[some])
-    information[~told] = np.eye(model.rank)
-    covariance = np.linalg.inv(information)
-    to_light = np.einsum("ci,hwij,dj,hwd->hwcd", M, covariance, M, weight)
-    somewhere = alpha[..., None] != 0
-    P = np.where(somewhere & told[..., None], np.einsum("hwcd,hwd->hwc", to_light, light), 0)
-    slope = np.einsum("hwcd,hwd->hwc", to_light, B)
-    variance = np.einsum("ci,hwij,cj->hwc", M, covariance, M) + (slope * alpha_std[..., None]) ** 2
-    P_std = np.where(somewhere, np.where(told[..., None], np.sqrt(variance), np.inf), 0)
-    chi2 = np.sum((light - P) ** 2 * weight, axis=-1)
-    # No light is free where nothing was; of any colors none is left where something was.
-    left = np.where(alpha != 0, count - model.rank, count)
-    full = (count == 3) & (model.rank == 3)
-    chi2 = np.where((left > 0) | full, chi2 / np.maximum(left, 1), 1)
+    from blurmatte.matting.light_kernel import light  # numba takes half a second
+
+    M = np.zeros((3, 3))
+    M[:, : model.rank] = model.basis
+    known = image.valid & plate.valid
+    usable = image.usable & plate.usable if not known.all() else np.ones(image.rgb.shape, bool)
+    alpha, alpha_std = (np.ascontiguousarray(a, float) for a in (alpha, alpha_std))
+    kind = np.result_type(image.rgb, plate.rgb)
+    given = image.rgb, plate.rgb, image.variance, plate.variance
+    C, B, V_C, V_B = (np.ascontiguousarray(a, kind) for a in given)
+    P, P_std, chi2 = np.empty(C.shape), np.empty(C.shape), np.empty(alpha.shape)
+    light(C, B, V_C, V_B, usable, alpha, alpha_std, M, model.rank, P, P_std, chi2)
     return P, P_std, chi2
-
-
-def _invertible(information: Array) -> npt.NDArray[np.bool_]:
-    """Where the channels that are left tell all of the model's dimensions."""
-    values = np.linalg.eigvalsh(information)
-    return np.asarray(values[..., 0] > _SINGULAR * values[..., -1])

@@ -17,10 +17,11 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import CHANCE, evidence_of, noise_together
+from blurmatte.matting.evidence import CHANCE, evidence_of, noise_together, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.matting.shading import Told, with_shading
 from blurmatte.matting.smooth_prior import (
     BORDER,
     Evidence,
@@ -157,10 +158,10 @@ class Smooth:
         mixed: MixedPlate | None,
     ) -> tuple[Field, Prior, float]:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
-        given = image, plate, model, inside
-        near = _local(evidence_of(*given, np.zeros(inside.shape), mixed))
-        together = noise_together(*given, near, mixed)
-        own = _bordered(*evidence_of(*given, near, mixed), inside)
+        pixels = pixels_of(image, plate, model, inside, mixed)
+        near = _local(evidence_of(pixels, np.zeros(inside.shape)))
+        together = noise_together(pixels, near)
+        own = _bordered(*evidence_of(pixels, near), inside)
         more = 1.0 if model.rank != 2 else _noise_of_cells(own.weaker(together))
         weaker, left_out = more * together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
         levels = [own.weaker(weaker)]
@@ -171,12 +172,19 @@ class Smooth:
         of_sum = sum_variance(levels[top], prior, field, 4**top)
         for depth in range(top - 1, -1, -1):
             prior, field = prior.finer(), finer(field, levels[depth].mask.shape, prior.order)
-            if depth > 0 and np.count_nonzero(levels[depth].mask) < _ENOUGH:
+            cells = np.count_nonzero(levels[depth].mask)
+            if depth > 0 and cells < _ENOUGH:
                 choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
                 prior, field = _least_risk(levels[depth], choice, field, 4**depth)
+            elif depth > 0:
+                field = smoothed(levels[depth], prior, field, 0, 4**depth)
         prior = replace(prior, scale=prior.scale / self.strength)
         near = np.clip(_inner(field.x), 0, 1)
-        last = _bordered(*evidence_of(*given, near, mixed), inside).weaker(weaker)
+        information, pull = (values / weaker for values in evidence_of(pixels, near))
+        if model.rank == 1:
+            told = Told(pixels, near, _inner(field.variance), weaker)
+            information, pull = with_shading(told, information, pull)
+        last = _bordered(information, pull, inside)
         samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
         field = smoothed(last, prior, field, samples)
         return replace(field, variance=field.variance * left_out), prior, of_sum * left_out
@@ -208,7 +216,7 @@ def _noise_of_cells(evidence: Evidence) -> float:
     return factor
 
 
-def _local(evidence: tuple[Array, Array]) -> Array:
+def _local(evidence: tuple[Floats, Floats]) -> Floats:
     """Alpha of neighborhoods."""
     from scipy.ndimage import gaussian_filter
 
@@ -216,9 +224,9 @@ def _local(evidence: tuple[Array, Array]) -> Array:
     return np.asarray(np.clip(pull / (information + 1e-9), 0, 1))
 
 
-def _bordered(information: Array, pull: Array, inside: Bools) -> Evidence:
+def _bordered(information: Floats, pull: Floats, inside: Bools) -> Evidence:
     return Evidence(np.pad(information, BORDER), np.pad(pull, BORDER), np.pad(inside, BORDER))
 
 
-def _inner(values: Floats) -> Array:
-    return np.asarray(values[BORDER:-BORDER, BORDER:-BORDER], float)
+def _inner(values: Floats) -> Floats:
+    return np.asarray(values[BORDER:-BORDER, BORDER:-BORDER])

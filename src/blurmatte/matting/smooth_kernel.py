@@ -1,9 +1,10 @@
 """The compiled loops of `Smooth`: what each pixel knows of alpha, and the equations of all of them.
 
 In this file C, B, V_C, V_B, N are image, plate, their variances and the normals of the color model as
-in `kernel`, D the differences of first or second order between neighbors, and Γ the precision of
-those of each place: the lower triangle of a symmetric matrix, row by row, (3 or 6, h, w), with its
-Cholesky factor L. Maps have a border of two pixels in which the mask is False.
+in `kernel`, D the differences of first or second order between neighbors, and L the Cholesky factor of
+the precision Γ = LLᵀ of those of each place: a lower triangle, row by row, (3 or 6, h, w). Γ itself is
+kept nowhere: rounded to float32 it may no longer be positive. Maps have a border of two pixels in which
+the mask is False, and all of them one dtype, which is the one computed in.
 """
 
 from typing import Any
@@ -20,43 +21,97 @@ _LEAST = 1e-30  # of a square that rounding may leave negative
 _DOUBT = 5.0  # degrees of freedom of a t distribution: pixels that leave the model count less
 
 
-@njit(**_COMPILED)
+@njit(inline="always", **_FAST)
+def _across(N, i, light):  # type: ignore[no-untyped-def]
+    return N[0, i] * light[0] + N[1, i] * light[1] + N[2, i] * light[2]
+
+
+@njit(inline="always", **_FAST)
+def _both(N, i, j, V):  # type: ignore[no-untyped-def]
+    return (
+        N[0, i] * N[0, j] * V[0] + N[1, i] * N[1, j] * V[1] + N[2, i] * N[2, j] * V[2]
+    )  # fmt: skip
+
+
+@njit(**_FAST)
 def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore[no-untyped-def]
     """Write what each pixel of the mask says: information A, and pull A times its own alpha.
 
     Noise in the plate is on both sides of the equation: the pull is without what that feigns. The
     weights come from `alpha`, that of the neighborhood, so that they know nothing of the noise.
     """
-    k = N.shape[1]
+    last = N.shape[1] - 1
     for y in range(mask.shape[0]):
         for x in range(mask.shape[1]):
             if not mask[y, x]:
                 continue
-            t = 1 - alpha[y, x]
-            b, d, v, s = np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
-            s[1, 1] = 1.0
-            for i in range(k):
-                for c in range(3):
-                    b[i] += N[c, i] * B[y, x, c]
-                    d[i] += N[c, i] * (B[y, x, c] - C[y, x, c])
-                for j in range(k):
-                    s[i, j] = 0.0
-                    for c in range(3):
-                        both = N[c, i] * N[c, j]
-                        v[i, j] += both * V_B[y, x, c]
-                        s[i, j] += both * (V_C[y, x, c] + t * t * V_B[y, x, c])
-            det = s[0, 0] * s[1, 1] - s[0, 1] * s[1, 0]
-            q00, q01, q11 = s[1, 1] / det, -s[0, 1] / det, s[0, 0] / det
-            A = b[0] * b[0] * q00 + 2 * b[0] * b[1] * q01 + b[1] * b[1] * q11
-            p = b[0] * d[0] * q00 + (b[0] * d[1] + b[1] * d[0]) * q01 + b[1] * d[1] * q11
-            total = d[0] * d[0] * q00 + 2 * d[0] * d[1] * q01 + d[1] * d[1] * q11
+            t = 1.0 - alpha[y, x]
+            B0, B1, B2 = float(B[y, x, 0]), float(B[y, x, 1]), float(B[y, x, 2])
+            V = V_B[y, x, 0], V_B[y, x, 1], V_B[y, x, 2]
+            left_over = B0 - C[y, x, 0], B1 - C[y, x, 1], B2 - C[y, x, 2]
+            s = (
+                V_C[y, x, 0] + t * t * V[0],
+                V_C[y, x, 1] + t * t * V[1],
+                V_C[y, x, 2] + t * t * V[2],
+            )
+            b0, d0 = _across(N, 0, (B0, B1, B2)), _across(N, 0, left_over)
+            v00, s00 = _both(N, 0, 0, V), _both(N, 0, 0, s)
+            b1, d1, v01, v11, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
+            if last == 1:
+                b1, d1 = _across(N, 1, (B0, B1, B2)), _across(N, 1, left_over)
+                v01, v11, s01, s11 = (
+                    _both(N, 0, 1, V),
+                    _both(N, 1, 1, V),
+                    _both(N, 0, 1, s),
+                    _both(N, 1, 1, s),
+                )
+            det = s00 * s11 - s01 * s01
+            q00, q01, q11 = s11 / det, -s01 / det, s00 / det
+            A = b0 * b0 * q00 + 2 * b0 * b1 * q01 + b1 * b1 * q11
+            p = b0 * d0 * q00 + (b0 * d1 + b1 * d0) * q01 + b1 * d1 * q11
             trust = 1.0
-            if k == 2:
+            if last == 1:
+                total = d0 * d0 * q00 + 2 * d0 * d1 * q01 + d1 * d1 * q11
                 left = max(total - p * p / max(A, 1e-30), 0.0)
                 trust = (_DOUBT + 1) / (_DOUBT + left)
-            feigned = v[0, 0] * q00 + 2 * v[0, 1] * q01 + v[1, 1] * q11
+            feigned = v00 * q00 + 2 * v01 * q01 + v11 * q11
             information[y, x] = trust * A
             pull[y, x] = trust * (p - t * feigned)
+
+
+@njit(**_FAST)
+def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
+    """Write m·C, m·B, m·V_B m and Var q of each pixel, as `shading` has them, (4, h, w)."""
+    for y in range(alpha.shape[0]):
+        for x in range(alpha.shape[1]):
+            t, total, c, b, v = 1.0 - alpha[y, x], 0.0, 0.0, 0.0, 0.0
+            for i in range(3):
+                m = l[i] / (V_C[y, x, i] + t * t * V_B[y, x, i])
+                total += m * l[i]
+                c += m * C[y, x, i]
+                b += m * B[y, x, i]
+                v += m * m * V_B[y, x, i]
+            variance = 1.0 / total
+            out[0, y, x], out[1, y, x] = c * variance, b * variance
+            out[2, y, x], out[3, y, x] = v * variance * variance, variance
+
+
+@njit(**_FAST)
+def doubled(values, border, out):  # type: ignore[no-untyped-def]
+    """Write a map of cells, but for its border, in cells of half the width, in between linear."""
+    h, w = out.shape[0] - 2 * border, out.shape[1] - 2 * border
+    bottom, right = values.shape[0] - border - 1, values.shape[1] - border - 1
+    for i in range(h):
+        here = border + i // 2
+        next_to = min(max(here + 2 * (i % 2) - 1, border), bottom)
+        for j in range(w):
+            k = border + j // 2
+            n = min(max(k + 2 * (j % 2) - 1, border), right)
+            out[border + i, border + j] = (
+                9 * values[here, k]
+                + 3 * (values[here, n] + values[next_to, k])
+                + values[next_to, n]
+            ) / 16
 
 
 @njit(**_FAST)
@@ -69,104 +124,116 @@ def forward(x, order, t):  # type: ignore[no-untyped-def]
                 t[0, i, j] = x[i, j + 1] - x[i, j]
                 t[1, i, j] = x[i + 1, j] - x[i, j]
         return
+    root2 = x.dtype.type(_ROOT2)  # a float64 would make all slower
     for i in range(1, h - 1):
         for j in range(1, w - 1):
-            t[0, i, j] = x[i, j - 1] - 2 * x[i, j] + x[i, j + 1]
-            t[1, i, j] = x[i - 1, j] - 2 * x[i, j] + x[i + 1, j]
-            t[2, i, j] = _ROOT2 * (x[i, j] - x[i, j + 1] - x[i + 1, j] + x[i + 1, j + 1])
+            twice = x[i, j] + x[i, j]
+            t[0, i, j] = x[i, j - 1] - twice + x[i, j + 1]
+            t[1, i, j] = x[i - 1, j] - twice + x[i + 1, j]
+            t[2, i, j] = root2 * (x[i, j] - x[i, j + 1] - x[i + 1, j] + x[i + 1, j + 1])
 
 
 @njit(**_FAST)
 def backward(t, order, mask, y):  # type: ignore[no-untyped-def]
     """Add Dᵀ t to y, within the mask."""
     h, w = y.shape
+    zero, root2 = y.dtype.type(0), y.dtype.type(_ROOT2)
     if order == 1:
         for i in range(1, h - 1):
             for j in range(1, w - 1):
-                y[i, j] += mask[i, j] * (t[0, i, j - 1] - t[0, i, j] + t[1, i - 1, j] - t[1, i, j])
+                change = t[0, i, j - 1] - t[0, i, j] + t[1, i - 1, j] - t[1, i, j]
+                y[i, j] += change if mask[i, j] else zero
         return
     for i in range(1, h - 1):
         for j in range(1, w - 1):
-            y[i, j] += mask[i, j] * (
-                t[0, i, j - 1] - 2 * t[0, i, j] + t[0, i, j + 1]
-                + t[1, i - 1, j] - 2 * t[1, i, j] + t[1, i + 1, j]
-                + _ROOT2 * (t[2, i, j] - t[2, i, j - 1] - t[2, i - 1, j] + t[2, i - 1, j - 1])
+            once = t[0, i, j] + t[1, i, j]
+            change = (
+                t[0, i, j - 1] + t[0, i, j + 1] - once + t[1, i - 1, j] + t[1, i + 1, j] - once
+                + root2 * (t[2, i, j] - t[2, i, j - 1] - t[2, i - 1, j] + t[2, i - 1, j - 1])
             )  # fmt: skip
+            y[i, j] += change if mask[i, j] else zero
 
 
 @njit(**_FAST)
-def weigh(gamma, order, t):  # type: ignore[no-untyped-def]
+def weigh(root, order, t):  # type: ignore[no-untyped-def]
     """Multiply each place's differences by its precision, in place."""
     h, w = t.shape[1:]
+    if order == 1:
+        for i in range(1, h - 1):
+            for j in range(1, w - 1):
+                p = root[0, i, j] * t[0, i, j] + root[1, i, j] * t[1, i, j]
+                q = root[2, i, j] * t[1, i, j]
+                t[0, i, j] = root[0, i, j] * p
+                t[1, i, j] = root[1, i, j] * p + root[2, i, j] * q
+        return
     for i in range(1, h - 1):
         for j in range(1, w - 1):
-            a, b = t[0, i, j], t[1, i, j]
-            if order == 1:
-                t[0, i, j] = gamma[0, i, j] * a + gamma[1, i, j] * b
-                t[1, i, j] = gamma[1, i, j] * a + gamma[2, i, j] * b
-            else:
-                c = t[2, i, j]
-                t[0, i, j] = gamma[0, i, j] * a + gamma[1, i, j] * b + gamma[3, i, j] * c
-                t[1, i, j] = gamma[1, i, j] * a + gamma[2, i, j] * b + gamma[4, i, j] * c
-                t[2, i, j] = gamma[3, i, j] * a + gamma[4, i, j] * b + gamma[5, i, j] * c
+            c = t[2, i, j]
+            p = root[0, i, j] * t[0, i, j] + root[1, i, j] * t[1, i, j] + root[3, i, j] * c
+            q = root[2, i, j] * t[1, i, j] + root[4, i, j] * c
+            r = root[5, i, j] * c
+            t[0, i, j] = root[0, i, j] * p
+            t[1, i, j] = root[1, i, j] * p + root[2, i, j] * q
+            t[2, i, j] = root[3, i, j] * p + root[4, i, j] * q + root[5, i, j] * r
 
 
 @njit(**_FAST)
-def product(x, information, gamma, order, mask, t, y):  # type: ignore[no-untyped-def]
+def product(x, information, root, order, mask, t, y):  # type: ignore[no-untyped-def]
     """Write (A + DᵀΓD) x within the mask; x is 0 outside. t is for the differences, (3, h, w)."""
     h, w = x.shape
+    zero = x.dtype.type(0)
     forward(x, order, t)
-    weigh(gamma, order, t)
+    weigh(root, order, t)
     for i in range(h):
         for j in range(w):
-            y[i, j] = mask[i, j] * information[i, j] * x[i, j]
+            y[i, j] = information[i, j] * x[i, j] if mask[i, j] else zero
     backward(t, order, mask, y)
 
 
 @njit(**_FAST)
-def diagonal(information, gamma, order, mask):  # type: ignore[no-untyped-def]
-    """The diagonal of A + DᵀΓD; 1 outside the mask."""
+def diagonal(information, root, order, mask):  # type: ignore[no-untyped-def]
+    """The diagonal of A + DᵀΓD; of no meaning outside the mask."""
     h, w = mask.shape
-    out = np.ones_like(information)
+    out = information.copy()
     for i in range(1, h - 1):
         for j in range(1, w - 1):
-            if not mask[i, j]:
-                continue
-            g = gamma[:, i, j]
-            left, up, corner = gamma[:, i, j - 1], gamma[:, i - 1, j], gamma[:, i - 1, j - 1]
+            l0, l1, l2 = root[0, i, j], root[1, i, j], root[2, i, j]
             if order == 1:
-                out[i, j] = information[i, j] + g[0] + 2 * g[1] + g[2] + left[0] + up[2]
-            else:
-                out[i, j] = (
-                    information[i, j]
-                    + 4 * (g[0] + g[2]) + 8 * g[1] + 2 * g[5] - 4 * _ROOT2 * (g[3] + g[4])
-                    + gamma[0, i, j + 1] + left[0] + 2 * left[5] - 2 * _ROOT2 * left[3]
-                    + gamma[2, i + 1, j] + up[2] + 2 * up[5] - 2 * _ROOT2 * up[4]
-                    + 2 * corner[5]
-                )  # fmt: skip
+                out[i, j] += (l0 + l1) ** 2 + l2**2
+                out[i, j + 1] += l0**2
+                out[i + 1, j] += l1**2 + l2**2
+                continue
+            l3, l4, l5 = _ROOT2 * root[3, i, j], _ROOT2 * root[4, i, j], _ROOT2 * root[5, i, j]
+            across, down = l0**2, l1**2 + l2**2
+            out[i, j] += (l3 - 2 * (l0 + l1)) ** 2 + (l4 - 2 * l2) ** 2 + l5**2
+            out[i, j - 1] += across
+            out[i - 1, j] += down
+            out[i, j + 1] += (l0 - l3) ** 2 + l4**2 + l5**2
+            out[i + 1, j] += (l1 - l3) ** 2 + (l2 - l4) ** 2 + l5**2
+            out[i + 1, j + 1] += l3**2 + l4**2 + l5**2
     return out
 
 
 @njit(**_FAST)
 def outer(t, order, weight, total):  # type: ignore[no-untyped-def]
-    """Add the outer products of the differences, times the weight."""
+    """Add the outer products of the differences, times the weight, in float64."""
     h, w = t.shape[1:]
     for i in range(1, h - 1):
         for j in range(1, w - 1):
-            a, b = t[0, i, j], t[1, i, j]
+            a, b = float(t[0, i, j]), float(t[1, i, j])
             total[0, i, j] += weight * a * a
             total[1, i, j] += weight * a * b
             total[2, i, j] += weight * b * b
             if order == 2:
-                c = t[2, i, j]
+                c = float(t[2, i, j])
                 total[3, i, j] += weight * a * c
                 total[4, i, j] += weight * b * c
                 total[5, i, j] += weight * c * c
 
 
 @njit(**_COMPILED)
-def precision(squares, order, least, factor, gamma, root):  # type: ignore[no-untyped-def]
-    """Write Γ = factor (least I + S)⁻¹, and L of Γ = LLᵀ."""
+def precision(squares, order, least, factor, root):  # type: ignore[no-untyped-def]
+    """Write L of Γ = factor (least I + S)⁻¹ = LLᵀ, from S in float64."""
     h, w = squares.shape[1:]
     for i in range(h):
         for j in range(w):
@@ -174,23 +241,17 @@ def precision(squares, order, least, factor, gamma, root):  # type: ignore[no-un
             d, e, f = 0.0, 0.0, 1.0
             if order == 2:
                 d, e, f = squares[3, i, j], squares[4, i, j], squares[5, i, j] + least
-            g = gamma[:, i, j]
-            cofactors = c * f - e * e, d * e - b * f, b * e - c * d
-            scale = factor / (a * cofactors[0] + b * cofactors[1] + d * cofactors[2])
-            g[0], g[1], g[2] = scale * cofactors[0], scale * cofactors[1], scale * (a * f - d * d)
-            r = root[:, i, j]
-            r[0] = np.sqrt(g[0])
-            r[1] = g[1] / r[0]
-            r[2] = np.sqrt(max(g[2] - r[1] ** 2, _LEAST))
+            p, q, r = c * f - e * e, d * e - b * f, b * e - c * d
+            scale = factor / (a * p + b * q + d * r)
+            l0 = np.sqrt(scale * p)
+            l1 = scale * q / l0
+            l2 = np.sqrt(max(scale * (a * f - d * d) - l1 * l1, _LEAST))
+            root[0, i, j], root[1, i, j], root[2, i, j] = l0, l1, l2
             if order == 2:
-                g[3], g[4], g[5] = (
-                    scale * cofactors[2],
-                    scale * (b * d - a * e),
-                    scale * (a * c - b * b),
-                )
-                r[3] = g[3] / r[0]
-                r[4] = (g[4] - r[3] * r[1]) / r[2]
-                r[5] = np.sqrt(max(g[5] - r[3] ** 2 - r[4] ** 2, _LEAST))
+                l3 = scale * r / l0
+                l4 = (scale * (b * d - a * e) - l3 * l1) / l2
+                root[3, i, j], root[4, i, j] = l3, l4
+                root[5, i, j] = np.sqrt(max(scale * (a * c - b * b) - l3 * l3 - l4 * l4, _LEAST))
 
 
 @njit(**_FAST)
@@ -209,21 +270,23 @@ def spread(root, order, n, t):  # type: ignore[no-untyped-def]
 
 
 @njit(**_FAST)
-def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance):  # type: ignore[no-untyped-def]
+def conjugate_gradients(information, root, order, mask, b, x, steps, tolerance):  # type: ignore[no-untyped-def]
     """Improve x towards (A + DᵀΓD) x = b; how many steps it took.
 
     Ends where a step gains less than `tolerance` in log likelihood per pixel, or nothing but rounding.
     """
     h, w = mask.shape
-    inverse = mask / diagonal(information, gamma, order, mask)
+    inverse = diagonal(information, root, order, mask)
     q, r, p = np.zeros_like(x), np.zeros_like(x), np.zeros_like(x)
-    t = np.zeros((3, h, w))
-    product(x, information, gamma, order, mask, t, q)
+    t = np.zeros((3, h, w), x.dtype)
+    zero, one = x.dtype.type(0), x.dtype.type(1)
+    product(x, information, root, order, mask, t, q)
     rz, count = 0.0, 1
     for i in range(h):
-        row = 0.0
+        row = zero
         for j in range(w):
-            r[i, j] = mask[i, j] * (b[i, j] - q[i, j])
+            inverse[i, j] = one / inverse[i, j] if mask[i, j] else zero
+            r[i, j] = b[i, j] - q[i, j] if mask[i, j] else zero
             p[i, j] = inverse[i, j] * r[i, j]
             row += r[i, j] * p[i, j]
             count += mask[i, j]
@@ -232,26 +295,28 @@ def conjugate_gradients(information, gamma, order, mask, b, x, steps, tolerance)
     for step in range(steps):
         if rz == 0:
             return step
-        product(p, information, gamma, order, mask, t, q)
+        product(p, information, root, order, mask, t, q)
         pq = 0.0
         for i in range(h):
-            row = 0.0
+            row = zero
             for j in range(w):
                 row += p[i, j] * q[i, j]
             pq += row
         along, new = rz / pq, 0.0
         gained += along * rz
+        far = x.dtype.type(along)
         for i in range(h):
-            row = 0.0
+            row = zero
             for j in range(w):
-                x[i, j] += along * p[i, j]
-                r[i, j] -= along * q[i, j]
+                x[i, j] += far * p[i, j]
+                r[i, j] -= far * q[i, j]
                 row += r[i, j] * r[i, j] * inverse[i, j]
             new += row
         if along * rz <= max(tolerance * count, _ROUNDING * gained):
             return step + 1
+        kept = x.dtype.type(new / rz)
         for i in range(h):
             for j in range(w):
-                p[i, j] = inverse[i, j] * r[i, j] + new / rz * p[i, j]
+                p[i, j] = inverse[i, j] * r[i, j] + kept * p[i, j]
         rz = new
     return steps

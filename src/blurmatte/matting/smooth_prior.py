@@ -17,8 +17,9 @@ from os import cpu_count
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Bools, Floats
+
 Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 BORDER = 2  # pixels around all maps, where the mask is False
 
@@ -39,15 +40,16 @@ class Evidence:
     Parameters
     ----------
     information : (h, w) float
-        One over the variance of a cell's own alpha; 0 outside the mask.
+        One over the variance of a cell's own alpha; 0 outside the mask. Its dtype is the one computed
+        in.
     pull : (h, w) float
         That alpha times the information.
     mask : (h, w) bool
         Where alpha may be other than 0; False in the border.
     """
 
-    information: Array
-    pull: Array
+    information: Floats
+    pull: Floats
     mask: Bools
 
     def weaker(self, factor: float) -> "Evidence":
@@ -57,9 +59,9 @@ class Evidence:
     def coarser(self) -> "Evidence":
         """In cells of twice the width."""
         return Evidence(
-            _blocks(self.information),
-            _blocks(self.pull),
-            _blocks(self.mask.astype(float)) > 0,
+            in_larger_cells(self.information),
+            in_larger_cells(self.pull),
+            in_larger_cells(self.mask.astype(np.uint8)) > 0,
         )
 
 
@@ -92,7 +94,7 @@ class Field:
     x : (h, w) float
         Its mean.
     variance : (h, w) float
-    squares : (3 or 6, h, w) float
+    squares : (3 or 6, h, w) float64
         Expectation of Dx Dxᵀ, of neighbors together: the lower triangle, row by row.
     left, freedom : float
         Squares that cells leave, over their variances, and how many there would be of noise.
@@ -102,8 +104,8 @@ class Field:
         It ended before the most steps.
     """
 
-    x: Array
-    variance: Array
+    x: Floats
+    variance: Floats
     squares: Array
     left: float
     freedom: float
@@ -129,20 +131,30 @@ def smoothed(
     """
     A, mask = evidence.information, evidence.mask
     rng = np.random.default_rng(_SEED)
-    noise = [rng.standard_normal((4, *mask.shape)) for _ in range(samples)]
-    field = start or _nothing(mask, prior)
-    for _ in range(_ROUNDS):
-        x, (gamma, root) = field.x.copy(), _precision(prior, field, cells)
-        above, below = (_SHARP * (mask & beyond) for beyond in (x > 1, x < _LEAST))
-        drawn = [np.zeros(mask.shape) for _ in noise]
+    noise = [rng.standard_normal((4, *mask.shape)).astype(A.dtype) for _ in range(samples)]
+    field = start or _nothing(evidence, prior)
+    root = _precision(prior, field, cells)
+    for turn in range(_ROUNDS):
+        if noise and turn > 0:
+            root = _precision(prior, field, cells)
+        x = field.x.copy()
+        above, below = (
+            np.where(mask & beyond, A.dtype.type(_SHARP), A.dtype.type(0))
+            for beyond in (x > 1, x < _LEAST)
+        )
+        drawn = [np.zeros_like(x) for _ in noise]
+        jobs: list[tuple[Floats, Floats, Floats]]
         jobs = [(A + above + below, evidence.pull + above + below * _LEAST, x)]
         for n, z in zip(noise, drawn, strict=True):
             # What is held from below is no better known for that: there was no object, or no answer.
             jobs.append((A + above, _disturbed(A + above, root, prior.order, mask, n), z))
-        steps = _solve_all(gamma, prior.order, mask, jobs, _STEPS)
+        steps = _solve_all(root, prior.order, mask, jobs, _STEPS)
         field = replace(field, x=x, steps=steps, converged=steps < _STEPS)
         if noise:
-            traces = [np.sum(n[0] * np.sqrt(A) * z) for n, z in zip(noise, drawn, strict=True)]
+            traces = [
+                np.sum(n[0] * np.sqrt(A) * z, dtype=float)
+                for n, z in zip(noise, drawn, strict=True)
+            ]
             left, known = _left(evidence, x)
             field = replace(
                 field,
@@ -156,51 +168,55 @@ def smoothed(
 
 def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
     """Variance of the sum of a field over all cells."""
-    (gamma, _), whole = _precision(prior, field, cells), np.zeros(field.x.shape)
-    ones = evidence.mask.astype(float)
-    job = evidence.information, ones, whole
-    _solve_all(gamma, prior.order, evidence.mask, [job], 2 * _STEPS, 0.0)
+    root = _precision(prior, field, cells).astype(float)
+    whole, ones = np.zeros(root.shape[1:]), evidence.mask.astype(float)
+    job = evidence.information.astype(float), ones, whole
+    _solve_all(root, prior.order, evidence.mask, [job], 2 * _STEPS, 0.0)
     return float(whole.sum()) * cells**2
 
 
-def _precision(prior: Prior, field: Field, cells: int) -> tuple[Array, Array]:
-    """Γ, for differences that stand for so many pixels, and L."""
+def _precision(prior: Prior, field: Field, cells: int) -> Floats:
+    """L of Γ, for differences that stand for so many pixels."""
     from blurmatte.matting.smooth_kernel import precision  # numba takes half a second
 
-    gamma, root = np.zeros((2, *field.squares.shape))
+    root = np.empty(field.squares.shape, field.x.dtype)
     least = _NU * prior.scale**2
-    precision(field.squares, prior.order, least, cells * (_NU + 1), gamma, root)
-    return gamma, root
+    precision(field.squares, prior.order, least, cells * (_NU + 1), root)
+    return root
 
 
-def _nothing(mask: Bools, prior: Prior) -> Field:
-    zero = np.zeros(mask.shape)
-    squares = np.zeros((3 * prior.order, *mask.shape))
+def _nothing(evidence: Evidence, prior: Prior) -> Field:
+    zero = np.zeros_like(evidence.information)
+    squares = np.zeros((3 * prior.order, *zero.shape))
     squares[[0, 2, 5][: prior.order + 1]] = prior.scale**2
     return Field(zero, zero, squares, np.inf, 0.0, 0, False)
 
 
 def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
     """The start that a field is for the level of half the width."""
+    from blurmatte.matting.smooth_kernel import doubled  # numba takes half a second
 
-    def up(values: Array) -> Array:
-        inner = np.repeat(np.repeat(values[BORDER:-BORDER, BORDER:-BORDER], 2, 0), 2, 1)
-        h, w = (side - 2 * BORDER for side in shape)
-        return np.pad(_softened(inner)[:h, :w], BORDER)
+    squares = np.zeros((len(field.squares), *shape))
+    for part, of_level in zip(squares, field.squares / 4**order, strict=True):
+        doubled(of_level, BORDER, part)
+    x, variance = (map_in_smaller_cells(values, shape) for values in (field.x, field.variance))
+    return replace(field, x=x, variance=variance, squares=squares)
 
-    return replace(
-        field,
-        x=up(field.x),
-        variance=up(field.variance).clip(0),
-        squares=np.stack([up(part) for part in field.squares]) / 4**order,
-    )
+
+def map_in_smaller_cells(values: Floats, shape: tuple[int, ...]) -> Floats:
+    """A map in cells of half the width, between theirs linear."""
+    from blurmatte.matting.smooth_kernel import doubled
+
+    out = np.zeros(shape, values.dtype)
+    doubled(values, BORDER, out)
+    return out
 
 
 def _solve_all(
-    gamma: Array,
+    root: Floats,
     order: int,
     mask: Bools,
-    jobs: list[tuple[Array, Array, Array]],
+    jobs: list[tuple[Floats, Floats, Floats]],
     most: int,
     tolerance: float = _TOLERANCE,
 ) -> int:
@@ -210,63 +226,58 @@ def _solve_all(
     """
     from blurmatte.matting.smooth_kernel import conjugate_gradients  # numba takes half a second
 
-    def solve(job: tuple[Array, Array, Array]) -> int:
+    def solve(job: tuple[Floats, Floats, Floats]) -> int:
         A, b, x = job
-        return int(conjugate_gradients(A, gamma, order, mask, b, x, most, tolerance))
+        return int(conjugate_gradients(A, root, order, mask, b, x, most, tolerance))
 
     with ThreadPoolExecutor(cpu_count()) as threads:
         return list(threads.map(solve, jobs))[0]  # noqa: RUF015  all must have ended
 
 
-def _disturbed(A: Array, root: Array, order: int, mask: Bools, normal: Array) -> Array:
+def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats) -> Floats:
     """A right hand side whose solution has the covariance H⁻¹."""
     from blurmatte.matting.smooth_kernel import backward, spread
 
-    b: Array = np.sqrt(A) * normal[0] * mask
-    t = np.zeros((3, *mask.shape))
+    b: Floats = np.sqrt(A) * normal[0] * mask
+    t = np.zeros((3, *mask.shape), b.dtype)
     spread(root, order, normal[1:], t)
     backward(t, order, mask, b)
     return b
 
 
-def _squares(x: Array, samples: list[Array], order: int) -> Array:
+def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
     from scipy.ndimage import uniform_filter
 
     from blurmatte.matting.smooth_kernel import forward, outer
 
-    t, total = np.zeros((3, *x.shape)), np.zeros((3 * order, *x.shape))
+    t, total = np.zeros((3, *x.shape), x.dtype), np.zeros((3 * order, *x.shape))
     for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
         forward(values, order, t)
         outer(t, order, weight, total)
     return np.asarray(uniform_filter(total, (0, _POOL, _POOL)), float)
 
 
-def _pooled(variance: Array, mask: Bools) -> Array:
+def _pooled(variance: Floats, mask: Bools) -> Floats:
     """Means of neighbors within the mask: a few samples tell a variance only roughly."""
     from scipy.ndimage import uniform_filter
 
-    near: Array = uniform_filter(np.where(mask, variance, 0), _TOLD_BY)
-    share: Array = uniform_filter(mask.astype(float), _TOLD_BY)
-    return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0))
+    near, share = (uniform_filter(v, _TOLD_BY) for v in (variance * mask, mask.astype(float)))
+    return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0), variance.dtype)
 
 
-def _left(evidence: Evidence, x: Array) -> tuple[float, int]:
+def _left(evidence: Evidence, x: Floats) -> tuple[float, int]:
     """Squares that cells leave, over their variances, and how many cells know anything."""
     known = evidence.information > 0
     A = evidence.information[known]
-    return float(np.sum((evidence.pull[known] - A * x[known]) ** 2 / A)), len(A)
+    left = (evidence.pull[known] - A * x[known]) ** 2 / A
+    return float(np.sum(left, dtype=float)), len(A)
 
 
-def _blocks(values: Array) -> Array:
+def in_larger_cells(values: Floats) -> Floats:
     """Sums over 2 by 2, the border kept."""
     inner = values[BORDER:-BORDER, BORDER:-BORDER]
     h, w = inner.shape
     inner = np.pad(inner, ((0, h % 2), (0, w % 2)))
     h, w = inner.shape
-    return np.pad(inner.reshape(h // 2, 2, w // 2, 2).sum(axis=(1, 3)), BORDER)
-
-
-def _softened(values: Array) -> Array:
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(values, 2, origin=0))
+    rows = inner[::2] + inner[1::2]
+    return np.pad(rows[:, ::2] + rows[:, 1::2], BORDER)

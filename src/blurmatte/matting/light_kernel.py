@@ -1,0 +1,82 @@
+"""The compiled loop of `light_given`, whose letters it uses."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+
+_SINGULAR = 1e-9  # of the best told dimension
+_LEAST_VARIANCE = 1e-14
+
+
+@njit(inline="always", **_COMPILED)
+def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
+    """Of a symmetric matrix, by its lower triangle; so is what it returns."""
+    p, q, r = c * f - e * e, d * e - b * f, b * e - c * d
+    scale = 1.0 / (a * p + b * q + d * r)
+    return (
+        scale * p, scale * q, scale * (a * f - d * d),
+        scale * r, scale * (b * d - a * e), scale * (a * c - b * b),
+    )  # fmt: skip
+
+
+@njit(**_COMPILED)
+def light(C, B, V_C, V_B, usable, alpha, alpha_std, M, rank, P, P_std, chi2):  # type: ignore[no-untyped-def]
+    """Write P, its standard deviation and χ² of every pixel; M is (3, 3), its last columns 0."""
+    W, rest, weighed = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    for y in range(alpha.shape[0]):
+        for x in range(alpha.shape[1]):
+            t, count = 1.0 - alpha[y, x], 0
+            for c in range(3):
+                rest[c] = C[y, x, c] - t * B[y, x, c]
+                W[c] = 0.0
+                if usable[y, x, c]:
+                    W[c] = 1.0 / max(V_C[y, x, c] + t * t * V_B[y, x, c], _LEAST_VARIANCE)
+                    count += 1
+                for i in range(3):
+                    weighed[c, i] = W[c] * M[c, i]
+            a, b, c2, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for c in range(3):
+                a += M[c, 0] * weighed[c, 0]
+                b += M[c, 1] * weighed[c, 0]
+                c2 += M[c, 1] * weighed[c, 1]
+                d += M[c, 2] * weighed[c, 0]
+                e += M[c, 2] * weighed[c, 1]
+                f += M[c, 2] * weighed[c, 2]
+            told = count >= rank
+            if count < 3 and rank == 1:
+                told = told and a > 0
+            elif count < 3 and rank == 2:
+                told = told and a * c2 - b * b > _SINGULAR * (a + c2) ** 2
+            if rank < 3:
+                f = 1.0
+            if rank < 2:
+                c2 = 1.0
+            somewhere, squares = alpha[y, x] != 0, 0.0
+            if told:
+                i00, i10, i11, i20, i21, i22 = _inverse(a, b, c2, d, e, f)
+            for c in range(3):
+                light, std = 0.0, 0.0
+                if somewhere and not told:
+                    std = np.inf
+                elif somewhere:
+                    m0, m1, m2 = M[c, 0], M[c, 1], M[c, 2]
+                    n0 = m0 * i00 + m1 * i10 + m2 * i20
+                    n1 = m0 * i10 + m1 * i11 + m2 * i21
+                    n2 = m0 * i20 + m1 * i21 + m2 * i22
+                    slope = 0.0
+                    for k in range(3):
+                        to = n0 * weighed[k, 0] + n1 * weighed[k, 1] + n2 * weighed[k, 2]
+                        light += to * rest[k]
+                        slope += to * B[y, x, k]
+                    own = n0 * m0 + n1 * m1 + n2 * m2
+                    std = np.sqrt(own + (slope * alpha_std[y, x]) ** 2)
+                P[y, x, c], P_std[y, x, c] = light, std
+                squares += (rest[c] - light) ** 2 * W[c]
+            # No light is free where nothing was; of any colors none is left where something was.
+            left = count - rank if somewhere else count
+            chi2[y, x] = squares / max(left, 1)
+            if left <= 0 and not (count == 3 and rank == 3):
+                chi2[y, x] = 1.0
