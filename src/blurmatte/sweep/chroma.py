@@ -65,7 +65,7 @@ def _brightness(luma: Array, behind: Array, color: Array, transfer: Transfer) ->
         k = (low + high) / 2
         dark = transfer.encode(behind + k[:, None] * color) @ _LUMA < luma
         low, high = np.where(dark, k, low), np.where(dark, high, k)
-    return (low + high) / 2
+    return np.asarray((low + high) / 2)
 
 
 def _chroma(codes: Array) -> Array:
