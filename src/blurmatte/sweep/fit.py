@@ -15,6 +15,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, require_streaks
+from blurmatte.sweep.chroma import left_untold
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, sharp
 from blurmatte.sweep.known import KnownColor, known_color
@@ -267,6 +268,7 @@ def _ended(data: Data, state: State, size: tuple[int, int], blur: float = 0.0) -
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
     model = _model(state, covariance[-2:, -2:])
     k = len(state.path)
+    covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, blur)
     known = covariance[k, k] < (_MOST_UNSURE * state.shape[0]) ** 2
     soft = state.silhouette.soft and blur == 0 and not colors_ran_together(data, state)
     silhouette = replace(state.silhouette, soft=soft)
