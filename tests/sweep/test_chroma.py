@@ -7,7 +7,8 @@ from scipy.ndimage import gaussian_filter
 
 from blurmatte.radiometry import REC709, SRGB
 from blurmatte.rendering import Ball, Scene, colorful_plate, plain_plate, render
-from blurmatte.sweep.chroma import before_bleeding
+from blurmatte.sweep.chroma import before_bleeding, left_untold
+from blurmatte.sweep.path import ARC, LINE, PARABOLA
 from blurmatte.trajectory import Trajectory
 
 SIZE = (96, 72)
@@ -74,3 +75,20 @@ def test_brightness_of_code_values_stays():
     again = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color, 0, SRGB)
     assert_array_equal(again.shape, seen.shape)
     assert_allclose(again, seen, atol=1e-9)
+
+
+@pytest.mark.parametrize("family", [LINE, ARC, PARABOLA], ids=lambda f: f.name)
+def test_what_is_left_untold_moves_whole_rims(family):
+    """Oracle: the middle by as much in all directions, the ends along the way as well."""
+    path = family.starts(np.linspace((10, 20), (50, 50), 33))[0]
+    covariance = left_untold(family, path, BLUR)
+    rim = covariance[-1, -1]
+    assert_allclose(rim, (0.06 * BLUR) ** 2)
+    assert_allclose(covariance[-1, :-1], 0)
+    assert_allclose(covariance, 4 * left_untold(family, path, BLUR / 2))
+    _, D = family.at(path, np.array([0, 0.5, 1]))
+    first, middle, last = D @ covariance[:-1, :-1] @ D.swapaxes(1, 2)
+    along = np.array([0.8, 0.6])
+    assert_allclose(middle, rim * np.eye(2), rtol=1e-3, atol=1e-3 * rim)
+    for end in (first, last):
+        assert_allclose(end, rim * (np.eye(2) + np.outer(along, along)), rtol=1e-3)
