@@ -122,7 +122,7 @@ def test_amplifying_brings_a_faint_dark_object_to_full_brightness(paint):
     plain = dark.amplify(10)
     assert_allclose(plain.alpha, 10 * dark.alpha, rtol=1e-12)
     inside = plain.alpha > 0.01
-    brighter = plain.straight().max(axis=-1) > 1
+    brighter = plain.straight().max(axis=-1) > 1 + 1e-12
     assert 0 < plain.alpha[brighter].sum() <= 0.01 * plain.alpha.sum()
     ratio = plain.straight()[inside] / dark.straight()[inside]
     assert_allclose(ratio, ratio.ravel()[0], rtol=1e-9)  # one factor: hue and shading stay
