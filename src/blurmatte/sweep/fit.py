@@ -161,13 +161,15 @@ def fit_disc(
     Returns
     -------
     Sweep
-        It need not explain the streak: `Sweep.misfit` says.
+        It need not explain the streak: `Sweep.misfit` says. Colors that the file let run together are
+        taken as they are; errors say so.
     """
     rank = 1 if model is None else model.rank
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
-    told = _before_bleeding(search, search.quick(rank), image.meta.transfer or SRGB)
-    return _sweep(told, image)
+    disc = search.quick(rank)
+    blur = disc.silhouette.softness(disc.shape) if _ran_together(search.data, disc) else 0.0
+    return _sweep(_Told(search, disc, blur), image)
 
 
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
@@ -242,7 +244,7 @@ def _textured(data: Data, state: State) -> bool:
 def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
     """What a state becomes of the light before a file let colors run together, if it did."""
     data, blur = search.data, 0.0
-    if state.frame.rank == 1 and colors_ran_together(data, state):
+    if _ran_together(data, state):
         first = search.softest(state)
         blur = first.silhouette.softness(first.shape)
     for _ in range(_AGAIN if blur else 0):
@@ -254,6 +256,11 @@ def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
         # Luma was not blurred: a rim seems less soft than the chroma of it is.
         blur = float(np.hypot(blur, state.silhouette.softness(state.shape)))
     return _Told(search, state, blur)
+
+
+def _ran_together(data: Data, state: State) -> bool:
+    """Whether a file blurred the color of one paint."""
+    return state.frame.rank == 1 and colors_ran_together(data, state)
 
 
 def _sweep(told: _Told, image: LinearImage) -> Sweep:
