@@ -18,12 +18,13 @@ from blurmatte.rendering import (
     Change,
     Scene,
     Shadow,
+    Shot,
     plain_plate,
     render,
     star_sprite,
     textured_plate,
 )
-from blurmatte.sweep import fit_sweep
+from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -252,3 +253,20 @@ def test_a_shadow_beside_the_object_is_none_of_it():
     assert np.mean((alone.quality[shadow] & np.uint8(Quality.SHADOW)) != 0) > 0.8
     clear = (truth.shadow.max(axis=-1) < 0.01) & (truth.layer.alpha > 0.1)
     assert np.mean((alone.quality[clear] & np.uint8(Quality.SHADOW)) != 0) < 0.05
+
+
+def test_rims_whose_color_a_file_blurred_are_explained(monkeypatch):
+    truth = render(SCENE, 200)
+    camera = replace(CAMERA, code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
+    image, plate = Shot(SCENE, camera).photograph(truth)
+    sweep = fit_sweep(image, plate)
+    assert sweep.stats["rim"] > 0.5
+
+    def odd():
+        quality = solve(image, plate, start=sweep).quality[truth.layer.alpha > 0]
+        return np.mean((quality & np.uint8(Quality.MISFIT)) != 0)
+
+    explained = odd()
+    monkeypatch.setattr(Sweep, "before_bleeding", lambda sweep, image, plate, box: image)
+    assert explained < 0.05
+    assert explained < 0.6 * odd()

@@ -57,8 +57,8 @@ class Swept:
     ) -> None:
         """Write the sweep's answer into maps of the closed form, where it explains the pixel.
 
-        Colors that a file let run together are taken as they were before. Where an object of one color
-        went and the plate is seen unchanged, something still is in front:
+        Whether it does is asked of colors as they were before a file let them run together. Where an
+        object of one color went and the plate is seen unchanged, something still is in front:
         alpha is that behind it, OCCLUDED, and no light is known. Another patch that the sweep does not
         explain is marked MISFIT: there is a hole, a highlight, or something else. It stays as the
         pixels alone say, if most of them are explained by the object's color with an alpha of their own
@@ -77,8 +77,10 @@ class Swept:
         """
         place = slice(box[1], box[3]), slice(box[0], box[2])
         alpha, alpha_std = sweep.within(box)
-        image = sweep.before_bleeding(image, plate, box)
         P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
+        before = sweep.before_bleeding(image, plate, box)
+        if before is not image:  # its light has more noise, and at rims no other color
+            _, _, chi2 = light_given(alpha, alpha_std, sweep.model, before, plate)
         quality = maps.quality[place]
         saturated = (quality & np.uint8(Quality.SATURATED)) != 0
         given = (quality & np.uint8(Quality.OCCLUDED)) != 0
