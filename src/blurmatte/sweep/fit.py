@@ -17,7 +17,7 @@ from blurmatte.radiometry import SRGB, LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.chroma import left_untold
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, sharp
+from blurmatte.sweep.descent import State, descend, seen, sharp
 from blurmatte.sweep.known import KnownColor, known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import refined
@@ -245,7 +245,7 @@ def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
     """What a state becomes of the light before a file let colors run together, if it did."""
     data, blur = search.data, 0.0
     if _ran_together(data, state):
-        first = search.softest(state)
+        first = search.softest(seen(data, state))
         blur = first.silhouette.softness(first.shape)
     for _ in range(_AGAIN if blur else 0):
         bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
