@@ -38,7 +38,7 @@ def test_what_a_file_did_is_taken_back(transfer):
     light, wall = truth.image.rgb, truth.plate.rgb
     seen = through_a_file(light, transfer)
     assert np.abs(seen - light).max() > 0.02
-    back = before_bleeding(seen, wall, truth.layer.alpha, color, BLUR, transfer)
+    back = before_bleeding(seen, wall, truth.layer.alpha, color[:, None], BLUR, transfer)
     assert_allclose(back, light, atol=1e-5)
 
 
@@ -47,7 +47,7 @@ def test_most_of_it_is_taken_back_before_tiles():
     truth, color = rendered(colorful_plate(SIZE, 3, tile=16))
     light, tiles = truth.image.rgb, truth.plate.rgb
     seen, plate = (through_a_file(x, SRGB) for x in (light, tiles))
-    back = before_bleeding(seen, plate, truth.layer.alpha, color, BLUR, SRGB)
+    back = before_bleeding(seen, plate, truth.layer.alpha, color[:, None], BLUR, SRGB)
     there = truth.layer.alpha > 0
     # What is left of the light across its color is what alpha is found from.
     across = np.linalg.svd(color[:, None])[0][:, 1:]
@@ -56,12 +56,30 @@ def test_most_of_it_is_taken_back_before_tiles():
     assert np.sqrt(np.mean(after**2)) < 0.4 * np.sqrt(np.mean(before**2))
 
 
+@pytest.mark.parametrize("hues", ["one", "many"])
+def test_most_of_it_is_taken_back_from_two_paints(hues):
+    """Across their plane: within it more may be left, from where one paint meets the other."""
+    size = (128, 88)
+    light = plain_plate(size, (0.4, 0.3, 0.2), 1)
+    plate = light if hues == "one" else colorful_plate(size, 3, tile=16)
+    ball = Ball(16, GREEN, second_color=np.array([0.2, 0.3, 0.8]))
+    truth = render(Scene(plate, Trajectory.line((36, 40), (92, 48)), ball))
+    alpha = truth.layer.alpha
+    directions = np.linalg.svd(np.stack([ball.color, ball.second_color], axis=1))[0]
+    seen, wall = (through_a_file(x, SRGB) for x in (truth.image.rgb, truth.plate.rgb))
+    back = before_bleeding(seen, wall, alpha, directions[:, :2], BLUR, SRGB)
+    left = [x - (1 - alpha)[..., None] * wall for x in (seen, back)]
+    before, after = (np.sqrt(np.mean((P @ directions[:, 2])[alpha > 0] ** 2)) for P in left)
+    assert after < 0.3 * before
+
+
 def test_where_nothing_was_light_stays():
     wall = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
     nothing = np.zeros(SIZE[::-1])
-    assert_allclose(before_bleeding(wall, wall, nothing, GREEN, BLUR, SRGB), wall, atol=1e-7)
+    any_paint = GREEN[:, None] / np.linalg.norm(GREEN)
+    assert_allclose(before_bleeding(wall, wall, nothing, any_paint, BLUR, SRGB), wall, atol=1e-7)
     truth, color = rendered(wall)
-    back = before_bleeding(truth.image.rgb, wall, truth.layer.alpha, color, BLUR, SRGB)
+    back = before_bleeding(truth.image.rgb, wall, truth.layer.alpha, color[:, None], BLUR, SRGB)
     far = np.s_[:12, :12]
     assert_allclose(back[far], truth.image.rgb[far], atol=1e-7)
 
@@ -70,9 +88,9 @@ def test_brightness_of_code_values_stays():
     """Invariant: luma is what files keep."""
     truth, color = rendered(plain_plate(SIZE, (0.3, 0.33, 0.36), 1))
     seen = through_a_file(truth.image.rgb, SRGB)
-    back = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color, BLUR, SRGB)
+    back = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color[:, None], BLUR, SRGB)
     assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-9)
-    again = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color, 0, SRGB)
+    again = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color[:, None], 0, SRGB)
     assert_array_equal(again.shape, seen.shape)
     assert_allclose(again, seen, atol=1e-9)
 

@@ -23,7 +23,7 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.outline import refined
+from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.verdict import MAX_MISFIT, misfit
@@ -109,3 +109,20 @@ def test_a_long_thing_on_its_way(size):
     assert np.sqrt(np.mean((state.swept.alpha - truth)[truth > 0] ** 2)) < 0.03
     assert misfit(data, state) < MAX_MISFIT
     assert_allclose(state.silhouette.area(state.shape), size[0] * size[1], rtol=0.03)
+
+
+def test_the_likelier_end_pays_for_its_parameters():
+    _, data, disc = taken(EGG)
+    egg = found(EGG)
+    assert likelier((data, disc), (data, egg))
+    assert not likelier((data, egg), (data, disc))
+    assert not likelier((data, disc), (data, disc))
+    just_as_good = replace(egg, cost=disc.cost)
+    assert not likelier((data, disc), (data, just_as_good))
+
+
+def test_what_cannot_be_is_not_likelier():
+    _, data, disc = taken(EGG)
+    too_bright = replace(data, C=data.B + 9 * (data.C - data.B))
+    assert not likelier((data, disc), (too_bright, replace(found(EGG), cost=0.0)))
+    assert likelier((too_bright, disc), (data, disc))

@@ -25,7 +25,7 @@ from blurmatte.sweep import MAX_MISFIT
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.path import CUBIC, LINE
+from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.verdict import (
     BRIGHTEST,
@@ -246,6 +246,24 @@ def test_texture_tells_alpha_where_there_is_some(plate, tells):
     assert against < 3
     wrong = disc(data, radius=14.0)
     assert (told_by_texture(data, wrong)[1] > 10) == tells
+
+
+def test_what_goes_over_the_same_ground_again_and_again_means_nothing():
+    """A Z and a loop narrower than the object; all around a wide circle, and back once, things go."""
+    data = taken(BALL)
+
+    def goes(family, path, radius):
+        frame = Frame.of(GREEN[:, None])
+        state = state_at(data, family, np.array(path, float), DISC, DISC.start(radius), frame)
+        return means_something(data, state)
+
+    zigzag = [68, 45, 96, 57, 60, 53, 88, 65]
+    assert not goes(CUBIC, zigzag, 11)
+    assert goes(CUBIC, zigzag, 2)
+    around = [78, 46, 78.5, 46, 20]  # start, end, and how far its middle is off them
+    assert not goes(ARC, around, 11)
+    assert goes(ARC, around, 3)
+    assert goes(PARABOLA, [60, 48, 88, 60, 60, 48], 11)
 
 
 def test_a_plane_with_the_plates_color_in_most_places_means_nothing():

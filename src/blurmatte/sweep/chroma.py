@@ -6,8 +6,8 @@ bright both sides of a rim are: in linear light a rim is not only softer, it see
 
 In this file luma is the weighted mean of a pixel's three code values, as files weigh them, and chroma
 what is left of them without it; G is a normal distribution that chroma is blurred by. The picture was
-M = k l + (1 − α) B, with l the direction of the object's color and k of each pixel such that M has the
-luma that the file kept; the file made G chroma(M) of its chroma. But the plate's colors ran together
+M = k l + (1 − α) B, with l the direction of the object's color, in a plane of colors of what is around,
+and k of each pixel such that M has the luma that the file kept; the file made G chroma(M) of its chroma. But the plate's colors ran together
 too before they were known: compared is with M' of the plate B' that would come out of the file if B
 went through it, and chroma(M') − G chroma(M) is what is to be added. It is 0 where nothing moved.
 """
@@ -23,12 +23,13 @@ Array = npt.NDArray[np.float64]
 
 _LUMA = np.array([0.299, 0.587, 0.114])  # BT.601, as JPEG has it
 _RIM = 0.06  # of the blur, by which rims were off beyond noise: 36 random balls, JPEG 90 4:2:0
+_AROUND, _ALIKE = 2.0, 0.3  # times the blur; cosine with the usual color of what light may be
 _POINTS = 33  # of a path
 _BRIGHTEST, _HALVES = 4.0, 20  # a bright white's length is 1.7; to a millionth of that
 
 
 def before_bleeding(
-    C: Floats, B: Floats, alpha: Array, color: Array, blur: float, transfer: Transfer
+    C: Floats, B: Floats, alpha: Array, within: Array, blur: float, transfer: Transfer
 ) -> Array:
     """(h, w, 3) light of an image as it was before its colors ran together.
 
@@ -37,8 +38,8 @@ def before_bleeding(
     C, B : (h, w, 3) float
         Light of image and plate.
     alpha : (h, w) float
-    color : (3,) float
-        Direction of the object's light.
+    within : (3, rank) float
+        Directions that the object's light may have: one, or those of a plane.
     blur : float
         Standard deviation of G, pixels.
     transfer : Transfer
@@ -51,10 +52,9 @@ def before_bleeding(
 
     through, there = (1 - alpha)[..., None], alpha > 0
     codes, plate = (transfer.encode(np.asarray(light, float)) for light in (C, B))
-    k = np.zeros(alpha.shape)
-    behind = through * B
-    k[there] = _brightness(codes[there] @ _LUMA, behind[there], color, transfer)
-    own = k[..., None] * color
+    behind, own = through * B, np.zeros(C.shape)
+    color = _own_color((C - behind) * there[..., None] @ within @ within.T, blur)[there]
+    own[there] = _brightness(codes[there] @ _LUMA, behind[there], color, transfer) * color
     again = transfer.decode(plate - _chroma(plate) + blurred(_chroma(plate)))
     before = _chroma(transfer.encode(through * again + own))
     after = blurred(_chroma(transfer.encode(behind + own)))
@@ -79,14 +79,25 @@ def left_untold(family: PathFamily, path: Array, blur: float) -> Array:
     return np.asarray((_RIM * blur) ** 2 * covariance)
 
 
+def _own_color(P: Array, blur: float) -> Array:
+    """(h, w, 3) directions of light P of a model: of what is around, whose color a file leaves."""
+    from scipy.ndimage import gaussian_filter
+
+    usual = P.sum(axis=(0, 1)) / max(float(np.linalg.norm(P.sum(axis=(0, 1)))), 1e-12)
+    around = gaussian_filter(P, (_AROUND * blur, _AROUND * blur, 0))
+    length = np.linalg.norm(around, axis=-1, keepdims=True)
+    told = around @ usual > _ALIKE * length[..., 0]
+    return np.where(told[..., None], around / np.maximum(length, 1e-12), usual)
+
+
 def _brightness(luma: Array, behind: Array, color: Array, transfer: Transfer) -> Array:
-    """(n,) the k of each pixel, by halving intervals: luma rises with it."""
+    """(n, 1) the k of each pixel, by halving intervals: luma rises with it."""
     low, high = np.zeros(len(luma)), np.full(len(luma), _BRIGHTEST)
     for _ in range(_HALVES):
         k = (low + high) / 2
         dark = transfer.encode(behind + k[:, None] * color) @ _LUMA < luma
         low, high = np.where(dark, k, low), np.where(dark, high, k)
-    return np.asarray((low + high) / 2)
+    return np.asarray((low + high) / 2)[:, None]
 
 
 def _chroma(codes: Array) -> Array:

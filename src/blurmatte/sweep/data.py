@@ -66,10 +66,10 @@ class Data:
         return max(self.grain / self.scale, 2.0)
 
     def before_bleeding(
-        self, alpha: Array, color: Array, blur: float, transfer: Transfer
+        self, alpha: Array, within: Array, blur: float, transfer: Transfer
     ) -> "Data":
         """With the light before colors ran together by so many pixels; see `chroma`."""
-        C = before_bleeding(self.C, self.B, alpha, color, blur / self.scale, transfer)
+        C = before_bleeding(self.C, self.B, alpha, within, blur / self.scale, transfer)
         return replace(self, C=np.ascontiguousarray(C))
 
     def coarser(self, by: int) -> "Data":

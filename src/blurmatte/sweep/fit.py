@@ -20,7 +20,7 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, sharp
 from blurmatte.sweep.known import KnownColor, known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
-from blurmatte.sweep.outline import refined
+from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.shadow import shadow_beside
 from blurmatte.sweep.student import VARIANCE
@@ -65,6 +65,11 @@ class _Told:
     search: Search
     state: State
     blur: float
+
+    @property
+    def misfit(self) -> float:
+        """See `verdict.misfit`."""
+        return misfit(self.search.data, self.state)
 
 
 def fit_sweep(
@@ -137,10 +142,9 @@ def fit_sweep(
     transfer = image.meta.transfer or SRGB
     told = _before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = search is not first and misfit(told.search.data, told.state) <= _NOISE
-    if not explained:
-        best = _best(search, told)
-        told = told if best is told.state else _before_bleeding(search, best, transfer)
+    explained = search is not first and told.misfit <= _NOISE
+    if not explained and disc.frame.rank == 1:
+        told = _richer(search, disc, told, transfer)
     return _sweep(told, image)
 
 
@@ -215,24 +219,34 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
     return replace(streak, mask=mask)
 
 
-def _best(search: Search, disc: _Told) -> State:
+def _richer(search: Search, disc: State, told: _Told, transfer: Transfer) -> _Told:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
-    if disc.state.frame.rank > 1:
-        return disc.state
-    data = disc.search.data
-    line = refined(data, disc.state)
-    left = misfit(data, line)
+    line = _shaped(search, disc, told, transfer)
+    left = line.misfit
     if left <= _NOISE or search.data.known is not None:
         return line
-    plane = search.best(2)
-    if misfit(search.data, plane) <= min(left / _CLEARLY, _NOISE):
+    plane = _before_bleeding(search, search.best(2), transfer)
+    if plane.misfit <= min(left / _CLEARLY, _NOISE):
         return plane
-    if left <= MAX_MISFIT or not _textured(data, disc.state):
+    if left <= MAX_MISFIT or not _textured(told.search.data, told.state):
         return line
     any_colors = search.best(3)
     agrees = _textured(search.data, any_colors)
     agrees = agrees and misfit(search.data, any_colors) <= MAX_MISFIT
-    return any_colors if agrees else line
+    return _before_bleeding(search, any_colors, transfer) if agrees else line
+
+
+def _shaped(search: Search, disc: State, told: _Told, transfer: Transfer) -> _Told:
+    """The silhouette that the evidence asks for.
+
+    Each is asked to explain the light that it tells itself: told by another it would seem worse.
+    """
+    best = refined(search.data, disc)
+    if best is disc:
+        return told
+    shaped = _before_bleeding(search, best, transfer)
+    ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
+    return shaped if likelier(*ends) else told
 
 
 def _textured(data: Data, state: State) -> bool:
@@ -250,7 +264,7 @@ def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
     for _ in range(_AGAIN if blur else 0):
         bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
         alpha = sharp(data, state).swept.alpha
-        before = data.before_bleeding(alpha, state.main, blur, transfer)
+        before = data.before_bleeding(alpha, state.frame.within, blur, transfer)
         search = replace(search, data=before, bounds=bounds)
         state = search.softened(descend(before, sharp(before, state), bounds))
         # Luma was not blurred: a rim seems less soft than the chroma of it is.
@@ -259,8 +273,8 @@ def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
 
 
 def _ran_together(data: Data, state: State) -> bool:
-    """Whether a file blurred the color of one paint."""
-    return state.frame.rank == 1 and colors_ran_together(data, state)
+    """Whether a file blurred the colors of a model."""
+    return state.frame.rank < 3 and colors_ran_together(data, state)
 
 
 def _sweep(told: _Told, image: LinearImage) -> Sweep:

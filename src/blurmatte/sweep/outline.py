@@ -150,6 +150,21 @@ def _could_pay(data: Data, disc: State, richest: State) -> bool:
     return (disc.cost - richest.cost) / overstated(data, richest) > _price(data, 2)
 
 
+def likelier(simple: tuple[Data, State], rich: tuple[Data, State]) -> bool:
+    """Whether one of two ends is the better, though it needs more parameters.
+
+    Parameters
+    ----------
+    simple, rich : (Data, State)
+        Each with the light that it is to explain.
+    """
+    if not (can_be(*simple) and can_be(*rich)):
+        return can_be(*rich)
+    trust = min(overstated(*simple), overstated(*rich))
+    gain = (simple[1].cost - rich[1].cost) / trust
+    return gain > _price(rich[0], rich[1].size - simple[1].size)
+
+
 def _best(data: Data, states: Sequence[State]) -> State:
     """The one of the best penalised likelihood, of those that can be if there are any."""
     first = states[0]

@@ -142,7 +142,7 @@ class Sweep:
     ) -> LinearImage:
         """What is in a box of the image, as it was before its file let colors run together.
 
-        The image itself if its file did not, or if the object has more than one color.
+        The image itself if its file did not, or if the object may have any colors.
 
         Parameters
         ----------
@@ -150,12 +150,11 @@ class Sweep:
             What is in the box (x0, y0, x1, y1).
         """
         blur = self.stats["rim"]
-        if blur == 0 or self.silhouette.soft or self.model.rank != 1:
+        if blur == 0 or self.silhouette.soft or self.model.rank == 3:
             return image
-        alpha, color = self.within(box)[0], self.model.basis[:, 0]
-        color = color if color.sum() > 0 else -color
+        alpha, within = self.within(box)[0], self.model.basis
         transfer = image.meta.transfer or SRGB
-        light = before_bleeding(image.rgb, plate.rgb, alpha, color, blur, transfer)
+        light = before_bleeding(image.rgb, plate.rgb, alpha, within, blur, transfer)
         kept = np.where(image.valid[..., None], light, image.rgb)
         return replace(image, rgb=kept.astype(image.rgb.dtype))
 

@@ -34,6 +34,7 @@ _TOLD = 0.03  # of alpha, what a texture must tell
 _APART = 0.05  # radians
 _NEGATIVE = 0.1  # of the brightest channel, what noise may make of a dark one
 _MOMENTS, _ASTRAY = 129, 0.01  # moments of the exposure, and the part of them a path may be astray
+_BACK = 3.5  # radians: half a circle, and rounding
 BRIGHTEST = 1.2  # mean light of an object in a picture whose brightest is 1
 
 
@@ -159,8 +160,18 @@ def told_by_texture(data: Data, state: State) -> tuple[float, float]:
 
 
 def means_something(data: Data, state: State) -> bool:
-    """Whether path and color can be told from what is not the object."""
-    return _apart_from_plate(data, state) and stays(data, state)
+    """Whether path and color can be told from what is not the object, and something goes that way."""
+    return _apart_from_plate(data, state) and stays(data, state) and not _wriggles(state)
+
+
+def _wriggles(state: State) -> bool:
+    """Whether the path turns back twice, or all around, within the object's own width.
+
+    It would go over the same ground several times: whatever noise says can be told that way.
+    """
+    steps = np.diff(state.curve, axis=0) @ np.array([1, 1j])
+    turned = float(np.abs(np.angle(steps[1:] * steps[:-1].conj())).sum())
+    return turned > _BACK and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned
 
 
 def _apart_from_plate(data: Data, state: State) -> bool:
