@@ -6,10 +6,11 @@ bright both sides of a rim are: in linear light a rim is not only softer, it see
 
 In this file luma is the weighted mean of a pixel's three code values, as files weigh them, and chroma
 what is left of them without it; G is a normal distribution that chroma is blurred by. The picture was
-M = k l + (1 − α) B, with l the direction of the object's color, in a plane of colors of what is around,
-and k of each pixel such that M has the luma that the file kept; the file made G chroma(M) of its chroma. But the plate's colors ran together
-too before they were known: compared is with M' of the plate B' that would come out of the file if B
-went through it, and chroma(M') − G chroma(M) is what is to be added. It is 0 where nothing moved.
+M = k l + (1 − α) B, with l the direction of the object's color, in a plane of colors that of what is
+around, and k of each pixel such that M has the luma that the file kept; the file made G chroma(M) of
+its chroma. But the plate's colors ran together too before they were known: compared is with M' of the
+plate B' that would come out of the file if B went through it, and chroma(M') − G chroma(M) is what is
+to be added. It is 0 where nothing moved.
 """
 
 import numpy as np
@@ -87,7 +88,7 @@ def _own_color(P: Array, blur: float) -> Array:
     around = gaussian_filter(P, (_AROUND * blur, _AROUND * blur, 0))
     length = np.linalg.norm(around, axis=-1, keepdims=True)
     told = around @ usual > _ALIKE * length[..., 0]
-    return np.where(told[..., None], around / np.maximum(length, 1e-12), usual)
+    return np.asarray(np.where(told[..., None], around / np.maximum(length, 1e-12), usual))
 
 
 def _brightness(luma: Array, behind: Array, color: Array, transfer: Transfer) -> Array:
