@@ -611,7 +611,7 @@ def test_ctrl_c_is_quiet(scene, tmp_path):
     )
     assert running.stdout.readline() == "ready\n"
     running.send_signal(signal.SIGINT)
-    said, complained = running.communicate(timeout=30)
+    said, complained = running.communicate(timeout=120)
     assert (running.returncode, said, complained) == (130, "", "")
     assert not (tmp_path / "o").exists()
 

@@ -21,7 +21,7 @@ from blurmatte.sweep.student import belief, bend, loss
 Array = npt.NDArray[np.float64]
 
 _STEPS, _TRIES = 40, 8
-_POINTS = 33
+_TIMES = np.linspace(0, 1, 33)
 _CAREFUL = 1e-3  # of the curvature: less caution hardly changes a step that failed
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
@@ -78,7 +78,7 @@ class State:
     @property
     def curve(self) -> Array:
         """(33, 2) points of the path at equally spaced times."""
-        return self.family.at(self.path, np.linspace(0, 1, _POINTS))[0]
+        return self.family.at(self.path, _TIMES)[0]
 
     @property
     def main(self) -> Array:
@@ -222,14 +222,18 @@ def light_of(data: Data) -> tuple[Array, Array, Array, Array]:
 
 def _main(frame: Frame, moments: Array) -> tuple[Array, float]:
     """(3,) unit direction of most of the light with these second moments, and the most along it."""
-    values, directions = np.linalg.eigh(moments[: frame.rank, : frame.rank])
-    main = frame.within @ directions[:, -1]
-    most = _BRIGHTEST * float(np.sqrt(max(values[-1], 0.0)))
+    main, most = frame.within[:, 0], moments[0, 0]
+    if frame.rank > 1:
+        values, directions = np.linalg.eigh(moments[: frame.rank, : frame.rank])
+        main, most = frame.within @ directions[:, -1], values[-1]
+    most = _BRIGHTEST * float(np.sqrt(max(most, 0.0)))
     return np.asarray(main if main.sum() >= 0 else -main), most
 
 
 def _positive(moments: Array) -> Array:
     """The nearest matrix of second moments: what is less than noise is none."""
+    if len(moments) == 2 and moments[0, 0] >= 0 and np.linalg.det(moments) >= 0:
+        return moments
     values, directions = np.linalg.eigh(moments)
     return np.asarray((directions * np.maximum(values, 0)) @ directions.T)
 

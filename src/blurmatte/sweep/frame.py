@@ -49,6 +49,11 @@ class Frame:
 
 
 def _orthonormal(directions: Array) -> Array:
-    """The nearest orthonormal directions."""
-    left, _, right = np.linalg.svd(directions, full_matrices=False)
-    return np.asarray(left @ right)
+    """The nearest orthonormal directions X S^(−1/2), S = XᵀX, of one or two that are nearly so."""
+    if directions.shape[1] == 1:
+        return np.asarray(directions / np.sqrt((directions**2).sum()))
+    (a, b), (_, d) = directions.T @ directions
+    root = np.sqrt(a * d - b * b)
+    more = np.sqrt(a + d + 2 * root)
+    inverse = np.array([[d + root, -b], [-b, a + root]]) / (more * root)
+    return np.asarray(directions @ inverse)

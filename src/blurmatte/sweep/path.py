@@ -6,7 +6,6 @@ line at constant speed, and is started from a curve of points.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
@@ -57,8 +56,10 @@ class Polynomial(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Sums of the points, weighted by time."""
-        basis = self.weights(t)
-        return basis @ p.reshape(-1, 2), _both(basis)
+        from blurmatte.sweep import path_kernel  # numba takes half a second to import
+
+        xy, D = path_kernel.polynomial(p, _lagrange(self.degree), t)
+        return xy, D
 
     def starts(self, curve: Array) -> list[Array]:
         """The nearest such curve to it."""
@@ -83,7 +84,10 @@ class Arc(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Around the circle."""
-        return _arc(p, t).real, _by_complex_step(_arc, p, t)
+        from blurmatte.sweep import path_kernel  # numba takes half a second to import
+
+        xy, D = path_kernel.arc(p, t)
+        return xy, D
 
     def starts(self, curve: Array) -> list[Array]:
         """Through its ends and its middle."""
@@ -105,17 +109,11 @@ class Bounce(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Along the one piece, then the other."""
-        a, m, b, k = p[:2], p[2:4], p[4:6], self.kink(p)
-        first = t < k
-        u = np.where(first, t / k, (t - k) / (1 - k))
-        left = np.where(first, 1 - u, 0)
-        right = np.where(first, 0, u)
-        basis = np.stack([left, 1 - left - right, right], axis=1)
-        by_time = np.where(first[:, None], -(u / k)[:, None] * (m - a), 0)
-        by_time = by_time + np.where(first[:, None], 0, ((u - 1) / (1 - k))[:, None] * (b - m))
-        by_time *= 0.02 < k < 0.98
-        xy = basis @ np.stack([a, m, b])
-        return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
+        from blurmatte.sweep import path_kernel  # numba takes half a second to import
+
+        contact = self.kink(p)
+        xy, D = path_kernel.bounce(p, contact, not 0.02 < contact < 0.98, t)
+        return xy, D
 
     def kink(self, p: Array) -> float:
         """The time of the contact."""
@@ -142,12 +140,11 @@ class FromRest(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Nowhere, then along the line."""
-        a, b, k = p[:2], p[2:4], self.kink(p)
-        u = np.maximum((t - k) / (1 - k), 0)
-        basis = np.stack([1 - u, u], axis=1)
-        by_time = np.where((t > k) & (0 < k < 0.98), (t - 1) / (1 - k) ** 2, 0)[:, None] * (b - a)
-        xy = basis @ np.stack([a, b])
-        return xy, np.concatenate([_both(basis), by_time[:, :, None]], axis=2)
+        from blurmatte.sweep import path_kernel  # numba takes half a second to import
+
+        departure = self.kink(p)
+        xy, D = path_kernel.from_rest(p, departure, not 0 < departure < 0.98, t)
+        return xy, D
 
     def kink(self, p: Array) -> float:
         """The time of the departure."""
@@ -176,50 +173,8 @@ def path_family(name: str) -> PathFamily:
     return families[name]
 
 
-_TINY = 1e-30  # no more than rounding
-
-
 @cache
 def _lagrange(degree: int) -> Array:
     """(degree + 1, degree + 1) coefficients of Lagrange's polynomials, a row for each power."""
     nodes = np.linspace(0, 1, degree + 1)
-    return np.asarray(np.linalg.inv(np.vander(nodes, increasing=True)))
-
-
-def _both(basis: Array) -> Array:
-    """(T, 2, 2 k) derivatives of points that are `basis` (T, k) times k points (x, y)."""
-    D = np.zeros((len(basis), 2, 2 * basis.shape[1]))
-    D[:, 0, 0::2] = basis
-    D[:, 1, 1::2] = basis
-    return D
-
-
-def _arc(p: Array, t: Array) -> Array:
-    """(T, 2) points of a circle through start and end, also for complex parameters.
-
-    Half of the arc turns by φ, tan(φ/2) = off / half chord; seen from the middle of the arc the
-    point turns evenly. In units of half the chord a point is at sin(φ s)/sin φ along and
-    (cos(φ s) − cos φ)/sin φ off it, s from −1 to 1; for small φ both go over into s and a parabola.
-    """
-    a, b, off = p[:2], p[2:4], p[4]
-    half = (b - a) / 2
-    length = np.sqrt(half[0] ** 2 + half[1] ** 2 + _TINY)
-    phi = 2 * np.arctan(off / length)
-    s = 2 * t - 1
-    if abs(phi) < 1e-4:
-        along, across = s * (1 + phi**2 * (1 - s**2) / 6), phi * (1 - s**2) / 2
-    else:
-        along = np.sin(phi * s) / np.sin(phi)
-        across = (np.cos(phi * s) - np.cos(phi)) / np.sin(phi)
-    normal = np.stack([-half[1], half[0]])
-    return np.asarray((a + b) / 2 + along[:, None] * half + across[:, None] * normal)
-
-
-def _by_complex_step(points: Callable[[Array, Array], Array], p: Array, t: Array) -> Array:
-    """(T, 2, n) derivatives of analytic `points` by their parameters, exact to rounding."""
-    D = np.empty((len(t), 2, len(p)))
-    for i in range(len(p)):
-        q = p.astype(complex)
-        q[i] += 1j * _TINY
-        D[:, :, i] = points(q, t).imag / _TINY
-    return D
+    return np.ascontiguousarray(np.linalg.inv(np.vander(nodes, increasing=True)))

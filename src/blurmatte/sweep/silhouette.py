@@ -6,6 +6,7 @@ can be seen from it. How ρ follows from the parameters stands in the kernel.
 """
 
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import numpy.typing as npt
@@ -214,26 +215,28 @@ def moments(
     """Times (T,) in the middles of pieces of the exposure, and how long these are, of sum 1.
 
     Pieces are shorter where the rim is fast. The times stay the same when a path changes a little,
-    so that alpha changes smoothly. spin is how far turning moves the rim, pixels of the picture; soft
-    is the softness in units of scale. Of a soft rim on a path without a kink alpha is so smooth in
-    time that two moments of Gauss's do for a piece of two of its standard deviations.
+    so that alpha changes smoothly; as the crow flies is not enough where one part is folded. spin is
+    how far turning moves the rim, pixels of the picture; soft is the softness in units of scale. Of a
+    soft rim on a path without a kink alpha is so smooth in time that two moments of Gauss's do for a
+    piece of two of its standard deviations.
     """
+    from blurmatte.sweep import path_kernel  # numba takes half a second to import
+
     even = soft > 0 and family.kink(path) is None
     parts = _SOFT_PARTS if even else _PARTS
     step = 2 * max(float(np.sqrt(_PIXEL + soft**2)), _STEP) if even else _STEP
-    xy, _ = family.at(path, np.linspace(0, 1, parts + 1))
-    way = (np.linalg.norm(np.diff(xy, axis=0), axis=1) + spin / parts) / scale
-    beside = np.pad(way, 1, mode="edge")
-    way = np.maximum(way, np.maximum(beside[:-2], beside[2:]))  # as the crow flies is not enough
-    counts = np.clip(np.ceil(way / step), 1, _MOST).astype(int)
-    first = np.repeat(np.cumsum(counts) - counts, counts)
-    within = (np.arange(counts.sum()) - first + 0.5) / np.repeat(counts, counts)
-    t = (np.repeat(np.arange(parts), counts) + within) / parts
-    lengths = np.repeat(1 / (parts * counts), counts)
+    xy, _ = family.at(path, _even(parts))
+    t, lengths = path_kernel.pieces(xy, spin / parts, step * scale, _MOST)
     if not even:
         return t, lengths
     pairs = t[:, None] + _GAUSS * lengths[:, None] * np.array([-1, 1])
     return pairs.ravel(), np.repeat(lengths / 2, 2)
+
+
+@cache
+def _even(parts: int) -> Array:
+    """(parts + 1,) times that part the exposure."""
+    return np.linspace(0, 1, parts + 1)
 
 
 def _angles(count: int) -> Array:

@@ -1,0 +1,123 @@
+"""Points of paths and their derivatives by the parameters, and where to take them, compiled.
+
+In this file a path is xy (T, 2) and D (T, 2, n) at times t (T,).
+"""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+
+_TINY = 1e-30  # no more than rounding
+_STRAIGHT = 1e-4  # radians: half an arc that turns by less is a parabola to rounding
+
+
+@njit(**_COMPILED)
+def polynomial(p, weights, t):  # type: ignore[no-untyped-def]
+    """Sums of points; weights (k, k) are the coefficients of theirs, a row for each power of t."""
+    k = len(weights)
+    xy, D = np.zeros((len(t), 2)), np.zeros((len(t), 2, 2 * k))
+    for i in range(len(t)):
+        for j in range(k):
+            weight = 0.0
+            for power in range(k - 1, -1, -1):
+                weight = weight * t[i] + weights[power, j]
+            for c in range(2):
+                xy[i, c] += weight * p[2 * j + c]
+                D[i, c, 2 * j + c] = weight
+    return xy, D
+
+
+@njit(**_COMPILED)
+def arc(p, t):  # type: ignore[no-untyped-def]
+    """A circle through start and end, its middle p[4] off the chord.
+
+    Half of the arc turns by φ, tan(φ/2) = p[4] / half chord; seen from the middle of the arc the
+    point turns evenly. In units of half the chord a point is at sin(φ s)/sin φ along and
+    (cos(φ s) − cos φ)/sin φ off it, s from −1 to 1; for small φ both go over into s and a parabola.
+    """
+    xy, D = np.empty((len(t), 2)), np.empty((len(t), 2, 5))
+    half = ((p[2] - p[0]) / 2, (p[3] - p[1]) / 2)
+    normal = (-half[1], half[0])
+    length, off = np.sqrt(half[0] ** 2 + half[1] ** 2 + _TINY), p[4]
+    phi = 2 * np.arctan(off / length)
+    by_off = 2 * length / (length**2 + off**2)
+    by_length = -2 * off / (length**2 + off**2)
+    for i in range(len(t)):
+        s = 2 * t[i] - 1
+        if abs(phi) < _STRAIGHT:
+            along, across = s * (1 + phi**2 * (1 - s**2) / 6), phi * (1 - s**2) / 2
+            more_along, more_across = s * phi * (1 - s**2) / 3, (1 - s**2) / 2
+        else:
+            sine, cosine = np.sin(phi), np.cos(phi)
+            along, across = np.sin(phi * s) / sine, (np.cos(phi * s) - cosine) / sine
+            more_along = (s * np.cos(phi * s) - along * cosine) / sine
+            more_across = (sine - s * np.sin(phi * s) - across * cosine) / sine
+        for c in range(2):
+            turned = more_along * half[c] + more_across * normal[c]
+            xy[i, c] = (p[c] + p[2 + c]) / 2 + along * half[c] + across * normal[c]
+            D[i, c, 4] = turned * by_off
+            for d in range(2):
+                lengthened = turned * by_length * half[d] / (2 * length)
+                moved = along / 2 if c == d else (across / 2 if c > d else -across / 2)
+                D[i, c, d] = (0.5 if c == d else 0.0) - moved - lengthened
+                D[i, c, 2 + d] = (0.5 if c == d else 0.0) + moved + lengthened
+    return xy, D
+
+
+@njit(**_COMPILED)
+def bounce(p, contact, held, t):  # type: ignore[no-untyped-def]
+    """Two straight pieces with the contact between; if `held`, its time cannot change."""
+    xy, D = np.empty((len(t), 2)), np.zeros((len(t), 2, 7))
+    for i in range(len(t)):
+        first = t[i] < contact
+        start, duration = (0, contact) if first else (2, 1 - contact)
+        u = t[i] / contact if first else (t[i] - contact) / (1 - contact)
+        for c in range(2):
+            way = p[start + 2 + c] - p[start + c]
+            xy[i, c] = p[start + c] + u * way
+            D[i, c, start + c], D[i, c, start + 2 + c] = 1 - u, u
+            if not held:
+                D[i, c, 6] = (-u if first else u - 1) / duration * way
+    return xy, D
+
+
+@njit(**_COMPILED)
+def from_rest(p, departure, held, t):  # type: ignore[no-untyped-def]
+    """At rest, then along a line; if `held`, the time of the departure cannot change."""
+    xy, D = np.empty((len(t), 2)), np.zeros((len(t), 2, 5))
+    for i in range(len(t)):
+        u = max((t[i] - departure) / (1 - departure), 0.0)
+        for c in range(2):
+            way = p[2 + c] - p[c]
+            xy[i, c] = p[c] + u * way
+            D[i, c, c], D[i, c, 2 + c] = 1 - u, u
+            if not held and t[i] > departure:
+                D[i, c, 4] = (t[i] - 1) / (1 - departure) ** 2 * way
+    return xy, D
+
+
+@njit(**_COMPILED)
+def pieces(xy, more, step, most):  # type: ignore[no-untyped-def]
+    """Middles of pieces of the exposure and how long they are, from points at even times.
+
+    A part between two points is cut into as many pieces as it, or one beside it, is `step` long, with
+    `more` added to each, and into no more than `most`.
+    """
+    parts = len(xy) - 1
+    way, counts, total = np.empty(parts), np.empty(parts, np.int64), 0
+    for i in range(parts):
+        way[i] = np.hypot(xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]) + more
+    for i in range(parts):
+        far = max(way[i], way[max(i - 1, 0)], way[min(i + 1, parts - 1)])
+        counts[i] = max(int(min(np.ceil(far / step), most)), 1)
+        total += counts[i]
+    t, lengths, n = np.empty(total), np.empty(total), 0
+    for i in range(parts):
+        for j in range(counts[i]):
+            t[n] = (i + (j + 0.5) / counts[i]) / parts
+            lengths[n] = 1 / (parts * counts[i])
+            n += 1
+    return t, lengths
