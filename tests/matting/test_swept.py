@@ -175,9 +175,9 @@ def painted(plate, contrast=1.0):
 
 def test_any_colors_are_not_forced_into_a_plane_of_them():
     _, image, plate = taken(painted(WALL, 0.4), 1)
-    with pytest.raises(MotionError, match=r"no shape on a path explains the streak"):
+    with pytest.raises(MotionError, match=r"the shape of the streak does not tell alpha"):
         solve(image, plate, solver=Swept())
-    with pytest.raises(ColorModelError, match=r"Nor does any shape on a path explain the streak"):
+    with pytest.raises(ColorModelError, match=r"Nor does the shape of the streak tell it"):
         solve(image, plate)
     generous = solve(image, plate, solver=Swept(1e3))  # color and alpha are of the same sweep
     assert generous.solver == "Swept(max_misfit=1000.0)"
@@ -233,7 +233,7 @@ def test_a_color_that_is_given_stays(wall):
     assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha) ** 2)) < 0.003
     wrong = ColorModel.from_hex("#2040ff")
     assert solve(image, plate, wrong).solver.startswith("Smooth")
-    with pytest.raises(MotionError, match="no shape on a path explains the streak"):
+    with pytest.raises(MotionError, match="the shape of the streak does not tell alpha"):
         solve(image, plate, wrong, Swept())
 
 

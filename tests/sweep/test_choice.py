@@ -9,7 +9,7 @@ import pytest
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
 from blurmatte.streaks import Streak
-from blurmatte.sweep.choice import best_of, ranked
+from blurmatte.sweep.choice import best_of, contested, differ, ranked
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
@@ -78,6 +78,20 @@ def test_scores_are_by_how_much_each_is_worse(three):
     assert order[0] is likelier
     assert list(scores) == sorted(scores)
     assert scores[1] - scores[0] > 500
+
+
+def test_contested_is_what_is_likely_with_another_alpha(three):
+    data, (_, line, throw) = three
+    large = replace(
+        state_at(data, LINE, line.path, DISC, DISC.start(14), line.frame), cost=line.cost
+    )
+    assert differ(line, large)
+    assert not differ(line, throw)
+    for gap, other, is_contested in ((1, throw, False), (1, large, True), (9, large, False)):
+        first = contested(data, [(0.0, line), (float(gap), other)])
+        assert first.path is line.path
+        assert first.contested is is_contested
+    assert not contested(data, [(0.0, line)]).contested
 
 
 def test_residuals_that_hang_together_are_less_evidence(three):

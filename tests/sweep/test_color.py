@@ -51,7 +51,7 @@ def test_its_error_is_honest():
 def test_any_colors_are_neither_a_line_nor_a_plane():
     colors = np.random.default_rng(1).uniform(0.05, 0.9, (4, 8, 3))
     image, plate = taken(Ball(14, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1)))), 2)
-    with pytest.raises(ColorModelError, match=r"Nor does any shape on a path explain the streak"):
+    with pytest.raises(ColorModelError, match=r"Nor does the shape of the streak tell it"):
         fit_color(image, plate)
 
 

@@ -210,6 +210,21 @@ def test_what_cannot_be_explained_is_not_believed():
     assert fit_sweep(image, picture).misfit > MAX_MISFIT
 
 
+def test_a_sheet_that_goes_along_its_side_may_be_long_or_have_gone_far():
+    """Before one color both leave the same trapezoid; before many the color tells which it was."""
+    sheet = Sheet(32, 14, GREEN)
+    way = Trajectory.line((52, 52), (106, 52))
+    for plate, tells in ((WALL, False), (TILES, True)):
+        truth, image, picture = taken(Scene(plate, way, sheet))
+        sweep = fit_sweep(image, picture)
+        assert sweep.stats["contested"] is not tells
+        assert (sweep.misfit <= MAX_MISFIT) is tells
+        words = sweep.complaint(MAX_MISFIT)
+        assert words.startswith("two shapes") is not tells
+        if tells:
+            assert rmse(sweep, truth) < 0.05
+
+
 def known(color, std):
     pole = color / np.linalg.norm(color)
     return ColorModel(pole[:, None], std**2 * (np.eye(3) - np.outer(pole, pole)), {})

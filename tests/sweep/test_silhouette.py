@@ -254,6 +254,23 @@ def test_a_stretch_leaves_the_area_and_has_the_axes_that_it_says():
     assert_allclose(np.hypot(x, y).min(), 6 * np.exp(-0.3), rtol=1e-4)
 
 
+@pytest.mark.parametrize("silhouette", [ELLIPSE, OUTLINE, SPINNING], ids=lambda s: s.name)
+def test_what_is_stretched_is_longer_one_way_only(silhouette):
+    """Exact: each point of the rim goes where the stretch takes it."""
+    shape, way = SHAPES[silhouette], np.array([0.6, 0.8])
+    new = silhouette.stretched(shape, way, 1.7)
+    assert_allclose(silhouette.turn(new), silhouette.turn(shape))
+    wanted = silhouette.outline(shape, 60) @ (np.eye(2) + 0.7 * np.outer(way, way))
+    rim = silhouette.outline(new, 20_000)
+    off = np.linalg.norm(wanted[:, None] - rim, axis=2).min(axis=1)
+    assert off.max() < 2e-3
+    assert_allclose(silhouette.area(new), 1.7 * silhouette.area(shape))
+
+
+def test_a_disc_can_only_grow():
+    assert_allclose(DISC.stretched(np.array([6.0]), np.array([1.0, 0]), 4), [12])
+
+
 def test_bulges_are_where_they_say():
     shape = OUTLINE.start(6)
     shape[4] = 0.1  # sin 3φ

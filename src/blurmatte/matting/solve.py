@@ -219,7 +219,7 @@ def _refuse_the_untold(
     alpha, std = maps.alpha[streak.mask], maps.alpha_std[streak.mask]
     if np.median(std) <= _UNTOLD * np.percentile(alpha, 99) and alpha.sum() > 0:
         return
-    left = "" if sweep is None else f": the best disc leaves {sweep.misfit:.1f} times the noise"
+    left = "" if sweep is None else f" ({sweep.complaint(Swept().max_misfit)})"
     raise ColorModelError(_NO_COLOR.format(left))
 
 
@@ -233,8 +233,8 @@ def _chosen(solver: Solver | None, sweep: Sweep | None) -> Swept | None:
     if solver is None:
         return None
     raise MotionError(
-        f"no shape on a path explains the streak: the best leaves {sweep.misfit:.1f} times as much as "
-        f"noise, {swept.max_misfit:g} is the most; use Smooth() and give the object's color"
+        f"the shape of the streak does not tell alpha: {sweep.complaint(swept.max_misfit)}; use "
+        "Smooth() and give the object's color"
     )
 
 

@@ -118,6 +118,5 @@ def _doubts(sweep: Sweep) -> list[str]:
     if sweep.misfit <= MAX_MISFIT:
         return []
     return [
-        f"The sweep leaves {sweep.misfit:.1f} times what noise leaves: the streak is of something "
-        "else, or of several things."
+        f"The streak is of something else, or of several things: {sweep.complaint(MAX_MISFIT)}."
     ]

@@ -5,12 +5,19 @@ likelihoods count less.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
-from blurmatte.sweep.verdict import means_something, overstated
+from blurmatte.sweep.verdict import can_be, means_something, overstated
+
+Array = npt.NDArray[np.float64]
+
+_CLEARLY = 5.0  # units of log likelihood: less is one to a hundred and fifty
+_ANOTHER = 0.2  # of alpha, in which two differ that are not the same answer
 
 
 def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
@@ -43,3 +50,16 @@ def price(data: Data, parameters: int) -> float:
 def best_of(data: Data, states: Sequence[State]) -> State:
     """The state of the best penalised likelihood."""
     return ranked(data, states)[0][1]
+
+
+def contested(data: Data, states: Sequence[tuple[float, State]]) -> State:
+    """The first of `ranked` states, contested if a later one has another alpha and is about as good."""
+    (least, best), *others = states
+    near = (s for score, s in others if score < least + _CLEARLY and can_be(data, s))
+    return replace(best, contested=any(differ(best, other) for other in near))
+
+
+def differ(one: State, other: State) -> bool:
+    """Whether two ends are two answers."""
+    a, b = one.swept.alpha, other.swept.alpha
+    return bool(((a - b) ** 2).sum() > _ANOTHER**2 * max((a**2).sum(), (b**2).sum()))

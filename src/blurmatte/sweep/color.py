@@ -101,14 +101,8 @@ def color_of(
         return fit_color_from_hues(image, plate, streak, max_brightness)
     except ColorModelError as error:
         raise ColorModelError(
-            f"{error}. Nor does any shape on a path explain the streak: {_left(sweep, max_misfit)}"
+            f"{error}. Nor does the shape of the streak tell it: {sweep.complaint(max_misfit)}"
         ) from error
-
-
-def _left(sweep: Sweep, max_misfit: float) -> str:
-    if np.isinf(sweep.misfit):
-        return "the best would need more light than a picture holds, or leaves the streak"
-    return f"the best leaves {sweep.misfit:.1f} times as much as noise, {max_misfit:g} is the most"
 
 
 def _left_by_hues(

@@ -56,6 +56,8 @@ class State:
         No step gains anything any more.
     field : Field, optional
         Its colors, if it may have any.
+    contested : bool
+        Another shape that went another way explains the data as well.
     """
 
     family: PathFamily
@@ -69,6 +71,7 @@ class State:
     cost: float
     converged: bool = False
     field: Field | None = None
+    contested: bool = False
 
     @property
     def size(self) -> int:

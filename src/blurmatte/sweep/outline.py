@@ -15,12 +15,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.sweep.choice import price
+from blurmatte.sweep.choice import contested, differ, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import can_be, coherence, overstated
+from blurmatte.sweep.verdict import MAX_MISFIT, can_be, coherence, misfit, overstated
 
 Array = npt.NDArray[np.float64]
 
@@ -29,6 +29,7 @@ _BULGES, _OTHERS = 6, (2, 4, 8)
 _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
+_AROUND = 90  # points of a rim
 _CLEARLY = 5.0  # units of log likelihood
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
@@ -54,11 +55,20 @@ def refined(data: Data, disc: State) -> State:
     first = descend(coarse, _shaped(coarse, start, _bulgy(start)), bounds)
     if not _could_pay(coarse, start, first):
         return disc
-    best = _best(coarse, [start, *_search(coarse, start, first, bounds)])
+    found = _search(coarse, start, first, bounds)
+    best = _best(coarse, [start, *found])
     others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
-    best = _best(coarse, [start, best, *(descend(coarse, s, bounds) for s in others)])
-    return disc if best is start else descend(data, seen(data, best), bounds)
+    ends = [start, *found, *(descend(coarse, s, bounds) for s in others)]
+    best = _best(coarse, ends)
+    if best is start:
+        return disc
+    best = contested(coarse, _ordered(coarse, ends))
+    rival = descend(coarse, _exchanged(coarse, best), bounds)
+    end, rival = (descend(data, seen(data, s), bounds) for s in (best, rival))
+    # Outlines err by the bulges that they cannot have: what leaves a little more may be as true.
+    rivalled = differ(end, rival) and misfit(data, rival) <= MAX_MISFIT
+    return replace(end, contested=best.contested or rivalled)
 
 
 def _search(data: Data, disc: State, first: State, bounds: tuple[float, float]) -> list[State]:
@@ -126,6 +136,21 @@ def _turning(data: Data, disc: State, found: list[State]) -> Iterable[State]:
             yield seen(data, replace(start, shape=shape))
 
 
+def _exchanged(data: Data, state: State) -> State:
+    """As long as its way was, gone as far as it was long: of a sheet the same trapezoid is left."""
+    ends = _on(data, state, LINE).curve[[0, -1]]
+    middle, way = ends.mean(axis=0), ends[1] - ends[0]
+    length = max(float(np.linalg.norm(way)), 1e-9)
+    way /= length
+    along = state.silhouette.outline(state.shape, _AROUND) @ way
+    wide = max(float(np.ptp(along)), 1e-9)
+    shape = state.silhouette.stretched(state.shape, way, length / wide)
+    path = LINE.starts(middle + np.linspace(-0.5, 0.5, 33)[:, None] * wide * way)[0]
+    alpha = state.silhouette.sweep(LINE, path, shape, data).alpha
+    frame = state.frame if data.known is not None else main_colors(data, alpha, 1)
+    return state_at(data, LINE, path, state.silhouette, shape, frame)
+
+
 def _bulgy(disc: State) -> Silhouette:
     """Outlines with a rim as soft as that of a disc."""
     return Silhouette(_BULGES, soft=disc.silhouette.soft)
@@ -167,13 +192,16 @@ def likelier(simple: tuple[Data, State], rich: tuple[Data, State]) -> bool:
 
 def _best(data: Data, states: Sequence[State]) -> State:
     """The one of the best penalised likelihood, of those that can be if there are any."""
+    return _ordered(data, states)[0][1]
+
+
+def _ordered(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
+    """States that can be, if any can, and how much worse they are than the first; the best first."""
     first = states[0]
     believable = [s for s in states if can_be(data, s)] or [first]
     trust = min(overstated(data, s) for s in believable)
-    return max(
-        believable,
-        key=lambda s: (first.cost - s.cost) / trust - _price(data, s.size - first.size),
-    )
+    scores = [(s.cost - first.cost) / trust + _price(data, s.size - first.size) for s in believable]
+    return sorted(zip(scores, believable, strict=True), key=lambda pair: pair[0])
 
 
 def _price(data: Data, parameters: int) -> float:

@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
-from blurmatte.sweep.choice import best_of, ranked
+from blurmatte.sweep.choice import best_of, contested, ranked
 from blurmatte.sweep.data import Data, data_around
 from blurmatte.sweep.descent import State, descend, main_colors, seen, sharp, state_at
 from blurmatte.sweep.frame import Frame
@@ -96,9 +96,9 @@ class Search:
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
         first = best_of(self.data, ends)
         soft = self.softened(first)
-        if soft is first:
-            return first
-        return best_of(self.data, [soft if s is first else self.softened(s) for s in ends])
+        if soft is not first:
+            ends = [soft if s is first else self.softened(s) for s in ends]
+        return contested(self.data, ranked(self.data, ends))
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws: for one of many frames of a clip.

@@ -175,6 +175,28 @@ class Silhouette:
         """Standard deviation by which the rim is blurred, pixels; 0 if it is sharp."""
         return float(shape[-1]) if self.soft else 0.0
 
+    def stretched(self, shape: Array, way: Array, by: float) -> Array:
+        """Parameters (m,) of the shape made that many times as long along a unit vector (2,).
+
+        Of a disc only the size changes.
+        """
+        from scipy.linalg import logm, polar
+
+        new = shape.copy()
+        new[0] *= np.sqrt(by)
+        if self.bulges == 1:
+            return new
+        whole = (np.eye(2) + (by - 1) * np.outer(way, way)) @ self._stretch(shape)[0]
+        turn, A = polar(whole, side="left")
+        S = logm(A / new[0]).real
+        new[1:3] = S[0, 0], S[0, 1]
+        angle = np.arctan2(turn[1, 0], turn[0, 0])
+        for k in range(3, self.bulges + 1):
+            a, b = shape[2 * k - 3 : 2 * k - 1]
+            cosine, sine = np.cos(k * angle), np.sin(k * angle)
+            new[2 * k - 3 : 2 * k - 1] = cosine * a - sine * b, sine * a + cosine * b
+        return new
+
     def _stretch(self, shape: Array) -> tuple[Array, Array]:
         """A (2, 2) and its derivatives (2, 2, 1 or 3) by the radius and the stretch.
 

@@ -42,9 +42,11 @@ class Sweep:
         (width, height) of the picture.
     stats : mapping
         How the fit went: `misfit` is how much more the residuals within the streak hang together
-        than those beside it, 1 if the sweep explains all there is; `doubtful` is the share of the
-        streak's pixels that it does not explain; `rim` the standard deviation, pixels, by which its
-        rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is sharp.
+        than those beside it, 1 if the sweep explains all there is; `contested` whether another
+        explains it as well with another alpha, and then `misfit` is infinite; `doubtful` is the
+        share of the streak's pixels that it does not explain; `rim` the standard deviation, pixels,
+        by which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is
+        sharp.
     """
 
     family: PathFamily
@@ -66,6 +68,22 @@ class Sweep:
     def misfit(self) -> float:
         """How much more than noise is left within the streak; infinite for what cannot be."""
         return float(self.stats["misfit"])
+
+    def complaint(self, max_misfit: float) -> str:
+        """What speaks against it, if its misfit is more than that."""
+        if self.stats.get("contested", False):
+            return (
+                "two shapes, each gone its own way and with an alpha of its own, explain the streak "
+                "alike"
+            )
+        if np.isinf(self.misfit):
+            return (
+                "the best is hardly known, would need more light than a picture holds, or leaves the "
+                "streak"
+            )
+        return (
+            f"the best leaves {self.misfit:.1f} times as much as noise, {max_misfit:g} is the most"
+        )
 
     @property
     def trajectory(self) -> Trajectory:

@@ -62,9 +62,10 @@ def misfit(data: Data, state: State) -> float:
     spares plain surroundings; larger blocks tell as much then. And it takes noise away from single
     pixels sooner than from blocks: blocks that hold no more than the noise of the picture are
     explained, however little their pixels do. Infinite if the descent found no end, for what cannot be,
-    and where most pixels contradict.
+    where most pixels contradict, and for what is contested.
     """
-    if not (state.converged and can_be(data, state)) or doubtful_share(data, state) > CONTRADICTED:
+    ended = state.converged and not state.contested and can_be(data, state)
+    if not ended or doubtful_share(data, state) > CONTRADICTED:
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
