@@ -40,8 +40,8 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 _NOISE = 1.2  # misfit of what needs no better explanation
-# Of a radius, the standard deviation of one that means anything, by rank. A plane of colors takes up what
-# a wrong shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
+# Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
+# shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
 _MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
 _FOLLOWING = 3  # times that a path may lead out of what was found
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
