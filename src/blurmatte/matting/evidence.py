@@ -12,6 +12,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
+from blurmatte.matting.pixelwise import in_strips
 from blurmatte.radiometry import LinearImage, block_squares, block_sums, smooth_variance
 from blurmatte.streaks import Streak
 
@@ -40,6 +41,8 @@ class Pixels:
     inside, use : (h, w) bool
         Where alpha may be other than 0, and where a pixel there tells of it.
     mixed : MixedPlate or None
+    wide : LinearImage
+        The plate with the variance of its edges, too.
     """
 
     image: LinearImage
@@ -48,11 +51,17 @@ class Pixels:
     inside: Bools
     use: Bools
     mixed: MixedPlate | None
+    wide: LinearImage
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """C, B and their variances."""
+        """C, B and their variances, but for what the plate's edges have more."""
         return self.image.rgb, self.plate.rgb, self.image.variance, self.plate.variance
+
+    @property
+    def with_edges(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """C, B and their variances."""
+        return self.image.rgb, self.plate.rgb, self.image.variance, self.wide.variance
 
 
 def pixels_of(
@@ -88,7 +97,9 @@ def pixels_of(
         return replace(picture, rgb=np.ascontiguousarray(picture.rgb), noise=variance)
 
     V_B = np.ascontiguousarray(plate.variance, plate.rgb.dtype)
-    return Pixels(plain(image, V_C), plain(plate, V_B), model, inside, use, mixed)
+    plate = plain(plate, V_B)
+    wide = plate if mixed is None or not mixed.edges.any() else mixed.widened(plate)
+    return Pixels(plain(image, V_C), plate, model, inside, use, mixed, wide)
 
 
 def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
@@ -110,14 +121,19 @@ def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     """
     model, mixed, use = pixels.model, pixels.mixed, pixels.use
     if model.rank == 3:
-        plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
-        C, B, V_C, V_B = (np.asarray(a, float) for a in replace(pixels, plate=plate).arrays)
+        C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.with_edges)
         return _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
     from blurmatte.matting.smooth_kernel import evidence  # numba takes half a second
 
     information, pull = np.zeros((2, *use.shape), pixels.image.rgb.dtype)
     N = np.ascontiguousarray(model.normals)
-    evidence(*pixels.arrays, N, np.asarray(alpha, information.dtype), use, information, pull)
+    maps = np.asarray(alpha, information.dtype), use, information, pull
+
+    def rows(strip: slice) -> None:
+        light = (a[strip] for a in pixels.arrays)
+        evidence(*light, N, *(m[strip] for m in maps))
+
+    in_strips(rows, len(use))
     if mixed is not None:
         at_edges = evidence_at_edges(mixed, pixels.image, pixels.plate, model, alpha)
         for own, of_edges in zip((information, pull), at_edges, strict=True):
@@ -133,13 +149,10 @@ def noise_together(pixels: Pixels, alpha: Floats) -> float:
     that it leaves over, (l × B)·C = 0, in which there is no alpha. The parameters are those of
     `evidence_of`.
     """
-    mixed, valid = pixels.mixed, pixels.image.valid & pixels.plate.valid
-    plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
-    C, B, V_C, V_B = replace(pixels, plate=plate).arrays
-    together = _beside(C - B, V_C + V_B, valid & ~pixels.inside)
+    valid = pixels.image.valid & pixels.plate.valid
+    together = _beside(pixels, valid & ~pixels.inside)
     if pixels.model.rank == 1:
-        V = V_C + (1 - np.asarray(alpha)[..., None]) ** 2 * V_B
-        together = max(together, _left_over(C, B, V, pixels.model, pixels.inside & valid))
+        together = max(together, _left_over(pixels, alpha, valid & pixels.inside))
     return together
 
 
@@ -221,23 +234,30 @@ def _of_texture(
     return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
 
 
-def _beside(change: Floats, variance: Floats, still: Bools) -> float:
+def _beside(pixels: Pixels, still: Bools) -> float:
     """What noise adds up to beside the streak."""
-    e = np.where(still[..., None], change / np.sqrt(np.maximum(variance, 1e-14)), 0)
+    C, B, V_C, V_B = (a[still] for a in pixels.with_edges)
+    e = np.zeros(pixels.image.rgb.shape, C.dtype)
+    e[still] = (C - B) / np.sqrt(np.maximum(V_C + V_B, 1e-14))
     squares = block_squares(e, still, _BLOCK).ravel()
     return _beyond_chance(squares, len(squares))
 
 
-def _left_over(C: Floats, B: Floats, V: Floats, model: ColorModel, inside: Bools) -> float:
+def _left_over(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
     """What the equation left over adds up to within the streak.
 
     Of differences of neighboring blocks: a color that is a little wrong leaves something in all.
     """
-    across = np.cross(model.basis[:, 0], B)
-    e, variance, count = (
-        block_sums(np.where(inside, values, 0.0), _BLOCK)
-        for values in (np.sum(across * C, axis=-1), np.sum(across**2 * V, axis=-1), 1.0)
-    )
+    from blurmatte.matting.smooth_kernel import left_over  # numba takes half a second
+
+    l, rest = pixels.model.basis[:, 0], np.empty((2, *inside.shape))
+
+    def rows(strip: slice) -> None:
+        light = (a[strip] for a in pixels.with_edges)
+        left_over(*light, l, alpha[strip], inside[strip], rest[:, strip])
+
+    in_strips(rows, len(inside))
+    e, variance, count = (block_sums(m, _BLOCK) for m in (*rest, inside.astype(float)))
     full = count > _BLOCK**2 / 2
     squares = []
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import CHANCE, evidence_of, noise_together, pixels_of
+from blurmatte.matting.evidence import CHANCE, Pixels, evidence_of, noise_together, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
@@ -117,7 +117,8 @@ class Smooth:
         ConvergenceWarning
             If the last step still changed the answer; it is the last one then.
         """
-        field, prior, of_sum = self._field(image, plate, model, inside, mixed)
+        pixels = pixels_of(image, plate, model, inside, mixed)
+        field, prior, of_sum = self._field(pixels)
         if not field.converged:
             warnings.warn(
                 f"alpha had not settled after {field.steps} steps and is that of the last one; choose "
@@ -126,13 +127,12 @@ class Smooth:
                 stacklevel=3,
             )
         alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
-        wide = plate if mixed is None else mixed.widened(plate)
-        P, P_std, _ = light_given(alpha, alpha_std, model, image, wide)
+        P, P_std, _ = light_given(alpha, alpha_std, model, image, pixels.wide)
         place = slice(box[1], box[3]), slice(box[0], box[2])
         hidden = (maps.quality[place] & np.uint8(Quality.OCCLUDED)) != 0
         P[hidden], P_std[hidden] = 0, np.inf
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
-            target[place][inside] = values[inside]
+            np.copyto(target[place].T, values.T, "same_kind", inside.T)
         out = np.abs(alpha - 0.5) > 0.5 + _SIGMAS_OUT * alpha_std
         kept = Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT
         flags = maps.quality[place] & np.uint8(kept)
@@ -149,16 +149,9 @@ class Smooth:
             },
         }
 
-    def _field(
-        self,
-        image: LinearImage,
-        plate: LinearImage,
-        model: ColorModel,
-        inside: Bools,
-        mixed: MixedPlate | None,
-    ) -> tuple[Field, Prior, float]:
+    def _field(self, pixels: Pixels) -> tuple[Field, Prior, float]:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
-        pixels = pixels_of(image, plate, model, inside, mixed)
+        model, inside = pixels.model, pixels.inside
         near = _local(evidence_of(pixels, np.zeros(inside.shape)))
         together = noise_together(pixels, near)
         own = _bordered(*evidence_of(pixels, near), inside)
