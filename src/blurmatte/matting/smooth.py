@@ -28,6 +28,7 @@ from blurmatte.matting.smooth_prior import (
     Field,
     Prior,
     finer,
+    map_in_smaller_cells,
     smoothed,
     sum_variance,
 )
@@ -151,36 +152,61 @@ class Smooth:
 
     def _field(self, pixels: Pixels) -> tuple[Field, Prior, float]:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
-        model, inside = pixels.model, pixels.inside
-        near = _local(evidence_of(pixels, np.zeros(inside.shape)))
+        near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
-        own = _bordered(*evidence_of(pixels, near), inside)
-        more = 1.0 if model.rank != 2 else _noise_of_cells(own.weaker(together))
+        own = _bordered(*evidence_of(pixels, near), pixels.inside)
+        more = 1.0 if pixels.model.rank != 2 else _noise_of_cells(own.weaker(together))
         weaker, left_out = more * together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
-        levels = [own.weaker(weaker)]
-        while np.count_nonzero(levels[-1].mask) > _CELLS:
-            levels.append(levels[-1].coarser())
-        top = len(levels) - 1
-        prior, field = _least_risk(levels[top], _PRIORS, None, 4**top)
-        of_sum = sum_variance(levels[top], prior, field, 4**top)
-        for depth in range(top - 1, -1, -1):
-            prior, field = prior.finer(), finer(field, levels[depth].mask.shape, prior.order)
-            cells = np.count_nonzero(levels[depth].mask)
-            if depth > 0 and cells < _ENOUGH:
-                choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
-                prior, field = _least_risk(levels[depth], choice, field, 4**depth)
-            elif depth > 0:
-                field = smoothed(levels[depth], prior, field, 0, 4**depth)
+        levels = own.weaker(weaker).levels(_CELLS)
+        found = _chosen(levels)
+        prior, field = found[-1]
+        finest = len(levels) - len(found)
+        known = field.x, field.variance
+        near, variance = (_in_pixels(m, levels[:finest]) for m in known)
+        levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
+        of_sum = sum_variance(levels[-1], *found[0], 4 ** (len(levels) - 1))
         prior = replace(prior, scale=prior.scale / self.strength)
-        near = np.clip(_inner(field.x), 0, 1)
-        information, pull = (values / weaker for values in evidence_of(pixels, near))
-        if model.rank == 1:
-            told = Told(pixels, near, _inner(field.variance), weaker)
-            information, pull = with_shading(told, information, pull)
-        last = _bordered(information, pull, inside)
-        samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
-        field = smoothed(last, prior, field, samples)
+        for depth in reversed(range(max(finest, 1))):
+            level = levels[depth]
+            if depth < finest:
+                prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
+            told = depth == 0 and level.count < _ENOUGH
+            field = smoothed(level, prior, field, _FINAL_SAMPLES if told else 0, 4**depth)
         return replace(field, variance=field.variance * left_out), prior, of_sum * left_out
+
+
+def _chosen(levels: Sequence[Evidence]) -> list[tuple[Prior, Field]]:
+    """The prior of the least risk and its field, from the largest cells to the smallest that tell.
+
+    Of pixels it is not asked for, unless there is nothing larger.
+    """
+    top = len(levels) - 1
+    found = [_least_risk(levels[top], _PRIORS, None, 4**top)]
+    for depth in range(top - 1, 0, -1):
+        level, (prior, field) = levels[depth], found[-1]
+        if level.count >= _ENOUGH:
+            break
+        prior, start = prior.finer(), finer(field, level.mask.shape, prior.order)
+        choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
+        found.append(_least_risk(level, choice, start, 4**depth))
+    return found
+
+
+def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
+    """A map of cells, from level to level down to pixels, without its border."""
+    for level in reversed(levels):
+        values = map_in_smaller_cells(values, level.mask.shape)
+    return _inner(values)
+
+
+def _renewed(pixels: Pixels, alpha: Floats, variance: Floats, weaker: float) -> Evidence:
+    """What pixels tell, now that it is known what alpha is about, and how bright neighbors are."""
+    near = np.clip(alpha, 0, 1)
+    information, pull = (values / weaker for values in evidence_of(pixels, near))
+    if pixels.model.rank == 1:
+        told = Told(pixels, near, variance, weaker)
+        information, pull = with_shading(told, information, pull)
+    return _bordered(information, pull, pixels.inside)
 
 
 def _least_risk(

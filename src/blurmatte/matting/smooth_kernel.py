@@ -86,11 +86,11 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
 def evidence_at_edges(C, B, V_C, V_B, K, N, alpha, information, pull):  # type: ignore[no-untyped-def]
     """The same of pixels (n, 3) of which the plate's error is the matrix V_B + K."""
     lines = N.shape[1]
+    b, d, s, v = np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
+    s[1, 1] = 1.0
     for k in range(len(alpha)):
         t = 1.0 - alpha[k]
-        b, d = np.zeros(2), np.zeros(2)
-        s, v = np.zeros((2, 2)), np.zeros((2, 2))
-        s[1, 1] = 1.0
+        b[:], d[:] = 0.0, 0.0
         for i in range(lines):
             for c in range(3):
                 b[i] += N[c, i] * B[k, c]
