@@ -25,7 +25,7 @@ _BLOCK = 8  # pixels: noise that hangs together does so over less, or over such 
 _KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
 _UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
 _MEDIAN = 0.455  # of χ² of one
-CHANCE = 2.5  # standard deviations of a mean of squares
+_CHANCE = 2.5  # standard deviations of a mean of squares
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
@@ -146,10 +146,13 @@ def noise_together(pixels: Pixels, alpha: Floats) -> float:
 
     Beside the streak it shows in the difference of image and plate. Compression leaves other noise
     where something moved than where nothing did; there a line l of colors tells it, by the equation
-    that it leaves over, (l × B)·C = 0, in which there is no alpha. The parameters are those of
-    `evidence_of`.
+    that it leaves over, (l × B)·C = 0, in which there is no alpha. A plane leaves none; there the fine
+    structure of alpha tells, by how much it is stronger within the streak than beside it. The
+    parameters are those of `evidence_of`.
     """
     valid = pixels.image.valid & pixels.plate.valid
+    if pixels.model.rank == 2:
+        return _of_plane(pixels, alpha, valid)
     together = _beside(pixels, valid & ~pixels.inside)
     if pixels.model.rank == 1:
         together = max(together, _left_over(pixels, alpha, valid & pixels.inside))
@@ -266,6 +269,46 @@ def _left_over(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
     return _beyond_chance(np.concatenate(squares), int(np.count_nonzero(full)))
 
 
+def _of_plane(pixels: Pixels, alpha: Floats, valid: Bools) -> float:
+    """What noise of the one equation of a plane of colors adds up to within the streak.
+
+    Where noise beside it is each pixel's own, so is that within: fine alphas would be taken for it.
+    """
+    still = replace(pixels, inside=~pixels.inside, use=valid & ~pixels.inside)
+    beside = evidence_of(still, np.zeros(alpha.shape))
+    variance, sums, count = (_window_sums(m) for m in (*beside, still.use))
+    full = (count > _BLOCK**2 / 2) & (variance > 0)
+    squares = sums[full] ** 2 / variance[full]
+    together = _beyond_chance(squares, len(squares) // _BLOCK**2)
+    if together == 1:
+        return together
+    within, without = (_fine_structure(*e) for e in (evidence_of(pixels, alpha), beside))
+    return together * max(within / without, 1.0)
+
+
+def _window_sums(values: Floats | Bools) -> Array:
+    """Sums over blocks around each pixel: those of a grid would change with where it begins."""
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(values.astype(float), _BLOCK, mode="constant") * _BLOCK**2)
+
+
+def _fine_structure(information: Floats, pull: Floats) -> float:
+    """Mean square of second differences of second differences of 2 by 2 pixels, over their variance.
+
+    A field that is smooth has hardly any of those. Wherever the picture is cut, it is the same.
+    """
+    I, p = (m[:-1, :-1] + m[1:, :-1] + m[:-1, 1:] + m[1:, 1:] for m in (information, pull))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        variance = 1 / I
+        e = p * variance
+    for _ in range(2):  # down, then across
+        e = (e[:-4] - 2 * e[2:-2] + e[4:]).T
+        variance = (variance[:-4] + 4 * variance[2:-2] + variance[4:]).T
+    known = np.isfinite(variance)
+    return _mean_of_kept(e[known] ** 2 / variance[known])
+
+
 def _beyond_chance(squares: Array, independent: int) -> float:
     """Mean of squares of spread 1 but for a factor; 1 if it may be so by chance.
 
@@ -273,6 +316,13 @@ def _beyond_chance(squares: Array, independent: int) -> float:
     """
     if independent == 0 or len(squares) == 0:
         return 1.0
-    kept = np.sort(squares)[: int(np.ceil(_KEPT * len(squares)))]
-    factor = float(kept.mean()) / _MEAN_OF_KEPT
-    return factor if factor > 1 + CHANCE * np.sqrt(2 / independent) else 1.0
+    factor = _mean_of_kept(squares)
+    return factor if factor > 1 + _CHANCE * np.sqrt(2 / independent) else 1.0
+
+
+def _mean_of_kept(squares: Array) -> float:
+    """Mean of squares of spread 1 but for a factor, the worst left out; 1 if there are none."""
+    if len(squares) == 0:
+        return 1.0
+    last = int(np.ceil(_KEPT * len(squares)))
+    return float(np.partition(squares, last - 1)[:last].mean()) / _MEAN_OF_KEPT

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import CHANCE, Pixels, evidence_of, noise_together, pixels_of
+from blurmatte.matting.evidence import Pixels, evidence_of, noise_together, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.pixelwise import PixelMaps
@@ -155,8 +155,7 @@ class Smooth:
         near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
         own = _bordered(*evidence_of(pixels, near), pixels.inside)
-        more = 1.0 if pixels.model.rank != 2 else _noise_of_cells(own.weaker(together))
-        weaker, left_out = more * together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
+        weaker, left_out = together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
         levels = own.weaker(weaker).levels(_CELLS)
         found = _chosen(levels)
         prior, field = found[-1]
@@ -164,7 +163,9 @@ class Smooth:
         known = field.x, field.variance
         near, variance = (_in_pixels(m, levels[:finest]) for m in known)
         levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
-        of_sum = sum_variance(levels[-1], *found[0], 4 ** (len(levels) - 1))
+        largest = 4 ** (len(levels) - 1)
+        of_sum = left_out * sum_variance(levels[-1], *found[0], largest)
+        total = largest * found[0][1].x.sum(dtype=float)
         prior = replace(prior, scale=prior.scale / self.strength)
         for depth in reversed(range(max(finest, 1))):
             level = levels[depth]
@@ -172,7 +173,9 @@ class Smooth:
                 prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
             told = depth == 0 and level.count < _ENOUGH
             field = smoothed(level, prior, field, _FINAL_SAMPLES if told else 0, 4**depth)
-        return replace(field, variance=field.variance * left_out), prior, of_sum * left_out
+        # Cells and pixels weigh what is known differently, and neither is sure to be right.
+        of_sum += (field.x.sum(dtype=float) - total) ** 2
+        return replace(field, variance=field.variance * left_out), prior, of_sum
 
 
 def _chosen(levels: Sequence[Evidence]) -> list[tuple[Prior, Field]]:
@@ -218,21 +221,6 @@ def _least_risk(
         before = found[-1] if found and found[-1][0].order == prior.order else (prior, start)
         found.append((prior, smoothed(evidence, prior, before[1], _SAMPLES, cells)))
     return min(found, key=lambda trial: trial[1].risk)
-
-
-def _noise_of_cells(evidence: Evidence) -> float:
-    """By how much more cells differ from a smooth field than their noise lets them, 1 or more.
-
-    At least so much: with noise that is understated, the field of least risk is too rough.
-    """
-    factor, cells = 1.0, evidence.coarser()
-    for doubled in (2, 3):
-        cells = cells.coarser()
-        _, field = _least_risk(cells.weaker(factor), _PRIORS, None, 4**doubled)
-        by_chance = CHANCE * np.sqrt(2 * max(field.freedom, 1.0))
-        if field.freedom > 1 and field.left > field.freedom + by_chance:
-            factor *= field.left / field.freedom
-    return factor
 
 
 def _local(evidence: tuple[Floats, Floats]) -> Floats:
