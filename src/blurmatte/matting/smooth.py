@@ -165,7 +165,7 @@ class Smooth:
         levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
         largest = 4 ** (len(levels) - 1)
         of_sum = left_out * sum_variance(levels[-1], *found[0], largest)
-        total = largest * found[0][1].x.sum(dtype=float)
+        total = 4**finest * field.x.sum(dtype=float)
         prior = replace(prior, scale=prior.scale / self.strength)
         for depth in reversed(range(max(finest, 1))):
             level = levels[depth]
