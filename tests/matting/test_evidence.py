@@ -6,7 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import evidence_of, noise_together, pixels_of, with_faint_rims
+from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.noise_together import noise_together
+from blurmatte.matting.rims import with_faint_rims
 from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
 from blurmatte.streaks import Streak, find_streaks

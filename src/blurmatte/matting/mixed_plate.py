@@ -130,7 +130,7 @@ def evidence_at_edges(
     alpha : (h, w) float
         About what alpha is.
     """
-    from blurmatte.matting.smooth_kernel import evidence_at_edges as kernel  # numba: half a second
+    from blurmatte.matting.evidence_kernel import evidence_of_matrices  # numba takes half a second
 
     at = mixed.edges
     light = (np.asarray(picture.rgb[at], float) for picture in (image, plate))
@@ -138,7 +138,7 @@ def evidence_at_edges(
     t = np.asarray(alpha, float)[at]
     information, pull = np.zeros((2, len(t)))
     N = np.ascontiguousarray(model.normals)
-    kernel(*light, *noise, mixed.covariance, N, t, information, pull)
+    evidence_of_matrices(*light, *noise, mixed.covariance, N, t, information, pull)
     return information, pull
 
 

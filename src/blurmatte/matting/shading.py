@@ -61,7 +61,7 @@ class Told:
 
     def along(self) -> tuple[Floats, Floats, Floats, Floats]:
         """(h, w) each: m·C, m·B, m·V_B m and Var q."""
-        from blurmatte.matting.smooth_kernel import along  # numba takes half a second
+        from blurmatte.matting.evidence_kernel import along  # numba takes half a second
 
         l = self.pixels.model.basis[:, 0]
         l = l * np.sign(l.sum())

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import Pixels, evidence_of, noise_together, pixels_of
+from blurmatte.matting.evidence import Pixels, evidence_of, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
+from blurmatte.matting.noise_together import noise_together
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.shading import Told, with_shading
 from blurmatte.matting.smooth_prior import (
