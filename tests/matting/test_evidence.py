@@ -6,7 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import evidence_of, noise_together, pixels_of, with_faint_rims
+from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.noise_together import noise_together
+from blurmatte.matting.rims import with_faint_rims
 from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
 from blurmatte.streaks import Streak, find_streaks
@@ -16,6 +18,7 @@ SHAPE = (64, 80)
 STD = 0.01
 NOISE = NoiseModel(read_std=STD)
 ORANGE = np.array([0.8, 0.4, 0.1])
+PLANE = ColorModel(np.linalg.qr(np.stack([ORANGE, (0.1, 0.2, 0.7)], axis=1))[0])
 MODEL = ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None])
 
 
@@ -92,6 +95,41 @@ def test_noise_of_each_pixels_own_counts_in_full():
     for seed in range(8):
         image, plate, inside, _ = patch(seed, "nowhere")
         assert noise_together(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
+
+
+def test_noise_of_a_plane_of_colors_is_told_wherever_the_picture_is_cut():
+    """Honest: of noise that is stronger within the streak; invariant: shifted by some pixels."""
+    factors, blocks = [], []
+    for seed in range(4):
+        _, plate, inside, noise = patch(seed, "everywhere")
+        stronger = np.where(inside[..., None], 1.5 * noise, noise)
+        cut = []
+        for x, y in ((0, 0), (1, 0), (0, 1), (3, 2)):
+            given = LinearImage((plate.rgb + stronger)[y:, x:], NOISE)
+            place = x, y, *plate.size
+            pixels = pixels_of(given, plate.crop(place), PLANE, inside[y:, x:])
+            cut.append(noise_together(pixels, np.zeros(pixels.inside.shape)))
+        assert_allclose(cut, cut[0], rtol=0.03)
+        factors.append(cut[0])
+        blocks.append(1.5**2 * coherence(noise / STD, ~inside)[:, 2].mean())
+    assert_allclose(np.mean(factors), np.mean(blocks), rtol=0.25)
+
+
+def test_a_smooth_alpha_of_a_plane_of_colors_is_not_taken_for_noise():
+    """Nor is what is fine in it, where noise beside the streak is each pixel's own."""
+    y, x = np.mgrid[:128, :160]
+    smooth = 0.5 + 0.4 * np.sin(x / 9) * np.cos(y / 11)
+    fine = 0.5 + 0.4 * np.sin(2 * x)
+    for where, alpha, most in (("nowhere", fine, 1.0), ("everywhere", smooth, 1.2)):
+        image, plate, inside, noise = patch(0, where)
+        light = np.where(inside, alpha, 0)[..., None]
+        given = LinearImage(light * ORANGE + (1 - light) * plate.rgb + noise, NOISE)
+        pair = [pixels_of(picture, plate, PLANE, inside) for picture in (given, image)]
+        with_it, without = (
+            noise_together(pixels, a)
+            for pixels, a in zip(pair, (light[..., 0], 0 * alpha), strict=True)
+        )
+        assert with_it <= most * without
 
 
 def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():

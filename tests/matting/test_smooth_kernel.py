@@ -5,6 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
+from blurmatte.matting import evidence_kernel
 from blurmatte.matting import smooth_kernel as compiled
 from blurmatte.matting.pixelwise import Pixelwise
 
@@ -169,7 +170,7 @@ def test_evidence_of_a_sure_plate_is_the_closed_form(rank):
     )
     V_C, V_B = rng.uniform(1, 2, B.shape) * 1e-4, np.zeros(B.shape)
     information, pull = np.zeros((2, *SHAPE))
-    compiled.evidence(
+    evidence_kernel.evidence(
         C, B, V_C, V_B, np.ascontiguousarray(model.normals), np.zeros(SHAPE),
         np.ones(SHAPE, bool), information, pull,
     )  # fmt: skip
@@ -189,7 +190,7 @@ def test_evidence_is_not_drawn_by_noise_of_the_plate():
     plate = B + rng.normal(0, np.sqrt(V), (*shape, 3))
     information, pull = np.zeros((2, *shape))
     full = np.broadcast_to(V, C.shape).copy()
-    compiled.evidence(
+    evidence_kernel.evidence(
         C, plate, full, full, np.ascontiguousarray(N), np.full(shape, alpha), np.ones(shape, bool),
         information, pull,
     )  # fmt: skip

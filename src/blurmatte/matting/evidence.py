@@ -12,19 +12,13 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
-from blurmatte.radiometry import LinearImage, block_squares, block_sums, smooth_variance
-from blurmatte.streaks import Streak
+from blurmatte.matting.pixelwise import in_strips
+from blurmatte.radiometry import LinearImage, smooth_variance
 
 Array = npt.NDArray[np.float64]
 
-_LEAST_RIM = 4.0  # pixels that a streak's rims may reach unseen, and
-_RIM = 0.15  # half widths of it
-_WINDOW, _SIGMAS = 0.05, 4.0  # half widths of a streak to look for more of it in, and how clearly
-_BLOCK = 8  # pixels: noise that hangs together does so over less, or over such blocks
-_KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
 _UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
 _MEDIAN = 0.455  # of χ² of one
-CHANCE = 2.5  # standard deviations of a mean of squares
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
@@ -40,6 +34,8 @@ class Pixels:
     inside, use : (h, w) bool
         Where alpha may be other than 0, and where a pixel there tells of it.
     mixed : MixedPlate or None
+    wide : LinearImage
+        The plate with the variance of its edges, too.
     """
 
     image: LinearImage
@@ -48,11 +44,17 @@ class Pixels:
     inside: Bools
     use: Bools
     mixed: MixedPlate | None
+    wide: LinearImage
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """C, B and their variances."""
+        """C, B and their variances, but for what the plate's edges have more."""
         return self.image.rgb, self.plate.rgb, self.image.variance, self.plate.variance
+
+    @property
+    def with_edges(self) -> tuple[Floats, Floats, Floats, Floats]:
+        """C, B and their variances."""
+        return self.image.rgb, self.plate.rgb, self.image.variance, self.wide.variance
 
 
 def pixels_of(
@@ -88,7 +90,9 @@ def pixels_of(
         return replace(picture, rgb=np.ascontiguousarray(picture.rgb), noise=variance)
 
     V_B = np.ascontiguousarray(plate.variance, plate.rgb.dtype)
-    return Pixels(plain(image, V_C), plain(plate, V_B), model, inside, use, mixed)
+    plate = plain(plate, V_B)
+    wide = plate if mixed is None or not mixed.edges.any() else mixed.widened(plate)
+    return Pixels(plain(image, V_C), plate, model, inside, use, mixed, wide)
 
 
 def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
@@ -110,74 +114,24 @@ def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     """
     model, mixed, use = pixels.model, pixels.mixed, pixels.use
     if model.rank == 3:
-        plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
-        C, B, V_C, V_B = (np.asarray(a, float) for a in replace(pixels, plate=plate).arrays)
+        C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.with_edges)
         return _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
-    from blurmatte.matting.smooth_kernel import evidence  # numba takes half a second
+    from blurmatte.matting.evidence_kernel import evidence  # numba takes half a second
 
     information, pull = np.zeros((2, *use.shape), pixels.image.rgb.dtype)
     N = np.ascontiguousarray(model.normals)
-    evidence(*pixels.arrays, N, np.asarray(alpha, information.dtype), use, information, pull)
+    maps = np.asarray(alpha, information.dtype), use, information, pull
+
+    def rows(strip: slice) -> None:
+        light = (a[strip] for a in pixels.arrays)
+        evidence(*light, N, *(m[strip] for m in maps))
+
+    in_strips(rows, len(use))
     if mixed is not None:
         at_edges = evidence_at_edges(mixed, pixels.image, pixels.plate, model, alpha)
         for own, of_edges in zip((information, pull), at_edges, strict=True):
             own[mixed.edges] = of_edges * pixels.inside[mixed.edges]
     return information, pull
-
-
-def noise_together(pixels: Pixels, alpha: Floats) -> float:
-    """By how much more noise adds up over blocks than if each pixel had its own, 1 or more.
-
-    Beside the streak it shows in the difference of image and plate. Compression leaves other noise
-    where something moved than where nothing did; there a line l of colors tells it, by the equation
-    that it leaves over, (l × B)·C = 0, in which there is no alpha. The parameters are those of
-    `evidence_of`.
-    """
-    mixed, valid = pixels.mixed, pixels.image.valid & pixels.plate.valid
-    plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
-    C, B, V_C, V_B = replace(pixels, plate=plate).arrays
-    together = _beside(C - B, V_C + V_B, valid & ~pixels.inside)
-    if pixels.model.rank == 1:
-        V = V_C + (1 - np.asarray(alpha)[..., None]) ** 2 * V_B
-        together = max(together, _left_over(C, B, V, pixels.model, pixels.inside & valid))
-    return together
-
-
-def with_faint_rims(
-    streak: Streak, image: LinearImage, plate: LinearImage, model: ColorModel
-) -> Streak:
-    """The streak, and what belongs to it as far as it is wide, now that the colors are known.
-
-    Rims that are weaker than noise, or before a plate of nearly the object's color, are not found as
-    something that moved.
-    """
-    from scipy.ndimage import binary_propagation, distance_transform_edt, gaussian_filter
-
-    y, x = streak.rows_columns
-    half_width = float(distance_transform_edt(np.pad(streak.mask[y, x], 1)).max())
-    reach = _LEAST_RIM + half_width
-    box = streak.around(int(reach) + 1)
-    place = slice(box[1], box[3]), slice(box[0], box[2])
-    inside = streak.mask[place]
-    away = np.asarray(distance_transform_edt(~inside))
-    near = away <= reach
-    if model.rank < 3:
-        image, plate = image.crop(box), plate.crop(box)
-        nothing = np.zeros(near.shape)
-        pixels = pixels_of(image, plate, model, near)
-        evidence = evidence_of(pixels, nothing)
-        together = noise_together(pixels, nothing)
-        window = max(_WINDOW * half_width, 1.0)
-        information, pull = (gaussian_filter(e, window) for e in evidence)
-        alike = (
-            4 * np.pi * window**2 / together
-        )  # pixels, of as much noise as a mean of this window
-        seen = pull * np.sqrt(alike) > _SIGMAS * np.sqrt(information + 1e-9)
-        inside = binary_propagation(inside, mask=inside | (near & seen))
-        away = np.asarray(distance_transform_edt(~inside))
-    mask = np.zeros(streak.mask.shape, bool)
-    mask[place] = away <= _LEAST_RIM + _RIM * half_width
-    return replace(streak, mask=mask)
 
 
 def _of_texture(
@@ -219,40 +173,3 @@ def _of_texture(
         if both.any()
     ]
     return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
-
-
-def _beside(change: Floats, variance: Floats, still: Bools) -> float:
-    """What noise adds up to beside the streak."""
-    e = np.where(still[..., None], change / np.sqrt(np.maximum(variance, 1e-14)), 0)
-    squares = block_squares(e, still, _BLOCK).ravel()
-    return _beyond_chance(squares, len(squares))
-
-
-def _left_over(C: Floats, B: Floats, V: Floats, model: ColorModel, inside: Bools) -> float:
-    """What the equation left over adds up to within the streak.
-
-    Of differences of neighboring blocks: a color that is a little wrong leaves something in all.
-    """
-    across = np.cross(model.basis[:, 0], B)
-    e, variance, count = (
-        block_sums(np.where(inside, values, 0.0), _BLOCK)
-        for values in (np.sum(across * C, axis=-1), np.sum(across**2 * V, axis=-1), 1.0)
-    )
-    full = count > _BLOCK**2 / 2
-    squares = []
-    for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
-        both = full[a] & full[b]
-        squares.append((e[a] - e[b])[both] ** 2 / (variance[a] + variance[b])[both])
-    return _beyond_chance(np.concatenate(squares), int(np.count_nonzero(full)))
-
-
-def _beyond_chance(squares: Array, independent: int) -> float:
-    """Mean of squares of spread 1 but for a factor; 1 if it may be so by chance.
-
-    The worst of them do not count.
-    """
-    if independent == 0 or len(squares) == 0:
-        return 1.0
-    kept = np.sort(squares)[: int(np.ceil(_KEPT * len(squares)))]
-    factor = float(kept.mean()) / _MEAN_OF_KEPT
-    return factor if factor > 1 + CHANCE * np.sqrt(2 / independent) else 1.0

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
+from blurmatte.matting.pixelwise import in_strips
 from blurmatte.radiometry import LinearImage
 
 Array = npt.NDArray[np.float64]
@@ -31,12 +32,18 @@ def light_given(
 
     M = np.zeros((3, 3))
     M[:, : model.rank] = model.basis
-    known = image.valid & plate.valid
-    usable = image.usable & plate.usable if not known.all() else np.ones(image.rgb.shape, bool)
+    whole = (image.valid & plate.valid).all()
+    usable = np.ones(image.rgb.shape, bool) if whole else image.usable & plate.usable
     alpha, alpha_std = (np.ascontiguousarray(a, float) for a in (alpha, alpha_std))
     kind = np.result_type(image.rgb, plate.rgb)
     given = image.rgb, plate.rgb, image.variance, plate.variance
     C, B, V_C, V_B = (np.ascontiguousarray(a, kind) for a in given)
     P, P_std, chi2 = np.empty(C.shape), np.empty(C.shape), np.empty(alpha.shape)
-    light(C, B, V_C, V_B, usable, alpha, alpha_std, M, model.rank, P, P_std, chi2)
-    return P, P_std, chi2
+    known = C, B, V_C, V_B, usable, alpha, alpha_std
+    found = P, P_std, chi2
+
+    def rows(strip: slice) -> None:
+        light(*(m[strip] for m in known), M, model.rank, *(m[strip] for m in found))
+
+    in_strips(rows, len(alpha))
+    return found

@@ -38,7 +38,6 @@ _KEPT, _MEAN_OF_KEPT = (
 _TINY = 1e-30
 _ROUNDS = 3  # to know by how much the plate shines through
 _SIGMAS_OUT, _CHI2_MISFIT = 3.0, 16.0  # as in `kernel`
-_DOUBT = 5.0  # degrees of freedom of a t distribution, as in `smooth_kernel`
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +56,7 @@ class MixedPlate:
 
     def widened(self, plate: LinearImage) -> LinearImage:
         """The plate with the variance of its edges per channel, for whoever needs no more."""
-        variance = np.array(plate.variance, float)
+        variance = np.array(plate.variance)
         variance[self.edges] += np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return plate.with_noise(variance)
 
@@ -131,18 +130,16 @@ def evidence_at_edges(
     alpha : (h, w) float
         About what alpha is.
     """
-    C, B, N, plate_error, image_error = _parts(mixed, image, plate, model)
-    t = 1 - np.asarray(alpha, float)[mixed.edges]
-    b, d = B @ N, (B - C) @ N
-    inverse = np.linalg.inv(N.T @ (image_error + (t**2)[:, None, None] * plate_error) @ N)
-    to = np.einsum("nij,nj->ni", inverse, b)
-    information, pull = np.sum(to * b, axis=1), np.sum(to * d, axis=1)
-    trust: Array | float = 1.0
-    if N.shape[1] == 2:
-        left = np.einsum("ni,nij,nj->n", d, inverse, d) - pull**2 / np.maximum(information, 1e-30)
-        trust = (_DOUBT + 1) / (_DOUBT + np.maximum(left, 0))
-    feigned = np.einsum("nij,nji->n", inverse, N.T @ plate_error @ N)
-    return trust * information, trust * (pull - t * feigned)
+    from blurmatte.matting.evidence_kernel import evidence_of_matrices  # numba takes half a second
+
+    at = mixed.edges
+    light = (np.asarray(picture.rgb[at], float) for picture in (image, plate))
+    noise = (np.asarray(picture.variance[at], float) + 1e-12 for picture in (image, plate))
+    t = np.asarray(alpha, float)[at]
+    information, pull = np.zeros((2, len(t)))
+    N = np.ascontiguousarray(model.normals)
+    evidence_of_matrices(*light, *noise, mixed.covariance, N, t, information, pull)
+    return information, pull
 
 
 def solve_mixed_plate(

@@ -120,8 +120,7 @@ class Pixelwise:
             solve, arguments = _compiled(image[rows], plate[rows], noise, tables, dtype)
             solve(*arguments, N, max_std, *(np.reshape(m[rows], -1) for m in maps))
 
-        with ThreadPoolExecutor(cpu_count()) as threads:
-            list(threads.map(solve_rows, _strips(height)))
+        in_strips(solve_rows, height)
         return maps
 
 
@@ -155,6 +154,12 @@ def _compiled(
     return kernel.solve_light_with_variances, (
         C, B, *(np.ascontiguousarray(v, dtype).reshape(-1) for v in variances),
     )  # fmt: skip
+
+
+def in_strips(job: Callable[[slice], None], height: int) -> None:
+    """Do a job on strips of rows, on all processors; its kernels let go of the interpreter."""
+    with ThreadPoolExecutor(cpu_count()) as threads:
+        list(threads.map(job, _strips(height)))
 
 
 def _strips(height: int) -> list[slice]:

@@ -18,13 +18,14 @@ of which n pixels together know as much as k does, and not more. And as k came f
 neighborhood, of this and the closed form only what one knows more than the other counts.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.matting.evidence import Pixels
+from blurmatte.matting.pixelwise import in_strips
 from blurmatte.matting.smooth_prior import (
     BORDER,
     Evidence,
@@ -60,15 +61,18 @@ class Told:
 
     def along(self) -> tuple[Floats, Floats, Floats, Floats]:
         """(h, w) each: m·C, m·B, m·V_B m and Var q."""
-        from blurmatte.matting.smooth_kernel import along  # numba takes half a second
+        from blurmatte.matting.evidence_kernel import along  # numba takes half a second
 
-        pixels, mixed = self.pixels, self.pixels.mixed
-        plate = pixels.plate if mixed is None else mixed.widened(pixels.plate)
-        light = replace(pixels, plate=plate).arrays
-        kind = light[0].dtype
-        l = pixels.model.basis[:, 0] * np.sign(pixels.model.basis[:, 0].sum())
-        out = np.empty((4, *self.alpha.shape), kind)
-        along(*(np.asarray(a, kind) for a in light), l, np.asarray(self.alpha, kind), out)
+        l = self.pixels.model.basis[:, 0]
+        l = l * np.sign(l.sum())
+        out = np.empty((4, *self.alpha.shape), self.pixels.image.rgb.dtype)
+        alpha = np.asarray(self.alpha, out.dtype)
+
+        def rows(strip: slice) -> None:
+            light = (a[strip] for a in self.pixels.with_edges)
+            along(*light, l, alpha[strip], out[:, strip])
+
+        in_strips(rows, len(alpha))
         C, B, feigned, variance = out
         return C, B, feigned, self.weaker * variance
 

@@ -17,9 +17,10 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import CHANCE, evidence_of, noise_together, pixels_of
+from blurmatte.matting.evidence import Pixels, evidence_of, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
+from blurmatte.matting.noise_together import noise_together
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.shading import Told, with_shading
 from blurmatte.matting.smooth_prior import (
@@ -28,6 +29,7 @@ from blurmatte.matting.smooth_prior import (
     Field,
     Prior,
     finer,
+    map_in_smaller_cells,
     smoothed,
     sum_variance,
 )
@@ -117,7 +119,8 @@ class Smooth:
         ConvergenceWarning
             If the last step still changed the answer; it is the last one then.
         """
-        field, prior, of_sum = self._field(image, plate, model, inside, mixed)
+        pixels = pixels_of(image, plate, model, inside, mixed)
+        field, prior, of_sum = self._field(pixels)
         if not field.converged:
             warnings.warn(
                 f"alpha had not settled after {field.steps} steps and is that of the last one; choose "
@@ -126,13 +129,12 @@ class Smooth:
                 stacklevel=3,
             )
         alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
-        wide = plate if mixed is None else mixed.widened(plate)
-        P, P_std, _ = light_given(alpha, alpha_std, model, image, wide)
+        P, P_std, _ = light_given(alpha, alpha_std, model, image, pixels.wide)
         place = slice(box[1], box[3]), slice(box[0], box[2])
         hidden = (maps.quality[place] & np.uint8(Quality.OCCLUDED)) != 0
         P[hidden], P_std[hidden] = 0, np.inf
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
-            target[place][inside] = values[inside]
+            np.copyto(target[place].T, values.T, "same_kind", inside.T)
         out = np.abs(alpha - 0.5) > 0.5 + _SIGMAS_OUT * alpha_std
         kept = Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT
         flags = maps.quality[place] & np.uint8(kept)
@@ -149,45 +151,66 @@ class Smooth:
             },
         }
 
-    def _field(
-        self,
-        image: LinearImage,
-        plate: LinearImage,
-        model: ColorModel,
-        inside: Bools,
-        mixed: MixedPlate | None,
-    ) -> tuple[Field, Prior, float]:
+    def _field(self, pixels: Pixels) -> tuple[Field, Prior, float]:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
-        pixels = pixels_of(image, plate, model, inside, mixed)
-        near = _local(evidence_of(pixels, np.zeros(inside.shape)))
+        near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
-        own = _bordered(*evidence_of(pixels, near), inside)
-        more = 1.0 if model.rank != 2 else _noise_of_cells(own.weaker(together))
-        weaker, left_out = more * together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
-        levels = [own.weaker(weaker)]
-        while np.count_nonzero(levels[-1].mask) > _CELLS:
-            levels.append(levels[-1].coarser())
-        top = len(levels) - 1
-        prior, field = _least_risk(levels[top], _PRIORS, None, 4**top)
-        of_sum = sum_variance(levels[top], prior, field, 4**top)
-        for depth in range(top - 1, -1, -1):
-            prior, field = prior.finer(), finer(field, levels[depth].mask.shape, prior.order)
-            cells = np.count_nonzero(levels[depth].mask)
-            if depth > 0 and cells < _ENOUGH:
-                choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
-                prior, field = _least_risk(levels[depth], choice, field, 4**depth)
-            elif depth > 0:
-                field = smoothed(levels[depth], prior, field, 0, 4**depth)
+        own = _bordered(*evidence_of(pixels, near), pixels.inside)
+        weaker, left_out = together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
+        levels = own.weaker(weaker).levels(_CELLS)
+        found = _chosen(levels)
+        prior, field = found[-1]
+        finest = len(levels) - len(found)
+        known = field.x, field.variance
+        near, variance = (_in_pixels(m, levels[:finest]) for m in known)
+        levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
+        largest = 4 ** (len(levels) - 1)
+        of_sum = left_out * sum_variance(levels[-1], *found[0], largest)
+        total = 4**finest * field.x.sum(dtype=float)
         prior = replace(prior, scale=prior.scale / self.strength)
-        near = np.clip(_inner(field.x), 0, 1)
-        information, pull = (values / weaker for values in evidence_of(pixels, near))
-        if model.rank == 1:
-            told = Told(pixels, near, _inner(field.variance), weaker)
-            information, pull = with_shading(told, information, pull)
-        last = _bordered(information, pull, inside)
-        samples = _FINAL_SAMPLES if np.count_nonzero(inside) < _ENOUGH else 0
-        field = smoothed(last, prior, field, samples)
-        return replace(field, variance=field.variance * left_out), prior, of_sum * left_out
+        for depth in reversed(range(max(finest, 1))):
+            level = levels[depth]
+            if depth < finest:
+                prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
+            told = depth == 0 and level.count < _ENOUGH
+            field = smoothed(level, prior, field, _FINAL_SAMPLES if told else 0, 4**depth)
+        # Cells and pixels weigh what is known differently, and neither is sure to be right.
+        of_sum += (field.x.sum(dtype=float) - total) ** 2
+        return replace(field, variance=field.variance * left_out), prior, of_sum
+
+
+def _chosen(levels: Sequence[Evidence]) -> list[tuple[Prior, Field]]:
+    """The prior of the least risk and its field, from the largest cells to the smallest that tell.
+
+    Of pixels it is not asked for, unless there is nothing larger.
+    """
+    top = len(levels) - 1
+    found = [_least_risk(levels[top], _PRIORS, None, 4**top)]
+    for depth in range(top - 1, 0, -1):
+        level, (prior, field) = levels[depth], found[-1]
+        if level.count >= _ENOUGH:
+            break
+        prior, start = prior.finer(), finer(field, level.mask.shape, prior.order)
+        choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
+        found.append(_least_risk(level, choice, start, 4**depth))
+    return found
+
+
+def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
+    """A map of cells, from level to level down to pixels, without its border."""
+    for level in reversed(levels):
+        values = map_in_smaller_cells(values, level.mask.shape)
+    return _inner(values)
+
+
+def _renewed(pixels: Pixels, alpha: Floats, variance: Floats, weaker: float) -> Evidence:
+    """What pixels tell, now that it is known what alpha is about, and how bright neighbors are."""
+    near = np.clip(alpha, 0, 1)
+    information, pull = (values / weaker for values in evidence_of(pixels, near))
+    if pixels.model.rank == 1:
+        told = Told(pixels, near, variance, weaker)
+        information, pull = with_shading(told, information, pull)
+    return _bordered(information, pull, pixels.inside)
 
 
 def _least_risk(
@@ -199,21 +222,6 @@ def _least_risk(
         before = found[-1] if found and found[-1][0].order == prior.order else (prior, start)
         found.append((prior, smoothed(evidence, prior, before[1], _SAMPLES, cells)))
     return min(found, key=lambda trial: trial[1].risk)
-
-
-def _noise_of_cells(evidence: Evidence) -> float:
-    """By how much more cells differ from a smooth field than their noise lets them, 1 or more.
-
-    At least so much: with noise that is understated, the field of least risk is too rough.
-    """
-    factor, cells = 1.0, evidence.coarser()
-    for doubled in (2, 3):
-        cells = cells.coarser()
-        _, field = _least_risk(cells.weaker(factor), _PRIORS, None, 4**doubled)
-        by_chance = CHANCE * np.sqrt(2 * max(field.freedom, 1.0))
-        if field.freedom > 1 and field.left > field.freedom + by_chance:
-            factor *= field.left / field.freedom
-    return factor
 
 
 def _local(evidence: tuple[Floats, Floats]) -> Floats:

@@ -1,10 +1,10 @@
-"""The compiled loops of `Smooth`: what each pixel knows of alpha, and the equations of all of them.
+"""The compiled loops of `Smooth`: the equations of all pixels.
 
-In this file C, B, V_C, V_B, N are image, plate, their variances and the normals of the color model as
-in `kernel`, D the differences of first or second order between neighbors, and L the Cholesky factor of
-the precision Γ = LLᵀ of those of each place: a lower triangle, row by row, (3 or 6, h, w). Γ itself is
-kept nowhere: rounded to float32 it may no longer be positive. Maps have a border of two pixels in which
-the mask is False, and all of them one dtype, which is the one computed in.
+In this file A is the information of each pixel, D the differences of first or second order between
+neighbors, and L the Cholesky factor of the precision Γ = LLᵀ of those of each place: a lower triangle,
+row by row, (3 or 6, h, w). Γ itself is kept nowhere: rounded to float32 it may no longer be positive.
+Maps have a border of two pixels in which the mask is False, and all of them one dtype, which is the one
+computed in.
 """
 
 from typing import Any
@@ -18,82 +18,6 @@ _FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "r
 _ROOT2 = np.sqrt(2.0)
 _ROUNDING = 1e-20  # of all that was gained
 _LEAST = 1e-30  # of a square that rounding may leave negative
-_DOUBT = 5.0  # degrees of freedom of a t distribution: pixels that leave the model count less
-
-
-@njit(inline="always", **_FAST)
-def _across(N, i, light):  # type: ignore[no-untyped-def]
-    return N[0, i] * light[0] + N[1, i] * light[1] + N[2, i] * light[2]
-
-
-@njit(inline="always", **_FAST)
-def _both(N, i, j, V):  # type: ignore[no-untyped-def]
-    return (
-        N[0, i] * N[0, j] * V[0] + N[1, i] * N[1, j] * V[1] + N[2, i] * N[2, j] * V[2]
-    )  # fmt: skip
-
-
-@njit(**_FAST)
-def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore[no-untyped-def]
-    """Write what each pixel of the mask says: information A, and pull A times its own alpha.
-
-    Noise in the plate is on both sides of the equation: the pull is without what that feigns. The
-    weights come from `alpha`, that of the neighborhood, so that they know nothing of the noise.
-    """
-    last = N.shape[1] - 1
-    for y in range(mask.shape[0]):
-        for x in range(mask.shape[1]):
-            if not mask[y, x]:
-                continue
-            t = 1.0 - alpha[y, x]
-            B0, B1, B2 = float(B[y, x, 0]), float(B[y, x, 1]), float(B[y, x, 2])
-            V = V_B[y, x, 0], V_B[y, x, 1], V_B[y, x, 2]
-            left_over = B0 - C[y, x, 0], B1 - C[y, x, 1], B2 - C[y, x, 2]
-            s = (
-                V_C[y, x, 0] + t * t * V[0],
-                V_C[y, x, 1] + t * t * V[1],
-                V_C[y, x, 2] + t * t * V[2],
-            )
-            b0, d0 = _across(N, 0, (B0, B1, B2)), _across(N, 0, left_over)
-            v00, s00 = _both(N, 0, 0, V), _both(N, 0, 0, s)
-            b1, d1, v01, v11, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
-            if last == 1:
-                b1, d1 = _across(N, 1, (B0, B1, B2)), _across(N, 1, left_over)
-                v01, v11, s01, s11 = (
-                    _both(N, 0, 1, V),
-                    _both(N, 1, 1, V),
-                    _both(N, 0, 1, s),
-                    _both(N, 1, 1, s),
-                )
-            det = s00 * s11 - s01 * s01
-            q00, q01, q11 = s11 / det, -s01 / det, s00 / det
-            A = b0 * b0 * q00 + 2 * b0 * b1 * q01 + b1 * b1 * q11
-            p = b0 * d0 * q00 + (b0 * d1 + b1 * d0) * q01 + b1 * d1 * q11
-            trust = 1.0
-            if last == 1:
-                total = d0 * d0 * q00 + 2 * d0 * d1 * q01 + d1 * d1 * q11
-                left = max(total - p * p / max(A, 1e-30), 0.0)
-                trust = (_DOUBT + 1) / (_DOUBT + left)
-            feigned = v00 * q00 + 2 * v01 * q01 + v11 * q11
-            information[y, x] = trust * A
-            pull[y, x] = trust * (p - t * feigned)
-
-
-@njit(**_FAST)
-def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
-    """Write m·C, m·B, m·V_B m and Var q of each pixel, as `shading` has them, (4, h, w)."""
-    for y in range(alpha.shape[0]):
-        for x in range(alpha.shape[1]):
-            t, total, c, b, v = 1.0 - alpha[y, x], 0.0, 0.0, 0.0, 0.0
-            for i in range(3):
-                m = l[i] / (V_C[y, x, i] + t * t * V_B[y, x, i])
-                total += m * l[i]
-                c += m * C[y, x, i]
-                b += m * B[y, x, i]
-                v += m * m * V_B[y, x, i]
-            variance = 1.0 / total
-            out[0, y, x], out[1, y, x] = c * variance, b * variance
-            out[2, y, x], out[3, y, x] = v * variance * variance, variance
 
 
 @njit(**_FAST)

@@ -56,6 +56,18 @@ class Evidence:
         """With as many times the variance."""
         return Evidence(self.information / factor, self.pull / factor, self.mask)
 
+    @property
+    def count(self) -> int:
+        """How many cells there are in the mask."""
+        return int(np.count_nonzero(self.mask))
+
+    def levels(self, most: int) -> list["Evidence"]:
+        """From these cells, each of twice the width, to no more than `most`."""
+        found = [self]
+        while found[-1].count > most:
+            found.append(found[-1].coarser())
+        return found
+
     def coarser(self) -> "Evidence":
         """In cells of twice the width."""
         return Evidence(
@@ -133,15 +145,16 @@ def smoothed(
     rng = np.random.default_rng(_SEED)
     noise = [rng.standard_normal((4, *mask.shape)).astype(A.dtype) for _ in range(samples)]
     field = start or _nothing(evidence, prior)
-    root = _precision(prior, field, cells)
+    root, held = _precision(prior, field, cells), np.zeros(mask.shape, np.int8)
     for turn in range(_ROUNDS):
-        if noise and turn > 0:
-            root = _precision(prior, field, cells)
         x = field.x.copy()
-        above, below = (
-            np.where(mask & beyond, A.dtype.type(_SHARP), A.dtype.type(0))
-            for beyond in (x > 1, x < _LEAST)
-        )
+        beyond = mask * (np.int8(x > 1) - np.int8(x < _LEAST))
+        if turn > 0 and noise:
+            root = _precision(prior, field, cells)
+        elif turn > 0 and np.array_equal(beyond, held):
+            break
+        held = beyond
+        above, below = (A.dtype.type(_SHARP) * (held == side) for side in (1, -1))
         drawn = [np.zeros_like(x) for _ in noise]
         jobs: list[tuple[Floats, Floats, Floats]]
         jobs = [(A + above + below, evidence.pull + above + below * _LEAST, x)]

@@ -15,10 +15,10 @@ from blurmatte.checks import Bools, check_map, check_same_size
 from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.clipped import solve_clipped
-from blurmatte.matting.evidence import with_faint_rims
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import warn_if_plate_differs
+from blurmatte.matting.rims import with_faint_rims
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
