@@ -142,9 +142,9 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     streaks = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
-        if near.max() > _SURE:
+        for part in _strong_parts(near) if near.max() > _SURE else ():
             region = np.zeros(T.shape, bool)
-            region[place] = _strong_part(near)
+            region[place] = part
             evidence = float(T[region].sum())
             streaks.append(Streak(_to_pixels(region, cell, image.valid.shape), evidence=evidence))
     return sorted(streaks, key=lambda streak: -streak.evidence)
@@ -222,14 +222,16 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
     return Streak(inside) if inside.any() else region
 
 
-def _strong_part(T: Floats) -> Bools:
-    """The piece around the strongest place, without the weak shadows and halos that touch it."""
+def _strong_parts(T: Floats) -> list[Bools]:
+    """The sure pieces, without the weak shadows and halos that touch them or lie between them."""
     from scipy import ndimage
 
     typical = float(np.quantile(T[T > 0], 0.9))
     strong = np.asarray(max(_POSSIBLE, _FAINTEST**2 * typical) < T)
-    pieces, _ = ndimage.label(ndimage.binary_dilation(strong, iterations=_JOIN), np.ones((3, 3)))
-    return np.asarray(strong & (pieces == pieces[np.unravel_index(np.argmax(T), T.shape)]))
+    near = ndimage.binary_dilation(strong, iterations=_JOIN)
+    pieces, count = ndimage.label(near, np.ones((3, 3)))
+    tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
+    return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > _SURE]
 
 
 def _to_pixels(region: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
