@@ -254,6 +254,16 @@ def test_known_noise_is_believed(paint):
     assert len(find_streaks(*with_noise(*pictures))) == 1
 
 
+def test_thin_parts_fall_away():
+    """Oracle: SciPy's opening, to the border."""
+    rng = np.random.default_rng(5)
+    for side in (3, 4, 31):
+        mask = ndimage.gaussian_filter(rng.normal(size=(side, 40)), 1.2) > 0
+        assert_array_equal(
+            streaks.without_thin_parts(mask), ndimage.binary_opening(mask, np.ones((3, 3)))
+        )
+
+
 # Real pictures: where the ball is, x0, y0, x1, y1
 
 
