@@ -35,3 +35,4 @@ from blurmatte.motion.units import Scale as Scale
 from blurmatte.motion.units import Speed as Speed
 from blurmatte.motion.words import motion_in_words as motion_in_words
 from blurmatte.motion.words import speed_in_words as speed_in_words
+from blurmatte.motion.workers import Workers as Workers

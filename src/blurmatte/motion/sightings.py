@@ -22,7 +22,7 @@ from blurmatte.motion.candidates import ObjectLight, moving_parts
 from blurmatte.motion.from_sweep import motion_of_sweep
 from blurmatte.motion.moments import motion_of_alpha
 from blurmatte.motion.motion import Motion
-from blurmatte.motion.workers import in_order
+from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc, fit_sweep, pooled
@@ -30,9 +30,12 @@ from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 Noise = NoiseModel | npt.NDArray[np.floating]
+_Told = tuple[ColorModel, float, int]  # a color, how clear it is, and which frame tells it
 
 _MARGIN = 24  # pixels around a streak that is solved
-_ASKED = 6  # frames that are asked for the color
+_ASKED = 6  # frames that are asked for the color in a round
+_QUARTERS = 2, 0, 1, 3  # of the frames between two of them, where the rounds begin
+_AGREEING, _LEAD = 4, 2.0  # frames of one color, with so many times the light of others, are enough
 _ASKED_STREAKS = 3  # of each, the strongest
 _SURE_RADIUS = 0.05  # of itself, how well a radius is known that speaks for a color
 _SAME_COLOR = (
@@ -41,6 +44,9 @@ _SAME_COLOR = (
 _GRID = 5  # pixels between those whose light is compared
 _SIGMAS = 3.0
 _LEAST_LIGHT = 0.01  # of a plate's pixel that tells how bright a frame is
+# What asks for the color as long as nothing is told, whether of streaks that are seen whole, and in
+# how many rounds: arms come from beyond the border, and many a frame shows a hand more clearly.
+_ASKING = (fit_disc, True, 4), (fit_disc, False, 1), (fit_sweep, True, 1), (fit_sweep, False, 1)
 _NO_COLOR = (
     "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
     "hidden"
@@ -166,7 +172,7 @@ def sightings(
     numbers: Iterable[int] | None = None,
     rate: float | None = None,
     skip: int = 0,
-    workers: int = 1,
+    workers: int | Workers = 1,
 ) -> Iterator[FrameSightings]:
     """Look for an object in each frame of a clip.
 
@@ -193,9 +199,9 @@ def sightings(
         Frames per second, by their numbers, if the frames do not tell their time, or not well.
     skip : int
         How many frames were done before.
-    workers : int
-        How many processes share the work; what they find does not depend on it. Programs that ask for
-        more than one need the usual `if __name__ == "__main__":`.
+    workers : int or Workers
+        How many processes share the work, or which; what they find does not depend on it. Programs
+        that ask for more than one need the usual `if __name__ == "__main__":`.
 
     Yields
     ------
@@ -209,8 +215,6 @@ def sightings(
     """
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be frames per second, above 0, got {rate}")
-    if not isinstance(workers, int) or workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers!r}")
     first = frames[0]
     check_same_size("a frame", first.size, "plate", plate.size)
     first, plate = with_noise(first, plate)
@@ -218,7 +222,8 @@ def sightings(
     light = ObjectLight.before(plate, first, model) if model.rank == 1 else None
     look = _Look(plate, model, light, _noise(first), rate, several)
     where = list(numbers)[skip:] if numbers is not None else count(skip)
-    yield from in_order(look, zip(where, frames[skip:], strict=False), workers)
+    with shared(workers) as processes:
+        yield from processes.in_order(look, zip(where, frames[skip:], strict=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +239,7 @@ class _Look:
 
     def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
         check_same_size("a frame", frame.size, "plate", self.plate.size)
-        image = frame.with_noise(self.noise) if frame.noise is None else frame
+        image = _with(self.noise, frame)
         time = frame.meta.time if self.rate is None else number / self.rate
         plate = _as_bright(self.plate, image)
         if self.light is None:
@@ -255,18 +260,23 @@ class _Look:
         return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
 
 
-def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
+def clip_color(
+    frames: Sequence[LinearImage], plate: LinearImage, workers: int | Workers = 1
+) -> ColorModel:
     """The color that what moves in a clip has, from some of its frames together.
 
-    Several frames all over the clip are asked for everything in them that a shape on a path explains.
-    Colors that agree count together; the ones that most of the streaks' light stands for win. What
-    reaches the border of the picture counts only if nothing else tells.
+    Frames all over the clip are asked for everything in them that a shape on a path explains, 4 to
+    24 of them, until enough agree. Colors that agree count together; the ones that most of the
+    streaks' light stands for win. What reaches the border of the picture counts only if nothing else
+    tells.
 
     Parameters
     ----------
     frames : sequence of LinearImage
     plate : LinearImage
         The same scene without it.
+    workers : int or Workers
+        As for `sightings`.
 
     Returns
     -------
@@ -278,49 +288,89 @@ def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
     ColorModelError
         If no frame tells it.
     """
-    asked = np.unique(np.linspace(0, len(frames) - 1, _ASKED + 2).round().astype(int)[1:-1])
-    told: list[tuple[ColorModel, float, bool]] = []
-    for number in asked:
-        told += _colors(*with_noise(frames[int(number)], plate), fit_disc)
-    for number in asked if not told else ():
-        told += _colors(*with_noise(frames[int(number)], plate), fit_sweep)
-    told = [one for one in told if one[2]] or told  # arms come from beyond the border
+    first, plate = with_noise(next(_all_over(frames, 1)), plate)
+    told: list[_Told] = []
+    with shared(workers) as processes:
+        for fit, whole, rounds in _ASKING:
+            ask = _Ask(plate, _noise(first), fit, whole)
+            tasks = ((frame,) for frame in _all_over(frames, rounds))
+            for number, colors in enumerate(processes.in_order(ask, tasks)):
+                told += [(model, weight, number) for model, weight in colors]
+                if _agreed(told):
+                    break
+            if told:
+                break
     told = [one for one in told if one[0].rank == 1] or told[:1]
     if not told:
         raise ColorModelError(
-            f"none of {len(asked)} frames tells the object's color: no shape on a path explains what "
-            "moves; give its color (--color, model=)"
+            f"none of {_ASKED} frames or more tells the object's color: no shape on a path explains "
+            "what moves; give its color (--color, model=)"
         )
+    return pooled([model for model, _, _ in _clearest(told)])
+
+
+def _all_over(frames: Sequence[LinearImage], rounds: int) -> Iterator[LinearImage]:
+    """Frames all over a clip, each round in order and between those of the others."""
+    step = -(-len(frames) // _ASKED)
+    for first in dict.fromkeys(step * part // 4 for part in _QUARTERS[:rounds]):
+        yield from frames[first::step]
+
+
+def _clearest(told: Sequence[_Told]) -> list[_Told]:
+    """The colors that agree, and that most of the streaks' light stands for."""
     together = [[b for b in told if _angle(a[0], b[0]) < _SAME_COLOR] for a in told]
-    best = max(together, key=lambda group: sum(weight for _, weight, _ in group))
-    return pooled([model for model, _, _ in best])
+    return max(together, key=lambda group: sum(weight for _, weight, _ in group))
+
+
+def _agreed(told: Sequence[_Told]) -> bool:
+    """Whether more frames would hardly tell another color."""
+    lines = [one for one in told if one[0].rank == 1]
+    best = _clearest(lines) if lines else []
+    light, all_light = (sum(weight for _, weight, _ in some) for some in (best, lines))
+    enough = len({number for _, _, number in best}) >= _AGREEING
+    return enough and light >= _LEAD * (all_light - light)
 
 
 def _angle(a: ColorModel, b: ColorModel) -> float:
     return float(np.arccos(np.clip(abs(a.pole @ b.pole), 0, 1)))
 
 
-def _colors(
-    image: LinearImage, plate: LinearImage, fit: Callable[..., Sweep]
-) -> Iterator[tuple[ColorModel, float, bool]]:
-    """Colors of what a sweep explains in a frame, how strong each streak is, and if all of it is seen.
+@dataclass(frozen=True, eq=False)
+class _Ask:
+    """Asks a frame for the colors of what a sweep explains in it, and how strong each streak is.
 
-    Limbs and their shadows may look like a disc too, but of no certain size.
+    Limbs and their shadows may look like a disc too, but of no certain size; and they come from
+    beyond the border: either what is seen `whole` is asked, or the others.
     """
-    try:
-        found = require_streaks(image, plate)
-    except BlurmatteError:
-        return
-    for streak in found[:_ASKED_STREAKS]:
+
+    plate: LinearImage
+    noise: Noise
+    fit: Callable[..., Sweep]
+    whole: bool
+
+    def __call__(self, frame: LinearImage) -> list[tuple[ColorModel, float]]:
+        image, told = _with(self.noise, frame), []
         try:
-            sweep = fit(image, plate, streak)
-        except (ColorModelError, MotionError):
-            continue
-        if sweep.misfit <= MAX_MISFIT:
-            unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
+            found = require_streaks(image, self.plate)
+        except BlurmatteError:
+            return []
+        for streak in found[:_ASKED_STREAKS]:
             x0, y0, x1, y1 = streak.box
-            whole = min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0
-            yield sweep.model, streak.evidence / (1 + unsure**2), whole
+            if self.whole != (min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0):
+                continue
+            try:
+                sweep = self.fit(image, self.plate, streak)
+            except (ColorModelError, MotionError):
+                continue
+            if sweep.misfit <= MAX_MISFIT:
+                unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
+                told.append((sweep.model, streak.evidence / (1 + unsure**2)))
+        return told
+
+
+def _with(noise: Noise, frame: LinearImage) -> LinearImage:
+    """A frame with this noise, if it has none of its own."""
+    return frame.with_noise(noise) if frame.noise is None else frame
 
 
 def _noise(image: LinearImage) -> Noise:
