@@ -390,8 +390,8 @@ def _as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
     spread = 1.4826 * np.median(np.abs(ratio - gain), axis=0)
     if np.all(np.abs(gain - 1) < _SIGMAS * spread / np.sqrt(len(ratio))):
         return plate
-    rgb = (plate.rgb * gain).astype(plate.rgb.dtype)
-    return replace(plate, rgb=rgb, noise=np.asarray(plate.variance * gain**2, np.float32))
+    by = gain.astype(np.float32)
+    return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))
 
 
 def _measured(
