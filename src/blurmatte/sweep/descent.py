@@ -171,8 +171,17 @@ def sharp(data: Data, state: State) -> State:
     return state_at(data, state.family, state.path, silhouette, shape, state.frame)
 
 
-def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = _STEPS) -> State:
-    """Follow the cost down from a start in no more steps than that, the radius within bounds."""
+def descend(
+    data: Data,
+    start: State,
+    bounds: tuple[float, float],
+    steps: int = _STEPS,
+    enough: float = _ENOUGH,
+) -> State:
+    """Follow the cost down from a start in no more steps than that, the radius within bounds.
+
+    It has converged where no step gains more than `enough`, or promises to.
+    """
     state, caution = start, 1e-2
     for _ in range(steps):
         H, g = state.information(data, bent=True)
@@ -185,6 +194,8 @@ def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = 
         for _ in range(_TRIES):
             damped = alike + (caution + _LEAST) * np.eye(len(H))
             step = -np.linalg.solve(damped, slope).astype(float) / scales
+            if 0 <= -step @ (g + H @ step / 2) < enough:
+                return replace(state, converged=True)
             tried = _moved(data, state, step, bounds)
             gain = _gained(data, state, tried)
             if gain > 0:
@@ -193,7 +204,7 @@ def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = 
         else:
             return replace(state, converged=True)
         state, caution = tried, max(caution / 5, 1e-7)
-        if gain < _ENOUGH:
+        if gain < enough:
             return replace(state, converged=True)
     return state
 

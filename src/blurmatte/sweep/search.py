@@ -35,6 +35,7 @@ _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of sm
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
 QUICK = (0.8,)  # of them, where one must do
 _QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
+_QUICK_GAIN = 1e-2  # of log likelihood: what is left then is less than 0.1 standard deviations
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
@@ -117,7 +118,7 @@ class Search:
         start = self._soft(seen(self.data, coarse))
         if doubtful_share(self.data, start) > CONTRADICTED:
             return start
-        soft = descend(self.data, start, self.bounds, _QUICK_STEPS)
+        soft = descend(self.data, start, self.bounds, _QUICK_STEPS, _QUICK_GAIN)
         if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:
             return soft
         return best_of(self.data, [soft, descend(self.data, sharp(self.data, soft), self.bounds)])
