@@ -180,7 +180,7 @@ def descend(
 ) -> State:
     """Follow the cost down from a start in no more steps than that, the radius within bounds.
 
-    It has converged where no step gains more than `enough`, or promises to.
+    It has converged where no step gains more than `enough`.
     """
     state, caution = start, 1e-2
     for _ in range(steps):
@@ -194,8 +194,6 @@ def descend(
         for _ in range(_TRIES):
             damped = alike + (caution + _LEAST) * np.eye(len(H))
             step = -np.linalg.solve(damped, slope).astype(float) / scales
-            if 0 <= -step @ (g + H @ step / 2) < enough:
-                return replace(state, converged=True)
             tried = _moved(data, state, step, bounds)
             gain = _gained(data, state, tried)
             if gain > 0:
