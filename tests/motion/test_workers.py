@@ -8,7 +8,7 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.motion import Workers
-from blurmatte.motion.sightings import _agreed, _all_over, _clearest
+from blurmatte.motion.clip_color import _agreed, _all_over, _clearest
 
 GREEN, SKIN = ColorModel.from_hex("#a0ff50"), ColorModel.from_hex("#ffd0b0")
 

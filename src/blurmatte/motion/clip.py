@@ -4,8 +4,9 @@ from collections.abc import Sequence
 
 from blurmatte.background import make_plate
 from blurmatte.color import ColorModel
+from blurmatte.motion.clip_color import clip_color
 from blurmatte.motion.linking import FrameMotion, link_objects, link_sightings
-from blurmatte.motion.sightings import clip_color, sightings
+from blurmatte.motion.sightings import sightings
 from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage
 
