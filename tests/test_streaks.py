@@ -168,6 +168,33 @@ def test_two_objects_are_two_streaks_the_stronger_first():
     assert found[0].evidence > found[1].evidence > 0
 
 
+@pytest.mark.parametrize("gap", [13, 17])
+@pytest.mark.parametrize("plate", ["tiles", "plain"])
+def test_two_balls_side_by_side_are_two_streaks(plate, gap):
+    """Exact: what smoothing shows between them belongs to neither, and takes none of them away."""
+    wall, blue, below = PLATES[plate], (0.1, 0.3, 0.9), 80 + 9 + 7 + gap
+    one = render(Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, ORANGE)))
+    way = Trajectory.line((92, below), (132, below))
+    two = render(Scene(one.image.rgb, way, Ball(7, blue)))
+    found = find_streaks(*taken(two.image.rgb, wall, 0.3, 1))
+    shares = np.array([[covered(s, r.layer.alpha) for r in (one, two)] for s in found])
+    assert shares.shape == (2, 2)
+    assert_allclose(np.sort(shares, axis=1), [[0, 1], [0, 1]], atol=0.03)
+    assert_allclose(np.sort(shares, axis=0), [[0, 0], [1, 1]], atol=0.03)
+
+
+@pytest.mark.parametrize("light", [0.02, 0.55 * ORANGE])
+@pytest.mark.parametrize("width", [6, 14])
+def test_a_line_of_the_plate_behind_a_ball_does_not_cut_it(width, light):
+    """Invariant: one streak, be the line dark, or of the ball's own color in its shade."""
+    wall = PLATES["tiles"].copy()
+    wall[:, 120 : 120 + width] = light
+    ball = render(Scene(wall, Trajectory.line((90, 80), (160, 100)), Ball(18, ORANGE)))
+    found = find_streaks(*taken(ball.image.rgb, wall, 0.3, 1))
+    assert len(found) == 1
+    assert covered(found[0], ball.layer.alpha) > 0.95
+
+
 def test_a_weak_shadow_beside_it_is_left_out():
     """A shadow dims every channel by a little, next to the ball that throws it."""
     ball = render(Scene(PLATES["plain"], Trajectory.line((60, 60), (140, 60)), Ball(14, ORANGE)))
@@ -225,6 +252,16 @@ def test_known_noise_is_believed(paint):
     assert len(find_streaks(*(p.with_noise(true) for p in pictures))) == 1
     assert find_streaks(*(p.with_noise(large) for p in pictures)) == []
     assert len(find_streaks(*with_noise(*pictures))) == 1
+
+
+def test_thin_parts_fall_away():
+    """Oracle: SciPy's opening, to the border."""
+    rng = np.random.default_rng(5)
+    for side in (3, 4, 31):
+        mask = ndimage.gaussian_filter(rng.normal(size=(side, 40)), 1.2) > 0
+        assert_array_equal(
+            streaks.without_thin_parts(mask), ndimage.binary_opening(mask, np.ones((3, 3)))
+        )
 
 
 # Real pictures: where the ball is, x0, y0, x1, y1

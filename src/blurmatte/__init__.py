@@ -72,6 +72,7 @@ from blurmatte.motion import Scale as Scale
 from blurmatte.motion import Scatter as Scatter
 from blurmatte.motion import Sighting as Sighting
 from blurmatte.motion import Speed as Speed
+from blurmatte.motion import Workers as Workers
 from blurmatte.motion import clip_color as clip_color
 from blurmatte.motion import depth_from_blur as depth_from_blur
 from blurmatte.motion import end_silhouettes as end_silhouettes

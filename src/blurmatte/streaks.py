@@ -137,17 +137,24 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     image, plate = with_noise(image, plate)
     cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_CELLS)))
     T = _evidence(image, plate, cell)
-    moved = ndimage.binary_opening(T > _POSSIBLE, np.ones((3, 3)))  # thin plate edges fall away
+    moved = without_thin_parts(T > _POSSIBLE)  # edges of the plate
     labels, _ = ndimage.label(ndimage.binary_dilation(moved, iterations=_JOIN), np.ones((3, 3)))
     streaks = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
-        if near.max() > _SURE:
-            region = np.zeros(T.shape, bool)
-            region[place] = _strong_part(near)
-            evidence = float(T[region].sum())
-            streaks.append(Streak(_to_pixels(region, cell, image.valid.shape), evidence=evidence))
+        for part in _strong_parts(near) if near.max() > _SURE else ():
+            mask = _to_pixels(part, place, cell, image.valid.shape)
+            streaks.append(Streak(mask, evidence=float(T[place][part].sum())))
     return sorted(streaks, key=lambda streak: -streak.evidence)
+
+
+def without_thin_parts(mask: Bools) -> Bools:
+    """The 3 by 3 squares within a mask: SciPy's `binary_opening`, forty times as fast."""
+    inside = np.pad(mask, 2)
+    for join in (np.logical_and, np.logical_or):
+        inside = join(join(inside[:-2], inside[1:-1]), inside[2:])
+        inside = join(join(inside[:, :-2], inside[:, 1:-1]), inside[:, 2:])
+    return np.asarray(inside)
 
 
 def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
@@ -222,24 +229,28 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
     return Streak(inside) if inside.any() else region
 
 
-def _strong_part(T: Floats) -> Bools:
-    """The piece around the strongest place, without the weak shadows and halos that touch it."""
+def _strong_parts(T: Floats) -> list[Bools]:
+    """The sure pieces, without the weak shadows and halos that touch them or lie between them."""
     from scipy import ndimage
 
     typical = float(np.quantile(T[T > 0], 0.9))
     strong = np.asarray(max(_POSSIBLE, _FAINTEST**2 * typical) < T)
-    pieces, _ = ndimage.label(ndimage.binary_dilation(strong, iterations=_JOIN), np.ones((3, 3)))
-    return np.asarray(strong & (pieces == pieces[np.unravel_index(np.argmax(T), T.shape)]))
+    near = ndimage.binary_dilation(strong, iterations=_JOIN)
+    pieces, count = ndimage.label(near, np.ones((3, 3)))
+    tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
+    return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > _SURE]
 
 
-def _to_pixels(region: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
-    """The region of cells with its gaps and holes filled and its faint rim, as a mask of pixels."""
+def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[int, ...]) -> Bools:
+    """A part of the cells with its gaps and holes filled and its faint rim, as a mask of pixels."""
     from scipy import ndimage
 
-    joined = ndimage.binary_dilation(region, iterations=_JOIN)
+    joined = ndimage.binary_dilation(np.pad(part, _RIM), iterations=_JOIN)
     grown = ndimage.binary_dilation(ndimage.binary_fill_holes(joined), iterations=_RIM - _JOIN)
-    mask = grown.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]]
-    return np.asarray(mask)
+    cells = np.zeros([-(-side // cell) + 2 * _RIM for side in shape], bool)
+    cells[tuple(slice(s.start, s.stop + 2 * _RIM) for s in place)] = grown
+    mask = cells[_RIM:-_RIM, _RIM:-_RIM].repeat(cell, axis=0).repeat(cell, axis=1)
+    return np.asarray(mask[: shape[0], : shape[1]])
 
 
 def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:

@@ -94,6 +94,51 @@ def test_ranges_and_matrices_of_y_cb_cr(tmp_path, matrix, full, pixels):
     assert np.abs(off.mean(axis=(0, 1))).max() < 1
 
 
+@pytest.mark.parametrize(
+    ("codec", "pixels", "at"),
+    [
+        ("libx264", "yuv420p", (0, 0.5)),
+        ("libx264", "yuv422p", (0, 0)),
+        ("prores_ks", "yuv422p10le", (0, 0)),
+        ("ffv1", "yuv422p", (0, 0)),
+        ("mjpeg", "yuv420p", (0.5, 0.5)),
+        ("mjpeg", "yuv422p", (0.5, 0)),
+    ],
+)
+def test_color_of_several_pixels_is_where_standards_have_it(tmp_path, codec, pixels, at):
+    # oracle: how far right, and how far down, BT.601 and JFIF say, by a ramp of the red chroma
+    for axis, (size, place) in enumerate(zip((96, 64), at, strict=True)):
+        step = 1 if axis == 1 and "422" in pixels else 2
+        ramp = np.linspace(60, 190, size // step)
+        frame = red_ramp(pixels, ramp[:, None] if axis else ramp)
+        path = tmp_path / f"{axis}.mkv"
+        with av.open(str(path), "w") as clip:
+            options = {"libx264": {"qp": "0"}, "mjpeg": {"qmin": "1", "qmax": "1"}}
+            stream = clip.add_stream(codec, rate=25, options=options.get(codec, {}))
+            stream.width, stream.height, stream.pix_fmt = 96, 64, pixels
+            context = stream.codec_context
+            context.color_trc = context.color_primaries = 1
+            context.color_range = 2 if codec == "mjpeg" else 1
+            clip.mux(stream.encode(frame))
+            clip.mux(stream.encode())
+        light = read_frames(path, REC709)[0].rgb[..., 0]
+        red = 255 * REC709.encode(light).mean(axis=axis)
+        gray, gain = (128, 1.402) if codec == "mjpeg" else (112 * 255 / 219, 1.402 * 255 / 224)
+        where = step * np.interp(128 + (red - gray) / gain, ramp, np.arange(len(ramp)))
+        off = (np.arange(size) - where)[12:-12]
+        assert_allclose(off.mean(), place, atol=0.1)
+
+
+def red_ramp(pixels, codes):
+    """A frame of 96 x 64 pixels, gray but for these codes of Cr, 8 bits."""
+    frame = av.VideoFrame(96, 64, pixels)
+    kind, top = (np.uint16, 4) if "10" in pixels else (np.uint8, 1)
+    for plane, values in zip(frame.planes, (128, 128, codes), strict=True):
+        row = np.frombuffer(plane, kind).reshape(plane.height, -1)
+        row[:, : plane.width] = np.rint(np.multiply(values, top))
+    return frame
+
+
 @pytest.mark.parametrize("full", [False, True])
 def test_ten_bits_stay_ten_bits(tmp_path, full):
     # oracle: code values of Y' by the formulas of BT.709 §3, gray; white is clipped light

@@ -81,11 +81,11 @@ def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[
         if len(frames) == 0:
             raise ValueError("there are no such frames; look at --start and --stop")
     plate = _plate(task, frames)
-    with about(task.source):
-        model = _color(task, frames, plate)
-        workers = task.workers
-        if workers is None:
-            workers = 1 if len(frames) < _FEW else os.cpu_count() or 1
+    count = task.workers
+    if count is None:
+        count = 1 if len(frames) < _FEW else os.cpu_count() or 1
+    with about(task.source), bm.Workers(count) as workers:
+        model = _color(task, frames, plate, workers)
         seen = bm.sightings(
             frames,
             plate,
@@ -244,10 +244,13 @@ def _plate(task: ClipTask, frames: bm.Frames[bm.LinearImage]) -> bm.LinearImage:
 
 
 def _color(
-    task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage
+    task: ClipTask,
+    frames: bm.Frames[bm.LinearImage],
+    plate: bm.LinearImage,
+    workers: bm.Workers,
 ) -> bm.ColorModel:
     if task.color is None:
-        return bm.clip_color(frames, plate)
+        return bm.clip_color(frames, plate, workers)
     if task.color.lower().endswith(".json"):
         return bm.read_color_model(task.color)
     if task.color == "any":

@@ -20,6 +20,7 @@ from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.refusals import check_size
+from blurmatte.files.siting import co_sited
 from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, LinearImage, Meta, Transfer
 
@@ -203,12 +204,16 @@ def _codes(clip: Clip, frame: "VideoFrame", alpha: bool = False) -> npt.NDArray[
     way = Way.BICUBIC | Way.FULL_CHR_H_INT | Way.ACCURATE_RND
     form = ("rgb24", "rgb48le", "rgba", "rgba64le")[2 * alpha + (clip.bits > 8)]
     unsaid = _BT709 if frame.height >= _HD_HEIGHT else _BT601
-    codes = frame.reformat(
-        format=form,
-        src_colorspace=unsaid if frame.colorspace == _UNSAID else None,
-        interpolation=way,
-        threads=1,  # more of them are slower
-    ).to_ndarray()
+    codes = (
+        co_sited(frame)
+        .reformat(
+            format=form,
+            src_colorspace=unsaid if frame.colorspace == _UNSAID else None,
+            interpolation=way,
+            threads=1,  # more of them are slower
+        )
+        .to_ndarray()
+    )
     return np.rot90(codes, round(frame.rotation / 90))  # both count against the clock
 
 

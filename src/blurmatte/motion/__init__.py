@@ -6,6 +6,7 @@ from blurmatte.motion.ball import fit_ball as fit_ball
 from blurmatte.motion.ball import measure_ball as measure_ball
 from blurmatte.motion.ball_motion import BallMotion as BallMotion
 from blurmatte.motion.clip import measure_clip as measure_clip
+from blurmatte.motion.clip_color import clip_color as clip_color
 from blurmatte.motion.depth import BlurDepth as BlurDepth
 from blurmatte.motion.depth import depth_from_blur as depth_from_blur
 from blurmatte.motion.fall import FreeFall as FreeFall
@@ -27,7 +28,6 @@ from blurmatte.motion.rotation import Rotation as Rotation
 from blurmatte.motion.rotation import measure_rotation as measure_rotation
 from blurmatte.motion.sightings import FrameSightings as FrameSightings
 from blurmatte.motion.sightings import Sighting as Sighting
-from blurmatte.motion.sightings import clip_color as clip_color
 from blurmatte.motion.sightings import sightings as sightings
 from blurmatte.motion.space_words import SpaceMotion as SpaceMotion
 from blurmatte.motion.space_words import space_motion_in_words as space_motion_in_words
@@ -35,3 +35,4 @@ from blurmatte.motion.units import Scale as Scale
 from blurmatte.motion.units import Speed as Speed
 from blurmatte.motion.words import motion_in_words as motion_in_words
 from blurmatte.motion.words import speed_in_words as speed_in_words
+from blurmatte.motion.workers import Workers as Workers

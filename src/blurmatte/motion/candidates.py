@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools
 from blurmatte.color import ColorModel, only_light_lost
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak, find_streaks
+from blurmatte.streaks import Streak, find_streaks, without_thin_parts
 
 Array = npt.NDArray[np.floating]
 
@@ -90,13 +90,12 @@ class ObjectLight:
         usual = float(np.median(np.abs(strength[::4, ::4]))) / _QUARTILE
         coherence = max(usual, 1.0)
         strength /= coherence  # of video, no model knows the noise
-        there = ndimage.binary_opening(strength > _POSSIBLE, np.ones((3, 3)))
+        there = without_thin_parts(strength > _POSSIBLE)
         near = ndimage.binary_dilation(there, iterations=_JOIN)
-        labels, count = ndimage.label(near, np.ones((3, 3)))
-        tops = ndimage.maximum(strength, labels, np.arange(1, count + 1)) if count else []
+        labels, _ = ndimage.label(near, np.ones((3, 3)))
         places = ndimage.find_objects(labels)
         parts = []
-        for number in np.flatnonzero(np.asarray(tops) > _SURE) + 1:
+        for number in np.unique(labels[near & (strength > _SURE)]):
             place = places[number - 1]
             inside = np.where((labels[place] == number) & there[place], strength[place], 0)
             mask = _strong(inside, place, p.shape)

@@ -4,8 +4,10 @@ from collections.abc import Sequence
 
 from blurmatte.background import make_plate
 from blurmatte.color import ColorModel
+from blurmatte.motion.clip_color import clip_color
 from blurmatte.motion.linking import FrameMotion, link_objects, link_sightings
-from blurmatte.motion.sightings import clip_color, sightings
+from blurmatte.motion.sightings import sightings
+from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage
 
 
@@ -16,7 +18,7 @@ def measure_clip(
     *,
     several: bool = False,
     rate: float | None = None,
-    workers: int = 1,
+    workers: int | Workers = 1,
 ) -> list[FrameMotion]:
     """Measure a moving object, or several, in all frames of a clip of a camera that stands still.
 
@@ -55,7 +57,8 @@ def measure_clip(
     """
     if plate is None:
         plate = make_plate(frames).plate
-    if model is None:
-        model = clip_color(frames, plate)
-    seen = sightings(frames, plate, model, several=several, rate=rate, workers=workers)
-    return link_objects(seen) if several else link_sightings(seen)
+    with shared(workers) as processes:
+        if model is None:
+            model = clip_color(frames, plate, processes)
+        seen = sightings(frames, plate, model, several=several, rate=rate, workers=processes)
+        return link_objects(seen) if several else link_sightings(seen)

@@ -321,8 +321,7 @@ def fit_fall_in_space(
 
 def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
     """The most likely parabola through places (m, n) with the covariances (m, n, n)."""
-    from scipy.stats import chi2 as of_noise
-    from scipy.stats import f as of_ratio
+    from scipy.special import chdtrc, fdtrc  # `stats` has them too, and takes a second to import
 
     (count, n), middle = places.shape, float(times.mean())
     found, covariance, chi2 = _polynomial(times - middle, places, known, 2)
@@ -336,7 +335,7 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
         middle,
         chi2,
         freedom,
-        float(of_noise.sf(chi2, freedom)),
+        float(chdtrc(freedom, chi2)),
     )
     if count < _TELLING or fall.fits:
         return fall
@@ -345,7 +344,7 @@ def _parabola(times: Array, places: Array, known: Array) -> FreeFall:
     less = _polynomial(times - middle, places, known, 4)[2]
     more, left = 2 * n, n * (count - 5)
     ratio = (chi2 - less) / more / (less / left)
-    fall = replace(fall, even=float(of_ratio.sf(ratio, more, left)))
+    fall = replace(fall, even=float(fdtrc(more, left, ratio)))
     grown = fall.acceleration_covariance * fall.overscatter**2
     return replace(fall, acceleration_covariance=grown) if fall.fits else fall
 

@@ -6,7 +6,7 @@ interrupted goes on where it stopped. `link_sightings` joins them.
 
 import warnings
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import count
 
@@ -16,28 +16,22 @@ import numpy.typing as npt
 from blurmatte.background import Matching
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel
-from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError, MotionError
+from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.motion.candidates import ObjectLight, moving_parts
 from blurmatte.motion.from_sweep import motion_of_sweep
 from blurmatte.motion.moments import motion_of_alpha
 from blurmatte.motion.motion import Motion
-from blurmatte.motion.workers import in_order
+from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
-from blurmatte.streaks import Streak, require_streaks
-from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc, fit_sweep, pooled
+from blurmatte.streaks import Streak
+from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 Noise = NoiseModel | npt.NDArray[np.floating]
 
 _MARGIN = 24  # pixels around a streak that is solved
-_ASKED = 6  # frames that are asked for the color
-_ASKED_STREAKS = 3  # of each, the strongest
-_SURE_RADIUS = 0.05  # of itself, how well a radius is known that speaks for a color
-_SAME_COLOR = (
-    0.15  # radians: shades of one paint in changing light; things that move differ by more
-)
 _GRID = 5  # pixels between those whose light is compared
 _SIGMAS = 3.0
 _LEAST_LIGHT = 0.01  # of a plate's pixel that tells how bright a frame is
@@ -166,7 +160,7 @@ def sightings(
     numbers: Iterable[int] | None = None,
     rate: float | None = None,
     skip: int = 0,
-    workers: int = 1,
+    workers: int | Workers = 1,
 ) -> Iterator[FrameSightings]:
     """Look for an object in each frame of a clip.
 
@@ -193,9 +187,9 @@ def sightings(
         Frames per second, by their numbers, if the frames do not tell their time, or not well.
     skip : int
         How many frames were done before.
-    workers : int
-        How many processes share the work; what they find does not depend on it. Programs that ask for
-        more than one need the usual `if __name__ == "__main__":`.
+    workers : int or Workers
+        How many processes share the work, or which; what they find does not depend on it. Programs
+        that ask for more than one need the usual `if __name__ == "__main__":`.
 
     Yields
     ------
@@ -209,16 +203,15 @@ def sightings(
     """
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be frames per second, above 0, got {rate}")
-    if not isinstance(workers, int) or workers < 1:
-        raise ValueError(f"workers must be at least 1, got {workers!r}")
     first = frames[0]
     check_same_size("a frame", first.size, "plate", plate.size)
     first, plate = with_noise(first, plate)
     model = replace(model, to_srgb=first.meta.to_srgb)
     light = ObjectLight.before(plate, first, model) if model.rank == 1 else None
-    look = _Look(plate, model, light, _noise(first), rate, several)
+    look = _Look(plate, model, light, noise_of(first), rate, several)
     where = list(numbers)[skip:] if numbers is not None else count(skip)
-    yield from in_order(look, zip(where, frames[skip:], strict=False), workers)
+    with shared(workers) as processes:
+        yield from processes.in_order(look, zip(where, frames[skip:], strict=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -234,7 +227,7 @@ class _Look:
 
     def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
         check_same_size("a frame", frame.size, "plate", self.plate.size)
-        image = frame.with_noise(self.noise) if frame.noise is None else frame
+        image = with_its(self.noise, frame)
         time = frame.meta.time if self.rate is None else number / self.rate
         plate = _as_bright(self.plate, image)
         if self.light is None:
@@ -255,75 +248,13 @@ class _Look:
         return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
 
 
-def clip_color(frames: Sequence[LinearImage], plate: LinearImage) -> ColorModel:
-    """The color that what moves in a clip has, from some of its frames together.
-
-    Several frames all over the clip are asked for everything in them that a shape on a path explains.
-    Colors that agree count together; the ones that most of the streaks' light stands for win. What
-    reaches the border of the picture counts only if nothing else tells.
-
-    Parameters
-    ----------
-    frames : sequence of LinearImage
-    plate : LinearImage
-        The same scene without it.
-
-    Returns
-    -------
-    ColorModel
-        Of one paint if any frame shows one.
-
-    Raises
-    ------
-    ColorModelError
-        If no frame tells it.
-    """
-    asked = np.unique(np.linspace(0, len(frames) - 1, _ASKED + 2).round().astype(int)[1:-1])
-    told: list[tuple[ColorModel, float, bool]] = []
-    for number in asked:
-        told += _colors(*with_noise(frames[int(number)], plate), fit_disc)
-    for number in asked if not told else ():
-        told += _colors(*with_noise(frames[int(number)], plate), fit_sweep)
-    told = [one for one in told if one[2]] or told  # arms come from beyond the border
-    told = [one for one in told if one[0].rank == 1] or told[:1]
-    if not told:
-        raise ColorModelError(
-            f"none of {len(asked)} frames tells the object's color: no shape on a path explains what "
-            "moves; give its color (--color, model=)"
-        )
-    together = [[b for b in told if _angle(a[0], b[0]) < _SAME_COLOR] for a in told]
-    best = max(together, key=lambda group: sum(weight for _, weight, _ in group))
-    return pooled([model for model, _, _ in best])
+def with_its(noise: Noise, frame: LinearImage) -> LinearImage:
+    """A frame with this noise, if it has none of its own."""
+    return frame.with_noise(noise) if frame.noise is None else frame
 
 
-def _angle(a: ColorModel, b: ColorModel) -> float:
-    return float(np.arccos(np.clip(abs(a.pole @ b.pole), 0, 1)))
-
-
-def _colors(
-    image: LinearImage, plate: LinearImage, fit: Callable[..., Sweep]
-) -> Iterator[tuple[ColorModel, float, bool]]:
-    """Colors of what a sweep explains in a frame, how strong each streak is, and if all of it is seen.
-
-    Limbs and their shadows may look like a disc too, but of no certain size.
-    """
-    try:
-        found = require_streaks(image, plate)
-    except BlurmatteError:
-        return
-    for streak in found[:_ASKED_STREAKS]:
-        try:
-            sweep = fit(image, plate, streak)
-        except (ColorModelError, MotionError):
-            continue
-        if sweep.misfit <= MAX_MISFIT:
-            unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
-            x0, y0, x1, y1 = streak.box
-            whole = min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0
-            yield sweep.model, streak.evidence / (1 + unsure**2), whole
-
-
-def _noise(image: LinearImage) -> Noise:
+def noise_of(image: LinearImage) -> Noise:
+    """The noise of a picture that has some."""
     assert image.noise is not None
     return image.noise
 
@@ -340,8 +271,8 @@ def _as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
     spread = 1.4826 * np.median(np.abs(ratio - gain), axis=0)
     if np.all(np.abs(gain - 1) < _SIGMAS * spread / np.sqrt(len(ratio))):
         return plate
-    rgb = (plate.rgb * gain).astype(plate.rgb.dtype)
-    return replace(plate, rgb=rgb, noise=np.asarray(plate.variance * gain**2, np.float32))
+    by = gain.astype(np.float32)
+    return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))
 
 
 def _measured(

@@ -1,45 +1,79 @@
-"""in_order: one function over many frames, by several processes, in order."""
+"""Workers: processes that share the frames of a clip."""
 
+import pickle
 import signal
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any, TypeVar
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any, TypeVar
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future, ProcessPoolExecutor
 
 Answer = TypeVar("Answer")
 
 _WAITING = 2  # frames for each process: what is held in memory
 
-_work: Callable[..., Any] | None = None
+_work: tuple[Path, Callable[..., Any]] | None = None
 
 
-def in_order(
-    work: Callable[..., Answer], tasks: Iterable[tuple[Any, ...]], workers: int
-) -> Iterator[Answer]:
-    """What `work` makes of each task, in order.
+class Workers:
+    """Processes that share work, for the time of a `with`: each takes a second to start.
+
+    Programs that ask for more than one need the usual `if __name__ == "__main__":`.
 
     Parameters
     ----------
-    work : callable
-        Sent to each process once.
-    tasks : iterable of tuple
-        Its arguments; a few of them are in memory at a time.
-    workers : int
-        1: in this process.
-    """
-    if workers == 1:
-        for task in tasks:
-            yield work(*task)
-        return
-    from concurrent.futures import Future, ProcessPoolExecutor
-    from multiprocessing import get_context
+    count : int
+        How many; 1 is this process alone.
 
-    # A process that was forked from one with threads may hang.
-    with ProcessPoolExecutor(workers, get_context("spawn"), _begin, (work,)) as pool:
+    Raises
+    ------
+    ValueError
+        If that is less than 1.
+    """
+
+    def __init__(self, count: int) -> None:
+        if not isinstance(count, int) or count < 1:
+            raise ValueError(f"workers must be at least 1, got {count!r}")
+        self.count = count
+        self._pool: ProcessPoolExecutor | None = None
+        self._folder: TemporaryDirectory[str] | None = None
+        self._works = 0
+
+    def __enter__(self) -> "Workers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._pool is not None:
+            self._pool.shutdown(wait=False, cancel_futures=True)
+        if self._folder is not None:
+            self._folder.cleanup()
+
+    def in_order(
+        self, work: Callable[..., Answer], tasks: Iterable[tuple[Any, ...]]
+    ) -> Iterator[Answer]:
+        """What `work` makes of each task, in order.
+
+        Parameters
+        ----------
+        work : callable
+            Sent to each process once.
+        tasks : iterable of tuple
+            Its arguments; a few of them are in memory at a time.
+        """
+        if self.count == 1:
+            for task in tasks:
+                yield work(*task)
+            return
+        pool, place = self._started(), self._sent(work)
         waiting: deque[Future[Answer]] = deque()
         try:
             for task in tasks:
-                waiting.append(pool.submit(_do, *task))
-                if len(waiting) >= _WAITING * workers:
+                waiting.append(pool.submit(_do, place, *task))
+                if len(waiting) >= _WAITING * self.count:
                     yield waiting.popleft().result()
             while waiting:
                 yield waiting.popleft().result()
@@ -47,15 +81,38 @@ def in_order(
             for left in waiting:
                 left.cancel()
 
+    def _started(self) -> "ProcessPoolExecutor":
+        if self._pool is None:
+            from concurrent.futures import ProcessPoolExecutor
+            from multiprocessing import get_context
 
-def _begin(work: Callable[..., Any]) -> None:
-    global _work
-    _work = work
+            # A process that was forked from one with threads may hang.
+            self._pool = ProcessPoolExecutor(self.count, get_context("spawn"), _begin)
+        return self._pool
+
+    def _sent(self, work: Callable[..., Any]) -> Path:
+        """Where each process reads the work, once: plates are too large to go with each task."""
+        if self._folder is None:
+            self._folder = TemporaryDirectory()
+        self._works += 1
+        place = Path(self._folder.name) / str(self._works)
+        place.write_bytes(pickle.dumps(work, pickle.HIGHEST_PROTOCOL))
+        return place
+
+
+def shared(workers: int | Workers) -> AbstractContextManager[Workers]:
+    """Those that were given, which go on, or as many new ones for the time of a `with`."""
+    return nullcontext(workers) if isinstance(workers, Workers) else Workers(workers)
+
+
+def _begin() -> None:
     # An interrupt reaches all processes of a terminal. One that dies of it holding a lock of the pool
     # would let the first wait forever; it is the first that ends them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-def _do(*task: Any) -> Any:
-    assert _work is not None
-    return _work(*task)
+def _do(place: Path, *task: Any) -> Any:
+    global _work
+    if _work is None or _work[0] != place:
+        _work = place, pickle.loads(place.read_bytes())
+    return _work[1](*task)

@@ -174,8 +174,17 @@ def sharp(data: Data, state: State) -> State:
     return state_at(data, state.family, state.path, silhouette, shape, state.frame)
 
 
-def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = _STEPS) -> State:
-    """Follow the cost down from a start in no more steps than that, the radius within bounds."""
+def descend(
+    data: Data,
+    start: State,
+    bounds: tuple[float, float],
+    steps: int = _STEPS,
+    enough: float = _ENOUGH,
+) -> State:
+    """Follow the cost down from a start in no more steps than that, the radius within bounds.
+
+    It has converged where no step gains more than `enough`.
+    """
     state, caution = start, 1e-2
     for _ in range(steps):
         H, g = state.information(data, bent=True)
@@ -196,7 +205,7 @@ def descend(data: Data, start: State, bounds: tuple[float, float], steps: int = 
         else:
             return replace(state, converged=True)
         state, caution = tried, max(caution / 5, 1e-7)
-        if gain < _ENOUGH:
+        if gain < enough:
             return replace(state, converged=True)
     return state
 

@@ -22,7 +22,7 @@ from blurmatte.sweep.descent import State, descend, seen, sharp
 from blurmatte.sweep.known import KnownColor, known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
-from blurmatte.sweep.search import Search
+from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadow import shadow_beside
 from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
@@ -173,7 +173,7 @@ def fit_disc(
     """
     rank = 1 if model is None else model.rank
     known = None if model is None or rank == 3 else known_color(model)
-    search = Search.of(streak, image, plate, known)
+    search = Search.of(streak, image, plate, known, QUICK)
     disc = search.quick(rank)
     blur = disc.silhouette.softness(disc.shape) if _ran_together(search.data, disc) else 0.0
     return _sweep(_Told(search, disc, blur), image)

@@ -33,8 +33,9 @@ _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
-_QUICK = 2  # which of the radii, where one must do
+QUICK = (0.8,)  # of them, where one must do
 _QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
+_QUICK_GAIN = 1e-2  # of log likelihood: what is left then is less than 0.1 standard deviations
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
@@ -65,9 +66,14 @@ class Search:
 
     @classmethod
     def of(
-        cls, streak: Streak, image: LinearImage, plate: LinearImage, known: KnownColor | None
+        cls,
+        streak: Streak,
+        image: LinearImage,
+        plate: LinearImage,
+        known: KnownColor | None,
+        radii: Sequence[float] = _RADII,
     ) -> "Search":
-        """The search for what left a streak."""
+        """The search for what left a streak, from discs of these parts of its half width."""
         x0, y0, x1, y1 = streak.box
         mask = streak.mask[y0:y1, x0:x1]
         half_width = half_width_of(mask)
@@ -79,7 +85,7 @@ class Search:
             data.coarser(max(1, int(half_width / (_COARSE_RADIUS * data.scale)))),
             [
                 (center_curve(mask, radius) + np.array([x0, y0]), radius)
-                for radius in (part * half_width for part in _RADII)
+                for radius in (part * half_width for part in radii)
             ],
             (_LEAST * half_width, _MOST * half_width),
             np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
@@ -101,18 +107,18 @@ class Search:
         return contested(self.data, ranked(self.data, ends))
 
     def quick(self, rank: int) -> State:
-        """The best of a few descents, on throws: for one of many frames of a clip.
+        """The best of a few descents, on throws from the first curve: for one of many frames.
 
         A throw is never too simple for a short way: a line where there is a faint bend would tell
         its center better than it is known. Nor is a soft rim; a sharp one is tried where that is not
         clearly soft. What most pixels contradict on large pixels is left as it is.
         """
-        curve, radius = self.curves[_QUICK]
+        curve, radius = self.curves[0]
         coarse = best_of(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
         start = self._soft(seen(self.data, coarse))
         if doubtful_share(self.data, start) > CONTRADICTED:
             return start
-        soft = descend(self.data, start, self.bounds, _QUICK_STEPS)
+        soft = descend(self.data, start, self.bounds, _QUICK_STEPS, _QUICK_GAIN)
         if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:
             return soft
         return best_of(self.data, [soft, descend(self.data, sharp(self.data, soft), self.bounds)])
