@@ -65,24 +65,24 @@ _NORMAL = _tabulated()  # the function itself takes four times as long as all th
 
 
 @njit(**_COMPILED)
-def covered_softly(s, nx, ny, soft, curvature):  # type: ignore[no-untyped-def]
+def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped-def]
     """Part of a pixel inside an edge that is blurred by `soft`, its derivatives by s and by `soft`.
 
     s is how far inside the edge the pixel's center is, less κ (σ² + 1/12)/2; soft 0 is a sharp edge.
+    wide is 1/√(σ² + 1/12): to divide by that for each pixel took a third of the time.
     """
     if soft == 0:
         part, gain = covered(s, nx, ny)
         return part, gain, 0.0
-    width = np.sqrt(_PIXEL + soft * soft)
-    z = s / width
+    z = s * wide
     if abs(z) > _TAIL:
         return (1.0 if z > 0 else 0.0), 0.0, 0.0
     node = int((z + _TAIL) * _NODES + 0.5)
-    at = node / _NODES - _TAIL
+    at = node * (1 / _NODES) - _TAIL
     d, slope, bend = z - at, -at, (at * at - 1) / 2
-    part = _NORMAL[node, 0] + d * _NORMAL[node, 1] * (1 + d * (slope / 2 + d * bend / 3))
-    gain = _NORMAL[node, 1] * (1 + d * (slope + d * bend)) / width
-    return part, gain, -gain * soft * (z / width + curvature)
+    part = _NORMAL[node, 0] + d * _NORMAL[node, 1] * (1 + d * (slope / 2 + d * bend * (1 / 3)))
+    gain = _NORMAL[node, 1] * (1 + d * (slope + d * bend)) * wide
+    return part, gain, -gain * soft * (z * wide + curvature)
 
 
 @njit(**_COMPILED)
@@ -100,6 +100,7 @@ def disc(xy, D, weights, radius, soft, alpha, J):  # type: ignore[no-untyped-def
     h, w = alpha.shape
     n = D.shape[2]
     r = radius - (_PIXEL + soft * soft) / (2 * radius)
+    wide, curvature = 1 / np.sqrt(_PIXEL + soft * soft), 1 / radius
     outer, inner = r + reach_of(soft), max(r - reach_of(soft), 0.0)
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
@@ -115,8 +116,9 @@ def disc(xy, D, weights, radius, soft, alpha, J):  # type: ignore[no-untyped-def
                     alpha[j, i] += weights[k]
                     continue
                 d = np.sqrt(square)
-                nx, ny = (dx / d, dy / d) if d > 1e-9 else (1.0, 0.0)
-                part, gain, by_soft = covered_softly(r - d, nx, ny, soft, 1 / radius)
+                out = 1 / max(d, 1e-9)
+                nx, ny = (dx * out, dy * out) if d > 1e-9 else (1.0, 0.0)
+                part, gain, by_soft = covered_softly(r - d, nx, ny, soft, wide, curvature)
                 alpha[j, i] += weights[k] * part
                 g = weights[k] * gain
                 if g > 0:
@@ -212,6 +214,7 @@ def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha
     """
     h, w = alpha.shape
     n, m = D.shape[2], by_A.shape[2]
+    wide = 1 / np.sqrt(_PIXEL + soft * soft)
     least, most = near(A, bulges, reach_of(soft))
     surely, outer = least.min(), np.sqrt(most.max())
     for k in range(len(xy)):
@@ -237,7 +240,7 @@ def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha
                     continue
                 inside, nx, ny, curvature, R, c, s = edge(x, y, A, bulges, soft)
                 mx, my = ct * nx - st * ny, ct * ny + st * nx
-                part, gain, by_soft = covered_softly(inside, mx, my, soft, curvature)
+                part, gain, by_soft = covered_softly(inside, mx, my, soft, wide, curvature)
                 alpha[j, i] += weights[k] * part
                 g = weights[k] * gain
                 if g == 0:
