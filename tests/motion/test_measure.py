@@ -280,7 +280,9 @@ def test_two_things_are_doubted():
     alpha = drawn(0.3, 8, 5, at=(20, 30)) + drawn(0.3, 8, 5, at=(70, 30))
     assert "in 2 parts that are apart" in measure_motion(solution_of(alpha)).doubts[0]
     assert measure_motion(solution_of(drawn())).doubts == ()
-    assert "leaves 2.5 times what noise" in of_sweep(sweep_of(*PATHS[0], misfit=2.5)).doubts[0]
+    assert (
+        "leaves 2.5 times as much as noise" in of_sweep(sweep_of(*PATHS[0], misfit=2.5)).doubts[0]
+    )
 
 
 def test_a_bent_path_is_doubted_by_moments():

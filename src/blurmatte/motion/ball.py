@@ -30,14 +30,13 @@ from blurmatte.sweep.descent import State, descend, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import LINE, PARABOLA, Polynomial
 from blurmatte.sweep.student import VARIANCE
-from blurmatte.sweep.verdict import misfit, overstated
+from blurmatte.sweep.verdict import NOISE, misfit, overstated
 
 Array = npt.NDArray[np.float64]
 
 _MARGIN = 0.5  # of the radius, around the sweep: it may be wrong by that
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _ROUND = 20  # steps of a fixed point that gains four digits in each
-_NOISE = 1.2  # misfit of what needs no better explanation
 _WORTH = 2.0  # units of log likelihood that a parameter must gain, as `choice` has it
 _ROUNDS = 3
 _BOUNDS = 0.5, 2.0  # of the sweep's radius
@@ -137,7 +136,7 @@ def fit_ball(
         sweep = fit_sweep(image, plate)
     data, ball = _before(intrinsics, sweep, image, plate)
     best = _descended(data, _start(data, ball, sweep, LINE), sweep)
-    if misfit(data, best) > _NOISE or _would_bend(data, ball, best):
+    if misfit(data, best) > NOISE or _would_bend(data, ball, best):
         bent = _descended(data, _start(data, ball, sweep, PARABOLA), sweep)
         best = best_of(data, [best, bent])
     _check_explained(misfit(data, best), "no ball that flew straight, or like thrown,")

@@ -17,7 +17,7 @@ from blurmatte.sweep.verdict import can_be, means_something, overstated
 Array = npt.NDArray[np.float64]
 
 _CLEARLY = 5.0  # units of log likelihood: less is one to a hundred and fifty
-_ANOTHER = 0.2  # of alpha, in which two differ that are not the same answer
+_ANOTHER = 0.1  # of alpha, in which two differ that are not the same answer
 
 
 def ranked(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:

@@ -28,6 +28,7 @@ from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
+    NOISE,
     colors_ran_together,
     doubtful_share,
     misfit,
@@ -39,7 +40,6 @@ from blurmatte.sweep.verdict import (
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_NOISE = 1.2  # misfit of what needs no better explanation
 # Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
 # shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
 _MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
@@ -140,12 +140,12 @@ def fit_sweep(
         streak = replace(streak, mask=streak.mask & ~shadow)
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    if misfit(search.data, disc) > _NOISE and disc.frame.rank == 1:
+    if misfit(search.data, disc) > NOISE and disc.frame.rank == 1:
         search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
     transfer = image.meta.transfer or SRGB
     told = _before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = search is not first and told.misfit <= _NOISE
+    explained = search is not first and told.misfit <= NOISE
     if not explained and disc.frame.rank == 1:
         told = _richer(search, disc, told, transfer)
     return _sweep(told, image)
@@ -183,7 +183,7 @@ def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
     """A disc on a path like that of another frame if it explains the streak, or the best of all."""
     if start is not None:
         disc = search.near(start, rank)
-        if misfit(search.data, disc) <= _NOISE:
+        if misfit(search.data, disc) <= NOISE:
             return disc
     return search.best(rank)
 
@@ -209,7 +209,7 @@ def _in_front_left_out(
         return search, disc
     rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
     again = rest.best(disc.frame.rank)
-    better = misfit(rest.data, again) <= _NOISE and mostly_seen(rest.data, again)
+    better = misfit(rest.data, again) <= NOISE and mostly_seen(rest.data, again)
     return (rest, again) if better else (search, disc)
 
 
@@ -226,12 +226,12 @@ def _richer(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.misfit, line.state.silhouette.bulges == 1
-    if (simple and left <= _NOISE) or search.data.known is not None:
+    if (simple and left <= NOISE) or search.data.known is not None:
         return line
     plane = _before_bleeding(search, search.best(2), transfer)
-    if plane.misfit <= min(left / _CLEARLY, _NOISE):
+    if plane.misfit <= min(left / _CLEARLY, NOISE):
         return plane
-    if not simple and plane.misfit <= _NOISE:  # an odd outline of one paint, or a disc of two
+    if not simple and plane.misfit <= NOISE:  # an odd outline of one paint, or a disc of two
         return replace(line, state=replace(line.state, contested=differ(line.state, plane.state)))
     if left <= MAX_MISFIT or not _textured(told.search.data, told.state):
         return line
@@ -253,7 +253,7 @@ def _shaped(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
     shaped = _before_bleeding(search, best, transfer)
     ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
     left = replace(shaped, state=replace(shaped.state, contested=False)).misfit
-    return shaped if left <= _NOISE and likelier(*ends) else told
+    return shaped if left <= NOISE and likelier(*ends) else told
 
 
 def _textured(data: Data, state: State) -> bool:

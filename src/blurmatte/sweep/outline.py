@@ -20,12 +20,12 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, can_be, coherence, misfit, overstated
+from blurmatte.sweep.verdict import MAX_MISFIT, NOISE, can_be, coherence, misfit, overstated
 
 Array = npt.NDArray[np.float64]
 
 _RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels: enough to tell bulges apart, few enough to be quick
-_BULGES, _OTHERS = 6, (2, 4, 8)
+_BULGES, _OTHERS, _MORE = 6, (2, 4, 8), (12, 16)
 _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
@@ -65,10 +65,21 @@ def refined(data: Data, disc: State) -> State:
         return disc
     best = contested(coarse, _ordered(coarse, ends))
     rival = descend(coarse, _exchanged(coarse, best), bounds)
-    end, rival = (descend(data, seen(data, s), bounds) for s in (best, rival))
+    end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
+    rival = descend(data, _shaped(data, rival, end.silhouette), bounds)
     # Outlines err by the bulges that they cannot have: what leaves a little more may be as true.
     rivalled = differ(end, rival) and misfit(data, rival) <= MAX_MISFIT
     return replace(end, contested=best.contested or rivalled)
+
+
+def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
+    """The same with as many more bulges as it takes to explain the data: corners have many."""
+    for bulges in _MORE:
+        if misfit(data, state) <= NOISE or bulges <= state.silhouette.bulges:
+            break
+        start = _shaped(data, state, replace(state.silhouette, bulges=bulges))
+        state = _best(data, [state, descend(data, start, bounds)])
+    return state
 
 
 def _search(data: Data, disc: State, first: State, bounds: tuple[float, float]) -> list[State]:

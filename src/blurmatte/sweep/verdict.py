@@ -15,6 +15,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MAX_MISFIT = 1.4  # of a sweep that is believed; what is explained leaves about 1
+NOISE = 1.2  # misfit of what needs no better explanation
 
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
 _SIZES = 4, 8, 16  # pixels: compression has blocks of up to 16
