@@ -598,7 +598,8 @@ def test_the_program_ends_with_one_line(tmp_path):
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
 def test_ctrl_c_is_quiet(scene, tmp_path):
     code = (
-        "import time, blurmatte as bm; from blurmatte.cli import app\n"
+        "import signal, time, blurmatte as bm; from blurmatte.cli import app\n"
+        "signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background has none\n"
         "def slow(*a, **k):\n    print('ready', flush=True); time.sleep(60)\n"
         "bm.solve = slow; app()"
     )
