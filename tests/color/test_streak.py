@@ -14,7 +14,7 @@ from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory
 
 SIZE = (112, 80)
-SEEDS = range(100, 124)
+SEEDS = range(100, 112)
 
 
 def random_scene(seed, one_hue=False, two_paints=False):
