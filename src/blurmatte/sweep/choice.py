@@ -16,7 +16,7 @@ from blurmatte.sweep.verdict import can_be, means_something, overstated
 
 Array = npt.NDArray[np.float64]
 
-_CLEARLY = 5.0  # units of log likelihood: less is one to a hundred and fifty
+CLEARLY = 5.0  # units of log likelihood: less is one to a hundred and fifty
 _ANOTHER = 0.1  # of alpha, in which two differ that are not the same answer
 
 
@@ -55,7 +55,7 @@ def best_of(data: Data, states: Sequence[State]) -> State:
 def contested(data: Data, states: Sequence[tuple[float, State]]) -> State:
     """The first of `ranked` states, contested if a later one has another alpha and is about as good."""
     (least, best), *others = states
-    near = (s for score, s in others if score < least + _CLEARLY and can_be(data, s))
+    near = (s for score, s in others if score < least + CLEARLY and can_be(data, s))
     return replace(best, contested=any(differ(best, other) for other in near))
 
 

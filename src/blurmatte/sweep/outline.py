@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.sweep.choice import contested, differ, price
+from blurmatte.sweep.choice import CLEARLY, contested, differ, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
@@ -30,7 +30,6 @@ _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _AROUND = 90  # points of a rim
-_CLEARLY = 5.0  # units of log likelihood
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
 
@@ -60,10 +59,10 @@ def refined(data: Data, disc: State) -> State:
     others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
     ends = [start, *found, *(descend(coarse, s, bounds) for s in others)]
-    best = _best(coarse, ends)
-    if best is start:
+    order = _ordered(coarse, ends)
+    if order[0][1] is start:
         return disc
-    best = contested(coarse, _ordered(coarse, ends))
+    best = contested(coarse, order)
     rival = descend(coarse, _exchanged(coarse, best), bounds)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
     rival = descend(data, _shaped(data, rival, end.silhouette), bounds)
@@ -217,4 +216,4 @@ def _ordered(data: Data, states: Sequence[State]) -> list[tuple[float, State]]:
 
 def _price(data: Data, parameters: int) -> float:
     """What the log likelihood must gain by so many more parameters, or may lose by fewer."""
-    return price(data, parameters) + (_CLEARLY if parameters > 0 else 0)
+    return price(data, parameters) + (CLEARLY if parameters > 0 else 0)

@@ -1,6 +1,8 @@
 """Points of paths and their derivatives by the parameters, and where to take them, compiled.
 
-In this file a path is xy (T, 2) and D (T, 2, n) at times t (T,).
+In this file p (n,) is the parameters of a path, as the families in `path` have them, pixels but for
+times, which go from 0 to 1; a path is its points xy (T, 2), pixels, at times t (T,), and D (T, 2, n)
+their derivatives by p.
 """
 
 from typing import Any

@@ -100,11 +100,12 @@ class Search:
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        first = best_of(self.data, ends)
+        order = ranked(self.data, ends)
+        first = order[0][1]
         soft = self.softened(first)
         if soft is not first:
-            ends = [soft if s is first else self.softened(s) for s in ends]
-        return contested(self.data, ranked(self.data, ends))
+            order = ranked(self.data, [soft if s is first else self.softened(s) for s in ends])
+        return contested(self.data, order)
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws from the first curve: for one of many frames.
