@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.ndimage import binary_erosion
 
 from blurmatte.background import Matching
 from blurmatte.color import ColorModel
@@ -274,3 +275,40 @@ def test_rims_whose_color_a_file_blurred_are_explained(monkeypatch):
     monkeypatch.setattr(Sweep, "before_bleeding", lambda sweep, image, plate, box: image)
     assert explained < 0.05
     assert explained < 0.6 * odd()
+
+
+def over(truth, seed, light, alpha):
+    """Image and plate with something more before the object: its premultiplied light and alpha."""
+    rng = np.random.default_rng(seed)
+    seen = truth.image.rgb * (1 - alpha[..., None]) + light
+    image = CAMERA.photograph(seen, rng)
+    return image, replace(CAMERA, code_std=CAMERA.code_std / 2).photograph(truth.plate.rgb, rng)
+
+
+def test_a_patch_in_other_light_is_no_hole():
+    """honest: light of the wall on the object would seem to be less of it."""
+    truth = render(SCENE, 200)
+    y, x = np.indices(SIZE[::-1])
+    patch = (np.hypot(x - 80, y - 50) < 5) & (truth.layer.alpha > 0)
+    lit = 0.3 * (truth.layer.alpha * patch)[..., None] * (truth.plate.rgb - ORANGE)
+    image, plate = over(truth, 5, lit, np.zeros(patch.shape))
+    solution = solve(image, plate)
+    assert solution.solver.startswith("Swept")
+    inside = patch & (truth.layer.alpha > 0.1)
+    assert np.mean((solution.quality[inside] & np.uint8(Quality.MISFIT)) != 0) > 0.8
+    assert np.abs(solution.alpha - truth.layer.alpha)[inside].max() < 0.02
+
+
+def test_what_else_has_the_color_is_told_by_all_pixels_together():
+    """honest: a handle beside the ball; smoother than each of its pixels alone."""
+    truth = render(SCENE, 200)
+    y, x = np.indices(SIZE[::-1])
+    handle = (np.abs(x - 80) < 3) & (y > 16) & (y < 36) & (truth.layer.alpha == 0)
+    image, plate = over(truth, 6, 0.4 * handle[..., None] * ORANGE, 0.4 * handle)
+    solution = solve(image, plate)
+    assert solution.solver.startswith("Swept")
+    alone = solve(image, plate, solution.model, Pixelwise())
+    within = binary_erosion(handle)
+    errors = [np.std((s.alpha - 0.4)[within]) for s in (solution, alone)]
+    assert np.abs(np.mean((solution.alpha - 0.4)[within])) < 0.02
+    assert errors[0] < errors[1] / 2

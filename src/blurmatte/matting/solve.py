@@ -4,6 +4,7 @@ The closed form runs over the whole picture, for the error of alpha outside the 
 knowing too; everything beyond it looks at the streak's surroundings only.
 """
 
+from copy import deepcopy
 from dataclasses import replace
 from typing import Any
 
@@ -148,7 +149,9 @@ def solve(
         used = swept
         box = _box_of_both(streak, sweep)
         C, B, mixed = _within(image, plate, streak, box)
-        swept(maps, sweep, C, mixed.widened(B), box)
+        left = swept(maps, sweep, C, mixed.widened(B), box)
+        if left.any():
+            _smooth_patches(maps.within(box), left, C, B, model, mixed)
         together = _sweep_measures(sweep)
     elif isinstance(solver, Shaded):
         used = solver
@@ -208,6 +211,23 @@ def _solve_shaded(
     S = solver(maps.within(box), image.crop(box), plate.crop(box), shaded, model)
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     return {"sum_shadow": float(S[inside].sum())}
+
+
+def _smooth_patches(
+    maps: PixelMaps,
+    patches: Bools,
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel,
+    mixed: MixedPlate,
+) -> None:
+    """Where the sweep left pixels to themselves, what all of them together say."""
+    h, w = patches.shape
+    inside = (maps.quality & np.uint8(Quality.OUTSIDE)) == 0
+    together = deepcopy(maps)
+    Smooth()(together, image, plate, model, inside, (0, 0, w, h), mixed)
+    for target, values in zip(maps[:4], together, strict=False):
+        target[patches] = values[patches]
 
 
 def _refuse_the_untold(

@@ -19,6 +19,7 @@ Array = npt.NDArray[np.float64]
 _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels never exceeds it
 _UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISFIT)
 _SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
+_ANOTHER = 0.5  # of the sweep's alpha: what differs by less may be in another light
 _HALF_LIT = (
     0.6  # of the object's light: where there is less a shadow lies, and partly on the object
 )
@@ -54,7 +55,7 @@ class Swept:
         image: LinearImage,
         plate: LinearImage,
         box: tuple[int, int, int, int],
-    ) -> None:
+    ) -> Bools:
         """Write the sweep's answer into maps of the closed form, where it explains the pixel.
 
         Whether it does is asked of colors as they were before a file let them run together. Where an
@@ -62,8 +63,8 @@ class Swept:
         alpha is that behind it, OCCLUDED, and no light is known. Another patch that the sweep does not
         explain is marked MISFIT: there is a hole, a highlight, or something else. It stays as the
         pixels alone say, if most of them are explained by the object's color with an alpha of their own
-        that is clearly another. What is only darker beside the object is marked SHADOW too; it was not
-        there.
+        that is more than half more, or less than half; what differs by less may as well be in another
+        light. What is only darker beside the object is marked SHADOW too; it was not there.
 
         Parameters
         ----------
@@ -74,6 +75,11 @@ class Swept:
             What is in the box, noise known.
         box : (int, int, int, int)
             Where to write: around streak and sweep.
+
+        Returns
+        -------
+        (h, w) bool
+            Where in the box the pixels were left as they are.
         """
         place = slice(box[1], box[3]), slice(box[0], box[2])
         alpha, alpha_std = sweep.within(box)
@@ -94,7 +100,8 @@ class Swept:
         shaded = _shaded(alpha, P, maps.alpha[place], maps.premultiplied[place])
         sure = (quality & _UNSOUND) == 0
         sure &= ~shaded & (maps.alpha_std[place] < _SURE)
-        sure &= np.abs(maps.alpha[place] - alpha) > 3 * maps.alpha_std[place]
+        least = np.maximum(3 * maps.alpha_std[place], _ANOTHER * alpha)
+        sure &= np.abs(maps.alpha[place] - alpha) > least
         ours = inside & ~(odd & (mean_of_neighbors(sure.astype(float)) > 0.5))
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[place][ours] = values[ours]
@@ -104,6 +111,7 @@ class Swept:
         theirs = (quality & ~np.uint8(Quality.OUTSIDE))[inside & ~ours]
         quality[ours] = flags[ours]
         quality[inside & ~ours] = theirs | np.uint8(Quality.MISFIT)
+        return np.asarray(inside & ~ours)
 
 
 def _hidden(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) -> Bools:
