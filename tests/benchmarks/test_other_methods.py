@@ -1,3 +1,6 @@
+from importlib import import_module
+
+import numba
 import numpy as np
 import pytest
 from benchmarks.accuracy import other_methods as other
@@ -9,7 +12,20 @@ from blurmatte.scenes import scene_names
 from blurmatte.streaks import require_streaks
 from blurmatte.trajectory import Trajectory
 
-OTHERS = [method for method in methods() if not method.name.startswith("blurmatte")]
+OTHERS = [
+    method
+    for method in methods()
+    if not method.name.startswith("blurmatte")
+    and (not method.name.endswith("best") or method.name == "pm rw, best")  # all go the same way
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def pymatting():
+    """Not compiled: that takes minutes, and pictures are tiny here."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(numba.config, "DISABLE_JIT", True)
+        return import_module("pymatting")
 
 
 @pytest.fixture(scope="module")

@@ -189,7 +189,7 @@ def test_error_is_honest():
 
 def test_one_hue_gives_the_truth_or_none():
     refused = 0
-    for seed in range(16):
+    for seed in range(10):
         truth, (color, _) = random_scene(seed, one_hue=True)
         try:
             model = quick_fit(*taken(truth, 1 / 255, seed))
@@ -197,7 +197,7 @@ def test_one_hue_gives_the_truth_or_none():
             refused += 1
         else:
             assert normalised2(model, color) < 3**2
-    assert refused > 8
+    assert refused > 5
 
 
 def test_two_paints_give_a_mixture_or_none():

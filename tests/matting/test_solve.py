@@ -105,7 +105,7 @@ def test_stats_are_about_the_streak(solved, paint):
 def test_error_of_the_sum_is_honest(paint, plate_part):
     """Over new plates too: noise of a plate that stays is the same error every time."""
     z = []
-    for seed in range(24):
+    for seed in range(16):
         pictures = taken(paint, seed, plate_part=plate_part)
         solution = solve(*pictures, paint.model, matching=Matching.NONE)
         truth = paint.layer.alpha[solution.streak & solution.known].sum()
