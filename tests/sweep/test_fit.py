@@ -1,5 +1,6 @@
 """fit_sweep: from two pictures to path, shape and color, and how honest their errors are."""
 
+import sys
 from dataclasses import replace
 from functools import cache
 
@@ -223,6 +224,20 @@ def test_a_sheet_that_goes_along_its_side_may_be_long_or_have_gone_far():
         assert words.startswith("two shapes") is not tells
         if tells:
             assert rmse(sweep, truth) < 0.05
+
+
+def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
+    """door: colors enough would explain any of both answers."""
+    _, image, picture = taken(BALL)
+    module = sys.modules["blurmatte.sweep.fit"]
+    monkeypatch.setattr(
+        module, "_shaped", lambda search, disc, told, transfer:
+        replace(told, state=replace(told.state, contested=True)),
+    )  # fmt: skip
+    sweep = fit_sweep(image, picture)
+    assert sweep.model.rank == 1
+    assert sweep.misfit == np.inf
+    assert sweep.complaint(MAX_MISFIT).startswith("two shapes")
 
 
 def known(color, std):

@@ -23,9 +23,9 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.outline import likelier, refined
+from blurmatte.sweep.outline import _exchanged, likelier, refined
 from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.silhouette import DISC, Silhouette
 from blurmatte.sweep.verdict import MAX_MISFIT, misfit
 from blurmatte.trajectory import Trajectory
 
@@ -130,3 +130,23 @@ def test_what_cannot_be_is_not_likelier():
     too_bright = replace(data, C=data.B + 9 * (data.C - data.B))
     assert not likelier((data, disc), (too_bright, replace(found(EGG), cost=0.0)))
     assert likelier((too_bright, disc), (data, disc))
+
+
+def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
+    """invariant: alpha is the same but for scale, as far as twelve bulges make a rectangle."""
+    way, silhouette = Trajectory.line((66, 44), (90, 68)), Silhouette(12)
+    alpha, data, disc = taken(Scene(WALL, way, Sheet(30, 20, GREEN)))
+    angles = 2 * np.pi * np.arange(720) / 720
+    edge = -np.log(np.maximum(np.abs(np.cos(angles)), np.abs(np.sin(angles))))
+    shape = silhouette.start(1.0)
+    shape[1] = np.log(30 / 20) / 2
+    shape[[5, 13, 21]] = [2 * np.mean(edge * np.cos(k * angles)) for k in (4, 8, 12)]
+    shape[0] = np.sqrt(30 * 20 / silhouette.area(shape))
+    sheet = state_at(data, LINE, way.xy[[0, -1]].ravel(), silhouette, shape, disc.frame)
+    assert rmse(sheet, alpha) < 0.02
+    others = list(_exchanged(data, sheet, (3, 40)))
+    lengths = [np.linalg.norm(np.diff(other.curve[[0, -1]], axis=0)) for other in others]
+    assert_allclose(sorted(lengths), [20, 30], rtol=0.12)  # round corners are nearer
+    for other in others:
+        same = other.swept.alpha * (alpha.sum() / other.swept.alpha.sum())
+        assert np.sqrt(np.mean((same - alpha)[alpha > 0] ** 2)) < 0.06

@@ -25,7 +25,7 @@ from blurmatte.sweep import MAX_MISFIT
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA
+from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.verdict import (
     BRIGHTEST,
@@ -264,6 +264,16 @@ def test_what_goes_over_the_same_ground_again_and_again_means_nothing():
     assert not goes(ARC, around, 11)
     assert goes(ARC, around, 3)
     assert goes(PARABOLA, [60, 48, 88, 60, 60, 48], 11)
+
+
+def test_there_and_back_within_a_radius_is_no_bounce():
+    """door: a line leaves the same alpha; beyond it a ball may have come back the way that it went."""
+    data = taken(BALL)
+    frame = Frame.of(GREEN[:, None])
+    for length, means in ((8.0, False), (24.0, True)):
+        path = np.array([78, 55, 78 + length, 55, 78, 55, 0.5])
+        state = state_at(data, BOUNCE, path, DISC, DISC.start(11.0), frame)
+        assert means_something(data, state) is means
 
 
 def test_a_plane_with_the_plates_color_in_most_places_means_nothing():

@@ -74,6 +74,11 @@ class _Told:
         """See `verdict.misfit`."""
         return misfit(self.search.data, self.state)
 
+    @property
+    def left(self) -> float:
+        """The same, whether it is contested or not."""
+        return replace(self, state=replace(self.state, contested=False)).misfit
+
 
 def fit_sweep(
     image: LinearImage,
@@ -225,8 +230,9 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
 def _richer(search: Search, disc: State, told: _Told, transfer: Transfer) -> _Told:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
-    left, simple = line.misfit, line.state.silhouette.bulges == 1
-    if (simple and left <= NOISE) or search.data.known is not None:
+    left, simple = line.left, line.state.silhouette.bulges == 1
+    enough = left <= NOISE and (simple or line.state.contested)
+    if enough or search.data.known is not None:
         return line
     plane = _before_bleeding(search, search.best(2), transfer)
     if plane.misfit <= min(left / _CLEARLY, NOISE):
@@ -252,8 +258,7 @@ def _shaped(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
         return told
     shaped = _before_bleeding(search, best, transfer)
     ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
-    left = replace(shaped, state=replace(shaped.state, contested=False)).misfit
-    return shaped if left <= NOISE and likelier(*ends) else told
+    return shaped if shaped.left <= NOISE and likelier(*ends) else told
 
 
 def _textured(data: Data, state: State) -> bool:

@@ -51,10 +51,12 @@ def refined(data: Data, disc: State) -> State:
     radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
     coarse = data.coarser(max(1, int(disc.shape[0] / (radius * data.scale))))
     start = descend(coarse, seen(coarse, disc), bounds)
-    first = descend(coarse, _shaped(coarse, start, _bulgy(start)), bounds)
-    if not _could_pay(coarse, start, first):
-        return disc
-    found = _search(coarse, start, first, bounds)
+    found = [descend(coarse, _shaped(coarse, start, _bulgy(start)), bounds)]
+    if not _could_pay(coarse, start, found[0]):
+        if misfit(data, disc) <= MAX_MISFIT:
+            return disc
+        found += [descend(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
+    found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
     others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
@@ -63,11 +65,13 @@ def refined(data: Data, disc: State) -> State:
     if order[0][1] is start:
         return disc
     best = contested(coarse, order)
-    rival = descend(coarse, _exchanged(coarse, best), bounds)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
-    rival = descend(data, _shaped(data, rival, end.silhouette), bounds)
+    rivals = [descend(coarse, s, bounds) for s in _exchanged(coarse, best, bounds)]
+    ends = [end]
+    ends += [descend(data, _shaped(data, s, end.silhouette), bounds) for s in rivals]
+    end = _best(data, ends)
     # Outlines err by the bulges that they cannot have: what leaves a little more may be as true.
-    rivalled = differ(end, rival) and misfit(data, rival) <= MAX_MISFIT
+    rivalled = any(differ(end, other) and misfit(data, other) <= MAX_MISFIT for other in ends)
     return replace(end, contested=best.contested or rivalled)
 
 
@@ -81,11 +85,12 @@ def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
     return state
 
 
-def _search(data: Data, disc: State, first: State, bounds: tuple[float, float]) -> list[State]:
+def _search(
+    data: Data, disc: State, found: list[State], bounds: tuple[float, float]
+) -> list[State]:
     """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
-    found = [first]
     for starts in (_straighter, _stretched, _crosswise, _turning):
-        found += [descend(data, s, bounds) for s in starts(data, disc, found)]
+        found = [*found, *(descend(data, s, bounds) for s in starts(data, disc, found))]
         if coherence(data, _best(data, found)) < _EXPLAINED:
             break
     return found
@@ -146,19 +151,29 @@ def _turning(data: Data, disc: State, found: list[State]) -> Iterable[State]:
             yield seen(data, replace(start, shape=shape))
 
 
-def _exchanged(data: Data, state: State) -> State:
-    """As long as its way was, gone as far as it was long: of a sheet the same trapezoid is left."""
+def _exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[State]:
+    """Its way for a side, and that for its way: alpha is the same but for scale.
+
+    A parallelogram that moves is three lines, each drawn out along the others, in whatever order.
+    """
     ends = _on(data, state, LINE).curve[[0, -1]]
     middle, way = ends.mean(axis=0), ends[1] - ends[0]
-    length = max(float(np.linalg.norm(way)), 1e-9)
-    way /= length
-    along = state.silhouette.outline(state.shape, _AROUND) @ way
-    wide = max(float(np.ptp(along)), 1e-9)
-    shape = state.silhouette.stretched(state.shape, way, length / wide)
-    path = LINE.starts(middle + np.linspace(-0.5, 0.5, 33)[:, None] * wide * way)[0]
-    alpha = state.silhouette.sweep(LINE, path, shape, data).alpha
-    frame = state.frame if data.known is not None else main_colors(data, alpha, 1)
-    return state_at(data, LINE, path, state.silhouette, shape, frame)
+    rim = state.silhouette.outline(state.shape, _AROUND)
+    corner = rim[np.argmax(np.linalg.norm(rim, axis=1))]
+    next_corner = rim[np.argmax(rim @ [-corner[1], corner[0]])]
+    sides = np.stack([corner + next_corner, next_corner - corner])
+    for i, side in enumerate(sides):
+        other = sides.copy()
+        other[i] = way
+        other[i] *= np.sign(np.linalg.det(other))
+        by = np.linalg.solve(sides, other).T
+        if not bounds[0] < state.shape[0] * np.sqrt(np.linalg.det(by)) < bounds[1]:
+            continue
+        shape = state.silhouette.mapped(state.shape, by)
+        path = LINE.starts(middle + np.linspace(-0.5, 0.5, 33)[:, None] * side)[0]
+        alpha = state.silhouette.sweep(LINE, path, shape, data).alpha
+        frame = state.frame if data.known is not None else main_colors(data, alpha, 1)
+        yield state_at(data, LINE, path, state.silhouette, shape, frame)
 
 
 def _bulgy(disc: State) -> Silhouette:

@@ -175,19 +175,18 @@ class Silhouette:
         """Standard deviation by which the rim is blurred, pixels; 0 if it is sharp."""
         return float(shape[-1]) if self.soft else 0.0
 
-    def stretched(self, shape: Array, way: Array, by: float) -> Array:
-        """Parameters (m,) of the shape made that many times as long along a unit vector (2,).
+    def mapped(self, shape: Array, by: Array) -> Array:
+        """Parameters (m,) of the image of a shape under a linear map (2, 2) that mirrors nothing.
 
         Of a disc only the size changes.
         """
         from scipy.linalg import logm, polar
 
         new = shape.copy()
-        new[0] *= np.sqrt(by)
+        new[0] *= np.sqrt(np.linalg.det(by))
         if self.bulges == 1:
             return new
-        whole = (np.eye(2) + (by - 1) * np.outer(way, way)) @ self._stretch(shape)[0]
-        turn, A = polar(whole, side="left")
+        turn, A = polar(by @ self._stretch(shape)[0], side="left")
         S = logm(A / new[0]).real
         new[1:3] = S[0, 0], S[0, 1]
         angle = np.arctan2(turn[1, 0], turn[0, 0])

@@ -169,10 +169,16 @@ def means_something(data: Data, state: State) -> bool:
 def _wriggles(state: State) -> bool:
     """Whether the path turns back twice, or all around, within the object's own width.
 
-    It would go over the same ground several times: whatever noise says can be told that way.
+    It would go over the same ground several times: whatever noise says can be told that way. Nor does
+    it bounce where it goes no further than its radius before and after: a line leaves the same.
     """
     steps = np.diff(state.curve, axis=0) @ np.array([1, 1j])
     turned = float(np.abs(np.angle(steps[1:] * steps[:-1].conj())).sum())
+    kink = state.family.kink(state.path)
+    if kink is not None:
+        xy, _ = state.family.at(state.path, np.array([0, kink, 1]))
+        if np.linalg.norm(np.diff(xy, axis=0), axis=1).max() < state.shape[0]:
+            return True
     return turned > _BACK and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned
 
 
