@@ -25,6 +25,7 @@ _TIMES = np.linspace(0, 1, 33)
 _CAREFUL = 1e-3  # of the curvature: less caution hardly changes a step that failed
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
+ROUGHLY = 0.1  # of it, on large pixels: smaller steps are taken on small ones
 _BEND = 0.3  # of a radius, or radians, the most that a shape is bent or turned in a step
 _BRIGHTEST = 3.0  # times the root mean square of an object's light, what a spot of it may be
 _BIT = 1e-9  # of a pixel

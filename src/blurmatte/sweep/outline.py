@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from blurmatte.sweep.choice import CLEARLY, contested, differ, price
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
+from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
 from blurmatte.sweep.verdict import MAX_MISFIT, NOISE, can_be, coherence, misfit, overstated
@@ -30,6 +30,8 @@ _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _AROUND = 90  # points of a rim
+_HOPELESS = 6.0  # misfit on large pixels
+_HELPED = 0.8  # of the misfit, what more bulges leave if corners are what is missing
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
 
@@ -51,37 +53,45 @@ def refined(data: Data, disc: State) -> State:
     radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
     coarse = data.coarser(max(1, int(disc.shape[0] / (radius * data.scale))))
     start = descend(coarse, seen(coarse, disc), bounds)
-    found = [descend(coarse, _shaped(coarse, start, _bulgy(start)), bounds)]
+    found = [_roughly(coarse, _shaped(coarse, start, _bulgy(start)), bounds)]
     if not _could_pay(coarse, start, found[0]):
         if misfit(data, disc) <= MAX_MISFIT:
             return disc
-        found += [descend(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
+        found += [_roughly(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
     found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
     others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
-    ends = [start, *found, *(descend(coarse, s, bounds) for s in others)]
+    ends = [start, *found, *(_roughly(coarse, s, bounds) for s in others)]
     order = _ordered(coarse, ends)
     if order[0][1] is start:
         return disc
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
-    rivals = [descend(coarse, s, bounds) for s in _exchanged(coarse, best, bounds)]
-    ends = [end]
-    ends += [descend(data, _shaped(data, s, end.silhouette), bounds) for s in rivals]
+    rivals = [_roughly(coarse, s, bounds) for s in _exchanged(coarse, best, bounds)]
+    rivals = [s for s in rivals if misfit(coarse, s) < _HOPELESS]
+    ends = [end, *(descend(data, _shaped(data, s, end.silhouette), bounds) for s in rivals)]
     end = _best(data, ends)
     # Outlines err by the bulges that they cannot have: what leaves a little more may be as true.
     rivalled = any(differ(end, other) and misfit(data, other) <= MAX_MISFIT for other in ends)
     return replace(end, contested=best.contested or rivalled)
 
 
+def _roughly(data: Data, start: State, bounds: tuple[float, float]) -> State:
+    """The end of a descent on large pixels."""
+    return descend(data, start, bounds, enough=ROUGHLY)
+
+
 def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
     """The same with as many more bulges as it takes to explain the data: corners have many."""
     for bulges in _MORE:
-        if misfit(data, state) <= NOISE or bulges <= state.silhouette.bulges:
+        left = misfit(data, state)
+        if left <= NOISE or bulges <= state.silhouette.bulges:
             break
         start = _shaped(data, state, replace(state.silhouette, bulges=bulges))
         state = _best(data, [state, descend(data, start, bounds)])
+        if misfit(data, state) > _HELPED * left:
+            break
     return state
 
 
@@ -90,7 +100,7 @@ def _search(
 ) -> list[State]:
     """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
     for starts in (_straighter, _stretched, _crosswise, _turning):
-        found = [*found, *(descend(data, s, bounds) for s in starts(data, disc, found))]
+        found = [*found, *(_roughly(data, s, bounds) for s in starts(data, disc, found))]
         if coherence(data, _best(data, found)) < _EXPLAINED:
             break
     return found

@@ -14,7 +14,7 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.choice import best_of, contested, ranked
 from blurmatte.sweep.data import Data, data_around
-from blurmatte.sweep.descent import State, descend, main_colors, seen, sharp, state_at
+from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, sharp, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
@@ -37,7 +37,6 @@ QUICK = (0.8,)  # of them, where one must do
 _QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
 _QUICK_GAIN = 1e-2  # of log likelihood: what is left then is less than 0.1 standard deviations
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
-_COARSE_GAIN = 0.1  # of them: steps that gain less there are taken on small pixels
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
 _SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
@@ -171,7 +170,7 @@ class Search:
     ) -> list[State]:
         """Of descents that begin along a curve."""
         return [
-            descend(self.coarse, start, self.bounds, enough=_COARSE_GAIN)
+            descend(self.coarse, start, self.bounds, enough=ROUGHLY)
             for start in _starts(self.coarse, curve, radius, rank, families)
         ]
 
