@@ -59,6 +59,7 @@ from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
 from blurmatte.motion import BallMotion as BallMotion
+from blurmatte.motion import BallPlace as BallPlace
 from blurmatte.motion import BlurDepth as BlurDepth
 from blurmatte.motion import EndSilhouettes as EndSilhouettes
 from blurmatte.motion import FrameMotion as FrameMotion
@@ -87,6 +88,7 @@ from blurmatte.motion import measure_clip as measure_clip
 from blurmatte.motion import measure_motion as measure_motion
 from blurmatte.motion import measure_on_plane as measure_on_plane
 from blurmatte.motion import measure_rotation as measure_rotation
+from blurmatte.motion import places_in_space as places_in_space
 from blurmatte.motion import sightings as sightings
 from blurmatte.overview import draw_clip as draw_clip
 from blurmatte.overview import draw_edit as draw_edit

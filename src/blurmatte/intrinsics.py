@@ -11,10 +11,13 @@ of fisheyes a polynomial of the angle [Kannala & Brandt, TPAMI 2006].
 
 from __future__ import annotations
 
+import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
+
+from blurmatte.errors import BlurmatteWarning
 
 Array = npt.NDArray[np.float64]
 
@@ -23,6 +26,7 @@ _FISHEYE_COUNTS = (0, 4)
 _STEPS = 30
 _CLOSE = 1e-12  # on the plane z = 1: far below a pixel
 _TINY = 1e-30
+_OFF = 0.1  # of width and height: farther from the middle no lens is mounted
 _DIAGONAL_35MM = float(np.hypot(36, 24))  # what a 35 mm equivalent is made for [CIPA DCG-001]
 
 
@@ -43,6 +47,8 @@ class Intrinsics:
         Which of the two models the distortion is of; a fisheye without coefficients is equidistant.
     covariance : (4 + n, 4 + n) float, optional
         Of fx, fy, cx, cy and the distortion; zeros if it is empty or not given: known exactly.
+    size : (int, int), optional
+        (width, height) of the pictures that it was calibrated with; of others nothing here is true.
 
     Raises
     ------
@@ -57,6 +63,7 @@ class Intrinsics:
     distortion: Array = field(default_factory=lambda: np.zeros(0))
     fisheye: bool = False
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         distortion = np.array(self.distortion, dtype=float).reshape(-1)
@@ -78,6 +85,11 @@ class Intrinsics:
         if covariance.shape != (n, n) or not np.all(np.isfinite(covariance)):
             raise ValueError(f"covariance must be finite, ({n}, {n}), got {covariance.shape}")
         object.__setattr__(self, "covariance", covariance)
+        if self.size is not None:
+            width, height = map(int, self.size)
+            if min(width, height) < 1:
+                raise ValueError(f"size must be (width, height) in pixels, got {self.size}")
+            object.__setattr__(self, "size", (width, height))
 
     def __repr__(self) -> str:
         kind = ", fisheye" if self.fisheye else ""
@@ -119,7 +131,7 @@ class Intrinsics:
         scale = float(scale if sensor_width is None else width / sensor_width)
         f, covariance = focal_length * scale, np.zeros((4, 4))
         covariance[:2, :2] = (std * scale) ** 2  # one length: both err together
-        return cls(f, f, (width - 1) / 2, (height - 1) / 2, covariance=covariance)
+        return cls(f, f, (width - 1) / 2, (height - 1) / 2, covariance=covariance, size=size)
 
     @property
     def values(self) -> Array:
@@ -130,6 +142,34 @@ class Intrinsics:
     def std(self) -> Array:
         """(4 + n,) standard deviations of `values`."""
         return np.sqrt(np.diag(self.covariance))
+
+    def check_size(self, size: tuple[int, int]) -> None:
+        """Whether it may be the camera of pictures of a size (width, height).
+
+        Warns if it is not known for which size it was calibrated, and its axis is far from the middle.
+
+        Raises
+        ------
+        ValueError
+            If it was calibrated with pictures of another size.
+        """
+        if self.size is not None:
+            if self.size != tuple(size):
+                raise ValueError(
+                    "the camera was calibrated with pictures of {}x{} pixels, and this has {}x{}; give "
+                    "the calibration of pictures of this size".format(*self.size, *size)
+                )
+            return
+        middle = (np.array(size) - 1) / 2
+        if np.any(np.abs([self.cx, self.cy] - middle) > _OFF * np.array(size)):
+            warnings.warn(
+                f"the camera's axis meets the picture at ({self.cx:.0f}, {self.cy:.0f}), far from its "
+                f"middle, ({middle[0]:.0f}, {middle[1]:.0f}): if it was calibrated with pictures of "
+                "another size than {}x{}, all places are wrong; calibrate with pictures of this size, "
+                'and say "size": [{}, {}] in its file'.format(*size, *size),
+                BlurmatteWarning,
+                stacklevel=2,
+            )
 
     def with_values(self, values: Array) -> Intrinsics:
         """The same kind of camera with other `values`."""

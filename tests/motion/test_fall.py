@@ -198,7 +198,7 @@ def test_what_all_frames_share_does_not_average_out():
     assert fall.lengths[1] < 0.02
     assert fall.unit == "m"
     told = " ".join(bm.explain(fall))
-    assert "m/s². That is" in told
+    assert f"That is {g:.2f} ± {std:.2f} m/s², the errors of radius and camera included" in told
     assert "times what the ball's radius makes them" in told
     assert {"acceleration_z", "lengths_by_gravity"} <= fall.numbers().keys()
 

@@ -17,8 +17,8 @@ _LEAST = 4  # points that fix a plane
 Camera = Annotated[
     Path | None,
     typer.Option(
-        help="JSON of the calibrated camera: where the ball of --radius was in space, or, with "
-        "--speed, how far away it went."
+        help="JSON of the calibrated camera: where the ball of --radius was in space, of a clip in "
+        "each frame, or, with --speed, how far away it went."
     ),
 ]
 
@@ -87,12 +87,14 @@ class Known:
         if self.height is not None and self.plane is None:
             raise ValueError("--height needs --on-plane, the plane that it is above")
         if self.lens is not None and not (self.radius or self.speed or self.plane):
-            raise ValueError("--camera needs --radius, the true size of the ball, or --speed")
+            raise ValueError(
+                "--camera needs --radius or --diameter, the true size of the ball, or --speed"
+            )
 
 
 def known_of(
     camera: Path | None,
-    radius: str | None,
+    radius: Quantity | None,
     speed: str | None,
     on_plane: Sequence[str],
     height: str | None,
@@ -101,11 +103,21 @@ def known_of(
     lens = None if camera is None else bm.read_intrinsics(camera)
     return Known(
         lens,
-        None if radius is None else meters("--radius", radius),
+        radius,
         None if speed is None else meters_per_second("--speed", speed),
         _plane(on_plane, lens) if on_plane else None,
         None if height is None else meters("--height", height),
     )
+
+
+def true_radius(radius: str | None, diameter: str | None) -> Quantity | None:
+    """Of the ball, by the one option that was given; and its error."""
+    if radius is not None:
+        return meters("--radius", radius)
+    if diameter is None:
+        return None
+    whole, std = meters("--diameter", diameter)
+    return whole / 2, std / 2
 
 
 def in_space(
@@ -114,6 +126,8 @@ def in_space(
     """All that follows from what is known; `exposed` is the exposure time and its error."""
     if before is not None and (before.image is None or not (known.lens and known.radius)):
         raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
+    if known.lens is not None:
+        known.lens.check_size(solution.size)
     if known.lens is not None and known.radius is not None:
         yield _ball(solution, known.lens, known.radius, exposed, before)
     if known.lens is not None and known.speed is not None:

@@ -5,13 +5,15 @@ from blurmatte.motion.agreement import scatter_in_words as scatter_in_words
 from blurmatte.motion.ball import fit_ball as fit_ball
 from blurmatte.motion.ball import measure_ball as measure_ball
 from blurmatte.motion.ball_motion import BallMotion as BallMotion
+from blurmatte.motion.ball_place import BallPlace as BallPlace
+from blurmatte.motion.ball_place import places_in_space as places_in_space
 from blurmatte.motion.clip import measure_clip as measure_clip
 from blurmatte.motion.clip_color import clip_color as clip_color
 from blurmatte.motion.depth import BlurDepth as BlurDepth
 from blurmatte.motion.depth import depth_from_blur as depth_from_blur
 from blurmatte.motion.fall import FreeFall as FreeFall
-from blurmatte.motion.fall import fit_fall as fit_fall
-from blurmatte.motion.fall import fit_fall_in_space as fit_fall_in_space
+from blurmatte.motion.fall_fit import fit_fall as fit_fall
+from blurmatte.motion.fall_fit import fit_fall_in_space as fit_fall_in_space
 from blurmatte.motion.fall_words import fall_in_words as fall_in_words
 from blurmatte.motion.linking import FrameMotion as FrameMotion
 from blurmatte.motion.linking import frame_scatter as frame_scatter

@@ -161,8 +161,10 @@ def fit_ball(
     )
 
 
-def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float) -> Array:
-    """(k, 3) where balls are that look like discs of a radius around `centers` (k, 2) pixels; in radii.
+def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float | Array) -> Array:
+    """(k, 3) where balls are that look like discs of a radius, or of radii (k,), around `centers`.
+
+    Centers are (k, 2), all in pixels; places are in radii of the ball.
 
     The disc stands for the ellipse of the same center and area. With m the distance of that center
     from the axis and b, a its half axes, all on the plane z = 1,
