@@ -78,6 +78,7 @@ from blurmatte.motion import clip_color as clip_color
 from blurmatte.motion import depth_from_blur as depth_from_blur
 from blurmatte.motion import end_silhouettes as end_silhouettes
 from blurmatte.motion import fit_ball as fit_ball
+from blurmatte.motion import fit_balls as fit_balls
 from blurmatte.motion import fit_fall as fit_fall
 from blurmatte.motion import fit_fall_in_space as fit_fall_in_space
 from blurmatte.motion import frame_scatter as frame_scatter

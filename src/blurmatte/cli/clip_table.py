@@ -1,5 +1,6 @@
 """What the frames of a clip say together: the rows of its table, words, a fall, meters."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -131,18 +132,17 @@ def table(
     """All numbers of each frame, with the speed as well as it is known."""
     scales = {one.number: one.scale for one in told}
     if given.ball is None or places is None:
-        return [
-            row.numbers() | _speed(row.sighting, scales.get(row.object or 1), given.time)
-            for row in rows
-        ]
+        lines = []
+        for row in rows:
+            scale = scales.get(row.object or 1)
+            unit = "px" if scale is None else "m"
+            lines.append(row.numbers() | _speed(_moved(row.sighting, scale), unit, given.time))
+        return lines
     lines = []
-    for row, place in zip(rows, places, strict=True):
-        seen = None if place is None else row.sighting
-        scale = bm.Scale(1.0)  # of nothing
-        if place is not None and seen is not None:
-            scale = given.ball.scale(place, seen)
-        there = dict.fromkeys(bm.BallPlace.names) if place is None else place.numbers()
-        lines.append(row.numbers() | there | _speed(seen, scale, given.time))
+    for row, ball in zip(rows, places, strict=True):
+        there = dict.fromkeys(bm.BallPlace.names) if ball is None else ball.numbers()
+        moved = given.ball.moved(ball, row.sighting)
+        lines.append(row.numbers() | there | _speed(moved, "m", given.time))
     return lines
 
 
@@ -198,17 +198,24 @@ def _middle(found: Sequence[bm.Sighting]) -> tuple[float, float]:
 
 
 def _speed(
-    one: bm.Sighting | None, scale: bm.Scale | None, time: tuple[float, float] | None
+    moved: tuple[float, float] | None, unit: str, time: tuple[float, float] | None
 ) -> dict[str, Any]:
-    """Mean speed within the exposure, and its error."""
-    unit = ("px" if scale is None else "m") + ("/exposure" if time is None else "/s")
-    if one is None:
+    """Mean speed within the exposure, and its error, of how far it moved."""
+    unit += "/exposure" if time is None else "/s"
+    if moved is None:
         return {"speed": None, "speed_std": None, "speed_unit": unit}
-    speed, relative2 = one.length, (one.length_std / max(one.length, 1e-12)) ** 2
-    if scale is not None:
-        speed *= scale.meters_per_pixel
-        relative2 += (scale.std / scale.meters_per_pixel) ** 2
+    speed, std = moved
     if time is not None:
+        std = math.hypot(std, speed * time[1] / time[0]) / time[0]
         speed /= time[0]
-        relative2 += (time[1] / time[0]) ** 2
-    return {"speed": speed, "speed_std": speed * relative2**0.5, "speed_unit": unit}
+    return {"speed": speed, "speed_std": std, "speed_unit": unit}
+
+
+def _moved(one: bm.Sighting | None, scale: bm.Scale | None) -> tuple[float, float] | None:
+    """How far within the exposure, pixels or meters, and its error."""
+    if one is None:
+        return None
+    if scale is None:
+        return one.length, one.length_std
+    by = scale.meters_per_pixel
+    return by * one.length, math.hypot(by * one.length_std, scale.std * one.length)

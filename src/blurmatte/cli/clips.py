@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import blurmatte as bm
-from blurmatte.cli.flights import KnownBall
+from blurmatte.cli.flights import KnownBall, Places
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.plates import frame_number
 from blurmatte.cli.program import NamedError, about, with_progress
@@ -68,8 +68,18 @@ class ClipTask:
         }
 
 
-def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[bm.FrameMotion]]:
-    """The plate, the object's color, and where it was in each frame."""
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """What the frames show: the plate, the object's color, where it was, and in space if asked."""
+
+    plate: bm.LinearImage
+    model: bm.ColorModel
+    rows: list[bm.FrameMotion]
+    places: Places | None
+
+
+def measure_frames(task: ClipTask) -> Measured:
+    """The object in each frame."""
     done = _done(task)
     with about(task.source):
         frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
@@ -85,20 +95,35 @@ def measure_frames(task: ClipTask) -> tuple[bm.LinearImage, bm.ColorModel, list[
         count = 1 if len(frames) < _FEW else os.cpu_count() or 1
     with about(task.source), bm.Workers(count) as workers:
         model = _color(task, frames, plate, workers)
-        seen = bm.sightings(
-            frames,
-            plate,
-            model,
-            several=task.several,
-            numbers=frames.numbers,
-            rate=task.rate,
-            skip=len(done),
-            workers=workers,
-        )
-        kept = _kept(task, done, with_progress(seen, "measuring", len(frames) - len(done)))
-        if not task.several:
-            return plate, model, bm.link_sightings(kept)
-        return plate, model, bm.link_objects(kept, task.least or _LEAST)
+        rows = _rows(task, frames, plate, model, done, workers)
+        if task.ball is None:
+            return Measured(plate, model, rows, None)
+        return Measured(plate, model, rows, task.ball.places(frames, plate, rows, model, workers))
+
+
+def _rows(
+    task: ClipTask,
+    frames: bm.Frames[bm.LinearImage],
+    plate: bm.LinearImage,
+    model: bm.ColorModel,
+    done: Sequence[bm.FrameSightings],
+    workers: bm.Workers,
+) -> list[bm.FrameMotion]:
+    """Each frame by itself, as far as that is not done, then all of them joined."""
+    seen = bm.sightings(
+        frames,
+        plate,
+        model,
+        several=task.several,
+        numbers=frames.numbers,
+        rate=task.rate,
+        skip=len(done),
+        workers=workers,
+    )
+    kept = _kept(task, done, with_progress(seen, "measuring", len(frames) - len(done)))
+    if task.several:
+        return bm.link_objects(kept, task.least or _LEAST)
+    return bm.link_sightings(kept)
 
 
 def finish(task: ClipTask) -> None:

@@ -1,10 +1,12 @@
 """What a clip says of space: a ball of known size before a calibrated camera, in every frame."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import blurmatte as bm
+from blurmatte.cli.program import with_progress
 from blurmatte.cli.space import Quantity, true_radius
 
 Places = Sequence[bm.BallPlace | None]
@@ -17,14 +19,30 @@ class KnownBall:
     lens: bm.Intrinsics
     radius: Quantity
 
-    def places(self, rows: Sequence[bm.FrameMotion]) -> list[bm.BallPlace | None]:
+    def places(
+        self,
+        frames: bm.Frames[bm.LinearImage],
+        plate: bm.LinearImage,
+        rows: Sequence[bm.FrameMotion],
+        model: bm.ColorModel,
+        workers: bm.Workers,
+    ) -> Places:
         """Where it was in each frame, or each of several."""
-        return bm.places_in_space(rows, self.lens, *self.radius)
+        fits = bm.fit_balls(frames, plate, rows, model, self.lens, *self.radius, workers=workers)
+        balls = list(with_progress(fits, "in space", len(rows)))
+        return bm.places_in_space(rows, self.lens, *self.radius, balls=balls)
 
-    def scale(self, ball: bm.BallPlace, seen: bm.Sighting) -> bm.Scale:
-        """How many meters a pixel is where the ball was, across the line of sight."""
-        pixels = float(self.lens.magnification(seen.place))
-        return bm.Scale(ball.distance / pixels, ball.distance_std / pixels)
+    def moved(
+        self, ball: bm.BallPlace | None, seen: bm.Sighting | None
+    ) -> tuple[float, float] | None:
+        """How far within the exposure, meters, and its error; of a disc across the line of sight."""
+        if ball is None or seen is None:
+            return None
+        if ball.length is not None and ball.length_std is not None:
+            return ball.length, ball.length_std
+        pixel = ball.distance / float(self.lens.magnification(seen.place))
+        far = seen.length * ball.distance_std / ball.distance
+        return pixel * seen.length, pixel * math.hypot(seen.length_std, far)
 
 
 def known_ball(
@@ -63,7 +81,7 @@ def in_space_words(rows: Sequence[bm.FrameMotion], places: Places) -> list[str]:
     found = sum(row.sighting is not None for row in rows)
     balls = [ball for ball in places if ball is not None]
     sound = [ball for ball in balls if not ball.doubted]
-    told = [f"In space in {len(balls)} of {found} frames, {_left_out(found, balls)}."]
+    told = [f"In space in {len(balls)} of {found} frames: {_how(balls)}."]
     if not sound:
         return told
     first, last = sound[0], sound[-1]
@@ -74,16 +92,19 @@ def in_space_words(rows: Sequence[bm.FrameMotion], places: Places) -> list[str]:
     return [*told, _speeds(sound)]
 
 
-def _left_out(found: int, balls: Sequence[bm.BallPlace]) -> str:
-    doubted = sum(ball.doubted for ball in balls)
-    told = []
-    if len(balls) < found:
-        told.append(
-            "in the others no disc explains the streak, or it lies beyond what is calibrated"
-        )
+def _how(balls: Sequence[bm.BallPlace]) -> str:
+    """What places were made of."""
+    fitted = sum(ball.source == "ball" for ball in balls)
+    discs = sum(ball.source == "sweep" for ball in balls)
+    moments, doubted = len(balls) - fitted - discs, sum(ball.doubted for ball in balls)
+    told = [f"{fitted} by a ball that was fitted to the picture"]
+    if discs:
+        told.append(f"{discs} by a disc")
+    if moments:
+        told.append(f"{moments} by moments of alpha, whose errors know neither shading nor codec")
     if doubted:
-        told.append(f"of which {doubted} in doubt tell nothing of speeds and falls")
-    return "; ".join(told) or "none in doubt"
+        told.append(f"of the {doubted} in doubt nothing else is made")
+    return ", ".join(told)
 
 
 def _at(ball: bm.BallPlace) -> str:
@@ -97,11 +118,11 @@ def _errors(sound: Places) -> str:
     shared = max(ball.shared for ball in balls)
     if shared == 0:
         return (
-            f"Single pictures tell the distance to {picture:.2g} or better; the errors of radius and "
+            f"Single pictures tell the distance to {picture:.2%} or better; the errors of radius and "
             "camera, which all share, were not given."
         )
     return (
-        f"Single pictures tell the distance to {picture:.1%} or better, radius and camera all of them "
+        f"Single pictures tell the distance to {picture:.2%} or better, radius and camera all of them "
         f"to {shared:.1%}."
     )
 

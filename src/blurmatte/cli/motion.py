@@ -216,16 +216,17 @@ def measure(
 
 def _measure_clip(task: ClipTask, given: Given, overlay: Path | None, as_json: bool) -> None:
     """The table of a clip, its sheet, and what both say."""
-    background, model, rows = measure_frames(task)
+    measured = measure_frames(task)
+    rows, places = measured.rows, measured.places
     with about(task.source):
-        places = None if given.ball is None else given.ball.places(rows)
         found = told_of(rows, places, task.several, given)
-    said = [*words(rows, model, task.several), *(word for one in found for word in one.words)]
+    said = words(rows, measured.model, task.several)
+    said += [word for one in found for word in one.words]
     lines = table(rows, places, found, given)
     if task.out is not None:
         bm.write(task.out, lines)
     if overlay is not None:
-        bm.write(overlay, bm.draw_clip(background, rows, said, places))
+        bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
     finish(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls = {"falls": falls} if task.several else {"fall": falls[0]}

@@ -6,8 +6,8 @@ from blurmatte.motion.ball import fit_ball as fit_ball
 from blurmatte.motion.ball import measure_ball as measure_ball
 from blurmatte.motion.ball_motion import BallMotion as BallMotion
 from blurmatte.motion.ball_place import BallPlace as BallPlace
-from blurmatte.motion.ball_place import places_in_space as places_in_space
 from blurmatte.motion.clip import measure_clip as measure_clip
+from blurmatte.motion.clip_balls import fit_balls as fit_balls
 from blurmatte.motion.clip_color import clip_color as clip_color
 from blurmatte.motion.depth import BlurDepth as BlurDepth
 from blurmatte.motion.depth import depth_from_blur as depth_from_blur
@@ -23,6 +23,7 @@ from blurmatte.motion.measure import measure_motion as measure_motion
 from blurmatte.motion.motion import Motion as Motion
 from blurmatte.motion.outlines import EndSilhouettes as EndSilhouettes
 from blurmatte.motion.outlines import end_silhouettes as end_silhouettes
+from blurmatte.motion.places import places_in_space as places_in_space
 from blurmatte.motion.plane_motion import Plane as Plane
 from blurmatte.motion.plane_motion import PlaneMotion as PlaneMotion
 from blurmatte.motion.plane_motion import measure_on_plane as measure_on_plane

@@ -161,10 +161,8 @@ def fit_ball(
     )
 
 
-def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float | Array) -> Array:
-    """(k, 3) where balls are that look like discs of a radius, or of radii (k,), around `centers`.
-
-    Centers are (k, 2), all in pixels; places are in radii of the ball.
+def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float) -> Array:
+    """(k, 3) where balls are that look like discs of a radius around `centers` (k, 2) pixels; in radii.
 
     The disc stands for the ellipse of the same center and area. With m the distance of that center
     from the axis and b, a its half axes, all on the plane z = 1,
@@ -211,7 +209,10 @@ def _before(
     intrinsics: Intrinsics, sweep: Sweep, image: LinearImage, plate: LinearImage
 ) -> tuple[Data, SeenBall]:
     """The pixels around a sweep, and the ball that the camera may see in them."""
-    streak = Streak(sweep.alpha > 0)
+    x0, y0, x1, y1 = sweep.box
+    seen = np.zeros((sweep.size[1], sweep.size[0]), dtype=bool)
+    seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
+    streak = Streak(seen)
     data = data_around(streak, int(_MARGIN * sweep.radius) + 4, image, plate, None)
     data = data.coarser(max(1, int(sweep.radius / _FINE_RADIUS)))
     ball = SeenBall.before(intrinsics, data)
