@@ -11,13 +11,10 @@ of fisheyes a polynomial of the angle [Kannala & Brandt, TPAMI 2006].
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
-
-from blurmatte.errors import BlurmatteWarning
 
 Array = npt.NDArray[np.float64]
 
@@ -26,7 +23,6 @@ _FISHEYE_COUNTS = (0, 4)
 _STEPS = 30
 _CLOSE = 1e-12  # on the plane z = 1: far below a pixel
 _TINY = 1e-30
-_OFF = 0.1  # of width and height: farther from the middle no lens is mounted
 _DIAGONAL_35MM = float(np.hypot(36, 24))  # what a 35 mm equivalent is made for [CIPA DCG-001]
 
 
@@ -146,29 +142,15 @@ class Intrinsics:
     def check_size(self, size: tuple[int, int]) -> None:
         """Whether it may be the camera of pictures of a size (width, height).
 
-        Warns if it is not known for which size it was calibrated, and its axis is far from the middle.
-
         Raises
         ------
         ValueError
-            If it was calibrated with pictures of another size.
+            If it is known to have been calibrated with pictures of another size.
         """
-        if self.size is not None:
-            if self.size != tuple(size):
-                raise ValueError(
-                    "the camera was calibrated with pictures of {}x{} pixels, and this has {}x{}; give "
-                    "the calibration of pictures of this size".format(*self.size, *size)
-                )
-            return
-        middle = (np.array(size) - 1) / 2
-        if np.any(np.abs([self.cx, self.cy] - middle) > _OFF * np.array(size)):
-            warnings.warn(
-                f"the camera's axis meets the picture at ({self.cx:.0f}, {self.cy:.0f}), far from its "
-                f"middle, ({middle[0]:.0f}, {middle[1]:.0f}): if it was calibrated with pictures of "
-                "another size than {}x{}, all places are wrong; calibrate with pictures of this size, "
-                'and say "size": [{}, {}] in its file'.format(*size, *size),
-                BlurmatteWarning,
-                stacklevel=2,
+        if self.size is not None and self.size != tuple(size):
+            raise ValueError(
+                "the camera was calibrated with pictures of {}x{} pixels, and this has {}x{}; give the "
+                "calibration of pictures of this size".format(*self.size, *size)
             )
 
     def with_values(self, values: Array) -> Intrinsics:

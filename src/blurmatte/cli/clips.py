@@ -12,6 +12,7 @@ from blurmatte.cli.flights import KnownBall, Places
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.plates import frame_number
 from blurmatte.cli.program import NamedError, about, with_progress
+from blurmatte.cli.space import check_camera
 
 _TABLES = ".csv", ".json", ".parquet"
 _LEAST = 3  # frames of an object, if not told
@@ -88,7 +89,7 @@ def measure_frames(task: ClipTask) -> Measured:
         if len(frames) == 0:
             raise ValueError("there are no such frames; look at --start and --stop")
         if task.ball is not None:
-            task.ball.lens.check_size(frames.size)
+            check_camera(task.ball.lens, frames.size)
     plate = _plate(task, frames)
     count = task.workers
     if count is None:

@@ -1,6 +1,7 @@
 """What a streak says of space: a ball before a camera, a way on a plane, a depth, a turn."""
 
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from blurmatte.cli.quantities import meters, meters_per_second
 
 _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 _LEAST = 4  # points that fix a plane
+_OFF = 0.1  # of width and height: farther from the middle no lens is mounted
 
 Camera = Annotated[
     Path | None,
@@ -110,14 +112,39 @@ def known_of(
     )
 
 
+def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
+    """Whether it may be the camera of pictures of a size; a warning if that is not known, nor likely.
+
+    Raises
+    ------
+    ValueError
+        If it was calibrated with pictures of another size.
+    """
+    lens.check_size(size)
+    (x, y), axis = ((n - 1) / 2 for n in size), (lens.cx, lens.cy)
+    off = abs(axis[0] - x) / size[0], abs(axis[1] - y) / size[1]
+    if lens.size is None and max(off) > _OFF:
+        warnings.warn(
+            "the camera's axis meets the picture at ({:.0f}, {:.0f}), far from its middle, ({:.0f}, "
+            "{:.0f}): if it was calibrated with pictures of another size than {}x{}, all of space is "
+            'wrong; calibrate with such, and say "size": [{}, {}] in its file'.format(
+                *axis, x, y, *size, *size
+            ),
+            bm.BlurmatteWarning,
+            stacklevel=2,
+        )
+
+
 def true_radius(radius: str | None, diameter: str | None) -> Quantity | None:
     """Of the ball, by the one option that was given; and its error."""
-    if radius is not None:
-        return meters("--radius", radius)
-    if diameter is None:
+    text = radius if radius is not None else diameter
+    if text is None:
         return None
-    whole, std = meters("--diameter", diameter)
-    return whole / 2, std / 2
+    name, part = ("--radius", 1.0) if radius is not None else ("--diameter", 0.5)
+    value, std = meters(name, text)
+    if not value > 0:
+        raise ValueError(f"{name} must be above 0, got {text!r}")
+    return part * value, part * std
 
 
 def in_space(
@@ -127,7 +154,7 @@ def in_space(
     if before is not None and (before.image is None or not (known.lens and known.radius)):
         raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
     if known.lens is not None:
-        known.lens.check_size(solution.size)
+        check_camera(known.lens, solution.size)
     if known.lens is not None and known.radius is not None:
         yield _ball(solution, known.lens, known.radius, exposed, before)
     if known.lens is not None and known.speed is not None:

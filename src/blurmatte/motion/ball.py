@@ -81,6 +81,7 @@ def measure_ball(
     """
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep must be a Sweep, got {type(sweep).__name__}; use fit_sweep")
+    intrinsics.check_size(sweep.size)
     _check_explained(sweep.misfit, "the sweep")
     n = len(sweep.path)
 
@@ -131,6 +132,7 @@ def fit_ball(
     MotionError
         If nothing moved, or no ball that flew like this explains the streak.
     """
+    intrinsics.check_size(image.size)
     image, plate = with_noise(image, plate)
     if sweep is None:
         sweep = fit_sweep(image, plate)

@@ -90,13 +90,17 @@ class _Fit:
     def __call__(
         self, frame: LinearImage, found: Sequence[Sighting | None]
     ) -> list[BallMotion | None]:
-        if self.model.rank == 3 or not any(found):
+        if self.model.rank == 3 or not any(map(_may_be_ball, found)):
             return [None] * len(found)
         image = with_its(self.noise, frame)
         plate = as_bright(self.plate, image)
-        return [None if one is None else self._fitted(image, plate, one) for one in found]
+        return [self._fitted(image, plate, one) for one in found]
 
-    def _fitted(self, image: LinearImage, plate: LinearImage, one: Sighting) -> BallMotion | None:
+    def _fitted(
+        self, image: LinearImage, plate: LinearImage, one: Sighting | None
+    ) -> BallMotion | None:
+        if one is None or not _may_be_ball(one):
+            return None
         radius, std = self.radius
         begun = Sweep(
             LINE,
@@ -112,3 +116,8 @@ class _Fit:
             return fit_ball(image, plate, self.intrinsics, radius, radius_std=std, sweep=begun)
         except BlurmatteError:
             return None
+
+
+def _may_be_ball(one: Sighting | None) -> bool:
+    """Where the best disc is nothing that could be (`misfit`), no ball is either."""
+    return one is not None and one.misfit is not None

@@ -40,7 +40,7 @@ def _direction(fall: FreeFall) -> str:
         return f"at {angle:.1f}° (from right towards down)"
     off, std = np.degrees(fall.off_gravity)
     x, y, z = fall.acceleration
-    what = "straight down in the picture, which a tilted camera sees"
+    what = "straight down in the picture; if it is gravity, the camera is tilted by that"
     if fall.directed:
         what = "the gravity that was given"
     return f"({x:.3g}, {y:.3g}, {z:.3g}), {_with(off, std)}° off {what}"
@@ -51,7 +51,10 @@ def _compared(fall: FreeFall) -> list[str]:
     assert fall.scale is not None
     g, std = fall.in_meters(fall.scale)
     share, meters = g / STANDARD_GRAVITY, _in_meters(fall)
-    return [f"That is {meters}, {share:.3g} of standard gravity.", *_remedies(share, std / g)]
+    told = [f"That is {meters}, {share:.3g} of standard gravity."]
+    if fall.unit == "m" and not fall.objection:  # in a picture gravity may be seen aslant
+        told += _remedies(share, std / g)
+    return told
 
 
 def _in_meters(fall: FreeFall) -> str:
@@ -77,12 +80,13 @@ def _in_gravity(fall: FreeFall) -> list[str]:
     assert fall.scale is not None
     assert fall.gravity is not None
     known = float(np.linalg.norm(fall.gravity))
+    g, std = fall.in_meters(fall.scale)
+    remedies = _remedies(g / known, float(np.hypot(std / g, fall.gravity_std / known)))
     if fall.objection:
-        return [f"It is no fall in the gravity that was given: {fall.objection}."]
+        return [f"It is no fall in the gravity that was given: {fall.objection}.", *remedies]
     if fall.scaled_by_gravity:
         mm, std = 1000 * fall.scale.meters_per_pixel, 1000 * fall.scale.std
         return [f"With a gravity of {known:.4g} m/s² a pixel is {mm:.4g} ± {std:.2g} mm there."]
-    g, std = fall.in_meters(fall.scale)
     apart = abs(g - known) / max(float(np.hypot(std, fall.gravity_std)), 1e-12)
     ratio, ratio_std = fall.lengths
     basis = "the scale" if fall.unit == "px" else "the ball's radius"
@@ -90,5 +94,5 @@ def _in_gravity(fall: FreeFall) -> list[str]:
         f"That is {_in_meters(fall)}, where gravity is {known:.4g}: {apart:.1f} standard deviations "
         "apart.",
         f"By the fall, all lengths are {_with(ratio, ratio_std)} times what {basis} makes them.",
-        *_remedies(g / known, float(np.hypot(std / g, fall.gravity_std / known))),
+        *remedies,
     ]
