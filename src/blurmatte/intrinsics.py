@@ -186,7 +186,9 @@ class Intrinsics:
                 J = self._slope(m)
                 m = m - (_inverse(J) @ off[..., None])[..., 0]
             wrong = ~(np.abs(self._distorted(m) - there).max(axis=-1) < 1e-6)
-            wrong |= ~(np.linalg.det(self._slope(np.where(wrong[..., None], 0, m))) > 0)
+            slope = self._slope(np.where(wrong[..., None], 0, m))
+            # Far out the model may turn the plane over, or around: both are no lens.
+            wrong |= ~((np.linalg.det(slope) > 0) & (np.trace(slope, axis1=-2, axis2=-1) > 0))
         return np.where(wrong[..., None], np.nan, m)
 
     def rays(self, pixels: npt.ArrayLike) -> Array:
