@@ -28,7 +28,7 @@ from blurmatte.motion.plane_motion import Plane as Plane
 from blurmatte.motion.plane_motion import PlaneMotion as PlaneMotion
 from blurmatte.motion.plane_motion import measure_on_plane as measure_on_plane
 from blurmatte.motion.rotation import Rotation as Rotation
-from blurmatte.motion.rotation import measure_rotation as measure_rotation
+from blurmatte.motion.rotation_fit import measure_rotation as measure_rotation
 from blurmatte.motion.sightings import FrameSightings as FrameSightings
 from blurmatte.motion.sightings import Sighting as Sighting
 from blurmatte.motion.sightings import sightings as sightings
