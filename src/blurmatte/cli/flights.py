@@ -114,7 +114,10 @@ def _at(ball: bm.BallPlace) -> str:
 def _errors(sound: Places) -> str:
     """Of the distance, and where it comes from."""
     balls = [ball for ball in sound if ball is not None]
-    picture = max(float(ball.picture_covariance[2, 2]) ** 0.5 / ball.distance for ball in balls)
+    shapes = [ball for ball in balls if ball.source != "moments"]
+    if not shapes:
+        return "How well single pictures tell the distance, moments of alpha do not say."
+    picture = max(float(ball.picture_covariance[2, 2]) ** 0.5 / ball.distance for ball in shapes)
     shared = max(ball.shared for ball in balls)
     if shared == 0:
         return (

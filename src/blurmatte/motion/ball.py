@@ -82,7 +82,7 @@ def measure_ball(
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep must be a Sweep, got {type(sweep).__name__}; use fit_sweep")
     intrinsics.check_size(sweep.size)
-    _check_explained(sweep.misfit, "the sweep")
+    _check_explained(sweep, "the sweep does not explain the streak")
     n = len(sweep.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
@@ -141,7 +141,8 @@ def fit_ball(
     if misfit(data, best) > NOISE or _would_bend(data, ball, best):
         bent = _descended(data, _start(data, ball, sweep, PARABOLA), sweep)
         best = best_of(data, [best, bent])
-    _check_explained(misfit(data, best), "no ball that flew straight, or like thrown,")
+    left = replace(sweep, stats={"misfit": misfit(data, best)})
+    _check_explained(left, "no ball that flew straight, or like thrown, explains the streak")
     n = len(best.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
@@ -190,11 +191,12 @@ def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float) ->
     return np.asarray(ray * (distance * cosine)[..., None])
 
 
-def _check_explained(left: float, what: str) -> None:
-    if not left <= MAX_MISFIT:
+def _check_explained(sweep: Sweep, what: str) -> None:
+    """MotionError if it leaves more than noise, or is contested."""
+    if not sweep.misfit <= MAX_MISFIT:
         raise MotionError(
-            f"{what} explains the streak: it leaves {left:.1f} times as much as noise, "
-            f"{MAX_MISFIT:g} is the most; a ball of one or two colors, alone in its streak, is needed"
+            f"{what}: {sweep.complaint(MAX_MISFIT)}; a ball of one or two colors, alone in its streak, "
+            "is needed"
         )
 
 
