@@ -142,6 +142,7 @@ def test_a_camera_of_other_pictures(measure, folder):
         (("--radius", "2cm", "--gravity", "-9.81"), "--gravity must be above 0, or a vector"),
         (("--radius", "2cm", "--gravity", "0,0,0"), "--gravity must be above 0, or a vector"),
         (("--radius", "2cm", "--speed", "3"), "are for a layer, not for a clip"),
+        (("--radius", "2cm", "--line-time", "fast"), "--line-time must be a time like"),
     ],
 )
 def test_wrong_options_are_one_line(measure, options, complaint):

@@ -118,6 +118,35 @@ def test_what_is_in_doubt_tells_nothing_else():
     assert more[8].velocity is None
 
 
+def test_a_rolling_shutter_has_a_time_for_each_row():
+    """Exact: the flight as such a camera sees it, later where it is lower."""
+    tau, rows, balls = 2e-5, [], []
+    for k in range(5):
+        t = k / 30
+        for _ in range(50):
+            y = float(LENS.project(at(t)[None])[0, 1])
+            t = k / 30 + tau * y
+        balls.append(fitted(at(t), LENS, LENS, (RADIUS, 0.0)))
+        rows.append(row(k, k / 30, sighting(640, y, 9)))
+    seen = bm.places_in_space(rows, LENS, RADIUS, balls=balls, line_time=tau)
+    assert_allclose(
+        [b.velocity for b in seen], [VELOCITY + b.time * GRAVITY for b in seen], atol=1e-6
+    )
+    assert_allclose(bm.fit_fall_in_space(seen).acceleration, GRAVITY, atol=1e-5)
+    unknown = bm.fit_fall_in_space(bm.places_in_space(rows, LENS, RADIUS, balls=balls))
+    assert abs(unknown.size - np.linalg.norm(GRAVITY)) > 0.1
+
+
+def test_a_ball_that_explains_a_frame_has_no_doubts_of_moments():
+    """Exact: those of a sweep stay."""
+    odd = sighting(700, 300, 9.0, doubts="Not all is known.")
+    rows = [row(0, 0.0, replace(odd, source="moments")), row(1, 0.1, odd)]
+    ball = fitted(at(0), LENS, LENS, (RADIUS, 0.0))
+    found = bm.places_in_space(rows, LENS, RADIUS, balls=[ball, ball])
+    assert [place.doubted for place in found] == [False, True]
+    assert bm.places_in_space(rows, LENS, RADIUS)[0].doubted
+
+
 def test_without_times_or_beyond_the_lens_nothing_is_told():
     """Exact: no velocity, and no place where the distortion has no inverse."""
     rows = [row(k, None, sighting(600 + 9 * k, 300, 9.0)) for k in range(4)]
@@ -166,6 +195,8 @@ def test_door():
         bm.places_in_space(rows, LENS, 0)
     with pytest.raises(ValueError, match="radius_std must be finite and not negative"):
         bm.places_in_space(rows, LENS, RADIUS, -1)
+    with pytest.raises(ValueError, match="line_time must be finite seconds, got inf"):
+        bm.places_in_space(rows, LENS, RADIUS, line_time=np.inf)
     other = replace(LENS, size=(1280, 720))
     image = LinearImage(np.zeros((4, 6, 3)))
     with pytest.raises(

@@ -14,10 +14,14 @@ Places = Sequence[bm.BallPlace | None]
 
 @dataclass(frozen=True, eq=False)
 class KnownBall:
-    """A ball before a camera, as the options tell them; the radius with its error, meters."""
+    """A ball before a camera, as the options tell them; the radius with its error, meters.
+
+    `line_time` is that of a rolling shutter, seconds.
+    """
 
     lens: bm.Intrinsics
     radius: Quantity
+    line_time: float
 
     def places(
         self,
@@ -30,7 +34,9 @@ class KnownBall:
         """Where it was in each frame, or each of several."""
         fits = bm.fit_balls(frames, plate, rows, model, self.lens, *self.radius, workers=workers)
         balls = list(with_progress(fits, "in space", len(rows)))
-        return bm.places_in_space(rows, self.lens, *self.radius, balls=balls)
+        return bm.places_in_space(
+            rows, self.lens, *self.radius, balls=balls, line_time=self.line_time
+        )
 
     def moved(
         self, ball: bm.BallPlace | None, seen: bm.Sighting | None
@@ -50,6 +56,7 @@ def known_ball(
     radius: str | None,
     diameter: str | None,
     others: Sequence[str | None],
+    line_time: float | None,
 ) -> KnownBall | None:
     """What the options say of a ball in space, before anything else is read; None without a camera.
 
@@ -59,8 +66,12 @@ def known_ball(
         As they were typed.
     others : sequence of str or None
         Options that would give one scale for all frames.
+    line_time : float or None
+        Seconds.
     """
     if camera is None:
+        if line_time is not None:
+            raise ValueError("--line-time is for a layer, or for a clip with --camera")
         return None
     if any(text is not None for text in others) or (radius and diameter):
         raise ValueError(
@@ -73,7 +84,7 @@ def known_ball(
             "--camera needs --radius or --diameter, the ball's true size; if nobody knows it, guess, "
             "and give --gravity: the fall says by how much all lengths must be multiplied"
         )
-    return KnownBall(bm.read_intrinsics(camera), size)
+    return KnownBall(bm.read_intrinsics(camera), size, line_time or 0.0)
 
 
 def in_space_words(rows: Sequence[bm.FrameMotion], places: Places) -> list[str]:

@@ -147,14 +147,15 @@ def measure(
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
     time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
+    line = None if line_time is None else seconds("--line-time", line_time)[0]
     files = Files(transfer, max_pixels)
     if is_row(layer):
-        if any((image, line_time, going, on_plane, height, speed, rotation)):
+        if any((image, going, on_plane, height, speed, rotation)):
             raise ValueError(
-                "--image, --line-time, --going, --on-plane, --height, --speed and --rotation are for a "
-                "layer, not for a clip"
+                "--image, --going, --on-plane, --height, --speed and --rotation are for a layer, not "
+                "for a clip"
             )
-        ball = known_ball(camera, radius, diameter, (scale, points))
+        ball = known_ball(camera, radius, diameter, (scale, points), line)
         by_size = None if ball is not None else clip_scaling(radius, diameter, scale, points)
         timed = None if time is None else (time, time_std)
         given = Given(by_size, ball, gravity_of(gravity, ball is not None), timed)
@@ -186,7 +187,6 @@ def measure(
         raise ValueError("--overlay needs --image, the picture to draw on")
     scaled = scaling(radius, diameter, scale, points)
     known = known_of(camera, true_radius(radius, diameter), speed, on_plane or [], height)
-    line = None if line_time is None else seconds("--line-time", line_time)[0]
     downward = None if going is None else going == "down"
     picture = None if image is None else files.read(image)[0]
     before = None

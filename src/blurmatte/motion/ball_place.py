@@ -28,7 +28,7 @@ class BallPlace:
     frame : int
         Its number.
     time : float or None
-        Seconds.
+        Seconds; of a rolling shutter, of the row of pixels in which its center is seen.
     track : int
         Which track it belongs to, as in `FrameMotion`.
     place : (3,) float

@@ -35,6 +35,7 @@ def places_in_space(
     radius: float,
     radius_std: float = 0.0,
     balls: Sequence[BallMotion | None] | None = None,
+    line_time: float = 0.0,
 ) -> list[BallPlace | None]:
     """Where a ball was in space in each frame of a clip, and how fast.
 
@@ -51,7 +52,9 @@ def places_in_space(
     radius, radius_std : float
         Of the ball, or of each of several, and its standard deviation; meters.
     balls : sequence of BallMotion or None, optional
-        Of `fit_balls`, one for each row.
+        Of `fit_balls`, one for each row. One that explains the picture has no doubts of moments.
+    line_time : float
+        How much later a rolling shutter exposes each row of pixels than the one above, seconds.
 
     Returns
     -------
@@ -61,22 +64,27 @@ def places_in_space(
     Raises
     ------
     ValueError
-        If radius is not above 0, or its error is negative.
+        If radius is not above 0, its error is negative, or line_time is not finite.
     """
     check_number("radius", radius, radius_std)
+    if not np.isfinite(line_time):
+        raise ValueError(f"line_time must be finite seconds, got {line_time}")
     told: list[BallPlace | None] = [None] * len(rows)
     shared: dict[int, Array] = {}
     fitted = [None] * len(rows) if balls is None else balls
     for k, (row, ball) in enumerate(zip(rows, fitted, strict=True)):
         if row.sighting is None:
             continue
-        place = _of_disc(row, row.sighting, intrinsics, radius)
+        seen = row.sighting
+        place = _of_disc(row, seen, intrinsics, radius)
         if ball is not None:
             place = replace(BallPlace.of(ball, row.frame, row.time), track=place.track)
         if np.all(np.isfinite(place.place)):
             S = _shared(place.place, intrinsics, radius, radius_std)
-            doubted = bool(row.sighting.doubts)
-            told[k], shared[k] = _sharing(replace(place, doubted=doubted), S), S
+            time = None if row.time is None else row.time + line_time * seen.y
+            doubted = bool(seen.doubts) and (ball is None or seen.source == "sweep")
+            told[k] = replace(_sharing(place, S), time=time, doubted=doubted)
+            shared[k] = S
     for way in _ways(rows, told):
         _tell_velocities(told, way, shared)
     return told
