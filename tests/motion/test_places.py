@@ -78,7 +78,7 @@ def test_errors_are_honest():
     spread = np.diag([9.0, 9, 16, 16])
     known = replace(FLAT, covariance=spread)
     rng, z, of_velocity, of_speed = np.random.default_rng(0), [], [], []
-    for _ in range(24):
+    for _ in range(14):
         lens = known.with_values(FLAT.values + np.sqrt(np.diag(spread)) * rng.standard_normal(4))
         radius = RADIUS * (1 + 0.02 * rng.standard_normal())
         places = clip(FLAT, lens, (radius, 0.02 * RADIUS), rng)
@@ -123,17 +123,17 @@ def test_a_rolling_shutter_has_a_time_for_each_row():
     tau, rows, balls = 2e-5, [], []
     for k in range(5):
         t = k / 30
-        for _ in range(50):
-            y = float(LENS.project(at(t)[None])[0, 1])
+        for _ in range(9):
+            y = float(FLAT.project(at(t)[None])[0, 1])
             t = k / 30 + tau * y
-        balls.append(fitted(at(t), LENS, LENS, (RADIUS, 0.0)))
+        balls.append(fitted(at(t), FLAT, FLAT, (RADIUS, 0.0)))
         rows.append(row(k, k / 30, sighting(640, y, 9)))
-    seen = bm.places_in_space(rows, LENS, RADIUS, balls=balls, line_time=tau)
+    seen = bm.places_in_space(rows, FLAT, RADIUS, balls=balls, line_time=tau)
     assert_allclose(
         [b.velocity for b in seen], [VELOCITY + b.time * GRAVITY for b in seen], atol=1e-6
     )
     assert_allclose(bm.fit_fall_in_space(seen).acceleration, GRAVITY, atol=1e-5)
-    unknown = bm.fit_fall_in_space(bm.places_in_space(rows, LENS, RADIUS, balls=balls))
+    unknown = bm.fit_fall_in_space(bm.places_in_space(rows, FLAT, RADIUS, balls=balls))
     assert abs(unknown.size - np.linalg.norm(GRAVITY)) > 0.1
 
 
@@ -149,10 +149,10 @@ def test_a_ball_that_explains_a_frame_has_no_doubts_of_moments():
 
 def test_without_times_or_beyond_the_lens_nothing_is_told():
     """Exact: no velocity, and no place where the distortion has no inverse."""
-    rows = [row(k, None, sighting(600 + 9 * k, 300, 9.0)) for k in range(4)]
-    assert [ball.velocity for ball in bm.places_in_space(rows, LENS, RADIUS)] == [None] * 4
+    rows = [row(k, None, sighting(600 + 9 * k, 300, 9.0)) for k in range(3)]
+    assert [ball.velocity for ball in bm.places_in_space(rows, LENS, RADIUS)] == [None] * 3
     barrel = bm.Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
-    assert bm.places_in_space(rows, barrel, RADIUS) == [None] * 4
+    assert bm.places_in_space(rows, barrel, RADIUS) == [None] * 3
     assert bm.places_in_space([], LENS, RADIUS) == []
 
 
