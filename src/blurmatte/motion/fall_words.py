@@ -51,7 +51,7 @@ def _compared(fall: FreeFall) -> list[str]:
     assert fall.scale is not None
     g, std = fall.in_meters(fall.scale)
     share, meters = g / STANDARD_GRAVITY, _in_meters(fall)
-    told = [f"That is {meters}, {share:.3g} of standard gravity."]
+    told = [f"That is {meters}, {share:.3f} of standard gravity."]
     if fall.unit == "m" and not fall.objection:  # in a picture gravity may be seen aslant
         told += _remedies(share, std / g)
     return told
