@@ -66,6 +66,7 @@ def test_what_the_model_does_not_reach_is_not_known():
     """exact: beyond where the distortion turns back, behind the camera, and past 90° of a fisheye."""
     barrel = Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
     assert np.isnan(barrel.undistort([[90.0, 0]])).all()
+    assert np.isnan(barrel.undistort([[600.0, 300.0]])).all()
     assert np.isfinite(barrel.undistort([[40.0, 0]])).all()
     assert np.isnan(barrel.project([0, 0, -1])).all()
     assert np.isnan(Intrinsics(100, 100, 0, 0, fisheye=True).undistort([[160.0, 0]])).all()

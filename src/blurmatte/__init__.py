@@ -59,6 +59,7 @@ from blurmatte.matting import Smooth as Smooth
 from blurmatte.matting import Swept as Swept
 from blurmatte.matting import solve as solve
 from blurmatte.motion import BallMotion as BallMotion
+from blurmatte.motion import BallPlace as BallPlace
 from blurmatte.motion import BlurDepth as BlurDepth
 from blurmatte.motion import EndSilhouettes as EndSilhouettes
 from blurmatte.motion import FrameMotion as FrameMotion
@@ -77,6 +78,7 @@ from blurmatte.motion import clip_color as clip_color
 from blurmatte.motion import depth_from_blur as depth_from_blur
 from blurmatte.motion import end_silhouettes as end_silhouettes
 from blurmatte.motion import fit_ball as fit_ball
+from blurmatte.motion import fit_balls as fit_balls
 from blurmatte.motion import fit_fall as fit_fall
 from blurmatte.motion import fit_fall_in_space as fit_fall_in_space
 from blurmatte.motion import frame_scatter as frame_scatter
@@ -87,6 +89,7 @@ from blurmatte.motion import measure_clip as measure_clip
 from blurmatte.motion import measure_motion as measure_motion
 from blurmatte.motion import measure_on_plane as measure_on_plane
 from blurmatte.motion import measure_rotation as measure_rotation
+from blurmatte.motion import places_in_space as places_in_space
 from blurmatte.motion import sightings as sightings
 from blurmatte.overview import draw_clip as draw_clip
 from blurmatte.overview import draw_edit as draw_edit

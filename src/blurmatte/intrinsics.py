@@ -43,6 +43,8 @@ class Intrinsics:
         Which of the two models the distortion is of; a fisheye without coefficients is equidistant.
     covariance : (4 + n, 4 + n) float, optional
         Of fx, fy, cx, cy and the distortion; zeros if it is empty or not given: known exactly.
+    size : (int, int), optional
+        (width, height) of the pictures that it was calibrated with; of others nothing here is true.
 
     Raises
     ------
@@ -57,6 +59,7 @@ class Intrinsics:
     distortion: Array = field(default_factory=lambda: np.zeros(0))
     fisheye: bool = False
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    size: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
         distortion = np.array(self.distortion, dtype=float).reshape(-1)
@@ -78,6 +81,11 @@ class Intrinsics:
         if covariance.shape != (n, n) or not np.all(np.isfinite(covariance)):
             raise ValueError(f"covariance must be finite, ({n}, {n}), got {covariance.shape}")
         object.__setattr__(self, "covariance", covariance)
+        if self.size is not None:
+            width, height = map(int, self.size)
+            if min(width, height) < 1:
+                raise ValueError(f"size must be (width, height) in pixels, got {self.size}")
+            object.__setattr__(self, "size", (width, height))
 
     def __repr__(self) -> str:
         kind = ", fisheye" if self.fisheye else ""
@@ -119,7 +127,7 @@ class Intrinsics:
         scale = float(scale if sensor_width is None else width / sensor_width)
         f, covariance = focal_length * scale, np.zeros((4, 4))
         covariance[:2, :2] = (std * scale) ** 2  # one length: both err together
-        return cls(f, f, (width - 1) / 2, (height - 1) / 2, covariance=covariance)
+        return cls(f, f, (width - 1) / 2, (height - 1) / 2, covariance=covariance, size=size)
 
     @property
     def values(self) -> Array:
@@ -130,6 +138,20 @@ class Intrinsics:
     def std(self) -> Array:
         """(4 + n,) standard deviations of `values`."""
         return np.sqrt(np.diag(self.covariance))
+
+    def check_size(self, size: tuple[int, int]) -> None:
+        """Whether it may be the camera of pictures of a size (width, height).
+
+        Raises
+        ------
+        ValueError
+            If it is known to have been calibrated with pictures of another size.
+        """
+        if self.size is not None and self.size != tuple(size):
+            raise ValueError(
+                "the camera was calibrated with pictures of {}x{} pixels, and this has {}x{}; give the "
+                "calibration of pictures of this size".format(*self.size, *size)
+            )
 
     def with_values(self, values: Array) -> Intrinsics:
         """The same kind of camera with other `values`."""
@@ -164,7 +186,9 @@ class Intrinsics:
                 J = self._slope(m)
                 m = m - (_inverse(J) @ off[..., None])[..., 0]
             wrong = ~(np.abs(self._distorted(m) - there).max(axis=-1) < 1e-6)
-            wrong |= ~(np.linalg.det(self._slope(np.where(wrong[..., None], 0, m))) > 0)
+            slope = self._slope(np.where(wrong[..., None], 0, m))
+            # Far out the model may turn the plane over, or around: both are no lens.
+            wrong |= ~((np.linalg.det(slope) > 0) & (np.trace(slope, axis1=-2, axis2=-1) > 0))
         return np.where(wrong[..., None], np.nan, m)
 
     def rays(self, pixels: npt.ArrayLike) -> Array:

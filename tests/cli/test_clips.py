@@ -169,6 +169,7 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--several", "--least", 0), "--least must be at least 1, got 0"),
         (("--resume",), "--resume goes on with the table that --out names"),
         (("--going", "up"), "are for a layer, not for a clip"),
+        (("--line-time", "9us"), "--line-time is for a layer, or for a clip with --camera"),
         (("--color", "greenish"), "greenish"),
         (("--rate", -1), "rate must be frames per second"),
         (("--workers", 0), "workers must be at least 1"),

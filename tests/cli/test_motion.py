@@ -143,14 +143,17 @@ def test_a_camera_says_where_the_ball_was(measure, tmp_path):
     """Oracle: a ball of 18 px that is 20 mm wide, 900 px of focal length; not without a radius."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     told = measure(
-        "--radius", "10mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
+        "--diameter", "20mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
     ).stdout
     depth = float(told.split("It was ")[1].split(" ")[0])
     assert depth == pytest.approx(900 * 0.01 / RADIUS, rel=0.02)
     assert "nothing of speed along the line of sight" in told
     refused = measure("--camera", tmp_path / "lens.json")
     assert refused.exit_code == 2
-    assert "--camera needs --radius" in refused.stderr
+    assert "--camera needs --radius or --diameter" in refused.stderr
+    bm.write(tmp_path / "other.json", bm.Intrinsics(900, 900, 47.5, 35.5, size=(192, 144)))
+    refused = measure("--radius", "10mm", "--camera", tmp_path / "other.json")
+    assert "calibrated with pictures of 192x144 pixels, and this has 96x72" in refused.stderr
 
 
 def test_the_flight_is_fitted_to_the_pictures(folder, measure, tmp_path):

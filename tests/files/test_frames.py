@@ -221,6 +221,19 @@ def test_what_is_assumed_of_pictures_is_told_once(tmp_path, make_png):
     with pytest.warns(TransferWarning) as told:
         list(read_frames(tmp_path))
     assert len(told) == 1
+    assert told[0].filename == __file__
+
+
+def test_what_is_assumed_of_later_pictures_is_told_too(tmp_path, make_png):
+    """Exact: of the first untagged one behind an EXR, once, however often they are run through."""
+    write(tmp_path / "a.exr", LinearImage(np.zeros((4, 5, 3), np.float32)))
+    for name in "bc":
+        (tmp_path / f"{name}.png").write_bytes(make_png(np.zeros((4, 5, 3), np.uint8)))
+    frames = read_frames(tmp_path)
+    with pytest.warns(TransferWarning, match=r"b\.png: has no color profile") as told:
+        assert len([*frames, *frames, frames[2]]) == 7
+    assert len(told) == 1
+    list(read_frames(tmp_path, SRGB))
 
 
 def test_pictures_of_other_sizes_are_refused(tmp_path):

@@ -11,12 +11,15 @@ import blurmatte as bm
 
 def test_what_is_written_is_read(tmp_path):
     """exact: every digit."""
-    lens = bm.Intrinsics(801.25, 799.1, 320, 240, np.array([0.1, 0.2, 0, 0]), True, 0.3 * np.eye(8))
+    lens = bm.Intrinsics(
+        801.25, 799.1, 320, 240, np.array([0.1, 0.2, 0, 0]), True, 0.3 * np.eye(8), (640, 480)
+    )
     bm.write(tmp_path / "cam.json", lens)
     again = bm.read_intrinsics(tmp_path / "cam.json")
     assert np.array_equal(again.values, lens.values)
     assert np.array_equal(again.covariance, lens.covariance)
     assert again.fisheye
+    assert again.size == (640, 480)
 
 
 def test_errors_may_be_given_one_by_one(tmp_path):
@@ -36,12 +39,15 @@ def test_a_calibration_of_opencv(tmp_path, storage):
         file = cv2.FileStorage(str(path), cv2.FILE_STORAGE_WRITE)
         file.write("camera_matrix", K)
         file.write("distortion_coefficients", k)
+        file.write("image_width", 640)
+        file.write("image_height", 480)
         file.release()
     else:
         k = np.pad(k, ((0, 0), (0, 9)))
         path.write_text(json.dumps({"cameraMatrix": K.tolist(), "distCoeffs": k.tolist()}))
     lens = bm.read_intrinsics(path)
     assert_allclose(lens.values[:9], [800, 790, 320, 240, *k[0, :5]])
+    assert lens.size == ((640, 480) if storage else None)
 
 
 @pytest.mark.parametrize(
@@ -52,6 +58,11 @@ def test_a_calibration_of_opencv(tmp_path, storage):
         ("cam.json", "[1]", "is no calibrated camera"),
         ("cam.json", '{"fx": 1}', "is no calibrated camera"),
         ("cam.json", '{"fx":1,"fy":1,"cx":1,"cy":1,"fisheye":1}', "fisheye must be true or false"),
+        (
+            "cam.json",
+            '{"fx":1,"fy":1,"cx":1,"cy":1,"size":9}',
+            r"size must be \[width, height\], got 9",
+        ),
         ("cam.json", '{"K": [[1,2,0],[0,1,0],[0,0,1]]}', "K must not be skewed"),
     ],
 )

@@ -178,8 +178,19 @@ def test_door():
         bm.measure_ball(sweep.trajectory, LENS, 1)
     with pytest.raises(bm.MotionError, match="a velocity needs the exposure_time"):
         _ = bm.measure_ball(sweep, LENS, RADIUS).speed
-    with pytest.raises(bm.MotionError, match="explains the streak"):
-        bm.measure_ball(replace(sweep, stats={"misfit": 3.0}), LENS, RADIUS)
+    for stats, said in (
+        (
+            {"misfit": 3.0},
+            "does not explain the streak: the best leaves 3.0 times as much as noise",
+        ),
+        ({"misfit": np.inf, "contested": True}, "streak: two shapes, each gone its own way"),
+        ({"misfit": np.inf}, "streak: the best is hardly known"),
+    ):
+        with pytest.raises(bm.MotionError, match=said):
+            bm.measure_ball(replace(sweep, stats=stats), LENS, RADIUS)
+    other = replace(LENS, size=(640, 480))
+    with pytest.raises(ValueError, match="pictures of 640x480 pixels, and this has 190x120"):
+        bm.measure_ball(sweep, other, RADIUS)
     barrel = bm.Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
     with pytest.raises(bm.MotionError, match="distortion can"):
         bm.measure_ball(sweep, barrel, RADIUS)

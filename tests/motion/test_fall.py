@@ -8,6 +8,7 @@ from numpy.testing import assert_allclose
 
 import blurmatte as bm
 from blurmatte.motion.ball_motion import ball_motion
+from blurmatte.motion.ball_place import BallPlace
 from blurmatte.motion.seen_ball import positions
 from blurmatte.motion.sources import Source
 
@@ -198,9 +199,62 @@ def test_what_all_frames_share_does_not_average_out():
     assert fall.lengths[1] < 0.02
     assert fall.unit == "m"
     told = " ".join(bm.explain(fall))
-    assert "m/s². That is" in told
+    assert f"That is {g:.2f} ± {std:.2f} m/s², the errors of radius and camera included" in told
     assert "times what the ball's radius makes them" in told
     assert {"acceleration_z", "lengths_by_gravity"} <= fall.numbers().keys()
+
+
+def places(seen, times, track=1, doubted=False):
+    """Of balls, as `places_in_space` has them."""
+    return [
+        replace(BallPlace.of(ball, k, t), track=track, doubted=doubted)
+        for k, (ball, t) in enumerate(zip(seen, map(float, times), strict=True))
+    ]
+
+
+def test_places_of_a_clip_are_used_without_doubts_on_the_longest_track():
+    """Exact: the same fall as of the balls; others change nothing."""
+    seen, times = balls(np.random.default_rng(10), np.array([0, G, 0]))
+    fall = bm.fit_fall_in_space(seen, times)
+    more = [*places(seen, times), None, *places(seen[:3], times[:3] + 1, track=2)]
+    more += places(seen[:2], times[:2] + 2, doubted=True)
+    again = bm.fit_fall_in_space(more)
+    assert_allclose(again.acceleration, fall.acceleration)
+    assert again.freedom == fall.freedom
+    assert again.scale == fall.scale
+
+
+def test_gravity_in_space_is_a_size_or_a_vector():
+    """Exact: its size suits any camera, a vector tells how far off it is; door: two numbers."""
+    tilted = G * np.array([0, np.cos(0.3), np.sin(0.3)])
+    seen, times = balls(np.random.default_rng(11), tilted, noise=(0.005, 0.002))
+    sized, aimed, aslant = (bm.fit_fall_in_space(seen, times, g) for g in (G, tilted, (0, G, 0)))
+    assert sized.off_gravity[0] == pytest.approx(0.3, abs=4 * sized.off_gravity[1])
+    assert sized.lengths == aimed.lengths
+    assert aimed.off_gravity[0] < 4 * aimed.off_gravity[1] < 0.1
+    assert sized.objection == aimed.objection == ""
+    assert "points 17° off gravity" in aslant.objection
+    assert "x,y,z, or its size alone" in aslant.objection
+    assert "off straight down in the picture; if it is gravity" in bm.explain(sized)[0]
+    assert "off the gravity that was given" in bm.explain(aimed)[0]
+    with pytest.raises(ValueError, match=r"gravity must be a number above 0, \(x, y, z\) in space"):
+        bm.fit_fall_in_space(seen, times, (0, G))
+
+
+def test_a_wrong_option_is_named():
+    """Exact: of a diameter given as radius, and of slow motion; not where it is gravity."""
+    seen, times = balls(np.random.default_rng(12), np.array([0, G, 0]), given=2 * RADIUS)
+    for gravity in (None, G):
+        (told,) = (
+            w
+            for w in bm.explain(bm.fit_fall_in_space(seen, times, gravity))
+            if "would be gravity" in w
+        )
+        assert "lengths were 0.5" in told or "lengths were 0.49" in told
+    seen, times = balls(np.random.default_rng(12), np.array([0, G, 0]))
+    slow = " ".join(bm.explain(bm.fit_fall_in_space(seen, 8 * times)))
+    assert "if frames came 8" in slow or "if frames came 7.9" in slow
+    assert "would be gravity" not in " ".join(bm.explain(bm.fit_fall_in_space(seen, times)))
 
 
 def test_frames_in_space_are_counted():
@@ -210,3 +264,10 @@ def test_frames_in_space_are_counted():
         bm.fit_fall_in_space(seen[:3], times[:3])
     with pytest.raises(ValueError, match="times must be one number for each of 4 balls"):
         bm.fit_fall_in_space(seen, times[:3])
+    with pytest.raises(ValueError, match="times must be one number for each BallMotion, got none"):
+        bm.fit_fall_in_space(seen)
+    of_clip = places(seen, times)
+    with pytest.raises(ValueError, match="places in space have their own"):
+        bm.fit_fall_in_space(of_clip, times)
+    with pytest.raises(bm.MotionError, match="do not tell their times; give the rate"):
+        bm.fit_fall_in_space([replace(ball, time=None) for ball in of_clip])

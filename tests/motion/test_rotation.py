@@ -7,7 +7,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
-from blurmatte.motion.rotation import _Blades, _check_same, _Pixels, _ramp
+from blurmatte.motion.rotation_blades import Blades, ramp
+from blurmatte.motion.rotation_fit import _check_same
+from blurmatte.motion.rotation_ring import Pixels
 from blurmatte.rendering import Change, Sheet, colorful_plate
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
 from blurmatte.sweep.path import LINE
@@ -78,12 +80,12 @@ def test_errors_are_honest():
 def test_a_ramp_is_a_box_over_turn_and_pixel():
     """oracle: means over a box of angles and one of pixels; derivatives are differences."""
     u, omega, pixel = np.linspace(-2, 2, 41), 0.9, np.full(41, 0.3)
-    F, by_u, by_omega = _ramp(u, omega, pixel)
+    F, by_u, by_omega = ramp(u, omega, pixel)
     a, b = ((np.arange(400) + 0.5) / 400 - 0.5 for _ in range(2))
     angles = u[:, None, None] + omega * a[:, None] + 0.3 * b
     assert_allclose(F - F[0], np.mean(angles > 0, axis=(1, 2)), atol=3e-3)
-    assert_allclose(by_u, (_ramp(u + 1e-6, omega, pixel)[0] - F) / 1e-6, atol=1e-5)
-    assert_allclose(by_omega, (_ramp(u, omega + 1e-6, pixel)[0] - F) / 1e-6, atol=1e-5)
+    assert_allclose(by_u, (ramp(u + 1e-6, omega, pixel)[0] - F) / 1e-6, atol=1e-5)
+    assert_allclose(by_omega, (ramp(u, omega + 1e-6, pixel)[0] - F) / 1e-6, atol=1e-5)
 
 
 @pytest.mark.parametrize("center", [None, CENTER], ids=["free", "known"])
@@ -91,8 +93,8 @@ def test_derivatives_are_those_of_alpha(center):
     """oracle: differences, of a bent blade."""
     rng = np.random.default_rng(0)
     xy = CENTER + rng.uniform(-40, 40, (200, 2))
-    pixels = _Pixels(*xy.T, np.zeros(200), np.ones(200))
-    model = _Blades(center, (10.0, 45.0), [(0.4, 0.5)])
+    pixels = Pixels(*xy.T, np.zeros(200), np.ones(200))
+    model = Blades(center, (10.0, 45.0), [(0.4, 0.5)])
     p = np.concatenate([CENTER if center is None else [], [0.8], 0.1 * rng.normal(size=10)])
     _, J = model._alpha(p, pixels)
     for i, d in enumerate(1e-6 * np.eye(len(p))):

@@ -1,9 +1,11 @@
 """draw_clip: each of several objects has its color, one alone is drawn as ever."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from blurmatte.motion import FrameMotion, Sighting
+from blurmatte.motion import BallPlace, FrameMotion, Sighting
 from blurmatte.overview import draw_clip
 from blurmatte.overview.panels import BRIGHT, OTHER, STREAK
 from blurmatte.radiometry import LinearImage
@@ -55,3 +57,25 @@ def test_doubted_frames_are_dashed():
 def test_nothing_found_is_drawn_too():
     """Exact: the plate alone."""
     assert draw_clip(PLATE, [FrameMotion(0, None, None, reason="nothing moved")]).shape[1] == 1800
+
+
+def test_places_in_space_have_a_chart_of_depth():
+    """Exact: three charts instead of two, also where places or speeds are missing."""
+    rows, V = [row(k, 1, 45.0) for k in range(5)], 1e-4 * np.eye(3)
+    there = [BallPlace(k, k / 30, 1, np.array([0, 0, 2 + 0.1 * k]), V, V, 0.01) for k in range(4)]
+    moving = [replace(ball, velocity=np.ones(3), velocity_covariance=V) for ball in there]
+    sheets = [
+        draw_clip(PLATE, rows, (), places) for places in (None, [*there, None], [*moving, None])
+    ]
+    assert {sheet.shape for sheet in sheets} == {sheets[0].shape}
+    frames = [charts_in(sheet) for sheet in sheets]
+    assert frames == [2, 3, 3]
+    assert not np.array_equal(sheets[1], sheets[2])
+
+
+def charts_in(sheet):
+    """How many frames of charts a row of the sheet crosses below the picture: pairs of dark lines."""
+    white = (sheet == 255).all(axis=-1).sum(axis=1) > 900
+    chart = sheet[np.flatnonzero(white)[len(np.flatnonzero(white)) // 5 :]]
+    dark = (chart < 30).all(axis=-1).mean(axis=0) > 0.6
+    return int(np.sum(np.diff(dark.astype(int)) == 1)) // 2

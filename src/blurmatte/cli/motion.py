@@ -2,31 +2,22 @@
 
 import json
 import math
-from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.clips import (
-    ClipTask,
-    Gravity,
-    Rows,
-    Scaling,
-    finish,
-    measure_frames,
-    table,
-    told_of,
-    usual_radius,
-    words,
-)
+from blurmatte.cli.clip_table import Given, gravity_of, table, told_of, words
+from blurmatte.cli.clips import ClipTask, finish, measure_frames
+from blurmatte.cli.flights import known_ball
 from blurmatte.cli.inputs import Files, is_row
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.quantities import acceleration, meters, seconds
+from blurmatte.cli.quantities import seconds
+from blurmatte.cli.scales import clip_scaling, scaling
 from blurmatte.cli.space import (
     Before,
     Camera,
@@ -38,6 +29,7 @@ from blurmatte.cli.space import (
     SpeedKnown,
     in_space,
     known_of,
+    true_radius,
     turned,
 )
 
@@ -137,7 +129,8 @@ def measure(
         typer.Option(
             metavar="G|X,Y|X,Y,Z[±ERROR]",
             help="Of a clip of a free fall: gravity in m/s², straight down in the picture or as the "
-            "camera sees it. Gives the scale, or checks the one that was given.",
+            "camera sees it. Gives the scale, or checks the one that was given. With --camera its "
+            "size, or X,Y,Z.",
         ),
     ] = None,
     resume: Annotated[
@@ -154,13 +147,18 @@ def measure(
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
     time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
+    line = None if line_time is None else seconds("--line-time", line_time)[0]
     files = Files(transfer, max_pixels)
     if is_row(layer):
-        if any((image, line_time, going, camera, on_plane, height, speed, rotation)):
+        if any((image, going, on_plane, height, speed, rotation)):
             raise ValueError(
-                "--image, --line-time, --going, --camera, --on-plane, --height, --speed and "
-                "--rotation are for a layer, not for a clip"
+                "--image, --going, --on-plane, --height, --speed and --rotation are for a layer, not "
+                "for a clip"
             )
+        ball = known_ball(camera, radius, diameter, (scale, points), line)
+        by_size = None if ball is not None else clip_scaling(radius, diameter, scale, points)
+        timed = None if time is None else (time, time_std)
+        given = Given(by_size, ball, gravity_of(gravity, ball is not None), timed)
         task = ClipTask(
             layer,
             files,
@@ -175,10 +173,9 @@ def measure(
             workers,
             out,
             resume,
+            ball,
         )
-        by_size = _clip_scaling(radius, diameter, scale, points)
-        timed = None if time is None else (time, time_std)
-        _measure_clip(task, by_size, _gravity(gravity), timed, overlay, as_json)
+        _measure_clip(task, given, overlay, as_json)
         return
     of_clip = color, least, start, stop, rate, workers, gravity
     if any(given is not None for given in of_clip) or several or resume:
@@ -188,9 +185,8 @@ def measure(
         )
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
-    scaled = _scaling(radius, diameter, scale, points)
-    known = known_of(camera, radius, speed, on_plane or [], height)
-    line = None if line_time is None else seconds("--line-time", line_time)[0]
+    scaled = scaling(radius, diameter, scale, points)
+    known = known_of(camera, true_radius(radius, diameter), speed, on_plane or [], height)
     downward = None if going is None else going == "down"
     picture = None if image is None else files.read(image)[0]
     before = None
@@ -218,55 +214,24 @@ def measure(
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
 
 
-def _measure_clip(
-    task: ClipTask,
-    scaled: Scaling | None,
-    gravity: Gravity | None,
-    time: tuple[float, float] | None,
-    overlay: Path | None,
-    as_json: bool,
-) -> None:
+def _measure_clip(task: ClipTask, given: Given, overlay: Path | None, as_json: bool) -> None:
     """The table of a clip, its sheet, and what both say."""
-    background, model, rows = measure_frames(task)
+    measured = measure_frames(task)
+    rows, places = measured.rows, measured.places
     with about(task.source):
-        found = told_of(task, rows, scaled, gravity)
-    said = [*words(rows, model, task.several), *(word for one in found for word in one.words)]
-    lines = table(rows, found, time)
+        found = told_of(rows, places, task.several, given)
+    said = words(rows, measured.model, task.several)
+    said += [word for one in found for word in one.words]
+    lines = table(rows, places, found, given)
     if task.out is not None:
         bm.write(task.out, lines)
     if overlay is not None:
-        bm.write(overlay, bm.draw_clip(background, rows, said))
+        bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
     finish(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls = {"falls": falls} if task.several else {"fall": falls[0]}
     numbers = {"rows": lines, **of_falls, "in_words": said}
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(said))
-
-
-def _clip_scaling(
-    radius: str | None, diameter: str | None, scale: str | None, points: str | None
-) -> Scaling | None:
-    """How meters per pixel follow from the frames of a clip; of the ball's size, from its usual one."""
-    scaled = _scaling(radius, diameter, scale, points)
-    if radius is None and diameter is None:
-        return None if scaled is None else lambda _: scaled(None)  # type: ignore[arg-type]
-    true, std = meters("--radius", radius) if radius else meters("--diameter", diameter or "")
-    half = 1.0 if radius else 0.5
-
-    def told(rows: Rows) -> bm.Scale:
-        seen, seen_std = usual_radius(rows)
-        relative = math.hypot(std / true, seen_std / seen)
-        return bm.Scale(half * true / seen, half * true / seen * relative)
-
-    return told
-
-
-def _gravity(text: str | None) -> Gravity | None:
-    """Of one number straight down, of more a vector; and its error."""
-    if text is None:
-        return None
-    vector, std = acceleration("--gravity", text)
-    return (vector if len(vector) > 1 else vector[0]), std
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:
@@ -287,30 +252,3 @@ def _finite(value: Any) -> Any:
     if isinstance(value, list):
         return [_finite(part) for part in value]
     return None if isinstance(value, float) and not math.isfinite(value) else value
-
-
-def _scaling(
-    radius: str | None, diameter: str | None, scale: str | None, points: str | None
-) -> Callable[[bm.Motion], bm.Scale] | None:
-    """How meters per pixel follow from a motion, by the one option that was given."""
-    given = [text for text in (radius, diameter, scale, points) if text is not None]
-    if len(given) > 1:
-        raise ValueError("give one of --radius, --diameter, --scale and --points")
-    if radius is not None:
-        half, std = meters("--radius", radius)
-        return lambda motion: bm.Scale.from_radius(motion, half, std)
-    if diameter is not None:
-        whole, std = meters("--diameter", diameter)
-        return lambda motion: bm.Scale.from_radius(motion, whole / 2, std / 2)
-    if scale is not None:
-        told = bm.Scale(*meters("--scale", scale))
-        return lambda _: told
-    if points is None:
-        return None
-    *place, distance = points.split(",")
-    try:
-        x0, y0, x1, y1 = map(float, place)
-    except ValueError:
-        raise ValueError(f"--points must be x0,y0,x1,y1,length, got {points!r}") from None
-    between = bm.Scale.from_points((x0, y0), (x1, y1), *meters("--points", distance))
-    return lambda _: between

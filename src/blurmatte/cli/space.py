@@ -1,6 +1,7 @@
 """What a streak says of space: a ball before a camera, a way on a plane, a depth, a turn."""
 
 import re
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,12 +14,13 @@ from blurmatte.cli.quantities import meters, meters_per_second
 
 _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 _LEAST = 4  # points that fix a plane
+_OFF = 0.1  # of width and height: farther from the middle no lens is mounted
 
 Camera = Annotated[
     Path | None,
     typer.Option(
-        help="JSON of the calibrated camera: where the ball of --radius was in space, or, with "
-        "--speed, how far away it went."
+        help="JSON of the calibrated camera: where the ball of --radius was in space, of a clip in "
+        "each frame, or, with --speed, how far away it went."
     ),
 ]
 
@@ -87,12 +89,14 @@ class Known:
         if self.height is not None and self.plane is None:
             raise ValueError("--height needs --on-plane, the plane that it is above")
         if self.lens is not None and not (self.radius or self.speed or self.plane):
-            raise ValueError("--camera needs --radius, the true size of the ball, or --speed")
+            raise ValueError(
+                "--camera needs --radius or --diameter, the true size of the ball, or --speed"
+            )
 
 
 def known_of(
     camera: Path | None,
-    radius: str | None,
+    radius: Quantity | None,
     speed: str | None,
     on_plane: Sequence[str],
     height: str | None,
@@ -101,11 +105,46 @@ def known_of(
     lens = None if camera is None else bm.read_intrinsics(camera)
     return Known(
         lens,
-        None if radius is None else meters("--radius", radius),
+        radius,
         None if speed is None else meters_per_second("--speed", speed),
         _plane(on_plane, lens) if on_plane else None,
         None if height is None else meters("--height", height),
     )
+
+
+def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
+    """Whether it may be the camera of pictures of a size; a warning if that is not known, nor likely.
+
+    Raises
+    ------
+    ValueError
+        If it was calibrated with pictures of another size.
+    """
+    lens.check_size(size)
+    (x, y), axis = ((n - 1) / 2 for n in size), (lens.cx, lens.cy)
+    off = abs(axis[0] - x) / size[0], abs(axis[1] - y) / size[1]
+    if lens.size is None and max(off) > _OFF:
+        warnings.warn(
+            "the camera's axis meets the picture at ({:.0f}, {:.0f}), far from its middle, ({:.0f}, "
+            "{:.0f}): if it was calibrated with pictures of another size than {}x{}, all of space is "
+            'wrong; calibrate with such, and say "size": [{}, {}] in its file'.format(
+                *axis, x, y, *size, *size
+            ),
+            bm.BlurmatteWarning,
+            stacklevel=2,
+        )
+
+
+def true_radius(radius: str | None, diameter: str | None) -> Quantity | None:
+    """Of the ball, by the one option that was given; and its error."""
+    text = radius if radius is not None else diameter
+    if text is None:
+        return None
+    name, part = ("--radius", 1.0) if radius is not None else ("--diameter", 0.5)
+    value, std = meters(name, text)
+    if not value > 0:
+        raise ValueError(f"{name} must be above 0, got {text!r}")
+    return part * value, part * std
 
 
 def in_space(
@@ -114,6 +153,8 @@ def in_space(
     """All that follows from what is known; `exposed` is the exposure time and its error."""
     if before is not None and (before.image is None or not (known.lens and known.radius)):
         raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
+    if known.lens is not None:
+        check_camera(known.lens, solution.size)
     if known.lens is not None and known.radius is not None:
         yield _ball(solution, known.lens, known.radius, exposed, before)
     if known.lens is not None and known.speed is not None:

@@ -155,18 +155,36 @@ def _frames(
                 "give a .mov of ProRes 4444 with alpha, or a row of EXR or PNG"
             )
         return Frames(range(clip.count), clip.size, clip.rate, partial(decode, clip))
-    size = read_one(paths[0], _curve_of(paths[0], transfer), max_pixels).size
+    told: list[Warning | str] = []  # what is assumed of one is told, and so it is of all
+    size = _read(read_one, paths[0], transfer, max_pixels, told).size
 
     def load(numbers: range) -> Iterator[Frame]:
         for number in numbers:
-            with warnings.catch_warnings():  # the first has told already what is assumed
-                warnings.simplefilter("ignore", TransferWarning)
-                path = paths[number]
-                frame = read_one(path, _curve_of(path, transfer), max_pixels)
-            _check_size(path, frame.size, paths[0], size)
+            frame = _read(read_one, paths[number], transfer, max_pixels, told)
+            _check_size(paths[number], frame.size, paths[0], size)
             yield frame
 
     return Frames(range(len(paths)), size, None, load)
+
+
+def _read(
+    read_one: Callable[[Path, Transfer | None, int], Frame],
+    path: Path,
+    transfer: Transfer | None,
+    max_pixels: int,
+    told: list[Warning | str],
+) -> Frame:
+    """One picture of a row; that its curve is assumed is only told if nothing was `told` before."""
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        frame = read_one(path, _curve_of(path, transfer), max_pixels)
+    for one in said:
+        if not issubclass(one.category, TransferWarning):
+            warnings.warn(one.message, one.category, stacklevel=4)
+        elif not told:
+            told.append(one.message)
+            warnings.warn(one.message, one.category, stacklevel=4)
+    return frame
 
 
 def _curve_of(path: Path, transfer: Transfer | None) -> Transfer | None:

@@ -17,8 +17,8 @@ _NAMES = "fx", "fy", "cx", "cy"
 _MATRIX = "camera_matrix", "cameraMatrix", "K"
 _DISTORTION = "distortion_coefficients", "dist_coeffs", "distCoeffs", "D"
 _HINT = (
-    "give {fx, fy, cx, cy, distortion, fisheye, std or covariance}, all but the first four optional, "
-    "or camera_matrix and distortion_coefficients as OpenCV writes them"
+    "give {fx, fy, cx, cy, distortion, fisheye, std or covariance, size}, all but the first four "
+    "optional, or camera_matrix and distortion_coefficients as OpenCV writes them"
 )
 
 
@@ -29,6 +29,7 @@ def intrinsics_to_mapping(intrinsics: Intrinsics) -> dict[str, Any]:
         "distortion": intrinsics.distortion,
         "fisheye": intrinsics.fisheye,
         "covariance": intrinsics.covariance,
+        "size": intrinsics.size,
     }
 
 
@@ -38,7 +39,8 @@ def read_intrinsics(path: str | Path) -> Intrinsics:
     Either `fx`, `fy`, `cx`, `cy` in pixels, and if known `distortion` (k1, k2, p1, p2, k3 …),
     `fisheye` (true or false) and `std` or `covariance` of all of these in this order; or a
     `camera_matrix` and `distortion_coefficients` as OpenCV's FileStorage writes them into JSON, or as
-    plain lists.
+    plain lists. The `size` of its pictures, [width, height], or OpenCV's `image_width` and
+    `image_height`, keeps it from being used for others.
 
     Raises
     ------
@@ -58,7 +60,8 @@ def read_intrinsics(path: str | Path) -> Intrinsics:
             covariance = np.array(fields["covariance"], float)
         elif "std" in fields:
             covariance = np.diag(np.array(fields["std"], float) ** 2)
-        return Intrinsics(*_pinhole(fields), _distortion(fields), fisheye, covariance)
+        lens = *_pinhole(fields), _distortion(fields)
+        return Intrinsics(*lens, fisheye, covariance, _size(fields))
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileError(f"{path}: is no calibrated camera ({error}); {_HINT}") from error
 
@@ -79,6 +82,17 @@ def _distortion(fields: Any) -> Array:
     name = next((name for name in ("distortion", *_DISTORTION) if name in fields), None)
     k = np.zeros(0) if name is None else _matrix(fields[name]).ravel()
     return k[:8] if len(k) in (12, 14) and not k[8:].any() else k
+
+
+def _size(fields: Any) -> tuple[int, int] | None:
+    size = fields.get("size")
+    if size is None and {"image_width", "image_height"} <= fields.keys():
+        size = [fields["image_width"], fields["image_height"]]
+    if size is None:
+        return None
+    if not (isinstance(size, list) and len(size) == 2):
+        raise ValueError(f"size must be [width, height], got {size!r}")
+    return int(size[0]), int(size[1])
 
 
 def _matrix(value: Any) -> Array:

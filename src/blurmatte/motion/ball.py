@@ -81,7 +81,8 @@ def measure_ball(
     """
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep must be a Sweep, got {type(sweep).__name__}; use fit_sweep")
-    _check_explained(sweep.misfit, "the sweep")
+    intrinsics.check_size(sweep.size)
+    _check_explained(sweep, "the sweep does not explain the streak")
     n = len(sweep.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
@@ -131,6 +132,7 @@ def fit_ball(
     MotionError
         If nothing moved, or no ball that flew like this explains the streak.
     """
+    intrinsics.check_size(image.size)
     image, plate = with_noise(image, plate)
     if sweep is None:
         sweep = fit_sweep(image, plate)
@@ -139,7 +141,8 @@ def fit_ball(
     if misfit(data, best) > NOISE or _would_bend(data, ball, best):
         bent = _descended(data, _start(data, ball, sweep, PARABOLA), sweep)
         best = best_of(data, [best, bent])
-    _check_explained(misfit(data, best), "no ball that flew straight, or like thrown,")
+    left = replace(sweep, stats={"misfit": misfit(data, best)})
+    _check_explained(left, "no ball that flew straight, or like thrown, explains the streak")
     n = len(best.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
@@ -188,11 +191,12 @@ def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float) ->
     return np.asarray(ray * (distance * cosine)[..., None])
 
 
-def _check_explained(left: float, what: str) -> None:
-    if not left <= MAX_MISFIT:
+def _check_explained(sweep: Sweep, what: str) -> None:
+    """MotionError if it leaves more than noise, or is contested."""
+    if not sweep.misfit <= MAX_MISFIT:
         raise MotionError(
-            f"{what} explains the streak: it leaves {left:.1f} times as much as noise, "
-            f"{MAX_MISFIT:g} is the most; a ball of one or two colors, alone in its streak, is needed"
+            f"{what}: {sweep.complaint(MAX_MISFIT)}; a ball of one or two colors, alone in its streak, "
+            "is needed"
         )
 
 
@@ -209,7 +213,10 @@ def _before(
     intrinsics: Intrinsics, sweep: Sweep, image: LinearImage, plate: LinearImage
 ) -> tuple[Data, SeenBall]:
     """The pixels around a sweep, and the ball that the camera may see in them."""
-    streak = Streak(sweep.alpha > 0)
+    x0, y0, x1, y1 = sweep.box
+    seen = np.zeros((sweep.size[1], sweep.size[0]), dtype=bool)
+    seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
+    streak = Streak(seen)
     data = data_around(streak, int(_MARGIN * sweep.radius) + 4, image, plate, None)
     data = data.coarser(max(1, int(sweep.radius / _FINE_RADIUS)))
     ball = SeenBall.before(intrinsics, data)

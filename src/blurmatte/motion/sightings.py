@@ -229,7 +229,7 @@ class _Look:
         check_same_size("a frame", frame.size, "plate", self.plate.size)
         image = with_its(self.noise, frame)
         time = frame.meta.time if self.rate is None else number / self.rate
-        plate = _as_bright(self.plate, image)
+        plate = as_bright(self.plate, image)
         if self.light is None:
             streaks, coherence = moving_parts(image, plate, self.several), 1.0
         else:
@@ -259,7 +259,7 @@ def noise_of(image: LinearImage) -> Noise:
     return image.noise
 
 
-def _as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
+def as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
     """The plate in the light of a frame, if lamp or shutter made that another one."""
     grid = np.s_[::_GRID, ::_GRID]
     B, C = (np.asarray(picture.rgb[grid], float) for picture in (plate, image))

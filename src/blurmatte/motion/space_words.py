@@ -6,6 +6,7 @@ import numpy as np
 
 from blurmatte.motion.ball_motion import BallMotion
 from blurmatte.motion.depth import BlurDepth
+from blurmatte.motion.figures import with_error as _with
 from blurmatte.motion.plane_motion import PlaneMotion
 from blurmatte.motion.rotation import Rotation
 
@@ -101,11 +102,3 @@ def _mostly(what: str, parts: Mapping[str, float]) -> str:
     if parts[name] == 0:
         return f"No error of the {what} is known."
     return f"The error of the {what} comes mostly from {_SOURCES[name]} ({parts[name]:.1%} alone)."
-
-
-def _with(value: float, std: float) -> str:
-    """A number to the digits that its error leaves."""
-    if not (std > 0 and np.isfinite(std)):
-        return f"{value:.4g}"
-    digits = max(int(np.ceil(-np.log10(std))) + 1, 0)
-    return f"{value:.{digits}f} ± {std:.{digits}f}"

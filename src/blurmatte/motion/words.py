@@ -4,6 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from blurmatte.motion.figures import with_error as _with
 from blurmatte.motion.motion import Motion
 from blurmatte.motion.units import READOUT, Speed
 
@@ -130,11 +131,3 @@ def _shutter(speed: Speed) -> Iterator[str]:
         f"the last, the speed is off by up to {speed.unknown:.1%}: too large of what moved down, too "
         "small of what moved up. Give the time from line to line to correct it."
     )
-
-
-def _with(value: float, std: float) -> str:
-    """Value and error, to two digits of the error."""
-    if not np.isfinite(std) or std <= 0:
-        return f"{value:.4g}"
-    digits = max(0, 1 - int(np.floor(np.log10(std))))
-    return f"{value:.{digits}f} ± {std:.{digits}f}"

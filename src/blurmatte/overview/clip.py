@@ -1,13 +1,14 @@
 """The sheet of a clip: the ways of objects over the plate, their speeds and sizes over time."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion import FrameMotion, Sighting
+from blurmatte.motion import BallPlace, FrameMotion, Sighting
 from blurmatte.overview.panels import (
     BRIGHT,
     GROUND,
@@ -39,14 +40,20 @@ _PALETTE = (
 _CHART = (WIDTH - 2 * MARGIN) / _DPI, 3.4  # inches
 
 
-def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[str] = ()) -> Pixels:
+def draw_clip(
+    plate: LinearImage,
+    rows: Sequence[FrameMotion],
+    words: Sequence[str] = (),
+    places: Sequence[BallPlace | None] | None = None,
+) -> Pixels:
     """Draw the ways of objects through a clip over its plate, and speed and radius over time.
 
     The way within each exposure is bright, from one frame to the next it is blue; of several objects
     each has a color, and its number where it appears. Where the numbers of a frame are in doubt, its
     way is dashed and joined to nothing, and its points over time are hollow. Ellipses of one standard
-    deviation of the centers are enlarged so that they can be seen; it says how much. Needs matplotlib
-    (`pip install "blurmatte[plot]"`).
+    deviation of the centers are enlarged so that they can be seen; it says how much. With places in
+    space also depth over time, and the speed is that in space. Needs matplotlib (`pip install
+    "blurmatte[plot]"`).
 
     Parameters
     ----------
@@ -56,6 +63,8 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
         Of `measure_clip`.
     words : sequence of str
         Sentences to put on it.
+    places : sequence of BallPlace or None, optional
+        Of `places_in_space`, one for each row.
 
     Returns
     -------
@@ -87,7 +96,7 @@ def draw_clip(plate: LinearImage, rows: Sequence[FrameMotion], words: Sequence[s
     sheet.title("clip", f"{several}found in {frames} of {of} frames")
     sheet.picture(np.asarray(picture))
     if found:
-        sheet.picture(_over_time(objects))
+        sheet.picture(_over_time(rows, places))
     told = f"Ellipses: one standard deviation of the centers, {enlarged:g} times enlarged."
     sheet.sentences([*words, told, *_on_doubts(found)])
     return sheet.pixels()
@@ -179,32 +188,82 @@ def _enlarged(sights: Sequence[Sighting], scale: float) -> float:
     return enlargement(usual, 20 / scale)
 
 
-def _over_time(objects: Mapping[int, Sequence[FrameMotion]]) -> Pixels:
-    """Speed within the exposures, and radius, with their errors."""
-    timed = all(row.time is not None for way in objects.values() for row in way)
+@dataclass(frozen=True, eq=False)
+class _Series:
+    """What a chart shows of an object over time: values with errors, and which are in doubt."""
+
+    t: Array
+    values: Array
+    errors: Array
+    unsure: npt.NDArray[np.bool_]
+
+    @property
+    def believed(self) -> Array:
+        """The values without doubts, or all if there is nothing else."""
+        return self.values if self.unsure.all() else self.values[~self.unsure]
+
+
+def _over_time(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None] | None) -> Pixels:
+    """Charts side by side: speed and radius, and of places in space depth."""
+    timed = all(row.time is not None for row in rows)
+    told = places if places is not None else [None] * len(rows)
+    seen = [(row, ball) for row, ball in zip(rows, told, strict=True) if row.sighting is not None]
+    charts = ["speed, px per exposure", "radius, px"]
+    if places is not None:
+        charts = ["speed in space, m/s", "radius, px", "depth, m"]
     figure = new_figure(_CHART, _DPI)
-    for place, kind, what in (
-        (121, "length", "speed, px per exposure"),
-        (122, "radius", "radius, px"),
-    ):
-        axes = figure.add_subplot(place, xlabel="time, s" if timed else "frame", ylabel=what)
-        highest = 0.0
-        for number, way in objects.items():
-            t = np.array([row.time if timed else row.frame for row in way], float)
-            values, errors = (
-                np.array([getattr(row.sighting, value) for row in way])
-                for value in (kind, f"{kind}_std")
-            )
-            unsure = np.array([_doubted(row) for row in way])
-            sure = ~unsure
-            name = _name(number)
-            drawn = {"color": name, "alpha": 0.8, "label": str(number)}
-            axes.errorbar(t[sure], values[sure], errors[sure], fmt=".", **drawn)
-            axes.plot(t[unsure], values[unsure], "o", color=name, alpha=0.6, mfc="none", ms=4)
-            believed = values[sure] if sure.any() else values
-            highest = max(highest, float(np.quantile(believed, 0.95)))
-        axes.set_ylim(0, 1.3 * highest + 1e-6)
+    for n, what in enumerate(charts, start=1):
+        axes = figure.add_subplot(
+            1, len(charts), n, xlabel="time, s" if timed else "frame", ylabel=what
+        )
+        by_object = {k: _series(seen, k, timed, what) for k in _numbers(seen)}
+        for number, series in by_object.items():
+            _draw_series(axes, series, number)
+        believed = [s.believed for s in by_object.values() if len(s.values)]
+        if what != "depth, m":  # what does not come near 0 is drawn around where it is
+            highest = max((float(np.quantile(values, 0.95)) for values in believed), default=0.0)
+            axes.set_ylim(0, 1.3 * highest + 1e-6)
         axes.grid(alpha=0.3)
-        if len(objects) > 1:
+        if len(by_object) > 1:
             axes.legend(title="object", fontsize="small")
     return pixels(figure)
+
+
+def _numbers(seen: Sequence[tuple[FrameMotion, BallPlace | None]]) -> list[int]:
+    return sorted({row.object or 1 for row, _ in seen})
+
+
+def _series(
+    seen: Sequence[tuple[FrameMotion, BallPlace | None]], number: int, timed: bool, what: str
+) -> _Series:
+    """Of an object, where there is a value."""
+    points = []
+    for row, ball in seen:
+        value = _value(row, ball, what)
+        if (row.object or 1) == number and value is not None:
+            points.append((row.time if timed else row.frame, *value, _doubted(row)))
+    t, values, errors, unsure = np.array(points, float).reshape(-1, 4).T
+    return _Series(t, values, errors, unsure > 0)
+
+
+def _value(row: FrameMotion, ball: BallPlace | None, what: str) -> tuple[float, float] | None:
+    """What a chart shows of a frame, and its error."""
+    one = row.sighting
+    match what:
+        case "radius, px" if one is not None:
+            return one.radius, one.radius_std
+        case "speed, px per exposure" if one is not None:
+            return one.length, one.length_std
+        case "depth, m" if ball is not None:
+            return float(ball.place[2]), float(ball.place_std[2])
+        case "speed in space, m/s" if ball is not None and ball.velocity is not None:
+            return ball.speed, ball.speed_std
+    return None
+
+
+def _draw_series(axes: Any, series: _Series, number: int) -> None:
+    name, sure = _name(number), ~series.unsure
+    t, values = series.t, series.values
+    drawn = {"color": name, "alpha": 0.8, "label": str(number)}
+    axes.errorbar(t[sure], values[sure], series.errors[sure], fmt=".", **drawn)
+    axes.plot(t[~sure], values[~sure], "o", color=name, alpha=0.6, mfc="none", ms=4)
