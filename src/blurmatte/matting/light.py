@@ -6,7 +6,7 @@ variance of C − (1 − α) B. Given α, the light within the model that fits b
     P = M (MᵀV⁻¹M)⁻¹ MᵀV⁻¹ (C − (1 − α) B),    Var P = M (MᵀV⁻¹M)⁻¹ Mᵀ + (dP/dα)² Var α.
 
 A clipped channel has no weight: its light is what the others make of the model, as long as there are
-as many of them as the model has dimensions.
+as many of them as the model has dimensions. One of the plate matters only where it is seen.
 """
 
 import numpy as np
@@ -18,6 +18,8 @@ from blurmatte.matting.pixelwise import in_strips
 from blurmatte.radiometry import LinearImage
 
 Array = npt.NDArray[np.float64]
+
+OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen
 
 
 def light_given(
@@ -33,7 +35,8 @@ def light_given(
     M = np.zeros((3, 3))
     M[:, : model.rank] = model.basis
     whole = (image.valid & plate.valid).all()
-    usable = np.ones(image.rgb.shape, bool) if whole else image.usable & plate.usable
+    seen = np.asarray(alpha < OPAQUE)[..., None]  # of the plate
+    usable = np.ones(image.rgb.shape, bool) if whole else image.usable & (plate.usable | ~seen)
     alpha, alpha_std = (np.ascontiguousarray(a, float) for a in (alpha, alpha_std))
     kind = np.result_type(image.rgb, plate.rgb)
     given = image.rgb, plate.rgb, image.variance, plate.variance

@@ -130,6 +130,8 @@ def solve(
     sweep = (
         None if asked and model is not None else fit_sweep(image, plate, streak, model, start=start)
     )
+    if sweep is not None:
+        image, plate = (_louder(picture, sweep.stats["louder"]) for picture in (image, plate))
     swept = _chosen(solver, sweep)
     if model is None:
         assert sweep is not None
@@ -323,6 +325,11 @@ def _within(
 def _noise(picture: LinearImage) -> Any:
     """The noise, of which `with_noise` has seen to it that it is not None."""
     return picture.noise
+
+
+def _louder(picture: LinearImage, by: float) -> LinearImage:
+    """With the noise that a sweep found where a codec hides it; see `fit_sweep`."""
+    return picture if by == 1 else picture.with_noise(by * picture.variance)
 
 
 def _spoken(picture: LinearImage) -> Any:

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.color import darker
-from blurmatte.matting.light import light_given
+from blurmatte.matting.light import OPAQUE, light_given
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
@@ -89,6 +89,7 @@ class Swept:
             _, _, chi2 = light_given(alpha, alpha_std, sweep.model, before, plate)
         quality = maps.quality[place]
         saturated = (quality & np.uint8(Quality.SATURATED)) != 0
+        saturated &= ~image.valid | (alpha < OPAQUE)
         given = (quality & np.uint8(Quality.OCCLUDED)) != 0
         inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
         chi2 = np.where(saturated, 1, chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated]))

@@ -72,6 +72,10 @@ class Data:
         C = before_bleeding(self.C, self.B, alpha, within, blur / self.scale, transfer)
         return replace(self, C=np.ascontiguousarray(C))
 
+    def louder(self, by: float) -> "Data":
+        """With that many times the variance of noise."""
+        return replace(self, C_variance=by * self.C_variance, B_variance=by * self.B_variance)
+
     def coarser(self, by: int) -> "Data":
         """Means over blocks of `by` by `by` pixels; what is left over at the far sides is cut."""
         if by == 1:

@@ -35,6 +35,7 @@ from blurmatte.sweep.verdict import (
     overstated,
     stays,
     told_by_texture,
+    understated,
 )
 
 Array = npt.NDArray[np.float64]
@@ -95,6 +96,10 @@ def fit_sweep(
     lights; and where that does not help, a disc of any colors. What path and outline are is for the
     evidence to choose.
 
+    Codecs of clips repeat what stands still as it was, so that noise seems far less than it is where
+    something moves: if a disc explains nearly all of the change but for noise that is louder, the
+    noise is taken to be that loud; `Sweep.stats["louder"]` says how many times the variance.
+
     Parameters
     ----------
     image, plate : LinearImage
@@ -130,6 +135,11 @@ def fit_sweep(
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
     disc = _first_disc(search, rank, start)
+    louder = understated(search.data, disc)
+    if louder > 1:
+        image, plate = (p.with_noise(louder * p.variance) for p in (image, plate))
+        search = search.louder(louder)
+        disc = search.best(rank)
     for _ in range(_FOLLOWING):
         if stays(search.data, disc) or np.isnan(streak.evidence):
             break  # a streak that was given, not found, is all there is
@@ -153,7 +163,7 @@ def fit_sweep(
     explained = search is not first and told.misfit <= NOISE
     if not explained and disc.frame.rank == 1:
         told = _richer(search, disc, told, transfer)
-    return _sweep(told, image)
+    return _sweep(told, image, louder)
 
 
 def fit_disc(
@@ -180,8 +190,12 @@ def fit_disc(
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known, QUICK)
     disc = search.quick(rank)
+    louder = understated(search.data, disc)
+    if louder > 1:
+        search = search.louder(louder)
+        disc = search.quick(rank)
     blur = disc.silhouette.softness(disc.shape) if _ran_together(search.data, disc) else 0.0
-    return _sweep(_Told(search, disc, blur), image)
+    return _sweep(_Told(search, disc, blur), image, louder)
 
 
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
@@ -289,9 +303,10 @@ def _ran_together(data: Data, state: State) -> bool:
     return state.frame.rank < 3 and colors_ran_together(data, state)
 
 
-def _sweep(told: _Told, image: LinearImage) -> Sweep:
+def _sweep(told: _Told, image: LinearImage, louder: float) -> Sweep:
     found = _ended(told.search.data, told.state, image.size, told.blur)
-    return replace(found, model=replace(found.model, to_srgb=image.meta.to_srgb))
+    model = replace(found.model, to_srgb=image.meta.to_srgb)
+    return replace(found, model=model, stats={**found.stats, "louder": louder})
 
 
 def _ended(data: Data, state: State, size: tuple[int, int], blur: float = 0.0) -> Sweep:

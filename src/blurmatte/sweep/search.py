@@ -91,6 +91,10 @@ class Search:
             np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
         )
 
+    def louder(self, by: float) -> "Search":
+        """With that many times the variance of noise."""
+        return replace(self, data=self.data.louder(by), coarse=self.coarse.louder(by))
+
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
         tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]

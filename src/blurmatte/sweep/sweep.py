@@ -46,7 +46,8 @@ class Sweep:
         explains it as well with another alpha, and then `misfit` is infinite; `doubtful` is the
         share of the streak's pixels that it does not explain; `rim` the standard deviation, pixels,
         by which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is
-        sharp.
+        sharp; `louder` how many times the variance that was measured noise has there, for codecs
+        hide it in what stands still.
     """
 
     family: PathFamily

@@ -23,6 +23,8 @@ _BESIDE = 3  # pixels around a sweep that it must explain too
 _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
+_MEDIANS = {1: 1.386, 2: 0.455, 3: 2.366}  # of χ², by rank of the colors
+_MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 CONTRADICTED = 0.5  # of a sweep's pixels
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
@@ -81,6 +83,27 @@ def misfit(data: Data, state: State) -> float:
     ]
     of_noise = [_in_blocks(e, within, _WORST, size) / usual_of[size] for size in _MOST_USUAL]
     return min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
+
+
+def understated(data: Data, state: State) -> float:
+    """By how much the variance of noise is understated if a sweep is right, 1 or more.
+
+    Codecs repeat what stands still as it was, and its noise says nothing then of what moves: most
+    pixels of any sweep contradict. 1 where noise beside the streak does not hang together, as that of
+    codecs does, and where what is left is too much of the change to be noise.
+    """
+    if doubtful_share(data, state) <= CONTRADICTED:
+        return 1.0
+    _, beside = _places(data, state)
+    if _together(_limited(state), beside, _OTHERS, _BLOCK) < _HANGS:
+        return 1.0
+    inside = (state.swept.alpha > 0) & (state.swept.alpha < _OPAQUE) & data.valid
+    if not inside.any():
+        return 1.0
+    by = float(np.median(state.chi2[inside])) / _MEDIANS[state.frame.rank]
+    noise = by * float(np.mean((data.C_variance + data.B_variance)[inside]))
+    change = float(np.mean((data.C - data.B)[inside] ** 2))
+    return by if by > 1 and noise < _MOST_NOISE**2 * change else 1.0
 
 
 def colors_ran_together(data: Data, state: State) -> bool:
