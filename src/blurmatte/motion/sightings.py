@@ -26,6 +26,7 @@ from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc
+from blurmatte.sweep.shadow import shadow_around
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -279,6 +280,10 @@ def _measured(
     image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel, coherence: float
 ) -> Sighting:
     """From a disc on a path, or from moments."""
+    if model.rank == 1:
+        shadow = shadow_around(image, plate, streak, model.pole)
+        image = replace(image, valid=image.valid & ~shadow)
+        streak = replace(streak, mask=streak.mask & ~shadow)
     sweep = fit_disc(image, plate, streak, model)
     if sweep.misfit <= MAX_MISFIT:
         return _told(motion_of_sweep(sweep, image.meta.exposure_time), streak, model, sweep)
