@@ -267,12 +267,12 @@ def _as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
     use = (plate.valid & image.valid)[grid] & (B.min(axis=-1) > _LEAST_LIGHT)
     if not use.any():
         return plate
-    ratio = C[use] / B[use]
-    gain = np.median(ratio, axis=0)
-    spread = 1.4826 * np.median(np.abs(ratio - gain), axis=0)
-    if np.all(np.abs(gain - 1) < _SIGMAS * spread / np.sqrt(len(ratio))):
+    ratio = np.ascontiguousarray((C[use] / B[use]).T)  # medians of rows take a third of the time
+    gain = np.median(ratio, axis=1)
+    spread = 1.4826 * np.median(np.abs(ratio - gain[:, None]), axis=1)
+    if np.all(np.abs(gain - 1) < _SIGMAS * spread / np.sqrt(ratio.shape[1])):
         return plate
-    by = gain.astype(np.float32)
+    by = np.tile(gain.astype(np.float32), (plate.size[0], 1))  # for a row, as in `NoiseModel.variance`
     return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))
 
 
