@@ -272,7 +272,9 @@ def _as_bright(plate: LinearImage, image: LinearImage) -> LinearImage:
     spread = 1.4826 * np.median(np.abs(ratio - gain[:, None]), axis=1)
     if np.all(np.abs(gain - 1) < _SIGMAS * spread / np.sqrt(ratio.shape[1])):
         return plate
-    by = np.tile(gain.astype(np.float32), (plate.size[0], 1))  # for a row, as in `NoiseModel.variance`
+    by = np.tile(
+        gain.astype(np.float32), (plate.size[0], 1)
+    )  # for a row, as in `NoiseModel.variance`
     return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))
 
 
