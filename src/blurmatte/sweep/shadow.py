@@ -107,7 +107,7 @@ def _products(image: LinearImage, plate: LinearImage, color: Array) -> list[Arra
 
 
 def _light_and_loss(p: Array, q: Array, u: Array, w: Array) -> tuple[Array, Array, Array]:
-    """K and a of the fit, and its determinant, of the first four `_products` or their means."""
+    """Solve the fit for k and a, of the first four `_products` or their means; and its determinant."""
     det = np.maximum(q - p**2, 1e-12)
     return (q * u - p * w) / det, (p * u - w) / det, det
 
