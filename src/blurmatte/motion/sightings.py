@@ -34,6 +34,7 @@ Noise = NoiseModel | npt.NDArray[np.floating]
 
 _MARGIN = 24  # pixels around a streak that is solved
 _GRID = 5  # pixels between those whose light is compared
+_KNOWN = 0.5  # of a streak, where the plate is known; no disc explained one of which less was
 _SIGMAS = 3.0
 _LEAST_LIGHT = 0.01  # of a plate's pixel that tells how bright a frame is
 _NO_COLOR = (
@@ -282,6 +283,8 @@ def _measured(
     image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel, coherence: float
 ) -> Sighting:
     """From a disc on a path, or from moments."""
+    if np.mean(plate.valid[streak.rows_columns][streak.mask[streak.rows_columns]]) < _KNOWN:
+        raise MotionError("most of the streak lies where the plate is not known")
     if model.rank == 1:
         shadow = shadow_around(image, plate, streak, model.pole)
         image = replace(image, valid=image.valid & ~shadow)
