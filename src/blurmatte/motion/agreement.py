@@ -4,7 +4,7 @@ A polynomial of fifth order through three frames before and three after one tell
 in it, and how large. What is left is compared with what the stated errors of all seven make of it,
 and with what the polynomial errs by: around a circle of radius R, turned by ω from frame to frame, by
 R ωⁿ Π|t| / n!, t the n other frames' times. Where that is more than the errors, four or five frames on
-each side are taken; where it still is, or seven frames see more than a round, they tell nothing of
+each side are taken; where it still is, or eight frames see more than a round, they tell nothing of
 each other.
 """
 
@@ -20,9 +20,7 @@ Array = npt.NDArray[np.float64]
 
 _BESIDE = 3, 4, 5  # frames on each side: as few as the bend of the way allows
 _SPAN = 12  # frames in which all of them are: what is farther apart may have gone anywhere
-_TURN = (
-    2 * np.pi / 8
-)  # radians from frame to frame: rounds are no exact circles, which such few tell
+_TURN = 2 * np.pi / 8  # radians from frame to frame: rounds are no exact circles
 _LEAST = 8  # frames whose scatter means anything
 _OUTLIER = 3.5  # times the scatter of the others, of a radius [Iglewicz and Hoaglin 1993]
 _AS_LIKELY = np.array([1.12, 1.0])  # of that for a place: distances have two degrees of freedom
