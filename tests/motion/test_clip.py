@@ -284,6 +284,21 @@ def test_a_ball_that_casts_a_shadow_beside_it(strength):
     assert abs(s.radius - 10) < 0.3
 
 
+def test_half_of_a_streak_tells_where_the_ball_went():
+    """Honest: the plate is not known on the other half of its way; the rim alone tells nothing."""
+    frame, plate = in_the_shadow(0)
+    valid = np.ones(SIZE[::-1], bool)
+    valid[:, 76:] = False
+    (seen,) = sightings([frame], replace(plate, valid=valid), MODEL)
+    (s,) = seen.found
+    off = s.place - (75, 47.5)
+    assert off @ np.linalg.solve(s.covariance, off) < 13.8
+    valid[:, 54:] = False
+    (seen,) = sightings([frame], replace(plate, valid=valid), MODEL)
+    assert seen.found == ()
+    assert seen.reason == "most of the streak lies where the plate is not known"
+
+
 def test_what_the_plate_does_not_know_is_no_streak():
     """Exact: nothing moved, and of a half of the plate only a pixel here and there is known."""
     _, plate = in_the_shadow(0)
