@@ -263,11 +263,14 @@ def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
     T = np.zeros(weight.shape, np.float32)
     for scale in _SCALES:
         white = _smoothed(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
-        smooth = np.stack([_smoothed(z[..., c], scale) for c in range(3)], axis=-1)
-        smooth /= np.sqrt(np.maximum(white, 1e-6))[..., None]
-        smooth -= np.median(smooth, axis=(0, 1))
-        steps = _STEPS**2 * rounding * (4 * np.pi * scale**2)
-        T = np.maximum(T, np.sum(smooth**2 / _spread2(smooth, steps), axis=-1))
+        std = np.sqrt(np.maximum(white, 1e-6))
+        steps = _STEPS**2 * (4 * np.pi * scale**2)
+        T_here = np.zeros_like(T)
+        for c in range(3):
+            smooth = _smoothed(z[..., c], scale) / std
+            smooth -= np.median(smooth)
+            T_here += smooth**2 / _spread2(smooth, steps * rounding[..., c])
+        T = np.maximum(T, T_here)
     return T
 
 
@@ -278,17 +281,15 @@ def _smoothed(values: Floats, scale: float) -> Floats:
 
 
 def _spread2(smooth: Floats, steps: Floats) -> Floats:
-    """(h, w, 3) variance of a smoothed z where nothing moved.
+    """(h, w) variance of a smoothed z of one channel where nothing moved.
 
     White noise leaves 1. What there is beyond that is correlated noise of JPEG and video, light
     that drifts, soft shadows: long-tailed, so it counts twelve times. The quantile believes what
     two thirds of the picture say. A tenth is believed too, but no further than a few code values,
     `steps`: where neighbors have like light, a codec may round all of them up or down.
     """
-    most, some = (
-        12 * np.maximum((np.quantile(np.abs(smooth), q, axis=(0, 1)) / sigmas) ** 2 - 1, 0)
-        for q, sigmas in ((0.65, 0.9346), (0.9, 1.6449))
-    )
+    told = np.quantile(np.abs(smooth), (0.65, 0.9)) / (0.9346, 1.6449)  # of normal numbers 1
+    most, some = 12 * np.maximum(told**2 - 1, 0)
     return np.asarray(1 + np.maximum(most, np.minimum(some, steps)), dtype=smooth.dtype)
 
 

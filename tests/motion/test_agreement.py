@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from blurmatte.motion import FrameMotion, FrameSightings, Sighting, frame_scatter, link_sightings
 from blurmatte.motion import scatter_in_words as in_words
@@ -37,7 +38,28 @@ def test_the_scatter_is_that_of_the_errors():
             values = [getattr(one, name) for one in told]
             assert np.mean(values) == pytest.approx(larger, rel=0.15)
         assert sum(one.too_large for one in told) == (20 if larger == 3 else 0)
-    assert "errors are larger than stated" in in_words(told[0])[0]
+    assert "the errors given are as much larger" in in_words(told[0])[0]
+
+
+def test_errors_that_are_given_are_the_scatter():
+    """Honest: as large as they are, though each frame says less; and as stated where they are."""
+    for larger in (1, 3):
+        rows = [link_sightings(clip(np.random.default_rng(k), larger=larger)) for k in range(8)]
+        for name, std, field in (
+            ("place", STD, "x_std"),
+            ("radius", RADIUS_STD, "radius_std"),
+        ):
+            given = [getattr(some[0].sighting, field) for some in rows]
+            assert np.mean(given) == pytest.approx(larger * std, rel=0.15 if larger > 1 else 1e-12)
+            times = [getattr(some[0], f"{name}_scatter") for some in rows]
+            assert_allclose(np.array(given), np.array(times) * std)
+
+
+def test_bent_ways_are_told_by_more_frames():
+    """Honest: around a circle of eleven frames the scatter is that of the errors, not of the bend."""
+    rng = np.random.default_rng(4)
+    told = [frame_scatter(link_sightings(clip(rng, turn=0.57))) for _ in range(10)]
+    assert np.mean([one.place for one in told]) == pytest.approx(1, rel=0.15)
 
 
 @pytest.mark.parametrize(("name", "wrong"), [("place", {"x": 8.0}), ("radius", {"radius": 1.5})])

@@ -21,7 +21,7 @@ from blurmatte.motion import (
     sightings,
 )
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, Shadow, colorful_plate, plain_plate, render
 from blurmatte.trajectory import Trajectory
 
 SIZE, FRAMES, RATE = (160, 120), 7, 30
@@ -261,3 +261,51 @@ def test_what_is_no_disc_has_moments(clip):
     assert abs(s.y - 54.5) < max(4 * s.y_std, 0.1)
     assert seen.time is None
     assert next(sightings([bar], plate, MODEL, numbers=[12], rate=24)).time == 0.5
+
+
+def in_the_shadow(strength):
+    """A ball before a gray wall, its shadow beside it, and the plate."""
+    wall = plain_plate(SIZE, (0.5, 0.5, 0.48), 4)
+    way = Trajectory.line((60, 40), (90, 55))
+    shadow = Shadow((-6, 14), strength=(strength,) * 3) if strength else None
+    light = render(Scene(wall, way, Ball(10, color=COLOR), shadow=shadow)).image.rgb
+    rng = np.random.default_rng(6)
+    return CAMERA.photograph(light, rng), CAMERA.photograph(wall, rng)
+
+
+@pytest.mark.parametrize("strength", [0, 0.5])
+def test_a_ball_that_casts_a_shadow_beside_it(strength):
+    """Oracle: it is measured from a disc with the shadow as without, to a fraction of a pixel."""
+    frame, plate = in_the_shadow(strength)
+    (seen,) = sightings([frame], plate, MODEL)
+    (s,) = seen.found
+    assert s.source == "sweep"
+    assert np.linalg.norm(s.place - (75, 47.5)) < 0.3
+    assert abs(s.radius - 10) < 0.3
+
+
+def test_half_of_a_streak_tells_where_the_ball_went():
+    """Honest: the plate is not known on the other half of its way; the rim alone tells nothing."""
+    frame, plate = in_the_shadow(0)
+    valid = np.ones(SIZE[::-1], bool)
+    valid[:, 76:] = False
+    (seen,) = sightings([frame], replace(plate, valid=valid), MODEL)
+    (s,) = seen.found
+    off = s.place - (75, 47.5)
+    assert off @ np.linalg.solve(s.covariance, off) < 13.8
+    valid[:, 54:] = False
+    (seen,) = sightings([frame], replace(plate, valid=valid), MODEL)
+    assert seen.found == ()
+    assert seen.reason == "most of the streak lies where the plate is not known"
+
+
+def test_what_the_plate_does_not_know_is_no_streak():
+    """Exact: nothing moved, and of a half of the plate only a pixel here and there is known."""
+    _, plate = in_the_shadow(0)
+    valid = np.ones(SIZE[::-1], bool)
+    valid[:, 80:] = False
+    valid[::12, 80::12] = True
+    frame = CAMERA.photograph(np.asarray(plate.rgb, float), np.random.default_rng(2))
+    (seen,) = sightings([frame], replace(plate, valid=valid), MODEL)
+    assert seen.found == ()
+    assert seen.reason.startswith("nothing of the object's color moved")

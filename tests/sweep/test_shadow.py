@@ -17,7 +17,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
-from blurmatte.sweep.shadow import shadow_beside
+from blurmatte.sweep.shadow import shadow_around, shadow_beside
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 144)
@@ -52,6 +52,19 @@ def test_finds_the_shadow_and_leaves_most_of_the_object(plate):
     found = shadow_beside(image, without, find_streaks(image, without)[0], *light_of(truth))
     assert np.mean(found[(shadow > 0.1) & (alpha == 0)]) > 0.95
     assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.3
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_a_shadow_is_found_before_the_object_is_fitted(plate):
+    """Oracle: where nothing but it is, from the part alone in which the object's light shows."""
+    truth, image, without = taken(plate)
+    alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
+    streak = Streak(alpha > 0.1)
+    found = shadow_around(image, without, streak, truth.model.pole)
+    assert np.mean(found[(shadow > 0.1) & (alpha == 0)]) > 0.9
+    assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.05
+    truth, image, without = taken(plate, strength=0)
+    assert not shadow_around(image, without, streak, truth.model.pole).any()
 
 
 @pytest.mark.parametrize("plate", PLATES)

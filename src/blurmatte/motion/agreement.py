@@ -1,9 +1,11 @@
 """Do the frames of a clip agree? How they scatter about smooth motion, and which contradict it.
 
 A polynomial of fifth order through three frames before and three after one tells where the object is
-in it, and how large. What is left is compared with what the stated errors of all seven make of it.
-Around a circle of fourteen frames the polynomial is off by 0.0004 of its radius; where streaks turn
-faster, so few frames tell nothing of each other.
+in it, and how large. What is left is compared with what the stated errors of all seven make of it,
+and with what the polynomial errs by: around a circle of radius R, turned by ω from frame to frame, by
+R ωⁿ Π|t| / n!, t the n other frames' times. Where that is more than the errors, four or five frames on
+each side are taken; where it still is, or eight frames see more than a round, they tell nothing of
+each other.
 """
 
 from collections.abc import Sequence
@@ -16,11 +18,12 @@ from blurmatte.motion.sightings import Sighting
 
 Array = npt.NDArray[np.float64]
 
-_BESIDE = 3  # frames on each side
-_SPAN = 12  # frames in which all seven are: what is farther apart may have gone anywhere
-_TURN = 2 * np.pi / 14  # radians from frame to frame, the most that is followed
+_BESIDE = 3, 4, 5  # frames on each side: as few as the bend of the way allows
+_SPAN = 12  # frames in which all of them are: what is farther apart may have gone anywhere
+_TURN = 2 * np.pi / 8  # radians from frame to frame: rounds are no exact circles
 _LEAST = 8  # frames whose scatter means anything
-_OUTLIER = 3.5  # times the scatter of the others [Iglewicz and Hoaglin 1993]
+_OUTLIER = 3.5  # times the scatter of the others, of a radius [Iglewicz and Hoaglin 1993]
+_AS_LIKELY = np.array([1.12, 1.0])  # of that for a place: distances have two degrees of freedom
 _MEDIANS = np.sqrt(
     [2 * np.log(2), 0.4549]
 )  # of the root of χ² of two, a place, and of one, a radius
@@ -38,11 +41,14 @@ class Scatter:
         1 if errors are as stated.
     count : int
         How many frames tell; those with doubts do not.
+    unsteady : float
+        By how much the radius of a single frame differs from the smooth one, of itself.
     """
 
     place: float
     radius: float
     count: int
+    unsteady: float = 0.0
 
     @property
     def too_large(self) -> bool:
@@ -52,12 +58,13 @@ class Scatter:
 
 def scatter_of(frames: Sequence[int], seen: Sequence[Sighting]) -> Scatter | None:
     """The scatter of the sightings of one object, one in each of these frames; None if few tell it."""
-    _, errors = _off(frames, seen)
-    told = errors[np.isfinite(errors[:, 0])]
-    if len(told) < _LEAST:
+    _, errors, unsteady = _off(frames, seen)
+    told = np.isfinite(errors[:, 0])
+    if np.count_nonzero(told) < _LEAST:
         return None
-    place, radius = np.median(told, axis=0) / _MEDIANS
-    return Scatter(float(place), float(radius), len(told))
+    place, radius = np.median(errors[told], axis=0) / _MEDIANS
+    steady = float(np.median(unsteady[told])) / float(_MEDIANS[1])
+    return Scatter(float(place), float(radius), int(np.count_nonzero(told)), steady)
 
 
 def doubted(frames: Sequence[int], seen: Sequence[Sighting]) -> list[Sighting]:
@@ -70,8 +77,8 @@ def doubted(frames: Sequence[int], seen: Sequence[Sighting]) -> list[Sighting]:
         scatter = scatter_of(frames, told)
         if scatter is None:
             break
-        pixels, errors = _off(frames, told)
-        usual = np.maximum([scatter.place, scatter.radius], 1) * _MEDIANS / _MEDIANS[1]
+        pixels, errors, _ = _off(frames, told)
+        usual = np.maximum([scatter.place, scatter.radius], 1) * _AS_LIKELY
         times = np.nan_to_num(errors / usual)
         k, what = np.unravel_index(np.argmax(times), times.shape)
         if times[k, what] < _OUTLIER:
@@ -81,23 +88,60 @@ def doubted(frames: Sequence[int], seen: Sequence[Sighting]) -> list[Sighting]:
     return told
 
 
-def _off(frames: Sequence[int], seen: Sequence[Sighting]) -> tuple[Array, Array]:
-    """(n, 2) how far place and radius are off, pixels, and in standard deviations; NaN if unknown."""
+def with_scatter(sighting: Sighting, place: float, radius: float) -> Sighting:
+    """The sighting with so many times the errors of place and way, and of the radius."""
+    ways = "x_std", "y_std", "vx_std", "vy_std", "length_std", "angle_std"
+    larger = {name: place * getattr(sighting, name) for name in ways}
+    return replace(
+        sighting,
+        **larger,
+        xy_covariance=place**2 * sighting.xy_covariance,
+        radius_std=radius * sighting.radius_std,
+    )
+
+
+def _off(frames: Sequence[int], seen: Sequence[Sighting]) -> tuple[Array, Array, Array]:
+    """How far off place and radius are, NaN if unknown.
+
+    (n, 2) in pixels, (n, 2) in standard deviations, (n,) of a radius alone, as a part of it.
+    """
     pixels, errors = np.full((2, len(seen), 2), np.nan)
+    unsteady = np.full(len(seen), np.nan)
     sound = [k for k, one in enumerate(seen) if not one.doubts]
-    for n in range(_BESIDE, len(sound) - _BESIDE):
-        near = sound[n - _BESIDE : n + _BESIDE + 1]
-        t = np.array([frames[k] - frames[sound[n]] for k in near], float)
-        if t[-1] - t[0] > _SPAN or _turn(t, [seen[k] for k in near]) > _TURN:
-            continue
-        weights = _beside(t)
-        place = weights @ [seen[k].place for k in near]
-        V = np.einsum("k,kij->ij", weights**2, [seen[k].covariance for k in near])
-        radius = weights @ [seen[k].radius for k in near]
-        std = np.sqrt(weights**2 @ [seen[k].radius_std ** 2 for k in near])
-        pixels[sound[n]] = np.linalg.norm(place), abs(radius)
-        errors[sound[n]] = np.sqrt(place @ np.linalg.solve(V, place)), abs(radius) / std
-    return pixels, errors
+    for n, k in enumerate(sound):
+        for beside in _BESIDE:
+            near = sound[max(n - beside, 0) : n + beside + 1]
+            t = np.array([frames[i] - frames[k] for i in near], float)
+            if len(near) <= 2 * beside or t[-1] - t[0] > _SPAN:
+                break
+            told = _beside_it(t, [seen[i] for i in near])
+            if told is not None:
+                pixels[k], errors[k], unsteady[k] = told
+                break
+    return pixels, errors, unsteady
+
+
+def _beside_it(t: Array, near: Sequence[Sighting]) -> tuple[Array, Array, float] | None:
+    """The same of the middle one of a few; None if they turn too fast for so few."""
+    weights = _weights(t)
+    V = np.einsum("k,kij->ij", weights**2, [one.covariance for one in near])
+    turn, bend = _turn(t, near), _bend(t, near)
+    if turn > _TURN or bend**2 > np.trace(V) / 2:
+        return None
+    place = weights @ [one.place for one in near]
+    radii = np.array([one.radius for one in near])
+    off, std = abs(weights @ radii), np.sqrt(weights**2 @ [one.radius_std**2 for one in near])
+    errors = np.sqrt(place @ np.linalg.solve(V + bend**2 * np.eye(2), place)), off / std
+    unsteady = off / (np.linalg.norm(weights) * np.median(radii))
+    return np.array([np.linalg.norm(place), off]), np.array(errors), float(unsteady)
+
+
+def _bend(t: Array, near: Sequence[Sighting]) -> float:
+    """By how much the polynomial errs on an arc as bent as this, pixels."""
+    way = np.linalg.norm(np.diff([one.place for one in near], axis=0), axis=1) / np.diff(t)
+    others = np.abs(t[t != 0])
+    power = _turn(t, near) ** (len(others) - 1)
+    return float(np.median(way) * power * np.prod(others / np.arange(1, len(t))))
 
 
 def _turn(t: Array, seen: Sequence[Sighting]) -> float:
@@ -105,11 +149,11 @@ def _turn(t: Array, seen: Sequence[Sighting]) -> float:
     angles = np.array([one.angle for one in seen if one.moved])
     times = t[[one.moved for one in seen]]
     turns = np.abs((np.diff(angles) + np.pi / 2) % np.pi - np.pi / 2)
-    return float(np.median(turns / np.diff(times))) if len(turns) else 0.0
+    return float(np.mean(turns / np.diff(times))) if len(turns) else 0.0
 
 
-def _beside(t: Array) -> Array:
-    """(7,) weights of values at these times: the middle one, at 0, less the others' polynomial."""
+def _weights(t: Array) -> Array:
+    """(n,) weights of values at these times: the middle one, at 0, less the others' polynomial."""
     weights = np.ones(len(t))
     for k in np.flatnonzero(t):
         others = t[(t != 0) & (t != t[k])]
@@ -118,11 +162,12 @@ def _beside(t: Array) -> Array:
 
 
 def scatter_in_words(scatter: Scatter) -> list[str]:
-    """Whether errors are as large as stated, in a sentence."""
+    """Whether errors are as large as each frame says, in a sentence."""
     verdict = "as they should"
     if scatter.too_large:
-        verdict = "errors are larger than stated by about as much"
+        verdict = "the errors given are as much larger"
     return [
         f"From frame to frame places scatter about smooth motion {scatter.place:.1f} times as much as "
-        f"their errors say, radii {scatter.radius:.1f} times ({scatter.count} frames tell): {verdict}."
+        f"each frame's errors say, radii {scatter.radius:.1f} times, by {scatter.unsteady:.1%} "
+        f"({scatter.count} frames tell): {verdict}."
     ]

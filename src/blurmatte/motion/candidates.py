@@ -66,7 +66,7 @@ class ObjectLight:
         weight = np.where(plate.valid, 1 / np.maximum((m**2 * noise).sum(axis=-1), _TINY), 0)
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
         squares = gaussian_filter(weight, _SMOOTHING / np.sqrt(2)) / (4 * np.pi * _SMOOTHING**2)
-        std = np.sqrt(np.maximum(squares, _TINY))
+        std = np.where(squares > 0, np.sqrt(squares), np.inf)  # far from what is known is nothing
         return cls(m, weight.astype(np.float32), std.astype(np.float32))
 
     def parts(self, image: LinearImage, several: bool) -> tuple[list[Streak], float]:

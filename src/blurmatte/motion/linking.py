@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.motion.agreement import Scatter, doubted, scatter_of
+from blurmatte.motion.agreement import Scatter, doubted, scatter_of, with_scatter
 from blurmatte.motion.sightings import FrameSightings, Sighting
 from blurmatte.motion.tracks import Track, in_time, tracks_of
 
@@ -44,6 +44,9 @@ class FrameMotion:
         Why there is no sighting, in words; "" if there is one.
     object : int or None
         Which object it is, from 1.
+    place_scatter, radius_scatter : float
+        How many times larger than the frame by itself tells the errors of place and way, and of the
+        radius, are here, for so much the object's frames scatter (`frame_scatter`).
     """
 
     frame: int
@@ -54,6 +57,8 @@ class FrameMotion:
     others: int = 0
     reason: str = ""
     object: int | None = None
+    place_scatter: float = 1.0
+    radius_scatter: float = 1.0
 
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table; pixels, radians, exposures, seconds."""
@@ -61,8 +66,9 @@ class FrameMotion:
         told |= {"object": self.object, "track": self.track}
         for name in Sighting.__dataclass_fields__:
             told[name] = None if self.sighting is None else getattr(self.sighting, name)
-        directed = None if self.sighting is None else self.directed
-        return told | {"directed": directed, "others": self.others, "reason": self.reason}
+        for name in ("directed", "place_scatter", "radius_scatter"):
+            told[name] = None if self.sighting is None else getattr(self, name)
+        return told | {"others": self.others, "reason": self.reason}
 
 
 def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
@@ -81,7 +87,8 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
     -------
     list of FrameMotion
         One for each frame, those without the object too. Where place or radius contradicts the frames
-        around, the doubts of the sighting say so.
+        around, the doubts of the sighting say so; where all scatter by more than their errors, these
+        are made as much larger.
     """
     all_frames = list(frames)
     chosen = _chosen(tracks_of(all_frames))
@@ -93,7 +100,7 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
         rows += [_row(frame, index, t, n, usual, others) for n, t in mine] or [
             _nothing(frame, _ASIDE)
         ]
-    return _with_doubts(rows)
+    return _compared(rows)
 
 
 def link_objects(frames: Iterable[FrameSightings], least: int = _LEAST) -> list[FrameMotion]:
@@ -134,7 +141,7 @@ def link_objects(frames: Iterable[FrameSightings], least: int = _LEAST) -> list[
             replace(_row(frame, index, found[n], n + 1, usual[n], others), object=n + 1)
             for n in seen
         ] or [_nothing(frame, _TOGETHER)]
-    return _with_doubts(rows)
+    return _compared(rows)
 
 
 def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
@@ -148,22 +155,37 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
     Returns
     -------
     Scatter or None
-        None if too few frames tell: fewer than 14 in a row, or it turns by more than a fourteenth of
-        a circle from frame to frame.
+        None if too few frames tell: fewer than 14 in a row, or it turns too fast: about a sixth of a
+        circle from frame to frame.
     """
-    seen = [(row.frame, row.sighting) for row in rows if row.sighting is not None]
-    return scatter_of([frame for frame, _ in seen], [sighting for _, sighting in seen])
+    seen = [(row, row.sighting) for row in rows if row.sighting is not None]
+    own = [with_scatter(s, 1 / row.place_scatter, 1 / row.radius_scatter) for row, s in seen]
+    return scatter_of([row.frame for row, _ in seen], own)
 
 
-def _with_doubts(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
-    """The rows, with what each object's frames say of each other."""
+def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
+    """The rows, with what each object's frames say of each other: doubts, and how large errors are."""
     told = list(rows)
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
-        seen = [one for k in of if (one := rows[k].sighting) is not None]
-        for k, sighting in zip(of, doubted([rows[k].frame for k in of], seen), strict=True):
-            told[k] = replace(rows[k], sighting=sighting)
+        frames = [rows[k].frame for k in of]
+        seen = doubted(frames, [one for k in of if (one := rows[k].sighting) is not None])
+        place, radius = _larger(scatter_of(frames, seen))
+        for k, sighting in zip(of, seen, strict=True):
+            told[k] = replace(
+                rows[k],
+                sighting=with_scatter(sighting, place, radius),
+                place_scatter=place,
+                radius_scatter=radius,
+            )
     return told
+
+
+def _larger(scatter: Scatter | None) -> tuple[float, float]:
+    """How many times larger errors of places and of radii are than stated, 1 if not clearly so."""
+    if scatter is None or not scatter.too_large:
+        return 1.0, 1.0
+    return max(scatter.place, 1.0), max(scatter.radius, 1.0)
 
 
 def _row(

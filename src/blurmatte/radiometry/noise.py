@@ -79,7 +79,11 @@ class NoiseModel:
 
     def variance(self, light: Floats) -> Floats:
         """σ² of linear `light`, shape (..., 3); the dtype of `light`."""
-        constant, linear, quadratic = self.coefficients.T.astype(light.dtype)
+        # Written out for a whole row of pixels: NumPy is several times as fast.
+        constant, linear, quadratic = (
+            np.array(np.broadcast_to(one, light.shape[-2:]))
+            for one in self.coefficients.T.astype(light.dtype)
+        )
         positive = np.maximum(light, 0)
         variance: Floats = constant + positive * (linear + quadratic * positive)
         return variance

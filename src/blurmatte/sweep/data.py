@@ -116,7 +116,7 @@ def data_around(
     image, plate = image.crop(box), plate.crop(box)
     mask = streak.mask[box[1] : box[3], box[0] : box[2]]
     valid = image.valid & plate.valid
-    near = distance_transform_edt(~mask) <= margin
+    near = (distance_transform_edt(~mask) <= margin) | ~valid
     return Data(
         np.ascontiguousarray(image.rgb, dtype=float),
         np.ascontiguousarray(plate.rgb, dtype=float),

@@ -16,13 +16,47 @@ Bools = npt.NDArray[np.bool_]
 
 _WINDOWS = 5, 11, 21  # pixels: dark shadows may be narrow, faint ones need more of them
 _LIGHTLESS, _SHADED = 0.2, 0.85  # of the object's light: a shadow, and where it lies on the object
+_UNDERSIDE = 0.4  # of the object's light: less than where a lamp above leaves a ball dark
 _SIGMAS = 4.0
 _RIM = 2  # pixels
 _LEAST, _MOST = 0.03, 0.8  # of the streak: of what is darker all over, no part is its shadow
 
 
+def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color: Array) -> Bools:
+    """Where a shadow lies around an object that was not measured yet.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Of known noise.
+    streak : Streak
+        Where light of the object shows.
+    color : (3,) float
+        Unit color of the object.
+
+    Returns
+    -------
+    (H, W) bool
+        As of `shadow_beside`. Where it lies on the object too is not known before its shape is.
+    """
+    y, x = streak.rows_columns
+    use = (streak.mask & image.valid & plate.valid)[y, x]
+    sums = _products(image.crop(streak.box), plate.crop(streak.box), color)
+    light, lost, _ = _light_and_loss(*(one[use] for one in sums[:4]))
+    lost = np.clip(lost, 0, 1)
+    brightness = float(np.sum(light * lost) / max(float(np.sum(lost**2)), 1e-12))
+    around = Streak.from_box(streak.around(_WINDOWS[-1]), image.size)
+    found = shadow_beside(image, plate, around, color, brightness, _UNDERSIDE)
+    return found if (streak.mask & ~found).any() else np.zeros_like(found)
+
+
 def shadow_beside(
-    image: LinearImage, plate: LinearImage, streak: Streak, color: Array, brightness: float
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    color: Array,
+    brightness: float,
+    shaded: float = _SHADED,
 ) -> Bools:
     """Where a streak is the shadow of an object of another place.
 
@@ -35,6 +69,9 @@ def shadow_beside(
         Unit color of the object.
     brightness : float
         Light along it, where the object is all that is seen.
+    shaded : float
+        Of the object's light, where the shadow lies on it too: what adjoins the shadow and brings
+        less is taken for it.
 
     Returns
     -------
@@ -47,38 +84,49 @@ def shadow_beside(
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
     use = image.valid & plate.valid & inside
-    lightless, shaded = (
-        np.any([_less(image, plate, use, color, part * brightness, w) for w in _WINDOWS], axis=0)
-        for part in (_LIGHTLESS, _SHADED)
-    )
+    least = _LIGHTLESS * brightness, shaded * brightness
+    products = _products(image, plate, color)
+    less = [_less(products, use, least, window) for window in _WINDOWS]
+    lightless, dim = np.any(less, axis=0)
     core = use & lightless  # from here the shadow may reach onto the object
     found = np.zeros(streak.mask.shape, bool)
-    reach = binary_propagation(core, mask=use & shaded)
+    reach = binary_propagation(core, mask=use & dim)
     if _LEAST < np.count_nonzero(reach) / np.count_nonzero(inside) < _MOST:
         found[box[1] : box[3], box[0] : box[2]] = binary_dilation(reach, iterations=_RIM)
     whole = not (streak.mask & ~found).any()  # of a small streak the rim may be all that is left
     return np.zeros_like(found) if whole else found
 
 
-def _less(
-    image: LinearImage, plate: LinearImage, use: Bools, color: Array, least: float, window: int
-) -> Bools:
-    """Where it is darker, a part a of the plate missing, and clearly less light than a · `least`."""
+def _products(image: LinearImage, plate: LinearImage, color: Array) -> list[Array]:
+    """B·l, B·B, (C − B)·l, (C − B)·B and the noise variance of C − B, each (h, w)."""
     C, B = image.rgb.astype(float), plate.rgb.astype(float)
-    n = np.maximum(_sums(use, window), 1)
-    p, q, u, w, variance = (
-        _sums(np.where(use, x, 0), window) / n
-        for x in (
-            B @ color, np.sum(B * B, axis=-1), (C - B) @ color, np.sum((C - B) * B, axis=-1),
-            (image.variance + plate.variance).max(axis=-1),
-        )
-    )  # fmt: skip
+    D = C - B
+    variance = (image.variance + plate.variance).max(axis=-1)
+    dots = (np.einsum("hwc,hwc->hw", a, b) for a, b in ((B, B), (D, B)))
+    return [B @ color, next(dots), D @ color, next(dots), variance]
+
+
+def _light_and_loss(p: Array, q: Array, u: Array, w: Array) -> tuple[Array, Array, Array]:
+    """Solve the fit for k and a, of the first four `_products` or their means; and its determinant."""
     det = np.maximum(q - p**2, 1e-12)
-    k, a = (q * u - p * w) / det, (p * u - w) / det
+    return (q * u - p * w) / det, (p * u - w) / det, det
+
+
+def _less(
+    products: list[Array], use: Bools, leasts: tuple[float, float], window: int
+) -> tuple[Bools, Bools]:
+    """Where it is darker, a part a of the plate missing, and clearly less light than a · each least."""
+    n = np.maximum(_sums(use, window), 1)
+    p, q, u, w, variance = (_sums(np.where(use, x, 0), window) / n for x in products)
+    k, a, det = _light_and_loss(p, q, u, w)
     unit = variance / (n * det)
-    of_light = unit * (q - 2 * least * p + least**2)
-    a_std, light_std = (np.sqrt(np.maximum(v, 0)) for v in (unit, of_light))
-    return np.asarray((w < 0) & (a > _SIGMAS * a_std) & (k - least * a < -_SIGMAS * light_std))
+    lost = (w < 0) & (a > _SIGMAS * np.sqrt(np.maximum(unit, 0)))
+
+    def lacking(least: float) -> Bools:
+        std = np.sqrt(np.maximum(unit * (q - 2 * least * p + least**2), 0))
+        return np.asarray(lost & (k - least * a < -_SIGMAS * std))
+
+    return lacking(leasts[0]), lacking(leasts[1])
 
 
 def _sums(values: Array | Bools, window: int) -> Array:
