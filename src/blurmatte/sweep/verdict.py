@@ -24,6 +24,7 @@ _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shap
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _MEDIANS = {1: 1.386, 2: 0.455, 3: 2.366}  # of χ², by rank of the colors
+_REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel leaves 0.5 to 2.4
 _MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 CONTRADICTED = 0.5  # of a sweep's pixels
@@ -89,13 +90,14 @@ def understated(data: Data, state: State) -> float:
     """By how much the variance of noise is understated if a sweep is right, 1 or more.
 
     Codecs repeat what stands still as it was, and its noise says nothing then of what moves: most
-    pixels of any sweep contradict. 1 where noise beside the streak does not hang together, as that of
-    codecs does, and where what is left is too much of the change to be noise.
+    pixels of any sweep contradict. 1 where noise beside the streak is that of single pixels, and where
+    what is left is too much of the change to be noise.
     """
     if doubtful_share(data, state) <= CONTRADICTED:
         return 1.0
     _, beside = _places(data, state)
-    if _together(_limited(state), beside, _OTHERS, _BLOCK) < _HANGS:
+    repeated = beside.any() and np.median(state.chi2[beside]) < _REPEATED
+    if not repeated and _together(_limited(state), beside, _OTHERS, _BLOCK) < _HANGS:
         return 1.0
     inside = (state.swept.alpha > 0) & (state.swept.alpha < _OPAQUE) & data.valid
     if not inside.any():
