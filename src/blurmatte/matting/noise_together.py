@@ -25,13 +25,13 @@ def noise_together(pixels: Pixels, alpha: Floats) -> float:
 
     Beside the streak it shows in the difference of image and plate. Compression leaves other noise
     where something moved than where nothing did; there a line l of colors tells it, by the equation
-    that it leaves over, (l × B)·C = 0, in which there is no alpha. A plane leaves none; there the fine
-    structure of alpha tells, by how much it is stronger within the streak than beside it. The
+    that it leaves over, (l × B)·C = 0, in which there is no alpha. More colors leave none; there the
+    fine structure of alpha tells, by how much it is stronger within the streak than beside it. The
     parameters are those of `evidence_of`.
     """
     valid = pixels.image.valid & pixels.plate.valid
-    if pixels.model.rank == 2:
-        return _of_plane(pixels, alpha, valid)
+    if pixels.model.rank > 1:
+        return _of_alpha(pixels, alpha, valid)
     together = _beside(pixels, valid & ~pixels.inside)
     if pixels.model.rank == 1:
         together = max(together, _left_over(pixels, alpha, valid & pixels.inside))
@@ -70,8 +70,8 @@ def _left_over(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
     return _beyond_chance(np.concatenate(squares), int(np.count_nonzero(full)))
 
 
-def _of_plane(pixels: Pixels, alpha: Floats, valid: Bools) -> float:
-    """What noise of the one equation of a plane of colors adds up to within the streak.
+def _of_alpha(pixels: Pixels, alpha: Floats, valid: Bools) -> float:
+    """What noise of alpha adds up to within the streak.
 
     Where noise beside it is each pixel's own, so is that within: fine alphas would be taken for it.
     """
