@@ -101,8 +101,8 @@ def _fine_structure(information: Floats, pull: Floats) -> float:
     """
     I, p = (m[:-1, :-1] + m[1:, :-1] + m[:-1, 1:] + m[1:, 1:] for m in (information, pull))
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = 1 / I
-        e = p * variance
+        variance = np.where(I > 0, 1 / I, np.nan)
+    e = p * variance
     for _ in range(2):  # down, then across
         e = (e[:-4] - 2 * e[2:-2] + e[4:]).T
         variance = (variance[:-4] + 4 * variance[2:-2] + variance[4:]).T
