@@ -15,8 +15,9 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.matting.evidence import Pixels
+from blurmatte.matting.pixelwise import in_strips
 from blurmatte.matting.smooth_prior import BORDER, Evidence
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, Transfer
 
 Array = npt.NDArray[np.float64]
 
@@ -42,8 +43,8 @@ def rounded_pulls(pixels: Pixels, alpha: Floats, levels: Sequence[Evidence]) -> 
     """
     from blurmatte.matting.rounding_kernel import add_rounded, by_codes  # numba takes half a second
 
-    codes = pixels.image.meta.levels
-    if codes is None or pixels.image.meta.transfer is None or pixels.model.rank == 3:
+    codes, transfer = pixels.image.meta.levels, pixels.image.meta.transfer
+    if codes is None or transfer is None or pixels.model.rank == 3:
         return []
     kind = pixels.image.rgb.dtype
     _, B, V_C, V_B = pixels.with_edges
@@ -51,7 +52,7 @@ def rounded_pulls(pixels: Pixels, alpha: Floats, levels: Sequence[Evidence]) -> 
     light = (np.ascontiguousarray(a, kind) for a in (told_by, V_C, V_B))
     N, color = np.ascontiguousarray(pixels.model.normals), np.linalg.inv(_CHROMA)
     (of_image, image), (of_plate, plate) = (
-        _codes(picture, codes, pixels) for picture in (pixels.image, pixels.plate)
+        _codes(picture, codes, transfer) for picture in (pixels.image, pixels.plate)
     )
     by_codes(*light, N, np.asarray(alpha, kind), pixels.use, color, image, plate)
     off = np.random.default_rng(_SEED).uniform(-0.5, 0.5, (_SAMPLES, 3, 3 * codes)).astype(kind)
@@ -62,12 +63,18 @@ def rounded_pulls(pixels: Pixels, alpha: Floats, levels: Sequence[Evidence]) -> 
 
 
 def _codes(
-    picture: LinearImage, levels: int, pixels: Pixels
+    picture: LinearImage, levels: int, transfer: Transfer
 ) -> tuple[npt.NDArray[np.int32], Floats]:
     """(h, w, 3) codes of luma and chroma, from 0, and light of a code more of each channel."""
-    transfer = pixels.image.meta.transfer
-    assert transfer is not None
-    values = transfer.encode(picture.rgb) @ _CHROMA.T.astype(picture.rgb.dtype) + (0, 1, 1)
-    codes = np.clip(np.rint((levels - 1) * values), 0, 3 * levels - 1).astype(np.int32)
-    slope = transfer.slope(picture.rgb) / (levels - 1)
-    return codes, np.ascontiguousarray(slope, picture.rgb.dtype)
+    kind, steps = picture.rgb.dtype, levels - 1
+    of_code = (transfer.slope(transfer.table(levels)) / steps).astype(kind)
+    codes, light = np.empty(picture.rgb.shape, np.int32), np.empty(picture.rgb.shape, kind)
+
+    def rows(strip: slice) -> None:
+        values = steps * transfer.encode(picture.rgb[strip])
+        light[strip] = of_code[np.clip(np.rint(values), 0, steps).astype(np.intp)]
+        chroma = np.rint(values @ _CHROMA.T + (0, steps, steps))
+        codes[strip] = np.clip(chroma, 0, 3 * levels - 1)
+
+    in_strips(rows, len(codes))
+    return codes, light

@@ -157,18 +157,20 @@ class Smooth:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
         near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
+        # Of any colors too little is known: with the whole weight alpha was smooth, sure, and wrong.
+        weaker = together if pixels.model.rank < 3 else together ** (1 - _IN_DETAIL)
         if together > 1 and pixels.model.rank == 2:
             pixels = coarsely(pixels)
         own = _bordered(*evidence_of(pixels, near), pixels.inside)
-        levels = own.weaker(together).levels(_CELLS)
+        levels = own.weaker(weaker).levels(_CELLS)
         found = _chosen(levels)
         prior, field = found[-1]
         finest = len(levels) - len(found)
         known = field.x, field.variance
         near, variance = (_in_pixels(m, levels[:finest]) for m in known)
-        levels = _renewed(pixels, near, variance, together).levels(_CELLS)
+        levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
         largest = 4 ** (len(levels) - 1)
-        of_sum = sum_variance(levels[-1], *found[0], largest)
+        of_sum = together / weaker * sum_variance(levels[-1], *found[0], largest)
         unsure = np.zeros_like(near)
         if together > 1:
             unsure, of_all = _of_rounding(pixels, near, together, levels, found[0])
@@ -214,7 +216,7 @@ def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
 def _of_rounding(
     pixels: Pixels,
     near: Floats,
-    weaker: float,
+    together: float,
     levels: Sequence[Evidence],
     largest: tuple[Prior, Field],
 ) -> tuple[Floats, float]:
@@ -223,9 +225,10 @@ def _of_rounding(
     if not pulls:
         return np.zeros_like(near), 0.0
     cells = 4 ** (len(levels) - 1)
-    off = np.stack(changes(levels[-1], *largest, [p / weaker for p in pulls], cells))
+    off = np.stack(changes(levels[-1], *largest, [p / together for p in pulls], cells))
     of_sum = np.mean((cells * off.sum(axis=(1, 2))) ** 2)
-    return _in_pixels(np.mean(off**2, axis=0), levels[:-1]), float(of_sum)
+    share = 1 - 1 / together  # what noise each pixel has of its own spreads over codes
+    return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
 
 
 def _renewed(pixels: Pixels, alpha: Floats, variance: Floats, weaker: float) -> Evidence:
