@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.evidence import coarsely, evidence_of, pixels_of
 from blurmatte.matting.noise_together import noise_together
 from blurmatte.matting.rims import with_faint_rims
 from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
@@ -55,6 +55,29 @@ def test_error_of_many_pixels_is_their_scatter(model):
         scores.append(pull.sum() / np.sqrt(information.sum()))
     assert abs(np.mean(scores)) < 0.6
     assert 0.6 < np.std(scores) < 1.5
+
+
+def test_fine_structure_that_a_file_left_out_does_not_tell():
+    """Exact if alpha is known; honest where fine structure is missing over the object."""
+    plate, noise = textured_plate(SHAPE[::-1], 1), NoiseModel(read_std=STD)
+    inside = np.ones(SHAPE, bool)
+    y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
+    alpha = 0.4 + 0.2 * np.sin(x / 20) * np.cos(y / 20)
+    fine = plate - gaussian_filter(plate, (2, 2, 0))
+
+    def pixels(left_out):
+        light = alpha[..., None] * ORANGE + (1 - alpha)[..., None] * (plate - left_out * fine)
+        sure = LinearImage(plate, NoiseModel(read_std=1e-6))
+        return pixels_of(LinearImage(light, noise), sure, PLANE, inside)
+
+    information, pull = evidence_of(coarsely(pixels(0)), alpha)
+    assert_allclose(pull, information * alpha, rtol=1e-6, atol=1e-6 * information.max())
+
+    def bias(given):
+        information, pull = evidence_of(given, np.full(SHAPE, 0.4))
+        return abs(pull.sum() / (information * alpha).sum() - 1)
+
+    assert bias(coarsely(pixels(0.5))) < bias(pixels(0.5)) / 2
 
 
 def patch(seed, where=None):

@@ -90,7 +90,11 @@ def test_far_less_noise_than_pixels_alone_and_an_honest_error(body, plate, most)
 
 @pytest.mark.parametrize(
     ("body", "plate", "most"),
-    [("ball", "colorful", 0.035), ("growing", "textured", 0.022), ("two paints", "textured", 0.1)],
+    [
+        ("ball", "colorful", 0.035),
+        ("growing", "textured", 0.022),
+        ("two paints", "textured", 0.06),
+    ],
 )
 def test_errors_of_compressed_color_are_told(body, plate, most):
     """Honest: noise in compressed color is beside the streak another than within."""
@@ -102,8 +106,8 @@ def test_errors_of_compressed_color_are_told(body, plate, most):
         inside = truth.layer.alpha > 0
         scores.append(((solution.alpha - truth.layer.alpha) / solution.alpha_std)[inside])
     score = np.abs(np.concatenate(scores))
-    assert 0.53 < np.mean(score < 1) < 0.85
-    assert 0.83 < np.mean(score < 2) < 0.98
+    assert 0.53 < np.mean(score < 1) < 0.9
+    assert 0.83 < np.mean(score < 2) < 0.99
 
 
 def test_any_colors_before_texture():

@@ -13,7 +13,7 @@ from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
 from blurmatte.matting.pixelwise import in_strips
-from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.radiometry import BLOCKS, LinearImage, smooth_variance
 
 Array = npt.NDArray[np.float64]
 
@@ -36,6 +36,8 @@ class Pixels:
     mixed : MixedPlate or None
     wide : LinearImage
         The plate with the variance of its edges, too.
+    coarse : (h, w, 3) float, optional
+        The plate's light without its fine structure, if that is not to tell anything (`coarsely`).
     """
 
     image: LinearImage
@@ -45,6 +47,7 @@ class Pixels:
     use: Bools
     mixed: MixedPlate | None
     wide: LinearImage
+    coarse: Floats | None = None
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
@@ -55,6 +58,18 @@ class Pixels:
     def with_edges(self) -> tuple[Floats, Floats, Floats, Floats]:
         """C, B and their variances."""
         return self.image.rgb, self.plate.rgb, self.image.variance, self.wide.variance
+
+
+def coarsely(pixels: Pixels) -> Pixels:
+    """So that the plate's fine structure tells nothing.
+
+    Of what is faint and fine compression leaves out more where the object lies over it than where the
+    plate is seen alone. By that difference alpha would come out too large.
+    """
+    from scipy.ndimage import uniform_filter
+
+    B = pixels.plate.rgb
+    return replace(pixels, coarse=uniform_filter(B, (BLOCKS[-1], BLOCKS[-1], 0)))
 
 
 def pixels_of(
@@ -123,8 +138,12 @@ def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     maps = np.asarray(alpha, information.dtype), use, information, pull
 
     def rows(strip: slice) -> None:
-        light = (a[strip] for a in pixels.arrays)
-        evidence(*light, N, *(m[strip] for m in maps))
+        C, B, V_C, V_B = (a[strip] for a in pixels.arrays)
+        if pixels.coarse is not None:
+            t, coarse = 1 - maps[0][strip][..., None], pixels.coarse[strip]
+            # What shines through of the fine structure is taken off; its noise is in C then.
+            C, B, V_C, V_B = C - t * (B - coarse), coarse, V_C + t**2 * V_B, np.zeros_like(V_B)
+        evidence(C, B, V_C, V_B, N, *(m[strip] for m in maps))
 
     in_strips(rows, len(use))
     if mixed is not None:

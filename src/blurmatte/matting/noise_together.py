@@ -26,24 +26,30 @@ def noise_together(pixels: Pixels, alpha: Floats) -> float:
     Beside the streak it shows in the difference of image and plate. Compression leaves other noise
     where something moved than where nothing did; there a line l of colors tells it, by the equation
     that it leaves over, (l × B)·C = 0, in which there is no alpha. A plane leaves none; there the fine
-    structure of alpha tells, by how much it is stronger within the streak than beside it. The
-    parameters are those of `evidence_of`.
+    structure of alpha tells, by how much it is stronger within the streak than beside it. Where noise
+    beside it is each pixel's own, so is that within: fine alphas would be taken for it. The parameters
+    are those of `evidence_of`.
     """
     valid = pixels.image.valid & pixels.plate.valid
-    if pixels.model.rank == 2:
-        return _of_plane(pixels, alpha, valid)
-    together = _beside(pixels, valid & ~pixels.inside)
+    still = replace(pixels, inside=~pixels.inside, use=valid & ~pixels.inside)
     if pixels.model.rank == 1:
-        together = max(together, _left_over(pixels, alpha, valid & pixels.inside))
-    return together
+        return max(_beside(still), _left_over(pixels, alpha, valid & pixels.inside))
+    if pixels.model.rank == 3:
+        return _beside(still)
+    of_alpha = evidence_of(still, np.zeros(alpha.shape))
+    together = _of_sums(*of_alpha, still.use)
+    if together == 1:
+        return together
+    within, without = (_fine_structure(*e) for e in (evidence_of(pixels, alpha), of_alpha))
+    return together * max(within / without, 1.0)
 
 
-def _beside(pixels: Pixels, still: Bools) -> float:
+def _beside(pixels: Pixels) -> float:
     """What noise adds up to beside the streak."""
-    C, B, V_C, V_B = (a[still] for a in pixels.with_edges)
+    C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
-    e[still] = (C - B) / np.sqrt(np.maximum(V_C + V_B, 1e-14))
-    squares = block_squares(e, still, _BLOCK).ravel()
+    e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, 1e-14))
+    squares = block_squares(e, pixels.use, _BLOCK).ravel()
     return _beyond_chance(squares, len(squares))
 
 
@@ -70,21 +76,12 @@ def _left_over(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
     return _beyond_chance(np.concatenate(squares), int(np.count_nonzero(full)))
 
 
-def _of_plane(pixels: Pixels, alpha: Floats, valid: Bools) -> float:
-    """What noise of the one equation of a plane of colors adds up to within the streak.
-
-    Where noise beside it is each pixel's own, so is that within: fine alphas would be taken for it.
-    """
-    still = replace(pixels, inside=~pixels.inside, use=valid & ~pixels.inside)
-    beside = evidence_of(still, np.zeros(alpha.shape))
-    variance, sums, count = (_window_sums(m) for m in (*beside, still.use))
+def _of_sums(information: Floats, pull: Floats, use: Bools) -> float:
+    """What noise of alpha adds up to beside the streak."""
+    variance, sums, count = (_window_sums(m) for m in (information, pull, use))
     full = (count > _BLOCK**2 / 2) & (variance > 0)
     squares = sums[full] ** 2 / variance[full]
-    together = _beyond_chance(squares, len(squares) // _BLOCK**2)
-    if together == 1:
-        return together
-    within, without = (_fine_structure(*e) for e in (evidence_of(pixels, alpha), beside))
-    return together * max(within / without, 1.0)
+    return _beyond_chance(squares, len(squares) // _BLOCK**2)
 
 
 def _window_sums(values: Floats | Bools) -> Array:
@@ -101,8 +98,8 @@ def _fine_structure(information: Floats, pull: Floats) -> float:
     """
     I, p = (m[:-1, :-1] + m[1:, :-1] + m[:-1, 1:] + m[1:, 1:] for m in (information, pull))
     with np.errstate(divide="ignore", invalid="ignore"):
-        variance = 1 / I
-        e = p * variance
+        variance = np.where(I > 0, 1 / I, np.nan)
+    e = p * variance
     for _ in range(2):  # down, then across
         e = (e[:-4] - 2 * e[2:-2] + e[4:]).T
         variance = (variance[:-4] + 4 * variance[2:-2] + variance[4:]).T

@@ -17,17 +17,19 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import Pixels, evidence_of, pixels_of
+from blurmatte.matting.evidence import Pixels, coarsely, evidence_of, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.noise_together import noise_together
 from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.matting.rounding import rounded_pulls
 from blurmatte.matting.shading import Told, with_shading
 from blurmatte.matting.smooth_prior import (
     BORDER,
     Evidence,
     Field,
     Prior,
+    changes,
     finer,
     map_in_smaller_cells,
     smoothed,
@@ -50,7 +52,7 @@ _SMOOTHER = 1.0, 0.5, 0.25  # times: noise of smaller cells is stronger
 _SAMPLES, _FINAL_SAMPLES = 2, 8
 _NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
 _SIGMAS_OUT = 3.0
-_IN_DETAIL = 0.7  # power: noise that hangs together is weaker in detail than in sums over blocks
+_IN_DETAIL = 0.3  # power: of noise that hangs together, how much more detail it takes, in trials
 
 
 @dataclass(frozen=True)
@@ -155,8 +157,11 @@ class Smooth:
         """Alpha with a border, the prior that led to it, and the variance of its sum."""
         near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
+        # Of any colors too little is known: with the whole weight alpha was smooth, sure, and wrong.
+        weaker = together if pixels.model.rank < 3 else together ** (1 - _IN_DETAIL)
+        if together > 1 and pixels.model.rank == 2:
+            pixels = coarsely(pixels)
         own = _bordered(*evidence_of(pixels, near), pixels.inside)
-        weaker, left_out = together**_IN_DETAIL, together ** (1 - _IN_DETAIL)
         levels = own.weaker(weaker).levels(_CELLS)
         found = _chosen(levels)
         prior, field = found[-1]
@@ -165,7 +170,11 @@ class Smooth:
         near, variance = (_in_pixels(m, levels[:finest]) for m in known)
         levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
         largest = 4 ** (len(levels) - 1)
-        of_sum = left_out * sum_variance(levels[-1], *found[0], largest)
+        of_sum = together / weaker * sum_variance(levels[-1], *found[0], largest)
+        unsure = np.zeros_like(near)
+        if together > 1:
+            unsure, of_all = _of_rounding(pixels, near, together, levels, found[0])
+            of_sum += of_all
         total = 4**finest * field.x.sum(dtype=float)
         prior = replace(prior, scale=prior.scale / self.strength)
         for depth in reversed(range(max(finest, 1))):
@@ -176,7 +185,8 @@ class Smooth:
             field = smoothed(level, prior, field, _FINAL_SAMPLES if told else 0, 4**depth)
         # Cells and pixels weigh what is known differently, and neither is sure to be right.
         of_sum += (field.x.sum(dtype=float) - total) ** 2
-        return replace(field, variance=field.variance * left_out), prior, of_sum
+        variance = field.variance * together**_IN_DETAIL + np.pad(unsure, BORDER)
+        return replace(field, variance=variance), prior, of_sum
 
 
 def _chosen(levels: Sequence[Evidence]) -> list[tuple[Prior, Field]]:
@@ -201,6 +211,24 @@ def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
     for level in reversed(levels):
         values = map_in_smaller_cells(values, level.mask.shape)
     return _inner(values)
+
+
+def _of_rounding(
+    pixels: Pixels,
+    near: Floats,
+    together: float,
+    levels: Sequence[Evidence],
+    largest: tuple[Prior, Field],
+) -> tuple[Floats, float]:
+    """Variance of each pixel's alpha and of their sum, of what a file rounded alike in neighbors."""
+    pulls = rounded_pulls(pixels, np.clip(near, 0, 1), levels)
+    if not pulls:
+        return np.zeros_like(near), 0.0
+    cells = 4 ** (len(levels) - 1)
+    off = np.stack(changes(levels[-1], *largest, [p / together for p in pulls], cells))
+    of_sum = np.mean((cells * off.sum(axis=(1, 2))) ** 2)
+    share = 1 - 1 / together  # what noise each pixel has of its own spreads over codes
+    return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
 
 
 def _renewed(pixels: Pixels, alpha: Floats, variance: Floats, weaker: float) -> Evidence:

@@ -181,11 +181,20 @@ def smoothed(
 
 def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
     """Variance of the sum of a field over all cells."""
-    root = _precision(prior, field, cells).astype(float)
-    whole, ones = np.zeros(root.shape[1:]), evidence.mask.astype(float)
-    job = evidence.information.astype(float), ones, whole
-    _solve_all(root, prior.order, evidence.mask, [job], 2 * _STEPS, 0.0)
-    return float(whole.sum()) * cells**2
+    ones = evidence.mask.astype(float)
+    return float(changes(evidence, prior, field, [ones], cells)[0].sum()) * cells**2
+
+
+def changes(
+    evidence: Evidence, prior: Prior, field: Field, pulls: list[Array], cells: int = 1
+) -> list[Array]:
+    """What becomes of a field if the pull is so much more, for each."""
+    root, A = _precision(prior, field, cells).astype(float), evidence.information.astype(float)
+    found = [np.zeros(A.shape) for _ in pulls]
+    jobs: list[tuple[Floats, Floats, Floats]]
+    jobs = [(A, pull, x) for pull, x in zip(pulls, found, strict=True)]
+    _solve_all(root, prior.order, evidence.mask, jobs, 2 * _STEPS, 0.0)
+    return found
 
 
 def _precision(prior: Prior, field: Field, cells: int) -> Floats:

@@ -1,0 +1,100 @@
+"""What rounding of luma and chroma to whole codes leaves unknown of alpha."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel
+from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.rounding import rounded_pulls
+from blurmatte.matting.smooth_prior import BORDER, Evidence
+from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
+from blurmatte.rendering.jpeg import coarsen_chroma
+
+SHAPE = (48, 64)
+NOISE = NoiseModel(read_std=0.003)
+ORANGE, BLUE = np.array([0.8, 0.4, 0.1]), np.array([0.1, 0.2, 0.7])
+LINE = ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None])
+PLANE = ColorModel(np.linalg.qr(np.stack([ORANGE, BLUE], axis=1))[0])
+META = Meta(transfer=SRGB, levels=256)
+Y, X = np.mgrid[: SHAPE[0], : SHAPE[1]]
+ALPHA = 0.7 * np.exp(-(((X - 32) / 12) ** 2) - ((Y - 24) / 9) ** 2)
+
+
+def rounded(light):
+    """As a file gives it back that rounds luma and chroma, and no noise spreads them over codes."""
+    return LinearImage(
+        SRGB.decode(coarsen_chroma(SRGB.encode(light), "4:4:4", 255)), NOISE, meta=META
+    )
+
+
+def pictures(plate):
+    through = (1 - ALPHA)[..., None]
+    return rounded(through * plate + ALPHA[..., None] * ORANGE), rounded(plate)
+
+
+def told(model, image, plate, levels=1):
+    """Pixels, and the evidence in them and in larger cells."""
+    pixels = pixels_of(image, plate, model, ALPHA > 0.01)
+    own = Evidence(*(np.pad(m, BORDER) for m in (*evidence_of(pixels, ALPHA), pixels.inside)))
+    cells = [own]
+    for _ in range(levels - 1):
+        cells.append(cells[-1].coarser())
+    return pixels, cells
+
+
+@pytest.mark.parametrize("model", [LINE, PLANE], ids=["line", "plane"])
+def test_sums_of_alpha_before_a_plain_plate_are_off_by_as_much(model):
+    """Honest: over plates of random colors, each of one code all over."""
+    rng = np.random.default_rng(0)
+    scores = []
+    for _ in range(40):
+        color = rng.uniform((0.1, 0.3, 0.1), (0.2, 0.5, 0.3))
+        image, plate = pictures(np.broadcast_to(color, (*SHAPE, 3)))
+        pixels, levels = told(model, image, plate)
+        information, pull = evidence_of(pixels, ALPHA)
+        off = np.sum(pull - information * ALPHA * pixels.use)
+        drawn = [p.sum() for p in rounded_pulls(pixels, ALPHA, levels)]
+        scores.append(off / np.std(drawn))
+    assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
+
+
+def test_nothing_is_off_where_nothing_moved():
+    """Exact: image and plate are rounded alike."""
+    plate = rounded(np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3)))
+    pixels, levels = told(LINE, plate, plate)
+    for pull in rounded_pulls(pixels, np.zeros(SHAPE), levels):
+        assert_allclose(pull, 0, atol=1e-9)
+
+
+def test_many_codes_are_not_off_together():
+    """Oracle: of as many codes as pixels, sums scatter by the root of their number."""
+    plain = np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3))
+    fine = plain * np.random.default_rng(1).uniform(0.5, 1.5, plain.shape)
+    of_plain, of_fine = (
+        np.std([p.sum() for p in rounded_pulls(*with_alpha(plate))]) for plate in (plain, fine)
+    )
+    assert of_fine < of_plain / 5
+
+
+def with_alpha(plate):
+    pixels, levels = told(LINE, *pictures(plate))
+    return pixels, ALPHA, levels
+
+
+def test_cells_hold_the_sums_of_their_pixels():
+    plate = np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3))
+    pixels, levels = told(LINE, *pictures(plate), levels=3)
+    fine, coarse = (rounded_pulls(pixels, ALPHA, levels[:n]) for n in (1, 3))
+    for own, of_cells in zip(fine, coarse, strict=True):
+        assert of_cells.shape == levels[-1].mask.shape
+        blocks = own[BORDER:-BORDER, BORDER:-BORDER].reshape(12, 4, 16, 4).sum(axis=(1, 3))
+        assert_allclose(of_cells[BORDER:-BORDER, BORDER:-BORDER], blocks, rtol=1e-6, atol=1e-6)
+
+
+def test_light_that_never_was_codes_and_any_colors_are_not_off():
+    image, plate = pictures(np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3)))
+    floats = LinearImage(image.rgb, NOISE)
+    assert rounded_pulls(*told(LINE, floats, plate)[:1], ALPHA, told(LINE, floats, plate)[1]) == []
+    pixels, levels = told(ColorModel.any(), image, plate)
+    assert rounded_pulls(pixels, ALPHA, levels) == []
