@@ -1,4 +1,4 @@
-"""link_objects: several objects that are alike, their numbers, and streaks of two at once."""
+"""link_sightings, link_objects: numbers of objects that are alike, streaks of two at once, specks."""
 
 from dataclasses import replace
 
@@ -134,3 +134,18 @@ def test_two_balls_in_pictures():
         assert abs(s.y - y) < 5 * s.y_std
         assert abs(s.radius - radius) < 5 * s.radius_std
         assert abs(s.vx - vx / 2) < 5 * s.vx_std
+
+
+@pytest.mark.parametrize("link", [bm.link_sightings, bm.link_objects])
+def test_specks_are_nothing(link):
+    """door: what a codec leaves in frames before a ball comes is not its way."""
+    rng = np.random.default_rng(0)
+    specks = [
+        bm.FrameSightings(k, k / 30, (sighting(rng.uniform(20, 280, 2), np.array([3, 0]), 1.0),))
+        for k in range(6)
+    ]
+    flown = frames_of(ONE)
+    later = [replace(frame, frame=k + 6, time=(k + 6) / 30) for k, frame in enumerate(flown)]
+    rows = link([*specks, *later])
+    assert all(row.sighting is None and "ignored" in row.reason for row in rows[:6])
+    assert all(row.sighting is not None and not row.sighting.doubts for row in rows[6:])

@@ -11,6 +11,7 @@ from blurmatte.motion.sightings import FrameSightings, Sighting
 from blurmatte.motion.tracks import Track, in_time, tracks_of
 
 _FAINT = 0.1  # of the strongest track's evidence in a frame: another thing of like color
+_SPECK = 0.003  # of the clearest streak's evidence: an eighteenth of its width, or as much fainter
 _SIZES = 2.0  # times as large or as small as usual: not all of it was seen, or not it alone
 _ODD_SIZE = (
     "Its radius is {:.2g} times that of most frames: it is hidden in part, at the border, or with "
@@ -90,7 +91,7 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
         around, the doubts of the sighting say so; where all scatter by more than their errors, these
         are made as much larger.
     """
-    all_frames = list(frames)
+    all_frames = _without_specks(frames)
     chosen = _chosen(tracks_of(all_frames))
     usual = _usual_radius(chosen)
     rows = []
@@ -130,7 +131,7 @@ def link_objects(frames: Iterable[FrameSightings], least: int = _LEAST) -> list[
     """
     if least < 1:
         raise ValueError(f"least must be at least 1, got {least}")
-    all_frames = list(frames)
+    all_frames = _without_specks(frames)
     found = [track for track in tracks_of(all_frames, alike=True) if len(track.seen) >= least]
     usual = [_usual_radius([track]) for track in found]
     rows = []
@@ -161,6 +162,18 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
     seen = [(row, row.sighting) for row in rows if row.sighting is not None]
     own = [with_scatter(s, 1 / row.place_scatter, 1 / row.radius_scatter) for row, s in seen]
     return scatter_of([row.frame for row, _ in seen], own)
+
+
+def _without_specks(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
+    """The frames, without what codecs leave behind where nothing moves."""
+    all_frames = list(frames)
+    least = _SPECK * max((s.evidence for frame in all_frames for s in frame.found), default=0.0)
+    told = []
+    for frame in all_frames:
+        found = tuple(s for s in frame.found if not s.evidence < least)
+        ignored = frame.unmeasured + len(frame.found) - len(found)
+        told.append(replace(frame, found=found, unmeasured=ignored))
+    return told
 
 
 def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
