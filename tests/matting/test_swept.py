@@ -312,3 +312,19 @@ def test_what_else_has_the_color_is_told_by_all_pixels_together():
     errors = [np.std((s.alpha - 0.4)[within]) for s in (solution, alone)]
     assert np.abs(np.mean((solution.alpha - 0.4)[within])) < 0.02
     assert errors[0] < errors[1] / 2
+
+
+def test_a_clipped_plate_takes_nothing_of_what_is_opaque():
+    """honest: where nothing of it is seen, its light is that of the picture."""
+    bright = WALL.copy()
+    bright[44:58, 74:92] = 1.5
+    scene = Scene(bright, Trajectory.line((72, 50), (88, 52)), Ball(14, ORANGE))
+    truth, image, plate = taken(scene, 0)
+    solution = solve(image, plate)
+    assert solution.solver.startswith("Swept")
+    inside = (truth.layer.alpha > 0.9999) & ~plate.valid & (solution.alpha > 0.9999)
+    assert inside.sum() > 100
+    assert not (solution.quality[inside] & np.uint8(Quality.SATURATED)).any()
+    assert_allclose(solution.layer.alpha[inside], 1, atol=1e-3)
+    error = (solution.premultiplied - truth.layer.premultiplied)[inside]
+    assert np.sqrt(np.mean(error**2)) < 0.015
