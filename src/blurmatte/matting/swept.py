@@ -20,9 +20,7 @@ _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels n
 _UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISFIT)
 _SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
 _ANOTHER = 0.5  # of the sweep's alpha: what differs by less may be in another light
-_HALF_LIT = (
-    0.6  # of the object's light: where there is less a shadow lies, and partly on the object
-)
+_HALF_LIT = 0.6  # of the object's light: what has less lies in a shadow, what has more is no hole
 _MEDIAN = 2.366  # of χ² of three
 
 
@@ -63,8 +61,8 @@ class Swept:
         alpha is that behind it, OCCLUDED, and no light is known. Another patch that the sweep does not
         explain is marked MISFIT: there is a hole, a highlight, or something else. It stays as the
         pixels alone say, if most of them are explained by the object's color with an alpha of their own
-        that is more than half more, or less than half; what differs by less may as well be in another
-        light. What is only darker beside the object is marked SHADOW too; it was not there.
+        that is more than half more, or less than half, and with as much more or less light; others may
+        as well be in another light. What is only darker beside the object is marked SHADOW too; it was not there.
 
         Parameters
         ----------
@@ -98,9 +96,9 @@ class Swept:
             hidden = _hidden(alpha, P, image, plate)
         P[hidden], P_std[hidden & (alpha > 0)] = 0, np.inf
         odd = ~hidden & (mean_of_neighbors(np.where(hidden, 1, chi2)) > _PATCH)
-        shaded = _shaded(alpha, P, maps.alpha[place], maps.premultiplied[place])
+        other_light = _in_other_light(alpha, P, maps.alpha[place], maps.premultiplied[place])
         sure = (quality & _UNSOUND) == 0
-        sure &= ~shaded & (maps.alpha_std[place] < _SURE)
+        sure &= ~other_light & (maps.alpha_std[place] < _SURE)
         least = np.maximum(3 * maps.alpha_std[place], _ANOTHER * alpha)
         sure &= np.abs(maps.alpha[place] - alpha) > least
         ours = inside & ~(odd & (mean_of_neighbors(sure.astype(float)) > 0.5))
@@ -125,10 +123,15 @@ def _hidden(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) -> B
     return in_front(alpha, light, C, B, np.asarray(variance, float), use)
 
 
-def _shaded(alpha: Array, P: Array, pixels: Floats, light: Floats) -> npt.NDArray[np.bool_]:
-    """Where pixels alone find more alpha than the sweep, but not the object's light: a shadow."""
+def _in_other_light(alpha: Array, P: Array, pixels: Floats, light: Floats) -> Bools:
+    """Where pixels alone find more or less alpha than the sweep, but not so much light.
+
+    More alpha without its light is a shadow; less alpha with all of the light is a highlight, which
+    before a gray plate looks as if that shone through.
+    """
     usual = np.sum(alpha * P.sum(axis=-1)) / max(float(np.sum(alpha**2)), 1e-12)
-    return np.asarray((pixels > alpha) & (light.sum(axis=-1) < _HALF_LIT * usual * pixels))
+    lit = light.sum(axis=-1) / (_HALF_LIT * usual)
+    return np.asarray(((pixels > alpha) & (lit < pixels)) | ((pixels < alpha) & (lit > alpha)))
 
 
 def _usual(chi2: Array) -> float:
