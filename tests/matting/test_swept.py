@@ -299,6 +299,18 @@ def test_a_patch_in_other_light_is_no_hole():
     assert np.abs(solution.alpha - truth.layer.alpha)[inside].max() < 0.02
 
 
+def test_a_highlight_is_no_hole():
+    """honest: before a gray wall white light on the object looks as if the wall shone through."""
+    lime = np.array([0.6, 0.75, 0.12])
+    way = Trajectory.line((50, 44), (64, 66))
+    truth = render(Scene(WALL[:, :120], way, Ball(26, lime, highlight=0.6)), 160)
+    image, plate = Shot(truth.scene, CAMERA, plate_frames=3, seed=1).photograph(truth)
+    model = ColorModel.from_samples(lime, std=0.001)
+    solution = solve(image, plate, model, Swept(max_misfit=9))
+    assert solution.stats["pixels_misfit"] > 300
+    assert np.abs(solution.alpha - truth.layer.alpha).max() < 0.15
+
+
 def test_what_else_has_the_color_is_told_by_all_pixels_together():
     """honest: a handle beside the ball; smoother than each of its pixels alone."""
     truth = render(SCENE, 200)

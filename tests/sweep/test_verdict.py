@@ -18,7 +18,6 @@ from blurmatte.rendering import (
     colorful_plate,
     plain_plate,
     render,
-    textured_plate,
 )
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT
@@ -37,7 +36,6 @@ from blurmatte.sweep.verdict import (
     means_something,
     misfit,
     shared_coherence,
-    told_by_texture,
 )
 from blurmatte.trajectory import Trajectory
 
@@ -235,17 +233,6 @@ def test_doubtful_is_what_the_sweep_does_not_explain():
     assert_allclose(doubtful_share(data, hidden), share, atol=0.02)
     nowhere = state_at(data, LINE, np.array([-80.0, -80, -60, -60]), DISC, state.shape, state.frame)
     assert doubtful_share(data, nowhere) == 1
-
-
-@pytest.mark.parametrize(("plate", "tells"), [(WALL, False), (textured_plate(SIZE, 2), True)])
-def test_texture_tells_alpha_where_there_is_some(plate, tells):
-    data = taken(replace(BALL, plate=plate))
-    right = disc(data)
-    share, against = told_by_texture(data, right)
-    assert (share > 0.5) == tells
-    assert against < 3
-    wrong = disc(data, radius=14.0)
-    assert (told_by_texture(data, wrong)[1] > 10) == tells
 
 
 def test_what_goes_over_the_same_ground_again_and_again_means_nothing():

@@ -62,7 +62,8 @@ class Swept:
         explain is marked MISFIT: there is a hole, a highlight, or something else. It stays as the
         pixels alone say, if most of them are explained by the object's color with an alpha of their own
         that is more than half more, or less than half, and with as much more or less light; others may
-        as well be in another light. What is only darker beside the object is marked SHADOW too; it was not there.
+        as well be in another light. What is only darker beside the object is marked SHADOW too; it was
+        not there.
 
         Parameters
         ----------

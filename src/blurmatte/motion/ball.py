@@ -30,7 +30,7 @@ from blurmatte.sweep.descent import State, descend, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import LINE, PARABOLA, Polynomial
 from blurmatte.sweep.student import VARIANCE
-from blurmatte.sweep.verdict import NOISE, misfit, overstated
+from blurmatte.sweep.verdict import misfit, overstated
 
 Array = npt.NDArray[np.float64]
 
@@ -138,7 +138,7 @@ def fit_ball(
         sweep = fit_sweep(image, plate)
     data, ball = _before(intrinsics, sweep, image, plate)
     best = _descended(data, _start(data, ball, sweep, LINE), sweep)
-    if misfit(data, best) > NOISE or _would_bend(data, ball, best):
+    if misfit(data, best) > MAX_MISFIT or _would_bend(data, ball, best):
         bent = _descended(data, _start(data, ball, sweep, PARABOLA), sweep)
         best = best_of(data, [best, bent])
     left = replace(sweep, stats={"misfit": misfit(data, best)})

@@ -7,6 +7,7 @@ colors that change little within a fraction of the radius (`field`).
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -24,17 +25,16 @@ from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadow import shadow_beside
+from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
-    NOISE,
     colors_ran_together,
     doubtful_share,
     misfit,
     overstated,
     stays,
-    told_by_texture,
     understated,
 )
 
@@ -49,6 +49,8 @@ _SHADOWS = 2  # times that a streak is looked at without what is found of its sh
 _FOLLOWED = 0.2  # of the largest alpha
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
+# Of alpha, by rank: balls with holes and codecs leave 0.1, wrong shapes up to 0.5; less with planes.
+_MOST_ASTRAY = {1: 0.125, 2: 0.06, 3: 0.125}
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
@@ -72,13 +74,21 @@ class _Told:
 
     @property
     def misfit(self) -> float:
-        """See `verdict.misfit`."""
-        return misfit(self.search.data, self.state)
+        """See `verdict.misfit`; infinite too for what only light of odd patterns would explain."""
+        return np.inf if self.state.contested else self.left
 
-    @property
+    @cached_property
     def left(self) -> float:
         """The same, whether it is contested or not."""
-        return replace(self, state=replace(self.state, contested=False)).misfit
+        left = misfit(self.search.data, replace(self.state, contested=False))
+        return (
+            left if np.isinf(left) or self.astray <= _MOST_ASTRAY[self.state.frame.rank] else np.inf
+        )
+
+    @cached_property
+    def astray(self) -> float:
+        """See `smooth_light`."""
+        return smooth_light(self.search.data, self.state).astray
 
 
 def fit_sweep(
@@ -155,12 +165,12 @@ def fit_sweep(
         streak = replace(streak, mask=streak.mask & ~shadow)
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    if misfit(search.data, disc) > NOISE and disc.frame.rank == 1:
+    if misfit(search.data, disc) > MAX_MISFIT and disc.frame.rank == 1:
         search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
     transfer = image.meta.transfer or SRGB
     told = _before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = search is not first and told.misfit <= NOISE
+    explained = search is not first and told.misfit <= MAX_MISFIT
     if not explained and disc.frame.rank == 1:
         told = _richer(search, disc, told, transfer)
     return _sweep(told, image, louder)
@@ -202,7 +212,7 @@ def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
     """A disc on a path like that of another frame if it explains the streak, or the best of all."""
     if start is not None:
         disc = search.near(start, rank)
-        if misfit(search.data, disc) <= NOISE:
+        if misfit(search.data, disc) <= MAX_MISFIT:
             return disc
     return search.best(rank)
 
@@ -228,7 +238,7 @@ def _in_front_left_out(
         return search, disc
     rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
     again = rest.best(disc.frame.rank)
-    better = misfit(rest.data, again) <= NOISE and mostly_seen(rest.data, again)
+    better = misfit(rest.data, again) <= MAX_MISFIT and mostly_seen(rest.data, again)
     return (rest, again) if better else (search, disc)
 
 
@@ -245,13 +255,13 @@ def _richer(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    enough = left <= NOISE and (simple or line.state.contested)
+    enough = left <= MAX_MISFIT and (simple or line.state.contested)
     if enough or search.data.known is not None:
         return line
     plane = _before_bleeding(search, search.best(2), transfer)
-    if plane.misfit <= min(left / _CLEARLY, NOISE):
+    if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
         return plane
-    if not simple and plane.misfit <= NOISE:  # an odd outline of one paint, or a disc of two
+    if not simple and plane.misfit <= MAX_MISFIT:  # an odd outline of one paint, or a disc of two
         return replace(line, state=replace(line.state, contested=differ(line.state, plane.state)))
     if left <= MAX_MISFIT or not _textured(told.search.data, told.state):
         return line
@@ -272,13 +282,13 @@ def _shaped(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
         return told
     shaped = _before_bleeding(search, best, transfer)
     ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
-    return shaped if shaped.left <= NOISE and likelier(*ends) else told
+    return shaped if shaped.left <= MAX_MISFIT and likelier(*ends) else told
 
 
 def _textured(data: Data, state: State) -> bool:
     """Whether the plate's texture would tell a wrong alpha of any colors, and does not of theirs."""
-    share, against = told_by_texture(data, state)
-    return share > _MOST_OF_IT and (state.frame.rank < 3 or against < _AGAINST)
+    said = smooth_light(data, state)
+    return said.share > _MOST_OF_IT and (state.frame.rank < 3 or said.against < _AGAINST)
 
 
 def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
@@ -306,7 +316,9 @@ def _ran_together(data: Data, state: State) -> bool:
 def _sweep(told: _Told, image: LinearImage, louder: float) -> Sweep:
     found = _ended(told.search.data, told.state, image.size, told.blur)
     model = replace(found.model, to_srgb=image.meta.to_srgb)
-    return replace(found, model=model, stats={**found.stats, "louder": louder})
+    left = max(found.misfit, told.misfit)  # the one knows what is hardly known, the other odd light
+    stats = {"misfit": left, "astray": told.astray, "louder": louder}
+    return replace(found, model=model, stats={**found.stats, **stats})
 
 
 def _ended(data: Data, state: State, size: tuple[int, int], blur: float = 0.0) -> Sweep:

@@ -20,7 +20,7 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, NOISE, can_be, coherence, misfit, overstated
+from blurmatte.sweep.verdict import MAX_MISFIT, can_be, coherence, misfit, overstated
 
 Array = npt.NDArray[np.float64]
 
@@ -30,6 +30,7 @@ _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _AROUND = 90  # points of a rim
+_RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 _HOPELESS = 6.0  # misfit on large pixels
 _HELPED = 0.8  # of the misfit, what more bulges leave if corners are what is missing
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
@@ -72,9 +73,13 @@ def refined(data: Data, disc: State) -> State:
     rivals = [s for s in rivals if misfit(coarse, s) < _HOPELESS]
     ends = [end, *(descend(data, _shaped(data, s, end.silhouette), bounds) for s in rivals)]
     end = _best(data, ends)
-    # Outlines err by the bulges that they cannot have: what leaves a little more may be as true.
-    rivalled = any(differ(end, other) and misfit(data, other) <= MAX_MISFIT for other in ends)
+    rivalled = any(differ(end, other) and _explains(data, other) for other in ends)
     return replace(end, contested=best.contested or rivalled)
+
+
+def _explains(data: Data, rival: State) -> bool:
+    """Whether it leaves little; where its descent had no end yet, it would have left even less."""
+    return misfit(data, replace(rival, converged=True)) <= _RIVALS
 
 
 def _roughly(data: Data, start: State, bounds: tuple[float, float]) -> State:
@@ -86,7 +91,7 @@ def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
     """The same with as many more bulges as it takes to explain the data: corners have many."""
     for bulges in _MORE:
         left = misfit(data, state)
-        if left <= NOISE or bulges <= state.silhouette.bulges:
+        if left <= MAX_MISFIT or bulges <= state.silhouette.bulges:
             break
         start = _shaped(data, state, replace(state.silhouette, bulges=bulges))
         state = _best(data, [state, descend(data, start, bounds)])
@@ -172,6 +177,10 @@ def _exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterabl
     corner = rim[np.argmax(np.linalg.norm(rim, axis=1))]
     next_corner = rim[np.argmax(rim @ [-corner[1], corner[0]])]
     sides = np.stack([corner + next_corner, next_corner - corner])
+    area = np.pi * state.silhouette.radius(state.shape) ** 2
+    sides *= np.sqrt(
+        area / abs(np.linalg.det(sides))
+    )  # bulges round corners off, but keep the area
     for i, side in enumerate(sides):
         other = sides.copy()
         other[i] = way

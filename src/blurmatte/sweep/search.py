@@ -21,7 +21,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, 
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import CONTRADICTED, doubtful_share, misfit
+from blurmatte.sweep.verdict import doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -40,6 +40,7 @@ _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
 _SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
+_CONTRADICTED = 0.5  # of the pixels of a disc on large pixels
 _HOPELESS = 6.0  # misfit on large pixels
 
 
@@ -121,7 +122,7 @@ class Search:
         curve, radius = self.curves[0]
         coarse = best_of(self.coarse, self._ends(curve, radius, rank, (PARABOLA,)))
         start = self._soft(seen(self.data, coarse))
-        if doubtful_share(self.data, start) > CONTRADICTED:
+        if doubtful_share(self.data, start) > _CONTRADICTED:
             return start
         soft = descend(self.data, start, self.bounds, _QUICK_STEPS, _QUICK_GAIN)
         if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:

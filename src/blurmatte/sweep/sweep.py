@@ -79,8 +79,8 @@ class Sweep:
             )
         if np.isinf(self.misfit):
             return (
-                "the best is hardly known, would need more light than a picture holds, or leaves the "
-                "streak"
+                "the best is hardly known, contradicted by many pixels, leaves the streak, or would "
+                "need light that no object has"
             )
         return (
             f"the best leaves {self.misfit:.1f} times as much as noise, {max_misfit:g} is the most"

@@ -7,34 +7,30 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import block_squares
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, light_of
-from blurmatte.sweep.field import Grid, field_of
-from blurmatte.sweep.student import belief
+from blurmatte.sweep.descent import State
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-MAX_MISFIT = 1.4  # of a sweep that is believed; what is explained leaves about 1
-NOISE = 1.2  # misfit of what needs no better explanation
+MAX_MISFIT = 1.2  # of a sweep that is believed; what is explained leaves about 1
 
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
 _SIZES = 4, 8, 16  # pixels: compression has blocks of up to 16
 _BESIDE = 3  # pixels around a sweep that it must explain too
 _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
 _OTHERS = 0.3  # of the blocks beside: something else may move there
-_OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
+OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _MEDIANS = {1: 1.386, 2: 0.455, 3: 2.366}  # of χ², by rank of the colors
 _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel leaves 0.5 to 2.4
 _MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
-CONTRADICTED = 0.5  # of a sweep's pixels
+_MOST_DOUBTFUL = 0.25  # of the pixels of a sweep that is right
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
 _SMOOTH = (
     0.9  # where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02
 )
 _MOST_USUAL = {4: 10.0, 8: 25.0}  # that noise hangs together; where more does, something else moves
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
-_TOLD = 0.03  # of alpha, what a texture must tell
 _APART = 0.05  # radians
 _NEGATIVE = 0.1  # of the brightest channel, what noise may make of a dark one
 _MOMENTS, _ASTRAY = 129, 0.01  # moments of the exposure, and the part of them a path may be astray
@@ -66,10 +62,10 @@ def misfit(data: Data, state: State) -> float:
     spares plain surroundings; larger blocks tell as much then. And it takes noise away from single
     pixels sooner than from blocks: blocks that hold no more than the noise of the picture are
     explained, however little their pixels do. Infinite if the descent found no end, for what cannot be,
-    where most pixels contradict, and for what is contested.
+    where many pixels contradict, and for what is contested.
     """
     ended = state.converged and not state.contested and can_be(data, state)
-    if not ended or doubtful_share(data, state) > CONTRADICTED:
+    if not ended or doubtful_share(data, state) > _MOST_DOUBTFUL:
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
@@ -86,20 +82,27 @@ def misfit(data: Data, state: State) -> float:
     return min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
 
 
+def coherence_of_noise(data: Data, state: State) -> float:
+    """How much noise hangs together within a streak, as `coherence`: 1, or that of shared colors."""
+    _, beside = _places(data, state)
+    usual = _together(_limited(state), beside, _OTHERS, _BLOCK)
+    return shared_coherence(_BLOCK, data.scale) if usual >= _HANGS else 1.0
+
+
 def understated(data: Data, state: State) -> float:
     """By how much the variance of noise is understated if a sweep is right, 1 or more.
 
-    Codecs repeat what stands still as it was, and its noise says nothing then of what moves: most
+    Codecs repeat what stands still as it was, and its noise says nothing then of what moves: many
     pixels of any sweep contradict. 1 where noise beside the streak is that of single pixels, and where
     what is left is too much of the change to be noise.
     """
-    if doubtful_share(data, state) <= CONTRADICTED:
+    if doubtful_share(data, state) <= _MOST_DOUBTFUL:
         return 1.0
     _, beside = _places(data, state)
     repeated = beside.any() and np.median(state.chi2[beside]) < _REPEATED
     if not repeated and _together(_limited(state), beside, _OTHERS, _BLOCK) < _HANGS:
         return 1.0
-    inside = (state.swept.alpha > 0) & (state.swept.alpha < _OPAQUE) & data.valid
+    inside = (state.swept.alpha > 0) & (state.swept.alpha < OPAQUE) & data.valid
     if not inside.any():
         return 1.0
     by = float(np.median(state.chi2[inside])) / _MEDIANS[state.frame.rank]
@@ -158,32 +161,6 @@ def can_be(data: Data, state: State) -> bool:
     light = mean_light(data, state)
     possible = light.max() <= BRIGHTEST and light.min() >= -_NEGATIVE * light.max()
     return bool(possible) and means_something(data, state)
-
-
-def told_by_texture(data: Data, state: State) -> tuple[float, float]:
-    """Whether a plate's texture, that shines through, tells what alpha is.
-
-    The object may have any color at each node of a field, neighbors need not be alike.
-
-    Returns
-    -------
-    share : float
-        Of the places in which it would tell a wrong alpha.
-    against : float
-        Mean square of how wrong it finds alpha there, in standard deviations; about 1 to 3 for the
-        right one, for a field of colors is not all that is painted on an object.
-    """
-    light, alpha = light_of(data), state.swept.alpha
-    field = field_of(light, alpha, data.weight, data.pitch, alike=False)
-    e = field.residuals(light, alpha)
-    seen_through = np.where(alpha < _OPAQUE, alpha, 0)
-    J = Grid.over(seen_through, 2 * data.pitch).hats(seen_through)
-    H, g = field.information(J, light, alpha, data.weight * belief((e**2).sum(axis=0)), e)
-    information = np.diag(H)
-    told = information > _TOLD**-2
-    if not told.any():
-        return 0.0, 0.0
-    return float(np.mean(told)), float(np.mean(g[told] ** 2 / information[told]))
 
 
 def means_something(data: Data, state: State) -> bool:
@@ -252,7 +229,7 @@ def _places(data: Data, state: State) -> tuple[Bools, Bools]:
     from scipy.ndimage import binary_dilation
 
     near = binary_dilation((state.swept.alpha > 0) | data.streak, iterations=_BESIDE)
-    return near & data.valid & (state.swept.alpha < _OPAQUE), ~near & data.valid
+    return near & data.valid & (state.swept.alpha < OPAQUE), ~near & data.valid
 
 
 def _together(e: Array, use: Bools, worst: float, size: int) -> float:

@@ -1,0 +1,59 @@
+"""What alpha would be if the object's light changed little from place to place, whatever its colors.
+
+The sweep leaves the brightness of each pixel free, or all of a plane of colors: a wrong alpha adds the
+plate to the object's light, outline, texture and all, and nothing is left over. But what is painted on
+a thing is smeared by its motion. This asks the part of the picture that the sweep does not.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.descent import State, light_of
+from blurmatte.sweep.field import Grid, field_of
+from blurmatte.sweep.student import belief
+from blurmatte.sweep.verdict import OPAQUE, coherence_of_noise
+
+_TOLD = 0.03  # of alpha, what must be told
+_PAINTED = 3.0  # mean square that right sweeps leave: a field is not all that is painted on things
+
+
+@dataclass(frozen=True)
+class SmoothLight:
+    """What smooth light says against a sweep.
+
+    Parameters
+    ----------
+    share : float
+        Of the places in which it would tell a wrong alpha.
+    against : float
+        Mean square of how wrong it finds alpha there, in standard deviations; about 1 to 3 for the
+        right one.
+    astray : float
+        How wrong it finds alpha there, root mean square beyond that and noise; the sweep's alpha is 1.
+    """
+
+    share: float
+    against: float
+    astray: float
+
+
+def smooth_light(data: Data, state: State) -> SmoothLight:
+    """Ask it; the object may have any color at each node of a field, neighbors need not be alike."""
+    light, alpha = light_of(data), state.swept.alpha
+    field = field_of(light, alpha, data.weight, data.pitch, alike=False)
+    e = field.residuals(light, alpha)
+    seen_through = np.where(alpha < OPAQUE, alpha, 0)
+    J = Grid.over(seen_through, 2 * data.pitch).hats(seen_through)
+    H, g = field.information(J, light, alpha, data.weight * belief((e**2).sum(axis=0)), e)
+    information = np.diag(H)
+    told = information > _TOLD**-2
+    if not told.any():
+        return SmoothLight(0.0, 0.0, 0.0)
+    information, z2 = information[told], g[told] ** 2 / information[told]
+    noise = max(coherence_of_noise(data, state), _PAINTED)
+    beyond = np.sum(z2 - noise) / information.sum()
+    usual = np.mean(alpha[alpha > 0] ** 2)
+    astray = float(np.sqrt(max(beyond, 0.0) / usual))
+    return SmoothLight(float(np.mean(told)), float(np.mean(z2)), astray)
