@@ -18,7 +18,7 @@ from blurmatte.streaks import Streak, require_streaks, shift_variance
 
 _MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
 _MAX_SCALE_STD = 0.2  # of the angle to the plate's hue: alpha is uncertain by about this fraction
-_MAX_UNEXPLAINED = 0.15  # of the change between plate and image: more is not one paint's
+_MAX_UNEXPLAINED = 0.1  # of the change between plate and image: one paint left 0.05, two 0.13
 _MAX_IMPOSSIBLE = 0.05  # of the pixels: more cannot be noise
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
 _BLOCK = 16  # pixels: noise of neighbours this near may be the same noise (JPEG, its halved color)
