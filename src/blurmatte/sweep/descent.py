@@ -22,7 +22,8 @@ Array = npt.NDArray[np.float64]
 
 _STEPS, _TRIES = 40, 8
 _TIMES = np.linspace(0, 1, 33)
-_CAREFUL = 1e-3  # of the curvature: less caution hardly changes a step that failed
+_CAREFUL = 0.3  # of the curvature: less caution hardly changes a step that failed
+_POOR = 0.5  # of the gain that a step promised: alpha bends within a pixel, and less goes too far
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 ROUGHLY = 0.1  # of it, on large pixels: smaller steps are taken on small ones
@@ -184,7 +185,7 @@ def descend(
 ) -> State:
     """Follow the cost down from a start in no more steps than that, the radius within bounds.
 
-    It has converged where no step gains more than `enough`.
+    It has converged where no step gains more than `enough`, nor promises to.
     """
     state, caution = start, 1e-2
     for _ in range(steps):
@@ -198,17 +199,25 @@ def descend(
         for _ in range(_TRIES):
             damped = alike + (caution + _LEAST) * np.eye(len(H))
             step = -np.linalg.solve(damped, slope).astype(float) / scales
+            promised = -float(g @ step) / 2
+            if promised < enough:
+                return replace(state, converged=True)
             tried = _moved(data, state, step, bounds)
             gain = _gained(data, state, tried)
             if gain > 0:
                 break
-            caution = max(6 * caution, _CAREFUL)
+            caution = _more(caution)
         else:
             return replace(state, converged=True)
-        state, caution = tried, max(caution / 5, 1e-7)
+        state = tried
         if gain < enough:
             return replace(state, converged=True)
+        caution = _more(caution) if gain < _POOR * promised else max(caution / 5, 1e-7)
     return state
+
+
+def _more(caution: float) -> float:
+    return max(6 * caution, _CAREFUL)
 
 
 def _gained(data: Data, state: State, tried: State) -> float:
