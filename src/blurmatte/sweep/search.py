@@ -21,7 +21,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, 
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, half_width_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import doubtful_share, misfit
+from blurmatte.sweep.verdict import NOISE, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be qui
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
-_RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
+_RADII = 0.8, 0.6, 0.95, 0.4  # of the half width, what descents start from
 QUICK = (0.8,)  # of them, where one must do
 _QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
 _QUICK_GAIN = 1e-2  # of log likelihood: what is left then is less than 0.1 standard deviations
@@ -98,19 +98,26 @@ class Search:
 
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
-        tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]
-        best = best_of(self.coarse, tried)
+        tried: list[State] = []
+        families = FAMILIES
+        for curve, radius in self.curves:
+            tried += self._ends(curve, radius, rank, families)
+            best = best_of(self.coarse, tried)
+            if misfit(self.coarse, best) <= NOISE:
+                families = (best.family,)  # other radii may still end elsewhere, and contest it
         tried += self._ends(best.curve, best.shape[0], rank)
         finalists = _finalists(self.coarse, tried)
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
-        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
+        starts = (seen(self.data, s) for s in finalists)
+        ends = [descend(self.data, s, self.bounds, enough=ROUGHLY) for s in starts]
         order = ranked(self.data, ends)
         first = order[0][1]
         soft = self.softened(first)
         if soft is not first:
             order = ranked(self.data, [soft if s is first else self.softened(s) for s in ends])
-        return contested(self.data, order)
+        best = contested(self.data, order)
+        return replace(descend(self.data, best, self.bounds), contested=best.contested)
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws from the first curve: for one of many frames.
