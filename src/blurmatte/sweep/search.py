@@ -111,13 +111,13 @@ class Search:
             finalists = finalists[:1]
         starts = (seen(self.data, s) for s in finalists)
         ends = [descend(self.data, s, self.bounds, enough=ROUGHLY) for s in starts]
-        order = ranked(self.data, ends)
-        first = order[0][1]
+        likeliest = best_of(self.data, ends)
+        first = self._finished(likeliest)
         soft = self.softened(first)
+        others = [s for s in ends if s is not likeliest]
         if soft is not first:
-            order = ranked(self.data, [soft if s is first else self.softened(s) for s in ends])
-        best = contested(self.data, order)
-        return replace(descend(self.data, best, self.bounds), contested=best.contested)
+            others = [self.softened(s) for s in others]
+        return self._finished(contested(self.data, ranked(self.data, [soft, *others])))
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws from the first curve: for one of many frames.
@@ -147,6 +147,11 @@ class Search:
         tried = self._ends(curve, start.radius, rank, tuple(families))
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
         return self.softened(best_of(self.data, ends))
+
+    def _finished(self, state: State) -> State:
+        """Where a descent ends that goes on from there."""
+        end = descend(self.data, state, self.bounds)
+        return replace(end, contested=state.contested)
 
     def softened(self, state: State) -> State:
         """The same with a soft rim, if that explains the data clearly better.
