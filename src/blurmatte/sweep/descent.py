@@ -285,12 +285,14 @@ def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -
 
 def main_colors(data: Data, alpha: Array, rank: int) -> Frame:
     """The model of the light that an alpha leaves over, robustly."""
-    P = (data.C - (1 - alpha)[..., None] * data.B).reshape(-1, 3)
-    base = data.weight.ravel() * alpha.ravel() ** 2
+    base = data.weight * alpha**2
+    at = base > 0
+    P, base = data.C[at] - (1 - alpha[at])[:, None] * data.B[at], base[at]
     weights = base
     for _ in range(4):
         directions = np.linalg.eigh((P * weights[:, None]).T @ P)[1][:, : -rank - 1 : -1]
-        off = np.linalg.norm(P - P @ directions @ directions.T, axis=1)
-        usual = np.median(off[base > 0]) if np.any(base > 0) else 0
+        off = P - P @ directions @ directions.T
+        off = np.sqrt(np.einsum("nc,nc->n", off, off))
+        usual = float(np.median(off)) if len(off) else 0.0
         weights = base / (1 + (off / max(3 * usual, 1e-12)) ** 2)
     return Frame.of(np.asarray(directions))

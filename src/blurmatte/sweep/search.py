@@ -19,7 +19,7 @@ from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
-from blurmatte.sweep.start import center_curve, half_width_of
+from blurmatte.sweep.start import center_curve, depth_of
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import NOISE, doubtful_share, misfit
 
@@ -76,8 +76,8 @@ class Search:
     ) -> "Search":
         """The search for what left a streak, from discs of these parts of its half width."""
         x0, y0, x1, y1 = streak.box
-        mask = streak.mask[y0:y1, x0:x1]
-        half_width = half_width_of(mask)
+        depth = depth_of(streak.mask[y0:y1, x0:x1])
+        half_width = float(depth.max())
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
         data = replace(data, grain=half_width / _GRAINS)
         data = data.coarser(max(1, int(half_width / _FINE_RADIUS)))
@@ -85,7 +85,7 @@ class Search:
             data,
             data.coarser(max(1, int(half_width / (_COARSE_RADIUS * data.scale)))),
             [
-                (center_curve(mask, radius) + np.array([x0, y0]), radius)
+                (center_curve(depth, radius) + np.array([x0, y0]), radius)
                 for radius in (part * half_width for part in radii)
             ],
             (_LEAST * half_width, _MOST * half_width),
@@ -98,15 +98,7 @@ class Search:
 
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
-        tried: list[State] = []
-        families = FAMILIES
-        for curve, radius in self.curves:
-            tried += self._ends(curve, radius, rank, families)
-            best = best_of(self.coarse, tried)
-            if misfit(self.coarse, best) <= NOISE:
-                families = (best.family,)  # other radii may still end elsewhere, and contest it
-        tried += self._ends(best.curve, best.shape[0], rank)
-        finalists = _finalists(self.coarse, tried)
+        finalists = _finalists(self.coarse, self._tried(rank))
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
         starts = (seen(self.data, s) for s in finalists)
@@ -147,6 +139,22 @@ class Search:
         tried = self._ends(curve, start.radius, rank, tuple(families))
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
         return self.softened(best_of(self.data, ends))
+
+    def _tried(self, rank: int) -> list[State]:
+        """Where descents on large pixels end.
+
+        What explains the streak there is asked for nothing better: from the other radii only its own
+        family may still end elsewhere, and contest it.
+        """
+        (curve, radius), *others = self.curves
+        tried = self._ends(curve, radius, rank)
+        best = best_of(self.coarse, tried)
+        for curve, radius in others:
+            explained = misfit(self.coarse, best) <= NOISE
+            ends = self._ends(curve, radius, rank, (best.family,) if explained else FAMILIES)
+            best = best_of(self.coarse, [best, *ends])
+            tried += ends
+        return tried + self._ends(best.curve, best.shape[0], rank)
 
     def _finished(self, state: State) -> State:
         """Where a descent ends that goes on from there."""
