@@ -22,8 +22,8 @@ Array = npt.NDArray[np.float64]
 
 _STEPS, _TRIES = 40, 8
 _TIMES = np.linspace(0, 1, 33)
-_CAREFUL = 0.3  # of the curvature: less caution hardly changes a step that failed
-_POOR = 0.5  # of the gain that a step promised: alpha bends within a pixel, and less goes too far
+_CAREFUL = 0.1  # of the curvature: less caution hardly changes a step that failed
+_POOR = 0.25  # of the gain that a step promised: alpha bends within a pixel, and less goes too far
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 ROUGHLY = 0.1  # of it, on large pixels: smaller steps are taken on small ones
