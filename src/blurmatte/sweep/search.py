@@ -21,7 +21,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, 
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, depth_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import NOISE, doubtful_share, misfit
+from blurmatte.sweep.verdict import MAX_MISFIT, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -150,7 +150,7 @@ class Search:
         tried = self._ends(curve, radius, rank)
         best = best_of(self.coarse, tried)
         for curve, radius in others:
-            explained = misfit(self.coarse, best) <= NOISE
+            explained = misfit(self.coarse, best) <= MAX_MISFIT
             ends = self._ends(curve, radius, rank, (best.family,) if explained else FAMILIES)
             best = best_of(self.coarse, [best, *ends])
             tried += ends
