@@ -115,22 +115,21 @@ def _of_shadow(lost: Array, B: Array, inside: Bools) -> Array:
 
     The hue t is compared with a of the neighbors, which knows nothing of a pixel's own noise.
     """
-    t = np.ones(3)
+    t, shares, squares = np.ones(3), lost * B, B * B
     for _ in range(_ROUNDS):
-        a = _part(lost, t * B)
+        a = _part(shares, squares, t)
         of_neighbors = sum(np.roll(a * inside, n, axis) for n in (-1, 1) for axis in (0, 1)) / 4
-        weight = (of_neighbors * inside)[..., None] * B
-        ratio = np.sum(weight * lost, axis=(0, 1)) / np.maximum(
-            np.sum(weight * a[..., None] * B, axis=(0, 1)), 1e-12
+        weight = of_neighbors * inside
+        ratio = np.einsum("hw,hwc->c", weight, shares) / np.maximum(
+            np.einsum("hw,hwc->c", weight * a, squares), 1e-12
         )
         t = np.clip(ratio / max(float(ratio.mean()), 1e-12), 1 - _HUE, 1 + _HUE)
-    return np.asarray(_part(lost, t * B)[..., None] * t * B)
+    return np.asarray(_part(shares, squares, t)[..., None] * t * B)
 
 
-def _part(lost: Array, B: Array) -> Array:
-    """(h, w) a of every pixel, 0…1."""
-    part = np.sum(lost * B, axis=-1) / np.maximum(np.sum(B * B, axis=-1), 1e-12)
-    return np.asarray(np.clip(part, 0, 1))
+def _part(shares: Array, squares: Array, t: Array) -> Array:
+    """(h, w) a of every pixel, 0…1, from (B − C) B and B² of its channels."""
+    return np.asarray(np.clip(shares @ t / np.maximum(squares @ t**2, 1e-12), 0, 1))
 
 
 def _beyond_noise(x: Array, inside: Bools, use: Bools) -> float:
@@ -146,7 +145,7 @@ def _shared(x: Array, where: Bools) -> tuple[float, float]:
     for axis in (0, 1):
         both = where & np.roll(where, -1, axis)
         both[(slice(None),) * axis + (slice(-1, None),)] = False
-        total += both * np.sum(x * np.roll(x, -1, axis), axis=-1)
+        total += both * np.einsum("hwc,hwc->hw", x, np.roll(x, -1, axis))
         count += both
     h, w = (side // _BLOCK * _BLOCK for side in where.shape)
     sums, counts = (

@@ -58,7 +58,10 @@ class Scatter:
 
 def scatter_of(frames: Sequence[int], seen: Sequence[Sighting]) -> Scatter | None:
     """The scatter of the sightings of one object, one in each of these frames; None if few tell it."""
-    _, errors, unsteady = _off(frames, seen)
+    return _scatter(*_off(frames, seen)[1:])
+
+
+def _scatter(errors: Array, unsteady: Array) -> Scatter | None:
     told = np.isfinite(errors[:, 0])
     if np.count_nonzero(told) < _LEAST:
         return None
@@ -74,10 +77,10 @@ def doubted(frames: Sequence[int], seen: Sequence[Sighting]) -> list[Sighting]:
     """
     told = list(seen)
     for _ in seen:
-        scatter = scatter_of(frames, told)
+        pixels, errors, unsteady = _off(frames, told)
+        scatter = _scatter(errors, unsteady)
         if scatter is None:
             break
-        pixels, errors, _ = _off(frames, told)
         usual = np.maximum([scatter.place, scatter.radius], 1) * _AS_LIKELY
         times = np.nan_to_num(errors / usual)
         k, what = np.unravel_index(np.argmax(times), times.shape)
@@ -125,7 +128,8 @@ def _beside_it(t: Array, near: Sequence[Sighting]) -> tuple[Array, Array, float]
     """The same of the middle one of a few; None if they turn too fast for so few."""
     weights = _weights(t)
     V = np.einsum("k,kij->ij", weights**2, [one.covariance for one in near])
-    turn, bend = _turn(t, near), _bend(t, near)
+    turn = _turn(t, near)
+    bend = _bend(t, near, turn)
     if turn > _TURN or bend**2 > np.trace(V) / 2:
         return None
     place = weights @ [one.place for one in near]
@@ -136,11 +140,11 @@ def _beside_it(t: Array, near: Sequence[Sighting]) -> tuple[Array, Array, float]
     return np.array([np.linalg.norm(place), off]), np.array(errors), float(unsteady)
 
 
-def _bend(t: Array, near: Sequence[Sighting]) -> float:
+def _bend(t: Array, near: Sequence[Sighting], turn: float) -> float:
     """By how much the polynomial errs on an arc as bent as this, pixels."""
     way = np.linalg.norm(np.diff([one.place for one in near], axis=0), axis=1) / np.diff(t)
     others = np.abs(t[t != 0])
-    power = _turn(t, near) ** (len(others) - 1)
+    power = turn ** (len(others) - 1)
     return float(np.median(way) * power * np.prod(others / np.arange(1, len(t))))
 
 

@@ -20,6 +20,7 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, find_streaks, without_thin_parts
 
 Array = npt.NDArray[np.floating]
+Place = tuple[slice, ...]
 
 _SURE, _POSSIBLE = 6.0, 2.5  # standard deviations of p, smoothed: it shows here; it belongs to that
 _SMOOTHING = 1.5  # pixels
@@ -28,6 +29,7 @@ _LEAST_SHARE = 0.1  # of the energy of a frame's strongest part: less is not the
 _ONE, _SEVERAL = 3, 16  # parts of a frame that are looked at, for one object or for several
 _RIM = 4  # pixels added where the edge fades below the noise
 _JOIN = 3  # pixels: gaps that places of the object's own color in the plate leave
+_EDGE = _JOIN + _RIM  # by which a mask reaches further than its part
 _LEAST = 25  # pixels of a part
 _NEARLY_PARALLEL = 1e-4  # 1 − (l·b)²: the plate has the object's color
 _QUARTILE = 0.6745  # of normal noise: the median of its size
@@ -94,42 +96,58 @@ class ObjectLight:
         near = ndimage.binary_dilation(there, iterations=_JOIN)
         labels, _ = ndimage.label(near, np.ones((3, 3)))
         places = ndimage.find_objects(labels)
-        parts = []
+        parts: list[tuple[float, Place, Bools]] = []
         for number in np.unique(labels[near & (strength > _SURE)]):
             place = places[number - 1]
             inside = np.where((labels[place] == number) & there[place], strength[place], 0)
-            mask = _strong(inside, place, p.shape)
+            mask = _strong(inside)
             if mask is not None:
-                parts.append(Streak(mask, evidence=self._energy(p, mask)))
-        parts.sort(key=lambda part: -part.evidence)
-        least = max(_LEAST_SHARE * parts[0].evidence, 0) if parts else 0.0
-        return [part for part in parts if part.evidence > least][: _most(several)], coherence
-
-    def _energy(self, p: Array, mask: Bools) -> float:
-        """Σ p² without that of noise."""
-        weight = np.maximum(self.weight[mask], _TINY)
-        return float(np.sum(p[mask] ** 2 - (weight > _TINY) / weight))
+                place, mask = _within(p.shape, place, mask)
+                parts.append((_energy(p[place], self.weight[place], mask), place, mask))
+        parts.sort(key=lambda part: -part[0])
+        least = max(_LEAST_SHARE * parts[0][0], 0) if parts else 0.0
+        clear = [part for part in parts if part[0] > least][: _most(several)]
+        return [_streak(p.shape, *part) for part in clear], coherence
 
 
 def _most(several: bool) -> int:
     return _SEVERAL if several else _ONE
 
 
-def _strong(strength: Array, place: tuple[slice, ...], shape: tuple[int, ...]) -> Bools | None:
-    """What is not faint in a part, without holes and with a rim; None if that is next to nothing."""
+def _energy(p: Array, weight: Array, mask: Bools) -> float:
+    """Σ p² without that of noise."""
+    weight = np.maximum(weight[mask], _TINY)
+    return float(np.sum(p[mask] ** 2 - (weight > _TINY) / weight))
+
+
+def _strong(strength: Array) -> Bools | None:
+    """What is not faint in a part, without holes and with a rim; None if that is next to nothing.
+
+    It reaches `_EDGE` pixels further than the part on each side.
+    """
     from scipy.ndimage import binary_dilation, binary_fill_holes
 
     usual = float(np.quantile(strength[strength > 0], 0.9))
     strong = strength > max(_POSSIBLE, _FAINTEST * usual)
     if np.count_nonzero(strong) < _LEAST:
         return None
-    edge = _JOIN + _RIM
-    padded = np.pad(strong, edge)
-    filled = binary_fill_holes(binary_dilation(padded, iterations=_JOIN))
-    grown = binary_dilation(filled, iterations=_RIM - _JOIN)
-    mask = np.zeros(tuple(side + 2 * edge for side in shape), bool)
-    mask[tuple(slice(s.start, s.stop + 2 * edge) for s in place)] = grown
-    return np.asarray(mask[edge:-edge, edge:-edge])
+    filled = binary_fill_holes(binary_dilation(np.pad(strong, _EDGE), iterations=_JOIN))
+    return np.asarray(binary_dilation(filled, iterations=_RIM - _JOIN))
+
+
+def _within(shape: tuple[int, ...], place: Place, mask: Bools) -> tuple[Place, Bools]:
+    """Where in a picture a mask lies that reaches further than a place, and the part of it there."""
+    first = [s.start - _EDGE for s in place]
+    ends = zip(first, mask.shape, shape, strict=True)
+    inside = tuple(slice(max(at, 0), min(at + n, side)) for at, n, side in ends)
+    cut = tuple(slice(s.start - at, s.stop - at) for s, at in zip(inside, first, strict=True))
+    return inside, mask[cut]
+
+
+def _streak(shape: tuple[int, ...], evidence: float, place: Place, mask: Bools) -> Streak:
+    whole = np.zeros(shape, bool)
+    whole[place] = mask
+    return Streak(whole, evidence=evidence)
 
 
 def moving_parts(image: LinearImage, plate: LinearImage, several: bool) -> list[Streak]:

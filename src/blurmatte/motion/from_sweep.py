@@ -63,15 +63,15 @@ def _told(sweep: Sweep, path: Array, shape: Array) -> Array:
     angle = float(np.arctan2(chord[1], chord[0]))
     across = sweep.silhouette.outline(shape, _RIM) @ np.array([-np.sin(angle), np.cos(angle)])
     first, last = (_velocity(sweep, path, shape, t) for t in (0, 1))
-    speeds = steps / lasting
+    speeds, area = steps / lasting, sweep.silhouette.area(shape)
     return np.array(
         [
             *center,
             angle,
             steps.sum(),
             np.ptp(across),
-            sweep.silhouette.radius(shape),
-            sweep.silhouette.area(shape),
+            np.sqrt(area / np.pi),
+            area,
             speeds.max(),
             *(last - first),
             *speeds,

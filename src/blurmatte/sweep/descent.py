@@ -22,7 +22,8 @@ Array = npt.NDArray[np.float64]
 
 _STEPS, _TRIES = 40, 8
 _TIMES = np.linspace(0, 1, 33)
-_CAREFUL = 1e-3  # of the curvature: less caution hardly changes a step that failed
+_CAREFUL = 0.1  # of the curvature: less caution hardly changes a step that failed
+_POOR = 0.25  # of the gain that a step promised: alpha bends within a pixel, and less goes too far
 _LEAST = 1e-10  # of the largest curvature, what a parameter without any is given
 _ENOUGH = 1e-3  # of a unit of log likelihood: no step gains more
 ROUGHLY = 0.1  # of it, on large pixels: smaller steps are taken on small ones
@@ -184,7 +185,7 @@ def descend(
 ) -> State:
     """Follow the cost down from a start in no more steps than that, the radius within bounds.
 
-    It has converged where no step gains more than `enough`.
+    It has converged where no step gains more than `enough`, nor promises to.
     """
     state, caution = start, 1e-2
     for _ in range(steps):
@@ -198,17 +199,25 @@ def descend(
         for _ in range(_TRIES):
             damped = alike + (caution + _LEAST) * np.eye(len(H))
             step = -np.linalg.solve(damped, slope).astype(float) / scales
+            promised = -float(g @ step) / 2
+            if promised < enough:
+                return replace(state, converged=True)
             tried = _moved(data, state, step, bounds)
             gain = _gained(data, state, tried)
             if gain > 0:
                 break
-            caution = max(6 * caution, _CAREFUL)
+            caution = _more(caution)
         else:
             return replace(state, converged=True)
-        state, caution = tried, max(caution / 5, 1e-7)
+        state = tried
         if gain < enough:
             return replace(state, converged=True)
+        caution = _more(caution) if gain < _POOR * promised else max(caution / 5, 1e-7)
     return state
+
+
+def _more(caution: float) -> float:
+    return max(6 * caution, _CAREFUL)
 
 
 def _gained(data: Data, state: State, tried: State) -> float:
@@ -276,12 +285,14 @@ def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -
 
 def main_colors(data: Data, alpha: Array, rank: int) -> Frame:
     """The model of the light that an alpha leaves over, robustly."""
-    P = (data.C - (1 - alpha)[..., None] * data.B).reshape(-1, 3)
-    base = data.weight.ravel() * alpha.ravel() ** 2
+    base = data.weight * alpha**2
+    at = base > 0
+    P, base = data.C[at] - (1 - alpha[at])[:, None] * data.B[at], base[at]
     weights = base
     for _ in range(4):
         directions = np.linalg.eigh((P * weights[:, None]).T @ P)[1][:, : -rank - 1 : -1]
-        off = np.linalg.norm(P - P @ directions @ directions.T, axis=1)
-        usual = np.median(off[base > 0]) if np.any(base > 0) else 0
+        off = P - P @ directions @ directions.T
+        off = np.sqrt(np.einsum("nc,nc->n", off, off))
+        usual = float(np.median(off)) if len(off) else 0.0
         weights = base / (1 + (off / max(3 * usual, 1e-12)) ** 2)
     return Frame.of(np.asarray(directions))

@@ -121,7 +121,7 @@ def fit_sweep(
         of any colors.
     start : Sweep, optional
         Of another frame of a clip, in which the object went about the same way elsewhere. If a disc on
-        such a path, or on a line, explains the streak, nothing else is looked for: six times as fast.
+        such a path, or on a line, explains the streak, nothing else is looked for, which is faster.
 
     Returns
     -------

@@ -19,9 +19,9 @@ from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import DISC
-from blurmatte.sweep.start import center_curve, half_width_of
+from blurmatte.sweep.start import center_curve, depth_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import doubtful_share, misfit
+from blurmatte.sweep.verdict import MAX_MISFIT, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +32,7 @@ _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be qui
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
-_RADII = 0.4, 0.6, 0.8, 0.95  # of the half width, what descents start from
+_RADII = 0.8, 0.6, 0.95, 0.4  # of the half width, what descents start from
 QUICK = (0.8,)  # of them, where one must do
 _QUICK_STEPS = 30  # what takes more mostly drifts towards something else that moved
 _QUICK_GAIN = 1e-2  # of log likelihood: what is left then is less than 0.1 standard deviations
@@ -76,8 +76,8 @@ class Search:
     ) -> "Search":
         """The search for what left a streak, from discs of these parts of its half width."""
         x0, y0, x1, y1 = streak.box
-        mask = streak.mask[y0:y1, x0:x1]
-        half_width = half_width_of(mask)
+        depth = depth_of(streak.mask[y0:y1, x0:x1])
+        half_width = float(depth.max())
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
         data = replace(data, grain=half_width / _GRAINS)
         data = data.coarser(max(1, int(half_width / _FINE_RADIUS)))
@@ -85,7 +85,7 @@ class Search:
             data,
             data.coarser(max(1, int(half_width / (_COARSE_RADIUS * data.scale)))),
             [
-                (center_curve(mask, radius) + np.array([x0, y0]), radius)
+                (center_curve(depth, radius) + np.array([x0, y0]), radius)
                 for radius in (part * half_width for part in radii)
             ],
             (_LEAST * half_width, _MOST * half_width),
@@ -98,19 +98,18 @@ class Search:
 
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
-        tried = [s for curve, radius in self.curves for s in self._ends(curve, radius, rank)]
-        best = best_of(self.coarse, tried)
-        tried += self._ends(best.curve, best.shape[0], rank)
-        finalists = _finalists(self.coarse, tried)
+        finalists = _finalists(self.coarse, self._tried(rank))
         if misfit(self.coarse, finalists[0]) > _HOPELESS:
             finalists = finalists[:1]
-        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in finalists]
-        order = ranked(self.data, ends)
-        first = order[0][1]
+        starts = (seen(self.data, s) for s in finalists)
+        ends = [descend(self.data, s, self.bounds, enough=ROUGHLY) for s in starts]
+        likeliest = best_of(self.data, ends)
+        first = self._finished(likeliest)
         soft = self.softened(first)
+        others = [s for s in ends if s is not likeliest]
         if soft is not first:
-            order = ranked(self.data, [soft if s is first else self.softened(s) for s in ends])
-        return contested(self.data, order)
+            others = [self.softened(s) for s in others]
+        return self._finished(contested(self.data, ranked(self.data, [soft, *others])))
 
     def quick(self, rank: int) -> State:
         """The best of a few descents, on throws from the first curve: for one of many frames.
@@ -140,6 +139,27 @@ class Search:
         tried = self._ends(curve, start.radius, rank, tuple(families))
         ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
         return self.softened(best_of(self.data, ends))
+
+    def _tried(self, rank: int) -> list[State]:
+        """Where descents on large pixels end.
+
+        What explains the streak there is asked for nothing better: from the other radii only its own
+        family may still end elsewhere, and contest it.
+        """
+        (curve, radius), *others = self.curves
+        tried = self._ends(curve, radius, rank)
+        best = best_of(self.coarse, tried)
+        for curve, radius in others:
+            explained = misfit(self.coarse, best) <= MAX_MISFIT
+            ends = self._ends(curve, radius, rank, (best.family,) if explained else FAMILIES)
+            best = best_of(self.coarse, [best, *ends])
+            tried += ends
+        return tried + self._ends(best.curve, best.shape[0], rank)
+
+    def _finished(self, state: State) -> State:
+        """Where a descent ends that goes on from there."""
+        end = descend(self.data, state, self.bounds)
+        return replace(end, contested=state.contested)
 
     def softened(self, state: State) -> State:
         """The same with a soft rim, if that explains the data clearly better.

@@ -85,7 +85,7 @@ def shadow_beside(
     image, plate = image.crop(box), plate.crop(box)
     use = image.valid & plate.valid & inside
     least = _LIGHTLESS * brightness, shaded * brightness
-    products = _products(image, plate, color)
+    products = [np.where(use, x, 0) for x in _products(image, plate, color)]
     less = [_less(products, use, least, window) for window in _WINDOWS]
     lightless, dim = np.any(less, axis=0)
     core = use & lightless  # from here the shadow may reach onto the object
@@ -115,9 +115,12 @@ def _light_and_loss(p: Array, q: Array, u: Array, w: Array) -> tuple[Array, Arra
 def _less(
     products: list[Array], use: Bools, leasts: tuple[float, float], window: int
 ) -> tuple[Bools, Bools]:
-    """Where it is darker, a part a of the plate missing, and clearly less light than a · each least."""
+    """Where it is darker, a part a of the plate missing, and clearly less light than a · each least.
+
+    Products are 0 where they are of no use.
+    """
     n = np.maximum(_sums(use, window), 1)
-    p, q, u, w, variance = (_sums(np.where(use, x, 0), window) / n for x in products)
+    p, q, u, w, variance = (_sums(x, window) / n for x in products)
     k, a, det = _light_and_loss(p, q, u, w)
     unit = variance / (n * det)
     lost = (w < 0) & (a > _SIGMAS * np.sqrt(np.maximum(unit, 0)))

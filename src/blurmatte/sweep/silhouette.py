@@ -220,6 +220,8 @@ class Silhouette:
 
     def _star(self, shape: Array, count: int) -> Array:
         """(count,) distances of the rim before the stretch, at even angles, of mean about 1."""
+        if self.bulges < 3:
+            return np.ones(count)
         phi = np.arange(3, self.bulges + 1)[:, None] * _angles(count)
         waves = np.stack([np.cos(phi), np.sin(phi)], axis=1).reshape(-1, count)
         return np.asarray(np.exp(self._bulges(shape) @ waves))

@@ -9,12 +9,17 @@ Bools = npt.NDArray[np.bool_]
 _POINTS = 33
 
 
-def half_width_of(mask: Bools) -> float:
-    """Radius of the largest disc that fits into a streak and its holes, pixels."""
-    return float(_depth(mask).max())
+def depth_of(mask: Bools) -> Array:
+    """(h + 2, w + 2) how far each pixel of a streak and its holes is from what is outside, pixels.
+
+    Padded by one pixel; the largest is the radius of the largest disc that fits.
+    """
+    from scipy.ndimage import binary_fill_holes, distance_transform_edt
+
+    return np.asarray(distance_transform_edt(np.pad(binary_fill_holes(mask), 1)))
 
 
-def center_curve(mask: Bools, radius: float) -> Array:
+def center_curve(depth: Array, radius: float) -> Array:
     """Points (m, 2) equally far from each other where a disc of this radius may have gone.
 
     A disc lies within the streak if its center lies in the streak's core, of pixels as deep as its
@@ -23,7 +28,6 @@ def center_curve(mask: Bools, radius: float) -> Array:
     """
     from scipy.ndimage import label
 
-    depth = _depth(mask)
     parts, _ = label(depth >= min(radius, float(depth.max())))
     core = parts == np.argmax(np.bincount(parts[parts > 0]))
     along = _distance_from_an_end(core)
@@ -36,13 +40,6 @@ def center_curve(mask: Bools, radius: float) -> Array:
     if length < radius / 2:
         points = _along_main_axis(depth > 0, radius / 2)
     return _evenly(points - 1)
-
-
-def _depth(mask: Bools) -> Array:
-    """(h + 2, w + 2) how far each pixel is from what is outside, padded by one pixel."""
-    from scipy.ndimage import binary_fill_holes, distance_transform_edt
-
-    return np.asarray(distance_transform_edt(np.pad(binary_fill_holes(mask), 1)))
 
 
 def _distance_from_an_end(mask: Bools) -> Array:

@@ -14,7 +14,7 @@ VARIANCE = 1.11
 
 def loss(chi2: Array) -> Array:
     """Minus the log likelihood of squared residuals, unit variance."""
-    return np.asarray(np.log1p(chi2 / _FREEDOM) * (_FREEDOM + 2) / 2)
+    return np.asarray(np.log(1 + chi2 / _FREEDOM) * ((_FREEDOM + 2) / 2))
 
 
 def belief(chi2: Array) -> Array:
