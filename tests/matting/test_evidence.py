@@ -6,7 +6,7 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import coarsely, evidence_of, pixels_of
+from blurmatte.matting.evidence import coarsely, evidence_of, least_alpha, pixels_of
 from blurmatte.matting.noise_together import noise_together
 from blurmatte.matting.rims import with_faint_rims
 from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
@@ -78,6 +78,22 @@ def test_fine_structure_that_a_file_left_out_does_not_tell():
         return abs(pull.sum() / (information * alpha).sum() - 1)
 
     assert bias(coarsely(pixels(0.5))) < bias(pixels(0.5)) / 2
+
+
+def test_no_light_is_negative():
+    """Honest: where the object is dark its alpha is known, and where there is none nothing is told."""
+    plate = textured_plate(SHAPE[::-1], 1)
+    x = np.arange(SHAPE[1])
+    alpha = np.broadcast_to(0.6 * np.exp(-0.5 * ((x - 40) / 8) ** 2), SHAPE)
+    light = alpha[..., None] * (0.3 * ORANGE)  # hardly any blue
+    noise = np.random.default_rng(3).normal(0, STD, plate.shape)
+    image = LinearImage(light + (1 - alpha[..., None]) * plate + noise, NOISE)
+    sure = LinearImage(plate, np.full(plate.shape, 1e-12))
+    least = least_alpha(pixels_of(image, sure, PLANE, np.ones(SHAPE, bool)), 1.0)
+    assert np.mean(least > alpha + 0.02) < 0.002
+    core = alpha > 0.4
+    assert np.median((alpha - least)[core]) < 0.15
+    assert np.mean(np.isfinite(least)[alpha < 0.001]) < 0.02
 
 
 def patch(seed, where=None):

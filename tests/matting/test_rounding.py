@@ -36,7 +36,8 @@ def pictures(plate):
 def told(model, image, plate, levels=1):
     """Pixels, and the evidence in them and in larger cells."""
     pixels = pixels_of(image, plate, model, ALPHA > 0.01)
-    own = Evidence(*(np.pad(m, BORDER) for m in (*evidence_of(pixels, ALPHA), pixels.inside)))
+    maps = *evidence_of(pixels, ALPHA), pixels.inside, np.zeros(ALPHA.shape)
+    own = Evidence(*(np.pad(m, BORDER) for m in maps))
     cells = [own]
     for _ in range(levels - 1):
         cells.append(cells[-1].coarser())

@@ -1,5 +1,7 @@
 """A smooth field from noisy cells: what is known, how well, and how smooth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -7,6 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.matting import smooth_kernel as compiled
 from blurmatte.matting.smooth_prior import (
     BORDER,
+    LEAST,
     Evidence,
     Prior,
     finer,
@@ -26,6 +29,10 @@ def bump():
     return np.pad(field, BORDER), np.pad(inside, BORDER)
 
 
+def least(field):
+    return np.full_like(field, LEAST)
+
+
 def settled(evidence, order, samples):
     """From rough to smooth, and of all that what has the least risk."""
     field, found = None, []
@@ -40,7 +47,7 @@ def noisy(seed, std=0.1):
     rng = np.random.default_rng(seed)
     information = mask * rng.uniform(0.3, 3, truth.shape) / std**2
     noise = rng.normal(size=truth.shape) * np.sqrt(information)
-    return truth, Evidence(information, information * truth + noise, mask)
+    return truth, Evidence(information, information * truth + noise, mask, least(truth))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -65,8 +72,10 @@ def test_cells_that_know_nothing_are_filled_from_their_neighbors():
     truth, evidence = noisy(1, std=0.02)
     hole = np.zeros(truth.shape, bool)
     hole[30:36, 28:40] = True
-    blind = Evidence(
-        np.where(hole, 0, evidence.information), np.where(hole, 0, evidence.pull), evidence.mask
+    blind = replace(
+        evidence,
+        information=np.where(hole, 0, evidence.information),
+        pull=np.where(hole, 0, evidence.pull),
     )
     seeing, field = (settled(e, 2, 8) for e in (evidence, blind))
     assert np.abs(field.x - truth)[hole].max() < 0.1
@@ -90,8 +99,30 @@ def test_risk_is_that_of_the_truth():
 
 def test_nothing_is_far_above_one():
     _, evidence = noisy(2)
-    high = Evidence(evidence.information, 3 * evidence.pull, evidence.mask)
+    high = replace(evidence, pull=3 * evidence.pull)
     assert smoothed(high, PRIORS[1], None, 2).x.max() < 1.05
+
+
+def test_nothing_is_far_below_what_it_must_be():
+    truth, evidence = noisy(2, std=0.5)
+    least = np.where(evidence.mask, truth - 0.05, LEAST)
+    short = []
+    for known in (evidence, replace(evidence, least=least)):
+        field = None
+        for _ in range(2):
+            field = smoothed(known, PRIORS[1], field, 2)
+        short.append(np.clip(least - field.x, 0, None)[evidence.mask].mean())
+    assert short[1] < 0.05 * short[0]
+
+
+def test_a_least_of_cells_is_the_mean_of_its_pixels():
+    _, evidence = noisy(4)
+    rising = replace(evidence, least=0.01 * np.indices(evidence.mask.shape)[1])
+    coarse = rising.coarser()
+    whole = coarse.mask[12:20, 12:20]
+    assert whole.all()
+    x = 2 * np.arange(12, 20) - BORDER + 0.5
+    assert_allclose(coarse.least[12:20, 12:20], np.broadcast_to(0.01 * x, (8, 8)))
 
 
 @pytest.mark.parametrize("prior", PRIORS)
@@ -99,7 +130,8 @@ def test_variance_of_the_sum_is_that_of_the_inverse(prior):
     _, evidence = noisy(3)
     field = smoothed(evidence, prior, None, 4)
     root = np.zeros(field.squares.shape)
-    compiled.precision(field.squares, prior.order, prior.scale**2, 2.0, root)
+    of_all = np.full(field.x.shape, prior.scale**2)
+    compiled.precision(field.squares, prior.order, of_all, 2.0, root)
     ones, whole = evidence.mask.astype(float), np.zeros(field.x.shape)
     compiled.conjugate_gradients(
         evidence.information, root, prior.order, evidence.mask, ones, whole, 2000, 0.0
@@ -114,7 +146,8 @@ def test_coarser_cells_hold_all_that_is_known():
     assert_allclose(coarse.pull.sum(), evidence.pull.sum())
     assert not coarse.mask[:BORDER].any()
     assert not coarse.mask[:, -BORDER:].any()
-    odd = Evidence(*(m[:-1, :-1] for m in (evidence.information, evidence.pull, evidence.mask)))
+    maps = evidence.information, evidence.pull, evidence.mask, evidence.least
+    odd = Evidence(*(m[:-1, :-1] for m in maps))
     assert odd.coarser().mask.shape == coarse.mask.shape
 
 

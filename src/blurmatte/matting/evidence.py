@@ -19,6 +19,8 @@ Array = npt.NDArray[np.float64]
 
 _UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
 _MEDIAN = 0.455  # of χ² of one
+_NEAR, _SURE = 2.0, 3.0  # pixels, over which light is averaged, and standard deviations of it
+_DARK = 1e-9  # a plate that tells nothing, but is divided by
 _TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
 
 
@@ -192,3 +194,23 @@ def _of_texture(
         if both.any()
     ]
     return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
+
+
+def least_alpha(pixels: Pixels, together: float) -> Floats:
+    """What alpha of each pixel cannot be less than, (h, w): no light of an object is negative.
+
+    In no channel (1 − α) B can be more than C. Of light of neighborhoods, and less by what noise may
+    be, so that next to nothing is told where there was no object; −∞ where no channel tells.
+
+    Parameters
+    ----------
+    pixels : Pixels
+    together : float
+        By how much more noise adds up than if each pixel had its own.
+    """
+    from scipy.ndimage import gaussian_filter
+
+    C, B, V_C, V_B = (gaussian_filter(a, (_NEAR, _NEAR, 0)) for a in pixels.with_edges)
+    noise = np.sqrt((V_C + V_B) * together / (4 * np.pi * _NEAR**2))
+    least = np.max(1 - (C + _SURE * noise) / np.maximum(B, _DARK), axis=-1)
+    return np.where(pixels.use & (least > 0), least, -np.inf)

@@ -15,7 +15,7 @@ from blurmatte.radiometry import block_squares, block_sums
 
 Array = npt.NDArray[np.float64]
 
-_BLOCK = 8  # pixels: noise that hangs together does so over less, or over such blocks
+BLOCK = 8  # pixels: noise that hangs together does so over less, or over such blocks
 _KEPT, _MEAN_OF_KEPT = 0.9, 0.606  # the lower part of χ² of one
 _CHANCE = 2.5  # standard deviations of a mean of squares
 
@@ -49,7 +49,7 @@ def _beside(pixels: Pixels) -> float:
     C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
     e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, 1e-14))
-    squares = block_squares(e, pixels.use, _BLOCK).ravel()
+    squares = block_squares(e, pixels.use, BLOCK).ravel()
     return _beyond_chance(squares, len(squares))
 
 
@@ -67,8 +67,8 @@ def _left_over(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
         left_over(*light, l, alpha[strip], inside[strip], rest[:, strip])
 
     in_strips(rows, len(inside))
-    e, variance, count = (block_sums(m, _BLOCK) for m in (*rest, inside.astype(float)))
-    full = count > _BLOCK**2 / 2
+    e, variance, count = (block_sums(m, BLOCK) for m in (*rest, inside.astype(float)))
+    full = count > BLOCK**2 / 2
     squares = []
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         both = full[a] & full[b]
@@ -79,16 +79,16 @@ def _left_over(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
 def _of_sums(information: Floats, pull: Floats, use: Bools) -> float:
     """What noise of alpha adds up to beside the streak."""
     variance, sums, count = (_window_sums(m) for m in (information, pull, use))
-    full = (count > _BLOCK**2 / 2) & (variance > 0)
+    full = (count > BLOCK**2 / 2) & (variance > 0)
     squares = sums[full] ** 2 / variance[full]
-    return _beyond_chance(squares, len(squares) // _BLOCK**2)
+    return _beyond_chance(squares, len(squares) // BLOCK**2)
 
 
 def _window_sums(values: Floats | Bools) -> Array:
     """Sums over blocks around each pixel: those of a grid would change with where it begins."""
     from scipy.ndimage import uniform_filter
 
-    return np.asarray(uniform_filter(values.astype(float), _BLOCK, mode="constant") * _BLOCK**2)
+    return np.asarray(uniform_filter(values.astype(float), BLOCK, mode="constant") * BLOCK**2)
 
 
 def _fine_structure(information: Floats, pull: Floats) -> float:

@@ -98,6 +98,7 @@ def with_shading(told: Told, information: Floats, pull: Floats) -> tuple[Floats,
         np.pad(alpha**2 * told_by, BORDER),
         np.pad(alpha * light * told_by, BORDER),
         np.pad(inside, BORDER),
+        np.zeros_like(np.pad(told_by, BORDER)),
     )
     needy = inside * apart / (apart + information * variance)
     k, shared = _brightness(known, np.pad(needy, BORDER))

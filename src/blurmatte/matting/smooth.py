@@ -9,6 +9,7 @@ large that this takes no time. Then it goes from coarse to fine.
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import groupby
 from typing import Any
 
 import numpy as np
@@ -17,15 +18,17 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import Pixels, coarsely, evidence_of, pixels_of
+from blurmatte.matting.evidence import Pixels, coarsely, evidence_of, least_alpha, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
-from blurmatte.matting.noise_together import noise_together
+from blurmatte.matting.noise_together import BLOCK, noise_together
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.rounding import rounded_pulls
 from blurmatte.matting.shading import Told, with_shading
+from blurmatte.matting.smooth_error import honest_variance
 from blurmatte.matting.smooth_prior import (
     BORDER,
+    LEAST,
     Evidence,
     Field,
     Prior,
@@ -52,16 +55,16 @@ _SMOOTHER = 1.0, 0.5, 0.25  # times: noise of smaller cells is stronger
 _SAMPLES, _FINAL_SAMPLES = 2, 8
 _NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
 _SIGMAS_OUT = 3.0
-_IN_DETAIL = 0.3  # power: of noise that hangs together, how much more detail it takes, in trials
+_ANY_COLORS = 0.7  # power: of any colors, how much of noise that hangs together counts, in trials
 
 
 @dataclass(frozen=True)
 class Smooth:
     """All pixels of the streak together: alpha is smooth, but for edges.
 
-    Alpha and the error of it are mean and standard deviation of what evidence and prior leave
-    possible. The light is what alpha leaves of the image, within the model: its noise stays that of
-    the camera, and its details stay sharp.
+    Alpha is the mean of what evidence and prior leave possible. Its error is of noise, and of what
+    smoothing leaves out, by how much of that shows around a pixel. The light is what alpha leaves of
+    the image, within the model: its noise stays that of the camera, and its details stay sharp.
 
     Parameters
     ----------
@@ -158,17 +161,21 @@ class Smooth:
         near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
         # Of any colors too little is known: with the whole weight alpha was smooth, sure, and wrong.
-        weaker = together if pixels.model.rank < 3 else together ** (1 - _IN_DETAIL)
+        weaker = together if pixels.model.rank < 3 else together**_ANY_COLORS
         if together > 1 and pixels.model.rank == 2:
             pixels = coarsely(pixels)
-        own = _bordered(*evidence_of(pixels, near), pixels.inside)
+        # Of a line alpha is known better than the neighborhoods that this takes.
+        least = (
+            least_alpha(pixels, together) if pixels.model.rank == 2 else np.full_like(near, LEAST)
+        )
+        own = _bordered(*evidence_of(pixels, near), pixels.inside, least)
         levels = own.weaker(weaker).levels(_CELLS)
         found = _chosen(levels)
         prior, field = found[-1]
         finest = len(levels) - len(found)
         known = field.x, field.variance
         near, variance = (_in_pixels(m, levels[:finest]) for m in known)
-        levels = _renewed(pixels, near, variance, weaker).levels(_CELLS)
+        levels = _renewed(pixels, near, variance, weaker, least).levels(_CELLS)
         largest = 4 ** (len(levels) - 1)
         of_sum = together / weaker * sum_variance(levels[-1], *found[0], largest)
         unsure = np.zeros_like(near)
@@ -182,10 +189,14 @@ class Smooth:
             if depth < finest:
                 prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
             told = depth == 0 and level.count < _ENOUGH
-            field = smoothed(level, prior, field, _FINAL_SAMPLES if told else 0, 4**depth)
+            local = told and pixels.model.rank < 3
+            field = smoothed(level, prior, field, _FINAL_SAMPLES * told, 4**depth, local)
+            if told:
+                field = replace(field, variance=honest_variance(level, prior, field))
         # Cells and pixels weigh what is known differently, and neither is sure to be right.
         of_sum += (field.x.sum(dtype=float) - total) ** 2
-        variance = field.variance * together**_IN_DETAIL + np.pad(unsure, BORDER)
+        lost = (1 - 1 / together) * _fine(field.x)
+        variance = field.variance * together / weaker + np.pad(unsure, BORDER) + lost
         return replace(field, variance=variance), prior, of_sum
 
 
@@ -231,14 +242,24 @@ def _of_rounding(
     return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
 
 
-def _renewed(pixels: Pixels, alpha: Floats, variance: Floats, weaker: float) -> Evidence:
+def _fine(x: Floats) -> Floats:
+    """Mean square around each pixel of structure finer than a block: compression takes such."""
+    from scipy.ndimage import uniform_filter
+
+    fine = (x - uniform_filter(x, BLOCK)) ** 2
+    return np.asarray(uniform_filter(fine, BLOCK).clip(0))  # running sums may round below 0
+
+
+def _renewed(
+    pixels: Pixels, alpha: Floats, variance: Floats, weaker: float, least: Floats
+) -> Evidence:
     """What pixels tell, now that it is known what alpha is about, and how bright neighbors are."""
     near = np.clip(alpha, 0, 1)
     information, pull = (values / weaker for values in evidence_of(pixels, near))
     if pixels.model.rank == 1:
         told = Told(pixels, near, variance, weaker)
         information, pull = with_shading(told, information, pull)
-    return _bordered(information, pull, pixels.inside)
+    return _bordered(information, pull, pixels.inside, least)
 
 
 def _least_risk(
@@ -246,9 +267,14 @@ def _least_risk(
 ) -> tuple[Prior, Field]:
     """The prior of the least risk, and what comes of it; each is begun where the one before ended."""
     found: list[tuple[Prior, Field]] = []
-    for prior in priors:
-        before = found[-1] if found and found[-1][0].order == prior.order else (prior, start)
-        found.append((prior, smoothed(evidence, prior, before[1], _SAMPLES, cells)))
+    for _, scales in groupby(priors, lambda prior: prior.order):
+        field, risks = start, [np.inf]
+        for prior in scales:
+            field = smoothed(evidence, prior, field, _SAMPLES, cells)
+            found.append((prior, field))
+            risks.append(field.risk)
+            if min(risks[-2:]) > min(risks):  # twice more than the least: it only grows from there
+                break
     return min(found, key=lambda trial: trial[1].risk)
 
 
@@ -260,8 +286,10 @@ def _local(evidence: tuple[Floats, Floats]) -> Floats:
     return np.asarray(np.clip(pull / (information + 1e-9), 0, 1))
 
 
-def _bordered(information: Floats, pull: Floats, inside: Bools) -> Evidence:
-    return Evidence(np.pad(information, BORDER), np.pad(pull, BORDER), np.pad(inside, BORDER))
+def _bordered(information: Floats, pull: Floats, inside: Bools, least: Floats) -> Evidence:
+    least = np.maximum(least, LEAST).astype(information.dtype)
+    information, pull, least = (np.pad(m, BORDER) for m in (information, pull, least))
+    return Evidence(information, pull, np.pad(inside, BORDER), least)
 
 
 def _inner(values: Floats) -> Floats:

@@ -157,14 +157,15 @@ def outer(t, order, weight, total):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def precision(squares, order, least, factor, root):  # type: ignore[no-untyped-def]
-    """Write L of Γ = factor (least I + S)⁻¹ = LLᵀ, from S in float64."""
+    """Write L of Γ = factor (least I + S)⁻¹ = LLᵀ, from S in float64; least is (h, w)."""
     h, w = squares.shape[1:]
     for i in range(h):
         for j in range(w):
-            a, b, c = squares[0, i, j] + least, squares[1, i, j], squares[2, i, j] + least
+            own = least[i, j]
+            a, b, c = squares[0, i, j] + own, squares[1, i, j], squares[2, i, j] + own
             d, e, f = 0.0, 0.0, 1.0
             if order == 2:
-                d, e, f = squares[3, i, j], squares[4, i, j], squares[5, i, j] + least
+                d, e, f = squares[3, i, j], squares[4, i, j], squares[5, i, j] + own
             p, q, r = c * f - e * e, d * e - b * f, b * e - c * d
             scale = factor / (a * p + b * q + d * r)
             l0 = np.sqrt(scale * p)

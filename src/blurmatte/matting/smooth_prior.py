@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
+from blurmatte.matting.smooth_local import rougher
 
 Array = npt.NDArray[np.float64]
 
@@ -28,9 +29,10 @@ _POOL = 3  # cells across, over which precisions are alike
 _TOLD_BY = 5  # cells across, over which a few samples tell a variance
 _ROUNDS = 2
 _STEPS, _TOLERANCE = 300, 1e-5
-_LEAST = -0.05  # alpha: held at 0 its sum would be too large, for only noise above 0 would be left
+LEAST = -0.05  # alpha: held at 0 its sum would be too large, for only noise above 0 would be left
 _SHARP = 0.01**-2.0  # information of what is held
 _SEED = 0  # of samples: the same answer every time
+_TINY = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,15 +48,18 @@ class Evidence:
         That alpha times the information.
     mask : (h, w) bool
         Where alpha may be other than 0; False in the border.
+    least : (h, w) float
+        What alpha cannot be less than.
     """
 
     information: Floats
     pull: Floats
     mask: Bools
+    least: Floats
 
     def weaker(self, factor: float) -> "Evidence":
         """With as many times the variance."""
-        return Evidence(self.information / factor, self.pull / factor, self.mask)
+        return replace(self, information=self.information / factor, pull=self.pull / factor)
 
     @property
     def count(self) -> int:
@@ -70,10 +75,13 @@ class Evidence:
 
     def coarser(self) -> "Evidence":
         """In cells of twice the width."""
+        count = in_larger_cells(self.mask.astype(np.uint8))
+        least = in_larger_cells(np.where(self.mask, self.least, 0))
         return Evidence(
             in_larger_cells(self.information),
             in_larger_cells(self.pull),
-            in_larger_cells(self.mask.astype(np.uint8)) > 0,
+            count > 0,
+            (least / np.maximum(count, 1)).astype(least.dtype),
         )
 
 
@@ -108,6 +116,8 @@ class Field:
     variance : (h, w) float
     squares : (3 or 6, h, w) float64
         Expectation of Dx Dxᵀ, of neighbors together: the lower triangle, row by row.
+    rough : (h, w) float
+        Square of the local scale over that of the prior.
     left, freedom : float
         Squares that cells leave, over their variances, and how many there would be of noise.
     steps : int
@@ -119,6 +129,7 @@ class Field:
     x: Floats
     variance: Floats
     squares: Array
+    rough: Floats
     left: float
     freedom: float
     steps: int
@@ -134,12 +145,18 @@ class Field:
 
 
 def smoothed(
-    evidence: Evidence, prior: Prior, start: Field | None, samples: int, cells: int = 1
+    evidence: Evidence,
+    prior: Prior,
+    start: Field | None,
+    samples: int,
+    cells: int = 1,
+    local: bool = False,
 ) -> Field:
     """The field that evidence and prior agree on, from one of a coarser level or of another prior.
 
     `cells` is how many pixels there are to a cell: its differences stand for so many. With no samples
-    only the mean is new; so it is for cells much smaller than anything in the field.
+    only the mean is new; so it is for cells much smaller than anything in the field. If it is to be
+    `local`, the scale is found where it is another than elsewhere.
     """
     A, mask = evidence.information, evidence.mask
     rng = np.random.default_rng(_SEED)
@@ -148,7 +165,7 @@ def smoothed(
     root, held = _precision(prior, field, cells), np.zeros(mask.shape, np.int8)
     for turn in range(_ROUNDS):
         x = field.x.copy()
-        beyond = mask * (np.int8(x > 1) - np.int8(x < _LEAST))
+        beyond = mask * (np.int8(x > 1) - np.int8(x < evidence.least))
         if turn > 0 and noise:
             root = _precision(prior, field, cells)
         elif turn > 0 and np.array_equal(beyond, held):
@@ -157,7 +174,7 @@ def smoothed(
         above, below = (A.dtype.type(_SHARP) * (held == side) for side in (1, -1))
         drawn = [np.zeros_like(x) for _ in noise]
         jobs: list[tuple[Floats, Floats, Floats]]
-        jobs = [(A + above + below, evidence.pull + above + below * _LEAST, x)]
+        jobs = [(A + above + below, evidence.pull + above + below * evidence.least, x)]
         for n, z in zip(noise, drawn, strict=True):
             # What is held from below is no better known for that: there was no object, or no answer.
             jobs.append((A + above, _disturbed(A + above, root, prior.order, mask, n), z))
@@ -169,14 +186,53 @@ def smoothed(
                 for n, z in zip(noise, drawn, strict=True)
             ]
             left, known = _left(evidence, x)
+            variance = pooled(np.mean(np.square(drawn), axis=0), mask)
+            if local and turn < _ROUNDS - 1:
+                more = rougher(x, root, prior.order, A * variance, mask)
+                field = replace(field, rough=field.rough * more)
             field = replace(
                 field,
-                variance=_pooled(np.mean(np.square(drawn), axis=0), mask),
+                variance=variance,
                 squares=_squares(x, drawn, prior.order),
                 left=left,
                 freedom=known - float(np.mean(traces)),
             )
     return field
+
+
+class Sampler:
+    """The equations of a field that was found, to draw from what it may be.
+
+    `left` is DᵀΓD x: what the field leaves of the pull, as far as it has settled.
+    """
+
+    def __init__(self, evidence: Evidence, prior: Prior, field: Field) -> None:
+        from blurmatte.matting.smooth_kernel import product
+
+        A, x, mask = evidence.information, field.x, evidence.mask
+        self._order, self._mask = prior.order, mask
+        self._root = _precision(prior, field, 1)
+        self.information = A + A.dtype.type(_SHARP) * (mask & (x > 1))
+        self.left, t = np.zeros_like(x), np.zeros((3, *x.shape), x.dtype)
+        product(x, np.zeros_like(A), self._root, prior.order, mask, t, self.left)
+
+    def disturbed(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
+        """Right hand sides: of noise, and of what the prior lets a field be."""
+        normal = rng.standard_normal((4, *self._mask.shape)).astype(self._root.dtype)
+        parts = np.array([1.0, 0, 0, 0]), np.array([0, 1.0, 1, 1])
+        of_noise, of_prior = (
+            _disturbed(self.information, self._root, self._order, self._mask, n)
+            for n in (normal * p[:, None, None].astype(normal.dtype) for p in parts)
+        )
+        return of_noise, of_prior
+
+    def solved(self, sides: list[Floats]) -> list[Floats]:
+        """H⁻¹ of each."""
+        found = [np.zeros_like(b) for b in sides]
+        jobs: list[tuple[Floats, Floats, Floats]]
+        jobs = [(self.information, b, x) for b, x in zip(sides, found, strict=True)]
+        _solve_all(self._root, self._order, self._mask, jobs, _STEPS)
+        return found
 
 
 def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
@@ -202,7 +258,7 @@ def _precision(prior: Prior, field: Field, cells: int) -> Floats:
     from blurmatte.matting.smooth_kernel import precision  # numba takes half a second
 
     root = np.empty(field.squares.shape, field.x.dtype)
-    least = _NU * prior.scale**2
+    least = _NU * prior.scale**2 * field.rough
     precision(field.squares, prior.order, least, cells * (_NU + 1), root)
     return root
 
@@ -211,7 +267,7 @@ def _nothing(evidence: Evidence, prior: Prior) -> Field:
     zero = np.zeros_like(evidence.information)
     squares = np.zeros((3 * prior.order, *zero.shape))
     squares[[0, 2, 5][: prior.order + 1]] = prior.scale**2
-    return Field(zero, zero, squares, np.inf, 0.0, 0, False)
+    return Field(zero, zero, squares, np.ones_like(zero), np.inf, 0.0, 0, False)
 
 
 def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
@@ -221,8 +277,10 @@ def finer(field: Field, shape: tuple[int, ...], order: int) -> Field:
     squares = np.zeros((len(field.squares), *shape))
     for part, of_level in zip(squares, field.squares / 4**order, strict=True):
         doubled(of_level, BORDER, part)
-    x, variance = (map_in_smaller_cells(values, shape) for values in (field.x, field.variance))
-    return replace(field, x=x, variance=variance, squares=squares)
+    maps = field.x, field.variance, field.rough
+    x, variance, rough = (map_in_smaller_cells(values, shape) for values in maps)
+    rough = np.maximum(rough, np.float32(_TINY))  # the border is of no meaning, but divided by
+    return replace(field, x=x, variance=variance, squares=squares, rough=rough)
 
 
 def map_in_smaller_cells(values: Floats, shape: tuple[int, ...]) -> Floats:
@@ -279,7 +337,7 @@ def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
     return np.asarray(uniform_filter(total, (0, _POOL, _POOL)), float)
 
 
-def _pooled(variance: Floats, mask: Bools) -> Floats:
+def pooled(variance: Floats, mask: Bools) -> Floats:
     """Means of neighbors within the mask: a few samples tell a variance only roughly."""
     from scipy.ndimage import uniform_filter
 

@@ -1,0 +1,70 @@
+"""Errors of smooth fields: honest where they are flat and where they are not."""
+
+from functools import cache
+
+import numpy as np
+
+from blurmatte.matting.smooth_error import honest_variance
+from blurmatte.matting.smooth_prior import BORDER, LEAST, Evidence, Prior, smoothed
+
+SIDE, STD = 96, 0.1
+PRIOR = Prior(2, 0.04)
+
+
+def with_a_rim(seed):
+    """A plateau with soft rims, and what noisy cells say of it."""
+    y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
+    field = np.pad(0.25 * (1 - np.tanh((np.hypot(x, y) - 28) / 2)), BORDER)
+    mask = np.pad(np.hypot(x, y) < 46, BORDER)
+    information = mask / STD**2
+    noise = np.random.default_rng(seed).normal(size=field.shape) * np.sqrt(information)
+    evidence = Evidence(information, information * field + noise, mask, np.full(field.shape, LEAST))
+    steep = np.hypot(*np.gradient(field)) > 0.03
+    return field * mask, evidence, steep
+
+
+def fields(seed, local):
+    """The truth, the evidence, where it is steep, and the field; from rough to smooth."""
+    truth, evidence, steep = with_a_rim(seed)
+    field = None
+    for scale in 0.64 / 2.0 ** np.arange(5):
+        field = smoothed(evidence, Prior(2, float(scale)), field, 4)
+    return truth, evidence, steep, smoothed(evidence, PRIOR, field, 8, local=local)
+
+
+@cache
+def spreads(local):
+    """Root mean square of error over std of the field's own and the honest one, on rims and beside."""
+    found = []
+    for seed in range(4):
+        truth, evidence, steep, field = fields(seed, local)
+        for variance in (field.variance, honest_variance(evidence, PRIOR, field)):
+            score = (field.x - truth) / np.sqrt(np.where(evidence.mask, variance, 1))
+            found += [np.mean(score[evidence.mask & k] ** 2) for k in (steep, ~steep)]
+    return np.sqrt(np.reshape(found, (4, 2, 2)).mean(axis=0))
+
+
+def test_rims_and_what_is_flat_have_errors_of_their_own():
+    """Honest: one scale for all says too little of rims, and too much of what is flat."""
+    (rim, flat), (honest_rim, honest_flat) = spreads(local=False)
+    assert rim > 1.5 * flat
+    assert honest_rim < rim
+    assert 0.55 < honest_flat < 1.2
+
+
+def test_a_local_scale_follows_rims():
+    errors = []
+    for local in (False, True):
+        truth, evidence, _, field = fields(5, local)
+        errors.append(np.sqrt(np.mean((field.x - truth)[evidence.mask] ** 2)))
+    assert errors[1] < 0.95 * errors[0]
+    rim, flat = spreads(local=True)[1]
+    assert 0.7 < rim < 1.4
+    assert 0.7 < flat < 1.2
+
+
+def test_the_same_every_time():
+    _, evidence, _ = with_a_rim(1)
+    field = smoothed(evidence, PRIOR, None, 4)
+    first, second = (honest_variance(evidence, PRIOR, field) for _ in range(2))
+    assert np.array_equal(first, second)
