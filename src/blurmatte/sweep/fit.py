@@ -87,8 +87,9 @@ class _Told:
 
     @cached_property
     def astray(self) -> float:
-        """See `smooth_light`."""
-        return smooth_light(self.search.data, self.state).astray
+        """See `smooth_light`; a color that is known tells alpha of each pixel, and needs no other."""
+        known = self.search.data.known is not None
+        return 0.0 if known else smooth_light(self.search.data, self.state).astray
 
 
 def fit_sweep(
