@@ -12,6 +12,7 @@ from benchmarks.table import RESULTS
 FIRST = (
     "against_other_methods",
     "together",
+    "verdict",
     "alpha_noise",
     "alpha_contrast",
     "alpha_faintness",

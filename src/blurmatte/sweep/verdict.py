@@ -57,9 +57,10 @@ def misfit(data: Data, state: State) -> float:
     """How much more residuals hang together within the streak than noise does beside it.
 
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
-    known: 1 for a sweep that explains all there is, more for a wrong shape. Where noise hangs together
-    at all, it does within the streak at least as much as colors that pixels share, for compression
-    spares plain surroundings; larger blocks tell as much then. And it takes noise away from single
+    known: 1 for a sweep that explains all there is, more for a wrong shape; what chance makes of few
+    blocks, one standard deviation, is taken off. Where noise hangs together at all, it does within the
+    streak at least as much as colors that pixels share, for compression spares plain surroundings;
+    larger blocks tell as much then. And it takes noise away from single
     pixels sooner than from blocks: blocks that hold no more than the noise of the picture are
     explained, however little their pixels do. Infinite if the descent found no end, for what cannot be,
     where many pixels contradict, and for what is contested.
@@ -70,8 +71,10 @@ def misfit(data: Data, state: State) -> float:
     e = _limited(state)
     within, beside = _places(data, state)
     usual = _together(e, beside, _OTHERS, _BLOCK)
+    blocks = max(np.count_nonzero(within) / _BLOCK**2, 1.0) * _channels(state)
+    chance = 1 + float(np.sqrt(2 / blocks))
     if usual < _HANGS:
-        return _together(e, within, _WORST, _BLOCK) / max(usual, 1)
+        return _together(e, within, _WORST, _BLOCK) / max(usual, 1) / chance
     usual_of = {size: shared_coherence(size, data.scale) for size in _MOST_USUAL}
     of_pixels = [
         _together(e, within, _WORST, size)
@@ -79,7 +82,8 @@ def misfit(data: Data, state: State) -> float:
         for size, most in _MOST_USUAL.items()
     ]
     of_noise = [_in_blocks(e, within, _WORST, size) / usual_of[size] for size in _MOST_USUAL]
-    return min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
+    least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
+    return least / chance
 
 
 def coherence_of_noise(data: Data, state: State) -> float:
@@ -220,8 +224,12 @@ def _limited(state: State) -> Array:
 
     Across the model is as much noise as it leaves channels; impossible light is more than noise.
     """
-    channels = 3 - state.frame.rank or 3
-    return np.asarray(state.e * np.sqrt(state.belief * len(state.e) / channels))
+    return np.asarray(state.e * np.sqrt(state.belief * len(state.e) / _channels(state)))
+
+
+def _channels(state: State) -> int:
+    """Across the model, or all if it is of any colors."""
+    return 3 - state.frame.rank or 3
 
 
 def _places(data: Data, state: State) -> tuple[Bools, Bools]:
