@@ -95,7 +95,7 @@ class Draw:
 
 def draw(seed: int) -> Draw:
     """The same for all kinds of objects."""
-    rng = np.random.default_rng([seed, 4])
+    rng = np.random.default_rng([seed, 5])
     radius = np.exp(rng.uniform(*np.log(RADII)))
     length = radius * np.exp(rng.uniform(*np.log(LENGTHS)))
     angle, middle = rng.uniform(0, np.pi), np.array(SIZE) / 2 + rng.uniform(-9, 9, 2)
