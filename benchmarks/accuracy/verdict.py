@@ -25,7 +25,7 @@ from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Sh
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-SEEDS = 12
+SEEDS = 8
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
 LENGTHS = (0.5, 12)  # radii
