@@ -16,10 +16,9 @@ from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.pixelwise import in_strips
 from blurmatte.radiometry import LinearImage
+from blurmatte.sweep.verdict import OPAQUE
 
 Array = npt.NDArray[np.float64]
-
-OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen
 
 
 def light_given(

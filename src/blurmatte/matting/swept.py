@@ -7,12 +7,13 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.color import darker
-from blurmatte.matting.light import OPAQUE, light_given
+from blurmatte.matting.light import light_given
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import MAX_MISFIT, Sweep
 from blurmatte.sweep.occluder import in_front, mean_of_neighbors
+from blurmatte.sweep.verdict import OPAQUE
 
 Array = npt.NDArray[np.float64]
 

@@ -154,7 +154,7 @@ def fit_sweep(
     for _ in range(_FOLLOWING):
         if stays(search.data, disc) or np.isnan(streak.evidence):
             break  # a streak that was given, not found, is all there is
-        streak = _followed(streak, _ended(search.data, disc, image.size))
+        streak = _followed(streak, _ended(_Told(search, disc, 0.0), image, louder))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
     first = search
@@ -174,7 +174,7 @@ def fit_sweep(
     explained = search is not first and told.misfit <= MAX_MISFIT
     if not explained and disc.frame.rank == 1:
         told = _richer(search, disc, told, transfer)
-    return _sweep(told, image, louder)
+    return _ended(told, image, louder)
 
 
 def fit_disc(
@@ -206,7 +206,7 @@ def fit_disc(
         search = search.louder(louder)
         disc = search.quick(rank)
     blur = disc.silhouette.softness(disc.shape) if _ran_together(search.data, disc) else 0.0
-    return _sweep(_Told(search, disc, blur), image, louder)
+    return _ended(_Told(search, disc, blur), image, louder)
 
 
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
@@ -314,16 +314,9 @@ def _ran_together(data: Data, state: State) -> bool:
     return state.frame.rank < 3 and colors_ran_together(data, state)
 
 
-def _sweep(told: _Told, image: LinearImage, louder: float) -> Sweep:
-    found = _ended(told.search.data, told.state, image.size, told.blur)
-    model = replace(found.model, to_srgb=image.meta.to_srgb)
-    left = max(found.misfit, told.misfit)  # the one knows what is hardly known, the other odd light
-    stats = {"misfit": left, "astray": told.astray, "louder": louder}
-    return replace(found, model=model, stats={**found.stats, **stats})
-
-
-def _ended(data: Data, state: State, size: tuple[int, int], blur: float = 0.0) -> Sweep:
+def _ended(told: _Told, image: LinearImage, louder: float) -> Sweep:
     """A descent's end. If it was the file that blurred the colors of its rim, the rim is sharp."""
+    data, state, blur = told.search.data, told.state, told.blur
     trust = overstated(data, state)
     H, _ = state.information(data)
     covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
@@ -336,20 +329,22 @@ def _ended(data: Data, state: State, size: tuple[int, int], blur: float = 0.0) -
     n = k + silhouette.size
     stats = {
         "converged": state.converged,
-        "misfit": misfit(data, state) if known else np.inf,
+        "misfit": told.misfit if known else np.inf,
         "coherence": trust,
         "contested": state.contested,
         "doubtful": doubtful_share(data, state),
+        "astray": told.astray,
         "rim": blur or state.silhouette.softness(state.shape),
+        "louder": louder,
     }
     return Sweep(
         state.family,
         state.path,
         silhouette,
         state.shape[: silhouette.size],
-        model,
+        replace(model, to_srgb=image.meta.to_srgb),
         covariance[:n, :n],
-        size,
+        image.size,
         stats,
     )
 

@@ -20,7 +20,7 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
 from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, can_be, coherence, misfit, overstated
+from blurmatte.sweep.verdict import HOPELESS, MAX_MISFIT, can_be, coherence, misfit, overstated
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +31,6 @@ _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _AROUND = 90  # points of a rim
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
-_HOPELESS = 6.0  # misfit on large pixels
 _HELPED = 0.8  # of the misfit, what more bulges leave if corners are what is missing
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
@@ -70,7 +69,7 @@ def refined(data: Data, disc: State) -> State:
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
     rivals = [_roughly(coarse, s, bounds) for s in _exchanged(coarse, best, bounds)]
-    rivals = [s for s in rivals if misfit(coarse, s) < _HOPELESS]
+    rivals = [s for s in rivals if misfit(coarse, s) < HOPELESS]
     ends = [end, *(descend(data, _shaped(data, s, end.silhouette), bounds) for s in rivals)]
     end = _best(data, ends)
     rivalled = any(differ(end, other) and _explains(data, other) for other in ends)

@@ -21,7 +21,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, 
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.start import center_curve, depth_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import MAX_MISFIT, doubtful_share, misfit
+from blurmatte.sweep.verdict import HOPELESS, MAX_MISFIT, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
@@ -41,7 +41,6 @@ _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
 _SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
 _CONTRADICTED = 0.5  # of the pixels of a disc on large pixels
-_HOPELESS = 6.0  # misfit on large pixels
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +98,7 @@ class Search:
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
         finalists = _finalists(self.coarse, self._tried(rank))
-        if misfit(self.coarse, finalists[0]) > _HOPELESS:
+        if misfit(self.coarse, finalists[0]) > HOPELESS:
             finalists = finalists[:1]
         starts = (seen(self.data, s) for s in finalists)
         ends = [descend(self.data, s, self.bounds, enough=ROUGHLY) for s in starts]

@@ -44,10 +44,11 @@ class Sweep:
         How the fit went: `misfit` is how much more the residuals within the streak hang together
         than those beside it, 1 if the sweep explains all there is; `contested` whether another
         explains it as well with another alpha, and then `misfit` is infinite; `doubtful` is the
-        share of the streak's pixels that it does not explain; `rim` the standard deviation, pixels,
-        by which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is
-        sharp; `louder` how many times the variance that was measured noise has there, for codecs
-        hide it in what stands still.
+        share of the streak's pixels that it does not explain; `astray` by which part of alpha light
+        that changes little from place to place would have it otherwise, 0 if the color was known;
+        `rim` the standard deviation, pixels, by which its rim, or the color of it, is blurred, 0 if
+        not. If the file did that, alpha is sharp; `louder` how many times the variance that was
+        measured noise has there, for codecs hide it in what stands still.
     """
 
     family: PathFamily

@@ -13,13 +13,14 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MAX_MISFIT = 1.2  # of a sweep that is believed; what is explained leaves about 1
+HOPELESS = 6.0  # misfit on large pixels of what small ones do not save
+OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen, nor of a shape
 
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
 _SIZES = 4, 8, 16  # pixels: compression has blocks of up to 16
 _BESIDE = 3  # pixels around a sweep that it must explain too
 _WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
 _OTHERS = 0.3  # of the blocks beside: something else may move there
-OPAQUE = 0.999  # alpha of pixels that say nothing about a shape
 _MEDIANS = {1: 1.386, 2: 0.455, 3: 2.366}  # of χ², by rank of the colors
 _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel leaves 0.5 to 2.4
 _MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
@@ -60,17 +61,17 @@ def misfit(data: Data, state: State) -> float:
     known: 1 for a sweep that explains all there is, more for a wrong shape; what chance makes of few
     blocks, one standard deviation, is taken off. Where noise hangs together at all, it does within the
     streak at least as much as colors that pixels share, for compression spares plain surroundings;
-    larger blocks tell as much then. And it takes noise away from single
-    pixels sooner than from blocks: blocks that hold no more than the noise of the picture are
-    explained, however little their pixels do. Infinite if the descent found no end, for what cannot be,
-    where many pixels contradict, and for what is contested.
+    larger blocks tell as much then. And it takes noise away from single pixels sooner than from blocks:
+    blocks that hold no more than the noise of the picture are explained, however little their pixels
+    do. Infinite if the descent found no end, for what cannot be, where many pixels contradict, and for
+    what is contested.
     """
     ended = state.converged and not state.contested and can_be(data, state)
     if not ended or doubtful_share(data, state) > _MOST_DOUBTFUL:
         return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
-    usual = _together(e, beside, _OTHERS, _BLOCK)
+    usual = _usual(e, beside)
     blocks = max(np.count_nonzero(within) / _BLOCK**2, 1.0) * _channels(state)
     chance = 1 + float(np.sqrt(2 / blocks))
     if usual < _HANGS:
@@ -89,8 +90,8 @@ def misfit(data: Data, state: State) -> float:
 def coherence_of_noise(data: Data, state: State) -> float:
     """How much noise hangs together within a streak, as `coherence`: 1, or that of shared colors."""
     _, beside = _places(data, state)
-    usual = _together(_limited(state), beside, _OTHERS, _BLOCK)
-    return shared_coherence(_BLOCK, data.scale) if usual >= _HANGS else 1.0
+    hangs = _usual(_limited(state), beside) >= _HANGS
+    return shared_coherence(_BLOCK, data.scale) if hangs else 1.0
 
 
 def understated(data: Data, state: State) -> float:
@@ -104,7 +105,7 @@ def understated(data: Data, state: State) -> float:
         return 1.0
     _, beside = _places(data, state)
     repeated = beside.any() and np.median(state.chi2[beside]) < _REPEATED
-    if not repeated and _together(_limited(state), beside, _OTHERS, _BLOCK) < _HANGS:
+    if not repeated and _usual(_limited(state), beside) < _HANGS:
         return 1.0
     inside = (state.swept.alpha > 0) & (state.swept.alpha < OPAQUE) & data.valid
     if not inside.any():
@@ -238,6 +239,11 @@ def _places(data: Data, state: State) -> tuple[Bools, Bools]:
 
     near = binary_dilation((state.swept.alpha > 0) | data.streak, iterations=_BESIDE)
     return near & data.valid & (state.swept.alpha < OPAQUE), ~near & data.valid
+
+
+def _usual(e: Array, beside: Bools) -> float:
+    """How much noise hangs together beside a sweep."""
+    return _together(e, beside, _OTHERS, _BLOCK)
 
 
 def _together(e: Array, use: Bools, worst: float, size: int) -> float:
