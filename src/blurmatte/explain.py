@@ -292,9 +292,12 @@ def _sweep(stats: Mapping[str, Any]) -> list[str]:
     way = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
     kind = way.get(sweep["path"], "a curved path")
     radius = f"{sweep['radius']:.2f} ± {_rounded_std(sweep['radius_std'])} px"
+    left = f"what is left is {sweep['misfit']:.2g} times what noise leaves"
+    if sweep["texture"] is not None:
+        left = f"the plate's texture in it confirms alpha to {100 * sweep['texture']:.1g} %"
     return [
         f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
-        f"streak; what is left is {sweep['misfit']:.2g} times what noise leaves."
+        f"streak; {left}."
     ]
 
 

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from blurmatte.color import ColorModel
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import (
     Ball,
@@ -70,7 +71,27 @@ def test_what_it_contradicts_is_no_answer(monkeypatch):
     scene = Scene(WALL, WAY, Ball(11, GREEN))
     streak, image, picture = taken(scene)
     assert fit_sweep(image, picture, streak).misfit < MAX_MISFIT
-    monkeypatch.setattr(fit, "smooth_light", lambda data, state: SmoothLight(1.0, 50.0, 0.3))
+    monkeypatch.setattr(
+        fit, "smooth_light", lambda data, state: SmoothLight(1.0, 50.0, 0.3, 0.3, 0.3)
+    )
     sweep = fit_sweep(image, picture, streak)
     assert np.isinf(sweep.misfit)
     assert "light that no object has" in sweep.complaint(MAX_MISFIT)
+
+
+def test_fine_paint_is_no_wrong_shape_where_texture_confirms_alpha():
+    """Honest: of little noise any paint leaves more, and alpha is as exact as the texture says."""
+    colors = np.random.default_rng(1).uniform(0.05, 0.9, (8, 16, 3))
+    ball = Ball(16, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1))))
+    way = Trajectory.line((55, 45), (85, 62))
+    shot = Shot(
+        Scene(textured_plate(SIZE, 2), way, ball), Camera(code_std=0.1 / 255), plate_frames=3
+    )
+    truth = render(shot.scene, 200)
+    streak = Streak(truth.layer.alpha > 0)
+    sweep = fit_sweep(*shot.photograph(truth), streak, ColorModel.any())
+    assert sweep.misfit == 1
+    off = (sweep.alpha - truth.layer.alpha)[streak.mask]
+    assert np.sqrt(np.mean(off**2)) < 0.01
+    usual = np.sqrt(np.mean(truth.layer.alpha[streak.mask] ** 2))
+    assert np.sqrt(np.mean(off**2)) / usual < sweep.stats["texture"] < 0.05

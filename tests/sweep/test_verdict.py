@@ -20,7 +20,7 @@ from blurmatte.rendering import (
     render,
 )
 from blurmatte.streaks import Streak
-from blurmatte.sweep import MAX_MISFIT
+from blurmatte.sweep import MAX_MISFIT, verdict
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
@@ -36,6 +36,7 @@ from blurmatte.sweep.verdict import (
     means_something,
     misfit,
     shared_coherence,
+    unclaimed_light,
 )
 from blurmatte.trajectory import Trajectory
 
@@ -269,6 +270,25 @@ def test_a_plane_with_the_plates_color_in_most_places_means_nothing():
     right = disc(data)
     assert means_something(data, right)
     assert not means_something(data, replace(right, frame=plane))
+
+
+def test_a_plane_must_claim_the_light_of_its_colors(monkeypatch):
+    """What lies in the plane is light of no object where alpha is 0."""
+    data = taken(Scene(TILES, WAY, Ball(11, GREEN)))
+    plane = Frame.of(np.stack([GREEN, [0.9, 0.1, 0.1]], axis=1))
+    ends = WAY.xy[[0, -1]]
+    right, half = (
+        state_at(data, LINE, path.ravel(), DISC, DISC.start(11.0), plane)
+        for path in (ends, np.array([ends[0], ends.mean(axis=0)]))
+    )
+    assert unclaimed_light(data, right) < 0.01
+    assert 0.2 < unclaimed_light(data, half) < 0.5
+    right = replace(right, converged=True)
+    assert misfit(data, right) <= MAX_MISFIT
+    monkeypatch.setattr(verdict, "unclaimed_light", lambda data, state: 0.2)
+    assert np.isinf(misfit(data, right))
+    line = replace(disc(data), converged=True)  # of which light elsewhere is no light of its color
+    assert misfit(data, line) <= MAX_MISFIT
 
 
 def test_a_color_of_negative_light_cannot_be():

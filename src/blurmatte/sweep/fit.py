@@ -25,11 +25,12 @@ from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadow import shadow_beside
-from blurmatte.sweep.smooth_light import smooth_light
+from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
 from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
+    can_be,
     colors_ran_together,
     doubtful_share,
     misfit,
@@ -49,8 +50,10 @@ _SHADOWS = 2  # times that a streak is looked at without what is found of its sh
 _FOLLOWED = 0.2  # of the largest alpha
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
-# Of alpha, by rank: balls with holes and codecs leave 0.1, wrong shapes up to 0.5; less with planes.
-_MOST_ASTRAY = {1: 0.125, 2: 0.06, 3: 0.125}
+_EXACTLY = 0.05  # of alpha, to which it may tell it instead: paint is finer than a field
+# Of alpha, by rank: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. A plane, which takes
+# up more, is asked place by place: right ones left up to 0.1, wrong ones 0.3.
+_MOST_ASTRAY = {1: 0.125, 2: 0.2, 3: 0.125}
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
@@ -81,15 +84,27 @@ class _Told:
     def left(self) -> float:
         """The same, whether it is contested or not."""
         left = misfit(self.search.data, replace(self.state, contested=False))
-        return (
-            left if np.isinf(left) or self.astray <= _MOST_ASTRAY[self.state.frame.rank] else np.inf
-        )
+        if self.state.frame.rank == 3 and self._is_told_exactly:
+            return 1.0
+        most = _MOST_ASTRAY[self.state.frame.rank]
+        return left if np.isinf(left) or self.astray <= most else np.inf
 
-    @cached_property
+    @property
     def astray(self) -> float:
         """See `smooth_light`; a color that is known tells alpha of each pixel, and needs no other."""
-        known = self.search.data.known is not None
-        return 0.0 if known else smooth_light(self.search.data, self.state).astray
+        if self.search.data.known is not None:
+            return 0.0
+        return self.said.astray_of_places if self.state.frame.rank == 2 else self.said.astray
+
+    @cached_property
+    def said(self) -> SmoothLight:
+        return smooth_light(self.search.data, self.state)
+
+    @property
+    def _is_told_exactly(self) -> bool:
+        """Whether the plate's texture tells alpha so well that paint may be finer than a field."""
+        exactly = self.said.share > _MOST_OF_IT and self.said.scatter < _EXACTLY
+        return exactly and self.state.converged and can_be(self.search.data, self.state)
 
 
 def fit_sweep(
@@ -266,10 +281,9 @@ def _richer(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
         return replace(line, state=replace(line.state, contested=differ(line.state, plane.state)))
     if left <= MAX_MISFIT or not _textured(told.search.data, told.state):
         return line
-    any_colors = search.best(3)
-    agrees = _textured(search.data, any_colors)
-    agrees = agrees and misfit(search.data, any_colors) <= MAX_MISFIT
-    return _before_bleeding(search, any_colors, transfer) if agrees else line
+    any_colors = _Told(search, search.best(3), 0.0)
+    agrees = _textured(search.data, any_colors.state) and any_colors.misfit <= MAX_MISFIT
+    return any_colors if agrees else line
 
 
 def _shaped(search: Search, disc: State, told: _Told, transfer: Transfer) -> _Told:
@@ -289,7 +303,8 @@ def _shaped(search: Search, disc: State, told: _Told, transfer: Transfer) -> _To
 def _textured(data: Data, state: State) -> bool:
     """Whether the plate's texture would tell a wrong alpha of any colors, and does not of theirs."""
     said = smooth_light(data, state)
-    return said.share > _MOST_OF_IT and (state.frame.rank < 3 or said.against < _AGAINST)
+    agrees = state.frame.rank < 3 or said.against < _AGAINST or said.scatter < _EXACTLY
+    return said.share > _MOST_OF_IT and agrees
 
 
 def _before_bleeding(search: Search, state: State, transfer: Transfer) -> _Told:
@@ -334,6 +349,7 @@ def _ended(told: _Told, image: LinearImage, louder: float) -> Sweep:
         "contested": state.contested,
         "doubtful": doubtful_share(data, state),
         "astray": told.astray,
+        "texture": told.said.scatter if state.frame.rank == 3 else np.inf,
         "rim": blur or state.silhouette.softness(state.shape),
         "louder": louder,
     }

@@ -30,12 +30,18 @@ class SmoothLight:
     against : float
         Mean square of how wrong it finds alpha there, in standard deviations; about 1 to 3 for the
         right one.
+    scatter : float
+        How wrong it finds alpha there, root mean square; the sweep's alpha of each place is 1.
+    astray_of_places : float
+        The same beyond what noise and paint leave of the right one.
     astray : float
-        How wrong it finds alpha there, root mean square beyond that and noise; the sweep's alpha is 1.
+        The same if the usual alpha of the sweep is 1, so that faint ends hardly count.
     """
 
     share: float
     against: float
+    scatter: float
+    astray_of_places: float
     astray: float
 
 
@@ -50,10 +56,17 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     information = np.diag(H)
     told = information > _TOLD**-2
     if not told.any():
-        return SmoothLight(0.0, 0.0, 0.0)
-    information, z2 = information[told], g[told] ** 2 / information[told]
+        return SmoothLight(0.0, 0.0, np.inf, 0.0, 0.0)
+    z2 = g[told] ** 2 / information[told]
     noise = max(coherence_of_noise(data, state), _PAINTED)
-    beyond = np.sum(z2 - noise) / information.sum()
+    beyond = max(float(np.sum(z2 - noise)), 0.0)
+    local = np.einsum("yxj,yx->j", J[..., told], alpha) / J[..., told].sum(axis=(0, 1))
     usual = np.mean(alpha[alpha > 0] ** 2)
-    astray = float(np.sqrt(max(beyond, 0.0) / usual))
-    return SmoothLight(float(np.mean(told)), float(np.mean(z2)), astray)
+    by_place, by_usual = (np.sum(information[told] * unit) for unit in (local**2, usual))
+    return SmoothLight(
+        float(np.mean(told)),
+        float(np.mean(z2)),
+        float(np.sqrt(np.sum(z2) / by_place)),
+        float(np.sqrt(beyond / by_place)),
+        float(np.sqrt(beyond / by_usual)),
+    )

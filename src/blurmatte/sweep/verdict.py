@@ -26,6 +26,9 @@ _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel le
 _MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _MOST_DOUBTFUL = 0.25  # of the pixels of a sweep that is right
+_MOST_UNCLAIMED = (
+    0.05  # of the light of a streak: planes that were right left up to 0.01 beyond noise
+)
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
 _SMOOTH = (
     0.9  # where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02
@@ -63,12 +66,14 @@ def misfit(data: Data, state: State) -> float:
     streak at least as much as colors that pixels share, for compression spares plain surroundings;
     larger blocks tell as much then. And it takes noise away from single pixels sooner than from blocks:
     blocks that hold no more than the noise of the picture are explained, however little their pixels
-    do. Infinite if the descent found no end, for what cannot be, where many pixels contradict, and for
-    what is contested.
+    do. Infinite if the descent found no end, for what cannot be, where many pixels contradict, where
+    something else gave much of the light, and for what is contested.
     """
     ended = state.converged and not state.contested and can_be(data, state)
     if not ended or doubtful_share(data, state) > _MOST_DOUBTFUL:
         return np.inf
+    if state.frame.rank == 2 and unclaimed_light(data, state) > _MOST_UNCLAIMED:
+        return np.inf  # a plane explains light of its colors where nothing was, too
     e = _limited(state)
     within, beside = _places(data, state)
     usual = _usual(e, beside)
@@ -85,6 +90,17 @@ def misfit(data: Data, state: State) -> float:
     of_noise = [_in_blocks(e, within, _WORST, size) / usual_of[size] for size in _MOST_USUAL]
     least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
     return least / chance
+
+
+def unclaimed_light(data: Data, state: State) -> float:
+    """Share of what changed in the streak, beyond noise, that is where the sweep says nothing was."""
+    e = (data.C - data.B) / np.sqrt(data.C_variance + data.B_variance)
+    use, was = data.streak & data.valid, state.swept.alpha > 0
+    within, beside = (
+        float(np.maximum(block_squares(e, use & where, _BLOCK) - 1, 0).sum())
+        for where in (was, ~was)
+    )
+    return beside / max(within + beside, 1e-9)
 
 
 def coherence_of_noise(data: Data, state: State) -> float:
