@@ -15,7 +15,7 @@ from blurmatte.rendering import (
     textured_plate,
 )
 from blurmatte.streaks import Streak
-from blurmatte.sweep import MAX_MISFIT, fit, fit_sweep
+from blurmatte.sweep import MAX_MISFIT, end, fit_sweep
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import state_at
 from blurmatte.sweep.frame import Frame
@@ -72,7 +72,7 @@ def test_what_it_contradicts_is_no_answer(monkeypatch):
     streak, image, picture = taken(scene)
     assert fit_sweep(image, picture, streak).misfit < MAX_MISFIT
     monkeypatch.setattr(
-        fit, "smooth_light", lambda data, state: SmoothLight(1.0, 50.0, 0.3, 0.3, 0.3)
+        end, "smooth_light", lambda data, state: SmoothLight(1.0, 50.0, 0.3, 0.3, 0.3)
     )
     sweep = fit_sweep(image, picture, streak)
     assert np.isinf(sweep.misfit)

@@ -1,0 +1,167 @@
+"""End: what a search came to, in the light that it explains, and whether that is to be believed.
+
+What files do to color is undone here, and the state of a descent becomes a `Sweep`.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.color.model import ColorModel
+from blurmatte.radiometry import LinearImage, Transfer
+from blurmatte.sweep.chroma import left_untold
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.descent import State, descend, seen, sharp
+from blurmatte.sweep.search import Search
+from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
+from blurmatte.sweep.student import VARIANCE
+from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.verdict import (
+    can_be,
+    colors_ran_together,
+    doubtful_share,
+    misfit,
+    overstated,
+)
+
+Array = npt.NDArray[np.float64]
+
+# Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
+# shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
+_MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
+_MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
+_AGAINST = 3.0  # what it may tell against them
+_EXACTLY = 0.05  # of alpha, to which it may tell it instead: paint is finer than a field
+# Of alpha, by rank: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. A plane, which takes
+# up more, is asked place by place: right ones left up to 0.1, wrong ones 0.3.
+_MOST_ASTRAY = {1: 0.125, 2: 0.2, 3: 0.125}
+_AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
+
+
+@dataclass(frozen=True, eq=False)
+class End:
+    """An end of a search, in the data that it explains.
+
+    Parameters
+    ----------
+    search : Search
+        Of the light before colors ran together.
+    state : State
+    blur : float
+        Pixels by which they did, 0 if not.
+    """
+
+    search: Search
+    state: State
+    blur: float = 0.0
+
+    @classmethod
+    def before_bleeding(cls, search: Search, state: State, transfer: Transfer) -> "End":
+        """What a state becomes of the light before a file let colors run together, if it did."""
+        data, blur, contested = search.data, 0.0, state.contested
+        if ran_together(data, state):
+            first = search.softest(seen(data, state))
+            blur = first.silhouette.softness(first.shape)
+        for _ in range(_AGAIN if blur else 0):
+            bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
+            alpha = sharp(data, state).swept.alpha
+            before = data.before_bleeding(alpha, state.frame.within, blur, transfer)
+            search = replace(search, data=before, bounds=bounds)
+            state = search.softened(descend(before, sharp(before, state), bounds))
+            # Luma was not blurred: a rim seems less soft than the chroma of it is.
+            blur = float(np.hypot(blur, state.silhouette.softness(state.shape)))
+        return cls(search, replace(state, contested=contested), blur)
+
+    @property
+    def misfit(self) -> float:
+        """See `verdict.misfit`; infinite too for what only light of odd patterns would explain."""
+        return np.inf if self.state.contested else self.left
+
+    @cached_property
+    def left(self) -> float:
+        """The same, whether it is contested or not."""
+        data, state = self.search.data, replace(self.state, contested=False)
+        if self._is_told_exactly and state.converged and can_be(data, state):
+            return 1.0
+        left = misfit(data, state)
+        return left if np.isinf(left) or self.astray <= _MOST_ASTRAY[state.frame.rank] else np.inf
+
+    @property
+    def astray(self) -> float:
+        """See `smooth_light`; a color that is known tells alpha of each pixel, and needs no other."""
+        if self.search.data.known is not None:
+            return 0.0
+        return self._said.astray_of_places if self.state.frame.rank == 2 else self._said.astray
+
+    @property
+    def is_textured(self) -> bool:
+        """Whether the plate's texture would tell a wrong alpha of any colors, and does not."""
+        agrees = self.state.frame.rank < 3 or self._said.against < _AGAINST
+        return self._said.share > _MOST_OF_IT and (agrees or self._is_told_exactly)
+
+    @property
+    def _is_told_exactly(self) -> bool:
+        """Whether texture tells alpha so well that paint may be finer than a field of any colors."""
+        if self.state.frame.rank < 3:
+            return False
+        return self._said.share > _MOST_OF_IT and self._said.scatter < _EXACTLY
+
+    @cached_property
+    def _said(self) -> SmoothLight:
+        return smooth_light(self.search.data, self.state)
+
+    def sweep(self, image: LinearImage, louder: float) -> Sweep:
+        """What it tells. If it was the file that blurred the colors of its rim, the rim is sharp."""
+        data, state, blur = self.search.data, self.state, self.blur
+        trust = overstated(data, state)
+        H, _ = state.information(data)
+        covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
+        model = _model(state, covariance[-2:, -2:])
+        k = len(state.path)
+        covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, blur)
+        known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
+        soft = state.silhouette.soft and blur == 0 and not colors_ran_together(data, state)
+        silhouette = replace(state.silhouette, soft=soft)
+        n = k + silhouette.size
+        stats = {
+            "converged": state.converged,
+            "misfit": self.misfit if known else np.inf,
+            "coherence": trust,
+            "contested": state.contested,
+            "doubtful": doubtful_share(data, state),
+            "astray": self.astray,
+            "texture": self._said.scatter if state.frame.rank == 3 else np.inf,
+            "rim": blur or state.silhouette.softness(state.shape),
+            "louder": louder,
+        }
+        return Sweep(
+            state.family,
+            state.path,
+            silhouette,
+            state.shape[: silhouette.size],
+            replace(model, to_srgb=image.meta.to_srgb),
+            covariance[:n, :n],
+            image.size,
+            stats,
+        )
+
+
+def ran_together(data: Data, state: State) -> bool:
+    """Whether a file blurred the colors of a model."""
+    return state.frame.rank < 3 and colors_ran_together(data, state)
+
+
+def _model(state: State, turns: Array) -> ColorModel:
+    """The color model, with the covariance of the one direction that stands for it."""
+    frame = state.frame
+    if frame.rank == 3:
+        return ColorModel.any()
+    moving = frame.across if frame.rank == 1 else frame.within
+    basis = state.main[:, None] if frame.rank == 1 else frame.within
+    return ColorModel(
+        basis,
+        moving @ turns @ moving.T,
+        {"shape": float(np.degrees(np.sqrt(np.trace(turns) / 2)))},
+    )
