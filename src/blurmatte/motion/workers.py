@@ -20,9 +20,10 @@ _work: tuple[Path, Callable[..., Any]] | None = None
 
 
 class Workers:
-    """Processes that share work, for the time of a `with`: each takes a second to start.
+    """Processes that share work, for the time of a `with`.
 
-    Programs that ask for more than one need the usual `if __name__ == "__main__":`.
+    Each takes a second to start; what comes before the work goes on meanwhile. Programs that ask for
+    more than one need the usual `if __name__ == "__main__":`.
 
     Parameters
     ----------
@@ -44,6 +45,8 @@ class Workers:
         self._works = 0
 
     def __enter__(self) -> "Workers":
+        for _ in range(self.count if self.count > 1 else 0):
+            self._started().submit(_ready)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -109,6 +112,10 @@ def _begin() -> None:
     # An interrupt reaches all processes of a terminal. One that dies of it holding a lock of the pool
     # would let the first wait forever; it is the first that ends them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _ready() -> None:
+    """Nothing: a process starts when there is something for it to do."""
 
 
 def _do(place: Path, *task: Any) -> Any:
