@@ -63,7 +63,7 @@ def clip_color(
         for fit, whole, rounds in _ASKING:
             ask = _Ask(plate, noise_of(first), fit, whole)
             tasks = ((frame,) for frame in _all_over(frames, rounds))
-            for number, colors in enumerate(processes.in_order(ask, tasks)):
+            for number, colors in enumerate(processes.in_order(ask, tasks, 1)):
                 told += [(model, weight, number) for model, weight in colors]
                 if _agreed(told):
                     break
