@@ -264,6 +264,16 @@ def test_thin_parts_fall_away():
         )
 
 
+@pytest.mark.parametrize("by", [0, 1, 3])
+def test_what_is_widened_is_dilated(by):
+    """Oracle: SciPy's dilation, to the border; the mask itself stays."""
+    mask = np.random.default_rng(6).random((9, 14)) > 0.95
+    before = mask.copy()
+    expected = ndimage.binary_dilation(mask, iterations=by) if by else before
+    assert_array_equal(streaks.widened(mask, by), expected)
+    assert_array_equal(mask, before)
+
+
 # Real pictures: where the ball is, x0, y0, x1, y1
 
 

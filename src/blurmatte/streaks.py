@@ -138,7 +138,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_CELLS)))
     T = _evidence(image, plate, cell)
     moved = without_thin_parts(T > _POSSIBLE)  # edges of the plate
-    labels, _ = ndimage.label(ndimage.binary_dilation(moved, iterations=_JOIN), np.ones((3, 3)))
+    labels, _ = ndimage.label(widened(moved, _JOIN), np.ones((3, 3)))
     streaks = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
@@ -155,6 +155,17 @@ def without_thin_parts(mask: Bools) -> Bools:
         inside = join(join(inside[:-2], inside[1:-1]), inside[2:])
         inside = join(join(inside[:, :-2], inside[:, 1:-1]), inside[:, 2:])
     return np.asarray(inside)
+
+
+def widened(mask: Bools, by: int) -> Bools:
+    """All within so many steps along rows and columns: SciPy's `binary_dilation`, ten times as fast."""
+    for _ in range(by):
+        before, mask = mask, mask.copy()
+        mask[1:] |= before[:-1]
+        mask[:-1] |= before[1:]
+        mask[:, 1:] |= before[:, :-1]
+        mask[:, :-1] |= before[:, 1:]
+    return mask
 
 
 def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
@@ -192,7 +203,7 @@ def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
     across = int(2 * distance_transform_edt(np.pad(occluder, 1)).max())
 
     def behind(mask: Bools) -> Bools:
-        grown = binary_dilation(mask, iterations=_RIM)
+        grown = widened(mask, _RIM)
         return np.asarray(
             occluder & binary_dilation(grown, iterations=across, mask=occluder | grown)
         )
@@ -235,7 +246,7 @@ def _strong_parts(T: Floats) -> list[Bools]:
 
     typical = float(np.quantile(T[T > 0], 0.9))
     strong = np.asarray(max(_POSSIBLE, _FAINTEST**2 * typical) < T)
-    near = ndimage.binary_dilation(strong, iterations=_JOIN)
+    near = widened(strong, _JOIN)
     pieces, count = ndimage.label(near, np.ones((3, 3)))
     tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
     return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > _SURE]
@@ -245,8 +256,8 @@ def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[in
     """A part of the cells with its gaps and holes filled and its faint rim, as a mask of pixels."""
     from scipy import ndimage
 
-    joined = ndimage.binary_dilation(np.pad(part, _RIM), iterations=_JOIN)
-    grown = ndimage.binary_dilation(ndimage.binary_fill_holes(joined), iterations=_RIM - _JOIN)
+    joined = widened(np.pad(part, _RIM), _JOIN)
+    grown = widened(ndimage.binary_fill_holes(joined), _RIM - _JOIN)
     cells = np.zeros([-(-side // cell) + 2 * _RIM for side in shape], bool)
     cells[tuple(slice(s.start, s.stop + 2 * _RIM) for s in place)] = grown
     mask = cells[_RIM:-_RIM, _RIM:-_RIM].repeat(cell, axis=0).repeat(cell, axis=1)

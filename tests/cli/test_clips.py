@@ -2,6 +2,7 @@
 
 import csv
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,6 +11,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
+from blurmatte.cli.clip_table import Given, table
 from blurmatte.rendering import colorful_plate
 
 FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
@@ -63,6 +65,28 @@ def test_the_table_is_right(measure, tmp_path):
         assert float(row["speed"]) == pytest.approx((10 + 2 * k) / 10, rel=0.05)
         assert (row["speed_unit"], row["directed"], row["reason"]) == ("m/s", "True", "")
     assert not (tmp_path / "t.csv.unfinished").exists()
+
+
+def test_a_rolling_shutter_shows_what_falls_for_longer():
+    """Exact: length / (T + τ Δy); half of both ways apart, if nobody knows which way it went."""
+    down = bm.Sighting(
+        60, 40, 0.1, 0.1, 0.0, 6, 8, 0.1, 0.1, 100.0, 0.0, 0.9, 0.01, 5.0, 0.1,
+        30, 0, 90, 80, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
+    )  # fmt: skip
+    seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
+    rows = [bm.FrameMotion(k, None, s, 1, way) for k, (s, way) in enumerate(seen)]
+    given = Given(None, None, None, (0.01, 0.0), 2e-5)
+    lines = table(rows, None, [], given)
+    fast = 100 / 0.0084
+    slow = 100 / 0.0116
+    assert [line["speed"] for line in lines] == pytest.approx([slow, fast, (slow + fast) / 2, None])
+    stds = [line["speed_std"] for line in lines[:3]]
+    assert stds == pytest.approx([0, 0, (fast - slow) / 2], abs=1e-9)
+    per_exposure = table(rows, None, [], replace(given, time=None))
+    assert [line["speed"] for line in per_exposure[:3]] == [100.0] * 3
+    impossible = table(rows, None, [], replace(given, line_time=2e-4))
+    assert impossible[1]["speed"] is None
+    assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
 
 
 def test_all_forms_say_the_same(measure, tmp_path):
@@ -169,7 +193,7 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--several", "--least", 0), "--least must be at least 1, got 0"),
         (("--resume",), "--resume goes on with the table that --out names"),
         (("--going", "up"), "are for a layer, not for a clip"),
-        (("--line-time", "9us"), "--line-time is for a layer, or for a clip with --camera"),
+        (("--line-time", "fast"), "--line-time must be a time like"),
         (("--color", "greenish"), "greenish"),
         (("--rate", -1), "rate must be frames per second"),
         (("--workers", 0), "workers must be at least 1"),

@@ -247,6 +247,20 @@ def test_what_comes_from_beyond_the_border_tells_no_color():
     assert abs(told.pole @ MODEL.pole) > np.cos(0.05)
 
 
+def test_what_hardly_moves_tells_no_color():
+    """Oracle: a fist that is larger and stronger than the ball, but stays where it is."""
+    rng, plate = np.random.default_rng(9), colorful_plate(SIZE, 2, tile=24)
+    frames = []
+    for k in range(2):
+        way = Trajectory.line((120 + k, 80), (123 + k, 84))
+        fist = render(Scene(plate, way, Ball(14, color=(0.9, 0.5, 0.3)))).image.rgb
+        way = Trajectory.line((30 + 15 * k, 40), (52 + 15 * k, 44))
+        light = render(Scene(fist, way, Ball(RADIUS, color=COLOR))).image.rgb
+        frames.append(CAMERA.photograph(light, rng))
+    told = clip_color(frames, CAMERA.photograph(plate, rng))
+    assert abs(told.pole @ MODEL.pole) > np.cos(0.05)
+
+
 def test_what_is_no_disc_has_moments(clip):
     """Oracle: the mean of alpha of a long bar, in all of the picture."""
     plate = clip[1]

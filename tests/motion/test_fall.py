@@ -49,6 +49,23 @@ def test_a_fall_gives_the_scale():
     assert falls[0].numbers()["meters_per_pixel"] == falls[0].scale.meters_per_pixel
 
 
+def test_rows_of_a_rolling_shutter_are_seen_later():
+    """Exact: each place where it was when its row was exposed; without that the fall is another one."""
+    tau, rows = 2e-5, []
+    velocity, acceleration = np.array([240.0, -300.0]), np.array([0, G / SCALE])
+    for k in range(9):
+        t = k / RATE
+        for _ in range(50):  # until the row is exposed when the ball is there
+            place = 50 + velocity * t + acceleration * t**2 / 2
+            t = k / RATE + tau * place[1]
+        rows.append(bm.FrameMotion(k, k / RATE, sighting(place), 1, True))
+    fall = bm.fit_fall(rows, line_time=tau)
+    assert_allclose(fall.acceleration, acceleration, atol=1e-6)
+    assert not np.allclose(bm.fit_fall(rows).acceleration, acceleration, rtol=1e-3)
+    with pytest.raises(ValueError, match="line_time must be finite seconds, got nan"):
+        bm.fit_fall(rows, line_time=np.nan)
+
+
 def test_scatter_takes_the_place_of_errors_that_are_too_small():
     """Honest: of places that err ten times as much as stated, as of a compressed clip; most fit."""
     rng, z = np.random.default_rng(8), []

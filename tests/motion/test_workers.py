@@ -18,6 +18,7 @@ def test_the_same_workers_do_several_works():
     pairs = [(k, 3) for k in range(7)]
     with Workers(2) as workers:
         assert list(workers.in_order(operator.sub, pairs)) == [k - 3 for k in range(7)]
+        assert list(workers.in_order(operator.sub, pairs, 1)) == [k - 3 for k in range(7)]
         assert list(islice(workers.in_order(operator.add, pairs), 2)) == [3, 4]
         assert list(workers.in_order(operator.mul, pairs)) == [3 * k for k in range(7)]
 

@@ -47,12 +47,15 @@ class Given:
         A number or a vector, m/s², and the error of its size.
     time : (float, float) or None
         Exposure time and its error, seconds.
+    line_time : float
+        Of a rolling shutter, seconds.
     """
 
     scaled: Scaling | None
     ball: KnownBall | None
     gravity: Gravity | None
     time: tuple[float, float] | None
+    line_time: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,7 +110,7 @@ def _told(number: int, rows: Rows, places: Places | None, given: Given) -> Told:
     words += [] if scatter is None else bm.explain(scatter)
     words += [] if places is None else in_space_words(rows, places)
     try:
-        fall = _fall(rows, places, scale, given.gravity)
+        fall = _fall(rows, places, scale, given)
     except bm.MotionError as error:
         if given.gravity is None:
             return Told(number, [*words, f"No fall to check: {error}."], None, scale)
@@ -117,13 +120,12 @@ def _told(number: int, rows: Rows, places: Places | None, given: Given) -> Told:
     return Told(number, words, fall, fall.scale if places is None else None)
 
 
-def _fall(
-    rows: Rows, places: Places | None, scale: bm.Scale | None, gravity: Gravity | None
-) -> bm.FreeFall:
+def _fall(rows: Rows, places: Places | None, scale: bm.Scale | None, given: Given) -> bm.FreeFall:
     """In space if places there are known, else in the picture."""
+    gravity, std = given.gravity or (None, 0.0)
     if places is None:
-        return bm.fit_fall(rows, scale, *(gravity or ()))
-    return bm.fit_fall_in_space(places, None, *(gravity or ()))
+        return bm.fit_fall(rows, scale, gravity, std, given.line_time)
+    return bm.fit_fall_in_space(places, None, gravity, std)
 
 
 def table(
@@ -136,13 +138,13 @@ def table(
         for row in rows:
             scale = scales.get(row.object or 1)
             unit = "px" if scale is None else "m"
-            lines.append(row.numbers() | _speed(_moved(row.sighting, scale), unit, given.time))
+            lines.append(row.numbers() | _speed(_moved(row.sighting, scale), unit, given, row))
         return lines
     lines = []
     for row, ball in zip(rows, places, strict=True):
         there = dict.fromkeys(bm.BallPlace.names) if ball is None else ball.numbers()
         moved = given.ball.moved(ball, row.sighting)
-        lines.append(row.numbers() | there | _speed(moved, "m", given.time))
+        lines.append(row.numbers() | there | _speed(moved, "m", given, row))
     return lines
 
 
@@ -198,17 +200,30 @@ def _middle(found: Sequence[bm.Sighting]) -> tuple[float, float]:
 
 
 def _speed(
-    moved: tuple[float, float] | None, unit: str, time: tuple[float, float] | None
+    moved: tuple[float, float] | None, unit: str, given: Given, row: bm.FrameMotion
 ) -> dict[str, Any]:
-    """Mean speed within the exposure, and its error, of how far it moved."""
-    unit += "/exposure" if time is None else "/s"
-    if moved is None:
+    """Mean speed within the exposure, and its error, of how far it moved.
+
+    A rolling shutter shows what moves down for longer than the exposure, what moves up for less; where
+    it is not known which way it went, half of the difference is an error.
+    """
+    unit += "/exposure" if given.time is None else "/s"
+    T, T_std = given.time or (1.0, 0.0)
+    shares = [T / D for D in _durations(row, given) if D > 0]
+    if moved is None or not shares:
         return {"speed": None, "speed_std": None, "speed_unit": unit}
-    speed, std = moved
-    if time is not None:
-        std = math.hypot(std, speed * time[1] / time[0]) / time[0]
-        speed /= time[0]
-    return {"speed": speed, "speed_std": std, "speed_unit": unit}
+    length, std = moved
+    share, apart = (max(shares) + min(shares)) / 2, (max(shares) - min(shares)) / 2
+    error = math.hypot(std * share, length * share * T_std / T, length * apart)
+    return {"speed": length * share / T, "speed_std": error / T, "speed_unit": unit}
+
+
+def _durations(row: bm.FrameMotion, given: Given) -> list[float]:
+    """How long it may have been seen for, in seconds, or exposures if their time is not known."""
+    if given.time is None or row.sighting is None:
+        return [1.0]
+    later = given.line_time * (row.sighting.last_y - row.sighting.first_y)
+    return [given.time[0] + way * later for way in ((1,) if row.directed else (1, -1))]
 
 
 def _moved(one: bm.Sighting | None, scale: bm.Scale | None) -> tuple[float, float] | None:

@@ -56,7 +56,7 @@ def known_ball(
     radius: str | None,
     diameter: str | None,
     others: Sequence[str | None],
-    line_time: float | None,
+    line_time: float,
 ) -> KnownBall | None:
     """What the options say of a ball in space, before anything else is read; None without a camera.
 
@@ -66,12 +66,10 @@ def known_ball(
         As they were typed.
     others : sequence of str or None
         Options that would give one scale for all frames.
-    line_time : float or None
+    line_time : float
         Seconds.
     """
     if camera is None:
-        if line_time is not None:
-            raise ValueError("--line-time is for a layer, or for a clip with --camera")
         return None
     if any(text is not None for text in others) or (radius and diameter):
         raise ValueError(
@@ -84,7 +82,7 @@ def known_ball(
             "--camera needs --radius or --diameter, the ball's true size; if nobody knows it, guess, "
             "and give --gravity: the fall says by how much all lengths must be multiplied"
         )
-    return KnownBall(bm.read_intrinsics(camera), size, line_time or 0.0)
+    return KnownBall(bm.read_intrinsics(camera), size, line_time)
 
 
 def in_space_words(rows: Sequence[bm.FrameMotion], places: Places) -> list[str]:

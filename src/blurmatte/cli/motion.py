@@ -155,10 +155,10 @@ def measure(
                 "--image, --going, --on-plane, --height, --speed and --rotation are for a layer, not "
                 "for a clip"
             )
-        ball = known_ball(camera, radius, diameter, (scale, points), line)
+        ball = known_ball(camera, radius, diameter, (scale, points), line or 0.0)
         by_size = None if ball is not None else clip_scaling(radius, diameter, scale, points)
         timed = None if time is None else (time, time_std)
-        given = Given(by_size, ball, gravity_of(gravity, ball is not None), timed)
+        given = Given(by_size, ball, gravity_of(gravity, ball is not None), timed, line or 0.0)
         task = ClipTask(
             layer,
             files,

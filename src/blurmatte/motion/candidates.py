@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools
 from blurmatte.color import ColorModel, only_light_lost
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak, find_streaks, without_thin_parts
+from blurmatte.streaks import Streak, find_streaks, widened, without_thin_parts
 
 Array = npt.NDArray[np.floating]
 Place = tuple[slice, ...]
@@ -93,7 +93,7 @@ class ObjectLight:
         coherence = max(usual, 1.0)
         strength /= coherence  # of video, no model knows the noise
         there = without_thin_parts(strength > _POSSIBLE)
-        near = ndimage.binary_dilation(there, iterations=_JOIN)
+        near = widened(there, _JOIN)
         labels, _ = ndimage.label(near, np.ones((3, 3)))
         places = ndimage.find_objects(labels)
         parts: list[tuple[float, Place, Bools]] = []
@@ -125,14 +125,14 @@ def _strong(strength: Array) -> Bools | None:
 
     It reaches `_EDGE` pixels further than the part on each side.
     """
-    from scipy.ndimage import binary_dilation, binary_fill_holes
+    from scipy.ndimage import binary_fill_holes
 
     usual = float(np.quantile(strength[strength > 0], 0.9))
     strong = strength > max(_POSSIBLE, _FAINTEST * usual)
     if np.count_nonzero(strong) < _LEAST:
         return None
-    filled = binary_fill_holes(binary_dilation(np.pad(strong, _EDGE), iterations=_JOIN))
-    return np.asarray(binary_dilation(filled, iterations=_RIM - _JOIN))
+    filled = binary_fill_holes(widened(np.pad(strong, _EDGE), _JOIN))
+    return widened(filled, _RIM - _JOIN)
 
 
 def _within(shape: tuple[int, ...], place: Place, mask: Bools) -> tuple[Place, Bools]:

@@ -13,7 +13,7 @@ from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc, fit_sweep, pooled
 
-_Told = tuple[ColorModel, float, int]  # a color, how clear it is, and which frame tells it
+_Told = tuple[ColorModel, float, int]  # a color, how much of it moved, and which frame tells it
 
 _ASKED = 6  # frames that are asked for the color in a round
 _QUARTERS = 2, 0, 1, 3  # of the frames between two of them, where the rounds begin
@@ -34,9 +34,10 @@ def clip_color(
     """The color that what moves in a clip has, from some of its frames together.
 
     Frames all over the clip are asked for everything in them that a shape on a path explains, 4 to
-    24 of them, until enough agree. Colors that agree count together; the ones that most of the
-    streaks' light stands for win. What reaches the border of the picture counts only if nothing else
-    tells.
+    24 of them, until enough agree. Colors that agree count together, by the evidence of their streaks
+    times the square of how many radii each went, a kind of energy of motion; the most wins. A fist
+    that holds a string may be as bright as the ball on it, but hardly moves. What reaches the border
+    of the picture counts only if nothing else tells.
 
     Parameters
     ----------
@@ -62,7 +63,7 @@ def clip_color(
         for fit, whole, rounds in _ASKING:
             ask = _Ask(plate, noise_of(first), fit, whole)
             tasks = ((frame,) for frame in _all_over(frames, rounds))
-            for number, colors in enumerate(processes.in_order(ask, tasks)):
+            for number, colors in enumerate(processes.in_order(ask, tasks, 1)):
                 told += [(model, weight, number) for model, weight in colors]
                 if _agreed(told):
                     break
@@ -85,7 +86,7 @@ def _all_over(frames: Sequence[LinearImage], rounds: int) -> Iterator[LinearImag
 
 
 def _clearest(told: Sequence[_Told]) -> list[_Told]:
-    """The colors that agree, and that most of the streaks' light stands for."""
+    """The colors that agree, and that most of the light that moved stands for."""
     together = [[b for b in told if _angle(a[0], b[0]) < _SAME_COLOR] for a in told]
     return max(together, key=lambda group: sum(weight for _, weight, _ in group))
 
@@ -105,7 +106,7 @@ def _angle(a: ColorModel, b: ColorModel) -> float:
 
 @dataclass(frozen=True, eq=False)
 class _Ask:
-    """Asks a frame for the colors of what a sweep explains in it, and how strong each streak is.
+    """Asks a frame for the colors of what a sweep explains in it, and how much of each moved.
 
     Limbs and their shadows may look like a disc too, but of no certain size; and they come from
     beyond the border: either what is seen `whole` is asked, or the others.
@@ -132,5 +133,6 @@ class _Ask:
                 continue
             if sweep.misfit <= MAX_MISFIT:
                 unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
-                told.append((sweep.model, streak.evidence / (1 + unsure**2)))
+                moved = streak.evidence * (sweep.length / sweep.radius) ** 2
+                told.append((sweep.model, moved / (1 + unsure**2)))
         return told

@@ -37,6 +37,7 @@ def fit_fall(
     scale: Scale | None = None,
     gravity: npt.ArrayLike | None = None,
     gravity_std: float = 0.0,
+    line_time: float = 0.0,
 ) -> FreeFall:
     """Fit a parabola in time to the longest track: a free flight is one.
 
@@ -54,6 +55,8 @@ def fit_fall(
         what is seen. In the other part it comes nearer or goes away, which must be little.
     gravity_std : float
         Standard deviation of its size.
+    line_time : float
+        How much later a rolling shutter exposes each row of pixels than the one above, seconds.
 
     Returns
     -------
@@ -66,13 +69,15 @@ def fit_fall(
         If it has fewer than four frames, or their times are not known. If gravity is to give the
         scale, also if no parabola of clear acceleration towards gravity explains the places.
     ValueError
-        If gravity is no such number or vector.
+        If gravity is no such number or vector, or line_time is not finite.
     """
+    if not np.isfinite(line_time):
+        raise ValueError(f"line_time must be finite seconds, got {line_time}")
     track = main_track(rows)
     _check_count(len(track), "frames of one track")
-    times = _times([row.time for row in track])
     seen = [row.sighting for row in track if row.sighting is not None]
     places = np.array([s.place for s in seen])
+    times = _times([row.time for row in track]) + line_time * places[:, 1]
     known = np.array([s.covariance + _BEST**2 * np.eye(2) for s in seen])
     fall = replace(_parabola(times, places, known), scale=scale)
     return fall if gravity is None else fall.in_gravity(gravity, gravity_std)

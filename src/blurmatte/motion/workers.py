@@ -14,15 +14,16 @@ if TYPE_CHECKING:
 
 Answer = TypeVar("Answer")
 
-_WAITING = 2  # frames for each process: what is held in memory
+_WAITING = 2  # tasks for each process: frames that are held in memory
 
 _work: tuple[Path, Callable[..., Any]] | None = None
 
 
 class Workers:
-    """Processes that share work, for the time of a `with`: each takes a second to start.
+    """Processes that share work, for the time of a `with`.
 
-    Programs that ask for more than one need the usual `if __name__ == "__main__":`.
+    Each takes a second to start; what comes before the work goes on meanwhile. Programs that ask for
+    more than one need the usual `if __name__ == "__main__":`.
 
     Parameters
     ----------
@@ -44,6 +45,8 @@ class Workers:
         self._works = 0
 
     def __enter__(self) -> "Workers":
+        for _ in range(self.count if self.count > 1 else 0):
+            self._started().submit(_ready)
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -53,7 +56,10 @@ class Workers:
             self._folder.cleanup()
 
     def in_order(
-        self, work: Callable[..., Answer], tasks: Iterable[tuple[Any, ...]]
+        self,
+        work: Callable[..., Answer],
+        tasks: Iterable[tuple[Any, ...]],
+        waiting: int = _WAITING,
     ) -> Iterator[Answer]:
         """What `work` makes of each task, in order.
 
@@ -63,22 +69,25 @@ class Workers:
             Sent to each process once.
         tasks : iterable of tuple
             Its arguments; a few of them are in memory at a time.
+        waiting : int
+            How many for each process, 1 or more. What is left over when nobody asks for more is done
+            in vain.
         """
         if self.count == 1:
             for task in tasks:
                 yield work(*task)
             return
         pool, place = self._started(), self._sent(work)
-        waiting: deque[Future[Answer]] = deque()
+        given: deque[Future[Answer]] = deque()
         try:
             for task in tasks:
-                waiting.append(pool.submit(_do, place, *task))
-                if len(waiting) >= _WAITING * self.count:
-                    yield waiting.popleft().result()
-            while waiting:
-                yield waiting.popleft().result()
+                given.append(pool.submit(_do, place, *task))
+                if len(given) >= waiting * self.count:
+                    yield given.popleft().result()
+            while given:
+                yield given.popleft().result()
         finally:
-            for left in waiting:
+            for left in given:
                 left.cancel()
 
     def _started(self) -> "ProcessPoolExecutor":
@@ -109,6 +118,10 @@ def _begin() -> None:
     # An interrupt reaches all processes of a terminal. One that dies of it holding a lock of the pool
     # would let the first wait forever; it is the first that ends them.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+
+def _ready() -> None:
+    """Nothing: a process starts when there is something for it to do."""
 
 
 def _do(place: Path, *task: Any) -> Any:

@@ -8,6 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
+from blurmatte.streaks import widened
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 
@@ -44,7 +45,7 @@ def in_front(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     -------
     (h, w) bool
     """
-    from scipy.ndimage import binary_dilation, binary_propagation
+    from scipy.ndimage import binary_propagation
 
     use = use & (alpha > 0)
     still = np.where(use, np.mean((C - B) ** 2 / variance, axis=-1), 1)
@@ -58,7 +59,7 @@ def in_front(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     alone = use & (seen > _SEEN_ALONE) & (still < _STILL)
     several = (_NEIGHBORS - 0.5) / _NEIGHBORS**2
     core = use & (core | (alone & (mean_of_neighbors(alone.astype(float)) > several)))
-    near = binary_dilation(core, iterations=_NEIGHBORS // 2 + 1)
+    near = widened(core, _NEIGHBORS // 2 + 1)
     found = core | (use & near & (still < np.minimum(seen, _SEEN)))
     found = binary_propagation(found & (alpha > _CORE * alpha.max(initial=0)), mask=found)
     return np.asarray(found & (_share(alpha * use, found) < _MOST))

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak
+from blurmatte.streaks import Streak, widened
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -78,7 +78,7 @@ def shadow_beside(
     (H, W) bool
         Empty if there is no more than noise can feign. Black parts of an object look the same.
     """
-    from scipy.ndimage import binary_dilation, binary_propagation
+    from scipy.ndimage import binary_propagation
 
     box = streak.around(_WINDOWS[-1])
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
@@ -92,7 +92,7 @@ def shadow_beside(
     found = np.zeros(streak.mask.shape, bool)
     reach = binary_propagation(core, mask=use & dim)
     if _LEAST < np.count_nonzero(reach) / np.count_nonzero(inside) < _MOST:
-        found[box[1] : box[3], box[0] : box[2]] = binary_dilation(reach, iterations=_RIM)
+        found[box[1] : box[3], box[0] : box[2]] = widened(reach, _RIM)
     whole = not (streak.mask & ~found).any()  # of a small streak the rim may be all that is left
     return np.zeros_like(found) if whole else found
 

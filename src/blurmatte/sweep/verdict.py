@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.radiometry import block_squares
+from blurmatte.streaks import widened
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 
@@ -251,9 +252,7 @@ def _channels(state: State) -> int:
 
 def _places(data: Data, state: State) -> tuple[Bools, Bools]:
     """Where the sweep and the streak are, but for what any shape explains; and all beside it."""
-    from scipy.ndimage import binary_dilation
-
-    near = binary_dilation((state.swept.alpha > 0) | data.streak, iterations=_BESIDE)
+    near = widened((state.swept.alpha > 0) | data.streak, _BESIDE)
     return near & data.valid & (state.swept.alpha < OPAQUE), ~near & data.valid
 
 
