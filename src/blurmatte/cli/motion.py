@@ -16,7 +16,7 @@ from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.quantities import seconds
+from blurmatte.cli.quantities import time_of_exposure, time_of_line
 from blurmatte.cli.scales import clip_scaling, scaling
 from blurmatte.cli.space import (
     Before,
@@ -146,8 +146,8 @@ def measure(
     """Measure the motion in LAYER, or in each frame of CLIP: where, how far, how fast, how large."""
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
-    time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
-    line = None if line_time is None else seconds("--line-time", line_time)[0]
+    time, time_std = (None, 0.0) if exposure is None else time_of_exposure("--exposure", exposure)
+    line = None if line_time is None else time_of_line("--line-time", line_time)
     files = Files(transfer, max_pixels)
     if is_row(layer):
         if any((image, going, on_plane, height, speed, rotation)):
