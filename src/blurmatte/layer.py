@@ -20,6 +20,7 @@ Color = str | Sequence[float] | Floats
 _BRIGHTEST = 0.99  # share of the object, by its alpha, that is no brighter than its brightest part
 _ALIKE = 0.05  # sine between paints, about 3 degrees, below which they are one
 _FILTER = "blackman-harris"  # averages light and rings nowhere
+_MAX_PIXELS = 200_000_000  # of an object that is made larger: as many as files may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +149,8 @@ class Layer:
         ValueError
             If it is neither, negative, or not finite.
         """
-        gains = np.asarray(gain, dtype=self.premultiplied.dtype)
+        with np.errstate(over="ignore"):  # what becomes infinite is refused below
+            gains = np.asarray(gain, dtype=self.premultiplied.dtype)
         if gains.shape not in ((), (1,), (3,)):
             raise ValueError(f"gain must be one number or three, got {gain!r}")
         _check_factor("gain", gains)
@@ -241,7 +243,8 @@ class Layer:
         Raises
         ------
         ValueError
-            If a side or the scale is not above 0, nothing of the object is within, or it is empty.
+            If a side or the scale is not above 0, the object becomes larger than 200 million pixels,
+            nothing of it is within, or it is empty.
         """
         if min(size) < 1:
             raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
@@ -281,6 +284,11 @@ class Layer:
         size = [max(1, round(scale * side)) for side in self.size]
         if size == list(self.size):
             return self
+        if size[0] * size[1] > _MAX_PIXELS:
+            raise ValueError(
+                f"a scale of {scale:g} makes the object {size[0]:.6g} x {size[1]:.6g} pixels; give a "
+                "smaller one"
+            )
         import OpenImageIO as oiio
 
         numbers = np.dstack([self.premultiplied, self.alpha]).astype(np.float32)

@@ -22,6 +22,7 @@ _CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
 _HEX = "#?[0-9a-fA-F]{6}"
 _LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
 _RATE = 25.0
+_STOPS = 100  # light of 32 bits ends at 128
 
 Change = Callable[[bm.Layer], bm.Layer]
 
@@ -213,6 +214,8 @@ def _change(name: str, text: str) -> Change:
             return lambda layer: layer.amplify(*amounts)
         case "--expose":
             (stops,) = numbers(name, text, "a number of stops")
+            if abs(stops) > _STOPS:
+                raise ValueError(f"{name} must lie between -{_STOPS} and {_STOPS}, got {text!r}")
             return lambda layer: layer.relight(2.0**stops)
         case "--gain":
             gains = numbers(name, text, "a factor", "red,green,blue")
