@@ -206,6 +206,7 @@ def test_sheets_and_previews(scene, own, tmp_path):
         "edit", scene / "layer.exr", "--fade", 2, "--preview", preview, "--out", tmp_path / "c.exr"
     )
     assert "something behind" in complaint(none)
+    assert not (tmp_path / "c.exr").exists()
 
 
 def frame(moving, number):

@@ -82,7 +82,7 @@ def test_one_picture(folder, way):
         (["f0.png", "f0.png"], "there is no noise: the pictures are copies of one"),
         (["g*.png"], "there are no such files"),
         (["f0.png", "nowhere.png"], "nowhere.png: "),
-        (["f0.png", "f1.png", "--out", "n.png"], "a NoiseFit is written as .json"),
+        (["f0.png", "f1.png", "--out", "n.png"], "noise is written as .json"),
         (["f0.png", "f1.png", "--plot", "p.json"], "is written as .png or .jpg"),
     ],
 )

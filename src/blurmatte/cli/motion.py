@@ -32,6 +32,7 @@ from blurmatte.cli.space import (
     true_radius,
     turned,
 )
+from blurmatte.cli.targets import SHEET, check_file
 
 _LENGTH = "LENGTH[±ERROR]"
 
@@ -144,6 +145,7 @@ def measure(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Measure the motion in LAYER, or in each frame of CLIP: where, how far, how fast, how large."""
+    check_file(overlay, "a sheet", *SHEET)
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
     time, time_std = (None, 0.0) if exposure is None else time_of_exposure("--exposure", exposure)
@@ -183,6 +185,7 @@ def measure(
             "--color, --several, --least, --start, --stop, --rate, --gravity, --resume and --workers "
             "are for a clip"
         )
+    check_file(out, "a motion", ".json", ".csv")
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
     scaled = scaling(radius, diameter, scale, points)
@@ -206,11 +209,11 @@ def measure(
     for thing in more:
         row |= thing.numbers()
     numbers = {**row, **_over_time(motion), "in_words": words}
-    if out is not None:
-        bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
     if overlay is not None and picture is not None:
         with about(overlay):
             bm.write(overlay, bm.draw_motion(picture, solution, motion))
+    if out is not None:
+        bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
 
 

@@ -16,6 +16,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, complain, in_degrees, say
 from blurmatte.cli.program import about, app, told
+from blurmatte.cli.targets import SHEET, check_file
 
 
 @app.command()
@@ -54,6 +55,7 @@ def show(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Show FILE on a sheet: for a quick look."""
+    check_file(out, "a sheet", *SHEET)
     files = Files(transfer, max_pixels)
     with about(file):
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, max_pixels)

@@ -33,6 +33,7 @@ from blurmatte.cli.options import (
 )  # fmt: skip
 from blurmatte.cli.printing import by, complain, in_degrees, say, swatches
 from blurmatte.cli.program import about, app, told, with_progress
+from blurmatte.cli.targets import check_file, check_folder
 
 _TOLD = 5  # other things that moved
 
@@ -63,6 +64,7 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
+    check_folder(out)
     way, matching = _solver(solver, smoothness), matching_of(match)
     files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
@@ -126,6 +128,7 @@ def color(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
+    check_file(out, "a color model", ".json")
     files = _settled(_files(transfer, max_pixels, noise), image, plate)
     B, _ = files.read(plate)
     task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
