@@ -150,6 +150,15 @@ def test_info_tells_the_noise_of_a_file(scene):
     assert "rank 1" in run("info", scene / "model.json").stdout
 
 
+def test_info_of_another_json(tmp_path):
+    """Door."""
+    (tmp_path / "a.json").write_text("{}")
+    result = run("info", tmp_path / "a.json")
+    assert result.exit_code == 2
+    assert "is no color model" in result.stderr
+    assert "nor is it noise or a curve" in result.stderr
+
+
 def test_what_is_no_noise_is_refused(scene, tmp_path):
     """Door."""
     result = run("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path,

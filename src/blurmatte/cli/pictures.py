@@ -108,7 +108,12 @@ def _told_by_json(path: Path) -> list[str]:
     try:
         noise = bm.read_noise(path)
     except bm.FileError:  # whatever is wrong, reading it as a model will tell
-        model = bm.read_color_model(path)
+        try:
+            model = bm.read_color_model(path)
+        except bm.FileError as error:
+            raise bm.FileError(
+                f"{error}; nor is it noise or a curve of blurmatte calibrate"
+            ) from error
         return [in_degrees(model), *bm.explain(model)]
     rows = (
         ("gain", noise.gain),
