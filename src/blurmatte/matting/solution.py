@@ -82,7 +82,7 @@ class Solution:
         std = np.median(self.alpha_std[inside])
         flagged = np.mean(self.quality[self.streak] != 0)
         return (
-            f"Solution({width}x{height}, alpha up to {peak:.2f}, typical std {std:.3f}, "
+            f"Solution({width}x{height}, alpha up to {peak:.2f}, typical std {std:.2g}, "
             f"{flagged:.1%} of the streak's pixels flagged)"
         )
 

@@ -18,7 +18,7 @@ from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
-from blurmatte.matting.plate_check import warn_if_plate_differs
+from blurmatte.matting.plate_check import may_be_swapped, warn_if_plate_differs
 from blurmatte.matting.rims import with_faint_rims
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
@@ -136,7 +136,7 @@ def solve(
     if model is None:
         assert sweep is not None
         most = (swept or Swept()).max_misfit
-        model = color_of(sweep, image, plate, streak, np.inf, most)
+        model = _color_of(sweep, image, plate, streak, most)
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
@@ -183,6 +183,21 @@ def solve(
     }
     explains = sweep if swept is not None else None
     return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
+
+
+def _color_of(
+    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, most: float
+) -> ColorModel:
+    """What the streak tells of the color; its refusal also asks whether the pictures are swapped."""
+    try:
+        return color_of(sweep, image, plate, streak, np.inf, most)
+    except ColorModelError as error:
+        if not may_be_swapped(image, plate, streak):
+            raise
+        raise ColorModelError(
+            f"{error}. Are image and plate swapped? The plate's texture is fainter than the image's "
+            "where something moved, and the plate is the picture without the object"
+        ) from error
 
 
 def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:
