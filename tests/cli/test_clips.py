@@ -175,6 +175,7 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--workers", 0), "workers must be at least 1"),
         (("--radius", "0"), "--radius must be above 0, got '0'"),
         (("--diameter", "-4cm"), "--diameter must be above 0, got '-4cm'"),
+        (("--exposure", "4", "--rate", 25), "4 s is longer than a frame lasts, 0.04 s"),
         (("--exposure", "0"), "--exposure must be above 0, got '0'"),
         (("--exposure", "-1/60"), "--exposure must be above 0, got '-1/60'"),
         (("--plate", "nowhere.exr"), "nowhere.exr"),

@@ -18,6 +18,7 @@ from blurmatte.cli.targets import check_file
 
 _TABLES = ".csv", ".json", ".parquet"
 _LEAST = 3  # frames of an object, if not told
+_EXPOSED = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -39,6 +40,7 @@ class ClipTask:
     out: Path | None
     resume: bool
     ball: KnownBall | None = None
+    exposure: float | None = None  # seconds
 
     def __post_init__(self) -> None:
         if self.step < 1:
@@ -93,6 +95,7 @@ def measure_frames(task: ClipTask) -> Measured:
         frames = frames[first : last : task.step]
         if len(frames) == 0:
             raise ValueError("there are no such frames; look at --start and --stop")
+        _check_exposure(task, frames.rate)
         if task.ball is not None:
             check_camera(task.ball.lens, frames.size)
     plate = _plate(task, frames)
@@ -105,6 +108,15 @@ def measure_frames(task: ClipTask) -> Measured:
         if task.ball is None:
             return Measured(plate, model, rows, None)
         return Measured(plate, model, rows, task.ball.places(frames, plate, rows, model, workers))
+
+
+def _check_exposure(task: ClipTask, rate: float | None) -> None:
+    rate = task.rate or rate
+    if rate is not None and task.exposure is not None and task.exposure * rate > _EXPOSED:
+        raise ValueError(
+            f"an exposure of {task.exposure:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
+            "--exposure with its unit, like 4ms, or the true --rate of the frames"
+        )
 
 
 def _rows(

@@ -151,6 +151,8 @@ def measure(
     time, time_std = (None, 0.0) if exposure is None else time_of_exposure("--exposure", exposure)
     line = None if line_time is None else time_of_line("--line-time", line_time)
     files = Files(transfer, max_pixels)
+    if (layer / "layer.exr").is_file():
+        raise ValueError(f"{layer} holds a solution: give {layer / 'layer.exr'}")
     if is_row(layer):
         if any((image, going, on_plane, height, speed, rotation)):
             raise ValueError(
@@ -176,18 +178,23 @@ def measure(
             out,
             resume,
             ball,
+            time,
         )
         _measure_clip(task, given, overlay, as_json)
         return
     of_clip = color, least, start, stop, rate, workers, gravity
-    if any(given is not None for given in of_clip) or several or resume:
+    if any(given is not None for given in of_clip) or several or resume or step != 1:
         raise ValueError(
-            "--color, --several, --least, --start, --stop, --rate, --gravity, --resume and --workers "
-            "are for a clip"
+            "--color, --several, --least, --start, --stop, --step, --rate, --gravity, --resume and "
+            "--workers are for a clip"
         )
     check_file(out, "a motion", ".json", ".csv")
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
+    if image is not None and overlay is None and plate is None:
+        raise ValueError("--image is for --overlay, or for --plate with --camera")
+    if going is not None and line_time is None:
+        raise ValueError("--going is for --line-time, that of a rolling shutter")
     scaled = scaling(radius, diameter, scale, points)
     known = known_of(camera, true_radius(radius, diameter), speed, on_plane or [], height)
     downward = None if going is None else going == "down"
