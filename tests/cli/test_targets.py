@@ -14,6 +14,8 @@ SOLVE = "a.png", "--plate", "b.png"
     [
         (("solve", *SOLVE, "--out", "mine"), "mine: mine is a file; give the name of a folder"),
         (("solve", *SOLVE, "--out", "mine/x/y"), "mine/x/y: mine is a file"),
+        (("solve", "color.png", "--plate", "b.png", "--out", "."), "color.png: would be replaced"),
+        (("solve", "a.png", "--plate", "./r/layer.png", "--out", "r"), "would be replaced"),
         (("render", "easy", "--out", "mine"), "mine is a file"),
         (("color", *SOLVE, "--out", "c.txt"), "c.txt: a color model is written as .json"),
         (("color", *SOLVE, "--out", "folder.json"), "folder.json: is a folder"),

@@ -283,7 +283,9 @@ def test_a_clip_that_was_cut_short_is_told(tmp_path):
     path = save_clip(tmp_path / "cut.avi", 8 * pictures(), "ffv1", "bgr0")
     count = len(read_frames(path, REC709))
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    with pytest.warns(BlurmatteWarning, match=rf"cut\.avi: ends after about \d+ of the {count} frames"):
+    with pytest.warns(
+        BlurmatteWarning, match=rf"cut\.avi: ends after about \d+ of the {count} frames"
+    ):
         frames = read_frames(path, REC709)
     assert 0 < len(list(frames)) <= len(frames) < count
 

@@ -36,7 +36,7 @@ from blurmatte.cli.options import (
 )  # fmt: skip
 from blurmatte.cli.printing import complain, in_degrees, say, swatches
 from blurmatte.cli.program import about, app, told, with_progress
-from blurmatte.cli.targets import check_file, check_folder
+from blurmatte.cli.targets import check_file, check_folder, check_kept
 
 _TOLD = 5  # other things that moved
 
@@ -68,6 +68,9 @@ def solve(
     the folder; for several images, each into a folder of its own in there.
     """
     check_folder(out)
+    inputs = [plate, *filter(None, (color_from, mask, occluder, shaded_plate, noise))]
+    for path, folder in places(images, out):
+        check_kept([path, *inputs], folder)
     way, matching = _solver(solver, smoothness), matching_of(match)
     asked = Asked(tuple(color or ()), color_from, rank, region, mask, max_brightness)
     files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)

@@ -1,6 +1,7 @@
 """What a command is to write, looked at before it works: nobody waits for what cannot be written."""
 
 import os
+from collections.abc import Iterable
 from pathlib import Path
 
 import blurmatte as bm
@@ -48,6 +49,24 @@ def check_folder(path: Path) -> None:
     if not there.is_dir():
         raise bm.FileError(f"{path}: {there.name} is a file; give the name of a folder")
     _check_writable(path, there)
+
+
+def check_kept(inputs: Iterable[Path], folder: Path) -> None:
+    """Refuse a folder in which a result would take the place of what it is made from.
+
+    Raises
+    ------
+    FileError
+        If one of the inputs lies there and is called like a result.
+    """
+    from blurmatte.results import RESULT_FILES
+
+    results = {(folder / name).resolve() for name in RESULT_FILES}
+    for path in inputs:
+        if path.resolve() in results:
+            raise bm.FileError(
+                f"{path}: would be replaced by the result of that name; choose another --out"
+            )
 
 
 def _check_writable(path: Path, folder: Path) -> None:

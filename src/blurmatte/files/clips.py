@@ -101,8 +101,8 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         there = _there(stream, count)
     if there < _CUT * count:
         warnings.warn(
-            f"{path}: ends after about {there} of the {count} frames that it claims to have: it was cut "
-            "short; copy or export it again if it should be whole",
+            f"{path}: ends after about {there} of the {count} frames that it claims to have: it was "
+            "cut short; copy or export it again if it should be whole",
             BlurmatteWarning,
             stacklevel=stacklevel + 1,
         )
