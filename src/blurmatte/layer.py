@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Box, Floats, check_light, check_map, check_same_size
+from blurmatte.checks import Box, Floats, check_box, check_light, check_map, check_same_size
 from blurmatte.radiometry import LinearImage, light_of_hex
 
 Color = str | Sequence[float] | Floats
@@ -217,7 +217,14 @@ class Layer:
         return self._changed(painted)
 
     def crop(self, box: Box) -> "Layer":
-        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
+        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last.
+
+        Raises
+        ------
+        ValueError
+            If nothing of the layer is in the box, or it begins left of it or above.
+        """
+        check_box(box, self.size)
         x0, y0, x1, y1 = box
         place = np.s_[y0:y1, x0:x1]
         return Layer(self.alpha[place], self.premultiplied[place])

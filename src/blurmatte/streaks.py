@@ -338,7 +338,7 @@ def _shift2(d: Floats, variance: Floats, edge: Floats) -> float:
 
 
 def _edge_energy(B: Floats) -> Floats:
-    """(h, w, 3) squared gradient, the largest of the neighbours: light² per cell²."""
+    """(h, w, 3) squared gradient, the largest of the neighbors: light² per cell²."""
     from scipy import ndimage
 
     energy = np.gradient(B, axis=0) ** 2 + np.gradient(B, axis=1) ** 2

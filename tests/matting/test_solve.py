@@ -195,6 +195,14 @@ def test_not_pictures(paint):
         TypeError, match=r"image must be a LinearImage, got ndarray; use blurmatte\.read"
     ):
         solve(paint.image.rgb, paint.plate)
+    for options, kind in [
+        ({"model": Pixelwise()}, "model must be a ColorModel, got Pixelwise"),
+        ({"solver": "smooth"}, "solver must be a Pixelwise or Smooth or Swept or Shaded, got str"),
+        ({"streak": paint.image.valid}, "streak must be a Streak, got ndarray"),
+        ({"matching": "none"}, "matching must be a Matching, got str"),
+    ]:
+        with pytest.raises(TypeError, match=kind):
+            solve(paint.image, paint.plate, **options)
     with pytest.raises(TypeError, match="plate must be a LinearImage, got str"):
         solve(paint.image, "plate.png")
 

@@ -12,7 +12,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Match, Matching, agreement, fit_match
-from blurmatte.checks import Bools, check_map, check_same_size
+from blurmatte.checks import Bools, check_kind, check_map, check_same_size
 from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.clipped import solve_clipped
@@ -87,7 +87,8 @@ def solve(
     Raises
     ------
     TypeError, ValueError
-        If image and plate are not `LinearImage` of one size, or the occluder is not (H, W) bool.
+        If image and plate are not `LinearImage` of one size, the streak is of another, the occluder is
+        not (H, W) bool, or another argument is of another kind.
     PlateError
         If the pictures are too small or have no unclipped pixel in common, or the plate shows another
         place or too different a light.
@@ -102,14 +103,9 @@ def solve(
     PlateWarning
         If image and plate look swapped, or differ in brightness around the streak.
     """
-    for name, picture in (("image", image), ("plate", plate)):
-        if not isinstance(picture, LinearImage):
-            raise TypeError(
-                f"{name} must be a LinearImage, got {type(picture).__name__}; "
-                "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
-            )
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
+    _check_choices(model, solver, streak, image)
     refuse_gray(image, plate)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
@@ -183,6 +179,18 @@ def solve(
     }
     explains = sweep if swept is not None else None
     return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
+
+
+def _check_choices(
+    model: ColorModel | None, solver: Solver | None, streak: Streak | None, image: LinearImage
+) -> None:
+    """Raise TypeError or ValueError unless they are what `solve` takes."""
+    hint = 'use blurmatte.ColorModel.from_hex("#d8ff3c"); a solver comes after it, or as solver='
+    check_kind("model", model, ColorModel | None, hint)
+    check_kind("solver", solver, Solver | None, "such as blurmatte.Smooth()")
+    check_kind("streak", streak, Streak | None, "use blurmatte.Streak(mask), or from_box")
+    if streak is not None:
+        check_map("streak.mask", streak.mask, image.valid.shape, kinds="b")
 
 
 def _color_of(
