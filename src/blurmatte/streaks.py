@@ -218,6 +218,16 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
         Where to look, e.g. `Streak.from_box`.
     image, plate : LinearImage
         As for `find_streaks`.
+
+    Returns
+    -------
+    Streak
+        `region` itself if nothing is found that belongs there.
+
+    Raises
+    ------
+    ValueError, PlateError
+        As `find_streaks`.
     """
     inside = np.zeros_like(region.mask)
     for found in find_streaks(image, plate):

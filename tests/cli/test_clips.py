@@ -93,7 +93,9 @@ def test_it_goes_on_after_a_break(measure, tmp_path, monkeypatch):
             yield seen
 
     monkeypatch.setattr(bm, "sightings", interrupted)
-    assert measure("--out", out).exit_code == 130
+    stopped = measure("--out", out)
+    assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
+    assert f"{begun}: keeps the frames that are done; go on with --resume" in stopped.stderr
     assert not out.exists()
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
     refused = measure("--out", out)

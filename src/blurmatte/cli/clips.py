@@ -12,6 +12,7 @@ import blurmatte as bm
 from blurmatte.cli.flights import KnownBall, Places
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.plates import frame_number
+from blurmatte.cli.printing import complain
 from blurmatte.cli.program import NamedError, about, with_progress
 from blurmatte.cli.space import check_camera
 from blurmatte.cli.targets import check_file
@@ -202,7 +203,11 @@ def _kept(
         file.write(json.dumps(task.asked) + "\n")
         file.writelines(json.dumps(asdict(frame)) + "\n" for frame in done)
         yield from done
-        for frame in new:
-            file.write(json.dumps(asdict(frame)) + "\n")
-            file.flush()
-            yield frame
+        try:
+            for frame in new:
+                file.write(json.dumps(asdict(frame)) + "\n")
+                file.flush()
+                yield frame
+        except KeyboardInterrupt:
+            complain(f"{task.begun}: keeps the frames that are done; go on with --resume")
+            raise

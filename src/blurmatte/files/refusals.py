@@ -160,7 +160,7 @@ def wanted_channels(
         if missing:
             raise FileError(
                 f"{path}: holds no Solution (no channel {missing[0]}, but {told}); "
-                "give an EXR that blurmatte.write made of one"
+                "give the layer.exr of blurmatte solve, or what blurmatte.write made of one"
             )
         return tuple(name for name in present if name in names)
     colors = next((p for p in ({"R", "G", "B"}, {"Y"}) if p <= set(present)), None)
