@@ -3,7 +3,14 @@
 import numpy as np
 import pytest
 
-from blurmatte.checks import check_finite, check_light, check_map, check_same_size
+from blurmatte.checks import (
+    check_box,
+    check_finite,
+    check_kind,
+    check_light,
+    check_map,
+    check_same_size,
+)
 
 
 def test_good_values_pass():
@@ -13,6 +20,21 @@ def test_good_values_pass():
     check_map("quality", np.zeros((2, 3), np.uint8), (2, 3), kinds="u")
     check_finite("rgb", np.array([-1e30, 1e30]))
     check_same_size("image", (3, 2), "plate", (3, 2))
+    check_kind("number", 3, int | None, "such as 3")
+    check_kind("number", None, int | None, "such as 3")
+    check_box((0, 1, 9, 2), (3, 2))
+
+
+def test_another_kind():
+    words = "number must be a int or float, got str; such as 3"
+    with pytest.raises(TypeError, match=words):
+        check_kind("number", "3", int | float | None, "such as 3")
+
+
+@pytest.mark.parametrize("box", [(-1, 0, 2, 2), (1, 0, 1, 2), (3, 0, 5, 2), (0, 2, 2, 1)])
+def test_a_box_with_nothing_in_it(box):
+    with pytest.raises(ValueError, match=r"begin in the picture of 3x2 pixels, got \("):
+        check_box(box, (3, 2))
 
 
 @pytest.mark.parametrize(

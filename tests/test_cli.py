@@ -186,11 +186,13 @@ def test_an_occluder_is_left_out_and_flagged(scene, tmp_path):
 def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
     base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     told = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
-    (line,) = told.stderr.splitlines()
+    first, line = told.stderr.splitlines()
+    assert "nothing is found to move in --region 90,0,120,20; all of it is taken" in first
     assert line.startswith(f"blurmatte: warning: {scene / 'image.png'}: Alpha adds up to ")
     assert bm.read_solution(tmp_path / "layer.exr").stats["streak_box"] == (90, 0, 120, 20)
     report = json.loads((tmp_path / "report.json").read_text("utf-8"))
-    assert report["warnings"] == [line.removeprefix("blurmatte: warning: ")]
+    warned = [said.removeprefix("blurmatte: warning: ") for said in (first, line)]
+    assert report["warnings"] == warned
 
 
 def test_other_things_that_moved_are_told_and_can_be_chosen(here, tmp_path):
@@ -205,6 +207,37 @@ def test_other_things_that_moved_are_told_and_can_be_chosen(here, tmp_path):
     assert "also moved" not in second.stdout
     solution = bm.read_solution(tmp_path / "b" / "layer.exr")
     assert ",".join(map(str, solution.stats["streak_box"])) == region
+
+
+def test_a_refusal_says_which_of_the_things_that_moved_it_is_about(here, tmp_path):
+    image = bm.read(here / "plate.png")
+    image.rgb[30:50, 40:70] *= 0.3  # only light is lost, so that both are refused
+    image.rgb[5:14, 100:112] *= 0.5
+    bm.write(here / "dark.png", image)
+    base = ("solve", here / "dark.png", "--plate", here / "plate.png", "--out", tmp_path / "o")
+    line = complaint(run(*base))
+    found = re.search(
+        r"the streak in (\S+) \(X0,Y0,X1,Y1\); also moved, choose with --region: (\S+)$", line
+    )
+    boxes = [list(map(int, box.split(","))) for box in found.groups()]
+    assert np.abs(np.subtract(boxes, [[40, 30, 70, 50], [100, 5, 112, 14]])).max() < 8
+    assert "This is the streak" not in complaint(run(*base, "--region", found[2]))
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        (["--rank", "5"], "--rank must be 1, 2 or 3, got 5"),
+        (["--region", "1,2"], "--region must be x0,y0,x1,y1"),
+        (["--color-from", "a.png"], "--color-from needs points to pick"),
+    ],
+)
+@pytest.mark.parametrize("command", ["solve", "color"])
+def test_options_that_contradict_each_other_are_refused_before_anything_is_read(
+    tmp_path, command, options, said
+):
+    files = (tmp_path / "a.png", "--plate", tmp_path / "b.png", "--out", tmp_path / "o.json")
+    assert complaint(run(command, *files, *options)).startswith(said)
 
 
 def test_a_wrong_color_is_warned_of(scene, tmp_path):
@@ -511,12 +544,19 @@ def test_any_name_will_do(here, tmp_path):
         (["--mask", "SHARP"], "the mask"),
         (["--occluder", "SHARP", "--color", "#ff0000"], "the occluder"),
         (["--mask", "SHARP", "--region", "0,0,9,9"], "not both"),
-        (["--max-brightness", "-1"], "must be positive"),
+        (["--max-brightness", "-1"], "--max-brightness must be above 0, got -1"),
+        (["--solver", "smooth", "--smoothness", "0"], "--smoothness must be above 0, got 0"),
+        (["--mask", "BLACK"], "is white nowhere"),
+        (["--occluder", "WHITE", "--color", "#ff0000"], "is white everywhere"),
         (["--max-pixels", "100"], "more than the limit of 100"),
     ],
 )
 def test_bad_options_are_one_line(scene, tmp_path, options, says):
-    options = [str(scene / "sharp.png") if option == "SHARP" else option for option in options]
+    named = {"SHARP": scene / "sharp.png"}
+    for name, light in (("BLACK", 0.0), ("WHITE", 1.0)):
+        named[name] = tmp_path / f"{name}.png"
+        bm.write(named[name], bm.LinearImage(np.full((80, 128, 3), light)))
+    options = [str(named.get(option, option)) for option in options]
     files = ("--plate", scene / "plate.png", "--out", tmp_path / "o")
     assert says in complaint(run("solve", scene / "image.png", *files, *options))
     assert not (tmp_path / "o").exists()

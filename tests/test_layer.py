@@ -196,6 +196,10 @@ def test_what_stands_out_is_cut_off(rendering):
 EMPTY = Layer(np.zeros((4, 4)), np.zeros((4, 4, 3)))
 
 
+def in_32_bits(layer):
+    return Layer(layer.alpha.astype(np.float32), layer.premultiplied.astype(np.float32))
+
+
 @pytest.mark.parametrize(
     ("change", "words"),
     [
@@ -213,7 +217,9 @@ EMPTY = Layer(np.zeros((4, 4)), np.zeros((4, 4, 3)))
             "mixtures of one another",
         ),
         (lambda layer: layer.place((0, 5)), "both 1 or more"),
+        (lambda layer: in_32_bits(layer).relight(1e300), "gain must be 0 or more, got inf"),
         (lambda layer: layer.place((5, 5), scale=0), "scale must be above 0"),
+        (lambda layer: layer.place((5, 5), scale=1e9), "makes the object"),
         (lambda layer: layer.place((5, 5), (50, 50)), "beside the picture"),
         (lambda layer: EMPTY.place((5, 5)), "the layer is empty"),
         (lambda layer: EMPTY.recolor("#ff0000"), "the layer is empty"),

@@ -10,6 +10,7 @@ from PIL import Image
 
 import blurmatte as bm
 from blurmatte.rendering import add_noise, colorful_plate
+from blurmatte.results import RESULT_FILES
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=5e-4)
 NAMES = [
@@ -53,6 +54,7 @@ def test_everything_is_there_and_comes_back(tmp_path, solved):
     folder = tmp_path / "a" / "b"
     written = bm.save_results(folder, *solved, command="blurmatte solve …", warnings=["swapped?"])
     assert [path.name for path in written] == NAMES
+    assert list(RESULT_FILES) == NAMES
     assert sorted(content(folder)) == NAMES
     solution = solved[2]
     assert np.array_equal(bm.read_solution(folder / "layer.exr").alpha, solution.alpha)

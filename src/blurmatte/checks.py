@@ -4,6 +4,7 @@ Called by the constructors of the types and by the verbs, nowhere else: kernels 
 Sizes are (width, height); shapes are NumPy's (height, width, ...).
 """
 
+from types import NoneType, UnionType
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,24 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.floating[Any]]
 Bools = npt.NDArray[np.bool_]
 Box = tuple[int, int, int, int]  # (x0, y0, x1, y1) pixels; x1 and y1 are one past the last
+
+
+def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> None:
+    """Raise TypeError unless `value` is of one of the types; the hint says how to make one."""
+    if not isinstance(value, kinds):
+        of = kinds.__args__ if isinstance(kinds, UnionType) else (kinds,)
+        told = " or ".join(kind.__name__ for kind in of if kind is not NoneType)
+        raise TypeError(f"{name} must be a {told}, got {type(value).__name__}; {hint}")
+
+
+def check_box(box: Box, size: tuple[int, int]) -> None:
+    """Raise unless a box (x0, y0, x1, y1) begins in a picture of this size and holds something."""
+    x0, y0, x1, y1 = box
+    if not (0 <= x0 < min(x1, size[0]) and 0 <= y0 < min(y1, size[1])):
+        raise ValueError(
+            "a box must be (x0, y0, x1, y1) with x0 < x1 and y0 < y1, and begin in the picture of "
+            f"{size[0]}x{size[1]} pixels, got {box}"
+        )
 
 
 def check_light(name: str, value: object) -> None:

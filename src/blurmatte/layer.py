@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Box, Floats, check_light, check_map, check_same_size
+from blurmatte.checks import Box, Floats, check_box, check_light, check_map, check_same_size
 from blurmatte.radiometry import LinearImage, light_of_hex
 
 Color = str | Sequence[float] | Floats
@@ -20,6 +20,7 @@ Color = str | Sequence[float] | Floats
 _BRIGHTEST = 0.99  # share of the object, by its alpha, that is no brighter than its brightest part
 _ALIKE = 0.05  # sine between paints, about 3 degrees, below which they are one
 _FILTER = "blackman-harris"  # averages light and rings nowhere
+_MAX_PIXELS = 200_000_000  # of an object that is made larger: as many as files may have
 
 
 @dataclass(frozen=True, eq=False)
@@ -148,7 +149,8 @@ class Layer:
         ValueError
             If it is neither, negative, or not finite.
         """
-        gains = np.asarray(gain, dtype=self.premultiplied.dtype)
+        with np.errstate(over="ignore"):  # what becomes infinite is refused below
+            gains = np.asarray(gain, dtype=self.premultiplied.dtype)
         if gains.shape not in ((), (1,), (3,)):
             raise ValueError(f"gain must be one number or three, got {gain!r}")
         _check_factor("gain", gains)
@@ -215,7 +217,14 @@ class Layer:
         return self._changed(painted)
 
     def crop(self, box: Box) -> "Layer":
-        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
+        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last.
+
+        Raises
+        ------
+        ValueError
+            If nothing of the layer is in the box, or it begins left of it or above.
+        """
+        check_box(box, self.size)
         x0, y0, x1, y1 = box
         place = np.s_[y0:y1, x0:x1]
         return Layer(self.alpha[place], self.premultiplied[place])
@@ -241,7 +250,8 @@ class Layer:
         Raises
         ------
         ValueError
-            If a side or the scale is not above 0, nothing of the object is within, or it is empty.
+            If a side or the scale is not above 0, the object becomes larger than 200 million pixels,
+            nothing of it is within, or it is empty.
         """
         if min(size) < 1:
             raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
@@ -281,6 +291,11 @@ class Layer:
         size = [max(1, round(scale * side)) for side in self.size]
         if size == list(self.size):
             return self
+        if size[0] * size[1] > _MAX_PIXELS:
+            raise ValueError(
+                f"a scale of {scale:g} makes the object {size[0]:.6g} x {size[1]:.6g} pixels; give a "
+                "smaller one"
+            )
         import OpenImageIO as oiio
 
         numbers = np.dstack([self.premultiplied, self.alpha]).astype(np.float32)

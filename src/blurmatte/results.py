@@ -29,6 +29,10 @@ from blurmatte.matting import Quality, Solution
 from blurmatte.overview import draw_exposures, draw_overview, draw_plate, sure_pixels
 from blurmatte.radiometry import LinearImage
 
+RESULT_FILES = (
+    *("alpha.png", "color.png", "layer.exr", "layer.png"),
+    *("model.json", "overview.png", "report.json"),
+)
 _PACKAGES = ("blurmatte", "numpy", "scipy", "numba", "OpenImageIO")
 
 

@@ -229,6 +229,16 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
         Where to look, e.g. `Streak.from_box`.
     image, plate : LinearImage
         As for `find_streaks`.
+
+    Returns
+    -------
+    Streak
+        `region` itself if nothing is found that belongs there.
+
+    Raises
+    ------
+    ValueError, PlateError
+        As `find_streaks`.
     """
     inside = np.zeros_like(region.mask)
     for found in find_streaks(image, plate):
@@ -349,7 +359,7 @@ def _shift2(d: Floats, variance: Floats, edge: Floats) -> float:
 
 
 def _edge_energy(B: Floats) -> Floats:
-    """(h, w, 3) squared gradient, the largest of the neighbours: light² per cell²."""
+    """(h, w, 3) squared gradient, the largest of the neighbors: light² per cell²."""
     from scipy import ndimage
 
     energy = np.gradient(B, axis=0) ** 2 + np.gradient(B, axis=1) ** 2

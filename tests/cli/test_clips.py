@@ -117,7 +117,9 @@ def test_it_goes_on_after_a_break(measure, tmp_path, monkeypatch):
             yield seen
 
     monkeypatch.setattr(bm, "sightings", interrupted)
-    assert measure("--out", out).exit_code == 130
+    stopped = measure("--out", out)
+    assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
+    assert f"{begun}: keeps the frames that are done; go on with --resume" in stopped.stderr
     assert not out.exists()
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
     refused = measure("--out", out)
@@ -188,15 +190,20 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--step", 0), "--step must be at least 1"),
         (("--start", 9), "there are no such frames"),
         (("--start", "x"), "a frame must be a number"),
-        (("--out", "t.txt"), "--out must end with .csv, .json, .parquet"),
+        (("--out", "t.txt"), "a table is written as .csv or .json or .parquet"),
         (("--least", 2), "--least is for --several objects"),
         (("--several", "--least", 0), "--least must be at least 1, got 0"),
         (("--resume",), "--resume goes on with the table that --out names"),
         (("--going", "up"), "are for a layer, not for a clip"),
         (("--line-time", "fast"), "--line-time must be a time like"),
         (("--color", "greenish"), "greenish"),
-        (("--rate", -1), "rate must be frames per second"),
+        (("--rate", -1), "--rate must be frames per second"),
         (("--workers", 0), "workers must be at least 1"),
+        (("--radius", "0"), "--radius must be above 0, got '0'"),
+        (("--diameter", "-4cm"), "--diameter must be above 0, got '-4cm'"),
+        (("--exposure", "4", "--rate", 25), "4 s is longer than a frame lasts, 0.04 s"),
+        (("--exposure", "0"), "--exposure must be above 0, got '0'"),
+        (("--exposure", "-1/60"), "--exposure must be above 0, got '-1/60'"),
         (("--plate", "nowhere.exr"), "nowhere.exr"),
         (("--overlay", "sheet.txt", "--stop", 1), "change the ending"),
     ],

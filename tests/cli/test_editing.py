@@ -206,6 +206,7 @@ def test_sheets_and_previews(scene, own, tmp_path):
         "edit", scene / "layer.exr", "--fade", 2, "--preview", preview, "--out", tmp_path / "c.exr"
     )
     assert "something behind" in complaint(none)
+    assert not (tmp_path / "c.exr").exists()
 
 
 def frame(moving, number):
@@ -284,6 +285,7 @@ def test_show(scene, tmp_path, monkeypatch, name):
         (("--image", "image.png"), "nothing to do"),
         (("--fade", "much"), "--fade must be a factor, got 'much'"),
         (("--fade", "-1"), "factor must be 0 or more"),
+        (("--expose", "10000"), "--expose must lie between -100 and 100, got '10000'"),
         (("--recolor", "blue"), "--recolor must be a color like #d8ff3c"),
         (("--gain", "1,2"), "--gain must be a factor or red,green,blue"),
         (("--remove",), "--remove needs --image and --plate"),

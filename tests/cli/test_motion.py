@@ -110,11 +110,20 @@ def test_the_picture(measure, folder, tmp_path):
         (("--radius", "2 feet"), "--radius must be a length like 0.02, 2cm or 2cm±0.1mm"),
         (("--radius", "1/0"), "--radius must be a length"),
         (("--radius", "1cm±1mm±1mm"), "--radius must be a length"),
+        (("--radius", "0"), "--radius must be above 0, got '0'"),
+        (("--radius", "1cm±-1mm"), "--radius must have an error of 0 or more"),
+        (("--scale", "-1mm"), "--scale must be above 0, got '-1mm'"),
+        (("--points", "1,2,3,4,0m"), "--points must be above 0"),
         (("--exposure", "1//60"), "--exposure must be a time like 1/60"),
+        (("--exposure", "-4ms"), "--exposure must be above 0, got '-4ms'"),
+        (("--line-time", "-1us"), "--line-time must be 0 or more, got '-1us'"),
         (("--points", "1,2,3,1m"), "--points must be x0,y0,x1,y1,length"),
         (("--points", "1,2,1,2,1m"), "the two points must differ"),
         (("--scale", "1mm", "--radius", "1cm"), "give one of --radius, --diameter"),
         (("--overlay", "a.png"), "--overlay needs --image"),
+        (("--image", "a.png"), "--image is for --overlay, or for --plate"),
+        (("--going", "up"), "--going is for --line-time"),
+        (("--step", "2"), "--step, --rate, --gravity, --resume and --workers are for a clip"),
         (("--speed", "12"), "--speed needs --camera"),
         (("--height", "1m"), "--height needs --on-plane"),
         (("--on-plane", "1,2=3"), "--on-plane must be like 120,300=0,1.5m"),
@@ -130,6 +139,13 @@ def test_mistakes_are_one_line(measure, options, said):
     assert (result.exit_code, result.stdout) == (2, "")
     assert said in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_the_folder_of_a_solution_is_told_from_one_of_frames(folder):
+    """Door."""
+    result = CliRunner().invoke(app, ["measure", str(folder)])
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert f"{folder} holds a solution: give {folder / 'layer.exr'}" in result.stderr
 
 
 def test_what_holds_no_solution_is_refused(folder):

@@ -82,7 +82,7 @@ def test_one_picture(folder, way):
         (["f0.png", "f0.png"], "there is no noise: the pictures are copies of one"),
         (["g*.png"], "there are no such files"),
         (["f0.png", "nowhere.png"], "nowhere.png: "),
-        (["f0.png", "f1.png", "--out", "n.png"], "a NoiseFit is written as .json"),
+        (["f0.png", "f1.png", "--out", "n.png"], "noise is written as .json"),
         (["f0.png", "f1.png", "--plot", "p.json"], "is written as .png or .jpg"),
     ],
 )
@@ -148,6 +148,15 @@ def test_info_tells_the_noise_of_a_file(scene):
     assert said[1] == "gain: 0.0002, 0.0001, 0.0004"
     assert said[2] == "read noise: 0.002, 0.0015, 0.003"
     assert "rank 1" in run("info", scene / "model.json").stdout
+
+
+def test_info_of_another_json(tmp_path):
+    """Door."""
+    (tmp_path / "a.json").write_text("{}")
+    result = run("info", tmp_path / "a.json")
+    assert result.exit_code == 2
+    assert "is no color model" in result.stderr
+    assert "nor is it noise or a curve" in result.stderr
 
 
 def test_what_is_no_noise_is_refused(scene, tmp_path):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.errors import FileError, TransferWarning
+from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files import read_frames, read_layers, write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
@@ -276,6 +276,18 @@ def test_what_is_no_clip_is_refused_in_one_line(tmp_path, name, content, complai
         read_frames(path)
     assert str(caught.value).startswith(f"{path}: ")
     assert "\n" not in str(caught.value)
+
+
+def test_a_clip_that_was_cut_short_is_told(tmp_path):
+    # door: an AVI says at its beginning how many frames there are
+    path = save_clip(tmp_path / "cut.avi", 8 * pictures(), "ffv1", "bgr0")
+    count = len(read_frames(path, REC709))
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    with pytest.warns(
+        BlurmatteWarning, match=rf"cut\.avi: ends after about \d+ of the {count} frames"
+    ):
+        frames = read_frames(path, REC709)
+    assert 0 < len(list(frames)) <= len(frames) < count
 
 
 def test_nothing_to_read_is_refused(tmp_path):

@@ -84,6 +84,7 @@ def test_empty_files_and_text_are_told_apart(tmp_path, extension):
 
 def test_missing_file_and_folder(tmp_path):
     assert "no such file" in refusal(tmp_path / "nowhere.png")
+    assert "no such file" in refusal(tmp_path / "nowhere")
     (tmp_path / "folder.png").mkdir()
     assert "is a folder" in refusal(tmp_path / "folder.png")
     (tmp_path / "file").write_text("")
@@ -93,6 +94,8 @@ def test_missing_file_and_folder(tmp_path):
 def test_unknown_extension_names_the_known(tmp_path):
     (tmp_path / "a.webp").write_bytes(b"RIFF")
     assert ".png, .jpg, .jpeg, .tif, .tiff, .exr" in refusal(tmp_path / "a.webp")
+    (tmp_path / "a.MP4").write_bytes(b"....ftyp")
+    assert "is a clip, and one picture is needed" in refusal(tmp_path / "a.MP4")
 
 
 def test_the_first_bytes_count_more_than_the_name(good):
@@ -178,7 +181,7 @@ def test_nan_in_a_layers_alpha_is_counted(tmp_path):
         ("a.jpg", "CMYK", "CMYK"),
         ("a.tif", "CMYK", "CMYK"),
         ("a.tif", "LAB", "convert it to RGB"),
-        ("a.png", "1", "1 bits"),
+        ("a.png", "1", "fewer than 8 bits per channel (1)"),
         ("a.tif", "1", "1 bits"),
     ],
 )

@@ -74,7 +74,7 @@ def test_where_it_moved_and_where_it_is_known():
 def test_one_line_says_what_it_is():
     some = solution([0.5, 0.5, 0.1, 0.3], [GOOD, Quality.MISFIT, Quality.OUTSIDE, GOOD])
     assert repr(some) == (
-        "Solution(4x1, alpha up to 0.50, typical std 0.020, 33.3% of the streak's pixels flagged)"
+        "Solution(4x1, alpha up to 0.50, typical std 0.02, 33.3% of the streak's pixels flagged)"
     )
     assert repr(solution([0.5], [Quality.SATURATED])) == "Solution(1x1, nothing known)"
     assert some.size == (4, 1)

@@ -12,7 +12,8 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError, PlateError, PlateWarning
 from blurmatte.files import read
 from blurmatte.matting import PixelMaps, Pixelwise, Quality, Swept, solve
-from blurmatte.matting.plate_check import _looks_swapped
+from blurmatte.matting.plate_check import _looks_swapped, may_be_swapped
+from blurmatte.matting.solve import _color_of
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
@@ -194,6 +195,14 @@ def test_not_pictures(paint):
         TypeError, match=r"image must be a LinearImage, got ndarray; use blurmatte\.read"
     ):
         solve(paint.image.rgb, paint.plate)
+    for options, kind in [
+        ({"model": Pixelwise()}, "model must be a ColorModel, got Pixelwise"),
+        ({"solver": "smooth"}, "solver must be a Pixelwise or Smooth or Swept or Shaded, got str"),
+        ({"streak": paint.image.valid}, "streak must be a Streak, got ndarray"),
+        ({"matching": "none"}, "matching must be a Matching, got str"),
+    ]:
+        with pytest.raises(TypeError, match=kind):
+            solve(paint.image, paint.plate, **options)
     with pytest.raises(TypeError, match="plate must be a LinearImage, got str"):
         solve(paint.image, "plate.png")
 
@@ -272,7 +281,24 @@ def test_right_order_is_no_false_alarm(wall, color):
         scene = render(Scene(WALLS[wall], Trajectory.line((50, 40), end), Ball(14, color)))
         for code_std, plate_part in ((0.3, 0), (2, 1)):
             pictures = with_noise(*taken(scene, 5, code_std / 255, plate_part))
-            assert not _looks_swapped(*pictures, find_streaks(*pictures)[0])
+            streak = find_streaks(*pictures)[0]
+            assert not _looks_swapped(*pictures, streak)
+            assert not may_be_swapped(*pictures, streak)
+
+
+def test_a_refusal_of_swapped_pictures_asks_whether_they_are(monkeypatch, textured):
+    """door"""
+
+    def refuse(*args):
+        raise ColorModelError("the color is open")
+
+    monkeypatch.setitem(_color_of.__globals__, "color_of", refuse)
+    pictures = with_noise(*taken(textured))
+    streak = find_streaks(*pictures)[0]
+    with pytest.raises(ColorModelError, match=r"is open\. Are image and plate swapped\?"):
+        _color_of(None, *pictures[::-1], streak, 1.2)
+    with pytest.raises(ColorModelError, match=r"is open$"):
+        _color_of(None, *pictures, streak, 1.2)
 
 
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")

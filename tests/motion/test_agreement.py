@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.motion import FrameMotion, FrameSightings, Sighting, frame_scatter, link_sightings
+from blurmatte.motion import (
+    FrameMotion,
+    FrameSightings,
+    Scatter,
+    Sighting,
+    frame_scatter,
+    link_sightings,
+)
 from blurmatte.motion import scatter_in_words as in_words
 
 STD, RADIUS_STD = 0.3, 0.1
@@ -83,3 +90,17 @@ def test_what_turns_fast_tells_nothing():
         assert frame_scatter(rows) is None
         assert not any(row.sighting.doubts for row in rows)
     assert frame_scatter([FrameMotion(0, None, None, reason="nothing moved")]) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "count", "said"),
+    [
+        (1.1, 16, "as they should."),
+        (2.0, 16, "more than they should, but of so few frames that may be chance."),
+        (2.0, 60, "the errors given are as much larger."),
+    ],
+)
+def test_the_words_fit_the_number(place, count, said):
+    """Exact."""
+    (told,) = in_words(Scatter(place, 1.0, count))
+    assert told.endswith(said)

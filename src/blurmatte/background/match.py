@@ -26,7 +26,7 @@ from blurmatte.background.alignment import (
     levels,
 )  # fmt: skip
 from blurmatte.background.warp import ORDER, centered, homography, kept_variance, places, read_at
-from blurmatte.checks import Bools, check_same_size
+from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 
@@ -285,8 +285,8 @@ def match_plate(
 
     Raises
     ------
-    ValueError
-        If the sizes differ.
+    TypeError, ValueError
+        If the sizes differ, or an argument is of another kind.
     PlateError
         If the plate shows another place or too different a light.
     """
@@ -319,6 +319,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     """
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
+    check_kind("matching", matching, Matching | None, "such as blurmatte.Matching.NONE")
     gray = image.meta.gray or plate.meta.gray  # `solve` refuses these, and says why
     if gray or matching is Matching.NONE or min(image.size) < _SMALLEST:
         return Match.nothing(image.size)

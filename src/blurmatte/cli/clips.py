@@ -1,6 +1,7 @@
 """What `measure` does with a clip: the object in every frame, and going on after a break."""
 
 import json
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
@@ -11,11 +12,14 @@ import blurmatte as bm
 from blurmatte.cli.flights import KnownBall, Places
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.plates import frame_number
+from blurmatte.cli.printing import complain
 from blurmatte.cli.program import NamedError, about, with_progress
 from blurmatte.cli.space import check_camera
+from blurmatte.cli.targets import check_file
 
 _TABLES = ".csv", ".json", ".parquet"
 _LEAST = 3  # frames of an object, if not told
+_EXPOSED = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -37,6 +41,7 @@ class ClipTask:
     out: Path | None
     resume: bool
     ball: KnownBall | None = None
+    exposure: float | None = None  # seconds
 
     def __post_init__(self) -> None:
         if self.step < 1:
@@ -45,8 +50,11 @@ class ClipTask:
             raise ValueError("--least is for --several objects")
         if self.least is not None and self.least < 1:
             raise ValueError(f"--least must be at least 1, got {self.least}")
-        if self.out is not None and self.out.suffix.lower() not in _TABLES:
-            raise ValueError(f"--out must end with {', '.join(_TABLES)}, got {self.out}")
+        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
+            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        check_file(self.out, "a table", *_TABLES)
         if self.resume and self.out is None:
             raise ValueError("--resume goes on with the table that --out names")
 
@@ -81,13 +89,14 @@ class Measured:
 
 def measure_frames(task: ClipTask) -> Measured:
     """The object in each frame."""
-    done = _done(task)
+    given, done = _given_color(task.color), _done(task)
     with about(task.source):
         frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
         first, last = (frame_number(text, frames.rate) for text in (task.start, task.stop))
         frames = frames[first : last : task.step]
         if len(frames) == 0:
             raise ValueError("there are no such frames; look at --start and --stop")
+        _check_exposure(task, frames.rate)
         if task.ball is not None:
             check_camera(task.ball.lens, frames.size)
     plate = _plate(task, frames)
@@ -95,11 +104,20 @@ def measure_frames(task: ClipTask) -> Measured:
     if count is None:
         count = 1 if len(frames) < _FEW else os.cpu_count() or 1
     with about(task.source), bm.Workers(count) as workers:
-        model = _color(task, frames, plate, workers)
+        model = given or bm.clip_color(frames, plate, workers)
         rows = _rows(task, frames, plate, model, done, workers)
         if task.ball is None:
             return Measured(plate, model, rows, None)
         return Measured(plate, model, rows, task.ball.places(frames, plate, rows, model, workers))
+
+
+def _check_exposure(task: ClipTask, rate: float | None) -> None:
+    rate = task.rate or rate
+    if rate is not None and task.exposure is not None and task.exposure * rate > _EXPOSED:
+        raise ValueError(
+            f"an exposure of {task.exposure:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
+            "--exposure with its unit, like 4ms, or the true --rate of the frames"
+        )
 
 
 def _rows(
@@ -140,19 +158,15 @@ def _plate(task: ClipTask, frames: bm.Frames[bm.LinearImage]) -> bm.LinearImage:
         return bm.make_plate(frames).plate
 
 
-def _color(
-    task: ClipTask,
-    frames: bm.Frames[bm.LinearImage],
-    plate: bm.LinearImage,
-    workers: bm.Workers,
-) -> bm.ColorModel:
-    if task.color is None:
-        return bm.clip_color(frames, plate, workers)
-    if task.color.lower().endswith(".json"):
-        return bm.read_color_model(task.color)
-    if task.color == "any":
+def _given_color(text: str | None) -> bm.ColorModel | None:
+    """What --color says; None: the frames must tell."""
+    if text is None:
+        return None
+    if text.lower().endswith(".json"):
+        return bm.read_color_model(text)
+    if text == "any":
         return bm.ColorModel.any()
-    return bm.ColorModel.from_hex(task.color)
+    return bm.ColorModel.from_hex(text)
 
 
 def _done(task: ClipTask) -> list[bm.FrameSightings]:
@@ -189,7 +203,11 @@ def _kept(
         file.write(json.dumps(task.asked) + "\n")
         file.writelines(json.dumps(asdict(frame)) + "\n" for frame in done)
         yield from done
-        for frame in new:
-            file.write(json.dumps(asdict(frame)) + "\n")
-            file.flush()
-            yield frame
+        try:
+            for frame in new:
+                file.write(json.dumps(asdict(frame)) + "\n")
+                file.flush()
+                yield frame
+        except KeyboardInterrupt:
+            complain(f"{task.begun}: keeps the frames that are done; go on with --resume")
+            raise

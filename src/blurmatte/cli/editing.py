@@ -1,5 +1,6 @@
 """The command that changes a layer, or a picture by it: edit."""
 
+import math
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -16,12 +17,15 @@ from blurmatte.cli.backgrounds import Behind, Fit, MatchLight, Place, Scale, rea
 from blurmatte.cli.inputs import Files, is_row, matching_of, numbers
 from blurmatte.cli.options import MatchName, MaxPixels, TransferName
 from blurmatte.cli.program import about, app, told, with_progress
+from blurmatte.cli.targets import SHEET, check_file
 
 _ORDER = "blurmatte.order"
 _CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
 _HEX = "#?[0-9a-fA-F]{6}"
 _LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
 _RATE = 25.0
+_PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
+_STOPS = 100  # light of 32 bits ends at 128
 
 Change = Callable[[bm.Layer], bm.Layer]
 
@@ -125,6 +129,12 @@ def edit(
     given = {"--fade": fade, "--amplify": amplify, "--recolor": recolor, "--expose": expose}
     asked = list(_in_order(ctx.meta[_ORDER], {**given, "--gain": gain}))
     _check(image, plate, over, asked, remove, bool(fit or place or scale or match_light))
+    if rate is not None and not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"--rate must be frames per second, above 0, got {rate:g}")
+    check_file(sheet, "a sheet", *SHEET)
+    check_file(preview, "a preview", *_PREVIEWS)
+    if preview is not None and image is None and over is None and plate is None:
+        raise ValueError("a preview needs something behind it; give --plate, --over or --image")
     changes = [_change(name, text) for name, text in asked]
     files = Files(transfer, max_pixels)
     behind = None
@@ -213,6 +223,8 @@ def _change(name: str, text: str) -> Change:
             return lambda layer: layer.amplify(*amounts)
         case "--expose":
             (stops,) = numbers(name, text, "a number of stops")
+            if abs(stops) > _STOPS:
+                raise ValueError(f"{name} must lie between -{_STOPS} and {_STOPS}, got {text!r}")
             return lambda layer: layer.relight(2.0**stops)
         case "--gain":
             gains = numbers(name, text, "a factor", "red,green,blue")
@@ -313,8 +325,8 @@ def _layer_and_streak(path: Path, max_pixels: int, remove: bool) -> tuple[bm.Lay
 
 def _write_preview(path: Path, done: _Edit) -> None:
     """The object coming and going, small: an alpha that rises and falls."""
-    if done.picture is None or done.result is None:
-        raise ValueError("a preview needs something behind it; give --plate, --over or --image")
+    assert done.picture is not None
+    assert done.result is not None
     without = done.picture
     if done.plate is not None:
         without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)

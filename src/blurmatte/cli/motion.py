@@ -16,7 +16,7 @@ from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.plates import When
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.quantities import seconds
+from blurmatte.cli.quantities import time_of_exposure, time_of_line
 from blurmatte.cli.scales import clip_scaling, scaling
 from blurmatte.cli.space import (
     Before,
@@ -32,6 +32,7 @@ from blurmatte.cli.space import (
     true_radius,
     turned,
 )
+from blurmatte.cli.targets import SHEET, check_file
 
 _LENGTH = "LENGTH[±ERROR]"
 
@@ -144,11 +145,14 @@ def measure(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Measure the motion in LAYER, or in each frame of CLIP: where, how far, how fast, how large."""
+    check_file(overlay, "a sheet", *SHEET)
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
-    time, time_std = (None, 0.0) if exposure is None else seconds("--exposure", exposure)
-    line = None if line_time is None else seconds("--line-time", line_time)[0]
+    time, time_std = (None, 0.0) if exposure is None else time_of_exposure("--exposure", exposure)
+    line = None if line_time is None else time_of_line("--line-time", line_time)
     files = Files(transfer, max_pixels)
+    if (layer / "layer.exr").is_file():
+        raise ValueError(f"{layer} holds a solution: give {layer / 'layer.exr'}")
     if is_row(layer):
         if any((image, going, on_plane, height, speed, rotation)):
             raise ValueError(
@@ -174,17 +178,23 @@ def measure(
             out,
             resume,
             ball,
+            time,
         )
         _measure_clip(task, given, overlay, as_json)
         return
     of_clip = color, least, start, stop, rate, workers, gravity
-    if any(given is not None for given in of_clip) or several or resume:
+    if any(given is not None for given in of_clip) or several or resume or step != 1:
         raise ValueError(
-            "--color, --several, --least, --start, --stop, --rate, --gravity, --resume and --workers "
-            "are for a clip"
+            "--color, --several, --least, --start, --stop, --step, --rate, --gravity, --resume and "
+            "--workers are for a clip"
         )
+    check_file(out, "a motion", ".json", ".csv")
     if overlay is not None and image is None:
         raise ValueError("--overlay needs --image, the picture to draw on")
+    if image is not None and overlay is None and plate is None:
+        raise ValueError("--image is for --overlay, or for --plate with --camera")
+    if going is not None and line_time is None:
+        raise ValueError("--going is for --line-time, that of a rolling shutter")
     scaled = scaling(radius, diameter, scale, points)
     known = known_of(camera, true_radius(radius, diameter), speed, on_plane or [], height)
     downward = None if going is None else going == "down"
@@ -206,11 +216,11 @@ def measure(
     for thing in more:
         row |= thing.numbers()
     numbers = {**row, **_over_time(motion), "in_words": words}
-    if out is not None:
-        bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
     if overlay is not None and picture is not None:
         with about(overlay):
             bm.write(overlay, bm.draw_motion(picture, solution, motion))
+    if out is not None:
+        bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
     say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
 
 

@@ -13,6 +13,7 @@ from blurmatte.cli.inputs import Files, box_of, expanded
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, calibrate, told
+from blurmatte.cli.targets import SHEET, check_file
 
 
 @calibrate.command()
@@ -42,14 +43,16 @@ def noise(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Measure the gain and the read noise of a camera, and how its noise hangs together."""
+    check_file(out, "noise", ".json")
+    check_file(plot, "a plot", *SHEET)
     files = Files(transfer, max_pixels)
     paths = [path for text in pictures for path in expanded(text)]
     with about(paths[0]):
         fit = _measured(paths, plate, region, files)
-    if out is not None:
-        bm.write(out, fit)
     if plot is not None:
         bm.write(plot, bm.draw_noise(fit))
+    if out is not None:
+        bm.write(out, fit)
     say("\n".join([str(fit), *bm.explain(fit)]))
 
 

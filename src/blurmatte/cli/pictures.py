@@ -16,6 +16,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, complain, in_degrees, say
 from blurmatte.cli.program import about, app, told
+from blurmatte.cli.targets import SHEET, check_file
 
 
 @app.command()
@@ -54,6 +55,7 @@ def show(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Show FILE on a sheet: for a quick look."""
+    check_file(out, "a sheet", *SHEET)
     files = Files(transfer, max_pixels)
     with about(file):
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, max_pixels)
@@ -106,7 +108,12 @@ def _told_by_json(path: Path) -> list[str]:
     try:
         noise = bm.read_noise(path)
     except bm.FileError:  # whatever is wrong, reading it as a model will tell
-        model = bm.read_color_model(path)
+        try:
+            model = bm.read_color_model(path)
+        except bm.FileError as error:
+            raise bm.FileError(
+                f"{error}; nor is it noise or a curve of blurmatte calibrate"
+            ) from error
         return [in_degrees(model), *bm.explain(model)]
     rows = (
         ("gain", noise.gain),

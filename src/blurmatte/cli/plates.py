@@ -15,6 +15,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, say
 from blurmatte.cli.program import about, app, told
+from blurmatte.cli.targets import check_ending, check_folder
 
 When = Annotated[
     str | None, typer.Option(metavar="N|Ns", help="A frame, counted from 0; or seconds, like 2.5s.")
@@ -42,6 +43,8 @@ def plate(
     if step < 1:
         raise ValueError(f"--step must be at least 1, got {step}")
     curve = Files(transfer, max_pixels).curve
+    check_ending(out, "a plate", ".exr", ".png", ".tif", ".jpg")
+    check_folder(out.parent)
     with about(Path(source[0])):
         frames = bm.read_frames(source[0] if len(source) == 1 else source, curve, max_pixels)
         frames = frames[frame_number(start, frames.rate) : frame_number(stop, frames.rate) : step]

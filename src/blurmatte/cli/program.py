@@ -126,7 +126,7 @@ def about(path: Path) -> Iterator[list[str]]:
             if not issubclass(category, bm.BlurmatteWarning):
                 usual(message, category, *place)
                 return
-            named = issubclass(category, bm.TransferWarning)
+            named = issubclass(category, bm.TransferWarning) or str(message).startswith(f"{path}: ")
             line = str(message) if named else f"{path}: {message}"
             if line not in said:
                 said.append(line)

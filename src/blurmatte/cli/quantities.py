@@ -8,23 +8,38 @@ _METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METERS_PER_SECOND = {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
 _METERS_PER_SECOND2 = {"": 1.0, "m/s2": 1.0, "m/s²": 1.0}
+_LENGTH = "a length like 0.02, 2cm or 2cm±0.1mm"
+_TIME = "a time like 1/60, 0.004, 4ms or 15us"
 _NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)"
 
 
 def meters(name: str, text: str) -> tuple[float, float]:
-    """A length and its error, meters."""
-    return _with_error(name, text, _METERS, "a length like 0.02, 2cm or 2cm±0.1mm")
+    """A place along an axis and its error, meters."""
+    return _with_error(name, text, _METERS, _LENGTH)
 
 
-def seconds(name: str, text: str) -> tuple[float, float]:
-    """A time and its error, seconds."""
-    return _with_error(name, text, _SECONDS, "a time like 1/60, 0.004, 4ms or 15us")
+def length(name: str, text: str) -> tuple[float, float]:
+    """A length, which is above 0, and its error, meters."""
+    return _above_zero(name, text, _with_error(name, text, _METERS, _LENGTH))
+
+
+def time_of_exposure(name: str, text: str) -> tuple[float, float]:
+    """A time that is above 0, and its error, seconds."""
+    return _above_zero(name, text, _with_error(name, text, _SECONDS, _TIME))
+
+
+def time_of_line(name: str, text: str) -> float:
+    """A time that may be 0, seconds."""
+    value, _ = _with_error(name, text, _SECONDS, _TIME)
+    if value < 0:
+        raise ValueError(f"{name} must be 0 or more, got {text!r}")
+    return value
 
 
 def meters_per_second(name: str, text: str) -> tuple[float, float]:
     """A speed and its error, m/s."""
     what = "a speed like 12, 12m/s, 43km/h or 12±0.2m/s"
-    return _with_error(name, text, _METERS_PER_SECOND, what)
+    return _above_zero(name, text, _with_error(name, text, _METERS_PER_SECOND, what))
 
 
 def acceleration(name: str, text: str) -> tuple[list[float], float]:
@@ -49,4 +64,12 @@ def _with_error(name: str, text: str, units: Mapping[str, float], what: str) -> 
             raise ValueError(f"{name} must be {what}, got {text!r}") from None
     if len(values) > 2:
         raise ValueError(f"{name} must be {what}, got {text!r}")
+    if len(values) == 2 and values[1] < 0:
+        raise ValueError(f"{name} must have an error of 0 or more, got {text!r}")
     return values[0], values[1] if len(values) == 2 else 0.0
+
+
+def _above_zero(name: str, text: str, value: tuple[float, float]) -> tuple[float, float]:
+    if not value[0] > 0:
+        raise ValueError(f"{name} must be above 0, got {text!r}")
+    return value

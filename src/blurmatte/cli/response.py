@@ -12,6 +12,7 @@ from blurmatte.cli.inputs import Files, expanded
 from blurmatte.cli.options import MaxPixels
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, calibrate, told
+from blurmatte.cli.targets import SHEET, check_file
 
 
 @calibrate.command()
@@ -35,6 +36,8 @@ def response(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Measure the curve of a camera from pictures of a still scene with different exposures."""
+    check_file(out, "a curve", ".json")
+    check_file(plot, "a plot", *SHEET)
     files = Files("linear", max_pixels)
     paths = [path for text in pictures for path in expanded(text)]
     times = None if exposures is None else _seconds(exposures)

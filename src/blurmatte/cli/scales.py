@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 import blurmatte as bm
 from blurmatte.cli.clip_table import Rows, Scaling, usual_radius
-from blurmatte.cli.quantities import meters
+from blurmatte.cli.quantities import length
 
 
 def scaling(
@@ -16,13 +16,13 @@ def scaling(
     if len(given) > 1:
         raise ValueError("give one of --radius, --diameter, --scale and --points")
     if radius is not None:
-        half, std = meters("--radius", radius)
+        half, std = length("--radius", radius)
         return lambda motion: bm.Scale.from_radius(motion, half, std)
     if diameter is not None:
-        whole, std = meters("--diameter", diameter)
+        whole, std = length("--diameter", diameter)
         return lambda motion: bm.Scale.from_radius(motion, whole / 2, std / 2)
     if scale is not None:
-        told = bm.Scale(*meters("--scale", scale))
+        told = bm.Scale(*length("--scale", scale))
         return lambda _: told
     if points is None:
         return None
@@ -31,7 +31,7 @@ def scaling(
         x0, y0, x1, y1 = map(float, place)
     except ValueError:
         raise ValueError(f"--points must be x0,y0,x1,y1,length, got {points!r}") from None
-    between = bm.Scale.from_points((x0, y0), (x1, y1), *meters("--points", distance))
+    between = bm.Scale.from_points((x0, y0), (x1, y1), *length("--points", distance))
     return lambda _: between
 
 
@@ -42,7 +42,7 @@ def clip_scaling(
     scaled = scaling(radius, diameter, scale, points)
     if radius is None and diameter is None:
         return None if scaled is None else lambda _: scaled(None)  # type: ignore[arg-type]
-    true, std = meters("--radius", radius) if radius else meters("--diameter", diameter or "")
+    true, std = length("--radius", radius) if radius else length("--diameter", diameter or "")
     half = 1.0 if radius else 0.5
 
     def told(rows: Rows) -> bm.Scale:

@@ -10,6 +10,7 @@ import blurmatte as bm
 from blurmatte.cli.inputs import places
 from blurmatte.cli.printing import complain, say
 from blurmatte.cli.program import about, app, told, with_progress
+from blurmatte.cli.targets import check_file, check_folder
 
 
 @app.command()
@@ -39,6 +40,7 @@ def render(
         raise ValueError("give a SCENE, or --all, or --list to see what there is")
     if out is None:
         raise ValueError("--out is missing: the folder for the pictures and the truth")
+    check_folder(out)
     shots = [
         (shot, bm.scene_text(name), folder)
         for name, place in places(names, out)
@@ -66,6 +68,7 @@ def score(
 
     A scene of several that has no result counts as a miss.
     """
+    check_file(out, "a table of scores", ".json", ".csv")
     places = bm.find_scenes(truth)
     scores, broken = {}, False
     for place in with_progress(places, "scoring"):

@@ -1,17 +1,20 @@
 """The commands that separate an object from its background: solve and color."""
 
+import math
 import shlex
 import sys
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.inputs import Files, box_of, matching_of, numbers, places
+from blurmatte.cli.asked import Asked, Task, kind
+from blurmatte.cli.inputs import Files, matching_of, places
 from blurmatte.cli.options import (
     ColorFrom,
     Colors,
@@ -31,8 +34,9 @@ from blurmatte.cli.options import (
     SolverName,
     TransferName,
 )  # fmt: skip
-from blurmatte.cli.printing import by, complain, in_degrees, say, swatches
+from blurmatte.cli.printing import complain, in_degrees, say, swatches
 from blurmatte.cli.program import about, app, told, with_progress
+from blurmatte.cli.targets import check_file, check_folder, check_kept
 
 _TOLD = 5  # other things that moved
 
@@ -63,14 +67,19 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
+    check_folder(out)
+    inputs = [plate, *filter(None, (color_from, mask, occluder, shaded_plate, noise))]
+    for path, folder in places(images, out):
+        check_kept([path, *inputs], folder)
     way, matching = _solver(solver, smoothness), matching_of(match)
+    asked = Asked(tuple(color or ()), color_from, rank, region, mask, max_brightness)
     files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
     B, notes = files.read(plate)
     if solver == "shaded":
         way = _shaded(files, shaded_plate, color or [], B)
     elif shaded_plate is not None:
         raise ValueError(f"--shaded-plate is for --solver shaded, the solver is {solver}")
-    task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    task = Task(files, asked)
     failed = 0
     for path, folder in with_progress(places(images, out)):
         try:
@@ -79,17 +88,17 @@ def solve(
                 found = bm.fit_match(C, B, matching)
                 matched = found.apply(B)
                 streak = task.streak(C, matched)
-                model = task.model(C, matched, streak)
-                hidden = None if occluder is None else task.white("occluder", occluder, C)
-                solution = bm.solve(
-                    C,
-                    matched,
-                    model,
-                    _beside(way, found),
-                    streak=streak,
-                    matching=bm.Matching.NONE,
-                    occluder=hidden,
-                )
+                hidden = None if occluder is None else task.hidden(occluder, C)
+                with _telling_where(streak, C, matched):
+                    solution = bm.solve(
+                        C,
+                        matched,
+                        task.model(C, matched, streak),
+                        _beside(way, found),
+                        streak=streak,
+                        matching=bm.Matching.NONE,
+                        occluder=hidden,
+                    )
                 solution = _with_match(solution, found)
                 said += _doubted(path, solution)
                 said += _curve_doubted(path, C, matched, solution, files)
@@ -126,14 +135,17 @@ def color(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
+    check_file(out, "a color model", ".json")
+    asked = Asked(tuple(color or ()), color_from, rank, region, mask, max_brightness)
     files = _settled(_files(transfer, max_pixels, noise), image, plate)
     B, _ = files.read(plate)
-    task = _Task(files, tuple(color or ()), color_from, rank, region, mask, max_brightness)
+    task = Task(files, asked)
     with about(image) as said:
         C, _ = files.read(image, said)
         B = bm.match_plate(B, C, matching_of(match))
         streak = task.streak(C, B)
-        model = task.model(C, B, streak) or bm.fit_color(C, B, streak)
+        with _telling_where(streak, C, B):
+            model = task.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
     say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
@@ -164,7 +176,7 @@ def _shaded(
     """The solver that knows the plate in shadow, or the object's own light."""
     if shaded_plate is not None:
         return bm.Shaded(plate=files.read(shaded_plate)[0])
-    if len(colors) != 1 or _kind(colors[0]) != "hex" or plate.meta.to_srgb is not None:
+    if len(colors) != 1 or kind(colors[0]) != "hex" or plate.meta.to_srgb is not None:
         raise ValueError(
             "--solver shaded needs --shaded-plate FILE; or, of pictures that are not camera RAW, one "
             "hex --color that is the object's own light, brightness included"
@@ -186,6 +198,8 @@ def _solver(name: str, smoothness: float | None) -> Solver | None:
     """The solver of a name; None: what suits, or is known later."""
     if smoothness is not None and name != "smooth":
         raise ValueError(f"--smoothness is for --solver smooth, the solver is {name}")
+    if smoothness is not None and not (math.isfinite(smoothness) and smoothness > 0):
+        raise ValueError(f"--smoothness must be above 0, got {smoothness:g}")
     match name:
         case "auto" | "shaded":
             return None
@@ -204,109 +218,25 @@ def _with_match(solution: bm.Solution, match: bm.Match) -> bm.Solution:
     return replace(solution, stats={**solution.stats, "match": {**match.facts, **agreed}})
 
 
-@dataclass(frozen=True)
-class _Task:
-    """What the options of `solve` and `color` ask for."""
-
-    files: Files
-    colors: tuple[str, ...]
-    color_from: Path | None
-    rank: int
-    region: str | None
-    mask: Path | None
-    max_brightness: float | None
-
-    def streak(self, image: bm.LinearImage, plate: bm.LinearImage) -> bm.Streak | None:
-        """Where to look; None: wherever something moved."""
-        if self.region is not None and self.mask is not None:
-            raise ValueError("give --region or --mask, not both")
-        if self.region is not None:
-            inside = bm.Streak.from_box(box_of(self.region), image.size)
-            return bm.find_streak_within(inside, image, plate)
-        if self.mask is None:
-            return None
-        return bm.Streak(self.white("mask", self.mask, image))
-
-    def white(self, name: str, path: Path, image: bm.LinearImage) -> Any:
-        """(H, W) bool: where a picture of the image's size is more than half white."""
-        picture = bm.read(path, bm.LINEAR, self.files.max_pixels)
-        if picture.size != image.size:
-            raise ValueError(
-                f"the {name} {path} is {by(picture.size)} pixels, the image {by(image.size)}"
-            )
-        return np.asarray(picture.rgb.max(axis=-1) > 0.5)
-
-    def model(
-        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
-    ) -> bm.ColorModel | None:
-        """The model that the colors make; None: the streak itself must tell."""
-        if self.rank not in (1, 2, 3):
-            raise ValueError(f"--rank must be 1, 2 or 3, got {self.rank}")
-        kinds = {_kind(color) for color in self.colors}
-        if self.color_from is not None and "point" not in kinds:
-            raise ValueError("--color-from needs points to pick: add --color X,Y")
-        if not kinds:
-            return self._fitted(image, plate, streak)
-        if self.rank == 3:
-            raise ValueError("--rank 3 is for objects of any colors: leave --color out")
-        if len(kinds & {"hex", "file"}) and len(kinds) > 1:
-            raise ValueError("give hex colors, or a model file, or points and core: not a mixture")
-        if kinds == {"file"}:
-            return self._from_file(image)
-        if kinds == {"hex"}:
-            if len(self.colors) != self.rank:
-                raise ValueError(
-                    f"--rank {self.rank} takes {self.rank} hex color{'s' * (self.rank - 1)}, got "
-                    f"{len(self.colors)}: one color is --rank 1, two colors are --rank 2"
-                )
-            return bm.ColorModel.from_hex(*self.colors, to_srgb=image.meta.to_srgb)
-        samples = np.concatenate([self._samples(c, image, plate, streak) for c in self.colors])
-        model = bm.ColorModel.from_samples(samples, self.rank, robust="core" in kinds)
-        return replace(model, to_srgb=image.meta.to_srgb)
-
-    def _fitted(
-        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
-    ) -> bm.ColorModel | None:
-        if self.rank == 3:
-            return bm.ColorModel.any()
-        if self.rank != 1:
-            raise ValueError("--rank 2 needs colors: give two with --color, hex or points")
-        if self.max_brightness is None:
-            return None
-        return bm.fit_color(image, plate, streak, self.max_brightness)
-
-    def _from_file(self, image: bm.LinearImage) -> bm.ColorModel:
-        if len(self.colors) > 1:
-            raise ValueError("give one model file, not several")
-        model = bm.read_color_model(self.colors[0])
-        if (model.to_srgb is None) != (image.meta.to_srgb is None):
-            raise bm.ColorModelError(
-                f"{self.colors[0]} was found in a picture of another kind: a camera RAW has the "
-                "camera's own colors; find the color in a picture like IMAGE"
-            )
-        return model
-
-    def _samples(
-        self, color: str, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
-    ) -> Any:
-        from blurmatte.radiometry import check_same_colors
-
-        if color == "core":
-            return bm.core_colors(image, plate, streak)
-        x, y, *radius = numbers("--color", color, "x,y", "x,y,radius")
-        if self.color_from is None:
-            return bm.pick_colors(image, x, y, *radius)
-        sharp = self.files.read(self.color_from)[0]
-        check_same_colors("the image", image, "the picture of --color-from", sharp)
-        return bm.pick_colors(sharp, x, y, *radius)
+@contextmanager
+def _telling_where(
+    streak: bm.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
+) -> Iterator[None]:
+    """Add to a refusal which of the things that moved it is about, if nobody chose one."""
+    try:
+        yield
+    except (bm.ColorModelError, bm.MotionError) as error:
+        found = [] if streak is not None else bm.find_streaks(image, plate)
+        if not found:
+            raise
+        first, *others = (",".join(map(str, one.box)) for one in found)
+        more = f"; also moved, choose with --region: {_some(others)}" if others else ""
+        raise type(error)(f"{error}. This is the streak in {first} (X0,Y0,X1,Y1){more}") from error
 
 
-def _kind(color: str) -> str:
-    if color == "core":
-        return "core"
-    if color.lower().endswith(".json"):
-        return "file"
-    return "point" if "," in color else "hex"
+def _some(boxes: list[str]) -> str:
+    more = f" and {len(boxes) - _TOLD} more" if len(boxes) > _TOLD else ""
+    return " ".join(boxes[:_TOLD]) + more
 
 
 def _doubted(path: Path, solution: bm.Solution) -> list[str]:
@@ -343,5 +273,4 @@ def _others(solution: bm.Solution) -> Iterator[str]:
     """What else moved, as regions to copy."""
     boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
     if boxes:
-        more = f" and {len(boxes) - _TOLD} more" if len(boxes) > _TOLD else ""
-        yield f"also moved, choose with --region: {' '.join(boxes[:_TOLD])}{more}"
+        yield f"also moved, choose with --region: {_some(boxes)}"

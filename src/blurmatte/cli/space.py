@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.quantities import meters, meters_per_second
+from blurmatte.cli.quantities import length, meters, meters_per_second
 
 _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 _LEAST = 4  # points that fix a plane
@@ -141,9 +141,7 @@ def true_radius(radius: str | None, diameter: str | None) -> Quantity | None:
     if text is None:
         return None
     name, part = ("--radius", 1.0) if radius is not None else ("--diameter", 0.5)
-    value, std = meters(name, text)
-    if not value > 0:
-        raise ValueError(f"{name} must be above 0, got {text!r}")
+    value, std = length(name, text)
     return part * value, part * std
 
 

@@ -164,7 +164,7 @@ def misfit(l: Array, p: Pixels) -> float:
     """By how much to widen a variance, for residuals that are not independent noise; 1 or more.
 
     The sums of z = r / s over m blocks scatter φ times as much as for independent pixels, where
-    neighbours share noise (JPEG) or the model misses something (a highlight, a second paint, a
+    neighbors share noise (JPEG) or the model misses something (a highlight, a second paint, a
     shadow). What it misses is alike from block to block, so more blocks do not average it away: the
     correlation of blocks side by side, and one standard deviation of it to be safe, says how much
     of it all of them share.

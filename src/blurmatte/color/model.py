@@ -202,10 +202,14 @@ class ColorModel:
 
         Raises
         ------
+        ValueError
+            If the rank is another, or a color is not finite.
         ColorModelError
             If there are too few samples, they are black, or show one hue where two are asked for.
         """
         samples = np.asarray(colors, dtype=float).reshape(-1, 3)
+        if not np.isfinite(samples).all():
+            raise ValueError("colors must be finite light, got NaN or infinity")
         if rank not in (1, 2):
             raise ValueError(f"rank must be 1 or 2, got {rank}")
         needed = rank if std is not None else rank + 1

@@ -8,7 +8,7 @@ the spread. Before a plate of one hue there is no answer, and `ColorModelError` 
 
 import numpy as np
 
-from blurmatte.checks import check_same_size
+from blurmatte.checks import check_kind, check_same_size
 from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfit
 from blurmatte.color.model import ColorModel
 from blurmatte.color.posterior import posterior, unit
@@ -21,7 +21,7 @@ _MAX_SCALE_STD = 0.2  # of the angle to the plate's hue: alpha is uncertain by a
 _MAX_UNEXPLAINED = 0.1  # of the change between plate and image: one paint left 0.05, two 0.13
 _MAX_IMPOSSIBLE = 0.05  # of the pixels: more cannot be noise
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
-_BLOCK = 16  # pixels: noise of neighbours this near may be the same noise (JPEG, its halved color)
+_BLOCK = 16  # pixels: noise of neighbors this near may be the same noise (JPEG, its halved color)
 
 
 def fit_color_from_hues(
@@ -79,6 +79,7 @@ def checked(
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
+    check_kind("streak", streak, Streak | None, "use blurmatte.Streak(mask)")
     if not max_brightness > 0:
         raise ValueError(f"max_brightness must be positive, got {max_brightness}")
     image, plate = with_noise(image, plate)

@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.errors import FileError, TransferWarning
+from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.encoding import CICP_CURVES, to_srgb_primaries
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.refusals import check_size
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 _UNSAID = 2  # of curve, primaries and matrix: "unspecified"
 _BT709, _BT601 = 1, 5  # matrices; 1 is BT.709's number everywhere
 LIMITED_WHITE = 65281  # of 16 bits, as FFmpeg has it for Y'CbCr of the limited range
+_CUT = 0.9  # of the frames: rates are averages, and durations rounded
 _HD_HEIGHT = 720  # players take untagged clips of at least this height as BT.709, else as BT.601
 _WHITE_D65 = (0.3127, 0.3290)
 # x, y of red, green and blue. Those of 625 and 525 lines, 5 and 6, are kept apart from BT.709's.
@@ -89,12 +90,23 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
 
     Warns
     -----
+    BlurmatteWarning
+        If the file was cut short.
     TransferWarning
         If nothing says how code values encode light, and they are taken as Rec. 709.
     """
     with _opened(path) as (container, stream):
         rate = stream.average_rate
         count = stream.frames or sum(p.size > 0 for p in container.demux(stream))
+        there = _there(stream, count)
+    if there < _CUT * count:
+        warnings.warn(
+            f"{path}: ends after about {there} of the {count} frames that it claims to have: it was "
+            "cut short; copy or export it again if it should be whole",
+            BlurmatteWarning,
+            stacklevel=stacklevel + 1,
+        )
+        count = there
     with _opened(path) as (container, stream):
         check_size(path, (stream.width, stream.height), max_pixels)
         first = next(container.decode(stream), None)
@@ -114,6 +126,14 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             white=_white(first, bits),
             alpha=any(part.is_alpha for part in first.format.components),
         )
+
+
+def _there(stream: "VideoStream", claimed: int) -> int:
+    """How many frames fit into the time for which there are data; as claimed if that is not told."""
+    rate, unit = stream.average_rate, stream.time_base
+    if not (rate and unit and stream.duration):
+        return claimed
+    return round(stream.duration * unit * rate)
 
 
 def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:

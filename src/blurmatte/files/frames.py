@@ -108,6 +108,8 @@ def read_frames(
 
     Warns
     -----
+    BlurmatteWarning
+        If a clip was cut short; the frames that are there are read.
     TransferWarning
         If nothing says how code values encode light: clips are taken as Rec. 709, pictures as sRGB.
     """

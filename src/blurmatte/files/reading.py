@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Bools, Floats, check_kind
 from blurmatte.errors import FileError
 from blurmatte.files.camera import CAMERA_TAG, in_camera_colors
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
@@ -29,7 +29,7 @@ def read(
     """Read a picture as linear light.
 
     PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR, with the primaries of sRGB; ICC profile and
-    EXIF orientation are honoured; EXR and float TIFF are linear unless a profile says otherwise. The
+    EXIF orientation are honored; EXR and float TIFF are linear unless a profile says otherwise. The
     variance and the valid pixels that `write` puts into an EXR come back.
     And camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, with
     the extra `raw`; see blurmatte.files.raw.
@@ -51,6 +51,8 @@ def read(
 
     Raises
     ------
+    TypeError
+        If the transfer is none.
     FileError
         If there is no light to be had from the file; the message says what to do.
 
@@ -60,6 +62,7 @@ def read(
         If nothing says how code values encode light, and they are taken as sRGB.
     """
     path = Path(path)
+    check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
     if kind_of(path) == RAW:
         _check_linear(path, transfer)
         return read_raw(path, max_pixels)
@@ -98,6 +101,7 @@ def read_layer(
     FileError
         As in `read`, if there is no alpha, and if the colors of an EXR look straight.
     """
+    check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
     raster = load(Path(path), max_pixels)
     alpha = raster.alpha
     if alpha is None:

@@ -19,6 +19,7 @@ _RAW_NAMES = (
     "srf srw x3f"
 )
 RAW_EXTENSIONS = tuple(f".{name}" for name in _RAW_NAMES.split())
+_CLIPS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mts")
 VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # beside the light of an EXR
 
 _SIGNATURES = {
@@ -47,12 +48,6 @@ def kind_of(path: Path) -> str:
     """
     if path.is_dir():
         raise FileError(f"{path}: is a folder; give a picture file")
-    named_raw = path.suffix.lower() in RAW_EXTENSIONS
-    if path.suffix.lower() not in EXTENSIONS and not named_raw:
-        raise FileError(
-            f"{path}: cannot read this kind of file; convert it to {', '.join(EXTENSIONS)}, "
-            "or .dng if it is a camera RAW"
-        )
     try:
         with path.open("rb") as file:
             start = file.read(8)
@@ -60,6 +55,17 @@ def kind_of(path: Path) -> str:
         raise FileError(f"{path}: there is no such file; check the name") from error
     except OSError as error:
         raise FileError(f"{path}: cannot be read ({error.strerror}); check the path") from error
+    named_raw = path.suffix.lower() in RAW_EXTENSIONS
+    if path.suffix.lower() in _CLIPS:
+        raise FileError(
+            f"{path}: is a clip, and one picture is needed; take a frame of it, or give the clip to "
+            "blurmatte measure or blurmatte plate (read_frames)"
+        )
+    if path.suffix.lower() not in EXTENSIONS and not named_raw:
+        raise FileError(
+            f"{path}: cannot read this kind of file; convert it to {', '.join(EXTENSIONS)}, "
+            "or .dng if it is a camera RAW"
+        )
     if not start:
         raise FileError(f"{path}: the file is empty; copy or export it again")
     for signature, kind in _SIGNATURES.items():
@@ -90,7 +96,9 @@ def check_png(path: Path, png: PngFacts) -> None:
             f"{path}: a palette PNG has lost the light of most pixels; export it as RGB"
         )
     if png.bits < 8:
-        raise FileError(f"{path}: {png.bits} bits per pixel are too few; export 8 or 16 bits")
+        raise FileError(
+            f"{path}: has fewer than 8 bits per channel ({png.bits}); export 8 or 16 bits"
+        )
 
 
 def check_format(path: Path, kind: str, spec: oiio.ImageSpec, tags: Mapping[str, Any]) -> None:
@@ -152,7 +160,7 @@ def wanted_channels(
         if missing:
             raise FileError(
                 f"{path}: holds no Solution (no channel {missing[0]}, but {told}); "
-                "give an EXR that blurmatte.write made of one"
+                "give the layer.exr of blurmatte solve, or what blurmatte.write made of one"
             )
         return tuple(name for name in present if name in names)
     colors = next((p for p in ({"R", "G", "B"}, {"Y"}) if p <= set(present)), None)

@@ -51,6 +51,17 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
 
     Arrays come back as float32, sequences in `stats` as tuples, the sweep with every digit.
 
+    Parameters
+    ----------
+    path : str or Path
+        The EXR.
+    max_pixels : int
+        Larger pictures are refused before memory is taken.
+
+    Returns
+    -------
+    Solution
+
     Raises
     ------
     FileError

@@ -43,8 +43,21 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
         )
 
 
+def may_be_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
+    """Whether that would be a reason why nothing explains the streak: less sure than the warning."""
+    _, deviations = _texture_gained(image, plate, streak)
+    return deviations > 3
+
+
 def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
-    """Whether more of the plate's texture is in the image than there is in the plate.
+    gained, deviations = _texture_gained(image, plate, streak)
+    return gained > 0.1 and deviations > 4
+
+
+def _texture_gained(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[float, float]:
+    """By how much more of the plate's texture is in the image than in the plate.
+
+    As a fraction, and in standard deviations.
 
     Behind an object that was there for α of the exposure, 1 − α of the texture is left:
     v = Σ⟨∇C, ∇B⟩ / Σ|∇B|² (less the noise in the sum) lies below 1. Seen the other way round, it
@@ -53,7 +66,7 @@ def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bo
     image, plate = image.crop(streak.box), plate.crop(streak.box)
     inside = streak.mask[streak.rows_columns] & image.valid & plate.valid
     if not inside.any():
-        return False
+        return 0.0, 0.0
     C, B = (np.asarray(p.rgb, float) for p in (image, plate))
     noise = 2 * np.median(plate.variance[inside], axis=0)
     excess, own = np.zeros(inside.shape), np.zeros(inside.shape)
@@ -68,7 +81,7 @@ def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bo
     more, all_own = (np.bincount(block, part.ravel()) for part in (excess, own))
     gain = float(more.sum() / max(all_own.sum(), 1e-30))
     std = float(np.sqrt(np.sum((more - gain * all_own) ** 2)))
-    return gain > 0.1 and float(more.sum()) > 4 * std
+    return gain, float(more.sum()) / max(std, 1e-30)
 
 
 def _brightness_around(

@@ -45,7 +45,8 @@ class Solution:
     solver : str
         How it was solved, e.g. "Pixelwise(max_alpha_std=0.5)".
     stats : mapping
-        Numbers about the solve: the streak's box and evidence, the noise, how well the model fits.
+        Numbers about the solve: the streak's box and pixels, the sum of alpha, the noise, what was done
+        to the plate, the sweep; docs/cli.md explains each under report.json.
     sweep : Sweep, optional
         The shape on a path that alpha came from, if one explains the streak.
 
@@ -82,7 +83,7 @@ class Solution:
         std = np.median(self.alpha_std[inside])
         flagged = np.mean(self.quality[self.streak] != 0)
         return (
-            f"Solution({width}x{height}, alpha up to {peak:.2f}, typical std {std:.3f}, "
+            f"Solution({width}x{height}, alpha up to {peak:.2f}, typical std {std:.2g}, "
             f"{flagged:.1%} of the streak's pixels flagged)"
         )
 

@@ -12,13 +12,13 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Match, Matching, agreement, fit_match
-from blurmatte.checks import Bools, check_map, check_same_size
+from blurmatte.checks import Bools, check_kind, check_map, check_same_size
 from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
-from blurmatte.matting.plate_check import warn_if_plate_differs
+from blurmatte.matting.plate_check import may_be_swapped, warn_if_plate_differs
 from blurmatte.matting.rims import with_faint_rims
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
@@ -87,7 +87,8 @@ def solve(
     Raises
     ------
     TypeError, ValueError
-        If image and plate are not `LinearImage` of one size, or the occluder is not (H, W) bool.
+        If image and plate are not `LinearImage` of one size, the streak is of another, the occluder is
+        not (H, W) bool, or another argument is of another kind.
     PlateError
         If the pictures are too small or have no unclipped pixel in common, or the plate shows another
         place or too different a light.
@@ -102,14 +103,9 @@ def solve(
     PlateWarning
         If image and plate look swapped, or differ in brightness around the streak.
     """
-    for name, picture in (("image", image), ("plate", plate)):
-        if not isinstance(picture, LinearImage):
-            raise TypeError(
-                f"{name} must be a LinearImage, got {type(picture).__name__}; "
-                "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
-            )
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
+    _check_choices(model, solver, streak, image)
     refuse_gray(image, plate)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
@@ -136,7 +132,7 @@ def solve(
     if model is None:
         assert sweep is not None
         most = (swept or Swept()).max_misfit
-        model = color_of(sweep, image, plate, streak, np.inf, most)
+        model = _color_of(sweep, image, plate, streak, most)
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
     pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
@@ -183,6 +179,33 @@ def solve(
     }
     explains = sweep if swept is not None else None
     return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
+
+
+def _check_choices(
+    model: ColorModel | None, solver: Solver | None, streak: Streak | None, image: LinearImage
+) -> None:
+    """Raise TypeError or ValueError unless they are what `solve` takes."""
+    hint = 'use blurmatte.ColorModel.from_hex("#d8ff3c"); a solver comes after it, or as solver='
+    check_kind("model", model, ColorModel | None, hint)
+    check_kind("solver", solver, Solver | None, "such as blurmatte.Smooth()")
+    check_kind("streak", streak, Streak | None, "use blurmatte.Streak(mask), or from_box")
+    if streak is not None:
+        check_map("streak.mask", streak.mask, image.valid.shape, kinds="b")
+
+
+def _color_of(
+    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, most: float
+) -> ColorModel:
+    """What the streak tells of the color; its refusal also asks whether the pictures are swapped."""
+    try:
+        return color_of(sweep, image, plate, streak, np.inf, most)
+    except ColorModelError as error:
+        if not may_be_swapped(image, plate, streak):
+            raise
+        raise ColorModelError(
+            f"{error}. Are image and plate swapped? The plate's texture is fainter than the image's "
+            "where something moved, and the plate is the picture without the object"
+        ) from error
 
 
 def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:

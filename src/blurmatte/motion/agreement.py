@@ -53,7 +53,12 @@ class Scatter:
     @property
     def too_large(self) -> bool:
         """Whether errors are larger than stated, by three standard deviations of the scatter."""
-        return bool(max(self.place, self.radius) > 1 + 3 * _OF_MEDIAN / self.count**0.5)
+        return self._deviations > 3
+
+    @property
+    def _deviations(self) -> float:
+        """By how many of its own standard deviations the scatter is above 1."""
+        return float((max(self.place, self.radius) - 1) / (_OF_MEDIAN / self.count**0.5))
 
 
 def scatter_of(frames: Sequence[int], seen: Sequence[Sighting]) -> Scatter | None:
@@ -170,6 +175,8 @@ def scatter_in_words(scatter: Scatter) -> list[str]:
     verdict = "as they should"
     if scatter.too_large:
         verdict = "the errors given are as much larger"
+    elif scatter._deviations > 1:
+        verdict = "more than they should, but of so few frames that may be chance"
     return [
         f"From frame to frame places scatter about smooth motion {scatter.place:.1f} times as much as "
         f"each frame's errors say, radii {scatter.radius:.1f} times, by {scatter.unsteady:.1%} "

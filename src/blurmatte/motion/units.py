@@ -110,7 +110,7 @@ class Scale:
         _check_error("std", std)
         pixels = float(np.linalg.norm(b - a))
         if not (np.isfinite(pixels) and pixels > 0):
-            raise ValueError(f"the two points must differ, got {tuple(a)} and {tuple(b)}")
+            raise ValueError(f"the two points must differ, got {a.tolist()} and {b.tolist()}")
         return cls(distance / pixels, std / pixels)
 
 

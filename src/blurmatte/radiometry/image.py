@@ -5,7 +5,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_finite, check_light, check_map
+from blurmatte.checks import (
+    Bools,
+    Floats,
+    check_box,
+    check_finite,
+    check_kind,
+    check_light,
+    check_map,
+)
 from blurmatte.errors import PlateError
 from blurmatte.radiometry.noise import NoiseModel
 from blurmatte.radiometry.transfer import Transfer
@@ -32,7 +40,7 @@ class Meta:
     exposure_time : float or None
         Seconds.
     icc_profile : bytes or None
-        The colour profile that came with it.
+        The color profile that came with it.
     gray : bool
         One channel was all there was.
     color_space : str or None
@@ -152,7 +160,14 @@ class LinearImage:
         return np.asarray(self.valid[..., None] | partly)
 
     def crop(self, box: tuple[int, int, int, int]) -> "LinearImage":
-        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last."""
+        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last.
+
+        Raises
+        ------
+        ValueError
+            If nothing of the picture is in the box, or it begins left of it or above.
+        """
+        check_box(box, self.size)
         x0, y0, x1, y1 = box
         place = slice(y0, y1), slice(x0, x1)
         noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
@@ -182,11 +197,19 @@ def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
     return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
 
 
+def check_picture(name: str, picture: object) -> None:
+    """Raise TypeError unless it is a LinearImage."""
+    hint = "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
+    check_kind(name, picture, LinearImage, hint)
+
+
 def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -> None:
     """Raise PlateError if the light of two named pictures cannot be compared, as far as they tell.
 
     Cameras and sRGB each have a red of their own. The white balance does not matter: it is not applied.
     """
+    check_picture(first.removeprefix("the "), a)
+    check_picture(second.removeprefix("the "), b)
     spaces = {a.meta.color_space, b.meta.color_space} - {None}
     if len(spaces) == 2:
         raw, other = (first, second) if a.meta.color_space == "camera" else (second, first)
@@ -241,7 +264,17 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     -------
     LinearImage
         float32 light; `valid` is False where a channel is saturated.
+
+    Raises
+    ------
+    TypeError
+        If the codes are no array of such integers, or the transfer is none.
     """
+    check_kind(
+        "transfer", transfer, Transfer, "use blurmatte.SRGB, or blurmatte.named_transfer(name)"
+    )
+    if not isinstance(codes, np.ndarray):
+        raise TypeError(f"codes must be a NumPy array, got {type(codes).__name__}")
     if codes.dtype not in (np.uint8, np.uint16):
         raise TypeError(f"codes must be uint8 or uint16, got {codes.dtype}")
     top = np.iinfo(codes.dtype).max

@@ -272,6 +272,10 @@ def _fine_structure(x: Floats) -> Floats:
 
 def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
     """Image and plate with their noise known: measured by `fit_noise` if either's is not."""
+    from blurmatte.radiometry.image import check_picture
+
+    check_picture("image", image)
+    check_picture("plate", plate)
     if image.noise is not None and plate.noise is not None:
         return image, plate
     of_image, of_plate = fit_noise(image, plate)

@@ -1,0 +1,74 @@
+"""What a command is to write, looked at before it works: nobody waits for what cannot be written."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+import blurmatte as bm
+
+SHEET = ".png", ".jpg"
+
+
+def check_file(path: Path | None, what: str, *endings: str) -> None:
+    """Refuse a file that could not be written in the end; None is none.
+
+    Raises
+    ------
+    FileError
+        If its ending is none of `endings`, it is a folder, or there is no folder for it.
+    """
+    if path is None:
+        return
+    check_ending(path, what, *endings)
+    if path.is_dir():
+        raise bm.FileError(f"{path}: is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise bm.FileError(f"{path}: there is no folder {path.parent}; make it, or check the name")
+    _check_writable(path, path.parent)
+
+
+def check_ending(path: Path, what: str, *endings: str) -> None:
+    """Refuse a name with another ending than these; raises FileError."""
+    from blurmatte.files.replacing import extension_of
+
+    if extension_of(path) not in endings:
+        raise bm.FileError(
+            f"{path}: {what} is written as {' or '.join(endings)}; change the ending"
+        )
+
+
+def check_folder(path: Path) -> None:
+    """Refuse a folder that is none and could not be made.
+
+    Raises
+    ------
+    FileError
+        If it, or one that it is to lie in, is a file or closed to us.
+    """
+    there = next(p for p in (path, *path.absolute().parents) if p.exists())
+    if not there.is_dir():
+        raise bm.FileError(f"{path}: {there.name} is a file; give the name of a folder")
+    _check_writable(path, there)
+
+
+def check_kept(inputs: Iterable[Path], folder: Path) -> None:
+    """Refuse a folder in which a result would take the place of what it is made from.
+
+    Raises
+    ------
+    FileError
+        If one of the inputs lies there and is called like a result.
+    """
+    from blurmatte.results import RESULT_FILES
+
+    results = {(folder / name).resolve() for name in RESULT_FILES}
+    for path in inputs:
+        if path.resolve() in results:
+            raise bm.FileError(
+                f"{path}: would be replaced by the result of that name; choose another --out"
+            )
+
+
+def _check_writable(path: Path, folder: Path) -> None:
+    if not os.access(folder, os.W_OK):
+        raise bm.FileError(f"{path}: nothing can be written into {folder}; choose another folder")
