@@ -25,7 +25,7 @@ from blurmatte.matting.noise_together import BLOCK, noise_together
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.rounding import rounded_pulls
 from blurmatte.matting.shading import Told, with_shading
-from blurmatte.matting.smooth_error import honest_variance
+from blurmatte.matting.smooth_error import simulated_variance
 from blurmatte.matting.smooth_prior import (
     BORDER,
     LEAST,
@@ -183,21 +183,48 @@ class Smooth:
             unsure, of_all = _of_rounding(pixels, near, together, levels, found[0])
             of_sum += of_all
         total = 4**finest * field.x.sum(dtype=float)
+        prior, field = self._in_detail(levels, prior, field, finest, pixels.model, _FINAL_SAMPLES)
+        # Cells and pixels weigh what is known differently, and neither is sure to be right.
+        of_sum += (field.x.sum(dtype=float) - total) ** 2
+        lost = (1 - 1 / together) * _fine(field.x)
+        variance = self._variance(levels[0], prior, field, pixels.model)
+        variance = variance * together / weaker + np.pad(unsure, BORDER) + lost
+        return replace(field, variance=variance), prior, of_sum
+
+    def _in_detail(
+        self,
+        levels: Sequence[Evidence],
+        prior: Prior,
+        field: Field,
+        finest: int,
+        model: ColorModel,
+        samples: int,
+    ) -> tuple[Prior, Field]:
+        """From the smallest cells that told the prior to pixels."""
         prior = replace(prior, scale=prior.scale / self.strength)
         for depth in reversed(range(max(finest, 1))):
             level = levels[depth]
             if depth < finest:
                 prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
             told = depth == 0 and level.count < _ENOUGH
-            local = told and pixels.model.rank < 3
-            field = smoothed(level, prior, field, _FINAL_SAMPLES * told, 4**depth, local)
-            if told:
-                field = replace(field, variance=honest_variance(level, prior, field))
-        # Cells and pixels weigh what is known differently, and neither is sure to be right.
-        of_sum += (field.x.sum(dtype=float) - total) ** 2
-        lost = (1 - 1 / together) * _fine(field.x)
-        variance = field.variance * together / weaker + np.pad(unsure, BORDER) + lost
-        return replace(field, variance=variance), prior, of_sum
+            local = told and model.rank < 3
+            field = smoothed(level, prior, field, samples * told, 4**depth, local)
+        return prior, field
+
+    def _variance(
+        self, evidence: Evidence, prior: Prior, field: Field, model: ColorModel
+    ) -> Floats:
+        """Of each pixel's alpha, as though noise took no detail."""
+        if evidence.count >= _ENOUGH:
+            return field.variance
+
+        def solved(drawn: Evidence) -> Floats:
+            levels = drawn.levels(_CELLS)
+            found = _chosen(levels)
+            finest = len(levels) - len(found)
+            return self._in_detail(levels, *found[-1], finest, model, _SAMPLES)[1].x
+
+        return simulated_variance(evidence, prior, field, solved)
 
 
 def _chosen(levels: Sequence[Evidence]) -> list[tuple[Prior, Field]]:
