@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from numpy.testing import assert_allclose
 
 from blurmatte.matting.smooth_error import simulated_variance
 from blurmatte.matting.smooth_prior import BORDER, LEAST, Evidence, Prior, smoothed
@@ -38,7 +39,7 @@ def spreads(local):
     for seed in range(2):
         truth, evidence, steep = with_a_rim(seed)
         field = settled(evidence, local=local)
-        simulated = simulated_variance(
+        simulated, _ = simulated_variance(
             evidence, PRIOR, field, lambda drawn: settled(drawn, local=local).x
         )
         for variance in (field.variance, simulated):
@@ -73,7 +74,7 @@ def test_a_choice_that_noise_decides_is_part_of_the_error():
     field = settled(evidence)
     scales = iter((PRIOR.scale / 8, PRIOR.scale) * 2)
     steady, jumping = (
-        simulated_variance(evidence, PRIOR, field, solved)[evidence.mask].mean()
+        simulated_variance(evidence, PRIOR, field, solved)[0][evidence.mask].mean()
         for solved in (
             lambda drawn: settled(drawn).x,
             lambda drawn: settled(drawn, next(scales)).x,
@@ -82,10 +83,23 @@ def test_a_choice_that_noise_decides_is_part_of_the_error():
     assert jumping > 1.2 * steady
 
 
+def test_a_sum_that_is_always_too_small_is_told():
+    """Honest: where little is known, what is smooth is drawn to the nothing around it."""
+    _, evidence, _ = with_a_rim(3)
+    field = settled(evidence)
+    whole, part = (
+        simulated_variance(evidence, PRIOR, field, solved)[1]
+        for solved in (lambda drawn: settled(drawn).x, lambda drawn: 0.8 * settled(drawn).x)
+    )
+    assert_allclose(np.sqrt(part), 0.2 * field.x.sum(), rtol=0.1)
+    assert whole < 0.01 * part
+
+
 def test_the_same_every_time():
     _, evidence, _ = with_a_rim(1)
     field = settled(evidence)
     first, second = (
-        simulated_variance(evidence, PRIOR, field, lambda drawn: settled(drawn).x) for _ in range(2)
+        simulated_variance(evidence, PRIOR, field, lambda drawn: settled(drawn).x)[0]
+        for _ in range(2)
     )
     assert np.array_equal(first, second)

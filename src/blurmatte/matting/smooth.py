@@ -187,7 +187,8 @@ class Smooth:
         # Cells and pixels weigh what is known differently, and neither is sure to be right.
         of_sum += (field.x.sum(dtype=float) - total) ** 2
         lost = (1 - 1 / together) * _fine(field.x)
-        variance = self._variance(levels[0], prior, field, pixels.model)
+        variance, off = self._variance(levels[0], prior, field, pixels.model)
+        of_sum += off
         variance = variance * together / weaker + np.pad(unsure, BORDER) + lost
         return replace(field, variance=variance), prior, of_sum
 
@@ -213,10 +214,10 @@ class Smooth:
 
     def _variance(
         self, evidence: Evidence, prior: Prior, field: Field, model: ColorModel
-    ) -> Floats:
-        """Of each pixel's alpha, as though noise took no detail."""
+    ) -> tuple[Floats, float]:
+        """Of each pixel's alpha, as though noise took no detail, and of how the sum is off."""
         if evidence.count >= _ENOUGH:
-            return field.variance
+            return field.variance, 0.0
 
         def solved(drawn: Evidence) -> Floats:
             levels = drawn.levels(_CELLS)

@@ -28,8 +28,8 @@ _TINY = 1e-30
 
 def simulated_variance(
     evidence: Evidence, prior: Prior, field: Field, solved: Callable[[Evidence], Floats]
-) -> Floats:
-    """Variance of each pixel of a field, (h, w).
+) -> tuple[Floats, float]:
+    """Variance of each pixel of a field, (h, w), and the square of what its sum is off in the mean.
 
     Parameters
     ----------
@@ -44,20 +44,22 @@ def simulated_variance(
     left = [_left(evidence, x)]
     (more,) = changes(evidence, prior, field, left, tolerance=TOLERANCE)
     rougher = np.where(mask, np.clip(x + more, evidence.least, 1), 0)
-    normal, squares = np.random.default_rng(_SEED), np.zeros(x.shape)
+    normal, squares, sums = np.random.default_rng(_SEED), np.zeros(x.shape), np.zeros(_TRIALS)
     for trial in range(_TRIALS):
         true = rougher if trial % 2 else x
         pull = A * true + np.sqrt(A) * normal.standard_normal(A.shape)
         drawn = replace(evidence, pull=pull.astype(A.dtype))
         found = solved(drawn)
         squares += (found - true) ** 2 / _TRIALS
+        sums[trial] = np.sum(found - true, dtype=float)
         left.append(_left(drawn, found))
     others = changes(evidence, prior, field, left[1:], tolerance=TOLERANCE)
     told = A * field.variance
     near, usual = (around(m, told, mask) for m in (more**2, np.mean(np.square(others), axis=0)))
     before = BEFORE / TELLING * usual
     factor = np.maximum((near + before) / np.maximum(usual + before, _TINY), 1)
-    return (pooled(squares, mask) * factor).astype(x.dtype)
+    off = max(sums.mean() ** 2 - sums.var(ddof=1) / _TRIALS, 0.0)  # beyond noise
+    return (pooled(squares, mask) * factor).astype(x.dtype), float(off)
 
 
 def _left(evidence: Evidence, x: Floats) -> Array:
