@@ -27,9 +27,13 @@ _TINY = 1e-30
 
 
 def simulated_variance(
-    evidence: Evidence, prior: Prior, field: Field, solved: Callable[[Evidence], Floats]
+    evidence: Evidence,
+    prior: Prior,
+    field: Field,
+    solved: Callable[[Evidence], Floats],
+    cells: int = 1,
 ) -> tuple[Floats, float]:
-    """Variance of each pixel of a field, (h, w), and the square of what its sum is off in the mean.
+    """Variance of each cell of a field, (h, w), and the square of what its sum is off in the mean.
 
     Parameters
     ----------
@@ -39,10 +43,12 @@ def simulated_variance(
         Found with this prior.
     solved : callable
         The field that comes of other evidence, from the choice of the prior on.
+    cells : int
+        How many pixels there are to a cell.
     """
     A, x, mask = evidence.information, field.x, evidence.mask
     left = [_left(evidence, x)]
-    (more,) = changes(evidence, prior, field, left, tolerance=TOLERANCE)
+    (more,) = changes(evidence, prior, field, left, cells, TOLERANCE)
     rougher = np.where(mask, np.clip(x + more, evidence.least, 1), 0)
     normal, squares, sums = np.random.default_rng(_SEED), np.zeros(x.shape), np.zeros(_TRIALS)
     for trial in range(_TRIALS):
@@ -53,7 +59,7 @@ def simulated_variance(
         squares += (found - true) ** 2 / _TRIALS
         sums[trial] = np.sum(found - true, dtype=float)
         left.append(_left(drawn, found))
-    others = changes(evidence, prior, field, left[1:], tolerance=TOLERANCE)
+    others = changes(evidence, prior, field, left[1:], cells, TOLERANCE)
     told = A * field.variance
     near, usual = (around(m, told, mask) for m in (more**2, np.mean(np.square(others), axis=0)))
     before = BEFORE / TELLING * usual
