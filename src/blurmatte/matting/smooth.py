@@ -63,9 +63,9 @@ _ANY_COLORS = 0.7  # power: of any colors, how much of noise that hangs together
 class Smooth:
     """All pixels of the streak together: alpha is smooth, but for edges.
 
-    Alpha is the mean of what evidence and prior leave possible. Its error is of noise, and of what
-    smoothing leaves out, by how much of that shows around a pixel. The light is what alpha leaves of
-    the image, within the model: its noise stays that of the camera, and its details stay sharp.
+    Alpha is the mean of what evidence and prior leave possible. Its error is that of trials with a
+    known truth like it. The light is what alpha leaves of the image, within the model: its noise stays
+    that of the camera, and its details stay sharp.
 
     Parameters
     ----------
