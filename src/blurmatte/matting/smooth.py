@@ -25,7 +25,7 @@ from blurmatte.matting.noise_together import BLOCK, noise_together
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.rounding import rounded_pulls
 from blurmatte.matting.shading import Told, with_shading
-from blurmatte.matting.smooth_error import honest_variance
+from blurmatte.matting.smooth_error import simulated_variance
 from blurmatte.matting.smooth_prior import (
     BORDER,
     LEAST,
@@ -48,6 +48,7 @@ _CELLS = 3000  # enough to tell how smooth alpha is
 _ENOUGH = (
     100_000  # cells to tell its error: what has more of them changes little from one to the next
 )
+_TRIED = 15_000  # cells to try it in: some are enough to tell how wrong their neighbors are
 _PRIORS = tuple(
     Prior(order, scale / 2.0**i) for order, scale in ((1, 1.28), (2, 1.92)) for i in range(7)
 )  # in large cells
@@ -62,9 +63,9 @@ _ANY_COLORS = 0.7  # power: of any colors, how much of noise that hangs together
 class Smooth:
     """All pixels of the streak together: alpha is smooth, but for edges.
 
-    Alpha is the mean of what evidence and prior leave possible. Its error is of noise, and of what
-    smoothing leaves out, by how much of that shows around a pixel. The light is what alpha leaves of
-    the image, within the model: its noise stays that of the camera, and its details stay sharp.
+    Alpha is the mean of what evidence and prior leave possible. Its error is that of trials with a
+    known truth like it. The light is what alpha leaves of the image, within the model: its noise stays
+    that of the camera, and its details stay sharp.
 
     Parameters
     ----------
@@ -183,37 +184,76 @@ class Smooth:
             unsure, of_all = _of_rounding(pixels, near, together, levels, found[0])
             of_sum += of_all
         total = 4**finest * field.x.sum(dtype=float)
+        prior, field = self._in_detail(levels, prior, field, finest, pixels.model, _FINAL_SAMPLES)
+        # Cells and pixels weigh what is known differently, and neither is sure to be right.
+        of_sum += (field.x.sum(dtype=float) - total) ** 2
+        lost = (1 - 1 / together) * _fine(field.x)
+        variance, off = self._variance(levels, prior, field, pixels.model)
+        of_sum += off
+        variance = variance * together / weaker + np.pad(unsure, BORDER) + lost
+        return replace(field, variance=variance), prior, of_sum
+
+    def _in_detail(
+        self,
+        levels: Sequence[Evidence],
+        prior: Prior,
+        field: Field,
+        finest: int,
+        model: ColorModel,
+        samples: int,
+        cells: int = 1,
+    ) -> tuple[Prior, Field]:
+        """From the smallest cells that told the prior to the first level, of so many pixels each."""
         prior = replace(prior, scale=prior.scale / self.strength)
         for depth in reversed(range(max(finest, 1))):
             level = levels[depth]
             if depth < finest:
                 prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
             told = depth == 0 and level.count < _ENOUGH
-            local = told and pixels.model.rank < 3
-            field = smoothed(level, prior, field, _FINAL_SAMPLES * told, 4**depth, local)
-            if told:
-                field = replace(field, variance=honest_variance(level, prior, field))
-        # Cells and pixels weigh what is known differently, and neither is sure to be right.
-        of_sum += (field.x.sum(dtype=float) - total) ** 2
-        lost = (1 - 1 / together) * _fine(field.x)
-        variance = field.variance * together / weaker + np.pad(unsure, BORDER) + lost
-        return replace(field, variance=variance), prior, of_sum
+            local = told and model.rank < 3
+            field = smoothed(level, prior, field, samples * told, cells * 4**depth, local)
+        return prior, field
+
+    def _variance(
+        self, levels: Sequence[Evidence], prior: Prior, field: Field, model: ColorModel
+    ) -> tuple[Floats, float]:
+        """Of each pixel's alpha, as though noise took no detail, and of how the sum is off."""
+        depth = next(d for d, level in enumerate(levels) if level.count <= _TRIED)
+
+        def settled(drawn: Evidence) -> tuple[Prior, Field]:
+            levels = drawn.levels(_CELLS)
+            found = _chosen(levels, 4**depth)
+            finest = len(levels) - len(found)
+            return self._in_detail(levels, *found[-1], finest, model, _SAMPLES, 4**depth)
+
+        if depth > 0:
+            prior, field = settled(levels[depth])
+        variance, off = simulated_variance(
+            levels[depth], prior, field, lambda drawn: settled(drawn)[1].x, 4**depth
+        )
+        if model.rank == 3:  # what is painted is no noise that could be drawn
+            variance = np.maximum(variance, field.variance)
+        for level in reversed(levels[:depth]):
+            variance = map_in_smaller_cells(variance, level.mask.shape)
+        return variance, 16**depth * off
 
 
-def _chosen(levels: Sequence[Evidence]) -> list[tuple[Prior, Field]]:
+def _chosen(levels: Sequence[Evidence], cells: int = 1) -> list[tuple[Prior, Field]]:
     """The prior of the least risk and its field, from the largest cells to the smallest that tell.
+
+    Those of the first level are of so many pixels each.
 
     Of pixels it is not asked for, unless there is nothing larger.
     """
     top = len(levels) - 1
-    found = [_least_risk(levels[top], _PRIORS, None, 4**top)]
+    found = [_least_risk(levels[top], _PRIORS, None, cells * 4**top)]
     for depth in range(top - 1, 0, -1):
         level, (prior, field) = levels[depth], found[-1]
         if level.count >= _ENOUGH:
             break
         prior, start = prior.finer(), finer(field, level.mask.shape, prior.order)
         choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
-        found.append(_least_risk(level, choice, start, 4**depth))
+        found.append(_least_risk(level, choice, start, cells * 4**depth))
     return found
 
 

@@ -28,7 +28,7 @@ _NU = 1.0  # differences seen before: edges are common
 _POOL = 3  # cells across, over which precisions are alike
 _TOLD_BY = 5  # cells across, over which a few samples tell a variance
 _ROUNDS = 2
-_STEPS, _TOLERANCE = 300, 1e-5
+_STEPS, TOLERANCE = 300, 1e-5
 LEAST = -0.05  # alpha: held at 0 its sum would be too large, for only noise above 0 would be left
 _SHARP = 0.01**-2.0  # information of what is held
 _SEED = 0  # of samples: the same answer every time
@@ -200,41 +200,6 @@ def smoothed(
     return field
 
 
-class Sampler:
-    """The equations of a field that was found, to draw from what it may be.
-
-    `left` is DᵀΓD x: what the field leaves of the pull, as far as it has settled.
-    """
-
-    def __init__(self, evidence: Evidence, prior: Prior, field: Field) -> None:
-        from blurmatte.matting.smooth_kernel import product
-
-        A, x, mask = evidence.information, field.x, evidence.mask
-        self._order, self._mask = prior.order, mask
-        self._root = _precision(prior, field, 1)
-        self.information = A + A.dtype.type(_SHARP) * (mask & (x > 1))
-        self.left, t = np.zeros_like(x), np.zeros((3, *x.shape), x.dtype)
-        product(x, np.zeros_like(A), self._root, prior.order, mask, t, self.left)
-
-    def disturbed(self, rng: np.random.Generator) -> tuple[Floats, Floats]:
-        """Right hand sides: of noise, and of what the prior lets a field be."""
-        normal = rng.standard_normal((4, *self._mask.shape)).astype(self._root.dtype)
-        parts = np.array([1.0, 0, 0, 0]), np.array([0, 1.0, 1, 1])
-        of_noise, of_prior = (
-            _disturbed(self.information, self._root, self._order, self._mask, n)
-            for n in (normal * p[:, None, None].astype(normal.dtype) for p in parts)
-        )
-        return of_noise, of_prior
-
-    def solved(self, sides: list[Floats]) -> list[Floats]:
-        """H⁻¹ of each."""
-        found = [np.zeros_like(b) for b in sides]
-        jobs: list[tuple[Floats, Floats, Floats]]
-        jobs = [(self.information, b, x) for b, x in zip(sides, found, strict=True)]
-        _solve_all(self._root, self._order, self._mask, jobs, _STEPS)
-        return found
-
-
 def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1) -> float:
     """Variance of the sum of a field over all cells."""
     ones = evidence.mask.astype(float)
@@ -242,14 +207,19 @@ def sum_variance(evidence: Evidence, prior: Prior, field: Field, cells: int = 1)
 
 
 def changes(
-    evidence: Evidence, prior: Prior, field: Field, pulls: list[Array], cells: int = 1
+    evidence: Evidence,
+    prior: Prior,
+    field: Field,
+    pulls: list[Array],
+    cells: int = 1,
+    tolerance: float = 0.0,
 ) -> list[Array]:
     """What becomes of a field if the pull is so much more, for each."""
     root, A = _precision(prior, field, cells).astype(float), evidence.information.astype(float)
     found = [np.zeros(A.shape) for _ in pulls]
     jobs: list[tuple[Floats, Floats, Floats]]
     jobs = [(A, pull, x) for pull, x in zip(pulls, found, strict=True)]
-    _solve_all(root, prior.order, evidence.mask, jobs, 2 * _STEPS, 0.0)
+    _solve_all(root, prior.order, evidence.mask, jobs, 2 * _STEPS, tolerance)
     return found
 
 
@@ -298,7 +268,7 @@ def _solve_all(
     mask: Bools,
     jobs: list[tuple[Floats, Floats, Floats]],
     most: int,
-    tolerance: float = _TOLERANCE,
+    tolerance: float = TOLERANCE,
 ) -> int:
     """Solve for each information and right hand side, into the array given with them.
 
