@@ -116,9 +116,11 @@ def test_an_end_is_an_end():
 
 def test_the_radius_stays_within_bounds():
     _, data = data_of(BEFORE_WALL[LINE])
-    start = off_by(data, LINE, (1, 1), 0.7, GREEN)
-    assert descend(data, start, (3, 9)).shape[0] == 9
-    assert descend(data, off_by(data, LINE, (1, 1), 1.5, GREEN), (14, 40)).shape[0] == 14
+    assert descend(data, off_by(data, LINE, (1, 1), 0.7, GREEN), BOUNDS).converged
+    for first, bounds, held in ((0.7, (3, 9), 9), (1.5, (14, 40), 14)):
+        end = descend(data, off_by(data, LINE, (1, 1), first, GREEN), bounds)
+        assert end.shape[0] == held
+        assert not end.converged  # it would be smaller or larger
 
 
 def model_of(color, std):

@@ -185,7 +185,8 @@ def descend(
 ) -> State:
     """Follow the cost down from a start in no more steps than that, the radius within bounds.
 
-    It has converged where no step gains more than `enough`, nor promises to.
+    It has converged where no step gains more than `enough`, nor promises to, and the radius is not held
+    at a bound: what would be larger or smaller is no end.
     """
     state, caution = start, 1e-2
     for _ in range(steps):
@@ -201,19 +202,23 @@ def descend(
             step = -np.linalg.solve(damped, slope).astype(float) / scales
             promised = -float(g @ step) / 2
             if promised < enough:
-                return replace(state, converged=True)
+                return _ended(state, bounds)
             tried = _moved(data, state, step, bounds)
             gain = _gained(data, state, tried)
             if gain > 0:
                 break
             caution = _more(caution)
         else:
-            return replace(state, converged=True)
+            return _ended(state, bounds)
         state = tried
         if gain < enough:
-            return replace(state, converged=True)
+            return _ended(state, bounds)
         caution = _more(caution) if gain < _POOR * promised else max(caution / 5, 1e-7)
     return state
+
+
+def _ended(state: State, bounds: tuple[float, float]) -> State:
+    return replace(state, converged=bool(bounds[0] < state.shape[0] < bounds[1]))
 
 
 def _more(caution: float) -> float:
