@@ -76,7 +76,7 @@ def test_what_it_contradicts_is_no_answer(monkeypatch):
     )
     sweep = fit_sweep(image, picture, streak)
     assert np.isinf(sweep.misfit)
-    assert "light that no object has" in sweep.complaint(MAX_MISFIT)
+    assert "off by 30% if its light changes little" in sweep.complaint(MAX_MISFIT)
 
 
 def test_fine_paint_is_no_wrong_shape_where_texture_confirms_alpha():

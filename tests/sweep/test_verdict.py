@@ -35,6 +35,7 @@ from blurmatte.sweep.verdict import (
     mean_light,
     means_something,
     misfit,
+    objection,
     shared_coherence,
     unclaimed_light,
 )
@@ -186,7 +187,10 @@ def test_a_plane_must_not_hold_the_plate():
 def test_a_descent_without_an_end_is_not_believed():
     data = taken(BALL)
     state = fitted(data)
-    assert misfit(data, replace(state, converged=False)) == np.inf
+    endless = replace(state, converged=False)
+    assert misfit(data, endless) == np.inf
+    assert "not determined" in objection(data, endless)
+    assert objection(data, replace(state, converged=True)) == ""
 
 
 def with_residuals(state, smooth, seed):
@@ -287,6 +291,7 @@ def test_a_plane_must_claim_the_light_of_its_colors(monkeypatch):
     assert misfit(data, right) <= MAX_MISFIT
     monkeypatch.setattr(verdict, "unclaimed_light", lambda data, state: 0.2)
     assert np.isinf(misfit(data, right))
+    assert "leaves 20% of what changed" in objection(data, right)
     line = replace(disc(data), converged=True)  # of which light elsewhere is no light of its color
     assert misfit(data, line) <= MAX_MISFIT
 

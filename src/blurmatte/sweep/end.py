@@ -23,6 +23,7 @@ from blurmatte.sweep.verdict import (
     colors_ran_together,
     doubtful_share,
     misfit,
+    objection,
     overstated,
 )
 
@@ -82,11 +83,23 @@ class End:
     @cached_property
     def left(self) -> float:
         """The same, whether it is contested or not."""
-        data, state = self.search.data, replace(self.state, contested=False)
+        if self.objection:
+            return np.inf
+        alone = replace(self.state, contested=False)
+        return 1.0 if self._is_told_exactly else misfit(self.search.data, alone)
+
+    @cached_property
+    def objection(self) -> str:
+        """See `verdict.objection`; words too for what only light of odd patterns would explain."""
+        data, state = self.search.data, self.state
         if self._is_told_exactly and state.converged and can_be(data, state):
-            return 1.0
-        left = misfit(data, state)
-        return left if np.isinf(left) or self.astray <= _MOST_ASTRAY[state.frame.rank] else np.inf
+            return ""
+        said = objection(data, state)
+        if said or self.astray <= _MOST_ASTRAY[state.frame.rank]:
+            return said
+        return (
+            f"has an alpha that is off by {self.astray:.0%} if its light changes little within it"
+        )
 
     @property
     def astray(self) -> float:
@@ -128,6 +141,7 @@ class End:
         stats = {
             "converged": state.converged,
             "misfit": self.misfit if known else np.inf,
+            "objection": self.objection if known else "is of hardly known size",
             "coherence": trust,
             "contested": state.contested,
             "doubtful": doubtful_share(data, state),

@@ -42,7 +42,8 @@ class Sweep:
         (width, height) of the picture.
     stats : mapping
         How the fit went: `misfit` is how much more the residuals within the streak hang together
-        than those beside it, 1 if the sweep explains all there is; `contested` whether another
+        than those beside it, 1 if the sweep explains all there is; `objection` why it is none whatever
+        it leaves, in words, and then `misfit` is infinite, or empty; `contested` whether another
         explains it as well with another alpha, and then `misfit` is infinite; `doubtful` is the
         share of the streak's pixels that it does not explain; `astray` by which part of alpha light
         that changes little from place to place would have it otherwise, 0 if the color was known;
@@ -81,10 +82,7 @@ class Sweep:
                 "alike"
             )
         if np.isinf(self.misfit):
-            return (
-                "the best is hardly known, contradicted by many pixels, leaves the streak, or would "
-                "need light that no object has"
-            )
+            return f"the best {self.stats.get('objection') or 'is hardly known'}"
         return (
             f"the best leaves {self.misfit:.1f} times as much as noise, {max_misfit:g} is the most"
         )

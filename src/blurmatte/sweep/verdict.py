@@ -70,11 +70,8 @@ def misfit(data: Data, state: State) -> float:
     do. Infinite if the descent found no end, for what cannot be, where many pixels contradict, where
     something else gave much of the light, and for what is contested.
     """
-    ended = state.converged and not state.contested and can_be(data, state)
-    if not ended or doubtful_share(data, state) > _MOST_DOUBTFUL:
+    if state.contested or objection(data, state):
         return np.inf
-    if state.frame.rank == 2 and unclaimed_light(data, state) > _MOST_UNCLAIMED:
-        return np.inf  # a plane explains light of its colors where nothing was, too
     e = _limited(state)
     within, beside = _places(data, state)
     usual = _usual(e, beside)
@@ -91,6 +88,22 @@ def misfit(data: Data, state: State) -> float:
     of_noise = [_in_blocks(e, within, _WORST, size) / usual_of[size] for size in _MOST_USUAL]
     least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
     return least / chance
+
+
+def objection(data: Data, state: State) -> str:
+    """Why a state cannot be the answer, whatever it leaves, as words about it; empty if it can."""
+    if not state.converged:
+        return "is one of many: its size or its path is not determined"
+    if not can_be(data, state):
+        return "leaves the streak, goes to and fro, or would need light that no object has"
+    doubtful = doubtful_share(data, state)
+    if doubtful > _MOST_DOUBTFUL:
+        return f"is contradicted by {doubtful:.0%} of its pixels"
+    # A plane explains light of its colors where nothing was, too.
+    unclaimed = unclaimed_light(data, state) if state.frame.rank == 2 else 0.0
+    if unclaimed > _MOST_UNCLAIMED:
+        return f"leaves {unclaimed:.0%} of what changed in the streak to something else"
+    return ""
 
 
 def unclaimed_light(data: Data, state: State) -> float:
