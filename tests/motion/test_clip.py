@@ -233,31 +233,31 @@ def test_any_colors_are_told_by_what_moves(clip):
     assert np.min(np.linalg.norm(places - (136, 17), axis=1)) < 0.5
 
 
+def color_told_beside(other, ways, length, seed):
+    """The color of a clip in which the ball goes so far, and something else its ways, one a frame."""
+    rng, plate = np.random.default_rng(seed), colorful_plate(SIZE, 2, tile=24)
+    frames = []
+    for k, way in enumerate(ways):
+        behind = render(Scene(plate, Trajectory.line(*way), other)).image.rgb
+        own = Trajectory.line((30 + 15 * k, 40), (30 + 15 * k + length, 44))
+        light = render(Scene(behind, own, Ball(RADIUS, color=COLOR))).image.rgb
+        frames.append(CAMERA.photograph(light, rng))
+    return clip_color(frames, CAMERA.photograph(plate, rng))
+
+
 def test_what_comes_from_beyond_the_border_tells_no_color():
     """Oracle: something larger and stronger than the ball, of which the border hides a part."""
-    rng, plate = np.random.default_rng(8), colorful_plate(SIZE, 2, tile=24)
-    frames = []
-    for k in range(2):
-        way = Trajectory.line((158, 80 - 10 * k), (150, 84 - 10 * k))
-        arm = render(Scene(plate, way, Ball(20, color=(0.9, 0.3, 0.2)))).image.rgb
-        way = Trajectory.line((30 + 15 * k, 40), (42 + 15 * k, 44))
-        light = render(Scene(arm, way, Ball(RADIUS, color=COLOR))).image.rgb
-        frames.append(CAMERA.photograph(light, rng))
-    told = clip_color(frames, CAMERA.photograph(plate, rng))
+    arm = Ball(20, color=(0.9, 0.3, 0.2))
+    ways = [((158, 80 - 10 * k), (150, 84 - 10 * k)) for k in range(2)]
+    told = color_told_beside(arm, ways, length=12, seed=8)
     assert abs(told.pole @ MODEL.pole) > np.cos(0.05)
 
 
 def test_what_hardly_moves_tells_no_color():
     """Oracle: a fist that is larger and stronger than the ball, but stays where it is."""
-    rng, plate = np.random.default_rng(9), colorful_plate(SIZE, 2, tile=24)
-    frames = []
-    for k in range(2):
-        way = Trajectory.line((120 + k, 80), (123 + k, 84))
-        fist = render(Scene(plate, way, Ball(14, color=(0.9, 0.5, 0.3)))).image.rgb
-        way = Trajectory.line((30 + 15 * k, 40), (52 + 15 * k, 44))
-        light = render(Scene(fist, way, Ball(RADIUS, color=COLOR))).image.rgb
-        frames.append(CAMERA.photograph(light, rng))
-    told = clip_color(frames, CAMERA.photograph(plate, rng))
+    fist = Ball(14, color=(0.9, 0.5, 0.3))
+    ways = [((120 + k, 80), (123 + k, 84)) for k in range(2)]
+    told = color_told_beside(fist, ways, length=22, seed=9)
     assert abs(told.pole @ MODEL.pole) > np.cos(0.05)
 
 

@@ -22,7 +22,7 @@ from blurmatte.sweep.verdict import (
     can_be,
     colors_ran_together,
     doubtful_share,
-    misfit,
+    left_beyond_noise,
     objection,
     overstated,
 )
@@ -85,8 +85,7 @@ class End:
         """The same, whether it is contested or not."""
         if self.objection:
             return np.inf
-        alone = replace(self.state, contested=False)
-        return 1.0 if self._is_told_exactly else misfit(self.search.data, alone)
+        return 1.0 if self._is_told_exactly else left_beyond_noise(self.search.data, self.state)
 
     @cached_property
     def objection(self) -> str:

@@ -60,7 +60,8 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     z2 = g[told] ** 2 / information[told]
     noise = max(coherence_of_noise(data, state), _PAINTED)
     beyond = max(float(np.sum(z2 - noise)), 0.0)
-    local = np.einsum("yxj,yx->j", J[..., told], alpha) / J[..., told].sum(axis=(0, 1))
+    hats = J[..., told]
+    local = np.einsum("yxj,yx->j", hats, alpha) / hats.sum(axis=(0, 1))
     usual = np.mean(alpha[alpha > 0] ** 2)
     by_place, by_usual = (np.sum(information[told] * unit) for unit in (local**2, usual))
     return SmoothLight(

@@ -27,9 +27,7 @@ _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel le
 _MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _MOST_DOUBTFUL = 0.25  # of the pixels of a sweep that is right
-_MOST_UNCLAIMED = (
-    0.05  # of the light of a streak: planes that were right left up to 0.01 beyond noise
-)
+_MOST_UNCLAIMED = 0.05  # of the light of a streak: right planes left up to 0.01 beyond noise
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
 _SMOOTH = (
     0.9  # where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02
@@ -59,6 +57,17 @@ def overstated(data: Data, state: State) -> float:
 
 
 def misfit(data: Data, state: State) -> float:
+    """What a sweep leaves beyond noise; see `left_beyond_noise`.
+
+    Infinite if the descent found no end, for what cannot be, where many pixels contradict, where
+    something else gave much of the light, and for what is contested.
+    """
+    if state.contested or objection(data, state):
+        return np.inf
+    return left_beyond_noise(data, state)
+
+
+def left_beyond_noise(data: Data, state: State) -> float:
     """How much more residuals hang together within the streak than noise does beside it.
 
     Compared with the residuals of single pixels, so that it does not matter how well the noise is
@@ -67,11 +76,8 @@ def misfit(data: Data, state: State) -> float:
     streak at least as much as colors that pixels share, for compression spares plain surroundings;
     larger blocks tell as much then. And it takes noise away from single pixels sooner than from blocks:
     blocks that hold no more than the noise of the picture are explained, however little their pixels
-    do. Infinite if the descent found no end, for what cannot be, where many pixels contradict, where
-    something else gave much of the light, and for what is contested.
+    do.
     """
-    if state.contested or objection(data, state):
-        return np.inf
     e = _limited(state)
     within, beside = _places(data, state)
     usual = _usual(e, beside)
