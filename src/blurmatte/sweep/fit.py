@@ -37,6 +37,7 @@ Bools = npt.NDArray[np.bool_]
 _FOLLOWING = 3  # times that a path may lead out of what was found
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 _FOLLOWED = 0.2  # of the largest alpha
+_SAVED = 0.8  # of what is left, that may be left without what something in front hides
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -187,7 +188,8 @@ def _in_front_left_out(
         return search, disc
     rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
     again = rest.best(disc.frame.rank)
-    better = misfit(rest.data, again) <= MAX_MISFIT and mostly_seen(rest.data, again)
+    enough = min(MAX_MISFIT, _SAVED * misfit(search.data, disc))
+    better = misfit(rest.data, again) <= enough and mostly_seen(rest.data, again)
     return (rest, again) if better else (search, disc)
 
 
@@ -212,7 +214,8 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
         return plane
     if not simple and plane.misfit <= MAX_MISFIT:  # an odd outline of one paint, or a disc of two
         return replace(line, state=replace(line.state, contested=differ(line.state, plane.state)))
-    if left <= MAX_MISFIT or not told.is_textured:
+    # Where one paint leaves nothing it is its shape that is wrong: any colors would only hide that.
+    if min(left, told.beyond_noise) <= MAX_MISFIT or not told.is_textured:
         return line
     any_colors = End(search, search.best(3))
     agrees = any_colors.is_textured and any_colors.misfit <= MAX_MISFIT
@@ -228,6 +231,8 @@ def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     best = refined(search.data, disc)
     if best is disc:
         return told
+    if best.silhouette == disc.silhouette:
+        return replace(told, state=replace(told.state, contested=best.contested))
     shaped = End.before_bleeding(search, best, transfer)
     ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
     return shaped if shaped.left <= MAX_MISFIT and likelier(*ends) else told

@@ -30,6 +30,7 @@ _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _AROUND = 90  # points of a rim
+_SHORT = 4.0  # radii
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 _HELPED = 0.8  # of the misfit, what more bulges leave if corners are what is missing
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
@@ -47,17 +48,24 @@ def refined(data: Data, disc: State) -> State:
     Returns
     -------
     State
-        `disc` itself unless another silhouette explains the data clearly better.
+        The disc unless another silhouette explains the data clearly better; contested if one that
+        does not has another alpha.
     """
     bounds = _LEAST * disc.shape[0], _MOST * disc.shape[0]
     radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
     coarse = data.coarser(max(1, int(disc.shape[0] / (radius * data.scale))))
     start = descend(coarse, seen(coarse, disc), bounds)
-    found = [_roughly(coarse, _shaped(coarse, start, _bulgy(start)), bounds)]
+    richer = [_bulgy(start), replace(_bulgy(start), bulges=2)]
+    found = [_roughly(coarse, _shaped(coarse, start, s), bounds) for s in richer]
+    explained = misfit(data, disc) <= MAX_MISFIT
     if not _could_pay(coarse, start, found[0]):
-        if misfit(data, disc) <= MAX_MISFIT:
-            return disc
-        found += [_roughly(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
+        others = [] if explained else [*_crosswise(coarse, start, found)]
+        if explained and _is_short(start):  # what went little looks like much that went far
+            others = [*_crosswise(coarse, start, found), *_stretched(coarse, start, found)]
+        found += [_roughly(coarse, s, bounds) for s in others]
+        if explained and _best(coarse, [start, *found]) is start:
+            rivalled = any(differ(start, s) and _may_pay(coarse, start, s) for s in found)
+            return replace(disc, contested=True) if rivalled else disc
     found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
     others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
@@ -79,6 +87,12 @@ def refined(data: Data, disc: State) -> State:
 def _explains(data: Data, rival: State) -> bool:
     """Whether it leaves little; where its descent had no end yet, it would have left even less."""
     return misfit(data, replace(rival, converged=True)) <= _RIVALS
+
+
+def _is_short(disc: State) -> bool:
+    """Whether it went less far than a few times its radius."""
+    way = np.linalg.norm(np.diff(disc.curve, axis=0), axis=1).sum()
+    return bool(way < _SHORT * disc.shape[0])
 
 
 def _roughly(data: Data, start: State, bounds: tuple[float, float]) -> State:
@@ -216,6 +230,11 @@ def _on(data: Data, state: State, family: PathFamily) -> State:
 def _could_pay(data: Data, disc: State, richest: State) -> bool:
     """Whether an ellipse would be taken if it gained as much as the richest shape."""
     return (disc.cost - richest.cost) / overstated(data, richest) > _price(data, 2)
+
+
+def _may_pay(data: Data, simple: State, rich: State) -> bool:
+    """Whether a richer shape explains more than noise that it takes up [Akaike 1974]."""
+    return (simple.cost - rich.cost) / overstated(data, rich) > rich.size - simple.size
 
 
 def likelier(simple: tuple[Data, State], rich: tuple[Data, State]) -> bool:

@@ -20,7 +20,7 @@ OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen, nor of a shap
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
 _SIZES = 4, 8, 16  # pixels: compression has blocks of up to 16
 _BESIDE = 3  # pixels around a sweep that it must explain too
-_WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
+_WORST = {1: 0.1, 2: 0.0, 3: 0.1}  # of the blocks, by rank: holes and posts are no fault of a shape
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _MEDIANS = {1: 1.386, 2: 0.455, 3: 2.366}  # of χ², by rank of the colors
 _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel leaves 0.5 to 2.4
@@ -82,16 +82,16 @@ def left_beyond_noise(data: Data, state: State) -> float:
     within, beside = _places(data, state)
     usual = _usual(e, beside)
     blocks = max(np.count_nonzero(within) / _BLOCK**2, 1.0) * _channels(state)
-    chance = 1 + float(np.sqrt(2 / blocks))
+    chance, worst = 1 + float(np.sqrt(2 / blocks)), _WORST[state.frame.rank]
     if usual < _HANGS:
-        return _together(e, within, _WORST, _BLOCK) / max(usual, 1) / chance
+        return _together(e, within, worst, _BLOCK) / max(usual, 1) / chance
     usual_of = {size: shared_coherence(size, data.scale) for size in _MOST_USUAL}
     of_pixels = [
-        _together(e, within, _WORST, size)
+        _together(e, within, worst, size)
         / max(min(_together(e, beside, _OTHERS, size), most), usual_of[size])
         for size, most in _MOST_USUAL.items()
     ]
-    of_noise = [_in_blocks(e, within, _WORST, size) / usual_of[size] for size in _MOST_USUAL]
+    of_noise = [_in_blocks(e, within, worst, size) / usual_of[size] for size in _MOST_USUAL]
     least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
     return least / chance
 
