@@ -211,7 +211,7 @@ def test_any_colors_are_nothing_for_pixels_alone():
 
 
 def test_another_shape_is_found():
-    truth, image, plate = taken(Scene(WALL, PATH, star_sprite(44, ORANGE)), 1)
+    truth, image, plate = taken(Scene(WALL, PATH, star_sprite(30, ORANGE)), 1)
     solution = solve(image, plate)
     assert solution.stats["sweep"]["silhouette"].startswith("outline of")
     assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha)[solution.streak] ** 2)) < 0.03

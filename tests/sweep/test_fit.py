@@ -24,6 +24,7 @@ from blurmatte.rendering import (
     colorful_plate,
     plain_plate,
     render,
+    textured_plate,
 )
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
@@ -226,6 +227,22 @@ def test_a_sheet_that_goes_along_its_side_may_be_long_or_have_gone_far():
         assert words.startswith("two shapes") is not tells
         if tells:
             assert rmse(sweep, truth) < 0.05
+
+
+@pytest.mark.parametrize("seed", [0, 3])
+def test_a_small_sheet_that_went_little_is_no_disc_that_went_far(seed):
+    """Honest: in a JPEG a disc across it leaves no more than noise."""
+    rng = np.random.default_rng(seed)
+    angle, turned = rng.uniform(0, np.pi), rng.uniform(-3, 3)
+    half = 1.6 * np.array([np.cos(angle), np.sin(angle)])
+    middle = np.array([48, 40]) + rng.uniform(-1, 1, 2)
+    way = Trajectory.line(middle - half, middle + half)
+    sheet = Sheet(15, 6.3, np.array([0.225, 0.643, 0.69]))
+    scene = Scene(textured_plate((96, 80), 2), way, sheet, Change(turned=(0, 0, turned)))
+    shot = Shot(scene, Camera(code_std=2 / 255, jpeg_quality=90), plate_frames=5, seed=seed)
+    truth = render(scene)
+    sweep = fit_sweep(*shot.photograph(truth))
+    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
 def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):

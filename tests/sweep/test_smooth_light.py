@@ -1,5 +1,7 @@
 """Smooth light: what a wrong alpha leaves in the light of an object."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,8 +10,10 @@ from blurmatte.radiometry import with_noise
 from blurmatte.rendering import (
     Ball,
     Camera,
+    Change,
     Scene,
     Shot,
+    colorful_plate,
     plain_plate,
     render,
     textured_plate,
@@ -77,6 +81,25 @@ def test_what_it_contradicts_is_no_answer(monkeypatch):
     sweep = fit_sweep(image, picture, streak)
     assert np.isinf(sweep.misfit)
     assert "off by 30% if its light changes little" in sweep.complaint(MAX_MISFIT)
+
+
+def test_two_paints_are_not_believed_where_it_would_tell_nothing(monkeypatch):
+    """Door: a plane of colors explains what it likes then."""
+    paints = Ball(13, GREEN, second_color=RED)
+    scene = Scene(colorful_plate(SIZE, 2, tile=20), WAY, paints, Change(spin=(1.0, 0.5, 0.8)))
+    streak, image, plate = taken(scene)
+    sweep = fit_sweep(image, plate, streak)
+    assert sweep.model.rank == 2
+    assert sweep.misfit < MAX_MISFIT
+    asked = end.smooth_light
+
+    def hardly_told(data, state):
+        return replace(asked(data, state), share=0.15)
+
+    monkeypatch.setattr(end, "smooth_light", hardly_told)
+    assert fit_sweep(image, plate, streak).misfit > MAX_MISFIT
+    given = fit_sweep(image, plate, streak, sweep.model)
+    assert given.misfit < MAX_MISFIT  # what is known needs no confirmation
 
 
 def test_fine_paint_is_no_wrong_shape_where_texture_confirms_alpha():

@@ -22,7 +22,7 @@ from blurmatte.rendering import (
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, verdict
 from blurmatte.sweep.data import data_around
-from blurmatte.sweep.descent import descend, state_at
+from blurmatte.sweep.descent import descend, seen, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.silhouette import DISC
@@ -32,6 +32,7 @@ from blurmatte.sweep.verdict import (
     coherence,
     colors_ran_together,
     doubtful_share,
+    left_beyond_noise,
     mean_light,
     means_something,
     misfit,
@@ -294,6 +295,23 @@ def test_a_plane_must_claim_the_light_of_its_colors(monkeypatch):
     assert "leaves 20% of what changed" in objection(data, right)
     line = replace(disc(data), converged=True)  # of which light elsewhere is no light of its color
     assert misfit(data, line) <= MAX_MISFIT
+
+
+def test_a_plane_must_explain_every_place(monkeypatch):
+    """Where two things of one plane met, it leaves much in a few blocks."""
+    data = taken(Scene(TILES, WAY, Ball(11, GREEN)))
+    line, plane = disc(data), Frame.of(np.stack([GREEN, [0.9, 0.1, 0.1]], axis=1))
+    alpha = line.swept.alpha
+    middle = np.unravel_index(np.argmax(alpha), alpha.shape)
+    spot = np.hypot(*(np.indices(alpha.shape).T - middle).T) < 3
+    assert np.all(alpha[spot] > 0.2)
+    marked = replace(data, C=data.C + 0.06 * spot[..., None] * plane.across[:, 0])
+
+    def left(data, frame):
+        return left_beyond_noise(data, seen(data, replace(line, frame=frame)))
+
+    assert left(data, plane) < MAX_MISFIT < left(marked, plane)
+    assert left(marked, line.frame) < MAX_MISFIT  # a hole, or a highlight of one paint
 
 
 def test_a_color_of_negative_light_cannot_be():

@@ -235,4 +235,4 @@ def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
         return replace(told, state=replace(told.state, contested=best.contested))
     shaped = End.before_bleeding(search, best, transfer)
     ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
-    return shaped if shaped.left <= MAX_MISFIT and likelier(*ends) else told
+    return shaped if shaped.beyond_noise <= MAX_MISFIT and likelier(*ends) else told

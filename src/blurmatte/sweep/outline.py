@@ -30,6 +30,7 @@ _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _AROUND = 90  # points of a rim
+_LUCK = 0.02  # probability that noise alone makes a richer shape look so much better
 _SHORT = 4.0  # radii
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 _HELPED = 0.8  # of the misfit, what more bulges leave if corners are what is missing
@@ -64,8 +65,7 @@ def refined(data: Data, disc: State) -> State:
             others = [*_crosswise(coarse, start, found), *_stretched(coarse, start, found)]
         found += [_roughly(coarse, s, bounds) for s in others]
         if explained and _best(coarse, [start, *found]) is start:
-            rivalled = any(differ(start, s) and _may_pay(coarse, start, s) for s in found)
-            return replace(disc, contested=True) if rivalled else disc
+            return _remaining(disc, coarse, start, found)
     found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
     others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
@@ -73,7 +73,7 @@ def refined(data: Data, disc: State) -> State:
     ends = [start, *found, *(_roughly(coarse, s, bounds) for s in others)]
     order = _ordered(coarse, ends)
     if order[0][1] is start:
-        return disc
+        return _remaining(disc, coarse, start, found)
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
     rivals = [_roughly(coarse, s, bounds) for s in _exchanged(coarse, best, bounds)]
@@ -82,6 +82,20 @@ def refined(data: Data, disc: State) -> State:
     end = _best(data, ends)
     rivalled = any(differ(end, other) and _explains(data, other) for other in ends)
     return replace(end, contested=best.contested or rivalled)
+
+
+def _remaining(disc: State, data: Data, start: State, found: list[State]) -> State:
+    """The disc, contested if what is not clearly better, but by more than luck, has another alpha.
+
+    Of noise alone twice the gain of so many more parameters is χ² of as many [Wilks 1938].
+    """
+    from scipy.special import chdtrc
+
+    for other in found:
+        more, gain = other.size - start.size, (start.cost - other.cost) / overstated(data, other)
+        if more > 0 and chdtrc(more, 2 * max(gain, 0)) < _LUCK and differ(start, other):
+            return replace(disc, contested=True)
+    return disc
 
 
 def _explains(data: Data, rival: State) -> bool:
@@ -230,11 +244,6 @@ def _on(data: Data, state: State, family: PathFamily) -> State:
 def _could_pay(data: Data, disc: State, richest: State) -> bool:
     """Whether an ellipse would be taken if it gained as much as the richest shape."""
     return (disc.cost - richest.cost) / overstated(data, richest) > _price(data, 2)
-
-
-def _may_pay(data: Data, simple: State, rich: State) -> bool:
-    """Whether a richer shape explains more than noise that it takes up [Akaike 1974]."""
-    return (simple.cost - rich.cost) / overstated(data, rich) > rich.size - simple.size
 
 
 def likelier(simple: tuple[Data, State], rich: tuple[Data, State]) -> bool:
