@@ -83,23 +83,59 @@ def test_what_it_contradicts_is_no_answer(monkeypatch):
     assert "off by 30% if its light changes little" in sweep.complaint(MAX_MISFIT)
 
 
-def test_two_paints_are_not_believed_where_it_would_tell_nothing(monkeypatch):
-    """Door: a plane of colors explains what it likes then."""
-    paints = Ball(13, GREEN, second_color=RED)
-    scene = Scene(colorful_plate(SIZE, 2, tile=20), WAY, paints, Change(spin=(1.0, 0.5, 0.8)))
+PAINTS = Scene(
+    colorful_plate(SIZE, 2, tile=20),
+    WAY,
+    Ball(13, GREEN, second_color=RED),
+    Change(spin=(1.0, 0.5, 0.8)),
+)
+DENSE = Scene(WALL, Trajectory.line((62, 50), (88, 62)), Ball(11, GREEN))
+FAINT = Scene(WALL, Trajectory.line((30, 30), (130, 80)), Ball(4, GREEN))
+
+
+@pytest.mark.parametrize(
+    ("scene", "rank", "share", "believed"),
+    [
+        (PAINTS, 2, 0.25, True),
+        (PAINTS, 2, 0.18, False),  # a plane of colors explains what it likes
+        (DENSE, 1, 0.18, True),
+        (DENSE, 1, 0.1, False),
+        (FAINT, 1, 0.0, True),  # of little alpha little can be wrong
+    ],
+    ids=["two paints", "two, hardly told", "one paint", "one, hardly told", "faint"],
+)
+def test_a_wrong_alpha_must_leave_a_trace(monkeypatch, scene, rank, share, believed):
+    """Door: where nothing would contradict it, a shape is not believed; a known color is."""
     streak, image, plate = taken(scene)
-    sweep = fit_sweep(image, plate, streak)
-    assert sweep.model.rank == 2
-    assert sweep.misfit < MAX_MISFIT
     asked = end.smooth_light
+    monkeypatch.setattr(
+        end, "smooth_light", lambda data, state: replace(asked(data, state), share=share)
+    )
+    sweep = fit_sweep(image, plate, streak)
+    assert (sweep.misfit <= MAX_MISFIT) == believed
+    if not believed and rank == 1:
+        assert "a wrong alpha would leave no trace" in sweep.complaint(MAX_MISFIT)
+    paints = np.stack([GREEN, RED][:rank])
+    known = ColorModel(np.linalg.svd(paints.T, full_matrices=False)[0])
+    assert fit_sweep(image, plate, streak, known).misfit <= MAX_MISFIT
 
-    def hardly_told(data, state):
-        return replace(asked(data, state), share=0.15)
 
-    monkeypatch.setattr(end, "smooth_light", hardly_told)
-    assert fit_sweep(image, plate, streak).misfit > MAX_MISFIT
-    given = fit_sweep(image, plate, streak, sweep.model)
-    assert given.misfit < MAX_MISFIT  # what is known needs no confirmation
+def test_outlines_are_asked_place_by_place(monkeypatch):
+    """Door: like planes of colors they take up more than a disc of one paint."""
+    scene = Scene(WALL, WAY, Ball(10, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
+    streak, image, plate = taken(scene)
+    asked = end.smooth_light
+    for places, believed in ((0.15, True), (0.25, False)):
+        monkeypatch.setattr(
+            end, "smooth_light",
+            lambda data, state, places=places: replace(
+                asked(data, state), astray_of_places=places, astray=0.05
+            ),
+        )  # fmt: skip
+        sweep = fit_sweep(image, plate, streak)
+        assert sweep.silhouette.bulges > 1
+        assert (sweep.misfit <= MAX_MISFIT) == believed
+        assert ("off by 25%" in sweep.complaint(MAX_MISFIT)) != believed
 
 
 def test_fine_paint_is_no_wrong_shape_where_texture_confirms_alpha():

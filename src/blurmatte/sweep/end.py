@@ -35,11 +35,11 @@ _MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
 _EXACTLY = 0.05  # of alpha, to which it may tell it instead: paint is finer than a field
-# Of alpha: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. Planes and outlines, which take
-# up more, are asked place by place: right ones left up to 0.17, wrong ones 0.25 and more.
+# Of alpha: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. Planes and outlines, which
+# take up more, are asked place by place: right ones left up to 0.17, wrong ones 0.25 and more.
 _MOST_ASTRAY, _MOST_OF_PLACES = 0.125, 0.2
-# Of the places, by rank, where smooth light must tell a wrong alpha. Of 36 planes in which it did in more,
-# none was off by 0.05; of 15 in which it did in less, ten were. Of one paint five of ten were.
+# Of the places, by rank, where smooth light must tell a wrong alpha. Of 36 planes in which it did in
+# more, none was off by 0.05; of 15 in which it did in less, ten were. Of one paint five of ten were.
 _LEAST_TOLD = {1: 0.15, 2: 0.2, 3: 0.0}
 _FAINT = 0.3  # usual alpha, of which not enough may be told for that
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
@@ -109,7 +109,7 @@ class End:
             off = f"{self.astray:.0%}"
             return f"has an alpha that is off by {off} if its light changes little within it"
         if not self._would_be_told:
-            return "has colors so near those of the plate that a wrong alpha would leave no trace"
+            return "is so small, or so near the plate in color, that a wrong alpha would leave no trace"
         return ""
 
     @property
