@@ -41,6 +41,7 @@ _MOST_ASTRAY, _MOST_OF_PLACES = 0.125, 0.2
 # Of the places, by rank, where smooth light must tell a wrong alpha. Of 36 planes in which it did in
 # more, none was off by 0.05; of 15 in which it did in less, ten were. Of one paint five of ten were.
 _LEAST_TOLD = {1: 0.15, 2: 0.2, 3: 0.0}
+_RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _FAINT = 0.3  # usual alpha, of which not enough may be told for that
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
@@ -147,7 +148,12 @@ class End:
 
     @cached_property
     def _said(self) -> SmoothLight:
-        return smooth_light(self.search.data, self.state)
+        data, state = self.search.data, self.state
+        factor = int(state.shape[0] / (_RADIUS * data.scale))
+        if factor > 1:
+            data = data.coarser(factor)
+            state = seen(data, state)
+        return smooth_light(data, state)
 
     def sweep(self, image: LinearImage, louder: float) -> Sweep:
         """What it tells. If it was the file that blurred the colors of its rim, the rim is sharp."""
