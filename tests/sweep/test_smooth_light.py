@@ -55,6 +55,7 @@ def test_texture_tells_alpha_where_there_is_some(plate, tells, colors):
     shot = taken(Scene(plate, WAY, Ball(11, GREEN)))
     right, wrong = (said_of(shot, radius, colors) for radius in (11.0, 14.0))
     assert (right.share > 0.5) == tells
+    assert (right.structure > 3) == tells
     assert right.against < 3
     assert right.astray == 0
     assert (wrong.against > 10) == tells
@@ -76,7 +77,7 @@ def test_what_it_contradicts_is_no_answer(monkeypatch):
     streak, image, picture = taken(scene)
     assert fit_sweep(image, picture, streak).misfit < MAX_MISFIT
     monkeypatch.setattr(
-        end, "smooth_light", lambda data, state: SmoothLight(1.0, 50.0, 0.3, 0.3, 0.3)
+        end, "smooth_light", lambda data, state: SmoothLight(9.0, 1.0, 50.0, 0.3, 0.3, 0.3)
     )
     sweep = fit_sweep(image, picture, streak)
     assert np.isinf(sweep.misfit)
@@ -89,8 +90,7 @@ PAINTS = Scene(
     Ball(13, GREEN, second_color=RED),
     Change(spin=(1.0, 0.5, 0.8)),
 )
-DENSE = Scene(WALL, Trajectory.line((62, 50), (88, 62)), Ball(11, GREEN))
-FAINT = Scene(WALL, Trajectory.line((30, 30), (130, 80)), Ball(4, GREEN))
+EGG = Scene(WALL, WAY, Ball(10, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
 
 
 @pytest.mark.parametrize(
@@ -98,13 +98,11 @@ FAINT = Scene(WALL, Trajectory.line((30, 30), (130, 80)), Ball(4, GREEN))
     [
         (PAINTS, 2, 0.25, True),
         (PAINTS, 2, 0.18, False),  # a plane of colors explains what it likes
-        (DENSE, 1, 0.18, True),
-        (DENSE, 1, 0.1, False),
-        (FAINT, 1, 0.0, True),  # of little alpha little can be wrong
+        (Scene(WALL, WAY, Ball(11, GREEN)), 1, 0.0, True),  # a ball is what most moves
     ],
-    ids=["two paints", "two, hardly told", "one paint", "one, hardly told", "faint"],
+    ids=["told", "hardly told", "one paint"],
 )
-def test_a_wrong_alpha_must_leave_a_trace(monkeypatch, scene, rank, share, believed):
+def test_a_wrong_alpha_of_two_paints_must_leave_a_trace(monkeypatch, scene, rank, share, believed):
     """Door: where nothing would contradict it, a shape is not believed; a known color is."""
     streak, image, plate = taken(scene)
     asked = end.smooth_light
@@ -113,8 +111,6 @@ def test_a_wrong_alpha_must_leave_a_trace(monkeypatch, scene, rank, share, belie
     )
     sweep = fit_sweep(image, plate, streak)
     assert (sweep.misfit <= MAX_MISFIT) == believed
-    if not believed and rank == 1:
-        assert "a wrong alpha would leave no trace" in sweep.complaint(MAX_MISFIT)
     paints = np.stack([GREEN, RED][:rank])
     known = ColorModel(np.linalg.svd(paints.T, full_matrices=False)[0])
     assert fit_sweep(image, plate, streak, known).misfit <= MAX_MISFIT
@@ -122,8 +118,7 @@ def test_a_wrong_alpha_must_leave_a_trace(monkeypatch, scene, rank, share, belie
 
 def test_outlines_are_asked_place_by_place(monkeypatch):
     """Door: like planes of colors they take up more than a disc of one paint."""
-    scene = Scene(WALL, WAY, Ball(10, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
-    streak, image, plate = taken(scene)
+    streak, image, plate = taken(EGG)
     asked = end.smooth_light
     for places, believed in ((0.15, True), (0.25, False)):
         monkeypatch.setattr(

@@ -32,17 +32,19 @@ Array = npt.NDArray[np.float64]
 # Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
 # shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
 _MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
+_STRUCTURED = (
+    3.0  # times its noise, what a plate must have to tell alpha of any colors; rims tell, too
+)
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
 _EXACTLY = 0.05  # of alpha, to which it may tell it instead: paint is finer than a field
 # Of alpha: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. Planes and outlines, which
-# take up more, are asked place by place: right ones left up to 0.17, wrong ones 0.25 and more.
+# take up more, are asked place by place: right ones left up to 0.17, wrong ones 0.25 on.
 _MOST_ASTRAY, _MOST_OF_PLACES = 0.125, 0.2
-# Of the places, by rank, where smooth light must tell a wrong alpha. Of 36 planes in which it did in
-# more, none was off by 0.05; of 15 in which it did in less, ten were. Of one paint five of ten were.
-_LEAST_TOLD = {1: 0.15, 2: 0.2, 3: 0.0}
+# Of the places of a plane, where smooth light must tell a wrong alpha. Of 36 in which it did in more,
+# none was off by 0.05; of 15 in which it did in less, ten were.
+_LEAST_TOLD = 0.2
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
-_FAINT = 0.3  # usual alpha, of which not enough may be told for that
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
 
@@ -128,23 +130,25 @@ class End:
     @property
     def _would_be_told(self) -> bool:
         """Whether something would tell a wrong alpha: smooth light, or a color that is known."""
-        rank, alpha = self.state.frame.rank, self.state.swept.alpha
-        faint = rank == 1 and np.mean(alpha[alpha > 0] ** 2) < _FAINT**2
-        told = self.search.data.known is not None or faint
-        return bool(told or self._said.share >= _LEAST_TOLD[rank])
+        known = self.search.data.known is not None
+        return known or self.state.frame.rank != 2 or self._said.share >= _LEAST_TOLD
 
     @property
     def is_textured(self) -> bool:
         """Whether the plate's texture would tell a wrong alpha of any colors, and does not."""
         agrees = self.state.frame.rank < 3 or self._said.against < _AGAINST
-        return self._said.share > _MOST_OF_IT and (agrees or self._is_told_exactly)
+        return self._is_told_by_texture and (agrees or self._is_told_exactly)
 
     @property
     def _is_told_exactly(self) -> bool:
         """Whether texture tells alpha so well that paint may be finer than a field of any colors."""
         if self.state.frame.rank < 3:
             return False
-        return self._said.share > _MOST_OF_IT and self._said.scatter < _EXACTLY
+        return self._is_told_by_texture and self._said.scatter < _EXACTLY
+
+    @property
+    def _is_told_by_texture(self) -> bool:
+        return self._said.structure > _STRUCTURED and self._said.share > _MOST_OF_IT
 
     @cached_property
     def _said(self) -> SmoothLight:

@@ -206,16 +206,18 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    enough = left <= MAX_MISFIT and (simple or line.state.contested)
-    if enough or search.data.known is not None:
+    contested = line.state.contested and line.beyond_noise <= MAX_MISFIT
+    enough = left <= MAX_MISFIT and simple
+    if contested or enough or search.data.known is not None:
         return line
     plane = End.before_bleeding(search, search.best(2), transfer)
+    # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
+    left = min(left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
         return plane
     if not simple and plane.misfit <= MAX_MISFIT:  # an odd outline of one paint, or a disc of two
         return replace(line, state=replace(line.state, contested=differ(line.state, plane.state)))
-    # Where one paint leaves nothing it is its shape that is wrong: any colors would only hide that.
-    if min(left, told.beyond_noise) <= MAX_MISFIT or not told.is_textured:
+    if left <= MAX_MISFIT or not told.is_textured:
         return line
     any_colors = End(search, search.best(3))
     agrees = any_colors.is_textured and any_colors.misfit <= MAX_MISFIT

@@ -16,6 +16,7 @@ from blurmatte.sweep.student import belief
 from blurmatte.sweep.verdict import OPAQUE, coherence_of_noise
 
 _TOLD = 0.03  # of alpha, what must be told
+_TINY = 1e-18
 _PAINTED = 3.0  # mean square that right sweeps leave: a field is not all that is painted on things
 
 
@@ -25,6 +26,8 @@ class SmoothLight:
 
     Parameters
     ----------
+    structure : float
+        Of the plate, finer than light changes, over its noise, root mean square.
     share : float
         Of the places in which it would tell a wrong alpha.
     against : float
@@ -38,6 +41,7 @@ class SmoothLight:
         The same if the usual alpha of the sweep is 1, so that faint ends hardly count.
     """
 
+    structure: float
     share: float
     against: float
     scatter: float
@@ -56,7 +60,7 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     information = np.diag(H)
     told = information > _TOLD**-2
     if not told.any():
-        return SmoothLight(0.0, 0.0, np.inf, 0.0, 0.0)
+        return SmoothLight(_structure(data), 0.0, 0.0, np.inf, 0.0, 0.0)
     z2 = g[told] ** 2 / information[told]
     noise = max(coherence_of_noise(data, state), _PAINTED)
     beyond = max(float(np.sum(z2 - noise)), 0.0)
@@ -65,9 +69,18 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     usual = np.mean(alpha[alpha > 0] ** 2)
     by_place, by_usual = (np.sum(information[told] * unit) for unit in (local**2, usual))
     return SmoothLight(
+        _structure(data),
         float(np.mean(told)),
         float(np.mean(z2)),
         float(np.sqrt(np.sum(z2) / by_place)),
         float(np.sqrt(beyond / by_place)),
         float(np.sqrt(beyond / by_usual)),
     )
+
+
+def _structure(data: Data) -> float:
+    from scipy.ndimage import gaussian_filter
+
+    within, width = data.streak & data.valid, data.pitch / 2
+    fine = (data.B - gaussian_filter(data.B, (width, width, 0)))[within]
+    return float(np.sqrt(np.mean(fine**2) / max(data.B_variance[within].mean(), _TINY)))
