@@ -32,9 +32,7 @@ Array = npt.NDArray[np.float64]
 # Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
 # shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
 _MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
-_STRUCTURED = (
-    3.0  # times its noise, what a plate must have to tell alpha of any colors; rims tell, too
-)
+_STRUCTURED = 3.0  # times its noise: the least that is texture of a plate; rims tell alpha, too
 _MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
 _AGAINST = 3.0  # what it may tell against them
 _EXACTLY = 0.05  # of alpha, to which it may tell it instead: paint is finer than a field

@@ -60,10 +60,10 @@ def refined(data: Data, disc: State) -> State:
     found = [_roughly(coarse, _shaped(coarse, start, s), bounds) for s in richer]
     explained = misfit(data, disc) <= MAX_MISFIT
     if not _could_pay(coarse, start, found[0]):
-        others = [] if explained else [*_crosswise(coarse, start, found)]
+        if not explained or _is_short(start):
+            found += [_roughly(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
         if explained and _is_short(start):  # what went little looks like much that went far
-            others = [*_crosswise(coarse, start, found), *_stretched(coarse, start, found)]
-        found += [_roughly(coarse, s, bounds) for s in others]
+            found += [_roughly(coarse, s, bounds) for s in _stretched(coarse, start, found)]
         if explained and _best(coarse, [start, *found]) is start:
             return _remaining(disc, coarse, start, found)
     found = _search(coarse, start, found, bounds)

@@ -20,7 +20,7 @@ OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen, nor of a shap
 _BLOCK = 4  # pixels: residuals of a wrong shape hang together over this and more
 _SIZES = 4, 8, 16  # pixels: compression has blocks of up to 16
 _BESIDE = 3  # pixels around a sweep that it must explain too
-_WORST = {1: 0.1, 2: 0.0, 3: 0.1}  # of the blocks, by rank: holes and posts are no fault of a shape
+_WORST = 0.1  # of the blocks: a hole or a post in front is no fault of the shape
 _OTHERS = 0.3  # of the blocks beside: something else may move there
 _MEDIANS = {1: 1.386, 2: 0.455, 3: 2.366}  # of χ², by rank of the colors
 _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel leaves 0.5 to 2.4
@@ -82,7 +82,9 @@ def left_beyond_noise(data: Data, state: State) -> float:
     within, beside = _places(data, state)
     usual = _usual(e, beside)
     blocks = max(np.count_nonzero(within) / _BLOCK**2, 1.0) * _channels(state)
-    chance, worst = 1 + float(np.sqrt(2 / blocks)), _WORST[state.frame.rank]
+    chance = 1 + float(np.sqrt(2 / blocks))
+    # A plane that nobody gave takes up all but the place in which two things met.
+    worst = 0.0 if state.frame.rank == 2 and data.known is None else _WORST
     if usual < _HANGS:
         return _together(e, within, worst, _BLOCK) / max(usual, 1) / chance
     usual_of = {size: shared_coherence(size, data.scale) for size in _MOST_USUAL}
