@@ -146,6 +146,7 @@ class End:
 
     @property
     def _is_told_by_texture(self) -> bool:
+        """Whether the plate has texture, and most places of the streak tell a wrong alpha."""
         return self._said.structure > _STRUCTURED and self._said.share > _MOST_OF_IT
 
     @cached_property

@@ -228,7 +228,8 @@ def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """The silhouette that the evidence asks for, if but noise is left of it; or the disc.
 
     Each is asked to explain the light that it tells itself: told by another it would seem worse. What
-    an outline leaves it could not take up, free as it is, so that something else is wrong.
+    an outline leaves it could not take up, free as it is, so that something else is wrong; other
+    objections to it stay with it, and are what a refusal says.
     """
     best = refined(search.data, disc)
     if best is disc:

@@ -16,7 +16,7 @@ from blurmatte.sweep.student import belief
 from blurmatte.sweep.verdict import OPAQUE, coherence_of_noise
 
 _TOLD = 0.03  # of alpha, what must be told
-_TINY = 1e-18
+_TINY = 1e-18  # noise of a plate that has none, but is divided by
 _PAINTED = 3.0  # mean square that right sweeps leave: a field is not all that is painted on things
 
 
