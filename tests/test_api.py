@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import blurmatte as bm
@@ -67,3 +68,72 @@ def test_import_is_cheap():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.strip() == ""
+
+
+PICTURE = bm.LinearImage(np.full((9, 12, 3), 0.5))
+LENS = bm.Intrinsics.from_focal_length(50, (12, 9))
+SIGHTINGS = [bm.FrameSightings(0, 0.0, ())]
+
+
+@pytest.mark.parametrize(
+    ("call", "words"),
+    [
+        (lambda: bm.fit_sweep(PICTURE, PICTURE, "all"), "streak must be a Streak"),
+        (lambda: bm.fit_sweep(PICTURE, PICTURE, model="#d8ff3c"), "model must be a ColorModel"),
+        (lambda: bm.fit_sweep(PICTURE, PICTURE, start="#d8ff3c"), "start must be a Sweep"),
+        (lambda: bm.solve(PICTURE, PICTURE, start=LENS), "start must be a Sweep"),
+        (lambda: bm.solve(PICTURE, PICTURE, out="a.png"), "out must be a PixelMaps"),
+        (lambda: bm.fit_transfer("a.png", PICTURE), "image must be a LinearImage"),
+        (lambda: bm.fit_transfer(PICTURE, PICTURE, curves=["srgb"]), "a curve must be a Transfer"),
+        (lambda: bm.fit_noise(PICTURE, "a.png"), "plate must be a LinearImage"),
+        (lambda: bm.measure_noise(["a.png", "b.png"]), "frame 1 must be a LinearImage"),
+        (lambda: bm.measure_noise([PICTURE, "b.png"]), "frame 2 must be a LinearImage"),
+        (lambda: bm.measure_noise_against("a.png", PICTURE), "picture must be a LinearImage"),
+        (lambda: bm.measure_noise_within(0, PICTURE.valid), "picture must be a LinearImage"),
+        (lambda: bm.make_plate(["a.png"] * 3), "the first frame must be a LinearImage"),
+        (lambda: bm.make_plate([PICTURE, "b.png", "c.png"]), "frame 1 must be a LinearImage"),
+        (lambda: bm.sightings(["a.png"], PICTURE, bm.ColorModel.any()), "a frame must be a Linear"),
+        (lambda: bm.sightings([PICTURE], PICTURE, "#d8ff3c"), "model must be a ColorModel"),
+        (lambda: bm.measure_clip([PICTURE], model="#d8ff3c"), "model must be a ColorModel"),
+        (lambda: bm.link_sightings(PICTURE.rgb), "each of frames must be a FrameSightings"),
+        (lambda: bm.fit_fall(SIGHTINGS), "each of rows must be a FrameMotion"),
+        (lambda: bm.fit_fall([], scale=0.001), "scale must be a Scale"),
+        (lambda: bm.frame_scatter(SIGHTINGS), "each of rows must be a FrameMotion"),
+        (lambda: bm.places_in_space([], "lens.json", 0.02), "intrinsics must be a Intrinsics"),
+        (lambda: bm.fit_ball(PICTURE, PICTURE, "lens.json", 0.02), "intrinsics must be a Intrin"),
+        (lambda: bm.fit_ball(PICTURE, PICTURE, LENS, 0.02, sweep=1), "sweep must be a Sweep"),
+        (lambda: bm.Plane.from_points([], [], "lens.json"), "intrinsics must be a Intrinsics"),
+        (lambda: bm.measure_on_plane(None, "plane"), "plane must be a Plane"),
+        (lambda: bm.Scale.from_radius("a", 0.02), "motion must be a Motion"),
+        (lambda: bm.end_silhouettes(PICTURE, None), "solution must be a Solution"),
+        (lambda: bm.draw_motion(PICTURE, PICTURE, None), "solution must be a Solution"),
+        (lambda: bm.draw_overview(PICTURE, "plate.png", None), "plate must be a LinearImage"),
+        (lambda: bm.save_results("out", PICTURE, PICTURE, None), "solution must be a Solution"),
+        (lambda: bm.save_plate("out.png", PICTURE), "fit must be a PlateFit"),
+        (lambda: bm.draw_noise(bm.NoiseModel()), "fit must be a NoiseFit"),
+        (lambda: bm.split_exposure(PICTURE, "#d02020"), "solution must be a Solution"),
+        (lambda: bm.save_exposures("out", PICTURE, None), "exposures must be a Exposures"),
+        (lambda: bm.cover("beach.jpg", (9, 9)), "picture must be a LinearImage"),
+        (lambda: bm.light_gain(PICTURE, "plate.png"), "plate must be a LinearImage"),
+        (lambda: list(bm.fade_between(PICTURE, None)), "second must be a LinearImage"),
+        (lambda: bm.remove(PICTURE, None, PICTURE.valid), "plate must be a LinearImage"),
+        (lambda: bm.retouch(PICTURE, PICTURE, None), "layer must be a Layer"),
+        (lambda: bm.fit_fall_in_space([PICTURE]), "each of balls must be a BallPlace"),
+        (lambda: bm.stack([PICTURE]), "layer 0 must be a Layer"),
+        (lambda: bm.pick_colors("a.png", 3, 3), "image must be a LinearImage"),
+        (lambda: bm.find_streak_within((0, 0, 3, 3), PICTURE, PICTURE), "region must be a Streak"),
+        (lambda: bm.Streak([[True]]), "mask must be a NumPy array, got list"),
+        (lambda: bm.render("easy"), "scene must be a Scene"),
+        (lambda: bm.Shot("easy"), "scene must be a Scene"),
+        (lambda: bm.save_shot("out", "easy"), "shot must be a Shot"),
+        (lambda: bm.score(PICTURE, None), "answer must be a Answer"),
+        (lambda: bm.nearest_transfer("srgb"), "curve must be a Transfer"),
+        (lambda: bm.named_transfer(2.2), "name must be a str"),
+        (lambda: bm.NoiseModel.rounding(256, "srgb"), "transfer must be a Transfer"),
+        (lambda: bm.read_layers(["a.exr"], "srgb"), "transfer must be a Transfer"),
+    ],
+)
+def test_an_argument_of_another_kind_is_named(call, words):
+    """Door: with what it should be, before anything is done."""
+    with pytest.raises(TypeError, match=words):
+        next(call())  # what is told one by one is asked for

@@ -16,6 +16,8 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
+
 Array = npt.NDArray[np.float64]
 
 _COUNTS = (0, 4, 5, 8)  # coefficients that OpenCV knows: k1 k2 p1 p2 [k3 [k4 k5 k6]]
@@ -118,9 +120,11 @@ class Intrinsics:
         Raises
         ------
         ValueError
-            If a length is not positive.
+            If a length is not positive, or the standard deviation is none.
         """
         width, height = size
+        if not (np.isfinite(std) and std >= 0):
+            raise ValueError(f"std must be finite and not negative, got {std}")
         if sensor_width is not None and not sensor_width > 0:
             raise ValueError(f"sensor_width must be positive millimeters, got {sensor_width}")
         scale = np.hypot(width, height) / _DIAGONAL_35MM
@@ -269,3 +273,8 @@ def _turned(theta: Array, k: Array) -> Array:
         return theta
     s = theta * theta
     return np.asarray(theta * (1 + s * (k[0] + s * (k[1] + s * (k[2] + s * k[3])))))
+
+
+def check_intrinsics(name: str, value: object) -> None:
+    """Raise TypeError unless it is the Intrinsics of a camera."""
+    check_kind(name, value, Intrinsics, "use blurmatte.read_intrinsics(file)")

@@ -12,8 +12,16 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Box, Floats, check_box, check_light, check_map, check_same_size
-from blurmatte.radiometry import LinearImage, light_of_hex
+from blurmatte.checks import (
+    Box,
+    Floats,
+    check_box,
+    check_kind,
+    check_light,
+    check_map,
+    check_same_size,
+)
+from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
 
 Color = str | Sequence[float] | Floats
 
@@ -111,6 +119,7 @@ class Layer:
         ValueError
             If the sizes differ.
         """
+        check_picture("background", background)
         check_same_size("the layer", self.size, "the background", background.size)
         background = background.in_srgb()
         through = (1 - self.alpha[..., None]).astype(background.rgb.dtype, copy=False)
@@ -351,3 +360,8 @@ def split(light: Floats, paints: npt.NDArray[np.float64]) -> Floats:
 def _check_factor(name: str, value: float | Floats) -> None:
     if not (np.all(np.isfinite(value)) and np.min(value) >= 0):
         raise ValueError(f"{name} must be 0 or more, got {value}")
+
+
+def check_layer(name: str, value: object) -> None:
+    """Raise TypeError unless it is a Layer."""
+    check_kind(name, value, Layer, "use blurmatte.read_layer(file), or solution.layer")

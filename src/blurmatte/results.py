@@ -20,14 +20,15 @@ from typing import Any
 import numpy as np
 
 from blurmatte.background import PlateFit
-from blurmatte.checks import check_same_size
+from blurmatte.checks import check_kind, check_same_size
 from blurmatte.compositing import Exposures
 from blurmatte.explain import alpha_peak, explain
 from blurmatte.files import write_together
 from blurmatte.layer import Layer
 from blurmatte.matting import Quality, Solution
+from blurmatte.matting.solution import check_solution
 from blurmatte.overview import draw_exposures, draw_overview, draw_plate, sure_pixels
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, check_picture
 
 RESULT_FILES = (
     *("alpha.png", "color.png", "layer.exr", "layer.png"),
@@ -72,6 +73,9 @@ def save_results(
     FileError
         If the folder cannot be made or written to. What was there before stays as it was.
     """
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_solution("solution", solution)
     for name, picture in (("image", image), ("plate", plate)):
         check_same_size(name, picture.size, "the solution", solution.size)
     layer = solution.layer
@@ -109,6 +113,7 @@ def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
     FileError
         If they cannot be written. What was there before stays as it was.
     """
+    check_kind("fit", fit, PlateFit, "use blurmatte.make_plate(frames)")
     path = Path(path)
     things = {path.name: fit.plate, f"{path.stem}_overview.png": draw_plate(fit)}
     return write_together(path.parent, things)
@@ -139,6 +144,7 @@ def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> li
     FileError
         If they cannot be written. What was there before stays as it was.
     """
+    check_kind("exposures", exposures, Exposures, "use blurmatte.split_exposure(solution, *paints)")
     things: dict[str, Any] = {}
     for k in range(exposures.fraction.shape[-1]):
         things[f"paint{k + 1}.png"] = exposures.fraction[..., k]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Floats, check_map, check_same_size
+from blurmatte.checks import Bools, Box, Floats, check_kind, check_map, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import (
     LinearImage,
@@ -55,7 +55,8 @@ class Streak:
     evidence: float = float("nan")
 
     def __post_init__(self) -> None:
-        check_map("mask", self.mask, self.mask.shape[:2], kinds="b")
+        shape = self.mask.shape[:2] if isinstance(self.mask, np.ndarray) else ()
+        check_map("mask", self.mask, shape, kinds="b")
         rows, columns = (np.flatnonzero(np.any(self.mask, axis=axis)) for axis in (1, 0))
         if len(rows) == 0:
             raise ValueError("a streak needs at least one pixel; its mask is empty")
@@ -240,6 +241,7 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
     ValueError, PlateError
         As `find_streaks`.
     """
+    check_kind("region", region, Streak, "use blurmatte.Streak.from_box(box, size)")
     inside = np.zeros_like(region.mask)
     for found in find_streaks(image, plate):
         part = found.mask & region.mask
@@ -382,3 +384,8 @@ def _mean_variance(picture: LinearImage, B: Floats, cell: int) -> Floats:
     if isinstance(picture.noise, NoiseModel):
         return np.asarray(picture.noise.variance(B) / cell**2)
     return np.asarray(_cells(picture.variance, cell) / cell**2)
+
+
+def check_streak(name: str, value: object) -> None:
+    """Raise TypeError unless it is a Streak, or None."""
+    check_kind(name, value, Streak | None, "use blurmatte.Streak(mask), or from_box")

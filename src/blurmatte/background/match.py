@@ -28,7 +28,7 @@ from blurmatte.background.alignment import (
 from blurmatte.background.warp import ORDER, centered, homography, kept_variance, places, read_at
 from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.radiometry import LinearImage, check_picture, check_same_colors
 
 Array = npt.NDArray[np.float64]
 
@@ -217,6 +217,7 @@ class Match:
         ValueError
             If the plate has another size.
         """
+        check_picture("plate", plate)
         check_same_size("plate", plate.size, "the match", self.size)
         if self.moves:
             plate = self._moved(plate)

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, NoiseModel, fit_noise, rounding_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, fit_noise, rounding_noise
 
 _MOST_SAMPLES, _LEAST_SAMPLES = 64, 20
 _MOST_BYTES = 1.0e9  # of samples held; each takes 6 bytes a pixel
@@ -122,6 +122,7 @@ def _spread(
     first = next(iter(frames), None)
     if first is None:
         return np.empty((0, 1, 1, 3), np.float16), [], []
+    check_picture("the first frame", first)
     most = np.clip(_MOST_BYTES / (6 * first.valid.size), _LEAST_SAMPLES, _MOST_SAMPLES)
     step = max(1, -(-count // int(most)))
     start = (count - 1) % step // 2
@@ -129,6 +130,7 @@ def _spread(
     parts, names = list[LinearImage](), list[str]()
     for frame in islice(_every(frames, start, step), len(light)):
         number = start + len(parts) * step
+        check_picture(f"frame {number}", frame)
         if frame.size != first.size:
             raise ValueError(other_size(frame, number, first.size))
         light[len(parts)] = frame.rgb

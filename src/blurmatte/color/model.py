@@ -203,7 +203,7 @@ class ColorModel:
         Raises
         ------
         ValueError
-            If the rank is another, or a color is not finite.
+            If the rank is another, a color is not finite, or the standard deviation is none.
         ColorModelError
             If there are too few samples, they are black, or show one hue where two are asked for.
         """
@@ -212,6 +212,8 @@ class ColorModel:
             raise ValueError("colors must be finite light, got NaN or infinity")
         if rank not in (1, 2):
             raise ValueError(f"rank must be 1 or 2, got {rank}")
+        if std is not None and not (np.isfinite(std) and std >= 0):
+            raise ValueError(f"std must be finite and not negative, got {std}")
         needed = rank if std is not None else rank + 1
         if len(samples) < needed:
             raise ColorModelError(

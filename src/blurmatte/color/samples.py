@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, check_same_size
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage, check_picture, with_noise
 from blurmatte.streaks import Streak, require_streaks
 
 Array = npt.NDArray[np.float64]
@@ -53,6 +53,7 @@ def pick_colors(image: LinearImage, x: float, y: float, radius: float = 2) -> Ar
     ColorModelError
         If all of the pixels are clipped.
     """
+    check_picture("image", image)
     width, height = image.size
     if not (-0.5 <= x < width - 0.5 and -0.5 <= y < height - 0.5):
         raise ValueError(

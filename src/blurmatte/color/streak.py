@@ -8,13 +8,13 @@ the spread. Before a plate of one hue there is no answer, and `ColorModelError` 
 
 import numpy as np
 
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.checks import check_same_size
 from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfit
 from blurmatte.color.model import ColorModel
 from blurmatte.color.posterior import posterior, unit
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
-from blurmatte.streaks import Streak, require_streaks, shift_variance
+from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
 
 _MAX_ANGLE_STD = 3.0  # degrees: an answer less certain than this is none
 _MAX_SCALE_STD = 0.2  # of the angle to the plate's hue: alpha is uncertain by about this fraction
@@ -79,7 +79,7 @@ def checked(
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
-    check_kind("streak", streak, Streak | None, "use blurmatte.Streak(mask)")
+    check_streak("streak", streak)
     if not max_brightness > 0:
         raise ValueError(f"max_brightness must be positive, got {max_brightness}")
     image, plate = with_noise(image, plate)

@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 import OpenImageIO as oiio
 
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, check_picture
 
 
 def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
@@ -30,6 +30,7 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
     ValueError
         If a side is less than 1.
     """
+    check_picture("picture", picture)
     width, height = size
     if min(size) < 1:
         raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
@@ -72,6 +73,8 @@ def light_gain(background: LinearImage, plate: LinearImage) -> npt.NDArray[np.fl
     ValueError
         If a channel of the plate is black, or nothing is valid in one of both.
     """
+    check_picture("background", background)
+    check_picture("plate", plate)
     means = []
     for name, picture in (("background", background), ("plate", plate)):
         seen = picture.in_srgb()

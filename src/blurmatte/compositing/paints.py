@@ -14,6 +14,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Floats
 from blurmatte.layer import Color, colors_of, split
 from blurmatte.matting import Solution
+from blurmatte.matting.solution import check_solution
 from blurmatte.radiometry import light_in_srgb
 
 
@@ -62,6 +63,7 @@ def split_exposure(solution: Solution, *paints: Color) -> Exposures:
     ValueError
         If there is one paint, or they are too alike.
     """
+    check_solution("solution", solution)
     colors = colors_of(paints)
     if len(colors) < 2:
         raise ValueError("one paint was there for all of alpha; give two or three")

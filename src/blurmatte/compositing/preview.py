@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.checks import check_same_size
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, check_picture
 
 
 def fade_between(first: LinearImage, second: LinearImage, count: int = 24) -> Iterator[LinearImage]:
@@ -32,6 +32,8 @@ def fade_between(first: LinearImage, second: LinearImage, count: int = 24) -> It
     ValueError
         If sizes differ or `count` is below 2.
     """
+    check_picture("first", first)
+    check_picture("second", second)
     check_same_size("the first picture", first.size, "the second", second.size)
     if count < 2:
         raise ValueError(f"count must be 2 or more frames, got {count}")

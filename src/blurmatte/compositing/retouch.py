@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.checks import Bools, check_map, check_same_size
-from blurmatte.layer import Layer, box_around
-from blurmatte.radiometry import LinearImage
+from blurmatte.layer import Layer, box_around, check_layer
+from blurmatte.radiometry import LinearImage, check_picture
 
 
 def retouch(
@@ -43,9 +43,13 @@ def retouch(
     ValueError
         If sizes differ, or alpha changes and there is no plate.
     """
+    check_picture("image", image)
+    check_layer("layer", layer)
+    check_layer("edited", edited)
     check_same_size("the layer", layer.size, "the image", image.size)
     check_same_size("the layer", layer.size, "the edited layer", edited.size)
     if plate is not None:
+        check_picture("plate", plate)
         check_same_size("the plate", plate.size, "the image", image.size)
     image = image.in_srgb()
     rgb, changed = image.rgb.copy(), np.zeros(image.valid.shape, bool)
@@ -90,6 +94,8 @@ def remove(
     TypeError, ValueError
         If sizes differ, the streak is no array of bools, or `grow` is negative.
     """
+    check_picture("image", image)
+    check_picture("plate", plate)
     check_same_size("the plate", plate.size, "the image", image.size)
     check_map("streak", streak, image.rgb.shape[:2], kinds="b")
     if grow < 0:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Iterator
 from functools import reduce
 
 from blurmatte.checks import check_same_size
-from blurmatte.layer import Layer
+from blurmatte.layer import Layer, check_layer
 
 
 def stack(layers: Iterable[Layer]) -> Layer:
@@ -70,6 +70,7 @@ def _of_one_size(layers: Iterable[Layer]) -> Iterator[Layer]:
     """The same layers; raises ValueError if there is none, or one of another size."""
     size = None
     for number, layer in enumerate(layers):
+        check_layer(f"layer {number}", layer)
         size = size or layer.size
         check_same_size(f"layer {number}", layer.size, "the first", size)
         yield layer

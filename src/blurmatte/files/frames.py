@@ -12,6 +12,7 @@ from glob import glob, has_magic
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, overload
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files.clips import Clip, decode_frames, decode_layers, open_clip
 from blurmatte.files.numbering import numbering
@@ -149,6 +150,7 @@ def _frames(
     read_one: Callable[[Path, Transfer | None, int], Frame],
     decode: Callable[[Clip, range], Iterator[Frame]],
 ) -> Frames[Frame]:
+    check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
     if len(paths) == 1 and paths[0].suffix.lower() not in EXTENSIONS:
         clip = open_clip(paths[0], transfer, max_pixels, stacklevel=3)
         if decode is decode_layers and not clip.alpha:

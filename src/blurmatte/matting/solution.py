@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_light, check_map
+from blurmatte.checks import Bools, Floats, check_kind, check_light, check_map
 from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import light_in_srgb
@@ -115,3 +115,8 @@ class Solution:
         seen = light_in_srgb(self.premultiplied, self.model.to_srgb)
         light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
         return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))
+
+
+def check_solution(name: str, value: object) -> None:
+    """Raise TypeError unless it is a Solution."""
+    check_kind(name, value, Solution, "use blurmatte.solve(image, plate)")

@@ -26,7 +26,7 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
-from blurmatte.streaks import Streak, joined_behind, require_streaks
+from blurmatte.streaks import Streak, check_streak, joined_behind, require_streaks
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
 
@@ -106,6 +106,8 @@ def solve(
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     _check_choices(model, solver, streak, image)
+    check_kind("out", out, PixelMaps | None, "use blurmatte.PixelMaps.empty(height, width)")
+    check_kind("start", start, Sweep | None, "use Solution.sweep of another frame")
     refuse_gray(image, plate)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
@@ -188,7 +190,7 @@ def _check_choices(
     hint = 'use blurmatte.ColorModel.from_hex("#d8ff3c"); a solver comes after it, or as solver='
     check_kind("model", model, ColorModel | None, hint)
     check_kind("solver", solver, Solver | None, "such as blurmatte.Smooth()")
-    check_kind("streak", streak, Streak | None, "use blurmatte.Streak(mask), or from_box")
+    check_streak("streak", streak)
     if streak is not None:
         check_map("streak.mask", streak.mask, image.valid.shape, kinds="b")
 

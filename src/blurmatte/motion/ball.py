@@ -16,12 +16,13 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
-from blurmatte.intrinsics import Intrinsics
+from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.ball_motion import BallMotion, ball_motion
 from blurmatte.motion.seen_ball import SeenBall, at_nodes
 from blurmatte.motion.sources import Source
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage, check_picture, with_noise
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
 from blurmatte.sweep.choice import best_of
@@ -79,6 +80,7 @@ def measure_ball(
     MotionError
         If the sweep explains no streak, or lies where the camera's model says nothing.
     """
+    check_intrinsics("intrinsics", intrinsics)
     if not isinstance(sweep, Sweep):
         raise TypeError(f"sweep must be a Sweep, got {type(sweep).__name__}; use fit_sweep")
     intrinsics.check_size(sweep.size)
@@ -132,6 +134,9 @@ def fit_ball(
     MotionError
         If nothing moved, or no ball that flew like this explains the streak.
     """
+    check_picture("image", image)
+    check_intrinsics("intrinsics", intrinsics)
+    check_kind("sweep", sweep, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
     intrinsics.check_size(image.size)
     image, plate = with_noise(image, plate)
     if sweep is None:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from blurmatte.background import make_plate
+from blurmatte.checks import check_kind
 from blurmatte.color import ColorModel
 from blurmatte.motion.clip_color import clip_color
 from blurmatte.motion.linking import FrameMotion, link_objects, link_sightings
@@ -55,6 +56,7 @@ def measure_clip(
     ValueError
         As in `sightings`.
     """
+    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
     if plate is None:
         plate = make_plate(frames).plate
     with shared(workers) as processes:

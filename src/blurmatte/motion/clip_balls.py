@@ -6,16 +6,17 @@ from itertools import chain, groupby
 
 import numpy as np
 
+from blurmatte.checks import check_kind
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError
-from blurmatte.intrinsics import Intrinsics
+from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.ball import fit_ball
 from blurmatte.motion.ball_motion import BallMotion
-from blurmatte.motion.linking import FrameMotion
+from blurmatte.motion.linking import FrameMotion, check_rows
 from blurmatte.motion.sightings import Noise, Sighting, as_bright, noise_of, with_its
 from blurmatte.motion.sources import check_number
 from blurmatte.motion.workers import Workers, shared
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage, check_picture, with_noise
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC
@@ -65,8 +66,14 @@ def fit_balls(
     ValueError
         If radius is not above 0, its error is negative, or the camera is one of other pictures.
     """
+    check_picture("plate", plate)
+    check_rows(rows)
+    check_kind("model", model, ColorModel, "use blurmatte.clip_color(frames, plate)")
+    check_intrinsics("intrinsics", intrinsics)
     check_number("radius", radius, radius_std)
     intrinsics.check_size(plate.size)
+    if not frames:
+        raise ValueError("frames must be one or more, got none")
     first, plate = with_noise(frames[0], plate)
     fit = _Fit(plate, model, noise_of(first), intrinsics, (radius, radius_std))
     by_frame = (

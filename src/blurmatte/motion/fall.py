@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.sources import named_axes
 from blurmatte.motion.units import Scale
@@ -213,6 +214,7 @@ class FreeFall:
 
     def in_meters(self, scale: Scale) -> tuple[float, float]:
         """The acceleration's size and its error, m/s²."""
+        check_kind("scale", scale, Scale, "use blurmatte.Scale(meters_per_pixel)")
         g = self.size * scale.meters_per_pixel
         relative = np.hypot(
             self.size_std / max(self.size, 1e-12), scale.std / scale.meters_per_pixel

@@ -17,11 +17,12 @@ from math import factorial
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 from blurmatte.motion.ball_motion import BallMotion
 from blurmatte.motion.ball_place import BallPlace
 from blurmatte.motion.fall import FreeFall
-from blurmatte.motion.linking import FrameMotion, main_track
+from blurmatte.motion.linking import FrameMotion, check_rows, main_track
 from blurmatte.motion.units import Scale
 
 Array = npt.NDArray[np.float64]
@@ -71,6 +72,8 @@ def fit_fall(
     ValueError
         If gravity is no such number or vector, or line_time is not finite.
     """
+    check_rows(rows)
+    check_kind("scale", scale, Scale | None, "use blurmatte.Scale(meters_per_pixel)")
     if not np.isfinite(line_time):
         raise ValueError(f"line_time must be finite seconds, got {line_time}")
     track = main_track(rows)
@@ -137,6 +140,7 @@ def _flight(balls: Sequence[BallMotion | BallPlace | None]) -> list[BallPlace]:
     for ball in balls:
         if isinstance(ball, BallMotion):
             raise ValueError("times must be one number for each BallMotion, got none")
+        check_kind("each of balls", ball, BallPlace | None, "use blurmatte.places_in_space")
         if ball is not None and not ball.doubted:
             sound.append(ball)
     tracks = [ball.track for ball in sound]

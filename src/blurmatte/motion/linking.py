@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.checks import check_kind
 from blurmatte.motion.agreement import Scatter, doubted, scatter_of, with_scatter
 from blurmatte.motion.sightings import FrameSightings, Sighting
 from blurmatte.motion.tracks import Track, in_time, tracks_of
@@ -159,6 +160,7 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
         None if too few frames tell: fewer than 14 in a row, or it turns too fast: about a sixth of a
         circle from frame to frame.
     """
+    check_rows(rows)
     seen = [(row, row.sighting) for row in rows if row.sighting is not None]
     own = [with_scatter(s, 1 / row.place_scatter, 1 / row.radius_scatter) for row, s in seen]
     return scatter_of([row.frame for row, _ in seen], own)
@@ -167,6 +169,8 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
 def _without_specks(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
     """The frames, without what codecs leave behind where nothing moves."""
     all_frames = list(frames)
+    for frame in all_frames:
+        check_kind("each of frames", frame, FrameSightings, "use blurmatte.sightings(frames)")
     least = _SPECK * max((s.evidence for frame in all_frames for s in frame.found), default=0.0)
     told = []
     for frame in all_frames:
@@ -254,3 +258,9 @@ def main_track(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     numbers = [row.track for row in rows if row.track is not None]
     longest = max(sorted(set(numbers)), key=numbers.count, default=None)
     return [replace(row) for row in rows if row.track is not None and row.track == longest]
+
+
+def check_rows(rows: Iterable[object]) -> None:
+    """Raise TypeError unless each is a FrameMotion."""
+    for row in rows:
+        check_kind("each of rows", row, FrameMotion, "use blurmatte.measure_clip(frames)")

@@ -18,8 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 from blurmatte.matting import Solution
+from blurmatte.matting.solution import check_solution
 from blurmatte.motion.moments import alike
 from blurmatte.motion.motion import Motion
 
@@ -87,6 +89,8 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
     MotionError
         If it did not move by more than the error of its length.
     """
+    check_solution("solution", solution)
+    check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")
     if not motion.moved:
         raise MotionError(
             f"it moved {motion.length:.2g} ± {motion.length_std:.2g} px, so that the first and the "

@@ -13,11 +13,12 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.intrinsics import Intrinsics
+from blurmatte.checks import check_kind
+from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.ball import positions_of_discs
 from blurmatte.motion.ball_motion import BallMotion
 from blurmatte.motion.ball_place import BallPlace
-from blurmatte.motion.linking import FrameMotion
+from blurmatte.motion.linking import FrameMotion, check_rows
 from blurmatte.motion.propagation import propagated
 from blurmatte.motion.seen_ball import positions
 from blurmatte.motion.sightings import Sighting
@@ -66,12 +67,16 @@ def places_in_space(
     ValueError
         If radius is not above 0, its error is negative, or line_time is not finite.
     """
+    check_rows(rows)
+    check_intrinsics("intrinsics", intrinsics)
     check_number("radius", radius, radius_std)
     if not np.isfinite(line_time):
         raise ValueError(f"line_time must be finite seconds, got {line_time}")
     told: list[BallPlace | None] = [None] * len(rows)
     shared: dict[int, Array] = {}
     fitted = [None] * len(rows) if balls is None else balls
+    for ball in fitted:
+        check_kind("each of balls", ball, BallMotion | None, "use blurmatte.fit_balls")
     for k, (row, ball) in enumerate(zip(rows, fitted, strict=True)):
         if row.sighting is None:
             continue

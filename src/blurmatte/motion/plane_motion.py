@@ -15,11 +15,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
-from blurmatte.intrinsics import Intrinsics
+from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.sources import (
     Source,
     check_exposure,
+    check_number,
     covariances,
     named_axes,
     relative_errors,
@@ -91,8 +93,12 @@ class Plane:
         Raises
         ------
         ValueError
-            For fewer points, or three of four on a line.
+            For fewer points, three of four on a line, or a standard deviation that is none.
         """
+        if intrinsics is not None:
+            check_intrinsics("intrinsics", intrinsics)
+        check_number("pixel", 1.0, pixel_std)
+        check_number("meter", 1.0, meter_std)
         seen, true = np.array(pixels, float), np.array(meters, float)
         if seen.ndim != 2 or seen.shape[1:] != (2,) or seen.shape != true.shape or len(seen) < 4:
             raise ValueError(
@@ -128,6 +134,7 @@ class Plane:
         translation : (3,) float
             Where the plane's origin is in the camera's coordinates, meters.
         """
+        check_intrinsics("intrinsics", intrinsics)
         R = np.asarray(rotation, dtype=float)
         if R.size == 3:
             from scipy.spatial.transform import Rotation
@@ -276,6 +283,7 @@ def measure_on_plane(
     MotionError
         If the path leaves the plane's part of the picture, or is a point.
     """
+    check_kind("plane", plane, Plane, "use blurmatte.Plane.from_points(pixels, meters)")
     check_exposure(exposure_time, exposure_std)
     picture, points = seen_path(path, path_std)
     sources = {

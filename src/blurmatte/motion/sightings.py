@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Matching
-from blurmatte.checks import check_same_size
+from blurmatte.checks import check_kind, check_same_size
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting import Pixelwise, solve
@@ -23,7 +23,7 @@ from blurmatte.motion.from_sweep import motion_of_sweep
 from blurmatte.motion.moments import motion_of_alpha
 from blurmatte.motion.motion import Motion
 from blurmatte.motion.workers import Workers, shared
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, with_noise
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc
 from blurmatte.sweep.shadow import shadow_around
@@ -203,9 +203,14 @@ def sightings(
     ValueError
         If a frame and the plate differ in size, or rate or workers are not positive.
     """
+    check_picture("plate", plate)
+    check_kind("model", model, ColorModel, "use blurmatte.clip_color(frames, plate)")
     if rate is not None and not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be frames per second, above 0, got {rate}")
+    if not frames:
+        raise ValueError("frames must be one or more, got none")
     first = frames[0]
+    check_picture("a frame", first)
     check_same_size("a frame", first.size, "plate", plate.size)
     first, plate = with_noise(first, plate)
     model = replace(model, to_srgb=first.meta.to_srgb)
@@ -228,6 +233,7 @@ class _Look:
     several: bool
 
     def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
+        check_picture("a frame", frame)
         check_same_size("a frame", frame.size, "plate", self.plate.size)
         image = with_its(self.noise, frame)
         time = frame.meta.time if self.rate is None else number / self.rate

@@ -84,9 +84,10 @@ def seen_path(
 
     Raises
     ------
-    TypeError
-        If it is no path.
+    TypeError, ValueError
+        If it is no path, or the standard deviation is none.
     """
+    check_number("path", 1.0, path_std)
     if isinstance(path, Sweep):
         n = len(path.path)
         picture = Source(path.path, path.covariance[:n, :n])

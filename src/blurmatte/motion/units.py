@@ -23,6 +23,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 
 if TYPE_CHECKING:
@@ -73,6 +74,9 @@ class Scale:
         MotionError
             If the radius in the picture is not above its own error, or the object reaches the border.
         """
+        from blurmatte.motion.motion import Motion as Measured  # which imports this module
+
+        check_kind("motion", motion, Measured, "use blurmatte.measure_motion(solution)")
         _check_positive("radius", radius)
         _check_error("std", std)
         if motion.radius <= 3 * motion.radius_std:
@@ -193,6 +197,7 @@ def speed_of(
     downward: bool | None,
 ) -> Speed:
     """See `Motion.speed`."""
+    check_kind("scale", scale, Scale | None, "use blurmatte.Scale(meters_per_pixel)")
     _check_error("exposure_std", exposure_std)
     if exposure_time is not None:
         _check_positive("exposure_time", exposure_time)

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from blurmatte.checks import Box, check_same_size
+from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.layer import Layer, box_around
+from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting import Solution
 from blurmatte.overview.panels import (
     TALLEST,
@@ -142,6 +142,8 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
     ValueError
         If sizes differ, or the layer is empty.
     """
+    check_layer("layer", layer)
+    check_kind("exposures", exposures, Exposures, "use blurmatte.split_exposure(solution, *paints)")
     height, width, count = exposures.fraction.shape
     check_same_size("the exposures", (width, height), "the layer", layer.size)
     box = _around(layer)

@@ -3,9 +3,10 @@
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Box, check_same_size
+from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.explain import explain
 from blurmatte.matting import Solution
+from blurmatte.matting.solution import check_solution
 from blurmatte.motion import Motion
 from blurmatte.overview.panels import (
     CIRCLE,
@@ -20,7 +21,7 @@ from blurmatte.overview.panels import (
     fitted,
 )
 from blurmatte.overview.sheet import Sheet
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, check_picture
 
 Array = npt.NDArray[np.float64]
 
@@ -50,6 +51,9 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixel
     ValueError
         If the sizes differ.
     """
+    check_picture("image", image)
+    check_solution("solution", solution)
+    check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")
     from PIL import ImageDraw
 
     check_same_size("image", image.size, "solution", solution.size)

@@ -9,6 +9,7 @@ from blurmatte.checks import Bools, Box, Floats, check_same_size
 from blurmatte.color import ColorModel
 from blurmatte.explain import alpha_peak, doubts, explain
 from blurmatte.matting import Quality, Solution
+from blurmatte.matting.solution import check_solution
 from blurmatte.overview.panels import (
     BRIGHT,
     DIM,
@@ -35,7 +36,7 @@ from blurmatte.overview.panels import (
     shown_alpha,
 )
 from blurmatte.overview.sheet import BODY, TITLE, Sheet
-from blurmatte.radiometry import LinearImage
+from blurmatte.radiometry import LinearImage, check_picture
 
 _TEXT_WIDTH = 560  # of the panel of words, at least
 _COUNT = 6  # panels of the streak
@@ -70,6 +71,9 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     ValueError
         If the sizes differ.
     """
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_solution("solution", solution)
     check_same_size("image", image.size, "plate", plate.size)
     check_same_size("image", image.size, "solution", solution.size)
     image, plate = image.in_srgb(), plate.in_srgb()

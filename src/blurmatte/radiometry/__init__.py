@@ -9,6 +9,7 @@ from blurmatte.radiometry.hexadecimal import light_of_hex as light_of_hex
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Matrix3 as Matrix3
 from blurmatte.radiometry.image import Meta as Meta
+from blurmatte.radiometry.image import check_picture as check_picture
 from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import decode as decode
 from blurmatte.radiometry.image import light_in_srgb as light_in_srgb

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from blurmatte.checks import Bools, Floats, check_map, check_same_size
+from blurmatte.checks import Bools, Floats, check_kind, check_map, check_same_size
 from blurmatte.radiometry.transfer import LINEAR, Transfer
 
 if TYPE_CHECKING:
@@ -72,6 +72,7 @@ class NoiseModel:
     @classmethod
     def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
         """The least noise a file of `levels` code values can have: rounding, to about 10 %."""
+        check_kind("transfer", transfer, Transfer, "use blurmatte.named_transfer(name)")
         light = np.geomspace(0.005, 1, 100)
         coefficients = _fit_polynomial(light, rounding_variance(light, levels, transfer))
         black = rounding_variance(np.zeros(1), levels, transfer)[0]
@@ -138,6 +139,7 @@ def fit_noise(
     TypeError, ValueError
         If the sizes differ, or `still` is not (H, W) bool.
     """
+    _check_pictures(image, plate)
     check_same_size("image", image.size, "plate", plate.size)
     rows = slice(None, None, max(1, round(image.valid.size / 1e6)))
     C, B = (picture.rgb[rows].astype(float) for picture in (image, plate))
@@ -272,10 +274,7 @@ def _fine_structure(x: Floats) -> Floats:
 
 def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
     """Image and plate with their noise known: measured by `fit_noise` if either's is not."""
-    from blurmatte.radiometry.image import check_picture
-
-    check_picture("image", image)
-    check_picture("plate", plate)
+    _check_pictures(image, plate)
     if image.noise is not None and plate.noise is not None:
         return image, plate
     of_image, of_plate = fit_noise(image, plate)
@@ -283,3 +282,10 @@ def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, Lin
         image if image.noise is not None else image.with_noise(of_image),
         plate if plate.noise is not None else plate.with_noise(of_plate),
     )
+
+
+def _check_pictures(image: LinearImage, plate: LinearImage) -> None:
+    from blurmatte.radiometry.image import check_picture  # which imports this module
+
+    check_picture("image", image)
+    check_picture("plate", plate)

@@ -3,6 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.radiometry.chart import new_figure, pixels
 from blurmatte.radiometry.noise_fit import NoiseFit
 
@@ -29,6 +30,7 @@ def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
     BlurmatteError
         If matplotlib is not installed.
     """
+    check_kind("fit", fit, NoiseFit, "use blurmatte.measure_noise(frames)")
     figure = new_figure(_SIZE, _DPI)
     axes = figure.add_subplot(
         xscale="log", yscale="log", xlabel="light, 1 is white", ylabel="standard deviation of light"

@@ -8,7 +8,7 @@ import numpy as np
 from blurmatte.checks import Bools
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry.blocks import coherence
-from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.image import LinearImage, check_picture
 from blurmatte.radiometry.noise import NoiseModel, plate_share, rounding_noise
 from blurmatte.radiometry.noise_fit import NoiseFit, fit_sensor, without_rounding
 from blurmatte.radiometry.noise_samples import (
@@ -90,6 +90,8 @@ def measure_noise_against(
     TypeError, ValueError, NoiseError
         As for `measure_noise`.
     """
+    check_picture("picture", picture)
+    check_picture("plate", plate)
     sample = noise_of_frames([plate, picture], still)
     fit, typical, believed = _fitted(sample)
     rows = rows_to_measure(picture)
@@ -134,6 +136,7 @@ def measure_noise_within(picture: LinearImage, region: Bools) -> NoiseFit:
     NoiseError
         If the region is too small, clipped, or has no noise.
     """
+    check_picture("picture", picture)
     return _fitted(noise_within(picture, region))[0]
 
 

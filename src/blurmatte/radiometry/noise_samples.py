@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_map, check_same_size
 from blurmatte.errors import NoiseError
-from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.image import LinearImage, check_picture
 from blurmatte.radiometry.noise import NoiseModel, rounding_noise
 from blurmatte.radiometry.transfer import LINEAR
 
@@ -74,6 +74,7 @@ def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sampl
     first = next(several, None)
     if first is None:
         raise ValueError("frames must be two or more pictures of a still scene, got none")
+    check_picture("frame 1", first)
     rows = rows_to_measure(first)
     if still is not None:
         check_map("still", still, first.valid.shape, kinds="b")
@@ -108,6 +109,7 @@ def _changes(
     """
     previous = _light(first, rows)
     for number, frame in enumerate(several, start=2):
+        check_picture(f"frame {number}", frame)
         check_same_size("frame 1", first.size, f"frame {number}", frame.size)
         use &= _unclipped(frame, rows)
         require_pixels(use)

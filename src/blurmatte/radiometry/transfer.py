@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Floats, check_kind
 
 Curve = Callable[[Any], Any]
 
@@ -192,6 +192,7 @@ def named_transfer(name: str) -> Transfer:
     BlurmatteError
         If OpenColorIO is needed and not installed.
     """
+    check_kind("name", name, str, 'such as "srgb"')
     from blurmatte.radiometry.log_curves import LOG_CURVES, log_curve
 
     known = {curve.name: curve for curve in (SRGB, REC709, LINEAR)}
@@ -216,6 +217,7 @@ def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
     tuple of Transfer and float
         The curve, and the largest difference, as a fraction of full scale.
     """
+    check_kind("curve", curve, Transfer, "use blurmatte.named_transfer(name)")
     powers = (gamma(tenths / 10) for tenths in range(11, 31))
     candidates = [SRGB, REC709, LINEAR, *powers]
     light = curve.table(256)

@@ -17,7 +17,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering.coverage import cell_edges, disc_coverage
-from blurmatte.rendering.scene import Scene, Shadow
+from blurmatte.rendering.scene import Scene, Shadow, check_scene
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -90,6 +90,7 @@ def render(scene: Scene, substeps: int | None = None) -> Rendering:
     ValueError
         If `substeps` < 1.
     """
+    check_scene("scene", scene)
     if substeps is None:
         substeps = _enough_substeps(scene)
     if substeps < 1:

@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_light, check_same_size
+from blurmatte.checks import Floats, check_kind, check_light, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.rendering.pose import Change, Pose
@@ -166,3 +166,8 @@ class Scene:
         if not 0 < duty <= 1:
             raise ValueError(f"duty must be above 0 and at most 1, got {duty}")
         return [self.part(n / count, min((n + duty) / count, 1)) for n in range(count)]
+
+
+def check_scene(name: str, value: object) -> None:
+    """Raise TypeError unless it is a Scene."""
+    check_kind(name, value, Scene, "use blurmatte.read_shots(file)[0].scene")

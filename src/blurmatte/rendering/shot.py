@@ -4,11 +4,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from blurmatte.checks import check_kind
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering.camera import Camera
 from blurmatte.rendering.drift import Drift
 from blurmatte.rendering.render import Rendering
-from blurmatte.rendering.scene import Scene
+from blurmatte.rendering.scene import Scene, check_scene
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,6 +40,7 @@ class Shot:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        check_scene("scene", self.scene)
         if self.plate_frames < 1:
             raise ValueError(f"plate_frames must be 1 or more, got {self.plate_frames}")
 
@@ -48,6 +50,7 @@ class Shot:
         The image is taken first: the same noise, however many frames the plate has. The noise of a
         plate of several frames is not known, for a median has no simple model.
         """
+        check_kind("rendering", rendering, Rendering, "use blurmatte.render(scene)")
         rng = np.random.default_rng(self.seed)
         image = self.camera.photograph(rendering.image.rgb, rng)
         behind = self.drift.apply(rendering.plate.rgb)

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.files import path_to_mapping, write_together
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import Camera, Rendering, Shot, encode_codes, render
@@ -50,6 +51,7 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
     FileError
         If the folder cannot be made or written to.
     """
+    check_kind("shot", shot, Shot, "use blurmatte.read_shots(scene)[0]")
     rendering = render(shot.scene)
     image, plate = shot.photograph(rendering)
     layer = rendering.layer

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 
 import numpy as np
 
-from blurmatte.checks import Floats, check_same_size
+from blurmatte.checks import Floats, check_kind, check_same_size
 from blurmatte.layer import Layer
 from blurmatte.metrics import (
     ColorDistance,
@@ -104,6 +104,8 @@ def score(answer: Answer | None, truth: Truth) -> Score:
     ValueError
         If sizes differ, numbers are not finite, or there are not as many sub-frames as in the truth.
     """
+    check_kind("answer", answer, Answer | None, "use blurmatte.read_answer(file)")
+    check_kind("truth", truth, Truth, "use blurmatte.read_truth(folder)")
     given = answer or Answer(_nothing(truth))
     layer, true = given.layer, truth.layer
     check_same_size("the result", layer.size, "the truth", true.size)

@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, with_noise
-from blurmatte.streaks import Streak, require_streaks
+from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.choice import differ
 from blurmatte.sweep.descent import State
 from blurmatte.sweep.end import End, ran_together
@@ -86,6 +87,9 @@ def fit_sweep(
     ValueError
         If the sizes differ.
     """
+    check_streak("streak", streak)
+    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
+    check_kind("start", start, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = require_streaks(image, plate)[0]

@@ -9,9 +9,19 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blurmatte.checks import check_kind
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, gamma, with_noise
-from blurmatte.streaks import Streak, require_streaks
+from blurmatte.radiometry import (
+    LINEAR,
+    REC709,
+    SRGB,
+    LinearImage,
+    Transfer,
+    check_picture,
+    gamma,
+    with_noise,
+)
+from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.verdict import coherence
 
@@ -79,6 +89,11 @@ def fit_transfer(
     MotionError
         If nothing moved.
     """
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_streak("streak", streak)
+    for curve in curves:
+        check_kind("a curve", curve, Transfer, "use blurmatte.named_transfer(name)")
     declared, other = image.meta.transfer, plate.meta.transfer
     if declared is None or other is None or declared.name != other.name:
         raise PlateError(
