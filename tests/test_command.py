@@ -1,0 +1,41 @@
+"""Where the command begins."""
+
+import subprocess
+import sys
+from importlib.metadata import entry_points
+
+import pytest
+
+import blurmatte_command
+
+RAISES = """
+import sys
+import blurmatte_command
+
+class Imports:
+    def find_spec(self, name, *_):
+        if name == "numpy":
+            raise {}
+
+sys.meta_path.insert(0, Imports())
+blurmatte_command.run()
+"""
+
+
+def test_it_is_what_is_installed():
+    (command,) = entry_points(group="console_scripts", name="blurmatte")
+    assert command.load() is blurmatte_command.run
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "said"),
+    [
+        ("KeyboardInterrupt", 130, ""),
+        ("OSError(28, 'No space left')", 2, "blurmatte: cannot write the answer: No space left\n"),
+    ],
+)
+def test_it_ends_without_a_traceback(error, code, said):
+    """Door: also while all the rest is imported."""
+    command = [sys.executable, "-c", RAISES.format(error)]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", said)
