@@ -196,6 +196,7 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--resume",), "--resume goes on with the table that --out names"),
         (("--going", "up"), "are for a layer, not for a clip"),
         (("--line-time", "fast"), "--line-time must be a time like"),
+        (("--line-time", "15ms", "--rate", 25), "a frame lasts 0.04 s: give --line-time with its"),
         (("--color", "greenish"), "greenish"),
         (("--rate", -1), "--rate must be frames per second"),
         (("--workers", 0), "workers must be at least 1"),

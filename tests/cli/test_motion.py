@@ -129,6 +129,7 @@ def test_the_picture(measure, folder, tmp_path):
         (("--on-plane", "1,2=3"), "--on-plane must be like 120,300=0,1.5m"),
         (("--on-plane", "1,2=3,4"), "needed for 4 points or more, got 1"),
         (("--line-time", "1us"), "line_time needs exposure_time"),
+        (("--line-time", "15ms", "--exposure", "4ms"), "is 1.08 s for 72 rows"),
         (("--going", "left"), "--going must be down or up, got 'left'"),
         (("--out", "m.txt"), "is written as .json or .csv"),
     ],

@@ -64,6 +64,10 @@ def test_rows_of_a_rolling_shutter_are_seen_later():
     assert not np.allclose(bm.fit_fall(rows).acceleration, acceleration, rtol=1e-3)
     with pytest.raises(ValueError, match="line_time must be finite seconds, got nan"):
         bm.fit_fall(rows, line_time=np.nan)
+    with pytest.raises(
+        ValueError, match=r"a frame must be read within .* s; is it in microseconds"
+    ):
+        bm.fit_fall(rows, line_time=2e-3)
 
 
 def test_scatter_takes_the_place_of_errors_that_are_too_small():

@@ -197,6 +197,8 @@ def test_door():
         bm.places_in_space(rows, LENS, RADIUS, -1)
     with pytest.raises(ValueError, match="line_time must be finite seconds, got inf"):
         bm.places_in_space(rows, LENS, RADIUS, line_time=np.inf)
+    with pytest.raises(ValueError, match="is it in microseconds"):
+        bm.places_in_space(rows, LENS, RADIUS, line_time=15e-3)
     other = replace(LENS, size=(1280, 720))
     image = LinearImage(np.zeros((4, 6, 3)))
     with pytest.raises(

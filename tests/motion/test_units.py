@@ -188,6 +188,7 @@ def test_a_shutter_that_nobody_spoke_of():
         (lambda: LINE.speed(None, 0), "exposure_time must be finite and above 0"),
         (lambda: LINE.speed(line_time=1e-5), "line_time needs exposure_time"),
         (lambda: LINE.speed(None, 1e-4, line_time=1e-4, downward=False), "check line_time"),
+        (lambda: LINE.speed(None, 1, line_time=15e-3), "no camera takes more than 1 s to read"),
         (lambda: LINE.speed(Scale(1), 1).in_unit("knots"), "unit must be m/s or km/h or mph"),
     ],
 )

@@ -19,7 +19,7 @@ from blurmatte.cli.targets import check_file
 
 _TABLES = ".csv", ".json", ".parquet"
 _LEAST = 3  # frames of an object, if not told
-_EXPOSED = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
+_LASTS = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -42,6 +42,7 @@ class ClipTask:
     resume: bool
     ball: KnownBall | None = None
     exposure: float | None = None  # seconds
+    line_time: float = 0.0  # seconds
 
     def __post_init__(self) -> None:
         if self.step < 1:
@@ -96,7 +97,7 @@ def measure_frames(task: ClipTask) -> Measured:
         frames = frames[first : last : task.step]
         if len(frames) == 0:
             raise ValueError("there are no such frames; look at --start and --stop")
-        _check_exposure(task, frames.rate)
+        _check_times(task, frames.rate, frames.size[1])
         if task.ball is not None:
             check_camera(task.ball.lens, frames.size)
     plate = _plate(task, frames)
@@ -111,9 +112,18 @@ def measure_frames(task: ClipTask) -> Measured:
         return Measured(plate, model, rows, task.ball.places(frames, plate, rows, model, workers))
 
 
-def _check_exposure(task: ClipTask, rate: float | None) -> None:
+def _check_times(task: ClipTask, rate: float | None, rows: int) -> None:
+    """ValueError if exposing a frame, or reading its rows, would take longer than it lasts."""
     rate = task.rate or rate
-    if rate is not None and task.exposure is not None and task.exposure * rate > _EXPOSED:
+    if rate is None:
+        return
+    if task.line_time * rows * rate > _LASTS:
+        raise ValueError(
+            f"a line time of {task.line_time:g} s is {task.line_time * rows:.3g} s for {rows} rows, "
+            f"and a frame lasts {1 / rate:.3g} s: give --line-time with its unit, like 15us, or the "
+            "true --rate of the frames"
+        )
+    if task.exposure is not None and task.exposure * rate > _LASTS:
         raise ValueError(
             f"an exposure of {task.exposure:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
             "--exposure with its unit, like 4ms, or the true --rate of the frames"

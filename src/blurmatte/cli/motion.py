@@ -179,6 +179,7 @@ def measure(
             resume,
             ball,
             time,
+            line or 0.0,
         )
         _measure_clip(task, given, overlay, as_json)
         return

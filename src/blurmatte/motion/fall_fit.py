@@ -23,6 +23,7 @@ from blurmatte.motion.ball_motion import BallMotion
 from blurmatte.motion.ball_place import BallPlace
 from blurmatte.motion.fall import FreeFall
 from blurmatte.motion.linking import FrameMotion, check_rows, main_track
+from blurmatte.motion.shutter import check_line_time_of_clip
 from blurmatte.motion.units import Scale
 
 Array = npt.NDArray[np.float64]
@@ -57,7 +58,8 @@ def fit_fall(
     gravity_std : float
         Standard deviation of its size.
     line_time : float
-        How much later a rolling shutter exposes each row of pixels than the one above, seconds.
+        How much later a rolling shutter exposes each row of pixels than the one above, seconds. A frame
+        is read before the next one.
 
     Returns
     -------
@@ -70,12 +72,11 @@ def fit_fall(
         If it has fewer than four frames, or their times are not known. If gravity is to give the
         scale, also if no parabola of clear acceleration towards gravity explains the places.
     ValueError
-        If gravity is no such number or vector, or line_time is not finite.
+        If gravity is no such number or vector, or line_time is not finite, or longer than frames allow.
     """
     check_rows(rows)
     check_kind("scale", scale, Scale | None, "use blurmatte.Scale(meters_per_pixel)")
-    if not np.isfinite(line_time):
-        raise ValueError(f"line_time must be finite seconds, got {line_time}")
+    check_line_time_of_clip(line_time, rows)
     track = main_track(rows)
     _check_count(len(track), "frames of one track")
     seen = [row.sighting for row in track if row.sighting is not None]

@@ -228,7 +228,8 @@ class Motion:
             Seconds; that of the image if not given. Without any, the speed is in pixels (or meters)
             per exposure.
         line_time : float, optional
-            How much later a rolling shutter exposes each row than the one above, seconds.
+            How much later a rolling shutter exposes each row than the one above, seconds. Nothing
+            reads all rows of a picture in more than 1 s.
         downward : bool, optional
             Whether it moved down in the picture, which the shutter makes differ from up; if it is not
             known, the mean of both is given, and half their difference is an error.

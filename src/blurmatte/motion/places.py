@@ -21,6 +21,7 @@ from blurmatte.motion.ball_place import BallPlace
 from blurmatte.motion.linking import FrameMotion, check_rows
 from blurmatte.motion.propagation import propagated
 from blurmatte.motion.seen_ball import positions
+from blurmatte.motion.shutter import check_line_time_of_clip
 from blurmatte.motion.sightings import Sighting
 from blurmatte.motion.sources import check_number
 
@@ -55,7 +56,8 @@ def places_in_space(
     balls : sequence of BallMotion or None, optional
         Of `fit_balls`, one for each row. One that explains the picture has no doubts of moments.
     line_time : float
-        How much later a rolling shutter exposes each row of pixels than the one above, seconds.
+        How much later a rolling shutter exposes each row of pixels than the one above, seconds. A frame
+        is read before the next one.
 
     Returns
     -------
@@ -65,13 +67,13 @@ def places_in_space(
     Raises
     ------
     ValueError
-        If radius is not above 0, its error is negative, or line_time is not finite.
+        If radius is not above 0, its error is negative, or line_time is not finite, or longer than
+        frames allow.
     """
     check_rows(rows)
     check_intrinsics("intrinsics", intrinsics)
     check_number("radius", radius, radius_std)
-    if not np.isfinite(line_time):
-        raise ValueError(f"line_time must be finite seconds, got {line_time}")
+    check_line_time_of_clip(line_time, rows)
     told: list[BallPlace | None] = [None] * len(rows)
     shared: dict[int, Array] = {}
     fitted = [None] * len(rows) if balls is None else balls

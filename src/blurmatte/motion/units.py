@@ -25,6 +25,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
+from blurmatte.motion.shutter import check_line_time
 
 if TYPE_CHECKING:
     from blurmatte.motion.motion import Motion
@@ -232,6 +233,7 @@ def _lag(motion: Motion, exposure_time: float | None, line_time: float | None) -
     if line_time is None:
         return 0.0
     _check_error("line_time", line_time)
+    check_line_time(line_time, motion.size[1])
     if exposure_time is None:
         raise ValueError("line_time needs exposure_time, for its effect is their ratio")
     return line_time * _fall(motion) / exposure_time
