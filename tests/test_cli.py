@@ -312,7 +312,13 @@ def test_info_of_results(scene, tmp_path):
     solution = good("info", tmp_path / "layer.exr").stdout
     assert "Solution(128x80" in solution
     assert "solver: Swept" in solution
-    assert "sum_alpha" in solution
+    assert re.search(r"^sum_alpha: [\d.]{1,7}$", solution, re.MULTILINE)
+    assert re.search(r"^sweep.outlines: 2 x \d+ points$", solution, re.MULTILINE)
+    assert "other_boxes: none" in solution
+    assert max(map(len, solution.splitlines())) < 200
+    report = good("info", tmp_path / "report.json").stdout
+    assert f"{tmp_path / 'report.json'}: a report, text" in report
+    assert "explains the streak" in report
     assert "rank 1, given" in good("info", tmp_path / "model.json").stdout
     straight = good("info", tmp_path / "layer.png").stdout
     assert "16 bit RGB and straight alpha: a layer" in straight

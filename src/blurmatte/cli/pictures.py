@@ -1,9 +1,10 @@
 """The commands for picture files: compose, show and info."""
 
+import json
 import math
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -89,9 +90,9 @@ def info(
         if file.suffix.lower() == ".json":
             lines = _told_by_json(file)
         elif (solution := _solution(file, max_pixels)) is not None:
-            facts = (f"{name}: {value}" for name, value in solution.stats.items())
             lines = [str(solution), f"solver: {solution.solver}"]
-            lines += [in_degrees(solution.model), *bm.explain(solution), *facts]
+            lines += [in_degrees(solution.model), *bm.explain(solution), *_named(solution.stats)]
+            lines.append("every digit, and the points: stats in report.json")
         else:
             picture, _ = files.read(file, said)
             layer = _layer(file, files.curve_of(file), max_pixels)
@@ -111,6 +112,8 @@ def _told_by_json(path: Path) -> list[str]:
         try:
             model = bm.read_color_model(path)
         except bm.FileError as error:
+            if (words := _words_of(path)) is not None:
+                return [f"{path}: a report, text that holds all numbers", *words]
             raise bm.FileError(
                 f"{error}; nor is it noise or a curve of blurmatte calibrate"
             ) from error
@@ -122,6 +125,37 @@ def _told_by_json(path: Path) -> list[str]:
     )
     said = (f"{name}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}" for name, row in rows)
     return [str(noise), *said]
+
+
+def _words_of(path: Path) -> list[str] | None:
+    """The sentences in a report of `solve` or `measure`, if it is one."""
+    try:
+        report = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    words = report.get("in_words") if isinstance(report, dict) else None
+    return list(map(str, words)) if isinstance(words, list) else None
+
+
+def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
+    """Numbers about a solution, each in a line; those that belong together under one name."""
+    for name, value in stats.items():
+        if isinstance(value, Mapping):
+            yield from _named(value, f"{of}{name}.")
+        else:
+            yield f"{of}{name}: {_short(value)}"
+
+
+def _short(value: Any) -> str:
+    """As people read it: six digits, and of rows of points how many."""
+    if isinstance(value, tuple) and np.ndim(value) > 1 and np.shape(value)[-1] == 2:
+        return f"{' x '.join(map(str, np.shape(value)[:-1]))} points"
+    if isinstance(value, tuple):
+        between = "; " if np.ndim(value) > 1 else ", "
+        return between.join(map(_short, value)) or "none"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    return "not known" if value is None else str(value)
 
 
 def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
