@@ -32,6 +32,26 @@ def test_any_colors_are_called_so():
     assert "shape" in said
 
 
+@pytest.mark.parametrize(
+    ("model", "texture", "said"),
+    [
+        (ColorModel.any(), 0.043, "the plate's texture in it confirms alpha to 4 %."),
+        (ColorModel.any(), 0.3, "the plate's texture in it confirms alpha to 30 %."),
+        (ColorModel.any(), None, "No texture of the plate confirms alpha: shape and motion alone"),
+        (ColorModel.from_hex("#ff0000"), None, "what is left is 0.9 times what noise leaves."),
+    ],
+)
+def test_what_confirms_alpha_is_what_was_measured(model, texture, said):
+    """Exact: nor does the sentence about the colors deny it."""
+    sweep = {"path": "arc", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
+    sweep |= {"length": 177.0, "misfit": 0.9, "texture": texture}
+    told = " ".join(explain(replace(solution(sweep=sweep), model=model)))
+    assert said in told
+    assert ("texture" in told) == (model.rank == 3)
+    assert ("alone" in told) == (model.rank == 3 and texture is None)
+    assert "alone" not in " ".join(explain(ColorModel.any()))
+
+
 def test_what_else_the_color_may_be():
     basis = ColorModel.from_hex("#d8a03c").basis
     covariance = 0.02**2 * (np.eye(3) - basis @ basis.T)

@@ -49,6 +49,10 @@ _AGAINST = {
     Quality.SHADOW: "only darker, a shadow or something black",
     Quality.OCCLUDED: "behind something still",
 }
+_ANY = (
+    "Any colors: alpha follows from the shape and its motion, or from the plate's texture, not from a "
+    "color."
+)
 _ALL_SHADOW = (
     "Only light was lost: all of this may be a shadow, or an object that is black, or darker than the "
     "plate and of its hue; the picture cannot tell. Alpha holds only if something of the given color "
@@ -103,14 +107,14 @@ def explain(thing: Explained) -> list[str]:
     """
     if isinstance(thing, ColorModel):
         if thing.rank == 3:
-            return ["Any colors: alpha follows from the shape and its motion alone."]
+            return [_ANY]
         return [_directions(thing), *_evidence(thing), *_possible(thing)]
     if isinstance(thing, Solution):
         peak = f"Alpha up to {alpha_peak(thing):.2f}."
         return [
             *doubts(thing),
             peak,
-            *_sweep(thing.stats),
+            *_sweep(thing),
             *_smooth(thing.stats),
             *_area(thing),
             *_match(thing.stats),
@@ -284,21 +288,29 @@ def _possible(model: ColorModel) -> list[str]:
     return [f"In 95 of 100 cases no further away than {told[1]} or {told[5]}."]
 
 
-def _sweep(stats: Mapping[str, Any]) -> list[str]:
+def _sweep(solution: Solution) -> list[str]:
     """What went where, if the shape of the streak told it."""
-    sweep = stats.get("sweep")
+    sweep = solution.stats.get("sweep")
     if sweep is None:
         return []
     way = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
     kind = way.get(sweep["path"], "a curved path")
     radius = f"{sweep['radius']:.2f} ± {_rounded_std(sweep['radius_std'])} px"
-    left = f"what is left is {sweep['misfit']:.2g} times what noise leaves"
-    if sweep["texture"] is not None:
-        left = f"the plate's texture in it confirms alpha to {100 * sweep['texture']:.1g} %"
     return [
         f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
-        f"streak; {left}."
+        f"streak; {_left(sweep, solution.model)}."
     ]
+
+
+def _left(sweep: Mapping[str, Any], model: ColorModel) -> str:
+    """How well a sweep explains the streak; of any colors, whether the plate's texture says so, too."""
+    texture = sweep["texture"]
+    if texture is not None:
+        return f"the plate's texture in it confirms alpha to {_rounded_std(100 * texture)} %"
+    left = f"what is left is {sweep['misfit']:.2g} times what noise leaves"
+    if model.rank < 3:
+        return left
+    return f"{left}. No texture of the plate confirms alpha: shape and motion alone tell it"
 
 
 def _smooth(stats: Mapping[str, Any]) -> list[str]:

@@ -312,7 +312,7 @@ def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
                 tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
             ),
             "misfit": sweep.misfit,
-            "texture": None if sweep.model.rank < 3 else sweep.stats["texture"],
+            "texture": sweep.stats["texture"] if np.isfinite(sweep.stats["texture"]) else None,
         },
     }
 

@@ -149,6 +149,12 @@ class End:
         """Whether the plate has texture, and most places of the streak tell a wrong alpha."""
         return self._said.structure > _STRUCTURED and self._said.share > _MOST_OF_IT
 
+    @property
+    def _confirmed(self) -> float:
+        """To which part of alpha texture confirms it, if colors are free; rims alone are none."""
+        free = self.state.frame.rank == 3
+        return self._said.scatter if free and self._is_told_by_texture else np.inf
+
     @cached_property
     def _said(self) -> SmoothLight:
         data, state = self.search.data, self.state
@@ -179,7 +185,7 @@ class End:
             "contested": state.contested,
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
-            "texture": self._said.scatter if state.frame.rank == 3 else np.inf,
+            "texture": self._confirmed,
             "rim": blur or state.silhouette.softness(state.shape),
             "louder": louder,
         }
