@@ -329,6 +329,36 @@ def test_info_of_results(scene, tmp_path):
     assert "RGB and premultiplied alpha" in good("info", tmp_path / "layer.tif").stdout
 
 
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("info", "x" * 300 + ".png"),
+        ("solve", "x" * 300 + ".png", "--plate", "p.png", "--out", "o"),
+        ("render", "x" * 300, "--out", "o"),
+        ("paints", "layer.exr", "--color", "#ff0000", "--out", "x" * 300),
+    ],
+)
+def test_a_name_that_no_file_can_have(arguments):
+    """Door: what the system says of it, with the name."""
+    assert "x" * 300 in complaint(run(*arguments))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("compose", "layer.exr", "--over", "sea.png", "--out", "at.sea"), "a picture is written"),
+        (("stack", "a.exr", "--over", "sea.png", "--out", "at.sea"), "a picture is written as"),
+        (("paints", "layer.exr", "--color", "#ff0000", "--out", __file__), "name of a folder"),
+        (("info", "nowhere.json"), "nowhere.json: cannot be read (No such file or directory)"),
+    ],
+)
+def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
+    """Door: before anything is read."""
+    told = complaint(run(*arguments))
+    assert said in told
+    assert "nor is it" not in told
+
+
 def test_alpha_that_is_1_everywhere_makes_no_layer(tmp_path):
     bm.write(tmp_path / "full.png", bm.Layer(np.ones((9, 9)), np.full((9, 9, 3), 0.2)))
     said = good("info", tmp_path / "full.png").stdout

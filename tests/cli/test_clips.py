@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.clip_table import Given, table
+from blurmatte.motion import Workers
 from blurmatte.rendering import colorful_plate
 
 FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
@@ -216,6 +217,14 @@ def test_wrong_options_are_one_line(measure, options, complaint, tmp_path, monke
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert complaint in result.stderr
+
+
+def test_no_more_processes_than_frames_are_started(measure, monkeypatch):
+    """Exact: a thousand were, whatever there was for them to do."""
+    asked = []
+    monkeypatch.setattr(bm, "Workers", lambda count: asked.append(count) or Workers(1))
+    measure("--workers", 1000, "--stop", 2)
+    assert asked == [2]
 
 
 def test_options_of_a_clip_are_not_for_a_layer():

@@ -109,6 +109,8 @@ def test_the_picture(measure, folder, tmp_path):
     [
         (("--radius", "2 feet"), "--radius must be a length like 0.02, 2cm or 2cm±0.1mm"),
         (("--radius", "1/0"), "--radius must be a length"),
+        (("--radius", "1e400"), "--radius must be a length"),
+        (("--exposure", "1e99999999"), "--exposure must be a time like"),
         (("--radius", "1cm±1mm±1mm"), "--radius must be a length"),
         (("--radius", "0"), "--radius must be above 0, got '0'"),
         (("--radius", "1cm±-1mm"), "--radius must have an error of 0 or more"),

@@ -104,7 +104,7 @@ def measure_frames(task: ClipTask) -> Measured:
     count = task.workers
     if count is None:
         count = 1 if len(frames) < _FEW else os.cpu_count() or 1
-    with about(task.source), bm.Workers(count) as workers:
+    with about(task.source), bm.Workers(min(count, len(frames))) as workers:
         model = given or bm.clip_color(frames, plate, workers)
         rows = _rows(task, frames, plate, model, done, workers)
         if task.ball is None:

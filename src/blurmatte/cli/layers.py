@@ -10,6 +10,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told, with_progress
+from blurmatte.cli.targets import PICTURE, check_file, check_folder
 
 
 @app.command()
@@ -37,6 +38,8 @@ def stack(
 
     Only one of them is in memory at a time.
     """
+    if over is not None:
+        check_file(out, "a picture", *PICTURE)
     files = Files(transfer, max_pixels)
     with about(Path(layers[0])):
         source = layers[0] if len(layers) == 1 else layers
@@ -70,6 +73,7 @@ def paints(
 
     Writes paint1.png, paint1_std.png, … and overview.png into the folder.
     """
+    check_folder(out)
     with about(layer):
         solution = bm.read_solution(layer, max_pixels)
         exposures = bm.split_exposure(solution, *color)

@@ -17,7 +17,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, complain, in_degrees, say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.targets import SHEET, check_file
+from blurmatte.cli.targets import PICTURE, SHEET, check_file
 
 
 @app.command()
@@ -36,6 +36,7 @@ def compose(
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Put LAYER over another picture, in linear light."""
+    check_file(out, "a picture", *PICTURE)
     files = Files(transfer, max_pixels)
     with about(layer):
         top = bm.read_layer(layer, max_pixels=max_pixels)
@@ -112,6 +113,8 @@ def _told_by_json(path: Path) -> list[str]:
         try:
             model = bm.read_color_model(path)
         except bm.FileError as error:
+            if not path.is_file():
+                raise
             if (words := _words_of(path)) is not None:
                 return [f"{path}: a report, text that holds all numbers", *words]
             raise bm.FileError(

@@ -69,7 +69,9 @@ def told(command: Callable[P, T]) -> Callable[P, T]:
             return command(*args, **kwargs)
         except KeyboardInterrupt:
             raise typer.Exit(130) from None
-        except (bm.BlurmatteError, ValueError, TypeError) as error:
+        except BrokenPipeError:  # nobody listens any more, which is no mistake
+            raise
+        except (bm.BlurmatteError, ValueError, TypeError, OSError) as error:
             complain(str(error))
             raise typer.Exit(2) from None
 

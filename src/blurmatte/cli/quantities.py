@@ -1,8 +1,8 @@
 """Lengths, times and speeds as people type them: a number or fraction, a unit, and an error."""
 
+import math
 import re
 from collections.abc import Mapping
-from fractions import Fraction
 
 _METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
@@ -58,10 +58,14 @@ def _with_error(name: str, text: str, units: Mapping[str, float], what: str) -> 
         found = re.fullmatch(_NUMBER, part.strip())
         if found is None or found[2] not in units:
             raise ValueError(f"{name} must be {what}, got {text!r}")
+        above, _, below = found[1].partition("/")
         try:
-            values.append(units[found[2]] * float(Fraction(found[1])))
+            value = units[found[2]] * float(above) / float(below or 1)
         except (ValueError, ZeroDivisionError):
-            raise ValueError(f"{name} must be {what}, got {text!r}") from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise ValueError(f"{name} must be {what}, got {text!r}")
+        values.append(value)
     if len(values) > 2:
         raise ValueError(f"{name} must be {what}, got {text!r}")
     if len(values) == 2 and values[1] < 0:

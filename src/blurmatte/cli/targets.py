@@ -7,6 +7,7 @@ from pathlib import Path
 import blurmatte as bm
 
 SHEET = ".png", ".jpg"
+PICTURE = ".png", ".tif", ".jpg", ".exr"
 
 
 def check_file(path: Path | None, what: str, *endings: str) -> None:
