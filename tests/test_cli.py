@@ -359,6 +359,47 @@ def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
     assert "nor is it" not in told
 
 
+@pytest.mark.parametrize(
+    ("arguments", "kept"),
+    [
+        (("edit", "l.exr", "--image", "i.png", "--fade", 2, "--out", "i.png"), "i.png"),
+        (
+            (
+                "edit",
+                "l.exr",
+                "--over",
+                "i.png",
+                "--fade",
+                2,
+                "--out",
+                "o.png",
+                "--sheet",
+                "./i.png",
+            ),
+            "i.png",
+        ),
+        (("compose", "l.exr", "--over", "p.png", "--out", "p.png"), "p.png"),
+        (("stack", "l.exr", "--over", "p.png", "--out", "l.exr"), "l.exr"),
+        (("show", "i.png", "--out", "i.png"), "i.png"),
+        (("measure", "l.exr", "--image", "i.png", "--overlay", "i.png"), "i.png"),
+        (("calibrate", "noise", "i.png", "p.png", "--plot", "i.png"), "i.png"),
+        (("calibrate", "response", "i.png", "p.png", "--plot", "p.png"), "p.png"),
+        (("plate", "*.png", "--out", "i.png"), "i.png"),
+        (("plate", ".", "--out", "i.png"), "i.png"),
+        (("paints", "l.exr", "--color", COLOR, "--color", "#0000ff", "--out", "."), "overview.png"),
+    ],
+)
+def test_what_is_read_is_not_replaced(arguments, kept, tmp_path, monkeypatch):
+    """Door: nor is the sheet of a solution."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("i.png", "p.png", "l.exr", "overview.png"):
+        Path(name).write_bytes(b"not to be lost")
+    told = complaint(run(*arguments))
+    assert told.startswith(f"{kept}: ")
+    assert "would be replaced" in told
+    assert Path(kept).read_bytes() == b"not to be lost"
+
+
 def test_alpha_that_is_1_everywhere_makes_no_layer(tmp_path):
     bm.write(tmp_path / "full.png", bm.Layer(np.ones((9, 9)), np.full((9, 9, 3), 0.2)))
     said = good("info", tmp_path / "full.png").stdout

@@ -17,7 +17,7 @@ from blurmatte.cli.backgrounds import Behind, Fit, MatchLight, Place, Scale, rea
 from blurmatte.cli.inputs import Files, is_row, matching_of, numbers
 from blurmatte.cli.options import MatchName, MaxPixels, TransferName
 from blurmatte.cli.program import about, app, told, with_progress
-from blurmatte.cli.targets import SHEET, check_file
+from blurmatte.cli.targets import SHEET, check_file, check_other
 
 _ORDER = "blurmatte.order"
 _CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
@@ -133,6 +133,8 @@ def edit(
         raise ValueError(f"--rate must be frames per second, above 0, got {rate:g}")
     check_file(sheet, "a sheet", *SHEET)
     check_file(preview, "a preview", *_PREVIEWS)
+    for written in (out, sheet, preview):
+        check_other(written, layer, image, plate, over, match_light)
     if preview is not None and image is None and over is None and plate is None:
         raise ValueError("a preview needs something behind it; give --plate, --over or --image")
     changes = [_change(name, text) for name, text in asked]

@@ -10,7 +10,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, app, told, with_progress
-from blurmatte.cli.targets import PICTURE, check_file, check_folder
+from blurmatte.cli.targets import PICTURE, check_file, check_folder, check_kept, check_other
 
 
 @app.command()
@@ -38,6 +38,7 @@ def stack(
 
     Only one of them is in memory at a time.
     """
+    check_other(out, *layers, over)
     if over is not None:
         check_file(out, "a picture", *PICTURE)
     files = Files(transfer, max_pixels)
@@ -74,6 +75,8 @@ def paints(
     Writes paint1.png, paint1_std.png, … and overview.png into the folder.
     """
     check_folder(out)
+    sheet = out / "overview.png"
+    check_kept([sheet] if sheet.exists() else [], layer.parent)  # that of the solution
     with about(layer):
         solution = bm.read_solution(layer, max_pixels)
         exposures = bm.split_exposure(solution, *color)

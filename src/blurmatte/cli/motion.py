@@ -32,7 +32,7 @@ from blurmatte.cli.space import (
     true_radius,
     turned,
 )
-from blurmatte.cli.targets import SHEET, check_file
+from blurmatte.cli.targets import SHEET, check_file, check_other
 
 _LENGTH = "LENGTH[±ERROR]"
 
@@ -146,6 +146,7 @@ def measure(
 ) -> None:
     """Measure the motion in LAYER, or in each frame of CLIP: where, how far, how fast, how large."""
     check_file(overlay, "a sheet", *SHEET)
+    check_other(overlay, layer, image, plate)
     if going not in (None, "down", "up"):
         raise ValueError(f"--going must be down or up, got {going!r}")
     time, time_std = (None, 0.0) if exposure is None else time_of_exposure("--exposure", exposure)

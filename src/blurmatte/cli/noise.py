@@ -13,7 +13,7 @@ from blurmatte.cli.inputs import Files, box_of, expanded
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, calibrate, told
-from blurmatte.cli.targets import SHEET, check_file
+from blurmatte.cli.targets import SHEET, check_file, check_other
 
 
 @calibrate.command()
@@ -47,6 +47,7 @@ def noise(
     check_file(plot, "a plot", *SHEET)
     files = Files(transfer, max_pixels)
     paths = [path for text in pictures for path in expanded(text)]
+    check_other(plot, *paths, plate)
     with about(paths[0]):
         fit = _measured(paths, plate, region, files)
     if plot is not None:

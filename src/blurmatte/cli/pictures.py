@@ -17,7 +17,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, complain, in_degrees, say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.targets import PICTURE, SHEET, check_file
+from blurmatte.cli.targets import PICTURE, SHEET, check_file, check_other
 
 
 @app.command()
@@ -37,6 +37,7 @@ def compose(
 ) -> None:
     """Put LAYER over another picture, in linear light."""
     check_file(out, "a picture", *PICTURE)
+    check_other(out, layer, over, match_light)
     files = Files(transfer, max_pixels)
     with about(layer):
         top = bm.read_layer(layer, max_pixels=max_pixels)
@@ -58,6 +59,7 @@ def show(
 ) -> None:
     """Show FILE on a sheet: for a quick look."""
     check_file(out, "a sheet", *SHEET)
+    check_other(out, file)
     files = Files(transfer, max_pixels)
     with about(file):
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, max_pixels)

@@ -5,6 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from glob import glob
 from pathlib import Path
 from typing import Annotated
 
@@ -15,7 +16,7 @@ from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, say
 from blurmatte.cli.program import about, app, told
-from blurmatte.cli.targets import check_ending, check_folder
+from blurmatte.cli.targets import check_ending, check_folder, check_other
 
 When = Annotated[
     str | None, typer.Option(metavar="N|Ns", help="A frame, counted from 0; or seconds, like 2.5s.")
@@ -45,6 +46,7 @@ def plate(
     curve = Files(transfer, max_pixels).curve
     check_ending(out, "a plate", ".exr", ".png", ".tif", ".jpg")
     check_folder(out.parent)
+    check_other(out, *_read(source))
     with about(Path(source[0])):
         frames = bm.read_frames(source[0] if len(source) == 1 else source, curve, max_pixels)
         frames = frames[frame_number(start, frames.rate) : frame_number(stop, frames.rate) : step]
@@ -54,6 +56,13 @@ def plate(
         written = bm.save_plate(out, fit)
     say("\n".join([f"plate of {len(fit.gain)} frames, {by(fit.plate.size)}", *bm.explain(fit)]))
     say("\n".join(map(str, written)))
+
+
+def _read(source: list[str]) -> Iterator[str]:
+    """The files that are named, that fit a pattern, or that lie in a folder."""
+    for text in source:
+        yield text
+        yield from glob(f"{text}/*" if Path(text).is_dir() else text)
 
 
 def frame_number(text: str | None, rate: float | None) -> int | None:

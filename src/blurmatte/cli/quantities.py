@@ -13,6 +13,15 @@ _TIME = "a time like 1/60, 0.004, 4ms or 15us"
 _NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)"
 
 
+def number(text: str) -> float:
+    """A number or a fraction like 1/60; ValueError if it is none, or not finite."""
+    above, _, below = text.partition("/")
+    value = float(above) / (float(below or 1) or math.nan)
+    if not math.isfinite(value):
+        raise ValueError(f"{text!r} is no number")
+    return value
+
+
 def meters(name: str, text: str) -> tuple[float, float]:
     """A place along an axis and its error, meters."""
     return _with_error(name, text, _METERS, _LENGTH)
@@ -58,14 +67,10 @@ def _with_error(name: str, text: str, units: Mapping[str, float], what: str) -> 
         found = re.fullmatch(_NUMBER, part.strip())
         if found is None or found[2] not in units:
             raise ValueError(f"{name} must be {what}, got {text!r}")
-        above, _, below = found[1].partition("/")
         try:
-            value = units[found[2]] * float(above) / float(below or 1)
-        except (ValueError, ZeroDivisionError):
-            value = math.nan
-        if not math.isfinite(value):
-            raise ValueError(f"{name} must be {what}, got {text!r}")
-        values.append(value)
+            values.append(units[found[2]] * number(found[1]))
+        except ValueError:
+            raise ValueError(f"{name} must be {what}, got {text!r}") from None
     if len(values) > 2:
         raise ValueError(f"{name} must be {what}, got {text!r}")
     if len(values) == 2 and values[1] < 0:

@@ -1,7 +1,6 @@
 """The command that measures the curve of a camera: calibrate response."""
 
 from dataclasses import replace
-from fractions import Fraction
 from pathlib import Path
 from typing import Annotated
 
@@ -12,7 +11,8 @@ from blurmatte.cli.inputs import Files, expanded
 from blurmatte.cli.options import MaxPixels
 from blurmatte.cli.printing import say
 from blurmatte.cli.program import about, calibrate, told
-from blurmatte.cli.targets import SHEET, check_file
+from blurmatte.cli.quantities import number
+from blurmatte.cli.targets import SHEET, check_file, check_other
 
 
 @calibrate.command()
@@ -40,6 +40,7 @@ def response(
     check_file(plot, "a plot", *SHEET)
     files = Files("linear", max_pixels)
     paths = [path for text in pictures for path in expanded(text)]
+    check_other(plot, *paths)
     times = None if exposures is None else _seconds(exposures)
     fit = bm.fit_response([files.read(path)[0] for path in paths], times)
     if out is not None:
@@ -55,6 +56,6 @@ def response(
 def _seconds(text: str) -> list[float]:
     """Numbers with commas between them, each whole, decimal or a fraction."""
     try:
-        return [float(Fraction(part.strip())) for part in text.split(",")]
-    except (ValueError, ZeroDivisionError, OverflowError):
+        return [number(part) for part in text.split(",")]
+    except ValueError:
         raise ValueError(f"--exposures must be seconds like 1/60,1/15,0.5, got {text!r}") from None

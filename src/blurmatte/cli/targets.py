@@ -52,6 +52,21 @@ def check_folder(path: Path) -> None:
     _check_writable(path, there)
 
 
+def check_other(path: Path | None, *inputs: str | Path | None) -> None:
+    """Refuse a file to write that is one of those to read; None is none.
+
+    Raises
+    ------
+    FileError
+        If it is.
+    """
+    if path is None:
+        return
+    for read in inputs:
+        if read is not None and path.resolve() == Path(read).resolve():
+            raise bm.FileError(f"{path}: is read, and would be replaced; choose another name")
+
+
 def check_kept(inputs: Iterable[Path], folder: Path) -> None:
     """Refuse a folder in which a result would take the place of what it is made from.
 
