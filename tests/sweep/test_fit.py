@@ -25,6 +25,7 @@ from blurmatte.rendering import (
     plain_plate,
     render,
     textured_plate,
+    two_hue_plate,
 )
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
@@ -195,6 +196,32 @@ def test_two_paints():
     assert sweep.misfit < MAX_MISFIT
 
 
+def in_jpeg(scene, seed):
+    """The truth of a scene, and what is found in its compressed pictures."""
+    shot = Shot(scene, Camera(code_std=2 / 255, jpeg_quality=90), plate_frames=5, seed=seed)
+    truth = rendered(scene)
+    return truth, fit_sweep(*shot.photograph(truth))
+
+
+def test_a_second_paint_of_which_compression_leaves_little_is_asked_for():
+    """Honest: one paint leaves no more than noise there, and another alpha (0.045 off)."""
+    body = Ball(9, (0.58, 0.56, 0.2), second_color=(0.15, 0.65, 0.61))
+    way = Trajectory.line((60, 50), (100, 66))
+    truth, sweep = in_jpeg(Scene(TILES, way, body), 2)
+    assert sweep.model.rank == 2
+    assert rmse(sweep, truth) < 0.02
+
+
+def test_a_darker_paint_is_no_shadow():
+    """Honest: what is darker is most of the ball; without it the rest seems a smaller one."""
+    body = Ball(16, (0.27, 0.1, 0.65), second_color=(0.45, 0.52, 0.2))
+    plate = two_hue_plate((200, 120), (0.45, 0.40, 0.36), (0.10, 0.22, 0.40), 2)
+    truth, sweep = in_jpeg(Scene(plate, Trajectory.line((60, 68), (140, 50)), body), 2)
+    assert sweep.model.rank == 2
+    assert sweep.misfit < MAX_MISFIT
+    assert rmse(sweep, truth) < 0.02
+
+
 def test_another_shape_is_found_too():
     egg = Scene(WALL, LINE, Ball(12, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
     truth, image, picture = taken(egg)
@@ -239,9 +266,7 @@ def test_a_small_sheet_that_went_little_is_no_disc_that_went_far(seed):
     way = Trajectory.line(middle - half, middle + half)
     sheet = Sheet(15, 6.3, np.array([0.225, 0.643, 0.69]))
     scene = Scene(textured_plate((96, 80), 2), way, sheet, Change(turned=(0, 0, turned)))
-    shot = Shot(scene, Camera(code_std=2 / 255, jpeg_quality=90), plate_frames=5, seed=seed)
-    truth = render(scene)
-    sweep = fit_sweep(*shot.photograph(truth))
+    truth, sweep = in_jpeg(scene, seed)
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 

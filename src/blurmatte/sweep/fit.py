@@ -16,17 +16,19 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
-from blurmatte.sweep.choice import differ
-from blurmatte.sweep.descent import State
+from blurmatte.sweep.choice import best_of, differ
+from blurmatte.sweep.descent import State, descend, main_colors, state_at
 from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.known import KnownColor, known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadow import shadow_beside
+from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
+    can_be,
     misfit,
     stays,
     understated,
@@ -110,21 +112,14 @@ def fit_sweep(
         streak = _followed(streak, End(search, disc).sweep(image, louder))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    first = search
-    for _ in range(_SHADOWS):
-        shadow = _shadow_of(disc, image, plate, streak)
-        if not shadow.any():
-            break
-        image = replace(image, valid=image.valid & ~shadow)
-        streak = replace(streak, mask=streak.mask & ~shadow)
-        search = Search.of(streak, image, plate, known)
-        disc = search.best(rank)
+    whole = search
+    search, disc, image, streak = _beside_shadow(search, disc, image, plate, streak, known)
     if misfit(search.data, disc) > MAX_MISFIT and disc.frame.rank == 1:
         search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
     transfer = image.meta.transfer or SRGB
     told = End.before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = search is not first and told.misfit <= MAX_MISFIT
+    explained = search is not whole and told.misfit <= MAX_MISFIT
     if not explained and disc.frame.rank == 1:
         told = _richer(search, disc, told, transfer)
     return told.sweep(image, louder)
@@ -178,6 +173,30 @@ def _shadow_of(disc: State, image: LinearImage, plate: LinearImage, streak: Stre
     return shadow_beside(image, plate, streak, disc.main, disc.brightness)
 
 
+def _beside_shadow(
+    search: Search,
+    disc: State,
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    known: KnownColor | None,
+) -> tuple[Search, State, LinearImage, Streak]:
+    """Search again without the shadow beside an object; image and streak without it, too.
+
+    If most of what is found then lies in it, it was no shadow, but a darker paint of the object.
+    """
+    whole, rank = (search, disc, image, streak), disc.frame.rank
+    for _ in range(_SHADOWS):
+        shadow = _shadow_of(disc, image, plate, streak)
+        if not shadow.any():
+            break
+        image = replace(image, valid=image.valid & ~shadow)
+        streak = replace(streak, mask=streak.mask & ~shadow)
+        search = Search.of(streak, image, plate, known)
+        disc = search.best(rank)
+    return (search, disc, image, streak) if mostly_seen(search.data, disc) else whole
+
+
 def _in_front_left_out(
     search: Search,
     disc: State,
@@ -212,20 +231,52 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     left, simple = line.left, line.state.silhouette.bulges == 1
     contested = line.state.contested and line.beyond_noise <= MAX_MISFIT
     enough = left <= MAX_MISFIT and simple
-    if contested or enough or search.data.known is not None:
+    of_two = enough and search.data.known is None and _may_be_of_two(line)
+    if contested or (enough and not of_two) or search.data.known is not None:
         return line
-    plane = End.before_bleeding(search, search.best(2), transfer)
+    plane = _plane(search, line, transfer)
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
     left = min(left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
         return plane
-    if not simple and plane.misfit <= MAX_MISFIT:  # an odd outline of one paint, or a disc of two
-        return replace(line, state=replace(line.state, contested=differ(line.state, plane.state)))
+    if of_two or (not simple and plane.misfit <= MAX_MISFIT):
+        differs = of_two or differ(line.state, plane.state)
+        return replace(line, state=replace(line.state, contested=differs))
+    line = plane if plane.plausible and not line.plausible else line
     if left <= MAX_MISFIT or not told.is_textured:
         return line
     any_colors = End(search, search.best(3))
     agrees = any_colors.is_textured and any_colors.misfit <= MAX_MISFIT
     return any_colors if agrees else line
+
+
+def _may_be_of_two(line: End) -> bool:
+    """Whether a plane of colors, from where a line ended, leaves clearly less with another alpha.
+
+    In compressed pictures one paint may leave no more than noise of an object of two.
+    """
+    plane = End(line.search, _freed(line.search, line.state))
+    less = plane.state.converged and plane.beyond_noise <= line.left / _CLEARLY
+    return less and differ(line.state, plane.state)
+
+
+def _plane(search: Search, line: End, transfer: Transfer) -> End:
+    """A disc with a plane of colors: the best of all paths, or from where a line ended.
+
+    Highlights and shades are no more than a little beside one paint, and a plane that is free from the
+    beginning may end as something else.
+    """
+    data, best, near = search.data, search.best(2), _freed(search, line.state)
+    possible = [state for state in (best, near) if state.converged and can_be(data, state)]
+    return End.before_bleeding(search, best_of(data, possible or [best]), transfer)
+
+
+def _freed(search: Search, line: State) -> State:
+    """Where a descent ends that begins with a path and size of one paint, as a disc of a plane."""
+    data, size = search.data, DISC.size
+    frame = main_colors(data, line.swept.alpha, 2)
+    start = state_at(data, line.family, line.path, DISC, line.shape[:size], frame)
+    return descend(data, start, search.bounds)
 
 
 def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
