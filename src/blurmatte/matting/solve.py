@@ -20,6 +20,7 @@ from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_p
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import may_be_swapped, warn_if_plate_differs
 from blurmatte.matting.rims import with_faint_rims
+from blurmatte.matting.rival import is_rival, widen
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
@@ -124,6 +125,7 @@ def solve(
     if model is not None and model.rank == 3:
         refuse_shade(image, plate, streak)
     model = _of_light(solver, model)
+    given = model is not None
     asked = isinstance(solver, Pixelwise | Smooth | Shaded)
     sweep = (
         None if asked and model is not None else fit_sweep(image, plate, streak, model, start=start)
@@ -131,9 +133,9 @@ def solve(
     if sweep is not None:
         image, plate = (_louder(picture, sweep.stats["louder"]) for picture in (image, plate))
     swept = _chosen(solver, sweep)
+    most = (swept or Swept()).max_misfit
     if model is None:
         assert sweep is not None
-        most = (swept or Swept()).max_misfit
         model = _color_of(sweep, image, plate, streak, most)
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
@@ -163,6 +165,9 @@ def solve(
         inside = wide.mask[box[1] : box[3], box[0] : box[2]]
         C, B, mixed = _within(image, plate, streak, box)
         together = used(maps, C, B, model, inside, box, mixed)
+    doubt = 0.0, 0.0
+    if sweep is not None and not given and sweep.misfit > most and is_rival(sweep, model):
+        doubt = widen(maps, sweep, plate, streak)
     if not isinstance(used, Shaded):
         mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
     if not isinstance(used, Pixelwise | Shaded):
@@ -178,7 +183,9 @@ def solve(
         "only_light_lost": only_lost,
         "exposure_time": image.meta.exposure_time,
         **together,
+        "rival_off": doubt[0],
     }
+    stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], doubt[1]))
     explains = sweep if swept is not None else None
     return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
 

@@ -19,6 +19,7 @@ from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
 from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
+    HOPELESS,
     can_be,
     colors_ran_together,
     doubtful_share,
@@ -114,6 +115,11 @@ class End:
         return ""
 
     @property
+    def plausible(self) -> bool:
+        """Whether it can be, and explains most: what says otherwise must be wrong, or this is."""
+        return self.beyond_noise <= HOPELESS and not objection(self.search.data, self.state)
+
+    @property
     def astray(self) -> float:
         """See `smooth_light`; a color that is known tells alpha of each pixel, and needs no other."""
         if self.search.data.known is not None:
@@ -183,6 +189,7 @@ class End:
             "objection": self.objection if known else "is of hardly known size",
             "coherence": trust,
             "contested": state.contested,
+            "plausible": self.plausible and known,
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
             "texture": self._confirmed,

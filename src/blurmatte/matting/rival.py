@@ -1,0 +1,58 @@
+"""A rival: a sweep that is not believed, but would explain most of what pixels explain otherwise.
+
+If no silhouette tells alpha for sure, hues must tell the color, and pixels alpha. Highlights of the
+plate's color, or a plate near the object's, can make them wrong without a trace. A sweep that agrees
+about the color, and does not about alpha, says so.
+"""
+
+import numpy as np
+
+from blurmatte.color import ColorModel
+from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak
+from blurmatte.sweep import Sweep
+
+_SIGMAS = 4.0  # of both: in trials colors of right sweeps were up to 3 apart, of wrong ones 7 on
+
+
+def is_rival(sweep: Sweep, model: ColorModel) -> bool:
+    """Whether a sweep of one paint is plausible, and of the color that hues tell."""
+    if not sweep.stats["plausible"] or sweep.model.rank != 1 or model.rank != 1:
+        return False
+    apart = sweep.model.pole - model.pole
+    values, directions = np.linalg.eigh(model.covariance + sweep.model.covariance)
+    z2 = (apart @ directions[:, 1:]) ** 2 / np.maximum(values[1:], 1e-18)
+    return bool(z2.sum() <= _SIGMAS**2)
+
+
+def widen(maps: PixelMaps, sweep: Sweep, plate: LinearImage, streak: Streak) -> tuple[float, float]:
+    """Widen errors of pixels by what a rival says.
+
+    The answer is one of two that are as likely: if the other is true it is wrong by all of their
+    difference, so that half of its square is their variance.
+
+    Parameters
+    ----------
+    maps : PixelMaps
+        What pixels say; errors are changed in place.
+    sweep : Sweep
+    plate : LinearImage
+    streak : Streak
+
+    Returns
+    -------
+    (float, float)
+        Root mean square of the difference of alpha, and the standard deviation that its sum adds to
+        that of the sum of alpha.
+    """
+    x0, y0, x1, y1 = box = streak.around(0)
+    near = maps.within(box)
+    inside = streak.mask[y0:y1, x0:x1] & np.isfinite(near.alpha_std)
+    off = np.where(inside, sweep.within(box)[0] - near.alpha, 0)
+    apart = np.abs(off) / np.sqrt(2)
+    light = near.premultiplied_std
+    np.hypot(near.alpha_std, apart, out=near.alpha_std, casting="same_kind")
+    np.hypot(light, apart[..., None] * plate.crop(box).rgb, out=light, casting="same_kind")
+    usual = np.sqrt(np.mean(off[inside] ** 2)) if inside.any() else 0.0
+    return float(usual), float(abs(off.sum()) / np.sqrt(2))
