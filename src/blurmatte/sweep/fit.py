@@ -40,7 +40,7 @@ Bools = npt.NDArray[np.bool_]
 _FOLLOWING = 3  # times that a path may lead out of what was found
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 _FOLLOWED = 0.2  # of the largest alpha
-_SAVED = 0.8  # of what is left, that may be left without what something in front hides
+_SAVED = 0.8  # of what is left, or alpha is off, that may be without what something in front hides
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -114,10 +114,11 @@ def fit_sweep(
         disc = search.best(rank)
     whole = search
     search, disc, image, streak = _beside_shadow(search, disc, image, plate, streak, known)
-    if misfit(search.data, disc) > MAX_MISFIT and disc.frame.rank == 1:
-        search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
     transfer = image.meta.transfer or SRGB
     told = End.before_bleeding(search, disc, transfer)
+    if told.left > MAX_MISFIT and disc.frame.rank == 1:
+        search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
+        told = End.before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = search is not whole and told.misfit <= MAX_MISFIT
     if not explained and disc.frame.rank == 1:
@@ -211,8 +212,10 @@ def _in_front_left_out(
         return search, disc
     rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
     again = rest.best(disc.frame.rank)
-    enough = min(MAX_MISFIT, _SAVED * misfit(search.data, disc))
-    better = misfit(rest.data, again) <= enough and mostly_seen(rest.data, again)
+    before, after = End(search, disc), End(rest, again)
+    less = after.beyond_noise <= _SAVED * before.beyond_noise
+    less |= after.astray < _SAVED * before.astray
+    better = after.misfit <= MAX_MISFIT and less and mostly_seen(rest.data, again)
     return (rest, again) if better else (search, disc)
 
 
