@@ -189,7 +189,7 @@ class End:
             "objection": self.objection if known else "is of hardly known size",
             "coherence": trust,
             "contested": state.contested,
-            "plausible": self.plausible and known,
+            "plausible": bool(self.plausible and known),
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
             "texture": self._confirmed,
