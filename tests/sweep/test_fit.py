@@ -373,6 +373,15 @@ def test_what_a_sweep_says_of_itself(ball):
     assert f"radius {sweep.radius:.2f} ± {sweep.radius_std:.2f} px" in repr(sweep)
 
 
+def test_what_smooth_light_would_have_otherwise_is_an_error(ball):
+    """exact: part of alpha, beside what noise leaves open."""
+    sweep = ball[3]
+    unsure = replace(sweep, stats={**sweep.stats, "unsure": 0.1})
+    expected = np.hypot(sweep.alpha_std, 0.1 * sweep.alpha)
+    assert_allclose(unsure.alpha_std, expected, rtol=1e-12)
+    assert sweep.stats["unsure"] == 0  # a disc of one paint is not free to take up what is wrong
+
+
 def test_alpha_is_the_same_within_a_box(ball):
     _, _, _, sweep = ball
     x0, y0, x1, y1 = box = sweep.box

@@ -192,6 +192,7 @@ class End:
             "plausible": bool(self.plausible and known),
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
+            "unsure": self.astray if self._takes_up_more else 0.0,
             "texture": self._confirmed,
             "rim": blur or state.silhouette.softness(state.shape),
             "louder": louder,
