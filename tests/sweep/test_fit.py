@@ -270,6 +270,18 @@ def test_a_small_sheet_that_went_little_is_no_disc_that_went_far(seed):
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
+def test_a_sheet_is_no_disc_that_was_slow_at_both_ends():
+    """Honest: in this JPEG such a disc of half its width leaves no more than noise."""
+    way = Trajectory.line((169.18196773, 128.44029172), (204.88528327, 154.21756546))
+    sheet = Sheet(26.51723138, 11.04884641, (0.52891024, 0.20888542, 0.33205338))
+    plate = plain_plate((384, 288), (0.30, 0.33, 0.36), 149963493)
+    scene = Scene(plate, way, sheet, Change(turned=(0, 0, 0.6890383)))
+    shot = Shot(scene, Camera(code_std=2 / 255, jpeg_quality=90), plate_frames=5, seed=140)
+    truth = render(scene)
+    sweep = fit_sweep(*shot.photograph(truth))
+    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
+
+
 def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
     """door: colors enough would explain any of both answers."""
     _, image, picture = taken(BALL)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from blurmatte.sweep.choice import CLEARLY, contested, differ, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
-from blurmatte.sweep.path import ARC, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
 from blurmatte.sweep.verdict import HOPELESS, MAX_MISFIT, can_be, coherence, misfit, overstated
 
@@ -62,7 +62,8 @@ def refined(data: Data, disc: State) -> State:
     if not _could_pay(coarse, start, found[0]):
         if not explained or _is_short(start):
             found += [_roughly(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
-        if explained and _is_short(start):  # what went little looks like much that went far
+        # What went little looks like much that went far; what is slow at both ends, like a longer one.
+        if explained and (_is_short(start) or start.family is CUBIC):
             found += [_roughly(coarse, s, bounds) for s in _stretched(coarse, start, found)]
         if explained and _best(coarse, [start, *found]) is start:
             return _remaining(disc, coarse, start, found)
