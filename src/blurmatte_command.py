@@ -15,8 +15,7 @@ def run() -> None:
         app()
     except KeyboardInterrupt:
         raise SystemExit(130) from None
-    except (
-        OSError
-    ) as error:  # of the output itself: commands name the files that they could not write
+    except OSError as error:
+        # Of the output itself: commands name the files that they could not write.
         print(f"blurmatte: cannot write the answer: {error.strerror}", file=sys.stderr)
         raise SystemExit(2) from None

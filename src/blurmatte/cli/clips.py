@@ -16,10 +16,10 @@ from blurmatte.cli.printing import complain
 from blurmatte.cli.program import NamedError, about, with_progress
 from blurmatte.cli.space import check_camera
 from blurmatte.cli.targets import check_file
+from blurmatte.motion.shutter import LASTS
 
 _TABLES = ".csv", ".json", ".parquet"
 _LEAST = 3  # frames of an object, if not told
-_LASTS = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
 _FEW = 16  # frames for which more processes do not pay
 
 
@@ -117,13 +117,13 @@ def _check_times(task: ClipTask, rate: float | None, rows: int) -> None:
     rate = task.rate or rate
     if rate is None:
         return
-    if task.line_time * rows * rate > _LASTS:
+    if task.line_time * rows * rate > LASTS:
         raise ValueError(
             f"a line time of {task.line_time:g} s is {task.line_time * rows:.3g} s for {rows} rows, "
             f"and a frame lasts {1 / rate:.3g} s: give --line-time with its unit, like 15us, or the "
             "true --rate of the frames"
         )
-    if task.exposure is not None and task.exposure * rate > _LASTS:
+    if task.exposure is not None and task.exposure * rate > LASTS:
         raise ValueError(
             f"an exposure of {task.exposure:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
             "--exposure with its unit, like 4ms, or the true --rate of the frames"

@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from blurmatte.motion.linking import FrameMotion
 
 _SLOWEST = 1.0  # s; the slowest electronic shutters, of large still cameras, take a third of that
-_LASTS = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
+LASTS = 1.1  # of the time from frame to frame: files tell their rate on average, and so-so
 
 
 def check_line_time(line_time: float, rows: float) -> None:
@@ -26,7 +26,7 @@ def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> No
     check_line_time(line_time, lowest)
     if len(times) > 1:
         lasts = float(np.median(np.diff(times)))
-        _check(line_time, lowest, _LASTS * lasts, "a frame must be read within {:.3g} s")
+        _check(line_time, lowest, LASTS * lasts, "a frame must be read within {:.3g} s")
 
 
 def _check(line_time: float, rows: float, most: float, why: str) -> None:

@@ -233,9 +233,11 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
     contested = line.state.contested and line.beyond_noise <= MAX_MISFIT
+    if contested or search.data.known is not None:
+        return line
     enough = left <= MAX_MISFIT and simple
-    of_two = enough and search.data.known is None and _may_be_of_two(line)
-    if contested or (enough and not of_two) or search.data.known is not None:
+    of_two = enough and _may_be_of_two(line)
+    if enough and not of_two:
         return line
     plane = _plane(search, line, transfer)
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
