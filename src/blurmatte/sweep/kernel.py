@@ -9,6 +9,9 @@ A point x is near the point of the rim that lies in the direction n from it, n t
 that passes x: A⁻ᵀ (1, −g) in polar coordinates around A⁻¹ x, with g = (log R)′. There the rim's
 curvature is κ = det A (1 + g² − (log R)″) / (R |A (g, 1)|³).
 
+Where a rim is and how it is bent is told once for a lattice of points around the shape, and read off it
+at every moment: that takes a third of the time, and changes alpha by less than 1e-4.
+
 A pixel takes part in the shape as in the half plane beyond the tangent at that point. On average
 over a pixel a rim of curvature κ lies κ/24 inside its tangent; that is taken off the distance, so
 that the sum over all pixels is the area. The edge of a half plane that is blurred by σ, `soft`, is
@@ -31,6 +34,8 @@ _TAIL = 3.0  # standard deviations from a soft rim, where all is in or out
 _WITHIN = math.erf(_TAIL / math.sqrt(2))
 _NODES = 64  # per standard deviation, so that Taylor's polynomials are exact to 1e-7
 _SHARPEST = 2.0  # per pixel, the largest curvature that the half plane is corrected for
+_LATTICE = 0.125  # pixels between nodes for a radius of 1; with its root, as all errors stay alike
+_FAR = 1e3  # pixels: surely in or out
 _CELLS = 512  # directions, in each of which it is known what is near the rim
 
 
@@ -203,6 +208,77 @@ def near(A, bulges, reach):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
+def corners(most):  # type: ignore[no-untyped-def]
+    """(_CELLS, 2) of a polygon around all that is not surely out: the ends of the cells."""
+    xy = np.empty((_CELLS, 2))
+    for i in range(_CELLS):
+        turn = 4 * i / _CELLS
+        x, y = abs(2 - turn) - 1, 1 - abs((turn + 1) % 4 - 2)
+        far = np.sqrt(max(most[i - 1], most[i]) / (x * x + y * y))
+        xy[i, 0], xy[i, 1] = far * x, far * y
+    return xy
+
+
+@njit(**_COMPILED)
+def spans(polygon, ct, st, cx, cy, left, right):  # type: ignore[no-untyped-def]
+    """First and last column of each row (h,) that a polygon reaches, turned and moved; and the rows."""
+    h = len(left)
+    left[:], right[:] = np.inf, -np.inf
+    x, y = polygon[-1, 0], polygon[-1, 1]
+    x0, y0 = cx + ct * x - st * y, cy + st * x + ct * y
+    top, bottom = y0, y0
+    for i in range(len(polygon)):
+        x, y = polygon[i, 0], polygon[i, 1]
+        x1, y1 = cx + ct * x - st * y, cy + st * x + ct * y
+        low, high = min(x0, x1), max(x0, x1)
+        for j in range(max(math.floor(min(y0, y1)), 0), min(math.ceil(max(y0, y1)), h - 1) + 1):
+            left[j], right[j] = min(left[j], low), max(right[j], high)
+        x0, y0, top, bottom = x1, y1, min(top, y1), max(bottom, y1)
+    return max(math.ceil(top), 0), min(math.floor(bottom), h - 1)
+
+
+@njit(**_COMPILED)
+def rim(A, bulges, soft):  # type: ignore[no-untyped-def]
+    """What `edge` says at nodes h apart (rows, columns, 8); of its first node the x and y, and h.
+
+    Inside, normal, curvature, the rim's point R (cos ψ, sin ψ) and the angle's cosine and sine; beyond
+    all that is partly inside only whether it is in or out. Linear between nodes, the distance inside
+    lies κ h²/12 below the true one in the mean; that is put back.
+    """
+    # Powers of two, and nodes that stay where they are when a shape changes a little, so that alpha
+    # changes smoothly.
+    area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
+    h = 2.0 ** math.floor(math.log2(_LATTICE * area**0.25))
+    reach = reach_of(soft)
+    least, most = near(A, bulges, reach + 2 * h)
+    polygon = corners(most)
+    x0 = (math.floor(polygon[:, 0].min() / h) - 1) * h
+    y0 = (math.floor(polygon[:, 1].min() / h) - 1) * h
+    columns = int((polygon[:, 0].max() - x0) / h) + 3
+    rows = int((polygon[:, 1].max() - y0) / h) + 3
+    lattice = np.zeros((rows, columns, 8))
+    for j in range(rows):
+        for i in range(columns):
+            x, y = x0 + i * h, y0 + j * h
+            square, cell = x * x + y * y, direction(x, y)
+            if square > most[cell] or square < least[cell]:
+                lattice[j, i, 0] = -_FAR if square > most[cell] else _FAR
+                continue
+            inside, nx, ny, curvature, R, c, s = edge(x, y, A, bulges, soft)
+            inside += curvature * h * h / 12
+            lattice[j, i] = (inside, nx, ny, curvature, R * c, R * s, c, s)
+    return lattice, x0, y0, h, polygon
+
+
+@njit(**_COMPILED)
+def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
+    """The value k a part u of the way from node i to the next, and v from j, linear on the way."""
+    above = (1 - u) * lattice[j, i, k] + u * lattice[j, i + 1, k]
+    below = (1 - u) * lattice[j + 1, i, k] + u * lattice[j + 1, i + 1, k]
+    return (1 - v) * above + v * below
+
+
+@njit(**_COMPILED)
 def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha, J):  # type: ignore[no-untyped-def]
     """Add to alpha (h, w) and J (h, w, n + j + k), zeros, what a shape covers on its way.
 
@@ -212,33 +288,36 @@ def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha
     `spins`, J has one more, for the parameter by which turns have the derivative by_turning (T,). If
     J has room for yet one more, that is for `soft`.
     """
-    h, w = alpha.shape
+    height, w = alpha.shape
     n, m = D.shape[2], by_A.shape[2]
     wide = 1 / np.sqrt(_PIXEL + soft * soft)
-    least, most = near(A, bulges, reach_of(soft))
-    surely, outer = least.min(), np.sqrt(most.max())
+    lattice, x0, y0, h, polygon = rim(A, bulges, soft)
+    reach = reach_of(soft)
+    rows, columns, of_edge = lattice.shape
+    left, right, at = np.empty(height), np.empty(height), np.empty(of_edge)
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
         ct, st = np.cos(turns[k]), np.sin(turns[k])
-        top, bottom = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
+        top, bottom = spans(polygon, ct, st, cx, cy, left, right)
         for j in range(top, bottom + 1):
             dy = j - cy
-            half = np.sqrt(max(outer * outer - dy * dy, 0.0))
-            left, right = max(int(np.ceil(cx - half)), 0), min(int(np.floor(cx + half)), w - 1)
-            for i in range(left, right + 1):
+            for i in range(math.ceil(max(left[j], 0.0)), math.floor(min(right[j], w - 1)) + 1):
                 dx = i - cx
-                square = dx * dx + dy * dy
-                if square < surely:
+                u = (ct * dx + st * dy - x0) / h
+                v = (ct * dy - st * dx - y0) / h
+                if not (0 <= u < columns - 1 and 0 <= v < rows - 1):
+                    continue
+                p, q = int(u), int(v)
+                u, v = u - p, v - q
+                inside = between(lattice, p, q, u, v, 0)
+                if inside < -reach:
+                    continue
+                if inside > reach:
                     alpha[j, i] += weights[k]
                     continue
-                x, y = ct * dx + st * dy, ct * dy - st * dx
-                cell = direction(x, y)
-                if square > most[cell]:
-                    continue
-                if square < least[cell]:
-                    alpha[j, i] += weights[k]
-                    continue
-                inside, nx, ny, curvature, R, c, s = edge(x, y, A, bulges, soft)
+                for e in range(1, of_edge):
+                    at[e] = between(lattice, p, q, u, v, e)
+                _, nx, ny, curvature, px, py, c, s = at
                 mx, my = ct * nx - st * ny, ct * ny + st * nx
                 part, gain, by_soft = covered_softly(inside, mx, my, soft, wide, curvature)
                 alpha[j, i] += weights[k] * part
@@ -247,7 +326,7 @@ def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha
                     continue
                 for p in range(n):
                     J[j, i, p] += g * (mx * D[k, 0, p] + my * D[k, 1, p])
-                qx, qy = g * R * c, g * R * s
+                qx, qy = g * px, g * py
                 for p in range(m):
                     px = by_A[0, 0, p] * qx + by_A[0, 1, p] * qy
                     py = by_A[1, 0, p] * qx + by_A[1, 1, p] * qy
