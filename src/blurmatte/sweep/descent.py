@@ -186,7 +186,8 @@ def descend(
     """Follow the cost down from a start in no more steps than that, the radius within bounds.
 
     It has converged where no step gains more than `enough`, nor promises to, and the radius is not held
-    at a bound: what would be larger or smaller is no end.
+    at a bound: what would be larger or smaller is no end. Nor is an extreme shape, which takes up what
+    something else left and grows without end.
     """
     state, caution = start, 1e-2
     for _ in range(steps):
@@ -211,6 +212,8 @@ def descend(
         else:
             return _ended(state, bounds)
         state = tried
+        if state.silhouette.extreme(state.shape):
+            return state
         if gain < enough:
             return _ended(state, bounds)
         caution = _more(caution) if gain < _POOR * promised else max(caution / 5, 1e-7)

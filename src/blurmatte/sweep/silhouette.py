@@ -24,6 +24,8 @@ _GAUSS = 1 / np.sqrt(
 _STEP, _MOST = 0.7, 200  # pixels between two moments, and how many in a part at most
 _PIXEL = 1 / 12  # variance of a box as wide as a pixel
 _ANGLES = 360
+_LONGEST = 2.0  # half the log of its length over its width: 55 times as long as wide
+_JAGGED = 1.0  # of log R, √2 of its root mean square: a star of five points has half of it
 _SHARP, _SOFT = 0.2, 2.0  # pixels: a pixel's width hides less, and blocks of 4 share no color
 
 
@@ -107,6 +109,13 @@ class Silhouette:
         if self.soft:
             near[-1] = np.clip(shape[-1], _SHARP, _SOFT)
         return near
+
+    def extreme(self, shape: Array) -> bool:
+        """Whether it is so long, or so jagged, that it is no outline of a thing any more."""
+        if self.bulges == 1:
+            return False
+        long, jagged = np.linalg.norm(shape[1:3]), np.linalg.norm(self._bulges(shape))
+        return bool(long > _LONGEST or jagged > _JAGGED)
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, data: Data) -> Swept:
         """Alpha of a shape that goes along a path; the path may leave the data.
