@@ -56,7 +56,7 @@ def test_errors_cover_both_answers(sweep):
     plate = LinearImage(np.full((h, w, 3), 0.5))
     mask = np.zeros((h, w), bool)
     mask[20:50, 20:76] = True
-    usual, of_sum = widen(maps, sweep, plate, Streak(mask))
+    usual, of_sum = widen(maps, sweep, plate, mask, (0, 0, w, h))
     off = np.where(mask, sweep.alpha - 0.1, 0)
     off[30, 40] = 0
     told = mask.copy()

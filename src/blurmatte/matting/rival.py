@@ -2,15 +2,16 @@
 
 If no silhouette tells alpha for sure, hues must tell the color, and pixels alpha. Highlights of the
 plate's color, or a plate near the object's, can make them wrong without a trace. A sweep that agrees
-about the color, and does not about alpha, says so.
+about the color, and does not about alpha, says so. In a patch that a believed sweep does not explain,
+it is a rival too: a hole there and a second paint may look the same.
 """
 
 import numpy as np
 
+from blurmatte.checks import Bools
 from blurmatte.color import ColorModel
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak
 from blurmatte.sweep import Sweep
 
 _SIGMAS = 4.0  # of both: in trials colors of right sweeps were up to 3 apart, of wrong ones 7 on
@@ -26,8 +27,14 @@ def is_rival(sweep: Sweep, model: ColorModel) -> bool:
     return bool(z2.sum() <= _SIGMAS**2)
 
 
-def widen(maps: PixelMaps, sweep: Sweep, plate: LinearImage, streak: Streak) -> tuple[float, float]:
-    """Widen errors of pixels by what a rival says.
+def widen(
+    maps: PixelMaps,
+    sweep: Sweep,
+    plate: LinearImage,
+    inside: Bools,
+    box: tuple[int, int, int, int],
+) -> tuple[float, float]:
+    """Widen errors of what pixels say by what a sweep says.
 
     The answer is one of two that are as likely: if the other is true it is wrong by all of their
     difference, so that half of its square is their variance.
@@ -38,7 +45,9 @@ def widen(maps: PixelMaps, sweep: Sweep, plate: LinearImage, streak: Streak) -> 
         What pixels say; errors are changed in place.
     sweep : Sweep
     plate : LinearImage
-    streak : Streak
+    inside : (h, w) bool
+        Of which pixels of the box.
+    box : (int, int, int, int)
 
     Returns
     -------
@@ -46,9 +55,8 @@ def widen(maps: PixelMaps, sweep: Sweep, plate: LinearImage, streak: Streak) -> 
         Root mean square of the difference of alpha, and the standard deviation that its sum adds to
         that of the sum of alpha.
     """
-    x0, y0, x1, y1 = box = streak.around(0)
     near = maps.within(box)
-    inside = streak.mask[y0:y1, x0:x1] & np.isfinite(near.alpha_std)
+    inside = inside & np.isfinite(near.alpha_std)
     off = np.where(inside, sweep.within(box)[0] - near.alpha, 0)
     apart = np.abs(off) / np.sqrt(2)
     light = near.premultiplied_std

@@ -146,6 +146,7 @@ def solve(
     C, B, mixed = _within(image, plate, streak, box)
     solve_mixed_plate(maps.within(box), mixed, C, B, model, pixelwise.max_alpha_std)
     together: dict[str, Any] = {}
+    rival_off, doubt = 0.0, 0.0
     used: Solver = pixelwise
     if swept is not None and sweep is not None:
         used = swept
@@ -154,6 +155,8 @@ def solve(
         left = swept(maps, sweep, C, mixed.widened(B), box)
         if left.any():
             _smooth_patches(maps.within(box), left, C, B, model, mixed)
+            if not given:
+                _, doubt = widen(maps, sweep, plate, left, box)
         together = _sweep_measures(sweep)
     elif isinstance(solver, Shaded):
         used = solver
@@ -165,9 +168,10 @@ def solve(
         inside = wide.mask[box[1] : box[3], box[0] : box[2]]
         C, B, mixed = _within(image, plate, streak, box)
         together = used(maps, C, B, model, inside, box, mixed)
-    doubt = 0.0, 0.0
     if sweep is not None and not given and sweep.misfit > most and is_rival(sweep, model):
-        doubt = widen(maps, sweep, plate, streak)
+        box = streak.around(0)
+        inside = streak.mask[box[1] : box[3], box[0] : box[2]]
+        rival_off, doubt = widen(maps, sweep, plate, inside, box)
     if not isinstance(used, Shaded):
         mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
     if not isinstance(used, Pixelwise | Shaded):
@@ -183,9 +187,9 @@ def solve(
         "only_light_lost": only_lost,
         "exposure_time": image.meta.exposure_time,
         **together,
-        "rival_off": doubt[0],
+        "rival_off": rival_off,
     }
-    stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], doubt[1]))
+    stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], doubt))
     explains = sweep if swept is not None else None
     return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
 
