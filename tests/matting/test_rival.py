@@ -12,7 +12,6 @@ from blurmatte.matting import PixelMaps, solve
 from blurmatte.matting.rival import is_rival, widen
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render, two_hue_plate
-from blurmatte.streaks import Streak
 from blurmatte.sweep import fit_sweep
 from blurmatte.trajectory import Trajectory
 

@@ -28,7 +28,7 @@ def test_alpha_is_the_part_of_each_pixel_that_the_outline_covers(radius, stretch
     bulges = OUTLINE._bulges(shape)
     kernel.sweep(xy, D, weights, False, turns, still, A, by_A, bulges, 0.0, alpha, J)
     covered = np.mean([inside(A, at, by) for at, by in zip(xy, turns, strict=True)], axis=0)
-    thin = 2 * radius * np.exp(-stretch) < 4
+    thin = radius * np.exp(-stretch) < 3
     assert_allclose(alpha, covered, rtol=0, atol=0.02 if thin else 0.012)
     assert_allclose(alpha.sum(), covered.sum(), rtol=1e-2 if thin else 2e-3)
 

@@ -197,7 +197,7 @@ def mirrored(silhouette, shape):
 def test_a_mirrored_picture_has_a_mirrored_alpha(silhouette):
     path, data = np.array([*ROUND[[1, 0, 3, 2]], -ROUND[4]]), canvas(H, W)
     mirror = silhouette.sweep(ARC, path, mirrored(silhouette, SHAPES[silhouette]), data).alpha
-    assert_allclose(mirror.T, swept(silhouette).alpha, rtol=0, atol=1e-9)
+    assert_allclose(mirror.T, swept(silhouette).alpha, rtol=0, atol=1e-4)
 
 
 def test_a_way_back_is_the_way_there():
@@ -226,7 +226,7 @@ def test_kinds_hold_the_shapes_of_simpler_ones_and_what_they_can_of_richer_ones(
         shape = rich.like(poor, SHAPES[poor])
         assert shape.shape == (rich.size,)
         assert_allclose(
-            rich.sweep(ARC, ROUND, shape, canvas()).alpha, swept(poor).alpha, rtol=0, atol=1e-9
+            rich.sweep(ARC, ROUND, shape, canvas()).alpha, swept(poor).alpha, rtol=0, atol=1e-4
         )
     assert_array_equal(OUTLINE.like(OUTLINE, SHAPES[OUTLINE]), SHAPES[OUTLINE])
     assert_array_equal(ELLIPSE.like(SPINNING, SHAPES[SPINNING]), [6, 0.2, 0.1])
