@@ -129,12 +129,6 @@ class End:
         return self._said.astray_of_places if self._takes_up_more else self._said.astray
 
     @property
-    def _unsure(self) -> float:
-        """To which part alpha may be off, of what a model of colors leaves to smooth light."""
-        known = self.search.data.known is not None or self.state.frame.rank == 3
-        return 0.0 if known else self._said.astray_of_places
-
-    @property
     def _takes_up_more(self) -> bool:
         """Whether it has more freedom than a disc of one paint to explain what is not so."""
         return self.state.frame.rank == 2 or self.state.silhouette.bulges > 1
@@ -206,7 +200,7 @@ class End:
             "plausible": bool(self.plausible and known),
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
-            "unsure": self._unsure,
+            "unsure": self.astray if self.state.frame.rank < 3 else 0.0,
             "texture": self._confirmed,
             "rim": blur or state.silhouette.softness(state.shape),
             "louder": louder,
