@@ -16,7 +16,7 @@ from blurmatte.sweep.descent import descend, main_colors, seen, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.path import ARC, BOUNCE, LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.silhouette import DISC, ELLIPSE
 from blurmatte.trajectory import Trajectory
 
 SIZE = (150, 100)
@@ -121,6 +121,21 @@ def test_the_radius_stays_within_bounds():
         end = descend(data, off_by(data, LINE, (1, 1), first, GREEN), bounds)
         assert end.shape[0] == held
         assert not end.converged  # it would be smaller or larger
+
+
+def test_an_extreme_shape_is_no_end():
+    _, data = data_of(BEFORE_WALL[LINE])
+    start = off_by(data, LINE, (1, 1), 1.1, GREEN)
+    shape = ELLIPSE.like(DISC, start.shape)
+    shape[1] = 2.5
+    extreme = state_at(data, LINE, start.path, ELLIPSE, shape, start.frame)
+    end = descend(data, extreme, BOUNDS)
+    assert end.cost < extreme.cost
+    assert not end.converged
+    shape[1] = 0.2
+    assert descend(
+        data, state_at(data, LINE, start.path, ELLIPSE, shape, start.frame), BOUNDS
+    ).converged
 
 
 def model_of(color, std):

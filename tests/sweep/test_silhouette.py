@@ -200,6 +200,17 @@ def test_a_mirrored_picture_has_a_mirrored_alpha(silhouette):
     assert_allclose(mirror.T, swept(silhouette).alpha, rtol=0, atol=1e-4)
 
 
+def test_what_is_extreme_is_no_outline_of_a_thing():
+    assert not DISC.extreme(np.array([300.0]))
+    star, long = np.zeros(2 * 6 - 1), np.array([9.0, 1.2, 1.2])  # a rod, 30 times as long as wide
+    star[[0, 7]] = 9, 0.5  # five points, e times as far from the center as the notches
+    assert not Silhouette(6).extreme(star)
+    assert not ELLIPSE.extreme(long)
+    star[3:] = 0.4
+    assert Silhouette(6).extreme(star)
+    assert ELLIPSE.extreme(1.2 * long)
+
+
 def test_a_way_back_is_the_way_there():
     back = np.array([*ROUND[2:4], *ROUND[:2], -ROUND[4]])
     for silhouette, shape in SHAPES.items():

@@ -47,12 +47,13 @@ class Sweep:
         explains it as well with another alpha, and then `misfit` is infinite; `doubtful` is the
         share of the streak's pixels that it does not explain; `astray` by which part of alpha light
         that changes little from place to place would have it otherwise, 0 if the color was known;
-        `unsure` the same unless it may have any colors: errors of alpha have that part too; `plausible` whether it can be, and explains most;
-        `texture`, if it may have any colors, to which part of alpha the plate's texture confirms it,
-        else infinite; where that does nearly everywhere `misfit` is 1, however fine its paint is;
-        `rim` the standard deviation, pixels, by which its rim, or the color of it, is blurred, 0 if
-        not. If the file did that, alpha is sharp; `louder` how many times the variance that was
-        measured noise has there, for codecs hide it in what stands still.
+        `unsure` the same unless it may have any colors: errors of alpha have that part too;
+        `plausible` whether it can be, and explains most; `texture`, if it may have any colors, to
+        which part of alpha the plate's texture confirms it, else infinite; where that does nearly
+        everywhere `misfit` is 1, however fine its paint is; `rim` the standard deviation, pixels, by
+        which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is sharp;
+        `louder` how many times the variance that was measured noise has there, for codecs hide it in
+        what stands still.
     """
 
     family: PathFamily

@@ -1,0 +1,62 @@
+"""What is said against an end of a search."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
+from blurmatte.streaks import require_streaks
+from blurmatte.sweep.end import End
+from blurmatte.sweep.search import Search
+from blurmatte.sweep.smooth_light import smooth_light
+from blurmatte.sweep.verdict import coherence
+from blurmatte.trajectory import Trajectory
+
+PATH = Trajectory.line((44, 42), (112, 68))
+PLATE = colorful_plate((160, 112), 2, tile=20)
+GREEN, RED = (0.25, 0.7, 0.12), (0.6, 0.2, 0.1)
+
+
+def search_of(body, **camera):
+    """The search for an object that went along, as a camera takes it."""
+    scene = Scene(PLATE, PATH, body)
+    shot = Shot(scene, Camera(code_std=1.5 / 255, **camera), plate_frames=3, seed=1)
+    image, plate = with_noise(*shot.photograph(render(scene, 160)))
+    return Search.of(require_streaks(image, plate)[0], image, plate, None)
+
+
+def told(end, share):
+    """An end of which smooth light would tell a wrong alpha in this share of the places."""
+    said = replace(smooth_light(end.search.data, end.state), share=share, astray_of_places=0.0)
+    fresh = End(end.search, replace(end.state), end.blur)
+    fresh.__dict__["_said"] = said
+    return fresh
+
+
+@pytest.fixture(scope="module")
+def as_noise():
+    search = search_of(Ball(11, GREEN))
+    return End(search, search.best(1))
+
+
+@pytest.fixture(scope="module")
+def hangs_together():
+    """Of two paints, told as one in a compressed picture: what that leaves is no noise."""
+    search = search_of(Ball(11, GREEN, second_color=(0.3, 0.6, 0.25)), jpeg_quality=90)
+    return End(search, search.best(1))
+
+
+def test_what_leaves_but_noise_needs_no_other_to_tell_it(as_noise):
+    assert coherence(as_noise.search.data, as_noise.state) < 2
+    for share in (0.0, 0.15, 0.3):
+        assert told(as_noise, share).objection == ""
+
+
+def test_what_leaves_more_must_be_told_by_smooth_light(hangs_together):
+    assert coherence(hangs_together.search.data, hangs_together.state) > 2
+    assert told(hangs_together, 0.3).objection == ""
+    less = told(hangs_together, 0.15)
+    assert "a wrong alpha would leave no trace" in less.objection
+    assert less.misfit == np.inf
