@@ -60,3 +60,15 @@ def test_what_leaves_more_must_be_told_by_smooth_light(hangs_together):
     less = told(hangs_together, 0.15)
     assert "a wrong alpha would leave no trace" in less.objection
     assert less.misfit == np.inf
+
+
+def test_a_plane_of_colors_must_not_leave_what_hangs_together(hangs_together):
+    """Though no pixel contradicts it: many that are alike do."""
+    search = hangs_together.search
+    plane = End(search, search.best(2))
+    assert plane._said.share > 0.2
+    for left, too_much in ((0.0, False), (2.0, True)):
+        e = plane.state.e.copy()
+        e[0] += left * (plane.state.swept.alpha > 0)
+        said = End(search, replace(plane.state, e=e)).objection
+        assert ("hangs together" in said) is too_much

@@ -45,6 +45,9 @@ _MOST_ASTRAY, _MOST_OF_PLACES = 0.125, 0.2
 # was off by 0.05; of 15 for which it did in less, ten were. One paint needs it where what is left hangs
 # together: of 13 for which it told less six were off by 0.05 to 0.33; where it did not, none of six.
 _LEAST_TOLD, _AS_NOISE = 0.2, 2.0
+# Coherence of what a plane leaves, which takes up what one paint would leave of a wrong shape, but not
+# all of it: 45 right ones that left more than noise left up to 12, 5 of 9 wrong ones 13 on.
+_MOST_OF_PLANE = 12.5
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
@@ -112,6 +115,8 @@ class End:
         if self.astray > (_MOST_OF_PLACES if self._takes_up_more else _MOST_ASTRAY):
             off = f"{self.astray:.0%}"
             return f"has an alpha that is off by {off} if its light changes little within it"
+        if self._leaves_other_colors:
+            return "leaves too much that hangs together for the colors that it may have"
         if not self._would_be_told:
             return "is so small, or so near the plate in color, that a wrong alpha would leave no trace"
         return ""
@@ -144,6 +149,13 @@ class End:
             return True
         by_noise = state.frame.rank == 1 and coherence(data, state) <= _AS_NOISE
         return by_noise or self._said.share >= _LEAST_TOLD
+
+    @property
+    def _leaves_other_colors(self) -> bool:
+        """Whether a plane that nobody gave leaves more than files do."""
+        data, state = self.search.data, self.state
+        free = data.known is None and state.frame.rank == 2
+        return free and coherence(data, state) > _MOST_OF_PLANE
 
     @property
     def is_textured(self) -> bool:
