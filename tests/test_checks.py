@@ -9,6 +9,7 @@ from blurmatte.checks import (
     check_kind,
     check_light,
     check_map,
+    check_points,
     check_same_size,
 )
 
@@ -60,6 +61,12 @@ def test_not_a_map():
         check_map("alpha", np.zeros((2, 3), bool), (2, 3))
     with pytest.raises(ValueError, match=r"alpha must have the shape \(2, 3\), got \(3, 2\)"):
         check_map("alpha", np.zeros((3, 2)), (2, 3))
+
+
+def test_not_points():
+    with pytest.raises(ValueError, match=r"pixels must have the shape \(..., 2\), got \(4, 3\)"):
+        check_points("pixels", np.zeros((4, 3)), 2)
+    assert check_points("pixels", [1, 2], 2).dtype == float
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

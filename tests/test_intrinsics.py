@@ -98,6 +98,11 @@ def test_door(arguments, says):
         Intrinsics(*arguments)
     with pytest.raises(ValueError, match="sensor_width must be positive"):
         Intrinsics.from_focal_length(50, (60, 40), -1)
+    lens = Intrinsics(300, 300, 160, 120)
+    with pytest.raises(ValueError, match=r"points must have the shape \(..., 3\), got \(\)"):
+        lens.project(4.0)
+    with pytest.raises(ValueError, match=r"pixels must have the shape \(..., 2\), got \(5, 3\)"):
+        lens.undistort(np.zeros((5, 3)))
 
 
 @lenses

@@ -56,6 +56,14 @@ def check_map(name: str, value: object, shape: tuple[int, ...], kinds: str = "f"
         raise ValueError(f"{name} must have the shape {shape}, got {value.shape}")
 
 
+def check_points(name: str, value: npt.ArrayLike, columns: int) -> npt.NDArray[np.float64]:
+    """Points as floats; raises ValueError unless the last axis has so many coordinates."""
+    points = np.asarray(value, dtype=float)
+    if points.ndim == 0 or points.shape[-1] != columns:
+        raise ValueError(f"{name} must have the shape (..., {columns}), got {points.shape}")
+    return points
+
+
 def check_finite(name: str, value: Floats) -> None:
     """Raise if there is a NaN or an infinite number in `value`."""
     if not (np.isfinite(np.min(value)) and np.isfinite(np.max(value))):

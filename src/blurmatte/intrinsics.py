@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import check_kind, check_points
 
 Array = npt.NDArray[np.float64]
 
@@ -164,7 +164,7 @@ class Intrinsics:
 
     def project(self, points: npt.ArrayLike) -> Array:
         """Pixels (..., 2) of points (..., 3) in space; NaN for those behind the camera."""
-        X = np.asarray(points, dtype=float)
+        X = check_points("points", points, 3)
         z = np.where(X[..., 2:] > 0, X[..., 2:], np.nan)
         m = self._distorted(X[..., :2] / z)
         return np.asarray(m * [self.fx, self.fy] + [self.cx, self.cy])
@@ -175,7 +175,7 @@ class Intrinsics:
         By Newton's method. NaN where the lens puts nothing: so far out that the model of its
         distortion has no inverse there.
         """
-        xy = np.asarray(pixels, dtype=float)
+        xy = check_points("pixels", pixels, 2)
         there = (xy - [self.cx, self.cy]) / [self.fx, self.fy]
         if not self.fisheye and not self.distortion.any():
             return np.asarray(there)

@@ -107,6 +107,8 @@ def test_door():
         bm.Plane.from_points(np.zeros((3, 2)), np.zeros((3, 2)))
     with pytest.raises(ValueError, match="have an inverse: no three points on a line"):
         bm.Plane.from_points(seen(on_ground(CORNERS[:4])), [[0, 0], [1, 0], [2, 0], [3, 0]])
+    with pytest.raises(ValueError, match=r"pixels must have the shape \(..., 2\), got \(\)"):
+        plane.locate(7)
     with pytest.raises(ValueError, match="a height needs intrinsics"):
         bm.measure_on_plane(sweep, plane, 0.1, height=1)
     with pytest.raises(ValueError, match=r"rotation must be \(3, 3\)"):

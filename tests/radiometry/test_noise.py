@@ -165,6 +165,8 @@ def test_known_noise_is_kept(paint):
 
 def test_door(paint):
     small = LinearImage(np.ones((4, 4, 3)))
+    with pytest.raises(TypeError, match="light must be a ndarray, got list"):
+        NoiseModel(read_std=0.1).variance([0.1, 0.2, 0.3])
     with pytest.raises(ValueError, match="image is 192x128 pixels and plate 4x4"):
         fit_noise(paint.image, small)
     with pytest.raises(ValueError, match=r"still must have the shape \(4, 4\), got \(2, 2\)"):

@@ -173,5 +173,9 @@ def test_door(truth, tmp_path):
     with pytest.raises(FileError, match=r"path.json: is no path .* it must be"):
         read_answer(tmp_path)
     small = Layer(truth.layer.alpha[1:], truth.layer.premultiplied[1:])
+    with pytest.raises(TypeError, match="a score must be a Score, got float"):
+        score_table({"ball": 0.3, "drop": 0.4})
+    with pytest.raises(TypeError, match="a score must be a Score, got str"):
+        mean_score("ball")
     with pytest.raises(ValueError, match=r"the result is 96x63 pixels and the truth 96x64"):
         score(Answer(small), truth)

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import check_kind, check_points
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.sources import (
@@ -155,9 +155,9 @@ class Plane:
         Raises
         ------
         ValueError
-            For a height without intrinsics.
+            For a height without intrinsics, and for what is not pixels.
         """
-        return self._locate(self.homography, np.asarray(pixels, float), height)
+        return self._locate(self.homography, check_points("pixels", pixels, 2), height)
 
     def _locate(self, H: Array, pixels: Array, height: float) -> Array:
         m = pixels

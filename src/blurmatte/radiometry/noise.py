@@ -81,6 +81,7 @@ class NoiseModel:
 
     def variance(self, light: Floats) -> Floats:
         """σ² of linear `light`, shape (..., 3); the dtype of `light`."""
+        check_kind("light", light, np.ndarray, "use numpy.asarray(light, float)")
         # Written out for a whole row of pixels: NumPy is several times as fast.
         constant, linear, quadratic = (
             np.array(np.broadcast_to(one, light.shape[-2:]), order="C")

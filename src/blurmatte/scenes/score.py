@@ -147,6 +147,8 @@ def mean_score(scores: Sequence[Score]) -> Score:
     """
     if not scores:
         raise ValueError("there is nothing to take the mean of")
+    for score in scores:
+        _check_score(score)
     means = {f.name: _mean(f.name, scores) for f in fields(Score) if f.name != "answered"}
     return Score(answered=all(s.answered for s in scores), **means)  # type: ignore[arg-type]
 
@@ -165,7 +167,12 @@ def score_table(scores: Mapping[str, Score]) -> str:
     )
 
 
+def _check_score(score: Score) -> None:
+    check_kind("a score", score, Score, "use blurmatte.score(answer, truth)")
+
+
 def _cells(score: Score) -> list[str]:
+    _check_score(score)
     return [_cell(getattr(score, name)) for name in _HEADINGS.values()]
 
 
