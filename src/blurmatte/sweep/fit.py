@@ -19,7 +19,7 @@ from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.descent import State, descend, main_colors, state_at
 from blurmatte.sweep.end import End, ran_together
-from blurmatte.sweep.known import KnownColor, known_color
+from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import QUICK, Search
@@ -113,11 +113,11 @@ def fit_sweep(
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
     whole = search
-    search, disc, image, streak = _beside_shadow(search, disc, image, plate, streak, known)
+    search, disc, image, streak = _beside_shadow(search, disc, image, plate, streak)
     transfer = image.meta.transfer or SRGB
     told = End.before_bleeding(search, disc, transfer)
     if told.left > MAX_MISFIT and disc.frame.rank == 1:
-        search, disc = _in_front_left_out(search, disc, image, plate, streak, known)
+        search, disc = _in_front_left_out(search, disc, image, plate, streak)
         told = End.before_bleeding(search, disc, transfer)
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = search is not whole and told.misfit <= MAX_MISFIT
@@ -180,7 +180,6 @@ def _beside_shadow(
     image: LinearImage,
     plate: LinearImage,
     streak: Streak,
-    known: KnownColor | None,
 ) -> tuple[Search, State, LinearImage, Streak]:
     """Search again without the shadow beside an object; image and streak without it, too.
 
@@ -193,7 +192,7 @@ def _beside_shadow(
             break
         image = replace(image, valid=image.valid & ~shadow)
         streak = replace(streak, mask=streak.mask & ~shadow)
-        search = Search.of(streak, image, plate, known)
+        search = Search.of(streak, image, plate, search.data.known)
         disc = search.best(rank)
     return (search, disc, image, streak) if mostly_seen(search.data, disc) else whole
 
@@ -204,13 +203,13 @@ def _in_front_left_out(
     image: LinearImage,
     plate: LinearImage,
     streak: Streak,
-    known: KnownColor | None,
 ) -> tuple[Search, State]:
     """Search again without what something still in front hides, if that explains the streak."""
     hidden = in_front_of(search.data, disc, (image.size[1], image.size[0]))
     if not hidden.any():
         return search, disc
-    rest = Search.of(streak, replace(image, valid=image.valid & ~hidden), plate, known)
+    seen = replace(image, valid=image.valid & ~hidden)
+    rest = Search.of(streak, seen, plate, search.data.known)
     again = rest.best(disc.frame.rank)
     before, after = End(search, disc), End(rest, again)
     less = after.beyond_noise <= _SAVED * before.beyond_noise
