@@ -391,7 +391,7 @@ def test_what_smooth_light_would_have_otherwise_is_an_error(ball):
     unsure = replace(sweep, stats={**sweep.stats, "unsure": 0.1})
     expected = np.hypot(sweep.alpha_std, 0.1 * sweep.alpha)
     assert_allclose(unsure.alpha_std, expected, rtol=1e-12)
-    assert sweep.stats["unsure"] == 0  # a disc of one paint is not free to take up what is wrong
+    assert sweep.stats["unsure"] == 0
 
 
 def test_alpha_is_the_same_within_a_box(ball):

@@ -2,7 +2,7 @@
 
 In this file `shape` is the parameters of a silhouette (m,). Seen from its center the rim is ρ(φ)
 away at the angle φ from +x towards +y, the center of no particular meaning but that all of the rim
-can be seen from it. How ρ follows from the parameters stands in the kernel.
+can be seen from it. How ρ follows from the parameters stands in `rim_kernel`.
 """
 
 from dataclasses import dataclass
