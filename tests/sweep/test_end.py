@@ -16,7 +16,7 @@ from blurmatte.trajectory import Trajectory
 
 PATH = Trajectory.line((44, 42), (112, 68))
 PLATE = colorful_plate((160, 112), 2, tile=20)
-GREEN, RED = (0.25, 0.7, 0.12), (0.6, 0.2, 0.1)
+GREEN = (0.25, 0.7, 0.12)
 
 
 def search_of(body, **camera):

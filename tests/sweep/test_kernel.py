@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.sweep import kernel
+from blurmatte.sweep import kernel, rim_kernel
 from blurmatte.sweep.silhouette import Silhouette
 
 H, W = 70, 90
@@ -26,7 +26,8 @@ def test_alpha_is_the_part_of_each_pixel_that_the_outline_covers(radius, stretch
     weights, D = np.full(20, 1 / 20), np.zeros((20, 2, 0))
     still = np.zeros(20)
     bulges = OUTLINE._bulges(shape)
-    kernel.sweep(xy, D, weights, False, turns, still, A, by_A, bulges, 0.0, alpha, J)
+    rim = rim_kernel.lattice_around(A, bulges, kernel.variance_of(0.0), kernel.reach_of(0.0))
+    kernel.sweep(xy, D, weights, False, turns, still, rim, A, by_A, bulges, 0.0, alpha, J)
     covered = np.mean([inside(A, at, by) for at, by in zip(xy, turns, strict=True)], axis=0)
     thin = radius * np.exp(-stretch) < 3
     assert_allclose(alpha, covered, rtol=0, atol=0.02 if thin else 0.012)

@@ -167,7 +167,7 @@ def test_coarser_data_see_the_means_of_blocks(silhouette, by):
     assert_allclose(
         coarse.alpha, block_means(fine.alpha, by), rtol=0, atol=0.01 if by == 2 else 0.03
     )
-    assert_allclose(coarse.alpha.sum() * by**2, fine.alpha.sum(), rtol=1e-3 if by == 2 else 0.015)
+    assert_allclose(coarse.alpha.sum() * by**2, fine.alpha.sum(), rtol=1e-3 if by == 2 else 0.02)
     for i in range(len(ROUND) + 1):  # of the path and the radius, in pixels of the picture
         means = block_means(fine.by_parameters[..., i], by)
         off = np.linalg.norm(coarse.by_parameters[..., i] - means)
@@ -197,7 +197,7 @@ def mirrored(silhouette, shape):
 def test_a_mirrored_picture_has_a_mirrored_alpha(silhouette):
     path, data = np.array([*ROUND[[1, 0, 3, 2]], -ROUND[4]]), canvas(H, W)
     mirror = silhouette.sweep(ARC, path, mirrored(silhouette, SHAPES[silhouette]), data).alpha
-    assert_allclose(mirror.T, swept(silhouette).alpha, rtol=0, atol=1e-4)
+    assert_allclose(mirror.T, swept(silhouette).alpha, rtol=0, atol=1e-9)
 
 
 def test_what_is_extreme_is_no_outline_of_a_thing():
@@ -237,7 +237,7 @@ def test_kinds_hold_the_shapes_of_simpler_ones_and_what_they_can_of_richer_ones(
         shape = rich.like(poor, SHAPES[poor])
         assert shape.shape == (rich.size,)
         assert_allclose(
-            rich.sweep(ARC, ROUND, shape, canvas()).alpha, swept(poor).alpha, rtol=0, atol=1e-4
+            rich.sweep(ARC, ROUND, shape, canvas()).alpha, swept(poor).alpha, rtol=0, atol=1e-9
         )
     assert_array_equal(OUTLINE.like(OUTLINE, SHAPES[OUTLINE]), SHAPES[OUTLINE])
     assert_array_equal(ELLIPSE.like(SPINNING, SHAPES[SPINNING]), [6, 0.2, 0.1])

@@ -1,7 +1,8 @@
 """Alpha of a silhouette on its way, and its derivatives, compiled.
 
 In this file a rim is what `rim_kernel` tells of it: how far inside it a point is, the normal, and the
-curvature κ of the nearest point of it.
+curvature κ of the nearest point of it. It comes as data: what is compiled here and kept would not
+know of a change there.
 
 A pixel takes part in the shape as in the half plane beyond the tangent at that point. On average
 over a pixel a rim of curvature κ lies κ/24 inside its tangent; that is taken off the distance, so
@@ -16,8 +17,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from numba import njit
-
-from blurmatte.sweep.rim_kernel import between, lattice_around
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
@@ -80,9 +79,15 @@ def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped
 
 
 @njit(**_COMPILED)
+def variance_of(soft):  # type: ignore[no-untyped-def]
+    """Variance of the normal distribution that the edge of a half plane becomes, pixels²."""
+    return _PIXEL + soft * soft
+
+
+@njit(**_COMPILED)
 def reach_of(soft):  # type: ignore[no-untyped-def]
     """How far from the rim pixels are partly inside."""
-    return _REACH if soft == 0 else _TAIL * np.sqrt(_PIXEL + soft * soft)
+    return _REACH if soft == 0 else _TAIL * np.sqrt(variance_of(soft))
 
 
 @njit(**_COMPILED)
@@ -93,8 +98,8 @@ def disc(xy, D, weights, radius, soft, alpha, J):  # type: ignore[no-untyped-def
     """
     h, w = alpha.shape
     n = D.shape[2]
-    r = radius - (_PIXEL + soft * soft) / (2 * radius)
-    wide, curvature = 1 / np.sqrt(_PIXEL + soft * soft), 1 / radius
+    r = radius - variance_of(soft) / (2 * radius)
+    wide, curvature = 1 / np.sqrt(variance_of(soft)), 1 / radius
     outer, inner = r + reach_of(soft), max(r - reach_of(soft), 0.0)
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
@@ -142,9 +147,18 @@ def spans(polygon, ct, st, cx, cy, left, right):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha, J):  # type: ignore[no-untyped-def]
+def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
+    """The value k a part u of the way from node i to the next, and v from j, linear on the way."""
+    above = (1 - u) * lattice[j, i, k] + u * lattice[j, i + 1, k]
+    below = (1 - u) * lattice[j + 1, i, k] + u * lattice[j + 1, i + 1, k]
+    return (1 - v) * above + v * below
+
+
+@njit(**_COMPILED)
+def sweep(xy, D, weights, spins, turns, by_turning, rim, A, by_A, bulges, soft, alpha, J):  # type: ignore[no-untyped-def]
     """Add to alpha (h, w) and J (h, w, n + j + k), zeros, what a shape covers on its way.
 
+    The rim is told by `rim_kernel.lattice_around`, with the variance and the reach of this softness.
     xy (T, 2) are the centers in pixels of the maps, D (T, 2, n) their derivatives, weights (T,) parts
     of the exposure, turns (T,) angles by which the shape is turned, from +x towards +y; by_A
     (2, 2, j) are the derivatives of A by some parameters, bulges (k,) are a₃, b₃, a₄, b₄, … If it
@@ -153,9 +167,8 @@ def sweep(xy, D, weights, spins, turns, by_turning, A, by_A, bulges, soft, alpha
     """
     height, w = alpha.shape
     n, m = D.shape[2], by_A.shape[2]
-    variance, reach = _PIXEL + soft * soft, reach_of(soft)
-    wide = 1 / np.sqrt(variance)
-    lattice, x0, y0, h, polygon = lattice_around(A, bulges, variance, reach)
+    reach, wide = reach_of(soft), 1 / np.sqrt(variance_of(soft))
+    lattice, x0, y0, h, polygon = rim
     rows, columns, of_edge = lattice.shape
     left, right, at = np.empty(height), np.empty(height), np.empty(of_edge)
     for k in range(len(xy)):

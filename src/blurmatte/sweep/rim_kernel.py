@@ -23,6 +23,8 @@ _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": Tru
 _SHARPEST = 2.0  # per pixel, the largest curvature that a half plane is corrected for
 _LATTICE = 0.125  # pixels between nodes for a radius of 1; with its root, as all errors stay alike
 _FAR = 1e3  # pixels: surely in or out
+_STEPS, _CLOSE = 8, 1e-10  # radians: in double precision the rim's nearest point is told no better
+_NEAR_CENTER = 0.3  # of its radius from the center of the circle: there steps would leap
 _FEW = 64  # points of a rim, at least
 
 
@@ -58,13 +60,20 @@ def rim_at(c, s, A, bulges):  # type: ignore[no-untyped-def]
 def edge(x, y, c, s, A, bulges):  # type: ignore[no-untyped-def]
     """How far inside the rim a point is, normal and curvature there, R, the angle's cosine and sine.
 
-    c and s are those of an angle near the one at which the rim is nearest.
+    c and s are those of an angle near the one at which the rim is nearest. It is gone there in steps
+    along the circle that the rim is bent as.
     """
-    _, px, py, tx, ty, long, _ = rim_at(c, s, A, bulges)
-    turn = ((x - px) * tx + (y - py) * ty) / (long * long)
-    ct, st = np.cos(turn), np.sin(turn)
-    c, s = c * ct - s * st, s * ct + c * st
     R, px, py, tx, ty, long, curvature = rim_at(c, s, A, bulges)
+    for _ in range(_STEPS):
+        away_x, away_y = x - px, y - py
+        along = (away_x * tx + away_y * ty) / long
+        depth = curvature * (away_y * tx - away_x * ty) / long
+        turn = along / (long * max(1 - depth, _NEAR_CENTER))
+        ct, st = np.cos(turn), np.sin(turn)
+        c, s = c * ct - s * st, s * ct + c * st
+        R, px, py, tx, ty, long, curvature = rim_at(c, s, A, bulges)
+        if abs(turn) < _CLOSE:
+            break
     nx, ny = ty / long, -tx / long
     return (px - x) * nx + (py - y) * ny, nx, ny, curvature, R, c, s
 
@@ -143,11 +152,3 @@ def nearest_of(points, x0, y0, h, reach, rows, columns):  # type: ignore[no-unty
                 if dx * dx + dy * dy < least[j, i]:
                     least[j, i], nearest[j, i] = dx * dx + dy * dy, k
     return nearest
-
-
-@njit(**_COMPILED)
-def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
-    """The value k a part u of the way from node i to the next, and v from j, linear on the way."""
-    above = (1 - u) * lattice[j, i, k] + u * lattice[j, i + 1, k]
-    below = (1 - u) * lattice[j + 1, i, k] + u * lattice[j + 1, i + 1, k]
-    return (1 - v) * above + v * below

@@ -130,7 +130,7 @@ class Silhouette:
         data : Data
             Where to look.
         """
-        from blurmatte.sweep import kernel  # numba takes half a second to import
+        from blurmatte.sweep import kernel, rim_kernel  # numba takes half a second to import
 
         alpha = np.zeros(data.weight.shape)
         J = np.zeros((*alpha.shape, len(path) + self.size))
@@ -145,8 +145,10 @@ class Silhouette:
         else:
             A, by_A = (x / data.scale for x in self._stretch(shape))
             turns, bulges = turn * (t - 0.5), self._bulges(shape)
+            within = kernel.variance_of(soft), kernel.reach_of(soft)
+            rim = rim_kernel.lattice_around(A, bulges, *within)
             kernel.sweep(
-                xy, D, weights, self.turns, turns, t - 0.5, A, by_A, bulges, soft, alpha, J
+                xy, D, weights, self.turns, turns, t - 0.5, rim, A, by_A, bulges, soft, alpha, J
             )
         if self.soft:
             J[..., -1] /= data.scale
