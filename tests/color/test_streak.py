@@ -1,5 +1,6 @@
 """The color line from a streak: right, no surer than it may be, and none where none is known."""
 
+from colorsys import hsv_to_rgb
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,16 @@ from numpy.testing import assert_allclose
 from blurmatte.color import ColorModel, evidence, fit_color_from_hues, posterior, streak
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel, with_noise
-from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Scene,
+    Sheet,
+    colorful_plate,
+    plain_plate,
+    render,
+)
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory
 
@@ -109,7 +119,7 @@ def columns(rng, count=12, exact=False):
         alpha = rng.uniform(0.1, 0.9, (count, 1))
         C = alpha * rng.uniform(0.2, 1, (count, 1)) * l + (1 - alpha) * B
     vC, vB = rng.uniform(1e-5, 1e-4, (2, count, 1)) * np.ones(3)
-    return l, evidence.Pixels(C, B, vC, vB, np.arange(count), (np.zeros(0, int),) * 2)
+    return l, evidence.Pixels(C, B, vC, vB, *(np.arange(count),) * 2, (np.zeros(0, int),) * 2)
 
 
 def brute_force(l, C, B):
@@ -198,6 +208,41 @@ def test_one_hue_gives_the_truth_or_none():
         else:
             assert normalised2(model, color) < 3**2
     assert refused > 5
+
+
+def test_rims_of_an_opaque_thing_are_no_evidence():
+    """What hides the plate here, and not a little further on, is told before no plate of one hue."""
+    answers = 0
+    for seed in range(24, 40):
+        rng = np.random.default_rng(seed)
+        color = np.array(hsv_to_rgb(rng.uniform(), 0.7, 0.75))
+        plate = plain_plate(SIZE, SRGB.decode(rng.uniform(0.3, 0.8, 3)), rng)
+        angle = rng.uniform(0, np.pi)
+        half, middle = 2 * np.array([np.cos(angle), np.sin(angle)]), np.array(SIZE) / 2
+        path = Trajectory.line(tuple(middle - half), tuple(middle + half))
+        turned = Change(turned=(0, 0, rng.uniform(0, 3)))
+        truth = render(Scene(plate, path, Sheet(16, 8, color), turned), substeps=40)
+        try:
+            model = quick_fit(*taken(truth, 2 / 255, seed))
+        except ColorModelError:
+            continue
+        answers += 1
+        assert normalised2(model, color) < 3**2
+    assert answers < 8
+
+
+def test_light_less_than_none_is_no_color():
+    """A plate between two paints: one of them is that of the plate, and less than none of the other."""
+    paints = np.array([[0.13, 0.41, 0.05], [0.2, 0.2, 0.5]])
+    path = Trajectory.line((53, 40), (59, 40))
+    for seed in range(3):
+        plate = plain_plate(SIZE, paints.mean(axis=0), seed)
+        ball = Ball(6, paints[0], second_color=paints[1])
+        truth = render(Scene(plate, path, ball), substeps=40)
+        with pytest.raises(
+            ColorModelError, match="or with negative light; give the colors of the obj"
+        ):
+            quick_fit(*taken(truth, 2 / 255, seed))
 
 
 def test_two_paints_give_a_mixture_or_none():

@@ -33,20 +33,24 @@ _NOISE_DOUBT = 0.3  # of the plate's noise variance: it may be measured wrong by
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """The streak's pixels as columns: light, variances and the block each lies in, in its order."""
+    """The streak's pixels as columns: light, variances, the block and the tile that each lies in.
+
+    They are in the order of blocks, and within these of tiles.
+    """
 
     C: Array  # (n, 3)
     B: Array  # (n, 3)
     vC: Array  # (n, 3)
     vB: Array  # (n, 3)
-    block: npt.NDArray[np.intp]  # (n,)
+    block: npt.NDArray[np.intp]  # (n,) over which noise may be the same
+    tile: npt.NDArray[np.intp]  # (n,) over which alpha is much the same
     neighbors: tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]  # blocks that lie side by side
 
     def every(self, step: int) -> "Pixels":
         """Every so many of them."""
         columns = (self.C, self.B, self.vC, self.vB)
         C, B, vC, vB = (a[::step] for a in columns)
-        return Pixels(C, B, vC, vB, self.block[::step], self.neighbors)
+        return Pixels(C, B, vC, vB, self.block[::step], self.tile[::step], self.neighbors)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +76,7 @@ def closed_form(l: Array, p: Pixels) -> _Answers:
     n /= length
     alpha = 1 - (np.sum(p.C * p.B, axis=1) - C_l * B_l) / length**2
     k = C_l - (1 - alpha) * B_l
-    through = 1 - np.clip(_block_means(alpha, length**2, p.block), 0, 1)
+    through = 1 - np.clip(_means(alpha, length**2, p.tile), 0, 1)
     through2 = through**2
     w = (p.B.T[:, None, :] - l.T[:, :, None] * B_l) / length
     r_std, w_std, l_std = (
@@ -86,15 +90,16 @@ def closed_form(l: Array, p: Pixels) -> _Answers:
     return _Answers(n, r, r_std, alpha, alpha_std, k, np.hypot(l_std, B_l * alpha_std), through)
 
 
-def _block_means(alpha: Array, weight: Array, block: npt.NDArray[np.intp]) -> Array:
-    """(directions, pixels) weighted mean of α over each pixel's block.
+def _means(alpha: Array, weight: Array, tile: npt.NDArray[np.intp]) -> Array:
+    """(directions, pixels) weighted mean of α over each pixel's tile.
 
     A pixel's own α, cut off at 0 and 1, would make the variance too small wherever it is noisy: for
-    some directions more than for others, which looks like evidence.
+    some directions more than for others, which looks like evidence. So would that of pixels further
+    away, where α is another.
     """
-    member = np.eye(int(block.max()) + 1)[block]
-    means = ((alpha * weight) @ member) / (weight @ member + 1e-30)
-    return np.asarray(means[:, block])
+    first = np.flatnonzero(np.diff(tile, prepend=-1))
+    sums, weights = (np.add.reduceat(x, first, axis=1) for x in (alpha * weight, weight))
+    return np.repeat(sums / (weights + 1e-30), np.diff(first, append=len(tile)), axis=1)
 
 
 @dataclass(frozen=True)

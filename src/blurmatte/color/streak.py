@@ -118,9 +118,10 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
     step = max(1, -(-len(y) // _MAX_PIXELS))
     y, x = y[::step], x[::step]
     # Blocks on the grid that JPEG has too, which starts at the picture's corner.
-    tile = np.stack([(y + box[1]) // _BLOCK, (x + box[0]) // _BLOCK], axis=1)
-    tiles, block = np.unique(tile, axis=0, return_inverse=True)
-    order = np.argsort(block, kind="stable")
+    at = np.stack([y + box[1], x + box[0]], axis=1)
+    blocks, block = np.unique(at // _BLOCK, axis=0, return_inverse=True)
+    _, tile = np.unique(at // _tile(step), axis=0, return_inverse=True)
+    order = np.lexsort((tile, block))
     y, x = y[order], x[order]
     C, B, vC, vB = (
         np.asarray(a[y, x], dtype=float)
@@ -130,9 +131,14 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
         )
     )  # fmt: skip
     least = 1e-12  # float32 light is no better known
-    apart = np.abs(tiles[:, None] - tiles[None]).sum(axis=-1)
+    apart = np.abs(blocks[:, None] - blocks[None]).sum(axis=-1)
     first, second = np.nonzero(np.triu(apart == 1))
-    return Pixels(C, B, vC + least, vB + least, block[order], (first, second))
+    return Pixels(C, B, vC + least, vB + least, block[order], tile[order], (first, second))
+
+
+def _tile(step: int) -> int:
+    """Pixels along a tile that holds 8 or more of which every so many are used; it divides a block."""
+    return next((size for size in (4, 8) if size**2 >= 8 * step), _BLOCK)
 
 
 def _refuse_the_open(model: ColorModel, pixels: Pixels) -> None:
@@ -159,10 +165,13 @@ def _refuse_the_unfit(model: ColorModel, pixels: Pixels) -> None:
     unexplained = float(np.sum(a.r**2 - a.r_std**2))
     moved = float(np.sum((pixels.C - pixels.B) ** 2 - pixels.vC - pixels.vB))
     impossible = np.maximum(-a.alpha, a.alpha - 1) > np.maximum(3 * a.alpha_std, 2 * SLACK)
+    negative = 2 * SLACK * np.linalg.norm(pixels.B, axis=1)
+    impossible |= -a.k > np.maximum(3 * a.k_std, negative)
     if unexplained > _MAX_UNEXPLAINED**2 * moved or np.mean(impossible) > _MAX_IMPOSSIBLE:
         raise ColorModelError(
             "no single line of colors explains the streak: the best leaves "
             f"{np.sqrt(max(unexplained / moved, 0)):.0%} of the change, and {np.mean(impossible):.0%} "
-            "of the pixels with an alpha below 0 or above 1; give the colors of the object (--color, "
-            "model=; two with rank 2), or choose a region with one object and without its shadow"
+            "of the pixels with an alpha below 0 or above 1, or with negative light; give the colors "
+            "of the object (--color, model=; two with rank 2), or choose a region with one object and "
+            "without its shadow"
         )
