@@ -23,9 +23,16 @@ from blurmatte.streaks import Streak
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.outline import _exchanged, likelier, refined
+from blurmatte.sweep.outline import (
+    _bulgier,
+    _exchanged,
+    _is_scaled,
+    _rescaled,
+    likelier,
+    refined,
+)
 from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC, Silhouette
+from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
 from blurmatte.sweep.verdict import MAX_MISFIT, misfit
 from blurmatte.trajectory import Trajectory
 
@@ -36,6 +43,7 @@ TILES = colorful_plate(SIZE, 2, tile=20)
 WAY = Trajectory.line((46, 42), (110, 66))
 BALL = Scene(WALL, WAY, Ball(11, GREEN))
 EGG = Scene(WALL, WAY, Ball(12, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
+SQUARE = Scene(TILES, WAY, Sheet(24, 24, GREEN), Change(turned=(0.0, 0.0, 1.1)))
 SHEET = Scene(WALL, WAY, Sheet(30, 14, GREEN), Change(turned=(0.0, 0.0, 0.4), spin=(0.0, 0.0, 1.0)))
 
 
@@ -125,6 +133,29 @@ def test_a_long_thing_on_its_way(size):
     assert_allclose(state.silhouette.area(state.shape), size[0] * size[1], rtol=0.03)
 
 
+def test_a_long_thing_on_a_bent_way():
+    """What is thinner went further on a line, and with a ragged rim leaves little more than noise."""
+    way = Trajectory.line((46, 42), (110, 66)).xy
+    t = np.linspace(0, 1, 65)[:, None]
+    bent = way[0] + t * (way[-1] - way[0]) + 4 * t * (1 - t) * np.array([-4.0, 10.7])
+    scene = Scene(WALL, Trajectory(bent, t[:, 0]), Sheet(44, 18, GREEN))
+    (alpha, data, _), state = taken(scene), found(scene)
+    assert rmse(state, alpha) < 0.03
+    assert not state.contested
+    assert misfit(data, state) < MAX_MISFIT
+
+
+@pytest.mark.parametrize(("scene", "least", "most"), [(SQUARE, 8, 16), (EGG, 2, 2)])
+def test_corners_get_the_bulges_that_they_need(scene, least, most):
+    """From an ellipse to as many as large pixels would not show; a squashed ball has none."""
+    alpha, data, disc = taken(scene)
+    frame, shape = Frame.of(GREEN[:, None]), ELLIPSE.start(13)
+    start = state_at(data, LINE, WAY.xy.ravel(), ELLIPSE, shape, frame)
+    end = _bulgier(data, descend(data, start, (3, 40)), (3, 40))
+    assert least <= end.silhouette.bulges <= most
+    assert rmse(end, alpha) < 0.02 < rmse(disc, alpha)
+
+
 def test_the_likelier_end_pays_for_its_parameters():
     _, data, disc = taken(EGG)
     egg = found(EGG)
@@ -142,6 +173,21 @@ def test_what_cannot_be_is_not_likelier():
     assert likelier((too_bright, disc), (data, disc))
 
 
+def test_what_is_longer_and_went_less_far_reaches_as_far():
+    """invariant: from end to end along the way; and it has the area that stretching gives it."""
+    _, data, _ = taken(SHEET)
+    state = replace(found(SHEET), family=LINE)
+    state = state_at(data, LINE, WAY.xy.ravel(), state.silhouette, state.shape, state.frame)
+    way = (WAY.xy[1] - WAY.xy[0]) / WAY.length
+    reach = WAY.length + np.ptp(state.silhouette.outline(state.shape, 720) @ way)
+    others = list(_rescaled(data, state, (3, 40)))
+    lengths = [np.linalg.norm(np.diff(other.curve[[0, -1]], axis=0)) for other in others]
+    assert min(lengths) < 0.7 * WAY.length
+    for other, length in zip(others, lengths, strict=True):
+        wide = np.ptp(other.silhouette.outline(other.shape, 720) @ way)
+        assert_allclose(length + wide, reach, rtol=1e-3)
+
+
 def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
     """invariant: alpha is the same but for scale, as far as twelve bulges make a rectangle."""
     way, silhouette = Trajectory.line((66, 44), (90, 68)), Silhouette(12)
@@ -156,7 +202,9 @@ def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
     assert rmse(sheet, alpha) < 0.02
     others = list(_exchanged(data, sheet, (3, 40)))
     lengths = [np.linalg.norm(np.diff(other.curve[[0, -1]], axis=0)) for other in others]
-    assert_allclose(sorted(lengths), [20, 30], rtol=0.12)  # round corners are nearer
+    assert_allclose(sorted(lengths), [20, 20, 30, 30], rtol=0.12)  # round corners are nearer
     for other in others:
         same = other.swept.alpha * (alpha.sum() / other.swept.alpha.sum())
         assert np.sqrt(np.mean((same - alpha)[alpha > 0] ** 2)) < 0.06
+        assert _is_scaled(sheet, other)
+    assert not _is_scaled(sheet, disc)

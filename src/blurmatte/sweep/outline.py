@@ -18,22 +18,36 @@ import numpy.typing as npt
 from blurmatte.sweep.choice import CLEARLY, contested, differ, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
+from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.silhouette import Silhouette
-from blurmatte.sweep.verdict import HOPELESS, MAX_MISFIT, can_be, coherence, misfit, overstated
+from blurmatte.sweep.verdict import (
+    HOPELESS,
+    MAX_MISFIT,
+    can_be,
+    coherence,
+    left_beyond_noise,
+    misfit,
+    overstated,
+)
 
 Array = npt.NDArray[np.float64]
 
 _RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels: enough to tell bulges apart, few enough to be quick
-_BULGES, _OTHERS, _MORE = 6, (2, 4, 8), (12, 16)
+_BULGES, _OTHERS, _MORE = 6, (2, 4, 8), (4, 8, 12, 16)
 _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
 _TURNS = (-1.0, 1.0)  # radians that a search starts from
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
+_WAYS = 0.6, 1.6  # of the way, that something longer or shorter may have gone
 _AROUND = 90  # points of a rim
 _LUCK = 0.02  # probability that noise alone makes a richer shape look so much better
 _SHORT = 4.0  # radii, a way on which a long thing that went across leaves much the same
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
-_HELPED = 0.8  # of the misfit, what more bulges leave if corners are what is missing
+# Units of log likelihood that rule out what has another shape: wrong ones were likelier by up to 84.
+_RULED_OUT = 100.0
+_RIMS = (
+    0.07  # of alpha, what bulges leave: sheets that differ in nothing but scale left 0.03 to 0.05
+)
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
 
@@ -77,12 +91,23 @@ def refined(data: Data, disc: State) -> State:
         return _remaining(disc, coarse, start, found)
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
-    rivals = [_roughly(coarse, s, bounds) for s in _exchanged(coarse, best, bounds)]
-    rivals = [s for s in rivals if misfit(coarse, s) < HOPELESS]
-    ends = [end, *(descend(data, _shaped(data, s, end.silhouette), bounds) for s in rivals)]
-    end = _best(data, ends)
-    rivalled = any(differ(end, other) and _explains(data, other) for other in ends)
+    rivals = [
+        descend(data, _shaped(data, rival, end.silhouette), bounds)
+        for rival in _rivals(coarse, best, bounds)
+    ]
+    # The rims of some are harder to describe, and would seem worse with as many bulges.
+    ends = [end, *(_bulgier(data, s, bounds) for s in rivals if _explains(data, s))]
+    (least, end), *others = _ordered(data, ends)
+    near = [s for score, s in others if score < least + _RULED_OUT or _is_scaled(end, s)]
+    rivalled = any(differ(end, other) and _explains(data, other) for other in near)
     return replace(end, contested=best.contested or rivalled)
+
+
+def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]:
+    """Not hopeless ends of descents from what has nearly the same alpha as the best, but for scale."""
+    starts = [*_exchanged(data, best, bounds), *_rescaled(data, best, bounds)]
+    ends = [_roughly(data, s, bounds) for s in starts]
+    return _distinct([s for s in ends if can_be(data, s) and left_beyond_noise(data, s) < HOPELESS])
 
 
 def _remaining(disc: State, data: Data, start: State, found: list[State]) -> State:
@@ -99,9 +124,25 @@ def _remaining(disc: State, data: Data, start: State, found: list[State]) -> Sta
     return disc
 
 
+def _distinct(states: list[State]) -> list[State]:
+    """The likeliest of those that are the same answer."""
+    kept: list[State] = []
+    for state in sorted(states, key=lambda state: state.cost):
+        if all(differ(state, other) for other in kept):
+            kept.append(state)
+    return kept
+
+
 def _explains(data: Data, rival: State) -> bool:
     """Whether it leaves little; where its descent had no end yet, it would have left even less."""
     return misfit(data, replace(rival, converged=True)) <= _RIVALS
+
+
+def _is_scaled(end: State, rival: State) -> bool:
+    """Whether its alpha is the same but for scale, and for what rims of few bulges cannot describe."""
+    a, b = end.swept.alpha, rival.swept.alpha
+    scale = (a * b).sum() / max((b * b).sum(), 1e-9)
+    return bool(((scale * b - a) ** 2).sum() < _RIMS**2 * (a**2).sum())
 
 
 def _is_short(disc: State) -> bool:
@@ -116,15 +157,15 @@ def _roughly(data: Data, start: State, bounds: tuple[float, float]) -> State:
 
 
 def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
-    """The same with as many more bulges as it takes to explain the data: corners have many."""
+    """The same with as many more bulges as pay: large pixels do not show them all."""
     for bulges in _MORE:
-        left = misfit(data, state)
-        if left <= MAX_MISFIT or bulges <= state.silhouette.bulges:
-            break
+        if bulges <= state.silhouette.bulges:
+            continue
         start = _shaped(data, state, replace(state.silhouette, bulges=bulges))
-        state = _best(data, [state, descend(data, start, bounds)])
-        if misfit(data, state) > _HELPED * left:
+        richer = _best(data, [state, descend(data, start, bounds)])
+        if richer is state:
             break
+        state = richer
     return state
 
 
@@ -159,10 +200,8 @@ def _stretched(data: Data, disc: State, found: list[State]) -> Iterable[State]:
         shape = silhouette.like(disc.silhouette, disc.shape)
         shape[0] = radius * np.sqrt(ratio)
         shape[1:3] = 0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
-        path = LINE.starts(np.linspace(ends[0] - out, ends[1] + out, 33))[0]
-        alpha = silhouette.sweep(LINE, path, shape, data).alpha
-        frame = disc.frame if data.known is not None else main_colors(data, alpha, 1)
-        yield state_at(data, LINE, path, silhouette, shape, frame)
+        longer = np.linspace(ends[0] - out, ends[1] + out, 33)
+        yield _recolored(data, disc.frame, LINE, longer, silhouette, shape)
 
 
 def _crosswise(data: Data, disc: State, found: list[State]) -> Iterable[State]:
@@ -217,10 +256,52 @@ def _exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterabl
         if not bounds[0] < state.shape[0] * np.sqrt(np.linalg.det(by)) < bounds[1]:
             continue
         shape = state.silhouette.mapped(state.shape, by)
-        path = LINE.starts(middle + np.linspace(-0.5, 0.5, 33)[:, None] * side)[0]
-        alpha = state.silhouette.sweep(LINE, path, shape, data).alpha
-        frame = state.frame if data.known is not None else main_colors(data, alpha, 1)
-        yield state_at(data, LINE, path, state.silhouette, shape, frame)
+        along = middle + np.linspace(-0.5, 0.5, 33)[:, None] * side
+        for family in (LINE, ARC):
+            yield _recolored(data, state.frame, family, along, state.silhouette, shape)
+
+
+def _rescaled(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[State]:
+    """Longer along its way, and gone less far, or shorter and further.
+
+    Alpha is much the same but for scale; before a plate of one color that tells nothing, and an outline
+    that is free takes up the rest.
+    """
+    xy = state.curve
+    ends = xy[[0, -1]]
+    far = float(np.linalg.norm(ends[1] - ends[0]))
+    if far == 0:
+        return
+    way = (ends[1] - ends[0]) / far
+    rim = state.silhouette.outline(state.shape, _AROUND) @ way
+    width = rim.max() - rim.min()
+    for part in _WAYS:
+        by = 1 + (1 - part) * far / width
+        if by <= 0:
+            continue
+        stretch = np.eye(2) + (by - 1) * np.outer(way, way)
+        if not bounds[0] < state.shape[0] * np.sqrt(by) < bounds[1]:
+            continue
+        shape = state.silhouette.mapped(state.shape, stretch)
+        curve = xy.mean(axis=0) + part * (xy - xy.mean(axis=0))
+        for family in dict.fromkeys((state.family, LINE, ARC)):
+            yield _recolored(data, state.frame, family, curve, state.silhouette, shape)
+
+
+def _recolored(
+    data: Data,
+    frame: Frame,
+    family: PathFamily,
+    curve: Array,
+    silhouette: Silhouette,
+    shape: Array,
+) -> State:
+    """A shape on its way, of the color of the light that its alpha leaves, or of the known one."""
+    path = family.starts(curve)[0]
+    if data.known is None:
+        alpha = silhouette.sweep(family, path, shape, data).alpha
+        frame = main_colors(data, alpha, 1)
+    return state_at(data, family, path, silhouette, shape, frame)
 
 
 def _bulgy(disc: State) -> Silhouette:
