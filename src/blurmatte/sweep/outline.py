@@ -97,9 +97,10 @@ def refined(data: Data, disc: State) -> State:
     ]
     # The rims of some are harder to describe, and would seem worse with as many bulges.
     ends = [end, *(_bulgier(data, s, bounds) for s in rivals if _explains(data, s))]
-    (least, end), *others = _ordered(data, ends)
-    near = [s for score, s in others if score < least + _RULED_OUT or _is_scaled(end, s)]
-    rivalled = any(differ(end, other) and _explains(data, other) for other in near)
+    order = _ordered(data, ends)
+    least, end = order[0]
+    near = [s for score, s in order[1:] if score < least + _RULED_OUT or _is_scaled(end, s)]
+    rivalled = any(differ(end, rival) and _explains(data, rival) for rival in near)
     return replace(end, contested=best.contested or rivalled)
 
 
