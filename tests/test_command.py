@@ -6,6 +6,7 @@ from importlib.metadata import entry_points
 
 import pytest
 
+import blurmatte
 import blurmatte_command
 
 RAISES = """
@@ -39,3 +40,9 @@ def test_it_ends_without_a_traceback(error, code, said):
     command = [sys.executable, "-c", RAISES.format(error)]
     ended = subprocess.run(command, capture_output=True, text=True)
     assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", said)
+
+
+def test_it_is_a_module_too():
+    command = [sys.executable, "-m", "blurmatte", "--version"]
+    said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    assert said == f"blurmatte {blurmatte.__version__}\n"
