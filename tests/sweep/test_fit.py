@@ -282,6 +282,18 @@ def test_a_sheet_is_no_disc_that_was_slow_at_both_ends():
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
+def test_a_disc_is_contested_by_an_outline_that_a_file_hardly_tells_from_it():
+    """Honest: likelier of the light as it was found, not once each undid what the file did to color."""
+    t = np.linspace(0, 1, 65)[:, None]
+    half, over = np.array([9.476, 3.389]), np.array([-0.353, 0.988])
+    way = Trajectory((193.79, 152.88) + (2 * t - 1) * half + (1 - (2 * t - 1) ** 2) * over, t[:, 0])
+    sheet = Sheet(24.147, 10.061, (0.2426, 0.3542, 0.6685))
+    plate = colorful_plate((384, 288), 1388783085, tile=40)
+    scene = Scene(plate, way, sheet, Change(turned=(0, 0, -2.4547)))
+    truth, sweep = in_jpeg(scene, 1)
+    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
+
+
 def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
     """door: colors enough would explain any of both answers."""
     _, image, picture = taken(BALL)

@@ -288,7 +288,8 @@ def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
 
     Each is asked to explain the light that it tells itself: told by another it would seem worse. What
     an outline leaves it could not take up, free as it is, so that something else is wrong; other
-    objections to it stay with it, and are what a refusal says.
+    objections to it stay with it, and are what a refusal says. An outline that explains the light as
+    it was found, and leaves but noise, contests a disc that has another alpha.
     """
     best = refined(search.data, disc)
     if best is disc:
@@ -297,4 +298,8 @@ def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
         return replace(told, state=replace(told.state, contested=best.contested))
     shaped = End.before_bleeding(search, best, transfer)
     ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
-    return shaped if shaped.beyond_noise <= MAX_MISFIT and likelier(*ends) else told
+    explains = shaped.beyond_noise <= MAX_MISFIT
+    if explains and likelier(*ends):
+        return shaped
+    rivalled = explains and differ(told.state, shaped.state)
+    return replace(told, state=replace(told.state, contested=told.state.contested or rivalled))
