@@ -45,9 +45,7 @@ _SHORT = 4.0  # radii, a way on which a long thing that went across leaves much 
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 # Units of log likelihood that rule out what has another shape: wrong ones were likelier by up to 84.
 _RULED_OUT = 100.0
-_RIMS = (
-    0.07  # of alpha, what bulges leave: sheets that differ in nothing but scale left 0.03 to 0.05
-)
+_RIMS = 0.07  # of alpha, what bulges leave: sheets that differ in scale alone left 0.03 to 0.05
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
 
@@ -96,11 +94,12 @@ def refined(data: Data, disc: State) -> State:
         for rival in _rivals(coarse, best, bounds)
     ]
     # The rims of some are harder to describe, and would seem worse with as many bulges.
-    ends = [end, *(_bulgier(data, s, bounds) for s in rivals if _explains(data, s))]
+    near = [s for s in rivals if s.cost < end.cost or _explains(data, s)]
+    ends = [end, *(_bulgier(data, s, bounds) for s in near)]
     order = _ordered(data, ends)
     least, end = order[0]
-    near = [s for score, s in order[1:] if score < least + _RULED_OUT or _is_scaled(end, s)]
-    rivalled = any(differ(end, rival) and _explains(data, rival) for rival in near)
+    others = [s for score, s in order[1:] if score < least + _RULED_OUT or _is_scaled(end, s)]
+    rivalled = any(differ(end, other) and _explains(data, other) for other in others)
     return replace(end, contested=best.contested or rivalled)
 
 
@@ -245,10 +244,8 @@ def _exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterabl
     corner = rim[np.argmax(np.linalg.norm(rim, axis=1))]
     next_corner = rim[np.argmax(rim @ [-corner[1], corner[0]])]
     sides = np.stack([corner + next_corner, next_corner - corner])
-    area = np.pi * state.silhouette.radius(state.shape) ** 2
-    sides *= np.sqrt(
-        area / abs(np.linalg.det(sides))
-    )  # bulges round corners off, but keep the area
+    # Bulges round corners off, but keep the area.
+    sides *= np.sqrt(state.silhouette.area(state.shape) / abs(np.linalg.det(sides)))
     for i, side in enumerate(sides):
         other = sides.copy()
         other[i] = way
