@@ -25,12 +25,11 @@ from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.outline import (
     _bulgier,
-    _exchanged,
     _is_scaled,
-    _rescaled,
     likelier,
     refined,
 )
+from blurmatte.sweep.outline_start import exchanged, rescaled
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
 from blurmatte.sweep.verdict import MAX_MISFIT, misfit
@@ -180,7 +179,7 @@ def test_what_is_longer_and_went_less_far_reaches_as_far():
     state = state_at(data, LINE, WAY.xy.ravel(), state.silhouette, state.shape, state.frame)
     way = (WAY.xy[1] - WAY.xy[0]) / WAY.length
     reach = WAY.length + np.ptp(state.silhouette.outline(state.shape, 720) @ way)
-    others = list(_rescaled(data, state, (3, 40)))
+    others = list(rescaled(data, state, (3, 40)))
     lengths = [np.linalg.norm(np.diff(other.curve[[0, -1]], axis=0)) for other in others]
     assert min(lengths) < 0.7 * WAY.length
     for other, length in zip(others, lengths, strict=True):
@@ -188,7 +187,7 @@ def test_what_is_longer_and_went_less_far_reaches_as_far():
         assert_allclose(length + wide, reach, rtol=1e-3)
 
 
-def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
+def test_a_side_and_the_way_of_a_sheet_may_beexchanged():
     """invariant: alpha is the same but for scale, as far as twelve bulges make a rectangle."""
     way, silhouette = Trajectory.line((66, 44), (90, 68)), Silhouette(12)
     alpha, data, disc = taken(Scene(WALL, way, Sheet(30, 20, GREEN)))
@@ -200,7 +199,7 @@ def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
     shape[0] = np.sqrt(30 * 20 / silhouette.area(shape))
     sheet = state_at(data, LINE, way.xy[[0, -1]].ravel(), silhouette, shape, disc.frame)
     assert rmse(sheet, alpha) < 0.02
-    others = list(_exchanged(data, sheet, (3, 40)))
+    others = list(exchanged(data, sheet, (3, 40)))
     lengths = [np.linalg.norm(np.diff(other.curve[[0, -1]], axis=0)) for other in others]
     assert_allclose(sorted(lengths), [20, 20, 30, 30], rtol=0.12)  # round corners are nearer
     for other in others:

@@ -9,7 +9,7 @@ Before a plate of one color an object of one color may as well be thinner and br
 path fits; what would be brighter than anything in a picture is left out.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,10 +17,19 @@ import numpy.typing as npt
 
 from blurmatte.sweep.choice import CLEARLY, contested, differ, price
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
-from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA, PathFamily
-from blurmatte.sweep.silhouette import Silhouette
+from blurmatte.sweep.descent import ROUGHLY, State, descend, seen
+from blurmatte.sweep.outline_start import (
+    bulgy,
+    crosswise,
+    exchanged,
+    on_path,
+    rescaled,
+    shaped,
+    straighter,
+    stretched,
+    turning,
+)
+from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.verdict import (
     HOPELESS,
     MAX_MISFIT,
@@ -34,12 +43,8 @@ from blurmatte.sweep.verdict import (
 Array = npt.NDArray[np.float64]
 
 _RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels: enough to tell bulges apart, few enough to be quick
-_BULGES, _OTHERS, _MORE = 6, (2, 4, 8), (4, 8, 12, 16)
-_RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its way
-_TURNS = (-1.0, 1.0)  # radians that a search starts from
+_OTHERS, _MORE = (2, 4, 8), (4, 8, 12, 16)  # bulges
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
-_WAYS = 0.6, 1.6  # of the way, that something longer or shorter may have gone
-_AROUND = 90  # points of a rim
 _LUCK = 0.02  # probability that noise alone makes a richer shape look so much better
 _SHORT = 4.0  # radii, a way on which a long thing that went across leaves much the same
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
@@ -68,21 +73,21 @@ def refined(data: Data, disc: State) -> State:
     radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
     coarse = data.coarser(max(1, int(disc.shape[0] / (radius * data.scale))))
     start = descend(coarse, seen(coarse, disc), bounds)
-    richer = [_bulgy(start), replace(_bulgy(start), bulges=2)]
-    found = [_roughly(coarse, _shaped(coarse, start, s), bounds) for s in richer]
+    richer = [bulgy(start), replace(bulgy(start), bulges=2)]
+    found = [_roughly(coarse, shaped(coarse, start, s), bounds) for s in richer]
     explained = misfit(data, disc) <= MAX_MISFIT
     if not _could_pay(coarse, start, found[0]):
         if not explained or _is_short(start):
-            found += [_roughly(coarse, s, bounds) for s in _crosswise(coarse, start, found)]
+            found += [_roughly(coarse, s, bounds) for s in crosswise(coarse, start, start)]
         # What went little looks like much that went far; what is slow at both ends, like a longer one.
         if explained and (_is_short(start) or start.family is CUBIC):
-            found += [_roughly(coarse, s, bounds) for s in _stretched(coarse, start, found)]
+            found += [_roughly(coarse, s, bounds) for s in stretched(coarse, start, start)]
         if explained and _best(coarse, [start, *found]) is start:
             return _remaining(disc, coarse, start, found)
     found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
-    others = [_shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
-    others += [_on(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
+    others = [shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
+    others += [on_path(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
     ends = [start, *found, *(_roughly(coarse, s, bounds) for s in others)]
     order = _ordered(coarse, ends)
     if order[0][1] is start:
@@ -90,7 +95,7 @@ def refined(data: Data, disc: State) -> State:
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
     rivals = [
-        descend(data, _shaped(data, rival, end.silhouette), bounds)
+        descend(data, shaped(data, rival, end.silhouette), bounds)
         for rival in _rivals(coarse, best, bounds)
     ]
     # The rims of some are harder to describe, and would seem worse with as many bulges.
@@ -105,7 +110,7 @@ def refined(data: Data, disc: State) -> State:
 
 def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]:
     """Not hopeless ends of descents from what has nearly the same alpha as the best, but for scale."""
-    starts = [*_exchanged(data, best, bounds), *_rescaled(data, best, bounds)]
+    starts = [*exchanged(data, best, bounds), *rescaled(data, best, bounds)]
     ends = [_roughly(data, s, bounds) for s in starts]
     return _distinct([s for s in ends if can_be(data, s) and left_beyond_noise(data, s) < HOPELESS])
 
@@ -161,7 +166,7 @@ def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
     for bulges in _MORE:
         if bulges <= state.silhouette.bulges:
             continue
-        start = _shaped(data, state, replace(state.silhouette, bulges=bulges))
+        start = shaped(data, state, replace(state.silhouette, bulges=bulges))
         richer = _best(data, [state, descend(data, start, bounds)])
         if richer is state:
             break
@@ -173,152 +178,12 @@ def _search(
     data: Data, disc: State, found: list[State], bounds: tuple[float, float]
 ) -> list[State]:
     """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
-    for starts in (_straighter, _stretched, _crosswise, _turning):
-        found = [*found, *(_roughly(data, s, bounds) for s in starts(data, disc, found))]
+    for starts in (straighter, stretched, crosswise, turning):
+        begin = starts(data, disc, _best(data, found))
+        found = [*found, *(_roughly(data, s, bounds) for s in begin)]
         if coherence(data, _best(data, found)) < _EXPLAINED:
             break
     return found
-
-
-def _straighter(data: Data, disc: State, found: list[State]) -> Iterable[State]:
-    """The disc's way as a line and as an arc."""
-    for family in (LINE, ARC):
-        if family is not disc.family:
-            yield _shaped(data, _on(data, disc, family), _bulgy(disc))
-
-
-def _stretched(data: Data, disc: State, found: list[State]) -> Iterable[State]:
-    """Ellipses longer or shorter along the disc's way, that went less far or further."""
-    silhouette, radius = _bulgy(disc), disc.shape[0]
-    ends = _on(data, disc, LINE).curve[[0, -1]]
-    way = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
-    angle = np.arctan2(way[1], way[0])
-    for ratio in _RATIOS:
-        out = (1 - ratio) * radius * way
-        if (ends[1] - ends[0] + 2 * out) @ way <= 0:
-            continue
-        shape = silhouette.like(disc.silhouette, disc.shape)
-        shape[0] = radius * np.sqrt(ratio)
-        shape[1:3] = 0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
-        longer = np.linspace(ends[0] - out, ends[1] + out, 33)
-        yield _recolored(data, disc.frame, LINE, longer, silhouette, shape)
-
-
-def _crosswise(data: Data, disc: State, found: list[State]) -> Iterable[State]:
-    """An ellipse as long as the disc's way, that went a little along or across it."""
-    xy, _ = disc.family.at(disc.path, np.linspace(0, 1, 65))
-    middle, spread = xy.mean(axis=0), np.cov(xy.T)
-    variances, axes = np.linalg.eigh(spread)
-    width, silhouette = disc.shape[0], _bulgy(disc)
-    length = width + np.sqrt(3 * variances[1])
-    angle, stretch = np.arctan2(axes[1, 1], axes[0, 1]), 0.5 * np.log(length / width)
-    shape = silhouette.like(disc.silhouette, disc.shape)
-    shape[0] = 0.85 * np.sqrt(length * width)
-    shape[1:3] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
-    for way in axes.T:
-        path = LINE.starts(middle + np.linspace(-0.4, 0.4, 33)[:, None] * width * way)[0]
-        yield state_at(data, LINE, path, silhouette, shape, disc.frame)
-
-
-def _turning(data: Data, disc: State, found: list[State]) -> Iterable[State]:
-    """The best found, and discs on the same path, that turn."""
-    silhouette = replace(_bulgy(disc), turns=True)
-    best = _best(data, found)
-    yield _shaped(data, best, silhouette)
-    for family in dict.fromkeys((best.family, LINE, ARC)):
-        for turn in _TURNS:
-            start = _shaped(data, _on(data, disc, family), silhouette)
-            shape = start.shape.copy()
-            shape[2 * _BULGES - 1] = turn
-            yield seen(data, replace(start, shape=shape))
-
-
-def _exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[State]:
-    """Its way for a side, and that for its way: alpha is the same but for scale.
-
-    A parallelogram that moves is three lines, each drawn out along the others, in whatever order.
-    """
-    ends = _on(data, state, LINE).curve[[0, -1]]
-    middle, way = ends.mean(axis=0), ends[1] - ends[0]
-    rim = state.silhouette.outline(state.shape, _AROUND)
-    corner = rim[np.argmax(np.linalg.norm(rim, axis=1))]
-    next_corner = rim[np.argmax(rim @ [-corner[1], corner[0]])]
-    sides = np.stack([corner + next_corner, next_corner - corner])
-    # Bulges round corners off, but keep the area.
-    sides *= np.sqrt(state.silhouette.area(state.shape) / abs(np.linalg.det(sides)))
-    for i, side in enumerate(sides):
-        other = sides.copy()
-        other[i] = way
-        other[i] *= np.sign(np.linalg.det(other))
-        by = np.linalg.solve(sides, other).T
-        if not bounds[0] < state.shape[0] * np.sqrt(np.linalg.det(by)) < bounds[1]:
-            continue
-        shape = state.silhouette.mapped(state.shape, by)
-        along = middle + np.linspace(-0.5, 0.5, 33)[:, None] * side
-        for family in (LINE, ARC):
-            yield _recolored(data, state.frame, family, along, state.silhouette, shape)
-
-
-def _rescaled(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[State]:
-    """Longer along its way, and gone less far, or shorter and further.
-
-    Alpha is much the same but for scale; before a plate of one color that tells nothing, and an outline
-    that is free takes up the rest.
-    """
-    xy = state.curve
-    ends = xy[[0, -1]]
-    far = float(np.linalg.norm(ends[1] - ends[0]))
-    if far == 0:
-        return
-    way = (ends[1] - ends[0]) / far
-    rim = state.silhouette.outline(state.shape, _AROUND) @ way
-    width = rim.max() - rim.min()
-    for part in _WAYS:
-        by = 1 + (1 - part) * far / width
-        if by <= 0:
-            continue
-        stretch = np.eye(2) + (by - 1) * np.outer(way, way)
-        if not bounds[0] < state.shape[0] * np.sqrt(by) < bounds[1]:
-            continue
-        shape = state.silhouette.mapped(state.shape, stretch)
-        curve = xy.mean(axis=0) + part * (xy - xy.mean(axis=0))
-        for family in dict.fromkeys((state.family, LINE, ARC)):
-            yield _recolored(data, state.frame, family, curve, state.silhouette, shape)
-
-
-def _recolored(
-    data: Data,
-    frame: Frame,
-    family: PathFamily,
-    curve: Array,
-    silhouette: Silhouette,
-    shape: Array,
-) -> State:
-    """A shape on its way, of the color of the light that its alpha leaves, or of the known one."""
-    path = family.starts(curve)[0]
-    if data.known is None:
-        alpha = silhouette.sweep(family, path, shape, data).alpha
-        frame = main_colors(data, alpha, 1)
-    return state_at(data, family, path, silhouette, shape, frame)
-
-
-def _bulgy(disc: State) -> Silhouette:
-    """Outlines with a rim as soft as that of a disc."""
-    return Silhouette(_BULGES, soft=disc.silhouette.soft)
-
-
-def _shaped(data: Data, state: State, silhouette: Silhouette) -> State:
-    """The same shape, as far as the silhouette can have it."""
-    shape = silhouette.like(state.silhouette, state.shape)
-    return state_at(data, state.family, state.path, silhouette, shape, state.frame)
-
-
-def _on(data: Data, state: State, family: PathFamily) -> State:
-    """The same on a path of another family that goes about the same way."""
-    if family is state.family:
-        return state
-    path = family.starts(state.curve)[0]
-    return state_at(data, family, path, state.silhouette, state.shape, state.frame)
 
 
 def _could_pay(data: Data, disc: State, richest: State) -> bool:
