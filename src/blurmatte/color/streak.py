@@ -137,7 +137,7 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
 
 
 def _tile(step: int) -> int:
-    """Pixels along a tile that holds 8 or more of which every so many are used; it divides a block."""
+    """Side of a tile, which divides a block: with every so many pixels used, it holds 8 or more."""
     return next((size for size in (4, 8) if size**2 >= 8 * step), _BLOCK)
 
 
