@@ -8,6 +8,7 @@ import pytest
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.streaks import require_streaks
+from blurmatte.sweep.descent import state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
@@ -52,6 +53,22 @@ def test_what_leaves_but_noise_needs_no_other_to_tell_it(as_noise):
     assert coherence(as_noise.search.data, as_noise.state) < 2
     for share in (0.0, 0.15, 0.3):
         assert told(as_noise, share).objection == ""
+
+
+def test_an_outline_is_contradicted_by_fewer_pixels_than_a_disc(as_noise):
+    """What a highlight is on a disc, an outline would have taken up."""
+    search, disc = as_noise.search, as_noise.state
+    spots = np.random.default_rng(0).uniform(size=disc.swept.alpha.shape) < 0.15
+    data = replace(search.data, C=search.data.C + spots[..., None] * [0.0, 0.0, 0.3])
+    for bulges, words in (
+        (1, ""),
+        (2, "is contradicted by 17% of its pixels, for an outline too many"),
+    ):
+        silhouette = replace(disc.silhouette, bulges=bulges)
+        shape = silhouette.like(disc.silhouette, disc.shape)
+        state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
+        end = End(replace(search, data=data), replace(state, converged=True))
+        assert told(end, 0.3).objection == words
 
 
 def test_what_leaves_more_must_be_told_by_smooth_light(hangs_together):

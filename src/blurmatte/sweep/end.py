@@ -48,6 +48,7 @@ _LEAST_TOLD, _AS_NOISE = 0.2, 2.0
 # Coherence of what a plane leaves, which takes up what one paint would leave of a wrong shape, but not
 # all of it: 45 right ones that left more than noise left up to 12, 5 of 9 wrong ones 13 on.
 _MOST_OF_PLANE = 12.5
+_MOST_DOUBTFUL = 0.1  # of an outline's pixels: 153 right ones had up to 0.054, two wrong ones more
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
@@ -115,6 +116,9 @@ class End:
         if self.astray > (_MOST_OF_PLACES if self._takes_up_more else _MOST_ASTRAY):
             off = f"{self.astray:.0%}"
             return f"has an alpha that is off by {off} if its light changes little within it"
+        if self._is_contradicted:
+            doubtful = doubtful_share(data, state)
+            return f"is contradicted by {doubtful:.0%} of its pixels, for an outline too many"
         if self._leaves_other_colors:
             return "leaves too much that hangs together for the colors that it may have"
         if not self._would_be_told:
@@ -149,6 +153,13 @@ class End:
             return True
         by_noise = state.frame.rank == 1 and coherence(data, state) <= _AS_NOISE
         return by_noise or self._said.share >= _LEAST_TOLD
+
+    @property
+    def _is_contradicted(self) -> bool:
+        """Whether pixels contradict an outline, which is free to take up what a disc is not."""
+        data, state = self.search.data, self.state
+        free = data.known is None and state.silhouette.bulges > 1
+        return free and doubtful_share(data, state) > _MOST_DOUBTFUL
 
     @property
     def _leaves_other_colors(self) -> bool:
