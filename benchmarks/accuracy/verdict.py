@@ -25,8 +25,8 @@ from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Sh
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-FIRST = 185  # scenes before it were looked at while the rules were made
-SEEDS = 36
+FIRST = 249  # scenes before it were looked at while the rules were made
+SEEDS = 20
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
 LENGTHS = (0.5, 12)  # radii
