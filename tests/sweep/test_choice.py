@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
@@ -87,11 +88,13 @@ def test_contested_is_what_is_likely_with_another_alpha(three):
     )
     assert differ(line, large)
     assert not differ(line, throw)
-    for gap, other, is_contested in ((1, throw, False), (1, large, True), (9, large, False)):
+    a, b = line.swept.alpha, large.swept.alpha
+    apart = np.sqrt(((a - b) ** 2).sum() / (b**2).sum())  # of the larger
+    for gap, other, by in ((1, throw, 0), (1, large, apart), (9, large, 0)):
         first = contested(data, [(0.0, line), (float(gap), other)])
         assert first.path is line.path
-        assert first.contested is is_contested
-    assert not contested(data, [(0.0, line)]).contested
+        assert_allclose(first.contested, by, rtol=1e-12)
+    assert contested(data, [(0.0, line)]).contested == 0
 
 
 def test_residuals_that_hang_together_are_less_evidence(three):

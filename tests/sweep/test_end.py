@@ -4,15 +4,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from blurmatte.radiometry import with_noise
+from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep.descent import state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
-from blurmatte.sweep.verdict import coherence
+from blurmatte.sweep.verdict import MAX_MISFIT, coherence
 from blurmatte.trajectory import Trajectory
 
 PATH = Trajectory.line((44, 42), (112, 68))
@@ -89,3 +90,37 @@ def test_a_plane_of_colors_must_not_leave_what_hangs_together(hangs_together):
         e[0] += left * (plane.state.swept.alpha > 0)
         said = End(search, replace(plane.state, e=e)).objection
         assert ("hangs together" in said) is too_much
+
+
+def test_what_an_error_covers_is_believed(as_noise):
+    """What is contested by little is unsure by half of it; by more it is no answer."""
+    for by, believed in ((0.0, True), (0.15, True), (0.25, False)):
+        end = End(as_noise.search, replace(as_noise.state, contested=by))
+        assert (end.misfit <= MAX_MISFIT) is believed
+        assert_allclose(end.unsure, np.hypot(end.astray, by / np.sqrt(2)), rtol=1e-12)
+
+
+def test_another_end_contests_by_how_far_its_alpha_is(as_noise):
+    data, state = as_noise.search.data, as_noise.state
+    shape = state.shape * 1.2
+    larger = state_at(data, state.family, state.path, state.silhouette, shape, state.frame)
+    end = as_noise.contested_by(larger)
+    assert 0.15 < end.state.contested < 0.4
+    assert end.contested_by(state).state.contested == end.state.contested
+
+
+def test_color_is_as_unsure_as_alpha(as_noise):
+    """oracle: what light is left if alpha is more by a part, and by how much its color is turned."""
+    data, state = as_noise.search.data, as_noise.state
+    certain, unsure = (End(as_noise.search, replace(state, contested=by)) for by in (0.0, 0.1))
+    by = np.sqrt(unsure.unsure**2 - certain.unsure**2)
+    alpha = state.swept.alpha
+    colors = []
+    for more in (1.0, 1 + by):
+        light = data.C - (1 - more * alpha)[..., None] * data.B
+        color = np.einsum("yx,yxc->c", data.weight * alpha, light)
+        colors.append(color / np.linalg.norm(color))
+    turned = np.degrees(np.arccos(colors[0] @ colors[1]))
+    image = LinearImage(np.full((8, 8, 3), 0.5))
+    stds = [end.sweep(image, 1.0).model.evidence["shape"] for end in (certain, unsure)]
+    assert_allclose(np.sqrt(2 * (stds[1] ** 2 - stds[0] ** 2)), turned, rtol=0.15)

@@ -300,7 +300,7 @@ def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
     module = sys.modules["blurmatte.sweep.fit"]
     monkeypatch.setattr(
         module, "_shaped", lambda search, disc, told, transfer:
-        replace(told, state=replace(told.state, contested=True)),
+        replace(told, state=replace(told.state, contested=0.5)),
     )  # fmt: skip
     sweep = fit_sweep(image, picture)
     assert sweep.model.rank == 1

@@ -32,7 +32,7 @@ from blurmatte.sweep.outline import (
 from blurmatte.sweep.outline_start import exchanged, rescaled
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, misfit
+from blurmatte.sweep.verdict import MAX_MISFIT, MOST_CONTESTED, misfit
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -127,8 +127,8 @@ def test_a_long_thing_on_its_way(size):
     truth, data, _ = taken(scene)
     state = found(scene)
     assert np.sqrt(np.mean((state.swept.alpha - truth)[truth > 0] ** 2)) < 0.03
-    assert state.contested
-    assert misfit(data, replace(state, contested=False)) < MAX_MISFIT
+    assert state.contested > MOST_CONTESTED
+    assert misfit(data, replace(state, contested=0.0)) < MAX_MISFIT
     assert_allclose(state.silhouette.area(state.shape), size[0] * size[1], rtol=0.03)
 
 

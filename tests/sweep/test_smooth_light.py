@@ -63,6 +63,21 @@ def test_texture_tells_alpha_where_there_is_some(plate, tells, colors):
         assert 0.1 < wrong.astray < 1
 
 
+@pytest.mark.parametrize("seed", range(2))
+def test_noise_that_hangs_together_says_nothing_against_alpha(seed):
+    """Honest: codecs leave patches of noise, in a streak and beside it; a wrong alpha is still told."""
+    from scipy.ndimage import gaussian_filter
+
+    streak, image, plate = taken(Scene(textured_plate(SIZE, 2), WAY, Ball(11, GREEN)))
+    patches = gaussian_filter(np.random.default_rng(seed).normal(size=image.rgb.shape), (3, 3, 0))
+    patches *= 2 * np.sqrt(image.variance.mean()) / patches.std()
+    shot = streak, replace(image, rgb=(image.rgb + patches).astype(np.float32)), plate
+    right, wrong = (said_of(shot, radius) for radius in (11.0, 14.0))
+    assert right.against > 5
+    assert right.astray < 0.05
+    assert wrong.astray > 0.1
+
+
 def test_nothing_is_said_where_noise_hides_all():
     shot = Shot(Scene(WALL, WAY, Ball(11, GREEN)), Camera(code_std=60 / 255), seed=1)
     truth = render(shot.scene, 60)

@@ -4,7 +4,7 @@ Where residuals hang together, as those of JPEG do, they are so much less eviden
 likelihoods count less.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,13 +53,23 @@ def best_of(data: Data, states: Sequence[State]) -> State:
 
 
 def contested(data: Data, states: Sequence[tuple[float, State]]) -> State:
-    """The first of `ranked` states, contested if a later one has another alpha and is about as good."""
+    """The first of `ranked` states, contested by later ones that are about as good."""
     (least, best), *others = states
-    near = (s for score, s in others if score < least + CLEARLY and can_be(data, s))
-    return replace(best, contested=any(differ(best, other) for other in near))
+    near = [s for score, s in others if score < least + CLEARLY and can_be(data, s)]
+    return replace(best, contested=most_apart(best, near))
+
+
+def most_apart(one: State, others: Iterable[State]) -> float:
+    """By how much of alpha, root mean square, the most different of other answers differs."""
+    return max((apart for other in others if (apart := _apart(one, other)) > _ANOTHER), default=0.0)
 
 
 def differ(one: State, other: State) -> bool:
     """Whether two ends are two answers."""
+    return most_apart(one, [other]) > 0
+
+
+def _apart(one: State, other: State) -> float:
     a, b = one.swept.alpha, other.swept.alpha
-    return bool(((a - b) ** 2).sum() > _ANOTHER**2 * max((a**2).sum(), (b**2).sum()))
+    off = ((a - b) ** 2).sum() / max((a**2).sum(), (b**2).sum(), 1e-9)
+    return float(np.sqrt(off))

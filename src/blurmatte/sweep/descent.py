@@ -58,8 +58,9 @@ class State:
         No step gains anything any more.
     field : Field, optional
         Its colors, if it may have any.
-    contested : bool
-        Another shape that went another way explains the data as well.
+    contested : float
+        By how much of alpha, root mean square, that of another end differs that explains the data
+        as well; 0 if there is none.
     """
 
     family: PathFamily
@@ -73,7 +74,7 @@ class State:
     cost: float
     converged: bool = False
     field: Field | None = None
-    contested: bool = False
+    contested: float = 0.0
 
     @property
     def size(self) -> int:

@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, Transfer
+from blurmatte.sweep.choice import most_apart
 from blurmatte.sweep.chroma import left_untold
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, sharp
@@ -20,6 +21,7 @@ from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     HOPELESS,
+    MOST_CONTESTED,
     can_be,
     coherence,
     colors_ran_together,
@@ -90,7 +92,7 @@ class End:
     @property
     def misfit(self) -> float:
         """See `verdict.misfit`; infinite too for what only light of odd patterns would explain."""
-        return np.inf if self.state.contested else self.left
+        return np.inf if self.state.contested > MOST_CONTESTED else self.left
 
     @cached_property
     def left(self) -> float:
@@ -136,6 +138,31 @@ class End:
         if self.search.data.known is not None:
             return 0.0
         return self._said.astray_of_places if self._takes_up_more else self._said.astray
+
+    @property
+    def unsure(self) -> float:
+        """By how much of alpha it may be off: what smooth light says, and half of what contests it.
+
+        One of two answers that are as likely is off by all of their difference, or not at all.
+        """
+        by_light = self.astray if self.state.frame.rank < 3 else 0.0
+        return float(np.hypot(by_light, self.state.contested / np.sqrt(2)))
+
+    @property
+    def _turned(self) -> Array:
+        """(2, 2) covariance of turns of one paint if alpha is `unsure`: more of it takes more plate."""
+        data, state = self.search.data, self.state
+        if state.frame.rank != 1 or data.known is not None:
+            return np.zeros((2, 2))
+        weight = data.weight * state.swept.alpha**2
+        behind = np.einsum("yx,yxc->c", weight, data.B) / max(float(weight.sum()), 1e-9)
+        turns = self.unsure * (behind @ state.frame.across) / max(state.brightness, 1e-9)
+        return np.outer(turns, turns)
+
+    def contested_by(self, other: State) -> "End":
+        """The same, contested by another end of the same light if that has another alpha."""
+        most = max(self.state.contested, most_apart(self.state, [other]))
+        return replace(self, state=replace(self.state, contested=most))
 
     @property
     def _takes_up_more(self) -> bool:
@@ -207,7 +234,7 @@ class End:
         trust = overstated(data, state)
         H, _ = state.information(data)
         covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
-        model = _model(state, covariance[-2:, -2:])
+        model = _model(state, covariance[-2:, -2:] + self._turned)
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, blur)
         known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
@@ -219,11 +246,11 @@ class End:
             "misfit": self.misfit if known else np.inf,
             "objection": self.objection if known else "is of hardly known size",
             "coherence": trust,
-            "contested": state.contested,
+            "contested": state.contested > MOST_CONTESTED,
             "plausible": bool(self.plausible and known),
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
-            "unsure": self.astray if self.state.frame.rank < 3 else 0.0,
+            "unsure": self.unsure,
             "texture": self._confirmed,
             "rim": blur or state.silhouette.softness(state.shape),
             "louder": louder,

@@ -28,6 +28,7 @@ from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
+    MOST_CONTESTED,
     can_be,
     misfit,
     stays,
@@ -231,21 +232,22 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    contested = line.state.contested and line.beyond_noise <= MAX_MISFIT
+    contested = line.state.contested > MOST_CONTESTED and line.beyond_noise <= MAX_MISFIT
     if contested or search.data.known is not None:
         return line
     enough = left <= MAX_MISFIT and simple
-    of_two = enough and _may_be_of_two(line)
-    if enough and not of_two:
+    of_two = _of_two(line) if enough else None
+    if enough and of_two is None:
         return line
     plane = _plane(search, line, transfer)
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
     left = min(left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
         return plane
-    if of_two or (not simple and plane.misfit <= MAX_MISFIT):
-        differs = of_two or differ(line.state, plane.state)
-        return replace(line, state=replace(line.state, contested=differs))
+    if of_two is not None:
+        return line.contested_by(of_two)
+    if not simple and plane.misfit <= MAX_MISFIT:
+        return line.contested_by(plane.state)
     line = plane if plane.plausible and not line.plausible else line
     if left <= MAX_MISFIT or not told.is_textured:
         return line
@@ -254,14 +256,14 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     return any_colors if agrees else line
 
 
-def _may_be_of_two(line: End) -> bool:
-    """Whether a plane of colors, from where a line ended, leaves clearly less with another alpha.
+def _of_two(line: End) -> State | None:
+    """A plane of colors, from where a line ended, if it leaves clearly less with another alpha.
 
     In compressed pictures one paint may leave no more than noise of an object of two.
     """
     plane = End(line.search, _freed(line.search, line.state))
     less = plane.state.converged and plane.beyond_noise <= line.left / _CLEARLY
-    return less and differ(line.state, plane.state)
+    return plane.state if less and differ(line.state, plane.state) else None
 
 
 def _plane(search: Search, line: End, transfer: Transfer) -> End:
@@ -301,5 +303,4 @@ def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     explains = shaped.beyond_noise <= MAX_MISFIT
     if explains and likelier(*ends):
         return shaped
-    rivalled = explains and differ(told.state, shaped.state)
-    return replace(told, state=replace(told.state, contested=told.state.contested or rivalled))
+    return told.contested_by(shaped.state) if explains else told

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.sweep.choice import CLEARLY, contested, differ, price
+from blurmatte.sweep.choice import CLEARLY, contested, differ, most_apart, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import ROUGHLY, State, descend, seen
 from blurmatte.sweep.outline_start import (
@@ -104,8 +104,8 @@ def refined(data: Data, disc: State) -> State:
     order = _ordered(data, ends)
     least, end = order[0]
     others = [s for score, s in order[1:] if score < least + _RULED_OUT or _is_scaled(end, s)]
-    rivalled = any(differ(end, other) and _explains(data, other) for other in others)
-    return replace(end, contested=best.contested or rivalled)
+    rivals = [s for s in others if differ(end, s) and _explains(data, s)]
+    return replace(end, contested=max(best.contested, most_apart(end, rivals)))
 
 
 def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]:
@@ -122,11 +122,12 @@ def _remaining(disc: State, data: Data, start: State, found: list[State]) -> Sta
     """
     from scipy.special import chdtrc
 
+    rivals = []
     for other in found:
         more, gain = other.size - start.size, (start.cost - other.cost) / overstated(data, other)
-        if more > 0 and chdtrc(more, 2 * max(gain, 0)) < _LUCK and differ(start, other):
-            return replace(disc, contested=True)
-    return disc
+        if more > 0 and chdtrc(more, 2 * max(gain, 0)) < _LUCK:
+            rivals.append(other)
+    return replace(disc, contested=max(disc.contested, most_apart(start, rivals)))
 
 
 def _distinct(states: list[State]) -> list[State]:

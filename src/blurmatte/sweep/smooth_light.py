@@ -55,14 +55,15 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     field = field_of(light, alpha, data.weight, data.pitch, alike=False)
     e = field.residuals(light, alpha)
     seen_through = np.where(alpha < OPAQUE, alpha, 0)
-    J = Grid.over(seen_through, 2 * data.pitch).hats(seen_through)
+    place = 2 * data.pitch
+    J = Grid.over(seen_through, place).hats(seen_through)
     H, g = field.information(J, light, alpha, data.weight * belief((e**2).sum(axis=0)), e)
     information = np.diag(H)
     told = information > _TOLD**-2
     if not told.any():
         return SmoothLight(_structure(data), 0.0, 0.0, np.inf, 0.0, 0.0)
     z2 = g[told] ** 2 / information[told]
-    noise = max(coherence_of_noise(data, state), _PAINTED)
+    noise = max(coherence_of_noise(data, state, place), _PAINTED)
     beyond = max(float(np.sum(z2 - noise)), 0.0)
     hats = J[..., told]
     local = np.einsum("yxj,yx->j", hats, alpha) / hats.sum(axis=(0, 1))

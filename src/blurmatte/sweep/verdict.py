@@ -14,6 +14,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MAX_MISFIT = 1.2  # of a sweep that is believed; what is explained leaves about 1
+MOST_CONTESTED = 0.2  # of alpha: by what another answer differs that an error may still cover
 HOPELESS = 6.0  # misfit on large pixels of what small ones do not save
 OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen, nor of a shape
 
@@ -60,9 +61,9 @@ def misfit(data: Data, state: State) -> float:
     """What a sweep leaves beyond noise; see `left_beyond_noise`.
 
     Infinite if the descent found no end, for what cannot be, where many pixels contradict, where
-    something else gave much of the light, and for what is contested.
+    something else gave much of the light, and for what is contested by much.
     """
-    if state.contested or objection(data, state):
+    if state.contested > MOST_CONTESTED or objection(data, state):
         return np.inf
     return left_beyond_noise(data, state)
 
@@ -87,13 +88,14 @@ def left_beyond_noise(data: Data, state: State) -> float:
     worst = 0.0 if state.frame.rank == 2 and data.known is None else _WORST
     if usual < _HANGS:
         return _together(e, within, worst, _BLOCK) / max(usual, 1) / chance
-    usual_of = {size: shared_coherence(size, data.scale) for size in _MOST_USUAL}
     of_pixels = [
-        _together(e, within, worst, size)
-        / max(min(_together(e, beside, _OTHERS, size), most), usual_of[size])
-        for size, most in _MOST_USUAL.items()
+        _together(e, within, worst, size) / _usual_in_files(e, beside, size, data.scale)
+        for size in _MOST_USUAL
     ]
-    of_noise = [_in_blocks(e, within, worst, size) / usual_of[size] for size in _MOST_USUAL]
+    of_noise = [
+        _in_blocks(e, within, worst, size) / shared_coherence(size, data.scale)
+        for size in _MOST_USUAL
+    ]
     least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
     return least / chance
 
@@ -125,11 +127,14 @@ def unclaimed_light(data: Data, state: State) -> float:
     return beside / max(within + beside, 1e-9)
 
 
-def coherence_of_noise(data: Data, state: State) -> float:
-    """How much noise hangs together within a streak, as `coherence`: 1, or that of shared colors."""
+def coherence_of_noise(data: Data, state: State, size: float) -> float:
+    """How much noise hangs together within a streak over so many pixels, as `coherence` tells it."""
+    e = _limited(state)
     _, beside = _places(data, state)
-    hangs = _usual(_limited(state), beside) >= _HANGS
-    return shared_coherence(_BLOCK, data.scale) if hangs else 1.0
+    if _usual(e, beside) < _HANGS:
+        return 1.0
+    nearest = min(_MOST_USUAL, key=lambda known: abs(known - size))
+    return _usual_in_files(e, beside, nearest, data.scale)
 
 
 def understated(data: Data, state: State) -> float:
@@ -280,6 +285,12 @@ def _places(data: Data, state: State) -> tuple[Bools, Bools]:
 def _usual(e: Array, beside: Bools) -> float:
     """How much noise hangs together beside a sweep."""
     return _together(e, beside, _OTHERS, _BLOCK)
+
+
+def _usual_in_files(e: Array, beside: Bools, size: int, scale: float) -> float:
+    """The same for blocks of a size, at least that of shared colors, where noise hangs together."""
+    usual = min(_together(e, beside, _OTHERS, size), _MOST_USUAL[size])
+    return max(usual, shared_coherence(size, scale))
 
 
 def _together(e: Array, use: Bools, worst: float, size: int) -> float:
