@@ -52,6 +52,15 @@ def test_what_confirms_alpha_is_what_was_measured(model, texture, said):
     assert "alone" not in " ".join(explain(ColorModel.any()))
 
 
+def test_a_shadow_that_was_told_with_it():
+    """Exact."""
+    sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
+    sweep |= {"length": 60.0, "misfit": 0.9, "texture": None}
+    sweep["shadow"] = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
+    said = explain(solution(sweep=sweep))
+    assert "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha." in said
+
+
 def test_what_else_the_color_may_be():
     basis = ColorModel.from_hex("#d8a03c").basis
     covariance = 0.02**2 * (np.eye(3) - basis @ basis.T)

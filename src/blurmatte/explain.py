@@ -309,7 +309,18 @@ def _sweep(solution: Solution) -> list[str]:
     radius = f"{sweep['radius']:.2f} ± {_rounded_std(sweep['radius_std'])} px"
     return [
         f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
-        f"streak; {_left(sweep, solution.model)}."
+        f"streak; {_left(sweep, solution.model)}.",
+        *_shadow(sweep.get("shadow")),
+    ]
+
+
+def _shadow(shadow: Mapping[str, Any] | None) -> list[str]:
+    if shadow is None:
+        return []
+    away = float(np.hypot(*shadow["offset"]))
+    taken = f"{100 * float(np.mean(shadow['strength'])):.0f} %"
+    return [
+        f"Its shadow, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
     ]
 
 

@@ -8,6 +8,7 @@ import pytest
 from blurmatte.color import ColorModel
 from blurmatte.files.sweeps import sweep_from_json, sweep_to_json
 from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
 
 FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
@@ -29,6 +30,7 @@ def test_every_digit_comes_back(name, silhouette):
         rng.normal(size=(n, n)),
         (640, 480),
         {"misfit": np.float64(1.1), "converged": True, "doubtful": np.inf},
+        CastShadow(rng.normal(size=2), 3.3, rng.uniform(size=3)) if silhouette is DISC else None,
     )
     back = sweep_from_json(sweep_to_json(sweep))
     assert (back.family, back.silhouette, back.size) == (family, silhouette, (640, 480))
@@ -36,6 +38,11 @@ def test_every_digit_comes_back(name, silhouette):
         assert np.array_equal(getattr(back, field), getattr(sweep, field))
     assert np.array_equal(back.model.basis, model.basis)
     assert back.stats == sweep.stats
+    assert (back.cast is None) == (sweep.cast is None)
+    if sweep.cast is not None:
+        assert np.array_equal(back.cast.offset, sweep.cast.offset)
+        assert np.array_equal(back.cast.strength, sweep.cast.strength)
+        assert back.cast.softness == sweep.cast.softness
 
 
 def test_an_unknown_path_is_refused():

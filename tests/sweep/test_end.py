@@ -100,6 +100,17 @@ def test_what_an_error_covers_is_believed(as_noise):
         assert_allclose(end.unsure, np.hypot(end.astray, by / np.sqrt(2)), rtol=1e-12)
 
 
+def test_an_outline_that_is_contested_at_all_is_no_answer(as_noise):
+    """There may be more that explain as much."""
+    search, disc = as_noise.search, as_noise.state
+    silhouette = replace(disc.silhouette, bulges=2)
+    shape = silhouette.like(disc.silhouette, disc.shape)
+    state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
+    for by, believed in ((0.0, True), (0.15, False)):
+        end = told(End(search, replace(state, converged=True, contested=by)), 0.3)
+        assert (end.misfit <= MAX_MISFIT) is believed
+
+
 def test_another_end_contests_by_how_far_its_alpha_is(as_noise):
     data, state = as_noise.search.data, as_noise.state
     shape = state.shape * 1.2

@@ -32,7 +32,7 @@ from blurmatte.sweep.outline import (
 from blurmatte.sweep.outline_start import exchanged, rescaled
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, MOST_CONTESTED, misfit
+from blurmatte.sweep.verdict import MAX_MISFIT, is_contested, misfit
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -94,7 +94,7 @@ def test_a_disc_is_contested_by_what_noise_hardly_hides():
     contested = {}
     for scene in (EGG, BALL):
         ends = [refined(*taken(scene, seed, noise=16)[1:]) for seed in range(4)]
-        contested[scene] = sum(end.contested or end.silhouette.bulges > 1 for end in ends)
+        contested[scene] = sum(end.contested > 0 or end.silhouette.bulges > 1 for end in ends)
     assert contested[EGG] >= 3
     assert contested[BALL] <= 2
 
@@ -127,7 +127,7 @@ def test_a_long_thing_on_its_way(size):
     truth, data, _ = taken(scene)
     state = found(scene)
     assert np.sqrt(np.mean((state.swept.alpha - truth)[truth > 0] ** 2)) < 0.03
-    assert state.contested > MOST_CONTESTED
+    assert is_contested(state)
     assert misfit(data, replace(state, contested=0.0)) < MAX_MISFIT
     assert_allclose(state.silhouette.area(state.shape), size[0] * size[1], rtol=0.03)
 

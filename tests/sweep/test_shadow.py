@@ -17,7 +17,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
-from blurmatte.sweep.shadow import shadow_around, shadow_beside
+from blurmatte.sweep.shadow import darkness, shadow_around, shadow_beside
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 144)
@@ -73,6 +73,16 @@ def test_without_a_shadow_nothing_is_found(plate):
     assert not shadow_beside(
         image, without, find_streaks(image, without)[0], *light_of(truth)
     ).any()
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_darkness_needs_no_color(plate):
+    """Most of the shadow beside the object, and nothing where the object brings its light."""
+    truth, image, without = taken(plate)
+    alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
+    found = darkness(image, without, find_streaks(image, without)[0])
+    assert np.mean(found[(shadow > 0.15) & (alpha == 0)]) > 0.9
+    assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.15
 
 
 def test_noise_is_no_shadow():

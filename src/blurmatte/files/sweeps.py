@@ -7,6 +7,7 @@ import numpy as np
 
 from blurmatte.files.models import model_from_json, model_to_json
 from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.silhouette import Silhouette
 
 
@@ -22,6 +23,7 @@ def sweep_to_json(sweep: Sweep) -> str:
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
         "size": list(sweep.size),
+        "cast": None if sweep.cast is None else _cast_to_json(sweep.cast),
         "stats": {name: _plain(value) for name, value in sweep.stats.items()},
     }
     return json.dumps(fields)
@@ -46,7 +48,23 @@ def sweep_from_json(text: str) -> Sweep:
         np.array(fields["covariance"], float),
         (int(width), int(height)),
         fields["stats"],
+        _cast_from_json(fields.get("cast")),
     )
+
+
+def _cast_to_json(cast: CastShadow) -> dict[str, Any]:
+    return {
+        "offset": cast.offset.tolist(),
+        "softness": cast.softness,
+        "strength": cast.strength.tolist(),
+    }
+
+
+def _cast_from_json(fields: Any) -> CastShadow | None:
+    if fields is None:
+        return None
+    offset, strength = (np.array(fields[name], float) for name in ("offset", "strength"))
+    return CastShadow(offset, float(fields["softness"]), strength)
 
 
 def _plain(value: Any) -> Any:

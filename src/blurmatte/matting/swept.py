@@ -22,6 +22,7 @@ _UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISF
 _SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
 _ANOTHER = 0.5  # of the sweep's alpha: what differs by less may be in another light
 _HALF_LIT = 0.6  # of the object's light: what has less lies in a shadow, what has more is no hole
+_LIT = 0.98  # of the plate's light: what has less lies in the shadow that the object casts
 _MEDIAN = 2.366  # of χ² of three
 
 
@@ -64,7 +65,7 @@ class Swept:
         pixels alone say, if most of them are explained by the object's color with an alpha of their own
         that is more than half more, or less than half, and with as much more or less light; others may
         as well be in another light. What is only darker beside the object is marked SHADOW too; it was
-        not there.
+        not there. A shadow that was told with the sweep darkens the plate before which it is asked.
 
         Parameters
         ----------
@@ -83,6 +84,7 @@ class Swept:
         """
         place = slice(box[1], box[3]), slice(box[0], box[2])
         alpha, alpha_std = sweep.within(box)
+        lit, plate = plate, sweep.in_shadow(plate, box)
         P, P_std, chi2 = light_given(alpha, alpha_std, sweep.model, image, plate)
         before = sweep.before_bleeding(image, plate, box)
         if before is not image:  # its light has more noise, and at rims no other color
@@ -108,7 +110,8 @@ class Swept:
             target[place][ours] = values[ours]
         flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
         flags |= (hidden & (alpha > 0)) * np.uint8(Quality.OCCLUDED)
-        flags |= (inside & odd & (alpha == 0) & darker(image, plate)) * np.uint8(Quality.SHADOW)
+        shaded = odd | np.any(plate.rgb < _LIT * lit.rgb, axis=-1)
+        flags |= (inside & shaded & (alpha == 0) & darker(image, lit)) * np.uint8(Quality.SHADOW)
         theirs = (quality & ~np.uint8(Quality.OUTSIDE))[inside & ~ours]
         quality[ours] = flags[ours]
         quality[inside & ~ours] = theirs | np.uint8(Quality.MISFIT)

@@ -61,7 +61,7 @@ def contested(data: Data, states: Sequence[tuple[float, State]]) -> State:
 
 def most_apart(one: State, others: Iterable[State]) -> float:
     """By how much of alpha, root mean square, the most different of other answers differs."""
-    return max((apart for other in others if (apart := _apart(one, other)) > _ANOTHER), default=0.0)
+    return max((by for other in others if (by := apart(one, other)) > _ANOTHER), default=0.0)
 
 
 def differ(one: State, other: State) -> bool:
@@ -69,7 +69,8 @@ def differ(one: State, other: State) -> bool:
     return most_apart(one, [other]) > 0
 
 
-def _apart(one: State, other: State) -> float:
+def apart(one: State, other: State) -> float:
+    """By how much of alpha two ends differ, root mean square."""
     a, b = one.swept.alpha, other.swept.alpha
     off = ((a - b) ** 2).sum() / max((a**2).sum(), (b**2).sum(), 1e-9)
     return float(np.sqrt(off))

@@ -102,6 +102,26 @@ class Data:
         )
 
 
+def nothing_in(box: tuple[int, int, int, int], size: tuple[int, int]) -> Data:
+    """Where the pixels of a box (x0, y0, x1, y1) of a picture are, without any light."""
+    x0, y0, x1, y1 = box
+    no_light, one = np.zeros((y1 - y0, x1 - x0, 0)), np.ones((y1 - y0, x1 - x0))
+    origin = float(x0), float(y0)
+    everywhere = one > 0
+    return Data(
+        no_light,
+        no_light,
+        no_light,
+        no_light,
+        one,
+        everywhere,
+        everywhere,
+        everywhere,
+        size,
+        origin,
+    )
+
+
 def data_around(
     streak: Streak,
     margin: int,

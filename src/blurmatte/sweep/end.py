@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, Transfer
+from blurmatte.sweep.cast import CastShadow, information_lost
 from blurmatte.sweep.choice import most_apart
 from blurmatte.sweep.chroma import left_untold
 from blurmatte.sweep.data import Data
@@ -21,11 +22,11 @@ from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     HOPELESS,
-    MOST_CONTESTED,
     can_be,
     coherence,
     colors_ran_together,
     doubtful_share,
+    is_contested,
     left_beyond_noise,
     objection,
     overstated,
@@ -66,11 +67,14 @@ class End:
     state : State
     blur : float
         Pixels by which they did, 0 if not.
+    cast : CastShadow, optional
+        The shadow of a disc, in which the search's plate lies.
     """
 
     search: Search
     state: State
     blur: float = 0.0
+    cast: CastShadow | None = None
 
     @classmethod
     def before_bleeding(cls, search: Search, state: State, transfer: Transfer) -> "End":
@@ -92,7 +96,7 @@ class End:
     @property
     def misfit(self) -> float:
         """See `verdict.misfit`; infinite too for what only light of odd patterns would explain."""
-        return np.inf if self.state.contested > MOST_CONTESTED else self.left
+        return np.inf if is_contested(self.state) else self.left
 
     @cached_property
     def left(self) -> float:
@@ -233,6 +237,8 @@ class End:
         data, state, blur = self.search.data, self.state, self.blur
         trust = overstated(data, state)
         H, _ = state.information(data)
+        if self.cast is not None:
+            H = H - information_lost(data, state, self.cast)
         covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float) * trust * VARIANCE
         model = _model(state, covariance[-2:, -2:] + self._turned)
         k = len(state.path)
@@ -246,7 +252,7 @@ class End:
             "misfit": self.misfit if known else np.inf,
             "objection": self.objection if known else "is of hardly known size",
             "coherence": trust,
-            "contested": state.contested > MOST_CONTESTED,
+            "contested": is_contested(state),
             "plausible": bool(self.plausible and known),
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
@@ -264,6 +270,7 @@ class End:
             covariance[:n, :n],
             image.size,
             stats,
+            self.cast,
         )
 
 

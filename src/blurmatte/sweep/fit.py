@@ -23,23 +23,21 @@ from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import QUICK, Search
-from blurmatte.sweep.shadow import shadow_beside
+from blurmatte.sweep.shadowed import Attempt, beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
-    MOST_CONTESTED,
     can_be,
+    is_contested,
     misfit,
     stays,
     understated,
 )
 
 Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 _FOLLOWING = 3  # times that a path may lead out of what was found
-_SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 _FOLLOWED = 0.2  # of the largest alpha
 _SAVED = 0.8  # of what is left, or alpha is off, that may be without what something in front hides
 _CLEARLY = 1.3  # times less must be left to believe in more colors
@@ -113,17 +111,19 @@ def fit_sweep(
         streak = _followed(streak, End(search, disc).sweep(image, louder))
         search = Search.of(streak, image, plate, known)
         disc = search.best(rank)
-    whole = search
-    search, disc, image, streak = _beside_shadow(search, disc, image, plate, streak)
-    transfer = image.meta.transfer or SRGB
-    told = End.before_bleeding(search, disc, transfer)
-    if told.left > MAX_MISFIT and disc.frame.rank == 1:
-        search, disc = _in_front_left_out(search, disc, image, plate, streak)
-        told = End.before_bleeding(search, disc, transfer)
+    first = Attempt(image, plate, streak, search, disc)
+    attempt = beside_shadow(first)
+    told, one_paint = attempt.end, disc.frame.rank == 1
+    if one_paint and told.left > MAX_MISFIT and attempt is first:
+        attempt = _unless_shaped(first, beside_darkness(first))
+        told = attempt.end
+    if one_paint and told.left > MAX_MISFIT:
+        attempt = _in_front_left_out(attempt)
+        told = attempt.end
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = search is not whole and told.misfit <= MAX_MISFIT
-    if not explained and disc.frame.rank == 1:
-        told = _richer(search, disc, told, transfer)
+    explained = attempt is not first and told.misfit <= MAX_MISFIT
+    if one_paint and not explained:
+        told = _richer(attempt.search, attempt.disc, told, image.meta.transfer or SRGB)
     return told.sweep(image, louder)
 
 
@@ -168,55 +168,30 @@ def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
     return search.best(rank)
 
 
-def _shadow_of(disc: State, image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
-    """Where there is a shadow; nowhere if the object may have any colors."""
-    if disc.frame.rank == 3:
-        return np.zeros(streak.mask.shape, bool)
-    return shadow_beside(image, plate, streak, disc.main, disc.brightness)
+def _unless_shaped(first: Attempt, dark: Attempt) -> Attempt:
+    """A disc beside a shadow that no color told, or the first if an outline is likelier than both."""
+    if dark.cast is None:
+        return dark
+    end = first.end
+    shaped = _shaped(first.search, first.disc, end, first.image.meta.transfer or SRGB)
+    ends = (dark.end.search.data, dark.end.state), (shaped.search.data, shaped.state)
+    return first if shaped.left <= MAX_MISFIT and likelier(*ends) else dark
 
 
-def _beside_shadow(
-    search: Search,
-    disc: State,
-    image: LinearImage,
-    plate: LinearImage,
-    streak: Streak,
-) -> tuple[Search, State, LinearImage, Streak]:
-    """Search again without the shadow beside an object; image and streak without it, too.
-
-    If most of what is found then lies in it, it was no shadow, but a darker paint of the object.
-    """
-    whole, rank = (search, disc, image, streak), disc.frame.rank
-    for _ in range(_SHADOWS):
-        shadow = _shadow_of(disc, image, plate, streak)
-        if not shadow.any():
-            break
-        image = replace(image, valid=image.valid & ~shadow)
-        streak = replace(streak, mask=streak.mask & ~shadow)
-        search = Search.of(streak, image, plate, search.data.known)
-        disc = search.best(rank)
-    return (search, disc, image, streak) if mostly_seen(search.data, disc) else whole
-
-
-def _in_front_left_out(
-    search: Search,
-    disc: State,
-    image: LinearImage,
-    plate: LinearImage,
-    streak: Streak,
-) -> tuple[Search, State]:
+def _in_front_left_out(attempt: Attempt) -> Attempt:
     """Search again without what something still in front hides, if that explains the streak."""
-    hidden = in_front_of(search.data, disc, (image.size[1], image.size[0]))
+    image = attempt.image
+    hidden = in_front_of(attempt.search.data, attempt.disc, (image.size[1], image.size[0]))
     if not hidden.any():
-        return search, disc
+        return attempt
     seen = replace(image, valid=image.valid & ~hidden)
-    rest = Search.of(streak, seen, plate, search.data.known)
-    again = rest.best(disc.frame.rank)
-    before, after = End(search, disc), End(rest, again)
+    rest = Search.of(attempt.streak, seen, attempt.plate, attempt.search.data.known)
+    again = rest.best(attempt.disc.frame.rank)
+    before, after = End(attempt.search, attempt.disc), End(rest, again)
     less = after.beyond_noise <= _SAVED * before.beyond_noise
     less |= after.astray < _SAVED * before.astray
     better = after.misfit <= MAX_MISFIT and less and mostly_seen(rest.data, again)
-    return (rest, again) if better else (search, disc)
+    return replace(attempt, search=rest, disc=again) if better else attempt
 
 
 def _followed(streak: Streak, sweep: Sweep) -> Streak:
@@ -232,7 +207,7 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    contested = line.state.contested > MOST_CONTESTED and line.beyond_noise <= MAX_MISFIT
+    contested = is_contested(line.state) and line.beyond_noise <= MAX_MISFIT
     if contested or search.data.known is not None:
         return line
     enough = left <= MAX_MISFIT and simple

@@ -127,7 +127,8 @@ def _remaining(disc: State, data: Data, start: State, found: list[State]) -> Sta
         more, gain = other.size - start.size, (start.cost - other.cost) / overstated(data, other)
         if more > 0 and chdtrc(more, 2 * max(gain, 0)) < _LUCK:
             rivals.append(other)
-    return replace(disc, contested=max(disc.contested, most_apart(start, rivals)))
+    by = most_apart(start, rivals)
+    return replace(disc, contested=by) if by > disc.contested else disc
 
 
 def _distinct(states: list[State]) -> list[State]:

@@ -25,7 +25,8 @@ from blurmatte.sweep.verdict import HOPELESS, MAX_MISFIT, doubtful_share, misfit
 
 Array = npt.NDArray[np.float64]
 
-FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
+SMOOTH: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC)
+FAMILIES: tuple[PathFamily, ...] = (*SMOOTH, FROM_REST, BOUNCE)
 
 _GRAINS = 5.0  # in the half width, over which any colors change little
 _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be quick
@@ -56,6 +57,8 @@ class Search:
         Of the radius, pixels.
     middle : (2,) float
         Of the streak's box (x, y), pixels.
+    families : tuple of PathFamily
+        Of paths.
     """
 
     data: Data
@@ -63,6 +66,7 @@ class Search:
     curves: Sequence[tuple[Array, float]]
     bounds: tuple[float, float]
     middle: Array
+    families: tuple[PathFamily, ...] = FAMILIES
 
     @classmethod
     def of(
@@ -150,7 +154,7 @@ class Search:
         best = best_of(self.coarse, tried)
         for curve, radius in others:
             explained = misfit(self.coarse, best) <= MAX_MISFIT
-            ends = self._ends(curve, radius, rank, (best.family,) if explained else FAMILIES)
+            ends = self._ends(curve, radius, rank, (best.family,) if explained else None)
             best = best_of(self.coarse, [best, *ends])
             tried += ends
         return tried + self._ends(best.curve, best.shape[0], rank)
@@ -190,12 +194,12 @@ class Search:
         curve: Array,
         radius: float,
         rank: int,
-        families: tuple[PathFamily, ...] = FAMILIES,
+        families: tuple[PathFamily, ...] | None = None,
     ) -> list[State]:
         """Of descents that begin along a curve."""
         return [
             descend(self.coarse, start, self.bounds, enough=ROUGHLY)
-            for start in _starts(self.coarse, curve, radius, rank, families)
+            for start in _starts(self.coarse, curve, radius, rank, families or self.families)
         ]
 
 

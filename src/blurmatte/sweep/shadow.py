@@ -8,8 +8,9 @@ fit in k and a. The object brings light with it, k is about a times its brightne
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.color.shade import darker
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak, widened
+from blurmatte.streaks import Streak, widened, without_thin_parts
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -95,6 +96,29 @@ def shadow_beside(
         found[box[1] : box[3], box[0] : box[2]] = widened(reach, _RIM)
     whole = not (streak.mask & ~found).any()  # of a small streak the rim may be all that is left
     return np.zeros_like(found) if whole else found
+
+
+def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
+    """Where a streak is the plate, but darker: a shadow, as far as it is seen without a color.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Of known noise.
+    streak : Streak
+
+    Returns
+    -------
+    (H, W) bool
+        Empty if it is hardly any, or most, of the streak.
+    """
+    y, x = streak.rows_columns
+    inside = streak.mask[y, x]
+    dark = without_thin_parts(darker(image.crop(streak.box), plate.crop(streak.box)) & inside)
+    found = np.zeros(streak.mask.shape, bool)
+    if _LEAST < np.count_nonzero(dark) / np.count_nonzero(inside) < _MOST:
+        found[y, x] = widened(dark, _RIM)
+    return found
 
 
 def _products(image: LinearImage, plate: LinearImage, color: Array) -> list[Array]:

@@ -9,8 +9,9 @@ import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.chroma import before_bleeding
-from blurmatte.sweep.data import Data
+from blurmatte.sweep.data import nothing_in
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
 from blurmatte.trajectory import Trajectory
@@ -44,16 +45,19 @@ class Sweep:
         How the fit went: `misfit` is how much more the residuals within the streak hang together
         than those beside it, 1 if the sweep explains all there is; `objection` why it is none whatever
         it leaves, in words, and then `misfit` is infinite, or empty; `contested` whether another
-        explains it as well with another alpha, and then `misfit` is infinite; `doubtful` is the
+        explains it as well with quite another alpha, and then `misfit` is infinite; `doubtful` is the
         share of the streak's pixels that it does not explain; `astray` by which part of alpha light
         that changes little from place to place would have it otherwise, 0 if the color was known;
-        `unsure` the same unless it may have any colors: errors of alpha have that part too;
+        `unsure` the same unless it may have any colors, and what another answer that explains it as
+        well says of alpha: errors have that part too;
         `plausible` whether it can be, and explains most; `texture`, if it may have any colors, to
         which part of alpha the plate's texture confirms it, else infinite; where that does nearly
         everywhere `misfit` is 1, however fine its paint is; `rim` the standard deviation, pixels, by
         which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is sharp;
         `louder` how many times the variance that was measured noise has there, for codecs hide it in
         what stands still.
+    cast : CastShadow, optional
+        The shadow that it cast on the plate, if that was told with it.
     """
 
     family: PathFamily
@@ -64,6 +68,7 @@ class Sweep:
     covariance: Array
     size: tuple[int, int]
     stats: Mapping[str, Any] = field(default_factory=dict)
+    cast: CastShadow | None = None
 
     def __repr__(self) -> str:
         return (
@@ -181,25 +186,24 @@ class Sweep:
         kept = np.where(image.valid[..., None], light, image.rgb)
         return replace(image, rgb=kept.astype(image.rgb.dtype))
 
+    def in_shadow(self, plate: LinearImage, box: tuple[int, int, int, int]) -> LinearImage:
+        """What is in a box of the plate, in the shadow that the object casts on it; itself without.
+
+        Parameters
+        ----------
+        plate : LinearImage
+            What is in the box (x0, y0, x1, y1).
+        """
+        if self.cast is None:
+            return plate
+        S = self.cast.missing(self.family, self.path, self.shape[0], nothing_in(box, self.size))
+        shaded = self.cast.on(np.asarray(plate.rgb, float), S, self.within(box)[0])
+        return replace(plate.with_noise(plate.variance), rgb=shaded.astype(plate.rgb.dtype))
+
     def area_std(self) -> float:
         """Standard deviation of the sum of alpha within the picture, pixels."""
         total = self._swept(self.box, self.shape).by_parameters.sum(axis=(0, 1))
         return float(np.sqrt(total @ self.covariance @ total))
 
     def _swept(self, box: tuple[int, int, int, int], shape: Array) -> Swept:
-        x0, y0, x1, y1 = box
-        nothing = np.zeros((y1 - y0, x1 - x0, 0))
-        one = np.ones((y1 - y0, x1 - x0))
-        data = Data(
-            nothing,
-            nothing,
-            nothing,
-            nothing,
-            one,
-            one > 0,
-            one > 0,
-            one > 0,
-            self.size,
-            (float(x0), float(y0)),
-        )
-        return self.silhouette.sweep(self.family, self.path, shape, data)
+        return self.silhouette.sweep(self.family, self.path, shape, nothing_in(box, self.size))

@@ -14,7 +14,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 MAX_MISFIT = 1.2  # of a sweep that is believed; what is explained leaves about 1
-MOST_CONTESTED = 0.2  # of alpha: by what another answer differs that an error may still cover
+_MOST_CONTESTED = 0.2  # of alpha: by what another answer may differ from a disc
 HOPELESS = 6.0  # misfit on large pixels of what small ones do not save
 OPAQUE = 0.999  # alpha: of the plate nothing to speak of is seen, nor of a shape
 
@@ -63,9 +63,17 @@ def misfit(data: Data, state: State) -> float:
     Infinite if the descent found no end, for what cannot be, where many pixels contradict, where
     something else gave much of the light, and for what is contested by much.
     """
-    if state.contested > MOST_CONTESTED or objection(data, state):
+    if is_contested(state) or objection(data, state):
         return np.inf
     return left_beyond_noise(data, state)
+
+
+def is_contested(state: State) -> bool:
+    """Whether another answer differs by more than an error covers.
+
+    Of outlines by anything: free as they are, there may be more that differ by more.
+    """
+    return state.contested > (_MOST_CONTESTED if state.silhouette.bulges == 1 else 0.0)
 
 
 def left_beyond_noise(data: Data, state: State) -> float:

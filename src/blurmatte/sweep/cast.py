@@ -1,0 +1,197 @@
+"""The shadow that a disc casts on a flat background behind it, and that goes with it.
+
+In this file o is where the disc is at a moment, and s, from 0 to 1, how dark its shadow is there: the
+disc, moved by an offset and blurred, for lamps are no points. Over the exposure the part t S of the
+plate's light is missing, S = ∫ (1 − o) s, with t the part of each channel's light that came from the
+lamp: C = P + (1 − α − t S) B. It is as if the plate were darker, B (1 − t S / (1 − α)). P lies along a
+color, so that across it, and in all directions where no object was, t S B is what is left.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.descent import State, seen
+from blurmatte.sweep.path import PathFamily
+
+Array = npt.NDArray[np.float64]
+
+_NODES, _REACH = 65, 3.5  # of a profile, and standard deviations of a blur that count
+_MOMENTS, _STEP = (33, 257), 1.0  # least and most; pixels from one to the next
+_RADIUS = 6.0  # pixels of a disc, enough to tell a shadow
+_DISTANCES, _DIRECTIONS = (0.7, 1.4, 2.2), 8  # where a shadow is looked for first: radii
+_FARTHEST, _SOFTNESS = 6.0, (0.03, 0.3, 1.0)  # radii; least, at first, and most
+_DOUBT = 2.5  # standard deviations, from where on something else is seen
+_TRIES = 20
+# Of the plate's light in the channel that loses most, and what others lose of that. What is no shadow
+# takes from one or two channels.
+_FAINTEST, _DARKEST, _ALIKE = 0.04, 0.95, 0.5
+_TINY = 1e-9
+_DIFFERENCE = 0.02  # of a radius, for derivatives
+
+
+@dataclass(frozen=True, eq=False)
+class CastShadow:
+    """A shadow that a disc casts.
+
+    Parameters
+    ----------
+    offset : (2,) float
+        From the disc's center to its shadow's, pixels.
+    softness : float
+        Standard deviation of its blur, pixels.
+    strength : (3,) float
+        t of each channel, 0…1.
+    """
+
+    offset: Array
+    softness: float
+    strength: Array
+
+    @property
+    def is_possible(self) -> bool:
+        """Whether lamps cast such: they light all channels alike, and are never the only light."""
+        least, most = float(self.strength.min()), float(self.strength.max())
+        return _FAINTEST <= most <= _DARKEST and least >= _ALIKE * most
+
+    def missing(self, family: PathFamily, path: Array, radius: float, data: Data) -> Array:
+        """(h, w) S in the pixels of data, of a disc of a radius that went along a path."""
+        from blurmatte.sweep import cast_kernel  # numba takes half a second to import
+
+        way = np.linalg.norm(np.diff(family.at(path, np.linspace(0, 1, 33))[0], axis=0), axis=1)
+        count = int(np.clip(way.sum() / (_STEP * data.scale), *_MOMENTS))
+        moments = (np.arange(count) + 0.5) / count
+        centers = (family.at(path, moments)[0] - np.array(data.origin)) / data.scale
+        profile, step = _profile(radius / data.scale, self.softness / data.scale)
+        S = np.zeros(data.weight.shape)
+        offset, radius = self.offset / data.scale, radius / data.scale
+        cast_kernel.add_shadow(centers, offset, radius, profile, step, S)
+        return S
+
+    def of(self, data: Data, state: State) -> Array:
+        """(h, w) S that a disc casts."""
+        return self.missing(state.family, state.path, float(state.shape[0]), data)
+
+    def on(self, B: Array, S: Array, alpha: Array) -> Array:
+        """(h, w, 3) a plate where this is missing, as it is seen beside an object."""
+        left = 1 - S[..., None] * self.strength / np.maximum(1 - alpha, _TINY)[..., None]
+        return np.asarray(B * np.clip(left, 0, 1))
+
+
+def in_shadow(data: Data, state: State, cast: CastShadow) -> Data:
+    """Data with the plate in the shadow that a disc casts."""
+    return replace(data, B=cast.on(data.B, cast.of(data, state), state.swept.alpha))
+
+
+def fit_cast(data: Data, state: State, start: CastShadow | None = None) -> CastShadow:
+    """The shadow that explains most of what a disc of one paint leaves; it need not be possible.
+
+    Parameters
+    ----------
+    data : Data
+        With the plate as it is without.
+    state : State
+    start : CastShadow, optional
+        One like it.
+    """
+    from scipy.optimize import least_squares
+
+    data = data.coarser(max(1, int(state.shape[0] / (_RADIUS * data.scale))))
+    state = seen(data, state)
+    radius, alpha = float(state.shape[0]), state.swept.alpha
+    over_noise = np.sqrt(data.weight[..., None] / (data.C_variance + data.B_variance))
+    across = state.frame.across @ state.frame.across.T
+    told = np.where((alpha > 0)[..., None, None], across, np.eye(3)) * over_noise[..., None]
+    left = np.einsum("yxcd,yxd->yxc", told, (1 - alpha)[..., None] * data.B - data.C).ravel()
+
+    def shadow(x: Array, strength: Array) -> CastShadow:
+        return CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, strength)
+
+    def solved(x: Array) -> tuple[Array, Array]:
+        """What is left with the best strength, and that."""
+        S = shadow(x, np.ones(3)).of(data, state)
+        A = (told * (S[..., None] * data.B)[:, :, None, :]).reshape(-1, 3)
+        t = np.clip(np.linalg.solve(A.T @ A + _TINY * np.eye(3), A.T @ left), 0, 1)
+        return np.asarray(left - A @ t), t
+
+    def slopes(x: Array) -> Array:
+        steps = _DIFFERENCE * np.eye(3)
+        ahead, behind = (np.stack([solved(x + s * d)[0] for d in steps], axis=-1) for s in (1, -1))
+        return np.asarray((ahead - behind) / (2 * _DIFFERENCE))
+
+    def doubted(x: Array) -> float:
+        return float(np.sum(np.log1p((solved(x)[0] / _DOUBT) ** 2)))
+
+    least, first, most = np.log(_SOFTNESS)
+    if start is not None:
+        begin = np.array([*start.offset / radius, np.log(start.softness / radius)])
+    else:
+        turns = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+        begin = min(
+            (np.array([d * np.cos(a), d * np.sin(a), first]) for d in _DISTANCES for a in turns),
+            key=doubted,
+        )
+    bounds = (-_FARTHEST, -_FARTHEST, least), (_FARTHEST, _FARTHEST, most)
+    end = least_squares(
+        lambda x: solved(x)[0], np.clip(begin, *bounds), slopes, bounds,
+        loss="cauchy", f_scale=_DOUBT, max_nfev=_TRIES,
+    )  # fmt: skip
+    return shadow(end.x, solved(end.x)[1])
+
+
+def information_lost(data: Data, state: State, cast: CastShadow) -> Array:
+    """(size, size) of a disc's information, what goes to the shadow that is not known either.
+
+    Parameters
+    ----------
+    data : Data
+        With the plate in the shadow.
+    state : State
+    cast : CastShadow
+    """
+    alpha, J = state.swept.alpha, state.swept.by_parameters
+    S = cast.of(data, state)
+    B = data.B / np.maximum(cast.on(np.ones_like(data.B), S, alpha), _TINY)
+    N, M = state.frame.across, state.frame.within
+    V = data.C_variance + (1 - alpha)[..., None] ** 2 * data.B_variance
+    Q = N @ np.linalg.inv(np.einsum("ci,yxc,cj->yxij", N, V, N)) @ N.T
+    weighted = state.weights(data)[..., None, None] * Q
+    by_strength = S[..., None, None] * B[..., None] * np.eye(3)
+    by_place = _slopes(data, state, cast)[..., None, :] * (cast.strength * B)[..., None]
+    by_shadow = np.concatenate([by_strength, by_place], axis=-1)
+    by_alpha = J[:, :, None, :] * data.B[..., None]
+    brightness = state.brightness * alpha
+    turned = [-(m @ state.main) * n for n in N.T for m in M.T]
+    by_turns = brightness[..., None, None] * np.stack(turned, axis=1)
+    by_disc = np.concatenate([by_alpha, by_turns], axis=-1)
+    shared = np.einsum("yxci,yxcd,yxdj->ij", by_disc, weighted, by_shadow, optimize=True)
+    own = np.einsum("yxci,yxcd,yxdj->ij", by_shadow, weighted, by_shadow, optimize=True)
+    return np.asarray(shared @ np.linalg.pinv(own, hermitian=True) @ shared.T)
+
+
+def _slopes(data: Data, state: State, cast: CastShadow) -> Array:
+    """(h, w, 3) derivatives of S by the offset and by the logarithm of the softness."""
+    step = _DIFFERENCE * float(state.shape[0])
+    x, y, soft = np.array([step, 0]), np.array([0, step]), np.exp(_DIFFERENCE)
+    ways = [
+        (replace(cast, offset=cast.offset + d), replace(cast, offset=cast.offset - d), step)
+        for d in (x, y)
+    ]
+    softer = replace(cast, softness=cast.softness * soft)
+    harder = replace(cast, softness=cast.softness / soft)
+    ways.append((softer, harder, _DIFFERENCE))
+    return np.stack(
+        [(a.of(data, state) - b.of(data, state)) / (2 * h) for a, b, h in ways], axis=-1
+    )
+
+
+def _profile(radius: float, softness: float) -> tuple[Array, float]:
+    """How dark the shadow is every step from its middle, and the step: a noncentral χ² of two."""
+    from scipy.special import chndtr
+
+    reach = radius + _REACH * softness
+    at = np.linspace(0, reach, _NODES)
+    dark = chndtr((radius / softness) ** 2, 2, (at / softness) ** 2)
+    return np.where(np.isfinite(dark), dark, at < radius), reach / (_NODES - 1)

@@ -1,0 +1,30 @@
+"""The part of an exposure in which a shadow was seen beside the object that cast it, compiled."""
+
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+
+
+@njit(**_COMPILED)
+def add_shadow(centers, offset, radius, profile, step, S):  # type: ignore[no-untyped-def]
+    """Add to S (h, w) the mean over all centers (T, 2) of how dark it is where no disc is in front.
+
+    The shadow of a disc lies `offset` from it; `profile` (n,) is how dark it is every `step` pixels
+    from its middle. Of pixels that a rim covers in part a part is in front.
+    """
+    h, w = S.shape
+    reach = step * (len(profile) - 1)
+    for i in range(len(centers)):
+        x0, y0 = centers[i, 0] + offset[0], centers[i, 1] + offset[1]
+        for y in range(max(int(np.ceil(y0 - reach)), 0), min(int(y0 + reach) + 1, h)):
+            for x in range(max(int(np.ceil(x0 - reach)), 0), min(int(x0 + reach) + 1, w)):
+                at = np.sqrt((x - x0) ** 2 + (y - y0) ** 2) / step
+                before = int(at)
+                if before >= len(profile) - 1:
+                    continue
+                dark = profile[before] + (at - before) * (profile[before + 1] - profile[before])
+                out = np.sqrt((x - centers[i, 0]) ** 2 + (y - centers[i, 1]) ** 2) - radius
+                S[y, x] += dark * min(max(out + 0.5, 0.0), 1.0) / len(centers)

@@ -1,0 +1,164 @@
+"""Discs beside shadows: what lies in one is left out, or the shadow of the disc is told with it.
+
+A shadow takes light and brings none, which tells it apart once the object's color is known. Leaving it
+out leaves out what of the object it lies on, and of that there may be much: where the shadow is that of
+the disc itself on something flat, as it mostly is, both are told together, in turns.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.streaks import Streak
+from blurmatte.sweep.cast import CastShadow, fit_cast, in_shadow
+from blurmatte.sweep.choice import apart
+from blurmatte.sweep.data import Data
+from blurmatte.sweep.descent import State, descend, seen
+from blurmatte.sweep.end import End
+from blurmatte.sweep.occluder import mostly_seen
+from blurmatte.sweep.path import PathFamily
+from blurmatte.sweep.search import FAMILIES, SMOOTH, Search
+from blurmatte.sweep.shadow import darkness, shadow_beside
+from blurmatte.sweep.verdict import MAX_MISFIT
+
+Bools = npt.NDArray[np.bool_]
+
+_SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
+_LARGEST = 2.5  # times as many pixels as the object touched: shadows are as large, and soft
+_RADIUS = 8.0  # pixels: enough for a shadow and a disc to agree on
+_TURNS, _AGAIN = 16, 6  # on large pixels, and on small ones
+_AGREED = 2e-3  # of alpha: what a turn changes when they have
+
+
+@dataclass(frozen=True, eq=False)
+class Attempt:
+    """A disc, and of what it was found.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Noise known.
+    streak : Streak
+    search : Search
+    disc : State
+    cast : CastShadow, optional
+        Its shadow, in which the search's plate lies.
+    """
+
+    image: LinearImage
+    plate: LinearImage
+    streak: Streak
+    search: Search
+    disc: State
+    cast: CastShadow | None = None
+
+    @property
+    def end(self) -> End:
+        """In the light that it explains."""
+        transfer = self.image.meta.transfer or SRGB
+        end = End.before_bleeding(self.search, self.disc, transfer)
+        return replace(end, cast=self.cast)
+
+    def without(self, shadow: Bools) -> "Attempt":
+        """The best disc without a part of the pictures."""
+        image = replace(self.image, valid=self.image.valid & ~shadow)
+        streak = replace(self.streak, mask=self.streak.mask & ~shadow)
+        search = Search.of(streak, image, self.plate, self.search.data.known)
+        return Attempt(image, self.plate, streak, search, search.best(self.disc.frame.rank))
+
+
+def beside_shadow(first: Attempt) -> Attempt:
+    """A disc beside its shadow, or the first if there is none.
+
+    If most of what is found lies in it, or it is much larger than that, it was no shadow, but a darker
+    paint of the object.
+    """
+    if first.disc.frame.rank == 3:
+        return first
+    without, shaded = first, 0
+    for _ in range(_SHADOWS):
+        disc = without.disc
+        shadow = shadow_beside(
+            without.image, first.plate, without.streak, disc.main, disc.brightness
+        )
+        if not shadow.any():
+            break
+        without = without.without(shadow)
+        shaded += int(np.count_nonzero(shadow))
+    if without is first:
+        return first
+    cast = _with_cast(first, without.disc, first.disc)
+    if cast is not None:
+        return cast
+    data, alpha = without.search.data, without.disc.swept.alpha
+    large = shaded > _LARGEST * np.count_nonzero(alpha) * data.scale**2
+    return without if mostly_seen(data, without.disc) and not large else first
+
+
+def beside_darkness(first: Attempt) -> Attempt:
+    """A disc and its shadow where no disc tells the color that tells shadow from object.
+
+    What is dark is left out only to begin with: it may as well be another paint.
+    """
+    dark = darkness(first.image, first.plate, first.streak)
+    if not dark.any() or not (first.streak.mask & ~dark).any():
+        return _with_cast(first, first.disc) or first
+    return _with_cast(first, first.without(dark).disc, first.disc) or first
+
+
+def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
+    """A disc and the shadow that it casts, from the first disc from which they explain all.
+
+    No shadow is quite as it is taken to be, and a path that jumps would take up what is left of it: it
+    is asked for where no other explains all.
+    """
+    if first.disc.frame.rank != 1:
+        return None
+    data = first.search.data
+    for disc in discs:
+        coarse = data.coarser(max(1, int(disc.shape[0] / (_RADIUS * data.scale))))
+        agreed = _in_turns(coarse, disc, None, first.search.bounds, _TURNS)
+        for families in (SMOOTH, FAMILIES):
+            found = _refined(first, agreed, families)
+            if found is not None and found.end.misfit <= MAX_MISFIT:
+                return found
+    return None
+
+
+def _refined(
+    first: Attempt, agreed: tuple[State, CastShadow], families: tuple[PathFamily, ...]
+) -> Attempt | None:
+    """The same on small pixels, on the best path; None if no lamp casts such a shadow."""
+    data, bounds = first.search.data, first.search.bounds
+    for _ in range(2):  # with the shadow another path may be the best
+        if not agreed[1].is_possible:
+            return None
+        search = replace(_lit(first.search, *agreed), families=families)
+        agreed = _in_turns(data, search.best(1), agreed[1], bounds, _AGAIN)
+    if not agreed[1].is_possible:
+        return None
+    return replace(first, search=_lit(first.search, *agreed), disc=agreed[0], cast=agreed[1])
+
+
+def _in_turns(
+    data: Data, disc: State, cast: CastShadow | None, bounds: tuple[float, float], turns: int
+) -> tuple[State, CastShadow]:
+    """A disc and its shadow, each told with the other, until they agree."""
+    disc = seen(data, disc)
+    for _ in range(turns):
+        cast = fit_cast(data, disc, cast)
+        lit = in_shadow(data, disc, cast)
+        before, disc = disc, descend(lit, seen(lit, disc), bounds)
+        if apart(before, disc) < _AGREED:
+            break
+    assert cast is not None
+    return disc, cast
+
+
+def _lit(search: Search, disc: State, cast: CastShadow) -> Search:
+    """A search before the plate in a shadow."""
+    data = in_shadow(search.data, seen(search.data, disc), cast)
+    coarse = data.coarser(round(search.coarse.scale / data.scale))
+    return replace(search, data=data, coarse=coarse)

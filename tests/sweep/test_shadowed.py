@@ -1,0 +1,80 @@
+"""Discs beside shadows: where a shadow that a ball casts lies on what is seen of it."""
+
+import numpy as np
+import pytest
+
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
+from blurmatte.streaks import require_streaks
+from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep.search import Search
+from blurmatte.sweep.shadowed import Attempt, beside_darkness, beside_shadow
+from blurmatte.trajectory import Trajectory
+
+SIZE = (240, 180)
+WALL = plain_plate(SIZE, (0.42, 0.42, 0.4), 4)
+WAY = Trajectory.line((90, 70), (140, 84))
+BODY = Ball(17, (0.27, 0.72, 0.13))
+
+
+def taken(shadow, seed=1, body=BODY, **camera):
+    truth = render(Scene(WALL, WAY, body, shadow=shadow), 160)
+    shot = Shot(truth.scene, Camera(code_std=1.5 / 255, **camera), plate_frames=3, seed=seed)
+    return truth.layer.alpha, *with_noise(*shot.photograph(truth))
+
+
+def first_of(image, plate):
+    streak = require_streaks(image, plate)[0]
+    search = Search.of(streak, image, plate, None)
+    return Attempt(image, plate, streak, search, search.best(1))
+
+
+def rmse(sweep, alpha):
+    return np.sqrt(np.mean((sweep.alpha - alpha)[alpha > 0] ** 2))
+
+
+@pytest.mark.parametrize("offset", [(-22, 10), (0, 24), (16, 14)], ids=["behind", "below", "ahead"])
+@pytest.mark.parametrize(("quality", "most"), [(None, 0.003), (90, 0.01)], ids=["png", "jpeg"])
+def test_a_ball_and_its_shadow_are_told_together(offset, quality, most):
+    """Left out, a shadow along the way takes half of the ball with it, and it is 0.09 off."""
+    shadow = Shadow(offset, strength=(0.5, 0.5, 0.5))
+    alpha, image, plate = taken(shadow, jpeg_quality=quality)
+    sweep = fit_sweep(image, plate)
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, alpha) < most
+    assert np.linalg.norm(sweep.cast.offset - offset) < 1
+
+
+def test_a_shadow_that_hides_the_color_is_left_out_first():
+    """No disc on all of it is of the object's color: a shadow as large, that went aside."""
+    shadow = Shadow((-46, 34), softness=9, strength=(0.5, 0.5, 0.5))
+    alpha, image, plate = taken(shadow)
+    found = beside_darkness(first_of(image, plate))
+    assert found.cast is not None
+    assert np.linalg.norm(found.cast.offset - shadow.offset) < 1
+    inside = alpha > 0
+    x0, y0 = map(int, found.search.data.origin)
+    h, w = found.disc.swept.alpha.shape
+    off = (found.disc.swept.alpha - alpha[y0 : y0 + h, x0 : x0 + w])[
+        inside[y0 : y0 + h, x0 : x0 + w]
+    ]
+    assert np.sqrt(np.mean(off**2)) < 0.005
+
+
+def test_what_casts_none_stays_as_it_is():
+    """invariant: the same attempt comes back."""
+    _, image, plate = taken(None)
+    first = first_of(image, plate)
+    assert beside_shadow(first) is first
+
+
+def test_noise_of_the_plate_stays_as_loud_in_the_shadow():
+    """invariant: and beside it the plate is as it was."""
+    _, image, plate = taken(Shadow((0, 24)))
+    sweep = fit_sweep(image, plate)
+    box = (0, 0, *SIZE)
+    shaded = sweep.in_shadow(plate, box)
+    assert np.array_equal(shaded.variance, plate.variance)
+    darker = np.any(shaded.rgb < plate.rgb, axis=-1)
+    assert 0.02 < darker.mean() < 0.4
+    assert np.all(shaded.rgb <= plate.rgb)
