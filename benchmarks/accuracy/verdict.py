@@ -21,18 +21,19 @@ from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution, solve
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Sheet, render
+from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Shadow, Sheet, render
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-FIRST = 249  # scenes before it were looked at while the rules were made
-SEEDS = 20
+FIRST = 289  # scenes before it were looked at while the rules were made
+SEEDS = 10
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
 LENGTHS = (0.5, 12)  # radii
 ROOM = 24  # pixels between the object and the border
 CURVED = 0.3  # of the scenes; the rest go straight
 BEND = 0.3  # of half the length, at most
+AWAY, SOFT, DARK = (1, 2.2), (0.15, 0.5), (0.2, 0.6)  # radii; of the plate's light
 MOMENTS, SUBSTEPS = 24, 8  # in which the two that cross are rendered one over the other
 WRONG = 0.05  # alpha, root mean square over the streak
 CONFIDENT = 3  # times the claimed standard deviation
@@ -42,12 +43,13 @@ NOTES = f"""
 Pictures of {SIZE[0]}x{SIZE[1]}, 8 bits, noise of {NOISE / CODE:g} code values, plates as the median of
 five frames: plain, of two hues, colorful, textured; JPEG: quality 90, 4:2:0. Radius {RADII[0]} to
 {RADII[1]} px (squares, sheets, sticks of that size), way {LENGTHS[0]} to {LENGTHS[1]} radii as far as
-the picture has room, some of them curved; paint of any hue. `solve` is given image and plate, nothing
-else. refused: no answer, with words why. by shape: answers that a sweep explains. RMSE of alpha where
-the object was and alpha is told, of all answers; of two balls that cross that of both or of one
-counts, whichever is nearer. wrong: answers with more than {WRONG:g}. confident
-and wrong: those of them in which the error is more than {CONFIDENT} times what is claimed, root mean
-squares, the color's part included.
+the picture has room, some of them curved; paint of any hue. Shadows lie {AWAY[0]} to {AWAY[1]} radii
+away in any direction, blurred by {SOFT[0]} to {SOFT[1]}, and take {DARK[0]} to {DARK[1]} of the light.
+`solve` is given image and plate, nothing else. refused: no answer, with words why. by shape: answers
+that a sweep explains. RMSE of alpha where the object was and alpha is told, of all answers; of two
+balls that cross that of both or of one counts, whichever is nearer. wrong: answers with more than
+{WRONG:g}. confident and wrong: those of them in which the error is more than {CONFIDENT} times what is
+claimed, root mean squares, the color's part included.
 """
 
 
@@ -87,6 +89,7 @@ class Draw:
     second: np.ndarray
     plate: np.ndarray
     spin: float
+    shadow: Shadow
 
     @property
     def path(self) -> Trajectory:
@@ -111,7 +114,14 @@ def draw(seed: int) -> Draw:
     kind = sorted(PLATES)[rng.integers(len(PLATES))]
     plate = PLATES[kind](SIZE, int(rng.integers(2**31)))
     bend = rng.uniform(-BEND, BEND) if rng.uniform() < CURVED else 0.0
-    return Draw(radius, half, middle, bend, color, second, plate, rng.uniform(-1.5, 1.5))
+    spin = rng.uniform(-1.5, 1.5)
+    aside, away = rng.uniform(0, 2 * np.pi), rng.uniform(*AWAY) * radius
+    shadow = Shadow(
+        (away * np.cos(aside), away * np.sin(aside)),
+        rng.uniform(*SOFT) * radius,
+        (rng.uniform(*DARK),) * 3,
+    )
+    return Draw(radius, half, middle, bend, color, second, plate, spin, shadow)
 
 
 def bent(middle: np.ndarray, half: np.ndarray, bend: float) -> Trajectory:
@@ -166,6 +176,11 @@ def of_two_paints(drawn: Draw) -> Case:
     return single(Scene(drawn.plate, drawn.path, body))
 
 
+def shadowing(drawn: Draw) -> Case:
+    body = Ball(drawn.radius, drawn.color)
+    return single(Scene(drawn.plate, drawn.path, body, shadow=drawn.shadow))
+
+
 def deforming(drawn: Draw) -> Case:
     """A drop that becomes longer while it goes on."""
     squash = Change(squash=(1, 1 + abs(drawn.spin)), squash_angle=drawn.spin)
@@ -199,6 +214,7 @@ KINDS: dict[str, Callable[[Draw], Case]] = {
     "glossy ball": glossy,
     "ball in two lamps": in_two_lamps,
     "ball of two paints": of_two_paints,
+    "ball and its shadow": shadowing,
     "drop that deforms": deforming,
     "square": sheet(1.7, 1.7),
     "sheet": sheet(2.4, 1.0),
