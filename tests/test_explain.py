@@ -57,8 +57,15 @@ def test_a_shadow_that_was_told_with_it():
     sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
     sweep |= {"length": 60.0, "misfit": 0.9, "texture": None}
     sweep["shadow"] = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
-    said = explain(solution(sweep=sweep))
-    assert "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha." in said
+    solved = solution(sweep=sweep)
+    assert (
+        "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha."
+        in explain(solved)
+    )
+    solved.quality[5:15, 5:15] = Quality.SHADOW
+    assert not any("choose a region without it" in words for words in doubts(solved))
+    other = replace(solved, stats={"sweep": {**sweep, "shadow": None}})
+    assert any("choose a region without it" in words for words in doubts(other))
 
 
 def test_what_else_the_color_may_be():

@@ -218,8 +218,10 @@ def doubts(solution: Solution) -> list[str]:
         flag: float(np.mean(((inside & flag) != 0) & (unknown | (flag != Quality.SATURATED))))
         for flag in _REMEDY
     }
-    said = [f"{shares[flag]:.0%} of the streak {_REMEDY[flag]}." for flag in _REMEDY
-            if shares[flag] > _MANY]  # fmt: skip
+    if (solution.stats.get("sweep") or {}).get("shadow") is not None:
+        del shares[Quality.SHADOW]  # it is the object's own, as is said of it
+    said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
+            if share > _MANY]  # fmt: skip
     return _no_object(solution) or [*said, *_impossible(solution), *_rival(solution.stats)]
 
 
