@@ -23,7 +23,7 @@ def sweep_to_json(sweep: Sweep) -> str:
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
         "size": list(sweep.size),
-        "cast": None if sweep.cast is None else _cast_to_json(sweep.cast),
+        "cast": None if sweep.cast is None else sweep.cast.numbers,
         "stats": {name: _plain(value) for name, value in sweep.stats.items()},
     }
     return json.dumps(fields)
@@ -50,14 +50,6 @@ def sweep_from_json(text: str) -> Sweep:
         fields["stats"],
         _cast_from_json(fields.get("cast")),
     )
-
-
-def _cast_to_json(cast: CastShadow) -> dict[str, Any]:
-    return {
-        "offset": cast.offset.tolist(),
-        "softness": cast.softness,
-        "strength": cast.strength.tolist(),
-    }
 
 
 def _cast_from_json(fields: Any) -> CastShadow | None:

@@ -29,7 +29,6 @@ from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
 from blurmatte.streaks import Streak, check_streak, joined_behind, require_streaks
 from blurmatte.sweep import Sweep, fit_sweep
-from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.color import color_of
 
 _NO_COLOR = (
@@ -325,16 +324,8 @@ def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
             ),
             "misfit": sweep.misfit,
             "texture": sweep.stats["texture"] if np.isfinite(sweep.stats["texture"]) else None,
-            "shadow": None if sweep.cast is None else _shadow_measures(sweep.cast),
+            "shadow": None if sweep.cast is None else sweep.cast.numbers,
         },
-    }
-
-
-def _shadow_measures(cast: CastShadow) -> dict[str, Any]:
-    return {
-        "offset": tuple(float(x) for x in cast.offset),
-        "softness": cast.softness,
-        "strength": tuple(float(t) for t in cast.strength),
     }
 
 

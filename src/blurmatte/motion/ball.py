@@ -223,7 +223,7 @@ def _before(
     seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
     streak = Streak(seen)
     data = data_around(streak, int(_MARGIN * sweep.radius) + 4, image, plate, None)
-    data = data.coarser(max(1, int(sweep.radius / _FINE_RADIUS)))
+    data = data.coarse_enough(sweep.radius, _FINE_RADIUS)
     ball = SeenBall.before(intrinsics, data)
     known = np.isfinite(ball.slopes.sum(axis=(-1, -2)))
     if not np.all(known[data.streak]):

@@ -8,6 +8,7 @@ color, so that across it, and in all directions where no object was, t S B is wh
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -56,6 +57,15 @@ class CastShadow:
         least, most = float(self.strength.min()), float(self.strength.max())
         return _FAINTEST <= most <= _DARKEST and least >= _ALIKE * most
 
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """All fields by name, as plain numbers."""
+        return {
+            "offset": tuple(float(x) for x in self.offset),
+            "softness": self.softness,
+            "strength": tuple(float(t) for t in self.strength),
+        }
+
     def missing(self, family: PathFamily, path: Array, radius: float, data: Data) -> Array:
         """(h, w) S in the pixels of data, of a disc of a radius that went along a path."""
         from blurmatte.sweep import cast_kernel  # numba takes half a second to import
@@ -98,7 +108,7 @@ def fit_cast(data: Data, state: State, start: CastShadow | None = None) -> CastS
     """
     from scipy.optimize import least_squares
 
-    data = data.coarser(max(1, int(state.shape[0] / (_RADIUS * data.scale))))
+    data = data.coarse_enough(float(state.shape[0]), _RADIUS)
     state = seen(data, state)
     radius, alpha = float(state.shape[0]), state.swept.alpha
     over_noise = np.sqrt(data.weight[..., None] / (data.C_variance + data.B_variance))

@@ -76,6 +76,10 @@ class Data:
         """With that many times the variance of noise."""
         return replace(self, C_variance=by * self.C_variance, B_variance=by * self.B_variance)
 
+    def coarse_enough(self, radius: float, pixels: float) -> "Data":
+        """On pixels so large that a radius (pixels of the picture) has that many, or a few more."""
+        return self.coarser(max(1, int(radius / (pixels * self.scale))))
+
     def coarser(self, by: int) -> "Data":
         """Means over blocks of `by` by `by` pixels; what is left over at the far sides is cut."""
         if by == 1:

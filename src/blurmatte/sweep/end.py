@@ -226,10 +226,9 @@ class End:
     @cached_property
     def _said(self) -> SmoothLight:
         data, state = self.search.data, self.state
-        factor = int(state.shape[0] / (_RADIUS * data.scale))
-        if factor > 1:
-            data = data.coarser(factor)
-            state = seen(data, state)
+        coarse = data.coarse_enough(float(state.shape[0]), _RADIUS)
+        if coarse is not data:
+            data, state = coarse, seen(coarse, state)
         return smooth_light(data, state)
 
     def sweep(self, image: LinearImage, louder: float) -> Sweep:

@@ -14,7 +14,7 @@ import numpy.typing as npt
 from blurmatte.checks import check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
-from blurmatte.radiometry import SRGB, LinearImage, Transfer, with_noise
+from blurmatte.radiometry import LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.descent import State, descend, main_colors, state_at
@@ -123,7 +123,7 @@ def fit_sweep(
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = attempt is not first and told.misfit <= MAX_MISFIT
     if one_paint and not explained:
-        told = _richer(attempt.search, attempt.disc, told, image.meta.transfer or SRGB)
+        told = _richer(attempt.search, attempt.disc, told, attempt.transfer)
     return told.sweep(image, louder)
 
 
@@ -172,8 +172,7 @@ def _unless_shaped(first: Attempt, dark: Attempt) -> Attempt:
     """A disc beside a shadow that no color told, or the first if an outline is likelier than both."""
     if dark.cast is None:
         return dark
-    end = first.end
-    shaped = _shaped(first.search, first.disc, end, first.image.meta.transfer or SRGB)
+    shaped = _shaped(first.search, first.disc, first.end, first.transfer)
     ends = (dark.end.search.data, dark.end.state), (shaped.search.data, shaped.state)
     return first if shaped.left <= MAX_MISFIT and likelier(*ends) else dark
 

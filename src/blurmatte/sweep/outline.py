@@ -71,7 +71,7 @@ def refined(data: Data, disc: State) -> State:
     """
     bounds = _LEAST * disc.shape[0], _MOST * disc.shape[0]
     radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
-    coarse = data.coarser(max(1, int(disc.shape[0] / (radius * data.scale))))
+    coarse = data.coarse_enough(float(disc.shape[0]), radius)
     start = descend(coarse, seen(coarse, disc), bounds)
     richer = [bulgy(start), replace(bulgy(start), bulges=2)]
     found = [_roughly(coarse, shaped(coarse, start, s), bounds) for s in richer]

@@ -83,10 +83,10 @@ class Search:
         half_width = float(depth.max())
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
         data = replace(data, grain=half_width / _GRAINS)
-        data = data.coarser(max(1, int(half_width / _FINE_RADIUS)))
+        data = data.coarse_enough(half_width, _FINE_RADIUS)
         return cls(
             data,
-            data.coarser(max(1, int(half_width / (_COARSE_RADIUS * data.scale)))),
+            data.coarse_enough(half_width, _COARSE_RADIUS),
             [
                 (center_curve(depth, radius) + np.array([x0, y0]), radius)
                 for radius in (part * half_width for part in radii)

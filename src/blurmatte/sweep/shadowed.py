@@ -6,11 +6,12 @@ the disc itself on something flat, as it mostly is, both are told together, in t
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry import SRGB, LinearImage, Transfer
 from blurmatte.streaks import Streak
 from blurmatte.sweep.cast import CastShadow, fit_cast, in_shadow
 from blurmatte.sweep.choice import apart
@@ -55,10 +56,14 @@ class Attempt:
     cast: CastShadow | None = None
 
     @property
+    def transfer(self) -> Transfer:
+        """Of the image's file."""
+        return self.image.meta.transfer or SRGB
+
+    @cached_property
     def end(self) -> End:
         """In the light that it explains."""
-        transfer = self.image.meta.transfer or SRGB
-        end = End.before_bleeding(self.search, self.disc, transfer)
+        end = End.before_bleeding(self.search, self.disc, self.transfer)
         return replace(end, cast=self.cast)
 
     def without(self, shadow: Bools) -> "Attempt":
@@ -118,7 +123,7 @@ def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
         return None
     data = first.search.data
     for disc in discs:
-        coarse = data.coarser(max(1, int(disc.shape[0] / (_RADIUS * data.scale))))
+        coarse = data.coarse_enough(float(disc.shape[0]), _RADIUS)
         agreed = _in_turns(coarse, disc, None, first.search.bounds, _TURNS)
         for families in (SMOOTH, FAMILIES):
             found = _refined(first, agreed, families)
