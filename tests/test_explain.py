@@ -68,6 +68,15 @@ def test_a_shadow_that_was_told_with_it():
     assert any("choose a region without it" in words for words in doubts(other))
 
 
+@pytest.mark.parametrize(("softness", "said"), [(0.0, False), (0.4, False), (3.62, True)])
+def test_a_rim_that_is_out_of_focus(softness, said):
+    """Exact: what nobody sees is not spoken of."""
+    sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
+    sweep |= {"length": 60.0, "misfit": 0.9, "texture": None, "softness": softness}
+    words = "The lens blurs its rim by 3.6 px: it was not in focus as the plate is."
+    assert (words in explain(solution(sweep=sweep))) == said
+
+
 def test_what_else_the_color_may_be():
     basis = ColorModel.from_hex("#d8a03c").basis
     covariance = 0.02**2 * (np.eye(3) - basis @ basis.T)

@@ -60,6 +60,7 @@ _ALL_SHADOW = (
 )
 _MANY = 0.25  # of the streak's pixels: more than a few odd ones
 _NOT_ALONE = 0.05  # of the known pixels: more than noise puts out of range
+_SEEN = 1.0  # pixels: a rim that is softer is seen to be
 _SMALL = 0.03  # of alpha: two answers that are nearer are one
 _HIGHEST, _ABOVE = 1.02, 0.005  # alpha that may still be called 1; share of pixels beyond it
 _REMEDY = {
@@ -312,8 +313,15 @@ def _sweep(solution: Solution) -> list[str]:
     return [
         f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
         f"streak; {_left(sweep, solution.model)}.",
+        *_softness(sweep.get("softness", 0)),
         *_shadow(sweep.get("shadow")),
     ]
+
+
+def _softness(softness: float) -> list[str]:
+    if softness < _SEEN:
+        return []
+    return [f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."]
 
 
 def _shadow(shadow: Mapping[str, Any] | None) -> list[str]:

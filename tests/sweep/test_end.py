@@ -72,6 +72,30 @@ def test_an_outline_is_contradicted_by_fewer_pixels_than_a_disc(as_noise):
         assert told(end, 0.3).objection == words
 
 
+def test_a_rim_may_not_be_all_there_is(as_noise):
+    """By a quarter of the radius at most, whether lens or file blurred it."""
+    search, disc = as_noise.search, as_noise.state
+    for blur, believed in ((2.0, True), (3.5, False)):
+        end = told(End(search, replace(disc), blur), 0.3)
+        assert (end.objection == "") == believed
+    assert "blurred" in end.objection
+
+
+def test_noise_that_is_said_to_be_louder_is_all_that_is_left(as_noise):
+    search, disc = as_noise.search, as_noise.state
+    spots = np.random.default_rng(0).uniform(size=disc.swept.alpha.shape) < 0.1
+    C = search.data.C + spots[..., None] * [0.0, 0.0, 0.5]
+    for louder, words in (
+        (1.0, ""),
+        (2.0, "is contradicted by 11% of its pixels, even if the file hides most of its noise"),
+    ):
+        data = replace(search.data, C=C).raised(louder)
+        state = state_at(data, disc.family, disc.path, disc.silhouette, disc.shape, disc.frame)
+        end = End(replace(search, data=data), replace(state, converged=True))
+        assert told(end, 0.3).objection == words
+        assert end.sweep(LinearImage(np.full((8, 8, 3), 0.5))).stats["louder"] == 1.0
+
+
 def test_what_leaves_more_must_be_told_by_smooth_light(hangs_together):
     assert coherence(hangs_together.search.data, hangs_together.state) > 2
     assert told(hangs_together, 0.3).objection == ""
@@ -133,5 +157,5 @@ def test_color_is_as_unsure_as_alpha(as_noise):
         colors.append(color / np.linalg.norm(color))
     turned = np.degrees(np.arccos(colors[0] @ colors[1]))
     image = LinearImage(np.full((8, 8, 3), 0.5))
-    stds = [end.sweep(image, 1.0).model.evidence["shape"] for end in (certain, unsure)]
+    stds = [end.sweep(image).model.evidence["shape"] for end in (certain, unsure)]
     assert_allclose(np.sqrt(2 * (stds[1] ** 2 - stds[0] ** 2)), turned, rtol=0.15)

@@ -186,6 +186,19 @@ def test_a_lens_that_blurs_makes_a_soft_alpha(ball):
     assert np.sqrt(np.mean((sweep.alpha - blurred)[blurred > 0.001] ** 2)) < 0.005
 
 
+@pytest.mark.parametrize("quality", [None, 90])
+def test_a_ball_out_of_focus_has_a_soft_alpha_in_every_file(quality):
+    """Oracle, but for the lens: its blur is a disc's, not a normal distribution's."""
+    scene = Scene(TILES, LINE, Ball(18, GREEN), defocus=7)
+    truth, camera = taken(scene)[0], Camera(code_std=1.5 / 255, jpeg_quality=quality)
+    sweep = fit_sweep(*with_noise(*Shot(scene, camera).photograph(truth)))
+    assert sweep.silhouette == Silhouette(1, soft=True)
+    assert_allclose(sweep.softness, 7 / 2, rtol=0.15)
+    assert_allclose(sweep.radius, 18, rtol=0.02)
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, truth) < 0.015
+
+
 def test_two_paints():
     body = Ball(13, GREEN, second_color=np.array([0.7, 0.3, 0.1]))
     truth, image, picture = taken(Scene(TILES, LINE, body, Change(spin=(1.0, 0.5, 0.8))))

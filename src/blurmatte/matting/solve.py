@@ -319,6 +319,7 @@ def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
             "length": sweep.length,
             "radius": sweep.radius,
             "radius_std": sweep.radius_std,
+            "softness": sweep.softness,
             "outlines": tuple(
                 tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
             ),

@@ -151,8 +151,8 @@ def fit_cast(data: Data, state: State, start: CastShadow | None = None) -> CastS
     return shadow(end.x, solved(end.x)[1])
 
 
-def information_lost(data: Data, state: State, cast: CastShadow) -> Array:
-    """(size, size) of a disc's information, what goes to the shadow that is not known either.
+def covariance_added(data: Data, state: State, cast: CastShadow) -> Array:
+    """(size, size) by how much a disc's covariance grows, for its shadow is not known either.
 
     Parameters
     ----------
@@ -177,8 +177,13 @@ def information_lost(data: Data, state: State, cast: CastShadow) -> Array:
     by_turns = brightness[..., None, None] * np.stack(turned, axis=1)
     by_disc = np.concatenate([by_alpha, by_turns], axis=-1)
     shared = np.einsum("yxci,yxcd,yxdj->ij", by_disc, weighted, by_shadow, optimize=True)
-    own = np.einsum("yxci,yxcd,yxdj->ij", by_shadow, weighted, by_shadow, optimize=True)
-    return np.asarray(shared @ np.linalg.pinv(own, hermitian=True) @ shared.T)
+    of_disc, of_shadow = (
+        np.einsum("yxci,yxcd,yxdj->ij", by, weighted, by, optimize=True)
+        for by in (by_disc, by_shadow)
+    )
+    lost = shared @ np.linalg.pinv(of_shadow, hermitian=True) @ shared.T
+    alone, both = (np.linalg.pinv(H, hermitian=True) for H in (of_disc, of_disc - lost))
+    return np.asarray(both - alone)
 
 
 def _slopes(data: Data, state: State, cast: CastShadow) -> Array:

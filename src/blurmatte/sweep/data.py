@@ -44,6 +44,8 @@ class Data:
         Width of a pixel here, in pixels of the picture.
     grain : float
         Over how many pixels of the picture an object of any colors is taken to change little.
+    louder : float
+        Times the variance that was measured, which the noise is taken to have.
     """
 
     C: Array
@@ -59,6 +61,7 @@ class Data:
     known: KnownColor | None = None
     scale: float = 1.0
     grain: float = 4.0
+    louder: float = 1.0
 
     @property
     def pitch(self) -> float:
@@ -72,9 +75,10 @@ class Data:
         C = before_bleeding(self.C, self.B, alpha, within, blur / self.scale, transfer)
         return replace(self, C=np.ascontiguousarray(C))
 
-    def louder(self, by: float) -> "Data":
+    def raised(self, by: float) -> "Data":
         """With that many times the variance of noise."""
-        return replace(self, C_variance=by * self.C_variance, B_variance=by * self.B_variance)
+        C_variance, B_variance = by * self.C_variance, by * self.B_variance
+        return replace(self, C_variance=C_variance, B_variance=B_variance, louder=by * self.louder)
 
     def coarse_enough(self, radius: float, pixels: float) -> "Data":
         """On pixels so large that a radius (pixels of the picture) has that many, or a few more."""
@@ -103,6 +107,7 @@ class Data:
             self.known,
             self.scale * by,
             self.grain,
+            self.louder,
         )
 
 

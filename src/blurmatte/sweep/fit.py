@@ -103,13 +103,13 @@ def fit_sweep(
     louder = understated(search.data, disc)
     if louder > 1:
         image, plate = (p.with_noise(louder * p.variance) for p in (image, plate))
-        search = search.louder(louder)
+        search = search.raised(louder)
         disc = search.best(rank)
     for _ in range(_FOLLOWING):
         if stays(search.data, disc) or np.isnan(streak.evidence):
             break  # a streak that was given, not found, is all there is
-        streak = _followed(streak, End(search, disc).sweep(image, louder))
-        search = Search.of(streak, image, plate, known)
+        streak = _followed(streak, End(search, disc).sweep(image))
+        search = Search.of(streak, image, plate, known, louder=louder)
         disc = search.best(rank)
     first = Attempt(image, plate, streak, search, disc)
     attempt = beside_shadow(first)
@@ -124,7 +124,7 @@ def fit_sweep(
     explained = attempt is not first and told.misfit <= MAX_MISFIT
     if one_paint and not explained:
         told = _richer(attempt.search, attempt.disc, told, attempt.transfer)
-    return told.sweep(image, louder)
+    return told.sweep(image)
 
 
 def fit_disc(
@@ -153,10 +153,10 @@ def fit_disc(
     disc = search.quick(rank)
     louder = understated(search.data, disc)
     if louder > 1:
-        search = search.louder(louder)
+        search = search.raised(louder)
         disc = search.quick(rank)
     blur = disc.silhouette.softness(disc.shape) if ran_together(search.data, disc) else 0.0
-    return End(search, disc, blur).sweep(image, louder)
+    return End(search, disc, blur).sweep(image)
 
 
 def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
@@ -184,7 +184,8 @@ def _in_front_left_out(attempt: Attempt) -> Attempt:
     if not hidden.any():
         return attempt
     seen = replace(image, valid=image.valid & ~hidden)
-    rest = Search.of(attempt.streak, seen, attempt.plate, attempt.search.data.known)
+    data = attempt.search.data
+    rest = Search.of(attempt.streak, seen, attempt.plate, data.known, louder=data.louder)
     again = rest.best(attempt.disc.frame.rank)
     before, after = End(attempt.search, attempt.disc), End(rest, again)
     less = after.beyond_noise <= _SAVED * before.beyond_noise

@@ -21,7 +21,12 @@ from numba import njit
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
 _SHARPEST = 2.0  # per pixel, the largest curvature that a half plane is corrected for
-_LATTICE = 0.125  # pixels between nodes for a radius of 1; with its root, as all errors stay alike
+# Pixels between nodes for a radius of 1 and a sharp rim; with the root of that and of how soft the rim
+# is, as all errors of alpha stay alike.
+_LATTICE = 0.125
+_OF_PIXEL = (
+    1 / 12
+)  # variance of a box as wide as a pixel, which is all that a sharp rim is blurred by
 _FAR = 1e3  # pixels: surely in or out
 _STEPS, _CLOSE = 8, 1e-10  # radians: in double precision the rim's nearest point is told no better
 _NEAR_CENTER = 0.3  # of its radius from the center of the circle: there steps would leap
@@ -110,7 +115,7 @@ def lattice_around(A, bulges, variance, reach):  # type: ignore[no-untyped-def]
     # Powers of two, and nodes that stay where they are when a shape changes a little, so that alpha
     # changes smoothly.
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-    h = 2.0 ** math.floor(math.log2(_LATTICE * area**0.25))
+    h = 2.0 ** math.floor(math.log2(_LATTICE * (area * variance / _OF_PIXEL) ** 0.25))
     off = (h * h / 6 - variance) / 2
     reach += abs(off) * _SHARPEST + 3 * h
     points = around(A, bulges, h)

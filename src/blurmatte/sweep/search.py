@@ -76,13 +76,17 @@ class Search:
         plate: LinearImage,
         known: KnownColor | None,
         radii: Sequence[float] = _RADII,
+        louder: float = 1.0,
     ) -> "Search":
-        """The search for what left a streak, from discs of these parts of its half width."""
+        """The search for what left a streak, from discs of these parts of its half width.
+
+        The pictures' noise has that many times the variance that was measured.
+        """
         x0, y0, x1, y1 = streak.box
         depth = depth_of(streak.mask[y0:y1, x0:x1])
         half_width = float(depth.max())
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
-        data = replace(data, grain=half_width / _GRAINS)
+        data = replace(data, grain=half_width / _GRAINS, louder=louder)
         data = data.coarse_enough(half_width, _FINE_RADIUS)
         return cls(
             data,
@@ -95,9 +99,9 @@ class Search:
             np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
         )
 
-    def louder(self, by: float) -> "Search":
+    def raised(self, by: float) -> "Search":
         """With that many times the variance of noise."""
-        return replace(self, data=self.data.louder(by), coarse=self.coarse.louder(by))
+        return replace(self, data=self.data.raised(by), coarse=self.coarse.raised(by))
 
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""

@@ -70,7 +70,8 @@ class Attempt:
         """The best disc without a part of the pictures."""
         image = replace(self.image, valid=self.image.valid & ~shadow)
         streak = replace(self.streak, mask=self.streak.mask & ~shadow)
-        search = Search.of(streak, image, self.plate, self.search.data.known)
+        data = self.search.data
+        search = Search.of(streak, image, self.plate, data.known, louder=data.louder)
         return Attempt(image, self.plate, streak, search, search.best(self.disc.frame.rank))
 
 

@@ -26,7 +26,9 @@ _PIXEL = 1 / 12  # variance of a box as wide as a pixel
 _ANGLES = 360
 _LONGEST = 2.0  # half the log of its length over its width: 55 times as long as wide
 _JAGGED = 1.0  # of log R, √2 of its root mean square: a star of five points has half of it
-_SHARP, _SOFT = 0.2, 2.0  # pixels: a pixel's width hides less, and blocks of 4 share no color
+BLUR_OF_FILES = 2.0  # pixels, the most that files blur colors: blocks of 4 share none
+_SHARP = 0.2  # pixels: a pixel's width hides less
+_DEFOCUSED = 0.3  # of a radius, by which a lens may blur a rim; more hides the shape
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,11 +105,11 @@ class Silhouette:
         return mine
 
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
-        """The nearest shape with a radius within bounds, and a rim that is blurred as files do it."""
+        """The nearest shape with a radius within bounds, and a rim that leaves something to see."""
         near = shape.copy()
         near[0] = np.clip(shape[0], *bounds)
         if self.soft:
-            near[-1] = np.clip(shape[-1], _SHARP, _SOFT)
+            near[-1] = np.clip(shape[-1], _SHARP, max(BLUR_OF_FILES, _DEFOCUSED * near[0]))
         return near
 
     def extreme(self, shape: Array) -> bool:

@@ -111,6 +111,11 @@ class Sweep:
         return self.silhouette.radius(self.shape)
 
     @property
+    def softness(self) -> float:
+        """Standard deviation by which the lens blurred the rim, pixels; 0 if it is sharp."""
+        return self.silhouette.softness(self.shape)
+
+    @property
     def radius_std(self) -> float:
         """Standard deviation of the radius, pixels."""
         step = 1e-5 * self.shape[0]
