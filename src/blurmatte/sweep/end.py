@@ -52,12 +52,12 @@ _LEAST_TOLD, _AS_NOISE = 0.2, 2.0
 # Coherence of what a plane leaves, which takes up what one paint would leave of a wrong shape, but not
 # all of it: 45 right ones that left more than noise left up to 12, 5 of 9 wrong ones 13 on.
 _MOST_OF_PLANE = 12.5
-# Of its radius, by which a rim is blurred: right ones had up to 0.19; of the five that had more all were
-# wrong by 0.03 to 0.13.
+# Of its radius, by which a rim is blurred: right ones had up to 0.19; of the five that had more all
+# were wrong by 0.03 to 0.13.
 _MOST_BLURRED = 0.25
 _OF_LENSES = 1.5 * BLUR_OF_FILES  # pixels: of files that share color rims seemed to have up to 2.4
-# Of the pixels, where noise was taken to be louder and has to be all that is left: 60 right ones had up to
-# 0.043; of ten in which two things crossed, half of them wrong by more than 0.05, all had 0.08 on.
+# Of the pixels, where noise was taken to be louder and has to be all that is left: 60 right ones had
+# up to 0.043; of ten in which two things crossed, five of them off by more than 0.05, all had 0.08 on.
 _MOST_DOUBTFUL_IN_LOUD = 0.06
 _MOST_DOUBTFUL = 0.1  # of an outline's pixels: 153 right ones had up to 0.054, two wrong ones more
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
