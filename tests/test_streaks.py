@@ -221,6 +221,9 @@ def test_large_pictures_are_searched_in_cells(faint, monkeypatch):
     assert len(found) == 1
     assert found[0].mask.shape == pictures[0].valid.shape
     assert covered(found[0], faint.layer.alpha) > 0.97
+    everywhere = Streak.from_box((0, 0, *pictures[0].size), pictures[0].size)
+    within = find_streak_within(everywhere, *pictures)
+    assert [streak.cell for streak in (found[0], within, everywhere)] == [2, 2, 1]
 
 
 @pytest.mark.parametrize("cell", [2, 3, 7])

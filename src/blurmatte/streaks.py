@@ -7,7 +7,7 @@ pixels, so that the search costs no more than for a picture of a million pixels.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -43,6 +43,9 @@ class Streak:
         The smallest box around it, pixels; x1 and y1 are one past the last.
     evidence : float
         Sum of T over the region: how strongly the data say so.
+    cell : int
+        Width of the cells in which it was found, pixels: of large pictures it is wider than what moved
+        by several of them. 1 if the region was given.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class Streak:
     mask: Bools
     box: Box = (0, 0, 0, 0)
     evidence: float = float("nan")
+    cell: int = 1
 
     def __post_init__(self) -> None:
         shape = self.mask.shape[:2] if isinstance(self.mask, np.ndarray) else ()
@@ -145,7 +149,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
         for part in _strong_parts(near) if near.max() > _SURE else ():
             mask = _to_pixels(part, place, cell, image.valid.shape)
-            streaks.append(Streak(mask, evidence=float(T[place][part].sum())))
+            streaks.append(Streak(mask, evidence=float(T[place][part].sum()), cell=cell))
     return sorted(streaks, key=lambda streak: -streak.evidence)
 
 
@@ -214,7 +218,8 @@ def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
         between = behind(whole.mask) & behind(other.mask)
         if between.any():
             mask = whole.mask | other.mask | between
-            whole = Streak(mask, evidence=whole.evidence + other.evidence)
+            evidence = whole.evidence + other.evidence
+            whole = replace(whole, mask=mask, evidence=evidence)
             rest.remove(other)
     return [whole, *rest]
 
@@ -242,14 +247,14 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
         As `find_streaks`.
     """
     check_kind("region", region, Streak, "use blurmatte.Streak.from_box(box, size)")
-    inside = np.zeros_like(region.mask)
+    inside, cell = np.zeros_like(region.mask), 1
     for found in find_streaks(image, plate):
         part = found.mask & region.mask
         count = np.count_nonzero(part)
         most = count > 0.5 * np.count_nonzero(found.mask)
         if most or count > 0.1 * np.count_nonzero(region.mask):
-            inside |= part
-    return Streak(inside) if inside.any() else region
+            inside, cell = inside | part, found.cell
+    return Streak(inside, cell=cell) if inside.any() else region
 
 
 def _strong_parts(T: Floats) -> list[Bools]:

@@ -27,7 +27,7 @@ from blurmatte.rendering import (
     textured_plate,
     two_hue_plate,
 )
-from blurmatte.streaks import Streak
+from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.silhouette import Silhouette
@@ -128,6 +128,19 @@ def test_a_faint_long_streak():
     sweep = fit_sweep(image, picture, Streak(truth.layer.alpha > 0))
     assert rmse(sweep, truth) < 0.006
     assert sweep.misfit < MAX_MISFIT
+
+
+def test_a_small_ball_in_a_large_picture(monkeypatch):
+    """Honest: what is found in cells of four pixels is much wider than the ball."""
+    monkeypatch.setattr("blurmatte.streaks._MAX_CELLS", SIZE[0] * SIZE[1] / 16)
+    way = Trajectory.line((66, 48), (90, 60))
+    truth, image, plate = taken(Scene(TILES, way, Ball(3, GREEN)))
+    streak = require_streaks(*with_noise(image, plate))[0]
+    assert streak.cell == 4
+    sweep = fit_sweep(image, plate, streak)
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, truth) < 0.01
+    assert abs(sweep.radius - 3) < 3 * sweep.radius_std < 0.3
 
 
 @pytest.mark.parametrize("plate", [WALL, TILES], ids=["wall", "tiles"])

@@ -31,6 +31,9 @@ FAMILIES: tuple[PathFamily, ...] = (*SMOOTH, FROM_REST, BOUNCE)
 _GRAINS = 5.0  # in the half width, over which any colors change little
 _COARSE_RADIUS = 4.0  # pixels: large enough to be round, small enough to be quick
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
+# Cells, by which masks are wider if these are larger than pixels; and what is surely within, of the
+# half width. Of cells of 1, 2 and 4 pixels a ball of 3 had masks of half widths of 10, 20 and 36.
+_WIDER, _WITHIN = 7.0, 0.25
 _MARGIN = 0.4  # of the half width, what a mask may have missed
 _LEAST, _MOST = 0.2, 1.7  # of the half width, what a radius can be: masks of small things are wide
 _RADII = 0.8, 0.6, 0.95, 0.4  # of the half width, what descents start from
@@ -84,7 +87,8 @@ class Search:
         """
         x0, y0, x1, y1 = streak.box
         depth = depth_of(streak.mask[y0:y1, x0:x1])
-        half_width = float(depth.max())
+        wider = min(_WIDER * (streak.cell - 1), (1 - _WITHIN) * float(depth.max()))
+        half_width = float(depth.max()) - wider
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
         data = replace(data, grain=half_width / _GRAINS, louder=louder)
         data = data.coarse_enough(half_width, _FINE_RADIUS)
@@ -92,7 +96,7 @@ class Search:
             data,
             data.coarse_enough(half_width, _COARSE_RADIUS),
             [
-                (center_curve(depth, radius) + np.array([x0, y0]), radius)
+                (center_curve(depth, radius + wider) + np.array([x0, y0]), radius)
                 for radius in (part * half_width for part in radii)
             ],
             (_LEAST * half_width, _MOST * half_width),
