@@ -25,7 +25,7 @@ from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Sh
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-FIRST = 289  # scenes before it were looked at while the rules were made
+FIRST = 420  # scenes before it were looked at while the rules were made
 SEEDS = 10
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
@@ -34,6 +34,7 @@ ROOM = 24  # pixels between the object and the border
 CURVED = 0.3  # of the scenes; the rest go straight
 BEND = 0.3  # of half the length, at most
 AWAY, SOFT, DARK = (1, 2.2), (0.15, 0.5), (0.2, 0.6)  # radii; of the plate's light
+BLURRED = (0.1, 0.6)  # radii: of the circles of confusion
 MOMENTS, SUBSTEPS = 24, 8  # in which the two that cross are rendered one over the other
 WRONG = 0.05  # alpha, root mean square over the streak
 CONFIDENT = 3  # times the claimed standard deviation
@@ -45,6 +46,7 @@ five frames: plain, of two hues, colorful, textured; JPEG: quality 90, 4:2:0. Ra
 {RADII[1]} px (squares, sheets, sticks of that size), way {LENGTHS[0]} to {LENGTHS[1]} radii as far as
 the picture has room, some of them curved; paint of any hue. Shadows lie {AWAY[0]} to {AWAY[1]} radii
 away in any direction, blurred by {SOFT[0]} to {SOFT[1]}, and take {DARK[0]} to {DARK[1]} of the light.
+Out of focus: circles of confusion of {BLURRED[0]} to {BLURRED[1]} radii, before a sharp plate.
 `solve` is given image and plate, nothing else. refused: no answer, with words why. by shape: answers
 that a sweep explains. RMSE of alpha where the object was and alpha is told, of all answers; of two
 balls that cross that of both or of one counts, whichever is nearer. wrong: answers with more than
@@ -90,6 +92,7 @@ class Draw:
     plate: np.ndarray
     spin: float
     shadow: Shadow
+    defocus: float
 
     @property
     def path(self) -> Trajectory:
@@ -121,7 +124,8 @@ def draw(seed: int) -> Draw:
         rng.uniform(*SOFT) * radius,
         (rng.uniform(*DARK),) * 3,
     )
-    return Draw(radius, half, middle, bend, color, second, plate, spin, shadow)
+    defocus = rng.uniform(*BLURRED) * radius
+    return Draw(radius, half, middle, bend, color, second, plate, spin, shadow, defocus)
 
 
 def bent(middle: np.ndarray, half: np.ndarray, bend: float) -> Trajectory:
@@ -181,6 +185,11 @@ def shadowing(drawn: Draw) -> Case:
     return single(Scene(drawn.plate, drawn.path, body, shadow=drawn.shadow))
 
 
+def out_of_focus(drawn: Draw) -> Case:
+    body = Ball(drawn.radius, drawn.color)
+    return single(Scene(drawn.plate, drawn.path, body, defocus=drawn.defocus))
+
+
 def deforming(drawn: Draw) -> Case:
     """A drop that becomes longer while it goes on."""
     squash = Change(squash=(1, 1 + abs(drawn.spin)), squash_angle=drawn.spin)
@@ -215,6 +224,7 @@ KINDS: dict[str, Callable[[Draw], Case]] = {
     "ball in two lamps": in_two_lamps,
     "ball of two paints": of_two_paints,
     "ball and its shadow": shadowing,
+    "ball out of focus": out_of_focus,
     "drop that deforms": deforming,
     "square": sheet(1.7, 1.7),
     "sheet": sheet(2.4, 1.0),

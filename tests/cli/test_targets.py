@@ -31,6 +31,8 @@ SOLVE = "a.png", "--plate", "b.png"
         (("edit", "a.exr", "--fade", "2", "--out", "e.png", "--sheet", "e.gif"), "a sheet is"),
         (("edit", "a.exr", "--fade", "2", "--out", "e.png", "--preview", "e.png"), "a preview is"),
         (("edit", "a.####.exr", "--fade", "2", "--out", "e.mov", "--rate", "0"), "--rate must be"),
+        (("solve", "a.png", "--plate", "b.png", "--out", ""), "an argument is empty"),
+        (("calibrate", "noise", ""), "an argument is empty"),
         (("calibrate", "noise", "a.png", "--plot", "n.gif"), "a plot is written as"),
         (("calibrate", "response", "a.png", "--out", "r.png"), "a curve is written as .json"),
     ],

@@ -25,9 +25,15 @@ T = TypeVar("T")
 class _Program(TyperGroup):
     """Tells what is wrong with the options in one line, like everything else."""
 
-    def make_context(self, *args: Any, **kwargs: Any) -> Any:
+    def make_context(
+        self, info_name: str | None, args: list[str], *more: Any, **kwargs: Any
+    ) -> Any:
         with _usage_in_one_line():
-            return super().make_context(*args, **kwargs)
+            if "" in args:  # as a path it would be the folder that one is in
+                raise typer.BadParameter(
+                    "an argument is empty; a variable of the shell may not be set"
+                )
+            return super().make_context(info_name, args, *more, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
         with _usage_in_one_line():
