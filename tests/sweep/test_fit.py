@@ -12,7 +12,7 @@ from scipy.ndimage import gaussian_filter
 from blurmatte.background import make_plate
 from blurmatte.color import ColorModel
 from blurmatte.errors import MotionError
-from blurmatte.files import read_frames, write_frames
+from blurmatte.files import read, read_frames, write_frames
 from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
@@ -205,7 +205,7 @@ def test_a_ball_out_of_focus_has_a_soft_alpha_in_every_file(quality):
     scene = Scene(TILES, LINE, Ball(18, GREEN), defocus=7)
     truth, camera = taken(scene)[0], Camera(code_std=1.5 / 255, jpeg_quality=quality)
     sweep = fit_sweep(*with_noise(*Shot(scene, camera).photograph(truth)))
-    assert sweep.silhouette == Silhouette(1, soft=True)
+    assert sweep.silhouette == Silhouette(1, soft=True, defocused=True)
     assert_allclose(sweep.softness, 7 / 2, rtol=0.15)
     assert_allclose(sweep.radius, 18, rtol=0.02)
     assert sweep.misfit <= MAX_MISFIT
@@ -495,3 +495,16 @@ def test_a_codec_that_repeats_what_stands_still_hides_its_noise(tmp_path):
     assert_allclose(sweep.radius, 11, rtol=0.03)
     assert degrees_between(sweep, truth) < 1.5
     assert rmse(sweep, truth) < 0.02
+
+
+# Real pictures
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
+def test_a_real_ball_has_one_size(real_data):
+    """Invariant: twice the same ball, once long and faint in its shadow, once short."""
+    plate = read(real_data / "floorball_plate.png")
+    sweeps = [fit_sweep(read(real_data / f"floorball{i}.png"), plate) for i in (1, 2)]
+    assert all(sweep.misfit <= MAX_MISFIT for sweep in sweeps)
+    assert all(sweep.silhouette.bulges == 1 for sweep in sweeps)
+    assert_allclose(sweeps[0].radius, sweeps[1].radius, rtol=0.02)

@@ -323,8 +323,10 @@ def test_derivatives_of_soft_rims_are_those_of_small_steps(silhouette):
 
 def test_soft_rims_stay_what_files_and_lenses_make():
     soft = Silhouette(2, soft=True)
-    assert_array_equal(soft.possible(np.array([4.0, 0.1, 0.2, 5]), (2, 8)), [4, 0.1, 0.2, 2])
-    assert_allclose(soft.possible(np.array([90.0, 0.1, 0.2, 50]), (2, 80)), [80, 0.1, 0.2, 24])
+    assert_array_equal(soft.possible(np.array([90.0, 0.1, 0.2, 50]), (2, 80)), [80, 0.1, 0.2, 2])
+    defocused = Silhouette(2, soft=True, defocused=True)
+    assert_array_equal(defocused.possible(np.array([4.0, 0.1, 0.2, 5]), (2, 8)), [4, 0.1, 0.2, 2])
+    assert_allclose(defocused.possible(np.array([90.0, 0.1, 0.2, 50]), (2, 80)), [80, 0.1, 0.2, 24])
     assert soft.possible(np.array([1.0, 0.1, 0.2, -1]), (2, 8))[0] == 2
     assert 0 < soft.possible(np.array([1.0, 0.1, 0.2, -1]), (2, 8))[-1] < 0.5
     assert_array_equal(ELLIPSE.possible(np.array([9.0, 0.1, 0.2]), (2, 8)), [8, 0.1, 0.2])

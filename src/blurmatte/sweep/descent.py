@@ -172,7 +172,7 @@ def seen(data: Data, state: State) -> State:
 
 def sharp(data: Data, state: State) -> State:
     """The same with a sharp rim, in other data."""
-    silhouette = replace(state.silhouette, soft=False)
+    silhouette = replace(state.silhouette, soft=False, defocused=False)
     shape = silhouette.like(state.silhouette, state.shape)
     return state_at(data, state.family, state.path, silhouette, shape, state.frame)
 

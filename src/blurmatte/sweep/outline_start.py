@@ -144,7 +144,7 @@ def _recolored(
 
 def bulgy(disc: State) -> Silhouette:
     """Outlines with a rim as soft as that of a disc."""
-    return Silhouette(_BULGES, soft=disc.silhouette.soft)
+    return replace(disc.silhouette, bulges=_BULGES)
 
 
 def shaped(data: Data, state: State, silhouette: Silhouette) -> State:

@@ -18,10 +18,17 @@ from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, 
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.silhouette import BLUR_OF_FILES, DISC
 from blurmatte.sweep.start import center_curve, depth_of
 from blurmatte.sweep.sweep import Sweep
-from blurmatte.sweep.verdict import HOPELESS, MAX_MISFIT, doubtful_share, misfit
+from blurmatte.sweep.verdict import (
+    HOPELESS,
+    MAX_MISFIT,
+    doubtful_share,
+    is_told_by_noise,
+    left_beyond_noise,
+    misfit,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -135,6 +142,7 @@ class Search:
         if doubtful_share(self.data, start) > _CONTRADICTED:
             return start
         soft = descend(self.data, start, self.bounds, _QUICK_STEPS, _QUICK_GAIN)
+        soft = self._defocused(soft)
         if soft.silhouette.softness(soft.shape) > _SOFT * self.data.scale:
             return soft
         return best_of(self.data, [soft, descend(self.data, sharp(self.data, soft), self.bounds)])
@@ -181,14 +189,30 @@ class Search:
         start = self._soft(state)
         if start.cost >= state.cost:
             return state
-        return best_of(self.data, [state, descend(self.data, start, self.bounds)])
+        soft = descend(self.data, start, self.bounds)
+        return self._defocused(best_of(self.data, [state, soft]))
 
     def softest(self, state: State) -> State:
         """The same with a soft rim, if that explains the data better at all."""
         if state.silhouette.soft:
             return state
         soft = descend(self.data, self._soft(state), self.bounds)
-        return soft if soft.cost < state.cost else state
+        return self._defocused(soft if soft.cost < state.cost else state)
+
+    def _defocused(self, state: State) -> State:
+        """The same with a rim softer than files make it, if noise tells that, or nothing less explains.
+
+        Otherwise it takes up what else is wrong: the dark side of a ball seems to fade in its shadow.
+        """
+        if state.silhouette.softness(state.shape) < BLUR_OF_FILES:
+            return state
+        silhouette = replace(state.silhouette, defocused=True)
+        start = seen(self.data, replace(state, silhouette=silhouette))
+        softer = descend(self.data, start, self.bounds)
+        explained = left_beyond_noise(self.data, state) <= MAX_MISFIT
+        if explained and not is_told_by_noise(self.data, softer):
+            return state
+        return best_of(self.data, [state, softer])
 
     def _soft(self, state: State) -> State:
         """The same with a rim that is just soft."""

@@ -61,6 +61,8 @@ class Silhouette:
         It turns evenly during the exposure, in the plane of the picture.
     soft : bool
         Its rim is blurred: by the lens, or by the file.
+    defocused : bool
+        By more than a file does it.
 
     Raises
     ------
@@ -71,6 +73,7 @@ class Silhouette:
     bulges: int = 1
     turns: bool = False
     soft: bool = False
+    defocused: bool = False
 
     def __post_init__(self) -> None:
         if self.bulges < 1:
@@ -109,7 +112,8 @@ class Silhouette:
         near = shape.copy()
         near[0] = np.clip(shape[0], *bounds)
         if self.soft:
-            near[-1] = np.clip(shape[-1], _SHARP, max(BLUR_OF_FILES, _DEFOCUSED * near[0]))
+            of_lens = _DEFOCUSED * near[0] if self.defocused else 0.0
+            near[-1] = np.clip(shape[-1], _SHARP, max(BLUR_OF_FILES, of_lens))
         return near
 
     def extreme(self, shape: Array) -> bool:

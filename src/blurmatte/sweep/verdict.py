@@ -30,9 +30,9 @@ _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _MOST_DOUBTFUL = 0.25  # of the pixels of a sweep that is right
 _MOST_UNCLAIMED = 0.05  # of the light of a streak: right planes left up to 0.01 beyond noise
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
-_SMOOTH = (
-    0.9  # where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02
-)
+_HARDLY = 2.0  # times: rims that were blurred left up to 1.5, a sharp one that seemed to be 4
+# Where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02.
+_SMOOTH = 0.9
 _MOST_USUAL = {4: 10.0, 8: 25.0}  # that noise hangs together; where more does, something else moves
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
 _APART = 0.05  # radians
@@ -143,6 +143,15 @@ def coherence_of_noise(data: Data, state: State, size: float) -> float:
         return 1.0
     nearest = min(_MOST_USUAL, key=lambda known: abs(known - size))
     return _usual_in_files(e, beside, nearest, data.scale)
+
+
+def is_told_by_noise(data: Data, state: State) -> bool:
+    """Whether what is left, where noise hangs together, hangs together hardly more than that does.
+
+    Where noise does not, what a likelihood gains is evidence, whatever is left.
+    """
+    noise = coherence_of_noise(data, state, _BLOCK)
+    return noise == 1 or coherence(data, state) <= _HARDLY * noise
 
 
 def understated(data: Data, state: State) -> float:
