@@ -1,5 +1,7 @@
 """Discs beside shadows: where a shadow that a ball casts lies on what is seen of it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -14,11 +16,11 @@ from blurmatte.trajectory import Trajectory
 SIZE = (240, 180)
 WALL = plain_plate(SIZE, (0.42, 0.42, 0.4), 4)
 WAY = Trajectory.line((90, 70), (140, 84))
-BODY = Ball(17, (0.27, 0.72, 0.13))
+SCENE = Scene(WALL, WAY, Ball(17, (0.27, 0.72, 0.13)))
 
 
-def taken(shadow, seed=1, body=BODY, **camera):
-    truth = render(Scene(WALL, WAY, body, shadow=shadow), 160)
+def taken(shadow, seed=1, scene=SCENE, **camera):
+    truth = render(replace(scene, shadow=shadow), 160)
     shot = Shot(truth.scene, Camera(code_std=1.5 / 255, **camera), plate_frames=3, seed=seed)
     return truth.layer.alpha, *with_noise(*shot.photograph(truth))
 
@@ -43,6 +45,19 @@ def test_a_ball_and_its_shadow_are_told_together(offset, quality, most):
     assert sweep.misfit <= MAX_MISFIT
     assert rmse(sweep, alpha) < most
     assert np.linalg.norm(sweep.cast.offset - offset) < 1
+
+
+@pytest.mark.parametrize("quality", [None, 90])
+def test_a_path_does_not_jump_into_the_shadow(quality):
+    """Of a large ball that went a little a disc on a bounce would take its shadow, too."""
+    wall, way = plain_plate(SIZE, (0.27, 0.3, 0.33), 2), Trajectory.line((138, 110), (105, 78))
+    scene = Scene(wall, way, Ball(24, (0.0845, 0.3908, 0.603)))
+    shadow = Shadow((-31, -40), softness=6.3, strength=(0.5, 0.5, 0.5))
+    alpha, image, plate = taken(shadow, 2, scene, jpeg_quality=quality)
+    sweep = fit_sweep(image, plate)
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, alpha) < 0.01
+    assert np.linalg.norm(sweep.cast.offset - shadow.offset) < 1
 
 
 def test_a_shadow_that_hides_the_color_is_left_out_first():

@@ -193,32 +193,30 @@ class Search:
         return self._defocused(best_of(self.data, [state, soft]))
 
     def softest(self, state: State) -> State:
-        """The same with a soft rim, if that explains the data better at all."""
-        if state.silhouette.soft:
+        """The same with a rim as soft as lenses make it, if that explains the data better at all."""
+        if state.silhouette.soft and not _is_held(state):
             return state
-        soft = descend(self.data, self._soft(state), self.bounds)
-        return self._defocused(soft if soft.cost < state.cost else state)
+        soft = descend(self.data, self._soft(state, defocused=True), self.bounds)
+        return soft if soft.cost < state.cost else state
 
     def _defocused(self, state: State) -> State:
         """The same with a rim softer than files make it, if noise tells that, or nothing less explains.
 
         Otherwise it takes up what else is wrong: the dark side of a ball seems to fade in its shadow.
         """
-        if state.silhouette.softness(state.shape) < BLUR_OF_FILES:
+        if not _is_held(state):
             return state
-        silhouette = replace(state.silhouette, defocused=True)
-        start = seen(self.data, replace(state, silhouette=silhouette))
-        softer = descend(self.data, start, self.bounds)
+        softer = self.softest(state)
         explained = left_beyond_noise(self.data, state) <= MAX_MISFIT
         if explained and not is_told_by_noise(self.data, softer):
             return state
         return best_of(self.data, [state, softer])
 
-    def _soft(self, state: State) -> State:
-        """The same with a rim that is just soft."""
-        silhouette = replace(state.silhouette, soft=True)
+    def _soft(self, state: State, defocused: bool = False) -> State:
+        """The same with a rim that is just soft, or as soft as it is, to begin with."""
+        silhouette = replace(state.silhouette, soft=True, defocused=defocused)
         shape = silhouette.like(state.silhouette, state.shape)
-        shape[-1] = _SOFT * self.data.scale
+        shape[-1] = max(shape[-1], _SOFT * self.data.scale)
         return state_at(self.data, state.family, state.path, silhouette, shape, state.frame)
 
     def _ends(
@@ -233,6 +231,12 @@ class Search:
             descend(self.coarse, start, self.bounds, enough=ROUGHLY)
             for start in _starts(self.coarse, curve, radius, rank, families or self.families)
         ]
+
+
+def _is_held(state: State) -> bool:
+    """Whether a rim would be softer if it were not for files."""
+    silhouette = state.silhouette
+    return not silhouette.defocused and silhouette.softness(state.shape) >= BLUR_OF_FILES
 
 
 def _starts(

@@ -19,7 +19,8 @@ from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen
 from blurmatte.sweep.end import End
 from blurmatte.sweep.occluder import mostly_seen
-from blurmatte.sweep.path import PathFamily
+from blurmatte.sweep.outline_start import on_path
+from blurmatte.sweep.path import LINE, PathFamily
 from blurmatte.sweep.search import FAMILIES, SMOOTH, Search
 from blurmatte.sweep.shadow import darkness, shadow_beside
 from blurmatte.sweep.verdict import MAX_MISFIT
@@ -117,19 +118,22 @@ def beside_darkness(first: Attempt) -> Attempt:
 def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
     """A disc and the shadow that it casts, from the first disc from which they explain all.
 
-    No shadow is quite as it is taken to be, and a path that jumps would take up what is left of it: it
-    is asked for where no other explains all.
+    No shadow is quite as it is taken to be, and a path that bends or jumps would take up what is left
+    of it, or reach into it: such are begun with, and asked for, where no simpler explains all.
     """
     if first.disc.frame.rank != 1:
         return None
     data = first.search.data
     for disc in discs:
         coarse = data.coarse_enough(float(disc.shape[0]), _RADIUS)
-        agreed = _in_turns(coarse, disc, None, first.search.bounds, _TURNS)
-        for families in (SMOOTH, FAMILIES):
-            found = _refined(first, agreed, families)
-            if found is not None and found.end.misfit <= MAX_MISFIT:
-                return found
+        disc = seen(coarse, disc)
+        straight = on_path(coarse, disc, LINE)
+        for start in (disc,) if straight is disc else (straight, disc):
+            agreed = _in_turns(coarse, start, None, first.search.bounds, _TURNS)
+            for families in (SMOOTH, FAMILIES) if start is disc else (SMOOTH,):
+                found = _refined(first, agreed, families)
+                if found is not None and found.end.misfit <= MAX_MISFIT:
+                    return found
     return None
 
 
