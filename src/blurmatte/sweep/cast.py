@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, seen
+from blurmatte.sweep.descent import State, added_by, seen
 from blurmatte.sweep.path import PathFamily
 
 Array = npt.NDArray[np.float64]
@@ -70,10 +70,7 @@ class CastShadow:
         """(h, w) S in the pixels of data, of a disc of a radius that went along a path."""
         from blurmatte.sweep import cast_kernel  # numba takes half a second to import
 
-        way = np.linalg.norm(np.diff(family.at(path, np.linspace(0, 1, 33))[0], axis=0), axis=1)
-        count = int(np.clip(way.sum() / (_STEP * data.scale), *_MOMENTS))
-        moments = (np.arange(count) + 0.5) / count
-        centers = (family.at(path, moments)[0] - np.array(data.origin)) / data.scale
+        centers = centers_of(family, path, data)
         profile, step = _profile(radius / data.scale, self.softness / data.scale)
         S = np.zeros(data.weight.shape)
         offset, radius = self.offset / data.scale, radius / data.scale
@@ -161,33 +158,24 @@ def covariance_added(data: Data, state: State, cast: CastShadow) -> Array:
     state : State
     cast : CastShadow
     """
-    alpha, J = state.swept.alpha, state.swept.by_parameters
+    alpha = state.swept.alpha
     S = cast.of(data, state)
     B = data.B / np.maximum(cast.on(np.ones_like(data.B), S, alpha), _TINY)
-    N, M = state.frame.across, state.frame.within
-    V = data.C_variance + (1 - alpha)[..., None] ** 2 * data.B_variance
-    Q = N @ np.linalg.inv(np.einsum("ci,yxc,cj->yxij", N, V, N)) @ N.T
-    weighted = state.weights(data)[..., None, None] * Q
     by_strength = S[..., None, None] * B[..., None] * np.eye(3)
-    by_place = _slopes(data, state, cast)[..., None, :] * (cast.strength * B)[..., None]
-    by_shadow = np.concatenate([by_strength, by_place], axis=-1)
-    by_alpha = J[:, :, None, :] * data.B[..., None]
-    brightness = state.brightness * alpha
-    turned = [-(m @ state.main) * n for n in N.T for m in M.T]
-    by_turns = brightness[..., None, None] * np.stack(turned, axis=1)
-    by_disc = np.concatenate([by_alpha, by_turns], axis=-1)
-    shared = np.einsum("yxci,yxcd,yxdj->ij", by_disc, weighted, by_shadow, optimize=True)
-    of_disc, of_shadow = (
-        np.einsum("yxci,yxcd,yxdj->ij", by, weighted, by, optimize=True)
-        for by in (by_disc, by_shadow)
-    )
-    lost = shared @ np.linalg.pinv(of_shadow, hermitian=True) @ shared.T
-    alone, both = (np.linalg.pinv(H, hermitian=True) for H in (of_disc, of_disc - lost))
-    return np.asarray(both - alone)
+    by_place = slopes_of(data, state, cast)[..., None, :] * (cast.strength * B)[..., None]
+    return added_by(data, state, np.concatenate([by_strength, by_place], axis=-1))
 
 
-def _slopes(data: Data, state: State, cast: CastShadow) -> Array:
-    """(h, w, 3) derivatives of S by the offset and by the logarithm of the softness."""
+def centers_of(family: PathFamily, path: Array, data: Data) -> Array:
+    """(T, 2) where something that goes along a path was at even times, in the pixels of data."""
+    way = np.linalg.norm(np.diff(family.at(path, np.linspace(0, 1, 33))[0], axis=0), axis=1)
+    count = int(np.clip(way.sum() / (_STEP * data.scale), *_MOMENTS))
+    moments = (np.arange(count) + 0.5) / count
+    return np.asarray((family.at(path, moments)[0] - np.array(data.origin)) / data.scale)
+
+
+def slopes_of(data: Data, state: State, cast: Any) -> Array:
+    """(h, w, 3) derivatives of what goes with a disc by its offset and the log of its softness."""
     step = _DIFFERENCE * float(state.shape[0])
     x, y, soft = np.array([step, 0]), np.array([0, step]), np.exp(_DIFFERENCE)
     ways = [

@@ -246,6 +246,34 @@ def _gained(data: Data, state: State, tried: State) -> float:
     return state.cost - tried.cost - float(feigned) / 2
 
 
+def added_by(data: Data, state: State, by_other: Array) -> Array:
+    """(size, size) by how much the covariance of one paint grows, for something else is not known.
+
+    Parameters
+    ----------
+    data : Data
+    state : State
+    by_other : (h, w, 3, n) float
+        Derivatives of the light by the parameters of that.
+    """
+    alpha, N, M = state.swept.alpha, state.frame.across, state.frame.within
+    V = data.C_variance + (1 - alpha)[..., None] ** 2 * data.B_variance
+    Q = N @ np.linalg.inv(np.einsum("ci,yxc,cj->yxij", N, V, N)) @ N.T
+    weighted = state.weights(data)[..., None, None] * Q
+    by_alpha = state.swept.by_parameters[:, :, None, :] * data.B[..., None]
+    turned = [-(m @ state.main) * n for n in N.T for m in M.T]
+    by_turns = (state.brightness * alpha)[..., None, None] * np.stack(turned, axis=1)
+    by_disc = np.concatenate([by_alpha, by_turns], axis=-1)
+    shared = np.einsum("yxci,yxcd,yxdj->ij", by_disc, weighted, by_other, optimize=True)
+    of_disc, of_other = (
+        np.einsum("yxci,yxcd,yxdj->ij", by, weighted, by, optimize=True)
+        for by in (by_disc, by_other)
+    )
+    lost = shared @ np.linalg.pinv(of_other, hermitian=True) @ shared.T
+    alone, both = (np.linalg.pinv(H, hermitian=True) for H in (of_disc, of_disc - lost))
+    return np.asarray(both - alone)
+
+
 def light_of(data: Data) -> tuple[Array, Array, Array, Array]:
     """Image, plate, and the variances of both."""
     return data.C, data.B, data.C_variance, data.B_variance

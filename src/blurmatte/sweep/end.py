@@ -11,11 +11,13 @@ import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, Transfer
-from blurmatte.sweep.cast import CastShadow, covariance_added
+from blurmatte.sweep import cast, highlight
+from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.choice import most_apart
 from blurmatte.sweep.chroma import left_untold
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, sharp
+from blurmatte.sweep.highlight import Highlight
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.silhouette import BLUR_OF_FILES
 from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
@@ -77,12 +79,15 @@ class End:
         Pixels by which they did, 0 if not.
     cast : CastShadow, optional
         The shadow of a disc, in which the search's plate lies.
+    highlight : Highlight, optional
+        That of a disc, without which the search's image is.
     """
 
     search: Search
     state: State
     blur: float = 0.0
     cast: CastShadow | None = None
+    highlight: Highlight | None = None
 
     @classmethod
     def before_bleeding(cls, search: Search, state: State, transfer: Transfer) -> "End":
@@ -264,9 +269,11 @@ class End:
         H, _ = state.information(data)
         covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float)
         if self.cast is not None:
-            covariance += covariance_added(data, state, self.cast)
+            covariance += cast.covariance_added(data, state, self.cast)
+        if self.highlight is not None:
+            covariance += highlight.covariance_added(data, state, self.highlight)
         covariance *= trust * VARIANCE
-        model = _model(state, covariance[-2:, -2:] + self._turned)
+        model = self._model(covariance[-2:, -2:] + self._turned)
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, blur)
         known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
@@ -300,6 +307,12 @@ class End:
             self.cast,
         )
 
+    def _model(self, turns: Array) -> ColorModel:
+        """The color model, with the covariance of the one direction that stands for it."""
+        if self.highlight is not None:
+            return highlight.plane_of(self.search.data, self.state, self.highlight, turns)
+        return _model(self.state, turns)
+
 
 def ran_together(data: Data, state: State) -> bool:
     """Whether a file blurred the colors of a model."""
@@ -307,7 +320,7 @@ def ran_together(data: Data, state: State) -> bool:
 
 
 def _model(state: State, turns: Array) -> ColorModel:
-    """The color model, with the covariance of the one direction that stands for it."""
+    """The same without a highlight."""
     frame = state.frame
     if frame.rank == 3:
         return ColorModel.any()

@@ -19,6 +19,7 @@ from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.descent import State, descend, main_colors, state_at
 from blurmatte.sweep.end import End, ran_together
+from blurmatte.sweep.highlighted import likelier_with_highlight, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
@@ -207,6 +208,10 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
+    if left > MAX_MISFIT or not simple:
+        glossy = with_highlight(search, disc, transfer)
+        if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy)):
+            return glossy
     contested = is_contested(line.state) and line.beyond_noise <= MAX_MISFIT
     if contested or search.data.known is not None:
         return line

@@ -14,24 +14,20 @@ import numpy.typing as npt
 from blurmatte.radiometry import SRGB, LinearImage, Transfer
 from blurmatte.streaks import Streak
 from blurmatte.sweep.cast import CastShadow, fit_cast, in_shadow
-from blurmatte.sweep.choice import apart
-from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, seen
+from blurmatte.sweep.descent import State, seen
 from blurmatte.sweep.end import End
 from blurmatte.sweep.occluder import mostly_seen
 from blurmatte.sweep.outline_start import on_path
 from blurmatte.sweep.path import LINE, PathFamily
 from blurmatte.sweep.search import FAMILIES, SMOOTH, Search
 from blurmatte.sweep.shadow import darkness, shadow_beside
+from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
 from blurmatte.sweep.verdict import MAX_MISFIT
 
 Bools = npt.NDArray[np.bool_]
 
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 _LARGEST = 2.5  # times as many pixels as the object touched: shadows are as large, and soft
-_RADIUS = 8.0  # pixels: enough for a shadow and a disc to agree on
-_TURNS, _AGAIN = 16, 6  # on large pixels, and on small ones
-_AGREED = 2e-3  # of alpha: what a turn changes when they have
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,11 +121,11 @@ def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
         return None
     data = first.search.data
     for disc in discs:
-        coarse = data.coarse_enough(float(disc.shape[0]), _RADIUS)
+        coarse = data.coarse_enough(float(disc.shape[0]), RADIUS)
         disc = seen(coarse, disc)
         straight = on_path(coarse, disc, LINE)
         for start in (disc,) if straight is disc else (straight, disc):
-            agreed = _in_turns(coarse, start, None, first.search.bounds, _TURNS)
+            agreed = in_turns(coarse, start, None, fit_cast, in_shadow, first.search.bounds, TURNS)
             for families in (SMOOTH, FAMILIES) if start is disc else (SMOOTH,):
                 found = _refined(first, agreed, families)
                 if found is not None and found.end.misfit <= MAX_MISFIT:
@@ -145,30 +141,10 @@ def _refined(
     for _ in range(2):  # with the shadow another path may be the best
         if not agreed[1].is_possible:
             return None
-        search = replace(_lit(first.search, *agreed), families=families)
-        agreed = _in_turns(data, search.best(1), agreed[1], bounds, _AGAIN)
+        search = replace(beside(first.search, *agreed, in_shadow), families=families)
+        agreed = in_turns(data, search.best(1), agreed[1], fit_cast, in_shadow, bounds, AGAIN)
     if not agreed[1].is_possible:
         return None
-    return replace(first, search=_lit(first.search, *agreed), disc=agreed[0], cast=agreed[1])
-
-
-def _in_turns(
-    data: Data, disc: State, cast: CastShadow | None, bounds: tuple[float, float], turns: int
-) -> tuple[State, CastShadow]:
-    """A disc and its shadow, each told with the other, until they agree."""
-    disc = seen(data, disc)
-    for _ in range(turns):
-        cast = fit_cast(data, disc, cast)
-        lit = in_shadow(data, disc, cast)
-        before, disc = disc, descend(lit, seen(lit, disc), bounds)
-        if apart(before, disc) < _AGREED:
-            break
-    assert cast is not None
-    return disc, cast
-
-
-def _lit(search: Search, disc: State, cast: CastShadow) -> Search:
-    """A search before the plate in a shadow."""
-    data = in_shadow(search.data, seen(search.data, disc), cast)
-    coarse = data.coarser(round(search.coarse.scale / data.scale))
-    return replace(search, data=data, coarse=coarse)
+    return replace(
+        first, search=beside(first.search, *agreed, in_shadow), disc=agreed[0], cast=agreed[1]
+    )
