@@ -30,6 +30,7 @@ from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
+    coherence_of_noise,
     is_contested,
     misfit,
     stays,
@@ -208,10 +209,9 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
     line = _shaped(search, disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    if left > MAX_MISFIT or not simple:
-        glossy = with_highlight(search, disc, transfer)
-        if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy)):
-            return glossy
+    glossy = with_highlight(search, disc, transfer) if _may_be_glossy(line) else None
+    if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy)):
+        return glossy
     contested = is_contested(line.state) and line.beyond_noise <= MAX_MISFIT
     if contested or search.data.known is not None:
         return line
@@ -234,6 +234,13 @@ def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     any_colors = End(search, search.best(3))
     agrees = any_colors.is_textured and any_colors.misfit <= MAX_MISFIT
     return any_colors if agrees else line
+
+
+def _may_be_glossy(line: End) -> bool:
+    """Whether one paint on a disc leaves something, or compression may have hidden what it leaves."""
+    data, state = line.search.data, line.state
+    explained = line.left <= MAX_MISFIT and state.silhouette.bulges == 1
+    return not explained or coherence_of_noise(data, state, 1) > 1
 
 
 def _of_two(line: End) -> State | None:

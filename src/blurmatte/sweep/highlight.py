@@ -15,6 +15,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.sweep.cast import centers_of, slopes_of
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, added_by, seen
+from blurmatte.sweep.student import VARIANCE
+from blurmatte.sweep.verdict import overstated
 
 Array = npt.NDArray[np.float64]
 
@@ -163,8 +165,9 @@ def plane_of(data: Data, state: State, highlight: Highlight, turns: Array) -> Co
     G = highlight.of(data, state)
     V = (data.C_variance + data.B_variance) @ pole**2
     known = float(np.sum(state.weights(data) * G**2 / V))
+    brightness2 = float(highlight.light @ highlight.light)
     of_paint = pole @ state.frame.across @ turns @ state.frame.across.T @ pole
-    of_light = 1 / max(known * float(highlight.light @ highlight.light), _TINY)
+    of_light = overstated(data, state) * VARIANCE / max(known * brightness2, _TINY)
     to_paint, to_light = np.linalg.pinv(np.stack([paint, light])).T
     covariance = of_paint * np.outer(to_paint, to_paint) + of_light * np.outer(to_light, to_light)
     evidence = {"shape": float(np.degrees(np.sqrt(np.trace(covariance) / 2)))}

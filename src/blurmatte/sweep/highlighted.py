@@ -66,6 +66,6 @@ def _refined(
 
 def likelier_with_highlight(shaped: End, glossy: End) -> bool:
     """Whether a disc with a highlight is likelier than an outline, or a disc without."""
-    trust = min(overstated(end.search.data, end.state) for end in (shaped, glossy))
+    trust = max(overstated(end.search.data, end.state) for end in (shaped, glossy))
     more = glossy.state.size + PARAMETERS - shaped.state.size
     return (shaped.state.cost - glossy.state.cost) / trust > price(glossy.search.data, more)

@@ -1,0 +1,70 @@
+"""Glossy balls: a disc of one paint and its highlight, told together."""
+
+import numpy as np
+import pytest
+
+from blurmatte.radiometry import with_noise
+from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
+from blurmatte.streaks import require_streaks
+from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep.end import End
+from blurmatte.sweep.highlighted import likelier_with_highlight, with_highlight
+from blurmatte.sweep.search import Search
+from blurmatte.trajectory import Trajectory
+
+SIZE = (200, 140)
+BLUE = np.array([0.15, 0.35, 0.7])
+GRAY = plain_plate(SIZE, (0.4, 0.4, 0.4), 4)
+WAYS = {
+    "line": Trajectory.line((62, 50), (130, 84)),
+    "arc": Trajectory.arc((56, 90), (100, 56), (144, 90)),
+}
+
+
+def taken(way="line", highlight=0.6, quality=None, seed=1):
+    truth = render(Scene(GRAY, WAYS[way], Ball(16, BLUE, highlight=highlight)), 200)
+    camera = Camera(code_std=1.5 / 255, jpeg_quality=quality)
+    return truth, *with_noise(*Shot(truth.scene, camera, seed=seed).photograph(truth))
+
+
+def searched(image, plate):
+    search = Search.of(require_streaks(image, plate)[0], image, plate, None)
+    return search, search.best(1)
+
+
+def degrees(one, other):
+    """Angle between two planes through black."""
+    return np.degrees(np.arccos(min(abs(one.pole @ other.pole), 1.0)))
+
+
+@pytest.mark.parametrize("way", WAYS)
+@pytest.mark.parametrize(("quality", "most"), [(None, 0.006), (90, 0.015)], ids=["png", "jpeg"])
+def test_a_white_highlight_before_a_gray_wall_is_told(way, quality, most):
+    """No plane can: it holds the wall's color, and any alpha would do."""
+    truth, image, plate = taken(way, quality=quality)
+    sweep = fit_sweep(image, plate)
+    assert sweep.misfit <= MAX_MISFIT
+    alpha = truth.layer.alpha
+    assert np.sqrt(np.mean((sweep.alpha - alpha)[alpha > 0] ** 2)) < most
+    assert abs(sweep.radius - 16) < max(4 * sweep.radius_std, 0.1)
+    assert sweep.model.rank == 2
+    assert degrees(sweep.model, truth.scene.body.model) < (3 if quality is None else 6)
+
+
+def test_a_dull_ball_has_none():
+    """invariant: it is no likelier with one, nor is that asked for."""
+    _, image, plate = taken(highlight=0.0)
+    search, disc = searched(image, plate)
+    dull = End(search, disc)
+    glossy = with_highlight(search, disc, image.meta.transfer)
+    assert glossy is None or not likelier_with_highlight(dull, glossy)
+    assert fit_sweep(image, plate).model.rank == 1
+
+
+def test_a_known_color_is_not_asked_for_another():
+    """invariant"""
+    _, image, plate = taken()
+    search, disc = searched(image, plate)
+    assert with_highlight(search, disc, image.meta.transfer) is not None
+    sweep = fit_sweep(image, plate, model=Ball(16, BLUE).model)
+    assert sweep.model.rank == 1
