@@ -52,6 +52,18 @@ def test_what_confirms_alpha_is_what_was_measured(model, texture, said):
     assert "alone" not in " ".join(explain(ColorModel.any()))
 
 
+def test_a_highlight_that_was_told_with_it():
+    """Exact."""
+    sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
+    sweep |= {"length": 60.0, "misfit": 0.9, "texture": None}
+    assert not any("highlight" in words for words in explain(solution(sweep=sweep)))
+    sweep["highlight"] = {"offset": [-3.0, 4.0], "softness": 3.0, "paint": "#68d3ff"}
+    assert (
+        "Of one paint, #68d3ff, with a highlight 5 px from its middle: colors are those of both."
+        in explain(solution(sweep=sweep))
+    )
+
+
 def test_a_shadow_that_was_told_with_it():
     """Exact."""
     sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}

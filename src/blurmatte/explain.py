@@ -315,6 +315,7 @@ def _sweep(solution: Solution) -> list[str]:
         f"streak; {_left(sweep, solution.model)}.",
         *_softness(sweep.get("softness", 0)),
         *_shadow(sweep.get("shadow")),
+        *_highlight(sweep.get("highlight")),
     ]
 
 
@@ -322,6 +323,16 @@ def _softness(softness: float) -> list[str]:
     if softness < _SEEN:
         return []
     return [f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."]
+
+
+def _highlight(highlight: Mapping[str, Any] | None) -> list[str]:
+    if highlight is None:
+        return []
+    away = float(np.hypot(*highlight["offset"]))
+    return [
+        f"Of one paint, {highlight['paint']}, with a highlight {away:.0f} px from its middle: colors "
+        "are those of both."
+    ]
 
 
 def _shadow(shadow: Mapping[str, Any] | None) -> list[str]:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from blurmatte.color import ColorModel
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
 from blurmatte.streaks import require_streaks
@@ -48,6 +49,10 @@ def test_a_white_highlight_before_a_gray_wall_is_told(way, quality, most):
     assert np.sqrt(np.mean((sweep.alpha - alpha)[alpha > 0] ** 2)) < most
     assert abs(sweep.radius - 16) < max(4 * sweep.radius_std, 0.1)
     assert sweep.model.rank == 2
+    told = sweep.stats["highlight"]
+    assert 3 < np.hypot(*told["offset"]) < 12
+    paint = ColorModel.from_hex(told["paint"]).pole
+    assert np.degrees(np.arccos(min(paint @ BLUE / np.linalg.norm(BLUE), 1))) < 4
     assert degrees(sweep.model, truth.scene.body.model) < (3 if quality is None else 6)
 
 
@@ -68,3 +73,4 @@ def test_a_known_color_is_not_asked_for_another():
     assert with_highlight(search, disc, image.meta.transfer) is not None
     sweep = fit_sweep(image, plate, model=Ball(16, BLUE).model)
     assert sweep.model.rank == 1
+    assert sweep.stats["highlight"] is None

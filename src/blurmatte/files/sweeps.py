@@ -19,6 +19,7 @@ def sweep_to_json(sweep: Sweep) -> str:
         "bulges": sweep.silhouette.bulges,
         "turns": sweep.silhouette.turns,
         "soft": sweep.silhouette.soft,
+        "defocused": sweep.silhouette.defocused,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
@@ -42,7 +43,10 @@ def sweep_from_json(text: str) -> Sweep:
     return Sweep(
         path_family(fields["family"]),
         np.array(fields["path"], float),
-        Silhouette(int(fields["bulges"]), bool(fields["turns"]), bool(fields.get("soft"))),
+        Silhouette(
+            int(fields["bulges"]),
+            *(bool(fields.get(name)) for name in ("turns", "soft", "defocused")),
+        ),
         np.array(fields["shape"], float),
         model_from_json(fields["model"]),
         np.array(fields["covariance"], float),

@@ -326,6 +326,7 @@ def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
             "misfit": sweep.misfit,
             "texture": sweep.stats["texture"] if np.isfinite(sweep.stats["texture"]) else None,
             "shadow": None if sweep.cast is None else sweep.cast.numbers,
+            "highlight": sweep.stats["highlight"],
         },
     }
 

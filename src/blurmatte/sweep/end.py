@@ -5,6 +5,7 @@ What files do to color is undone here, and the state of a descent becomes a `Swe
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -293,6 +294,7 @@ class End:
             "unsure": self.unsure,
             "texture": self._confirmed,
             "rim": self.rim,
+            "highlight": None if self.highlight is None else self._glossy(image),
             "louder": data.louder if self._is_that_loud else 1.0,
         }
         return Sweep(
@@ -306,6 +308,13 @@ class End:
             stats,
             self.cast,
         )
+
+    def _glossy(self, image: LinearImage) -> dict[str, Any]:
+        """Where the highlight is, and the paint that it is on as sRGB."""
+        assert self.highlight is not None
+        paint = ColorModel(self.state.main[:, None], np.zeros((3, 3)))
+        paint = replace(paint, to_srgb=image.meta.to_srgb)
+        return {**self.highlight.numbers, "paint": paint.hex[0]}
 
     def _model(self, turns: Array) -> ColorModel:
         """The color model, with the covariance of the one direction that stands for it."""

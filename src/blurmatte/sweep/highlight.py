@@ -7,6 +7,7 @@ be shading of the paint, so that of all that is possible L is the least.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -49,6 +50,11 @@ class Highlight:
     offset: Array
     softness: float
     light: Array
+
+    @property
+    def numbers(self) -> dict[str, Any]:
+        """All but the light, which is known in part, by name, as plain numbers."""
+        return {"offset": [float(x) for x in self.offset], "softness": self.softness}
 
     def of(self, data: Data, state: State) -> Array:
         """(h, w) G, the smear of the spot on a disc that goes along its path."""

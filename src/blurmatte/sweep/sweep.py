@@ -54,6 +54,8 @@ class Sweep:
         which part of alpha the plate's texture confirms it, else infinite; where that does nearly
         everywhere `misfit` is 1, however fine its paint is; `rim` the standard deviation, pixels, by
         which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is sharp;
+        `highlight`, if one was told with it, its `offset` from the center and its `softness`, the
+        standard deviation of a spot, in pixels, and the `paint` that it is on, as sRGB, else None;
         `louder` how many times the variance that was measured noise has there, for codecs hide it in
         what stands still.
     cast : CastShadow, optional
