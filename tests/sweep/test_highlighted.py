@@ -8,7 +8,7 @@ from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
-from blurmatte.sweep.end import End
+from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.highlighted import likelier_with_highlight, with_highlight
 from blurmatte.sweep.search import Search
 from blurmatte.trajectory import Trajectory
@@ -28,9 +28,10 @@ def taken(way="line", highlight=0.6, quality=None, seed=1):
     return truth, *with_noise(*Shot(truth.scene, camera, seed=seed).photograph(truth))
 
 
-def searched(image, plate):
-    search = Search.of(require_streaks(image, plate)[0], image, plate, None)
-    return search, search.best(1)
+def attempted(image, plate):
+    streak = require_streaks(image, plate)[0]
+    search = Search.of(streak, image, plate, None)
+    return Attempt(image, plate, streak, search, search.best(1))
 
 
 def degrees(one, other):
@@ -59,18 +60,16 @@ def test_a_white_highlight_before_a_gray_wall_is_told(way, quality, most):
 def test_a_dull_ball_has_none():
     """invariant: it is no likelier with one, nor is that asked for."""
     _, image, plate = taken(highlight=0.0)
-    search, disc = searched(image, plate)
-    dull = End(search, disc)
-    glossy = with_highlight(search, disc, image.meta.transfer)
-    assert glossy is None or not likelier_with_highlight(dull, glossy)
+    dull = attempted(image, plate)
+    glossy = with_highlight(dull)
+    assert glossy is None or not likelier_with_highlight(dull.end, glossy.end)
     assert fit_sweep(image, plate).model.rank == 1
 
 
 def test_a_known_color_is_not_asked_for_another():
     """invariant"""
     _, image, plate = taken()
-    search, disc = searched(image, plate)
-    assert with_highlight(search, disc, image.meta.transfer) is not None
+    assert with_highlight(attempted(image, plate)) is not None
     sweep = fit_sweep(image, plate, model=Ball(16, BLUE).model)
     assert sweep.model.rank == 1
     assert sweep.stats["highlight"] is None

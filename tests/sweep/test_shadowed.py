@@ -9,8 +9,9 @@ from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.search import Search
-from blurmatte.sweep.shadowed import Attempt, beside_darkness, beside_shadow
+from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.trajectory import Trajectory
 
 SIZE = (240, 180)

@@ -16,6 +16,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
+from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.descent import State, descend, main_colors, state_at
 from blurmatte.sweep.end import End, ran_together
@@ -24,7 +25,7 @@ from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
 from blurmatte.sweep.search import QUICK, Search
-from blurmatte.sweep.shadowed import Attempt, beside_darkness, beside_shadow
+from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
@@ -125,7 +126,7 @@ def fit_sweep(
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = attempt is not first and told.misfit <= MAX_MISFIT
     if one_paint and not explained:
-        told = _richer(attempt.search, attempt.disc, told, attempt.transfer)
+        told = _richer(attempt, told)
     return told.sweep(image)
 
 
@@ -205,13 +206,14 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
     return replace(streak, mask=mask)
 
 
-def _richer(search: Search, disc: State, told: End, transfer: Transfer) -> End:
+def _richer(attempt: Attempt, told: End) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak."""
-    line = _shaped(search, disc, told, transfer)
+    search, transfer = attempt.search, attempt.transfer
+    line = _shaped(search, attempt.disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    glossy = with_highlight(search, disc, transfer) if _may_be_glossy(line) else None
-    if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy)):
-        return glossy
+    glossy = with_highlight(attempt) if _may_be_glossy(line) else None
+    if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy.end)):
+        return glossy.end
     contested = is_contested(line.state) and line.beyond_noise <= MAX_MISFIT
     if contested or search.data.known is not None:
         return line

@@ -2,8 +2,9 @@
 
 from dataclasses import replace
 
-from blurmatte.radiometry import Transfer
+from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import price
+from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 from blurmatte.sweep.end import End
 from blurmatte.sweep.highlight import (
@@ -12,56 +13,40 @@ from blurmatte.sweep.highlight import (
     fit_highlight,
     without_highlight,
 )
-from blurmatte.sweep.path import PathFamily
-from blurmatte.sweep.search import FAMILIES, SMOOTH, Search
+from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
 from blurmatte.sweep.verdict import MAX_MISFIT, overstated
 
 
-def with_highlight(search: Search, disc: State, transfer: Transfer) -> End | None:
+def with_highlight(attempt: Attempt) -> Attempt | None:
     """A disc and its highlight, if they explain the streak.
 
     Parameters
     ----------
-    search : Search
-    disc : State
-        Where the search ended.
-    transfer : Transfer
-        Of the image's file.
+    attempt : Attempt
+        The disc without.
     """
+    search, disc = attempt.search, attempt.disc
     if disc.frame.rank != 1 or search.data.known is not None:
         return None
-    data, bounds = search.data, search.bounds
-    coarse = data.coarse_enough(float(disc.shape[0]), RADIUS)
-    agreed = in_turns(coarse, disc, None, fit_highlight, without_highlight, bounds, TURNS)
+    coarse = search.data.coarse_enough(float(disc.shape[0]), RADIUS)
+    agreed = _in_turns(coarse, disc, None, search.bounds, TURNS)
     for families in (SMOOTH, FAMILIES):
-        end = _refined(search, agreed, families, transfer)
-        if end.misfit <= MAX_MISFIT and end.highlight is not None:
-            return end
+        rest = replace(beside(search, *agreed, without_highlight), families=families)
+        disc, highlight = _in_turns(search.data, rest.best(1), agreed[1], search.bounds, AGAIN)
+        if highlight.color(disc.main) is None:
+            continue
+        rest = beside(search, disc, highlight, without_highlight)
+        found = replace(attempt, search=rest, disc=disc, highlight=highlight)
+        if found.end.misfit <= MAX_MISFIT and highlight.color(found.end.state.main) is not None:
+            return found
     return None
 
 
-def _refined(
-    search: Search,
-    agreed: tuple[State, Highlight],
-    families: tuple[PathFamily, ...],
-    transfer: Transfer,
-) -> End:
-    """The same on small pixels, on the best path."""
-    rest = replace(beside(search, *agreed, without_highlight), families=families)
-    disc, highlight = in_turns(
-        search.data,
-        rest.best(1),
-        agreed[1],
-        fit_highlight,
-        without_highlight,
-        search.bounds,
-        AGAIN,
-    )
-    rest = beside(search, disc, highlight, without_highlight)
-    end = End.before_bleeding(rest, disc, transfer)
-    possible = highlight.color(end.state.main) is not None
-    return replace(end, highlight=highlight if possible else None)
+def _in_turns(
+    data: Data, disc: State, highlight: Highlight | None, bounds: tuple[float, float], turns: int
+) -> tuple[State, Highlight]:
+    return in_turns(data, disc, highlight, fit_highlight, without_highlight, bounds, turns)
 
 
 def likelier_with_highlight(shaped: End, glossy: End) -> bool:

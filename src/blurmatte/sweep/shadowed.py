@@ -5,71 +5,24 @@ out leaves out what of the object it lies on, and of that there may be much: whe
 the disc itself on something flat, as it mostly is, both are told together, in turns.
 """
 
-from dataclasses import dataclass, replace
-from functools import cached_property
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.radiometry import SRGB, LinearImage, Transfer
-from blurmatte.streaks import Streak
+from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.cast import CastShadow, fit_cast, in_shadow
 from blurmatte.sweep.descent import State, seen
-from blurmatte.sweep.end import End
+from blurmatte.sweep.highlighted import with_highlight
 from blurmatte.sweep.occluder import mostly_seen
 from blurmatte.sweep.outline_start import on_path
 from blurmatte.sweep.path import LINE, PathFamily
-from blurmatte.sweep.search import FAMILIES, SMOOTH, Search
+from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.shadow import darkness, shadow_beside
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
 from blurmatte.sweep.verdict import MAX_MISFIT
 
-Bools = npt.NDArray[np.bool_]
-
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 _LARGEST = 2.5  # times as many pixels as the object touched: shadows are as large, and soft
-
-
-@dataclass(frozen=True, eq=False)
-class Attempt:
-    """A disc, and of what it was found.
-
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Noise known.
-    streak : Streak
-    search : Search
-    disc : State
-    cast : CastShadow, optional
-        Its shadow, in which the search's plate lies.
-    """
-
-    image: LinearImage
-    plate: LinearImage
-    streak: Streak
-    search: Search
-    disc: State
-    cast: CastShadow | None = None
-
-    @property
-    def transfer(self) -> Transfer:
-        """Of the image's file."""
-        return self.image.meta.transfer or SRGB
-
-    @cached_property
-    def end(self) -> End:
-        """In the light that it explains."""
-        end = End.before_bleeding(self.search, self.disc, self.transfer)
-        return replace(end, cast=self.cast)
-
-    def without(self, shadow: Bools) -> "Attempt":
-        """The best disc without a part of the pictures."""
-        image = replace(self.image, valid=self.image.valid & ~shadow)
-        streak = replace(self.streak, mask=self.streak.mask & ~shadow)
-        data = self.search.data
-        search = Search.of(streak, image, self.plate, data.known, louder=data.louder)
-        return Attempt(image, self.plate, streak, search, search.best(self.disc.frame.rank))
 
 
 def beside_shadow(first: Attempt) -> Attempt:
@@ -128,8 +81,11 @@ def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
             agreed = in_turns(coarse, start, None, fit_cast, in_shadow, first.search.bounds, TURNS)
             for families in (SMOOTH, FAMILIES) if start is disc else (SMOOTH,):
                 found = _refined(first, agreed, families)
-                if found is not None and found.end.misfit <= MAX_MISFIT:
-                    return found
+                if found is None:
+                    continue
+                for attempt in (found, with_highlight(found)):
+                    if attempt is not None and attempt.end.misfit <= MAX_MISFIT:
+                        return attempt
     return None
 
 
