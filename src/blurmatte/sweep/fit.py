@@ -20,7 +20,7 @@ from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.descent import State, descend, main_colors, state_at
 from blurmatte.sweep.end import End, ran_together
-from blurmatte.sweep.highlighted import likelier_with_highlight, with_highlight
+from blurmatte.sweep.highlighted import likelier_with_highlight, may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import likelier, refined
@@ -31,7 +31,6 @@ from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
-    coherence_of_noise,
     is_contested,
     misfit,
     stays,
@@ -211,7 +210,7 @@ def _richer(attempt: Attempt, told: End) -> End:
     search, transfer = attempt.search, attempt.transfer
     line = _shaped(search, attempt.disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
-    glossy = with_highlight(attempt) if _may_be_glossy(line) else None
+    glossy = with_highlight(attempt) if may_be_glossy(line) else None
     if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy.end)):
         return glossy.end
     contested = is_contested(line.state) and line.beyond_noise <= MAX_MISFIT
@@ -236,13 +235,6 @@ def _richer(attempt: Attempt, told: End) -> End:
     any_colors = End(search, search.best(3))
     agrees = any_colors.is_textured and any_colors.misfit <= MAX_MISFIT
     return any_colors if agrees else line
-
-
-def _may_be_glossy(line: End) -> bool:
-    """Whether one paint on a disc leaves something, or compression may have hidden what it leaves."""
-    data, state = line.search.data, line.state
-    explained = line.left <= MAX_MISFIT and state.silhouette.bulges == 1
-    return not explained or coherence_of_noise(data, state, 1) > 1
 
 
 def _of_two(line: End) -> State | None:

@@ -15,7 +15,9 @@ from blurmatte.sweep.highlight import (
 )
 from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
-from blurmatte.sweep.verdict import MAX_MISFIT, overstated
+from blurmatte.sweep.verdict import MAX_MISFIT, coherence_of_noise, doubtful_share, overstated
+
+_LITTLE = 0.02  # of the pixels: of dull balls up to 0.006 contradicted
 
 
 def with_highlight(attempt: Attempt) -> Attempt | None:
@@ -41,6 +43,23 @@ def with_highlight(attempt: Attempt) -> Attempt | None:
         if found.end.misfit <= MAX_MISFIT and highlight.color(found.end.state.main) is not None:
             return found
     return None
+
+
+def or_glossy(attempt: Attempt) -> Attempt:
+    """A disc, or that with its highlight if it has one."""
+    glossy = with_highlight(attempt) if may_be_glossy(attempt.end) else None
+    if glossy is None:
+        return attempt
+    explained = attempt.end.left <= MAX_MISFIT
+    return attempt if explained and not likelier_with_highlight(attempt.end, glossy.end) else glossy
+
+
+def may_be_glossy(end: End) -> bool:
+    """Whether one paint on a disc leaves something, or compression may have hidden what it leaves."""
+    data, state = end.search.data, end.state
+    explained = end.left <= MAX_MISFIT and state.silhouette.bulges == 1
+    hidden = coherence_of_noise(data, state, 1) > 1
+    return not explained or hidden or doubtful_share(data, state) > _LITTLE
 
 
 def _in_turns(

@@ -12,7 +12,7 @@ import numpy as np
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.cast import CastShadow, fit_cast, in_shadow
 from blurmatte.sweep.descent import State, seen
-from blurmatte.sweep.highlighted import with_highlight
+from blurmatte.sweep.highlighted import or_glossy
 from blurmatte.sweep.occluder import mostly_seen
 from blurmatte.sweep.outline_start import on_path
 from blurmatte.sweep.path import LINE, PathFamily
@@ -81,11 +81,8 @@ def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
             agreed = in_turns(coarse, start, None, fit_cast, in_shadow, first.search.bounds, TURNS)
             for families in (SMOOTH, FAMILIES) if start is disc else (SMOOTH,):
                 found = _refined(first, agreed, families)
-                if found is None:
-                    continue
-                for attempt in (found, with_highlight(found)):
-                    if attempt is not None and attempt.end.misfit <= MAX_MISFIT:
-                        return attempt
+                if found is not None and (found := or_glossy(found)).end.misfit <= MAX_MISFIT:
+                    return found
     return None
 
 
