@@ -5,7 +5,7 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.radiometry import with_noise
-from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
+from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
 from blurmatte.sweep.attempt import Attempt
@@ -22,8 +22,9 @@ WAYS = {
 }
 
 
-def taken(way="line", highlight=0.6, quality=None, seed=1):
-    truth = render(Scene(GRAY, WAYS[way], Ball(16, BLUE, highlight=highlight)), 200)
+def taken(way="line", highlight=0.6, quality=None, seed=1, shadow=None):
+    ball = Ball(16, BLUE, highlight=highlight)
+    truth = render(Scene(GRAY, WAYS[way], ball, shadow=shadow), 200)
     camera = Camera(code_std=1.5 / 255, jpeg_quality=quality)
     return truth, *with_noise(*Shot(truth.scene, camera, seed=seed).photograph(truth))
 
@@ -55,6 +56,17 @@ def test_a_white_highlight_before_a_gray_wall_is_told(way, quality, most):
     paint = ColorModel.from_hex(told["paint"]).pole
     assert np.degrees(np.arccos(min(paint @ BLUE / np.linalg.norm(BLUE), 1))) < 4
     assert degrees(sweep.model, truth.scene.body.model) < (3 if quality is None else 6)
+
+
+def test_a_glossy_ball_that_casts_a_shadow_is_told_with_both():
+    shadow = Shadow((-14, 26), softness=4, strength=(0.5, 0.5, 0.5))
+    truth, image, plate = taken(shadow=shadow)
+    sweep = fit_sweep(image, plate)
+    assert sweep.misfit <= MAX_MISFIT
+    alpha = truth.layer.alpha
+    assert np.sqrt(np.mean((sweep.alpha - alpha)[alpha > 0] ** 2)) < 0.006
+    assert sweep.stats["highlight"] is not None
+    assert np.linalg.norm(sweep.cast.offset - shadow.offset) < 1
 
 
 def test_a_dull_ball_has_none():
