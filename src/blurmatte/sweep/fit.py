@@ -107,18 +107,15 @@ def fit_sweep(
         image, plate = (p.with_noise(louder * p.variance) for p in (image, plate))
         search = search.raised(louder)
         disc = search.best(rank)
-    for _ in range(_FOLLOWING):
-        if stays(search.data, disc) or np.isnan(streak.evidence):
-            break  # a streak that was given, not found, is all there is
-        streak = _followed(streak, End(search, disc).sweep(image))
-        search = Search.of(streak, image, plate, known, louder=louder)
-        disc = search.best(rank)
-    first = Attempt(image, plate, streak, search, disc)
-    attempt = beside_shadow(first)
-    told, one_paint = attempt.end, disc.frame.rank == 1
-    if one_paint and told.left > MAX_MISFIT and attempt is first:
-        attempt = _unless_shaped(first, beside_darkness(first))
-        told = attempt.end
+    found = Attempt(image, plate, streak, search, disc)
+    first = _where_it_leads(found)
+    attempt = _beside_any_shadow(first)
+    if first is not found and attempt.end.left > MAX_MISFIT:
+        # What stands for an object and its shadow may lead anywhere.
+        unled = _beside_any_shadow(found)
+        if unled is not found and unled.end.misfit <= MAX_MISFIT:
+            return unled.end.sweep(image)
+    told, one_paint = attempt.end, attempt.disc.frame.rank == 1
     if one_paint and told.left > MAX_MISFIT:
         attempt = _in_front_left_out(attempt)
         told = attempt.end
@@ -168,6 +165,28 @@ def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
         if misfit(search.data, disc) <= MAX_MISFIT:
             return disc
     return search.best(rank)
+
+
+def _where_it_leads(found: Attempt) -> Attempt:
+    """The best disc where that of what was found leads, if it leaves it."""
+    attempt, data = found, found.search.data
+    for _ in range(_FOLLOWING):
+        if stays(attempt.search.data, attempt.disc) or np.isnan(found.streak.evidence):
+            break  # a streak that was given, not found, is all there is
+        end = End(attempt.search, attempt.disc)
+        streak = _followed(attempt.streak, end.sweep(found.image))
+        search = Search.of(streak, found.image, found.plate, data.known, louder=data.louder)
+        disc = search.best(attempt.disc.frame.rank)
+        attempt = replace(found, streak=streak, search=search, disc=disc)
+    return attempt
+
+
+def _beside_any_shadow(first: Attempt) -> Attempt:
+    """A disc beside a shadow that its color tells, or that only darkness does; the first if neither."""
+    attempt = beside_shadow(first)
+    if attempt is first and first.disc.frame.rank == 1 and first.end.left > MAX_MISFIT:
+        return _unless_shaped(first, beside_darkness(first))
+    return attempt
 
 
 def _unless_shaped(first: Attempt, dark: Attempt) -> Attempt:
