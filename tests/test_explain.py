@@ -52,6 +52,14 @@ def test_what_confirms_alpha_is_what_was_measured(model, texture, said):
     assert "alone" not in " ".join(explain(ColorModel.any()))
 
 
+def test_a_rival_is_a_doubt():
+    """Exact; what differs by little is none."""
+    assert any(
+        "differs by 0.30, and the errors cover both" in x for x in doubts(solution(rival_off=0.3))
+    )
+    assert not any("errors cover both" in x for x in doubts(solution(rival_off=0.01)))
+
+
 def test_a_highlight_that_was_told_with_it():
     """Exact."""
     sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
