@@ -1,5 +1,7 @@
 """What the light of a pixel tells of its alpha, if its neighbors are about as bright."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -57,13 +59,30 @@ def test_a_neighborhood_knows_as_much_as_its_brightness(scatter):
     assert 0.1 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
-def test_what_the_closed_form_knows_better_stays():
-    """Invariant: no evidence counts twice."""
-    before, own = told(0.5)
-    information, pull = with_shading(before, *own)
+@pytest.mark.parametrize("contrast", [0.0, 0.1])
+def test_pixels_are_told_twice_and_their_mean_once(contrast):
+    """Invariant: the light tells differences; what all have in common is the closed form's."""
+    before, own = told(0.5, brightness=1 + contrast * np.sin(np.arange(SHAPE[1]) / 25.0))
     beside = np.s_[:, 8:24]
-    assert information[beside].sum() < 1.02 * own[0][beside].sum()
-    assert abs(pull[beside].sum() / information[beside].sum() - 0.5) < 0.01
+    information, pull = (values[beside] for values in with_shading(before, *own))
+    alone, of_own = own[1][beside] / own[0][beside], own[0][beside].sum()
+    assert np.std(pull / information) < 0.85 * np.std(alone)
+    apart = pull.sum() / information.sum() - own[1][beside].sum() / of_own
+    assert abs(apart) < 0.3 / np.sqrt(of_own)
+    assert 1.2 * of_own < information.sum() < 2 * of_own
+
+
+@pytest.mark.parametrize("blur", [0.0, 3.0])
+def test_brightness_is_that_of_alpha_before_it_was_smoothed(blur):
+    """Invariant: a first alpha that is too smooth does not make the object brighter."""
+    from scipy.ndimage import gaussian_filter
+
+    ridges = 0.3 + 0.3 * np.cos(np.arange(SHAPE[1]) * (np.pi / 4)) * np.ones(SHAPE)
+    before, own = told(ridges, std=0.001)
+    smooth = gaussian_filter(ridges, (0, blur), mode="wrap")
+    information, pull = with_shading(replace(before, alpha=smooth), *own)
+    off = np.sum((pull - information * ridges)[DARK]) / np.sum((information * ridges)[DARK])
+    assert abs(off) < 0.01
 
 
 def test_before_black_alone_nothing_is_told():

@@ -6,16 +6,17 @@ equations across the line. With the brightness k of what covered a pixel
 
     q = m·(C − B) = α (k − m·B) + noise,    Var q = 1 / lᵀV⁻¹l,
 
-so that a known k tells alpha where the plate is dark, or of the object's own hue, and the closed form
-knows little. k is measured where that knows alpha, in cells of many sizes and the eight around them. By
-how much it differs there between a cell and its neighbors, beyond noise, is the error of saying so of
-places between: of all sizes that with the least error counts. Pixels err alike by it. With n of them
-in want of it within the same cells, and σ² its variance,
+so that a known k tells alpha, where the plate is dark, or of the object's own hue, and the closed form
+knows little, and again where that knows much. k is what makes both tell the same alpha in the mean, in
+cells of many sizes and the eight around them. By how much it differs there between a cell and its
+neighbors, beyond noise, is the error of saying so of places between: of all sizes that with the least
+error counts. Pixels err alike by it. With n of them in want of it within the same cells, and σ² its variance,
 
     Var α = (Var q + α² n σ²) / (k − m·B)²
 
-of which n pixels together know as much as k does, and not more. And as k came from the alphas of the
-neighborhood, of this and the closed form only what one knows more than the other counts.
+of which n pixels together know as much as k does, and not more. The noise of q is none of the closed
+form's, so the differences between pixels are told twice; what they have in common is told by the closed
+form, and through k by nothing else.
 """
 
 from dataclasses import dataclass
@@ -37,6 +38,7 @@ Array = npt.NDArray[np.float64]
 
 _TINY = 1e-30
 _UNKNOWN = 1e6  # variance of k: nothing is known
+_SURE = 3.0  # standard deviations of alpha: there is something whose brightness can be told
 _ROUNDS = 3  # to weigh cells by what they scatter
 
 
@@ -87,31 +89,35 @@ def with_shading(told: Told, information: Floats, pull: Floats) -> tuple[Floats,
         Of the closed form.
     """
     C, B, feigned, variance = told.along()
-    alpha, through = told.alpha, 1 - told.alpha
-    light, inside = C - through * B, told.pixels.inside
-    usual = np.sum(information * alpha * light) / max(np.sum(information * alpha**2), _TINY)
+    alpha, inside = told.alpha, told.pixels.inside
+    sure = inside & (alpha**2 > _SURE**2 * told.variance)
+    # With the closed form's alpha: one that is smooth would be smaller at its peaks, and k too large.
+    agreed = sure * alpha * pull
+    light = sure * alpha * information * (C - B) + agreed * B
+    usual = light.sum() / max(agreed.sum(), _TINY)
     if not usual > 0:
         return information, pull
     apart = (usual - B) ** 2
-    told_by = information / (information * variance + apart)  # over alpha², the variance of k
-    known = Evidence(
-        np.pad(alpha**2 * told_by, BORDER),
-        np.pad(alpha * light * told_by, BORDER),
-        np.pad(inside, BORDER),
-        np.zeros_like(np.pad(told_by, BORDER)),
+    noise = information * variance + apart  # of k, times information and alpha²
+    known = sure * information * alpha**2 / noise
+    k, shared = _brightness(
+        Evidence(
+            np.pad(known, BORDER),
+            np.pad(usual * known + (light - usual * agreed) / noise, BORDER),
+            np.pad(inside, BORDER),
+            np.zeros_like(np.pad(known, BORDER)),
+        ),
+        np.pad(inside * apart / noise, BORDER),
     )
-    needy = inside * apart / (apart + information * variance)
-    k, shared = _brightness(known, np.pad(needy, BORDER))
-    square = alpha**2 + told.variance
     apart = k - B
-    more = np.maximum(apart**2 / (variance + square * shared) - information, 0) * told.pixels.use
-    alone = (apart * (C - B) - through * feigned) / np.maximum(apart**2, _TINY)
+    more = apart**2 / (variance + (alpha**2 + told.variance) * shared) * told.pixels.use
+    alone = (apart * (C - B) - (1 - alpha) * feigned) / np.maximum(apart**2, _TINY)
     kind = information.dtype
     return (information + more).astype(kind), (pull + more * alone).astype(kind)
 
 
 def _brightness(known: Evidence, needy: Floats) -> tuple[Floats, Floats]:
-    """Of each pixel k, and ρ: of all sizes of cells those with the least error there."""
+    """Of each pixel k, and n σ²: of all sizes of cells those with the least error there."""
     levels, wanting = [known], [np.asarray(needy)]
     while min(levels[-1].mask.shape) > 4 * BORDER:
         levels.append(levels[-1].coarser())
