@@ -10,7 +10,8 @@ so that a known k tells alpha, where the plate is dark, or of the object's own h
 knows little, and again where that knows much. k is what makes both tell the same alpha in the mean, in
 cells of many sizes and the eight around them. By how much it differs there between a cell and its
 neighbors, beyond noise, is the error of saying so of places between: of all sizes that with the least
-error counts. Pixels err alike by it. With n of them in want of it within the same cells, and σ² its variance,
+error counts. Pixels err alike by it. With n of them in want of it within the same cells, and σ² its
+variance,
 
     Var α = (Var q + α² n σ²) / (k − m·B)²
 
