@@ -25,6 +25,7 @@ from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.outline import (
     _bulgier,
+    _is_ruled_out,
     _is_scaled,
     likelier,
     refined,
@@ -32,7 +33,7 @@ from blurmatte.sweep.outline import (
 from blurmatte.sweep.outline_start import exchanged, rescaled
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, is_contested, misfit
+from blurmatte.sweep.verdict import MAX_MISFIT, is_contested, left_beyond_noise, misfit
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -187,8 +188,8 @@ def test_what_is_longer_and_went_less_far_reaches_as_far():
         assert_allclose(length + wide, reach, rtol=1e-3)
 
 
-def test_a_side_and_the_way_of_a_sheet_may_beexchanged():
-    """invariant: alpha is the same but for scale, as far as twelve bulges make a rectangle."""
+def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
+    """Invariant: alpha is the same but for scale, as far as twelve bulges make a rectangle."""
     way, silhouette = Trajectory.line((66, 44), (90, 68)), Silhouette(12)
     alpha, data, disc = taken(Scene(WALL, way, Sheet(30, 20, GREEN)))
     angles = 2 * np.pi * np.arange(720) / 720
@@ -207,3 +208,13 @@ def test_a_side_and_the_way_of_a_sheet_may_beexchanged():
         assert np.sqrt(np.mean((same - alpha)[alpha > 0] ** 2)) < 0.06
         assert _is_scaled(sheet, other)
     assert not _is_scaled(sheet, disc)
+
+
+def test_what_leaves_less_is_not_ruled_out():
+    """Exact: however much less likely it is said to be."""
+    _, data, disc = taken(SQUARE)
+    square = found(SQUARE)
+    assert left_beyond_noise(data, square) < left_beyond_noise(data, disc)
+    assert _is_ruled_out(data, square, disc, 1000.0)
+    assert not _is_ruled_out(data, square, disc, 1.0)
+    assert not _is_ruled_out(data, disc, square, 1000.0)

@@ -103,7 +103,7 @@ def refined(data: Data, disc: State) -> State:
     ends = [end, *(_bulgier(data, s, bounds) for s in near)]
     order = _ordered(data, ends)
     least, end = order[0]
-    others = [s for score, s in order[1:] if score < least + _RULED_OUT or _is_scaled(end, s)]
+    others = [s for score, s in order[1:] if not _is_ruled_out(data, end, s, score - least)]
     rivals = [s for s in others if differ(end, s) and _explains(data, s)]
     return replace(end, contested=max(best.contested, most_apart(end, rivals)))
 
@@ -143,6 +143,16 @@ def _distinct(states: list[State]) -> list[State]:
 def _explains(data: Data, rival: State) -> bool:
     """Whether it leaves little; where its descent had no end yet, it would have left even less."""
     return misfit(data, replace(rival, converged=True)) <= _RIVALS
+
+
+def _is_ruled_out(data: Data, end: State, rival: State, behind: float) -> bool:
+    """Whether a rival cannot be, that is so many units of log likelihood behind the end.
+
+    Not where its residuals hang together less than those of the end: what it has against it is then no
+    shape, but the noise of single pixels.
+    """
+    close = behind < _RULED_OUT or _is_scaled(end, rival)
+    return not close and left_beyond_noise(data, rival) > left_beyond_noise(data, end)
 
 
 def _is_scaled(end: State, rival: State) -> bool:
