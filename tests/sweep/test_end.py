@@ -11,6 +11,7 @@ from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, rende
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep.descent import state_at
 from blurmatte.sweep.end import End
+from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.verdict import MAX_MISFIT, coherence
@@ -79,6 +80,21 @@ def test_a_rim_may_not_be_all_there_is(as_noise):
         end = told(End(search, replace(disc), blur), 0.3)
         assert (end.objection == "") == believed
     assert "blurred" in end.objection
+
+
+@pytest.mark.parametrize("texture", [False, True])
+def test_of_any_colors_no_rim_is_blurred(as_noise, texture):
+    """However sure texture seems to be: what a disc cannot be, its rim would be."""
+    search, disc = as_noise.search, as_noise.state
+    free = state_at(
+        search.data, disc.family, disc.path, disc.silhouette, disc.shape, Frame.of(np.eye(3))
+    )
+    said = {"structure": 9.0, "scatter": 0.01} if texture else {}
+    for blur, words in ((0.0, ""), (0.8, "has a blurred rim, which of any colors may be")):
+        end = told(End(search, replace(free, converged=True), blur), 1.0)
+        end.__dict__["_said"] = replace(end.__dict__["_said"], astray=0.0, **said)
+        assert end.objection.startswith(words)
+        assert bool(end.objection) == bool(words)
 
 
 def test_noise_that_is_said_to_be_louder_is_all_that_is_left(as_noise):

@@ -131,6 +131,8 @@ class End:
     def objection(self) -> str:
         """See `verdict.objection`; words too for what only light of odd patterns would explain."""
         data, state = self.search.data, self.state
+        if state.frame.rank == 3 and self.rim > 0:
+            return "has a blurred rim, which of any colors may be the sharp one of another shape"
         if self._is_told_exactly and state.converged and can_be(data, state):
             return ""
         said = objection(data, state)
