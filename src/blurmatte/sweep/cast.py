@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.sweep.carried import DIFFERENCE, RADIUS, centers_of, place_of, placed, slopes_of
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, added_by, seen
 from blurmatte.sweep.path import PathFamily
@@ -20,17 +21,12 @@ from blurmatte.sweep.path import PathFamily
 Array = npt.NDArray[np.float64]
 
 _NODES, _REACH = 65, 3.5  # of a profile, and standard deviations of a blur that count
-_MOMENTS, _STEP = (33, 257), 1.0  # least and most; pixels from one to the next
-_RADIUS = 6.0  # pixels of a disc, enough to tell a shadow
-_DISTANCES, _DIRECTIONS = (0.7, 1.4, 2.2), 8  # where a shadow is looked for first: radii
+_DISTANCES = 0.7, 1.4, 2.2  # where a shadow is looked for first: radii
 _FARTHEST, _SOFTNESS = 6.0, (0.03, 0.3, 1.0)  # radii; least, at first, and most
-_DOUBT = 2.5  # standard deviations, from where on something else is seen
-_TRIES = 20
 # Of the plate's light in the channel that loses most, and what others lose of that. What is no shadow
 # takes from one or two channels.
 _FAINTEST, _DARKEST, _ALIKE = 0.04, 0.95, 0.5
 _TINY = 1e-9
-_DIFFERENCE = 0.02  # of a radius, for derivatives
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,9 +99,7 @@ def fit_cast(data: Data, state: State, start: CastShadow | None = None) -> CastS
     start : CastShadow, optional
         One like it.
     """
-    from scipy.optimize import least_squares
-
-    data = data.coarse_enough(float(state.shape[0]), _RADIUS)
+    data = data.coarse_enough(float(state.shape[0]), RADIUS)
     state = seen(data, state)
     radius, alpha = float(state.shape[0]), state.swept.alpha
     over_noise = np.sqrt(data.weight[..., None] / (data.C_variance + data.B_variance))
@@ -124,28 +118,13 @@ def fit_cast(data: Data, state: State, start: CastShadow | None = None) -> CastS
         return np.asarray(left - A @ t), t
 
     def slopes(x: Array) -> Array:
-        steps = _DIFFERENCE * np.eye(3)
+        steps = DIFFERENCE * np.eye(3)
         ahead, behind = (np.stack([solved(x + s * d)[0] for d in steps], axis=-1) for s in (1, -1))
-        return np.asarray((ahead - behind) / (2 * _DIFFERENCE))
+        return np.asarray((ahead - behind) / (2 * DIFFERENCE))
 
-    def doubted(x: Array) -> float:
-        return float(np.sum(np.log1p((solved(x)[0] / _DOUBT) ** 2)))
-
-    least, first, most = np.log(_SOFTNESS)
-    if start is not None:
-        begin = np.array([*start.offset / radius, np.log(start.softness / radius)])
-    else:
-        turns = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
-        begin = min(
-            (np.array([d * np.cos(a), d * np.sin(a), first]) for d in _DISTANCES for a in turns),
-            key=doubted,
-        )
-    bounds = (-_FARTHEST, -_FARTHEST, least), (_FARTHEST, _FARTHEST, most)
-    end = least_squares(
-        lambda x: solved(x)[0], np.clip(begin, *bounds), slopes, bounds,
-        loss="cauchy", f_scale=_DOUBT, max_nfev=_TRIES,
-    )  # fmt: skip
-    return shadow(end.x, solved(end.x)[1])
+    start_at = place_of(start, radius)
+    x = placed(lambda x: solved(x)[0], start_at, _DISTANCES, _FARTHEST, _SOFTNESS, slopes)
+    return shadow(x, solved(x)[1])
 
 
 def covariance_added(data: Data, state: State, cast: CastShadow) -> Array:
@@ -164,30 +143,6 @@ def covariance_added(data: Data, state: State, cast: CastShadow) -> Array:
     by_strength = S[..., None, None] * B[..., None] * np.eye(3)
     by_place = slopes_of(data, state, cast)[..., None, :] * (cast.strength * B)[..., None]
     return added_by(data, state, np.concatenate([by_strength, by_place], axis=-1))
-
-
-def centers_of(family: PathFamily, path: Array, data: Data) -> Array:
-    """(T, 2) where something that goes along a path was at even times, in the pixels of data."""
-    way = np.linalg.norm(np.diff(family.at(path, np.linspace(0, 1, 33))[0], axis=0), axis=1)
-    count = int(np.clip(way.sum() / (_STEP * data.scale), *_MOMENTS))
-    moments = (np.arange(count) + 0.5) / count
-    return np.asarray((family.at(path, moments)[0] - np.array(data.origin)) / data.scale)
-
-
-def slopes_of(data: Data, state: State, cast: Any) -> Array:
-    """(h, w, 3) derivatives of what goes with a disc by its offset and the log of its softness."""
-    step = _DIFFERENCE * float(state.shape[0])
-    x, y, soft = np.array([step, 0]), np.array([0, step]), np.exp(_DIFFERENCE)
-    ways = [
-        (replace(cast, offset=cast.offset + d), replace(cast, offset=cast.offset - d), step)
-        for d in (x, y)
-    ]
-    softer = replace(cast, softness=cast.softness * soft)
-    harder = replace(cast, softness=cast.softness / soft)
-    ways.append((softer, harder, _DIFFERENCE))
-    return np.stack(
-        [(a.of(data, state) - b.of(data, state)) / (2 * h) for a, b, h in ways], axis=-1
-    )
 
 
 def _profile(radius: float, softness: float) -> tuple[Array, float]:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
-from blurmatte.sweep.cast import centers_of, slopes_of
+from blurmatte.sweep.carried import RADIUS, centers_of, place_of, placed, slopes_of
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, added_by, seen
 from blurmatte.sweep.student import VARIANCE
@@ -24,11 +24,8 @@ Array = npt.NDArray[np.float64]
 PARAMETERS = 5  # offset, softness, and the light across the paint
 _NODES, _REACH = 65, 3.5  # of a profile, and standard deviations of a spot that count
 _EVERYWHERE = 1e9  # pixels: a disc so much smaller than nothing hides none of a spot
-_RADIUS = 6.0  # pixels of a disc, enough to tell a spot
-_DISTANCES, _DIRECTIONS = (0.0, 0.3, 0.6), 8  # where a spot is looked for first: radii
+_DISTANCES = 0.0, 0.3, 0.6  # where a spot is looked for first: radii
 _FARTHEST, _SOFTNESS = 0.9, (0.05, 0.15, 0.5)  # radii; least, at first, and most
-_DOUBT = 2.5  # standard deviations, from where on something else is seen
-_TRIES = 20
 _DARK = 0.01  # of a paint's light: of a channel with less nothing can be taken
 _TINY = 1e-9
 
@@ -98,9 +95,7 @@ def fit_highlight(data: Data, state: State, start: Highlight | None = None) -> H
     start : Highlight, optional
         One like it.
     """
-    from scipy.optimize import least_squares
-
-    data = data.coarse_enough(float(state.shape[0]), _RADIUS)
+    data = data.coarse_enough(float(state.shape[0]), RADIUS)
     state = seen(data, state)
     radius, alpha, N = float(state.shape[0]), state.swept.alpha, state.frame.across
     inside = alpha > 0
@@ -116,24 +111,9 @@ def fit_highlight(data: Data, state: State, start: Highlight | None = None) -> H
         across = G @ left / max(float(G @ G), _TINY)
         return np.asarray(left - G[:, None] * across).ravel(), N @ across
 
-    def doubted(x: Array) -> float:
-        return float(np.sum(np.log1p((solved(x)[0] / _DOUBT) ** 2)))
-
-    least, first, most = np.log(_SOFTNESS)
-    if start is not None:
-        begin = np.array([*start.offset / radius, np.log(start.softness / radius)])
-    else:
-        turns = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
-        begin = min(
-            (np.array([d * np.cos(a), d * np.sin(a), first]) for d in _DISTANCES for a in turns),
-            key=doubted,
-        )
-    bounds = (-_FARTHEST, -_FARTHEST, least), (_FARTHEST, _FARTHEST, most)
-    end = least_squares(
-        lambda x: solved(x)[0], np.clip(begin, *bounds), bounds=bounds,
-        loss="cauchy", f_scale=_DOUBT, max_nfev=_TRIES,
-    )  # fmt: skip
-    return highlight(end.x, solved(end.x)[1])
+    start_at = place_of(start, radius)
+    x = placed(lambda x: solved(x)[0], start_at, _DISTANCES, _FARTHEST, _SOFTNESS)
+    return highlight(x, solved(x)[1])
 
 
 def covariance_added(data: Data, state: State, highlight: Highlight) -> Array:
