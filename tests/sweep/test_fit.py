@@ -229,6 +229,23 @@ def in_jpeg(scene, seed):
     return truth, fit_sweep(*shot.photograph(truth))
 
 
+@pytest.mark.parametrize(("quality", "seed"), [(95, 3), (95, 6), (85, 6)])
+def test_compression_before_a_plain_wall_is_no_shadow_no_second_paint_and_no_bounce(quality, seed):
+    """Honest: noise of this wall hangs together, and more of it in brightness than in some color."""
+    rng = np.random.default_rng(seed)
+    angle, middle = rng.uniform(0, np.pi), np.array([128, 96]) + rng.uniform(-10, 10, 2)
+    half = 20 * np.array([np.cos(angle), np.sin(angle)])
+    way, body = Trajectory.line(middle - half, middle + half), Ball(10, (0.8, 0.35, 0.06))
+    truth = render(Scene(plain_plate((256, 192), (0.3, 0.33, 0.36), seed), way, body))
+    camera = Camera(code_std=1 / 255, jpeg_quality=quality, chroma="4:2:0")
+    shot = Shot(truth.scene, camera, plate_frames=5, seed=seed)
+    sweep = fit_sweep(*shot.photograph(truth))
+    assert sweep.misfit <= MAX_MISFIT
+    assert (sweep.model.rank, sweep.family.name) == (1, "line")
+    assert abs(sweep.radius - 10) < 0.2
+    assert rmse(sweep, truth) < 0.02
+
+
 def test_a_second_paint_of_which_compression_leaves_little_is_asked_for():
     """Honest: one paint leaves no more than noise there, and another alpha (0.045 off)."""
     body = Ball(9, (0.58, 0.56, 0.2), second_color=(0.15, 0.65, 0.61))

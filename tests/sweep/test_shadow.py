@@ -22,6 +22,7 @@ from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 144)
 GREEN = np.array([0.2, 0.6, 0.1])
+ORANGE = np.array([0.8, 0.35, 0.06])
 PLATES = {
     "plain": plain_plate(SIZE, (0.5, 0.42, 0.38), 4),
     "colorful": colorful_plate(SIZE, 2, tile=24),
@@ -83,6 +84,17 @@ def test_darkness_needs_no_color(plate):
     found = darkness(image, without, find_streaks(image, without)[0])
     assert np.mean(found[(shadow > 0.15) & (alpha == 0)]) > 0.9
     assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.15
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_compression_leaves_beside_an_object_is_no_shadow(seed):
+    """Honest: its noise hangs together over many pixels, and says less than as much of their own."""
+    truth = render(Scene(plain_plate(SIZE, (0.3, 0.33, 0.36), seed), WAY, Ball(10, ORANGE)))
+    camera = Camera(code_std=1 / 255, jpeg_quality=95, chroma="4:2:0")
+    shot = Shot(truth.scene, camera, plate_frames=5, seed=seed)
+    image, without = with_noise(*shot.photograph(truth))
+    streak = find_streaks(image, without)[0]
+    assert not shadow_beside(image, without, streak, *light_of(truth)).any()
 
 
 def test_noise_is_no_shadow():

@@ -32,6 +32,7 @@ from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
     is_contested,
+    left_beyond_noise,
     misfit,
     stays,
     understated,
@@ -241,7 +242,7 @@ def _richer(attempt: Attempt, told: End) -> End:
         return line
     plane = _plane(search, line, transfer)
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
-    left = min(left, told.beyond_noise)
+    left = min(_left_across(line, plane) if enough else left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
         return plane
     if of_two is not None:
@@ -262,8 +263,19 @@ def _of_two(line: End) -> State | None:
     In compressed pictures one paint may leave no more than noise of an object of two.
     """
     plane = End(line.search, _freed(line.search, line.state))
-    less = plane.state.converged and plane.beyond_noise <= line.left / _CLEARLY
+    found = plane.state.converged and can_be(line.search.data, plane.state)
+    less = found and plane.beyond_noise <= _left_across(line, plane) / _CLEARLY
     return plane.state if less and differ(line.state, plane.state) else None
+
+
+def _left_across(line: End, plane: End) -> float:
+    """What a line leaves beyond noise, of all colors or only of those that a plane cannot have.
+
+    What a plane does not ask for may be all that it gains: files spare some colors more than others.
+    """
+    data, one = line.search.data, line.state
+    across = state_at(data, one.family, one.path, one.silhouette, one.shape, plane.state.frame)
+    return min(line.left, left_beyond_noise(data, across))
 
 
 def _plane(search: Search, line: End, transfer: Transfer) -> End:

@@ -117,7 +117,7 @@ class Search:
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
         finalists = _finalists(self.coarse, self._tried(rank))
-        if misfit(self.coarse, finalists[0]) > HOPELESS:
+        if left_beyond_noise(self.coarse, finalists[0]) > HOPELESS:
             finalists = finalists[:1]
         starts = (seen(self.data, s) for s in finalists)
         ends = [descend(self.data, s, self.bounds, enough=ROUGHLY) for s in starts]

@@ -21,6 +21,9 @@ _UNDERSIDE = 0.4  # of the object's light: less than where a lamp above leaves a
 _SIGMAS = 4.0
 _RIM = 2  # pixels
 _LEAST, _MOST = 0.03, 0.8  # of the streak: of what is darker all over, no part is its shadow
+_BESIDE = 4  # pixels: files let a streak's colors run that far
+_ENOUGH = 20  # windows beside a streak, to tell noise from
+_MEDIAN = 0.455  # of the square of a normal variable
 
 
 def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color: Array) -> Bools:
@@ -84,10 +87,11 @@ def shadow_beside(
     box = streak.around(_WINDOWS[-1])
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
-    use = image.valid & plate.valid & inside
+    valid = image.valid & plate.valid
+    use, beside = valid & inside, valid & ~widened(inside, _BESIDE)
     least = _LIGHTLESS * brightness, shaded * brightness
-    products = [np.where(use, x, 0) for x in _products(image, plate, color)]
-    less = [_less(products, use, least, window) for window in _WINDOWS]
+    products = _products(image, plate, color)
+    less = [_less(products, use, beside, least, window) for window in _WINDOWS]
     lightless, dim = np.any(less, axis=0)
     core = use & lightless  # from here the shadow may reach onto the object
     found = np.zeros(streak.mask.shape, bool)
@@ -137,23 +141,35 @@ def _light_and_loss(p: Array, q: Array, u: Array, w: Array) -> tuple[Array, Arra
 
 
 def _less(
-    products: list[Array], use: Bools, leasts: tuple[float, float], window: int
+    products: list[Array], use: Bools, beside: Bools, leasts: tuple[float, float], window: int
 ) -> tuple[Bools, Bools]:
     """Where it is darker, a part a of the plate missing, and clearly less light than a · each least.
 
-    Products are 0 where they are of no use.
+    Where noise hangs together windows of it say less: how much so is seen beside the streak.
     """
-    n = np.maximum(_sums(use, window), 1)
-    p, q, u, w, variance = (_sums(x, window) / n for x in products)
-    k, a, det = _light_and_loss(p, q, u, w)
-    unit = variance / (n * det)
-    lost = (w < 0) & (a > _SIGMAS * np.sqrt(np.maximum(unit, 0)))
+    p, q, k, a, unit = _of_windows(products, use, window)
+    far = _sums(beside, window) > (1 - 1 / window) * window**2
+    if np.count_nonzero(far) > _ENOUGH:
+        *_, a_beside, unit_beside = _of_windows(products, beside, window)
+        z2 = a_beside[far] ** 2 / np.maximum(unit_beside[far], 1e-30)
+        unit = unit * max(float(np.median(z2)) / _MEDIAN, 1.0)
+    lost = (k * p < a * q) & (a > _SIGMAS * np.sqrt(unit))
 
     def lacking(least: float) -> Bools:
         std = np.sqrt(np.maximum(unit * (q - 2 * least * p + least**2), 0))
         return np.asarray(lost & (k - least * a < -_SIGMAS * std))
 
     return lacking(leasts[0]), lacking(leasts[1])
+
+
+def _of_windows(
+    products: list[Array], use: Bools, window: int
+) -> tuple[Array, Array, Array, Array, Array]:
+    """B·l, B·B, k and a of windows, and the variance of a if each pixel has noise of its own."""
+    n = np.maximum(_sums(use, window), 1)
+    p, q, u, w, variance = (_sums(np.where(use, x, 0), window) / n for x in products)
+    k, a, det = _light_and_loss(p, q, u, w)
+    return p, q, k, a, np.maximum(variance / (n * det), 0)
 
 
 def _sums(values: Array | Bools, window: int) -> Array:
