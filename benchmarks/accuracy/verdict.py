@@ -38,7 +38,10 @@ BLURRED = (0.1, 0.6)  # radii: of the circles of confusion
 MOMENTS, SUBSTEPS = 24, 8  # in which the two that cross are rendered one over the other
 WRONG = 0.05  # alpha, root mean square over the streak
 CONFIDENT = 3  # times the claimed standard deviation
-FILES = {"PNG": Camera(code_std=NOISE), "JPEG": Camera(code_std=NOISE, jpeg_quality=90)}
+FILES = {
+    "PNG": Camera(code_std=NOISE),
+    "JPEG": Camera(code_std=NOISE, jpeg_quality=90, chroma="4:2:0"),
+}
 LAMPS = (Lamp((-1, -1, 1), (1, 1, 0.9)), Lamp((1, 0.5, 1), (0.3, 0.5, 1)))
 NOTES = f"""
 Pictures of {SIZE[0]}x{SIZE[1]}, 8 bits, noise of {NOISE / CODE:g} code values, plates as the median of

@@ -18,7 +18,7 @@ from blurmatte.radiometry import LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import best_of, differ
-from blurmatte.sweep.descent import State, descend, main_colors, state_at
+from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import likelier_with_highlight, may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
@@ -123,7 +123,7 @@ def fit_sweep(
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = attempt is not first and told.misfit <= MAX_MISFIT
     if one_paint and not explained:
-        told = _richer(attempt, told)
+        told = _richer(attempt, told, first.search)
     return told.sweep(image)
 
 
@@ -205,9 +205,9 @@ def _in_front_left_out(attempt: Attempt) -> Attempt:
     hidden = in_front_of(attempt.search.data, attempt.disc, (image.size[1], image.size[0]))
     if not hidden.any():
         return attempt
-    seen = replace(image, valid=image.valid & ~hidden)
+    free = replace(image, valid=image.valid & ~hidden)
     data = attempt.search.data
-    rest = Search.of(attempt.streak, seen, attempt.plate, data.known, louder=data.louder)
+    rest = Search.of(attempt.streak, free, attempt.plate, data.known, louder=data.louder)
     again = rest.best(attempt.disc.frame.rank)
     before, after = End(attempt.search, attempt.disc), End(rest, again)
     less = after.beyond_noise <= _SAVED * before.beyond_noise
@@ -225,22 +225,25 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
     return replace(streak, mask=mask)
 
 
-def _richer(attempt: Attempt, told: End) -> End:
-    """One paint of any shape, unless only several, or any, on a disc explain the streak."""
+def _richer(attempt: Attempt, told: End, whole: Search) -> End:
+    """One paint of any shape, unless only several, or any, on a disc explain the streak.
+
+    Of a disc with a second paint it is the whole streak: what is dark for the first may be that.
+    """
     search, transfer = attempt.search, attempt.transfer
     line = _shaped(search, attempt.disc, told, transfer)
     left, simple = line.left, line.state.silhouette.bulges == 1
     glossy = with_highlight(attempt) if may_be_glossy(line) else None
-    if glossy is not None and (left > MAX_MISFIT or likelier_with_highlight(line, glossy.end)):
+    explained = line.beyond_noise <= MAX_MISFIT
+    if glossy is not None and (not explained or likelier_with_highlight(line, glossy.end)):
         return glossy.end
-    contested = is_contested(line.state) and line.beyond_noise <= MAX_MISFIT
-    if contested or search.data.known is not None:
+    if (explained and is_contested(line.state)) or search.data.known is not None:
         return line
     enough = left <= MAX_MISFIT and simple
     of_two = _of_two(line) if enough else None
     if enough and of_two is None:
         return line
-    plane = _plane(search, line, transfer)
+    plane = _plane(whole.as_measured, line, transfer)
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
     left = min(_left_across(line, plane) if enough else left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
@@ -248,7 +251,7 @@ def _richer(attempt: Attempt, told: End) -> End:
     if of_two is not None:
         return line.contested_by(of_two)
     if not simple and plane.misfit <= MAX_MISFIT:
-        return line.contested_by(plane.state)
+        return line.contested_by(seen(line.search.data, plane.state))
     line = plane if plane.plausible and not line.plausible else line
     if left <= MAX_MISFIT or not told.is_textured:
         return line
@@ -291,9 +294,9 @@ def _plane(search: Search, line: End, transfer: Transfer) -> End:
 
 def _freed(search: Search, line: State) -> State:
     """Where a descent ends that begins with a path and size of one paint, as a disc of a plane."""
-    data, size = search.data, DISC.size
-    frame = main_colors(data, line.swept.alpha, 2)
-    start = state_at(data, line.family, line.path, DISC, line.shape[:size], frame)
+    data, shape = search.data, line.shape[: DISC.size]
+    frame = main_colors(data, DISC.sweep(line.family, line.path, shape, data).alpha, 2)
+    start = state_at(data, line.family, line.path, DISC, shape, frame)
     return descend(data, start, search.bounds)
 
 

@@ -42,6 +42,8 @@ def with_highlight(attempt: Attempt) -> Attempt | None:
         found = replace(attempt, search=rest, disc=disc, highlight=highlight)
         if found.end.misfit <= MAX_MISFIT and highlight.color(found.end.state.main) is not None:
             return found
+        if found.end.beyond_noise <= MAX_MISFIT:
+            break  # it is not the path that is wrong
     return None
 
 

@@ -114,6 +114,11 @@ class Search:
         """With that many times the variance of noise."""
         return replace(self, data=self.data.raised(by), coarse=self.coarse.raised(by))
 
+    @property
+    def as_measured(self) -> "Search":
+        """With the noise that was measured."""
+        return self.raised(1 / self.data.louder)
+
     def best(self, rank: int) -> State:
         """Path, radius and color of this rank that leave the least."""
         finalists = _finalists(self.coarse, self._tried(rank))

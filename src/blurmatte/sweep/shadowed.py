@@ -19,9 +19,12 @@ from blurmatte.sweep.path import LINE, PathFamily
 from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.shadow import darkness, shadow_beside
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
-from blurmatte.sweep.verdict import MAX_MISFIT
+from blurmatte.sweep.verdict import MAX_MISFIT, left_beyond_noise
 
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
+# What discs with their shadows may leave on large pixels: 65 right ones left up to 2.1 times noise,
+# sheets and sticks 2.7 to 4.
+_MOST_LEFT = 2.5
 _LARGEST = 2.5  # times as many pixels as the object touched: shadows are as large, and soft
 
 
@@ -79,10 +82,17 @@ def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
         straight = on_path(coarse, disc, LINE)
         for start in (disc,) if straight is disc else (straight, disc):
             agreed = in_turns(coarse, start, None, fit_cast, in_shadow, first.search.bounds, TURNS)
+            if left_beyond_noise(coarse, agreed[0]) > _MOST_LEFT:
+                continue
             for families in (SMOOTH, FAMILIES) if start is disc else (SMOOTH,):
                 found = _refined(first, agreed, families)
-                if found is not None and (found := or_glossy(found)).end.misfit <= MAX_MISFIT:
+                if found is None:
+                    continue
+                found = or_glossy(found)
+                if found.end.misfit <= MAX_MISFIT:
                     return found
+                if found.end.beyond_noise <= MAX_MISFIT:
+                    break  # it is not the path that is wrong
     return None
 
 
