@@ -64,7 +64,7 @@ def test_an_outline_is_contradicted_by_fewer_pixels_than_a_disc(as_noise):
     data = replace(search.data, C=search.data.C + spots[..., None] * [0.0, 0.0, 0.3])
     for bulges, words in (
         (1, ""),
-        (2, "is contradicted by 17% of its pixels, for an outline too many"),
+        (2, "is contradicted by 17% of its pixels, too many for what is that free"),
     ):
         silhouette = replace(disc.silhouette, bulges=bulges)
         shape = silhouette.like(disc.silhouette, disc.shape)

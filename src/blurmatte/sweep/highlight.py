@@ -70,9 +70,13 @@ class Highlight:
         return G
 
     def color(self, paint: Array) -> Array | None:
-        """(3,) unit direction of the least light that it can be on a paint; None if it is none."""
+        """(3,) unit direction of the least light that it can be on a paint; None if it is none.
+
+        Lamps are nearer to white than paint is, so that highlights are paler than what is around them.
+        """
         taken = self.light < 0
-        if np.any(paint[taken] < _DARK):
+        paler = float(self.light.sum() - self.light @ paint * paint.sum()) > 0
+        if not paler or np.any(paint[taken] < _DARK):
             return None
         more = float(np.max(-self.light[taken] / paint[taken], initial=0))
         light = self.light + more * paint

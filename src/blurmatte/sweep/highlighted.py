@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from blurmatte.sweep.attempt import Attempt
-from blurmatte.sweep.choice import price
+from blurmatte.sweep.choice import CLEARLY, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 from blurmatte.sweep.end import End
@@ -71,7 +71,11 @@ def _in_turns(
 
 
 def likelier_with_highlight(shaped: End, glossy: End) -> bool:
-    """Whether a disc with a highlight is likelier than an outline, or a disc without."""
+    """Whether a disc with a highlight is likelier than an outline, or a disc without.
+
+    That an outline takes more parameters is no evidence for a disc: it must also leave less than that.
+    """
     trust = max(overstated(end.search.data, end.state) for end in (shaped, glossy))
     more = glossy.state.size + PARAMETERS - shaped.state.size
-    return (shaped.state.cost - glossy.state.cost) / trust > price(glossy.search.data, more)
+    least = max(price(glossy.search.data, more), CLEARLY)
+    return (shaped.state.cost - glossy.state.cost) / trust > least
