@@ -12,6 +12,7 @@ from blurmatte.streaks import require_streaks
 from blurmatte.sweep.descent import state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.frame import Frame
+from blurmatte.sweep.highlight import Highlight
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.verdict import MAX_MISFIT, coherence
@@ -33,7 +34,7 @@ def search_of(body, **camera):
 def told(end, share):
     """An end of which smooth light would tell a wrong alpha in this share of the places."""
     said = replace(smooth_light(end.search.data, end.state), share=share, astray_of_places=0.0)
-    fresh = End(end.search, replace(end.state), end.blur)
+    fresh = End(end.search, replace(end.state), end.blur, highlight=end.highlight)
     fresh.__dict__["_said"] = said
     return fresh
 
@@ -57,20 +58,19 @@ def test_what_leaves_but_noise_needs_no_other_to_tell_it(as_noise):
         assert told(as_noise, share).objection == ""
 
 
-def test_an_outline_is_contradicted_by_fewer_pixels_than_a_disc(as_noise):
-    """What a highlight is on a disc, an outline would have taken up."""
+def test_what_is_freer_than_a_disc_is_contradicted_by_fewer_pixels(as_noise):
+    """What something small does on a disc, an outline or a highlight would have taken up."""
     search, disc = as_noise.search, as_noise.state
     spots = np.random.default_rng(0).uniform(size=disc.swept.alpha.shape) < 0.15
     data = replace(search.data, C=search.data.C + spots[..., None] * [0.0, 0.0, 0.3])
-    for bulges, words in (
-        (1, ""),
-        (2, "is contradicted by 17% of its pixels, too many for what is that free"),
-    ):
+    words = "is contradicted by 17% of its pixels, too many for what is that free"
+    spot = Highlight(np.zeros(2), 3.0, np.zeros(3))
+    for bulges, highlight, said in ((1, None, ""), (2, None, words), (1, spot, words)):
         silhouette = replace(disc.silhouette, bulges=bulges)
         shape = silhouette.like(disc.silhouette, disc.shape)
         state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
-        end = End(replace(search, data=data), replace(state, converged=True))
-        assert told(end, 0.3).objection == words
+        end = End(replace(search, data=data), replace(state, converged=True), highlight=highlight)
+        assert told(end, 0.3).objection == said
 
 
 def test_a_rim_may_not_be_all_there_is(as_noise):

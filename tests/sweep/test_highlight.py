@@ -104,6 +104,14 @@ def test_its_color_is_the_least_that_no_channel_lacks():
     assert Highlight(np.zeros(2), 2.0, np.array([0.0, -0.1, 0.2])).color(red) is None
 
 
+def test_it_is_paler_than_its_paint():
+    """door: what makes a color deeper is no light of a lamp, though it may be light."""
+    disc = disc_in(data_of(Ball(RADIUS, GREEN)))
+    for sign, told in ((1, True), (-1, False)):
+        spot = Highlight(np.zeros(2), 2.0, sign * 0.1 * across(LAMP, disc))
+        assert (spot.color(disc.main) is not None) is told
+
+
 def told_together(seed):
     data = data_of(Ball(RADIUS, GREEN, highlight=0.6), seed)
     disc, spot = disc_in(data), None

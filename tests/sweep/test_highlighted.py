@@ -1,5 +1,7 @@
 """Glossy balls: a disc of one paint and its highlight, told together."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,8 +11,10 @@ from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, 
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
 from blurmatte.sweep.attempt import Attempt
+from blurmatte.sweep.choice import CLEARLY
 from blurmatte.sweep.highlighted import likelier_with_highlight, with_highlight
 from blurmatte.sweep.search import Search
+from blurmatte.sweep.verdict import overstated
 from blurmatte.trajectory import Trajectory
 
 SIZE = (200, 140)
@@ -76,6 +80,20 @@ def test_a_dull_ball_has_none():
     glossy = with_highlight(dull)
     assert glossy is None or not likelier_with_highlight(dull.end, glossy.end)
     assert fit_sweep(image, plate).model.rank == 1
+
+
+def test_a_highlight_is_no_likelier_only_because_an_outline_has_more_parameters():
+    """exact: it must leave less, by itself, than what else explains the streak."""
+    _, image, plate = taken()
+    glossy = with_highlight(attempted(image, plate)).end
+    data, disc = glossy.search.data, glossy.state
+    outline = replace(disc.silhouette, bulges=12)
+    shape = outline.like(disc.silhouette, disc.shape)
+    trust = overstated(data, disc)
+    for gain, likelier in ((-1, False), (CLEARLY - 1, False), (CLEARLY + 1, True)):
+        cost = disc.cost + gain * trust
+        shaped = replace(disc, silhouette=outline, shape=shape, cost=cost)
+        assert likelier_with_highlight(replace(glossy, state=shaped), glossy) is likelier
 
 
 def test_a_known_color_is_not_asked_for_another():
