@@ -278,6 +278,19 @@ def test_a_second_paint_is_looked_for_where_the_first_saw_a_shadow():
     assert rmse(sweep, truth) < 0.01
 
 
+def test_what_is_dark_for_one_paint_is_the_second():
+    """Honest: without the "shadow" that the first saw the rest went another way, and was no answer."""
+    body = Ball(37.5, (0.438, 0.49, 0.065), second_color=(0.03, 0.403, 0.387))
+    way = Trajectory.line((240.63, 131.46), (145.07, 163.1))
+    scene = Scene(textured_plate((384, 288), 593645626), way, body)
+    camera = Camera(code_std=2 / 255, jpeg_quality=90, chroma="4:2:0")
+    truth = render(scene)
+    sweep = fit_sweep(*Shot(scene, camera, plate_frames=5, seed=464).photograph(truth))
+    assert sweep.model.rank == 2
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, truth) < 0.02
+
+
 def test_another_shape_is_found_too():
     egg = Scene(WALL, LINE, Ball(12, GREEN), Change(squash=(1.5, 1.5), squash_angle=0.9))
     truth, image, picture = taken(egg)

@@ -75,6 +75,7 @@ class Highlight:
         Lamps are nearer to white than paint is, so that highlights are paler than what is around them.
         """
         taken = self.light < 0
+        # White along what of the light lies across the paint.
         paler = float(self.light.sum() - self.light @ paint * paint.sum()) > 0
         if not paler or np.any(paint[taken] < _DARK):
             return None

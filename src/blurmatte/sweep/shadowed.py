@@ -84,15 +84,25 @@ def _with_cast(first: Attempt, *discs: State) -> Attempt | None:
             agreed = in_turns(coarse, start, None, fit_cast, in_shadow, first.search.bounds, TURNS)
             if left_beyond_noise(coarse, agreed[0]) > _MOST_LEFT:
                 continue
-            for families in (SMOOTH, FAMILIES) if start is disc else (SMOOTH,):
-                found = _refined(first, agreed, families)
-                if found is None:
-                    continue
-                found = or_glossy(found)
-                if found.end.misfit <= MAX_MISFIT:
-                    return found
-                if found.end.beyond_noise <= MAX_MISFIT:
-                    break  # it is not the path that is wrong
+            found = _explaining(first, agreed, (SMOOTH, FAMILIES) if start is disc else (SMOOTH,))
+            if found is not None:
+                return found
+    return None
+
+
+def _explaining(
+    first: Attempt, agreed: tuple[State, CastShadow], tried: tuple[tuple[PathFamily, ...], ...]
+) -> Attempt | None:
+    """The same on small pixels, on paths of the first families with which nothing is left."""
+    for families in tried:
+        found = _refined(first, agreed, families)
+        if found is None:
+            continue
+        found = or_glossy(found)
+        if found.end.misfit <= MAX_MISFIT:
+            return found
+        if found.end.beyond_noise <= MAX_MISFIT:
+            break  # it is not the path that is wrong
     return None
 
 
