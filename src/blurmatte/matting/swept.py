@@ -21,6 +21,7 @@ _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels n
 _UNSOUND = np.uint8(Quality.PLATE_IN_MODEL | Quality.OUT_OF_RANGE | Quality.MISFIT)
 _SURE = 0.1  # standard deviation of an alpha that may stand against that of the whole sweep
 _ANOTHER = 0.5  # of the sweep's alpha: what differs by less may be in another light
+_REACH = 3.0  # standard deviations of how far a file let colors run
 _HALF_LIT = 0.6  # of the object's light: what has less lies in a shadow, what has more is no hole
 _LIT = 0.98  # of the plate's light: what has less lies in the shadow that the object casts
 _MEDIAN = 2.366  # of χ² of three
@@ -103,8 +104,9 @@ class Swept:
         other_light = _in_other_light(alpha, P, maps.alpha[place], maps.premultiplied[place])
         sure = (quality & _UNSOUND) == 0
         sure &= ~other_light & (maps.alpha_std[place] < _SURE)
-        least = np.maximum(3 * maps.alpha_std[place], _ANOTHER * alpha)
-        sure &= np.abs(maps.alpha[place] - alpha) > least
+        reach = 0.0 if before is image else _REACH * sweep.stats["rim"]
+        off = _off(maps.alpha[place], alpha, reach)
+        sure &= off > np.maximum(3 * maps.alpha_std[place], _ANOTHER * alpha)
         ours = inside & ~(odd & (mean_of_neighbors(sure.astype(float)) > 0.5))
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[place][ours] = values[ours]
@@ -126,6 +128,14 @@ def _hidden(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) -> B
     variance = np.maximum(image.variance + plate.variance, 1e-14)
     C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
     return in_front(alpha, light, C, B, np.asarray(variance, float), use)
+
+
+def _off(pixels: Floats, alpha: Array, reach: float) -> Array:
+    """How far pixels' alpha is from the sweep's, or from what a file let run there within `reach`."""
+    from scipy.ndimage import maximum_filter, minimum_filter
+
+    size = 2 * int(np.ceil(reach)) + 1
+    return np.maximum(pixels - maximum_filter(alpha, size), minimum_filter(alpha, size) - pixels)
 
 
 def _in_other_light(alpha: Array, P: Array, pixels: Floats, light: Floats) -> Bools:
