@@ -8,6 +8,7 @@ from PIL import Image, ImageOps
 
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
+from blurmatte.files.raster import as_stored
 from blurmatte.radiometry import SRGB
 
 EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -200,3 +201,35 @@ def test_an_exposure_time_that_is_no_number_is_not_told(tmp_path):
     exif[0x829A] = (1, 50)
     Image.new("RGB", (8, 8)).save(tmp_path / "odd.jpg", exif=exif)
     assert read(tmp_path / "odd.jpg", transfer=SRGB).meta.exposure_time is None
+
+
+@pytest.mark.parametrize("chroma", ["4:4:4", "4:2:2", "4:2:0"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_a_jpeg_says_how_it_was_compressed_however_it_lies(tmp_path, orientation, chroma):
+    """Oracle: what it expects of the picture before is what is read, but for a few codes."""
+    y, x = np.mgrid[:75, :83] / 80
+    before = np.stack([0.3 + 0.4 * x, 0.5 + 0.2 * np.sin(9 * y), 0.4 + 0.3 * x * y], axis=-1)
+    before[(x + y) > 1] = (0.8, 0.35, 0.15)
+    stored = as_stored(np.rint(255 * before).astype(np.uint8), orientation)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / "a.jpg"
+    Image.fromarray(stored).save(path, quality=75, subsampling=chroma, exif=exif)
+    image = read(path, transfer=SRGB)
+    expected = image.meta.compression.expected(before, 0.5 / 255)
+    codes = SRGB.encode(image.rgb.astype(float))
+    off, changed = (np.sqrt(np.mean((codes - x) ** 2)) for x in (expected, before))
+    assert off < 0.3 * changed
+
+
+def test_of_other_files_nobody_knows_how_they_were_compressed(
+    tmp_path, ramp, make_png, make_profile, curve
+):
+    """PNG; gray; red, green and blue that are no luma; other primaries."""
+    (tmp_path / "a.png").write_bytes(make_png(ramp))
+    Image.fromarray(ramp[..., 0]).save(tmp_path / "gray.jpg")
+    Image.fromarray(ramp).save(tmp_path / "rgb.jpg", keep_rgb=True)
+    wide = make_profile(curve["curv"](563))
+    Image.fromarray(ramp).save(tmp_path / "wide.jpg", icc_profile=wide)
+    for path in tmp_path.iterdir():
+        assert read(path, None if path.stem == "wide" else SRGB).meta.compression is None, path.name

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.radiometry import LINEAR, SRGB, LinearImage, Meta, NoiseModel, decode
+from blurmatte.radiometry import LINEAR, SRGB, Compression, LinearImage, Meta, NoiseModel, decode
 
 NOISE = NoiseModel(gain=1e-3, read_std=0.01)
 
@@ -105,3 +105,13 @@ def test_channels_of_a_clipped_pixel_that_are_not_clipped_are_usable():
     light = LinearImage(np.array([[[1.2, 0.5, 0.5]]]))
     assert light.usable.all()  # what is valid is not clipped, however bright
     assert replace(light, valid=~light.valid).clipped.tolist() == [[[True, False, False]]]
+
+
+def test_a_part_knows_where_it_lies_in_the_blocks_of_its_file(rgb):
+    """Invariant: of parts of parts, too."""
+    steps = ((1,) * 8,) * 8
+    meta = Meta(compression=Compression(steps, steps, (2, 2), (1, 0)))
+    image = LinearImage(rgb, meta=meta)
+    part = image.crop((2, 1, 6, 4)).crop((1, 1, 3, 2))
+    assert part.meta.compression == replace(meta.compression, origin=(4, 2))
+    assert image.meta.compression.origin == (1, 0)

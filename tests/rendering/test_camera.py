@@ -288,3 +288,14 @@ def test_door_of_pictures(light):
 def test_door_of_settings(settings, message):
     with pytest.raises((TypeError, ValueError), match=message):
         Camera(**settings)
+
+
+@pytest.mark.parametrize("chroma", ["4:4:4", "4:2:2", "4:2:0"])
+def test_a_camera_tells_its_compression_as_its_file_does(plate, tmp_path, chroma):
+    camera = Camera(jpeg_quality=83, chroma=chroma)
+    path = tmp_path / "picture.jpg"
+    path.write_bytes(camera.compress(camera.expose(plate, 1)))
+    told = camera.photograph(plate, 1).meta.compression
+    assert told is not None
+    assert told == read(path).meta.compression
+    assert Camera(chroma=chroma).photograph(plate, 1).meta.compression is None

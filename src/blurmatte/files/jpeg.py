@@ -13,6 +13,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools
 from blurmatte.files.jpeg_blocks import block_numbers, mcu_size, scan_order
 from blurmatte.files.jpeg_segments import Component, JpegError, Scan, Segments, holds_rgb
+from blurmatte.radiometry import Compression
 
 _SAMPLINGS = {
     ((1, 1),): 0,
@@ -21,6 +22,12 @@ _SAMPLINGS = {
     ((2, 2), (1, 1), (1, 1)): 2,
 }
 _SOI = b"\xff\xd8"
+# By EXIF orientation: whether axes are exchanged, then left and right, then above and below.
+_TURNS = {
+    1: (False, False, False), 2: (False, True, False), 3: (False, True, True),
+    4: (False, False, True), 5: (True, False, False), 6: (True, True, False),
+    7: (True, True, True), 8: (True, False, True),
+}  # fmt: skip
 # Row by row in a block, at which place in zigzag order [T.81 figure A.6].
 _DIAGONALS = sorted(
     ((y, x) for y in range(8) for x in range(8)),
@@ -97,6 +104,39 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
         raise JpegError("is damaged (it holds no picture)")
     tables = tuple(segments.quantization[i] for i in range(len(segments.components)))
     return Jpeg(tuple(segments.kept), segments.size, segments.components, tables, coefficients)
+
+
+def compression_of(data: bytes, orientation: int) -> Compression | None:
+    """What a JPEG file did to the code values of its picture, as it is when it is upright.
+
+    None for gray pictures, for channels that are no luma and chroma, and for more pixels that share
+    chroma than two by two.
+    """
+    try:
+        segments = Segments(data)
+        segments.next_scan(len(_SOI))
+        tables = [segments.quantization[i][np.argsort(ZIGZAG)] for i in range(2)]
+    except (JpegError, KeyError):
+        return None
+    sampling = tuple((c.across, c.down) for c in segments.components)
+    if set(sampling[1:]) != {(1, 1)} or holds_rgb(segments.kept, segments.components):
+        return None
+    if not set(sampling[0]) <= {1, 2}:
+        return None
+    luma, chroma = (tuple(map(tuple, table.reshape(8, 8).tolist())) for table in tables)
+    return _upright(Compression(luma, chroma, sampling[0]), segments.size, orientation)
+
+
+def _upright(stored: Compression, size: tuple[int, int], orientation: int) -> Compression:
+    """Of the picture turned and mirrored as the EXIF tag says."""
+    transposed, mirrored, upside_down = _TURNS[orientation]
+    if transposed:
+        stored, size = stored.transposed(), size[::-1]
+    if mirrored:
+        stored = stored.mirrored(size[0])
+    if upside_down:
+        stored = stored.transposed().mirrored(size[1]).transposed()
+    return stored
 
 
 def exchanged(jpeg: Jpeg, codes: npt.NDArray[np.uint8], changed: Bools) -> Jpeg:

@@ -15,12 +15,13 @@ from blurmatte.errors import FileError
 from blurmatte.files.camera import CAMERA_TAG, in_camera_colors
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.icc import Profile
+from blurmatte.files.jpeg import compression_of
 from blurmatte.files.plates import with_layers
 from blurmatte.files.raster import MAX_PIXELS, Raster, load
 from blurmatte.files.raw import read_raw
 from blurmatte.files.refusals import RAW, check_premultiplied, kind_of
 from blurmatte.layer import Layer
-from blurmatte.radiometry import LINEAR, LinearImage, Meta, Transfer, decode
+from blurmatte.radiometry import LINEAR, Compression, LinearImage, Meta, Transfer, decode
 
 
 def read(
@@ -177,4 +178,12 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         icc_profile=icc_profile(raster),
         gray=raster.gray,
         color_space="sRGB",
+        compression=_compression(raster, encoding),
     )
+
+
+def _compression(raster: Raster, encoding: Profile | None) -> Compression | None:
+    """Of a JPEG whose code values are those that its light is encoded as."""
+    if kind_of(raster.path) != "JPEG" or encoding is None or encoding.matrix is not None:
+        return None
+    return compression_of(raster.path.read_bytes(), raster.orientation)

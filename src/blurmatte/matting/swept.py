@@ -104,8 +104,7 @@ class Swept:
         other_light = _in_other_light(alpha, P, maps.alpha[place], maps.premultiplied[place])
         sure = (quality & _UNSOUND) == 0
         sure &= ~other_light & (maps.alpha_std[place] < _SURE)
-        reach = 0.0 if before is image else _REACH * sweep.stats["rim"]
-        off = _off(maps.alpha[place], alpha, reach)
+        off = _off(maps.alpha[place], alpha, _REACH * sweep.runs_by(image))
         sure &= off > np.maximum(3 * maps.alpha_std[place], _ANOTHER * alpha)
         ours = inside & ~(odd & (mean_of_neighbors(sure.astype(float)) > 0.5))
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
@@ -135,7 +134,8 @@ def _off(pixels: Floats, alpha: Array, reach: float) -> Array:
     from scipy.ndimage import maximum_filter, minimum_filter
 
     size = 2 * int(np.ceil(reach)) + 1
-    return np.maximum(pixels - maximum_filter(alpha, size), minimum_filter(alpha, size) - pixels)
+    most, least = maximum_filter(alpha, size), minimum_filter(alpha, size)
+    return np.asarray(np.maximum(pixels - most, least - pixels))
 
 
 def _in_other_light(alpha: Array, P: Array, pixels: Floats, light: Floats) -> Bools:

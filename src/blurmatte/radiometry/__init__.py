@@ -5,6 +5,7 @@ from blurmatte.radiometry.blocks import block_squares as block_squares
 from blurmatte.radiometry.blocks import block_sums as block_sums
 from blurmatte.radiometry.blocks import coherence as coherence
 from blurmatte.radiometry.cells import cell_means as cell_means
+from blurmatte.radiometry.compression import Compression as Compression
 from blurmatte.radiometry.hexadecimal import light_of_hex as light_of_hex
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Matrix3 as Matrix3

@@ -15,6 +15,7 @@ from blurmatte.checks import (
     check_map,
 )
 from blurmatte.errors import PlateError
+from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.noise import NoiseModel
 from blurmatte.radiometry.transfer import Transfer
 
@@ -56,6 +57,8 @@ class Meta:
         pictures. None: the light is taken to be sRGB's.
     time : float or None
         When a clip shows it, seconds.
+    compression : Compression or None
+        What the file's compression did to code values; None: nothing, or nobody knows.
     """
 
     source: str = ""
@@ -69,6 +72,7 @@ class Meta:
     white_balance: tuple[float, float, float] | None = None
     to_srgb: Matrix3 | None = field(default=None, repr=False)
     time: float | None = None
+    compression: Compression | None = field(default=None, repr=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,7 +175,10 @@ class LinearImage:
         x0, y0, x1, y1 = box
         place = slice(y0, y1), slice(x0, x1)
         noise = self.noise[place] if isinstance(self.noise, np.ndarray) else self.noise
-        return replace(self, rgb=self.rgb[place], noise=noise, valid=self.valid[place])
+        meta = self.meta
+        if meta.compression is not None:
+            meta = replace(meta, compression=meta.compression.cropped(x0, y0))
+        return LinearImage(self.rgb[place], noise, self.valid[place], meta)
 
     def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":
         """The same light, with `noise`."""

@@ -8,7 +8,14 @@ import numpy.typing as npt
 from blurmatte.checks import Floats, check_light
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.mosaic import demosaic, tiled
-from blurmatte.rendering.jpeg import CHROMAS, FULL_CHROMA, coarsen_chroma, from_jpeg, to_jpeg
+from blurmatte.rendering.jpeg import (
+    CHROMAS,
+    FULL_CHROMA,
+    coarsen_chroma,
+    compression_of,
+    from_jpeg,
+    to_jpeg,
+)
 
 Rng = int | np.random.Generator
 Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
@@ -146,10 +153,13 @@ class Camera:
         if self.bits is None:
             return LinearImage(self._developed(light, rng), noise=self._known_noise(light))
         codes = self.expose(light, rng)
+        compression = None
         if self.jpeg_quality is not None:
-            codes = from_jpeg(self.compress(codes))
+            file = self.compress(codes)
+            codes, compression = from_jpeg(file), compression_of(file)
         picture = decode(codes, self.transfer)
-        return replace(picture, meta=replace(picture.meta, levels=2**self.bits))
+        meta = replace(picture.meta, levels=2**self.bits, compression=compression)
+        return replace(picture, meta=meta)
 
     def _developed(self, light: Floats, rng: Rng) -> Floats:
         """Light with all its noise, as the curve meets it; shape and dtype of `light`."""

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
+from blurmatte.radiometry import Compression
 
 FULL_CHROMA = "4:4:4"
 CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
@@ -36,6 +37,18 @@ def from_jpeg(file: bytes) -> npt.NDArray[np.uint8]:
 
     with Image.open(io.BytesIO(file)) as picture:
         return np.array(picture)
+
+
+def compression_of(file: bytes) -> Compression:
+    """What a JPEG file of `to_jpeg` did."""
+    from PIL import Image
+
+    with Image.open(io.BytesIO(file)) as picture:
+        tables, layers = picture.quantization, picture.layer  # type: ignore[attr-defined]
+    (_, across, down, luma), (*_, chroma) = layers[0], layers[1]
+    steps = [np.reshape(tables[name], (8, 8)).tolist() for name in (luma, chroma)]
+    of_luma, of_chroma = (tuple(map(tuple, table)) for table in steps)
+    return Compression(of_luma, of_chroma, (across, down))
 
 
 def coarsen_chroma(values: Floats, chroma: str, steps: int) -> Floats:

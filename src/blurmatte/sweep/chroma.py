@@ -5,19 +5,22 @@ out the fine structure of color. They do so with code values, so that what it co
 bright both sides of a rim are: in linear light a rim is not only softer, it seems to lie elsewhere.
 
 In this file luma is the weighted mean of a pixel's three code values, as files weigh them, and chroma
-what is left of them without it; G is a normal distribution that chroma is blurred by. The picture was
+what is left of them without it. F is what the file makes of a picture: of a JPEG that is known, and of
+others G, a normal distribution by which they blur chroma, is taken for it. The picture was
 M = k l + (1 − α) B, with l the direction of the object's color, in a plane of colors that of what is
-around, and k of each pixel such that M has the luma that the file kept; the file made G chroma(M) of
-its chroma. But the plate's colors ran together too before they were known: compared is with M' of the
-plate B' that would come out of the file if B went through it, and chroma(M') − G chroma(M) is what is
-to be added. It is 0 where nothing moved.
+around, and k of each pixel such that M has the luma that the file kept; the file made F M of it. But
+the plate's colors ran together too before they were known: compared is with M' of the plate F B that
+would come out of the file if B went through it, and M' − F M is what is to be added to the code
+values. It is 0 where nothing moved.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import Transfer
+from blurmatte.radiometry import Compression, Transfer
 from blurmatte.sweep.path import PathFamily
 
 Array = npt.NDArray[np.float64]
@@ -29,8 +32,63 @@ _POINTS = 33  # of a path
 _BRIGHTEST, _HALVES = 4.0, 20  # a bright white's length is 1.7; to a millionth of that
 
 
+@dataclass(frozen=True)
+class Blur:
+    """A file of which no more is known than how much it blurs chroma.
+
+    Parameters
+    ----------
+    std : float
+        Standard deviation of G, pixels.
+    """
+
+    std: float
+
+    def seen(self, codes: Array) -> Array:
+        """(h, w, 3) code values as the file has them."""
+        from scipy.ndimage import gaussian_filter
+
+        chroma = codes - (codes @ _LUMA)[..., None]
+        return np.asarray(codes - chroma + gaussian_filter(chroma, (self.std, self.std, 0)))
+
+
+@dataclass(frozen=True)
+class Compressed:
+    """A file that says how it was compressed.
+
+    Parameters
+    ----------
+    compression : Compression
+    noise : float
+        Standard deviation of code values.
+    """
+
+    compression: Compression
+    noise: float
+
+    @classmethod
+    def of(
+        cls, compression: Compression, light: Floats, variance: Floats, transfer: Transfer
+    ) -> "Compressed":
+        """With noise as it is in the picture: what was taken away of it hardly matters."""
+        codes = np.sqrt(variance) / transfer.slope(light)
+        return cls(compression, float(np.median(codes)))
+
+    @property
+    def std(self) -> float:
+        """Pixels by which chroma runs."""
+        return self.compression.spread
+
+    def seen(self, codes: Array) -> Array:
+        """(h, w, 3) code values as the file has them, on average."""
+        return self.compression.expected(codes, self.noise)
+
+
+File = Blur | Compressed
+
+
 def before_bleeding(
-    C: Floats, B: Floats, alpha: Array, within: Array, blur: float, transfer: Transfer
+    C: Floats, B: Floats, alpha: Array, within: Array, file: File, transfer: Transfer
 ) -> Array:
     """(h, w, 3) light of an image as it was before its colors ran together.
 
@@ -41,24 +99,18 @@ def before_bleeding(
     alpha : (h, w) float
     within : (3, rank) float
         Directions that the object's light may have: one, or those of a plane.
-    blur : float
-        Standard deviation of G, pixels.
+    file : Blur or Compressed
+        What became of the image's code values.
     transfer : Transfer
         Of the file.
     """
-    from scipy.ndimage import gaussian_filter
-
-    def blurred(chroma: Array) -> Array:
-        return np.asarray(gaussian_filter(chroma, (blur, blur, 0)))
-
     through, there = (1 - alpha)[..., None], alpha > 0
     codes, plate = (transfer.encode(np.asarray(light, float)) for light in (C, B))
     behind, own = through * B, np.zeros(C.shape)
-    color = _own_color((C - behind) * there[..., None] @ within @ within.T, blur)[there]
+    color = _own_color((C - behind) * there[..., None] @ within @ within.T, file.std)[there]
     own[there] = _brightness(codes[there] @ _LUMA, behind[there], color, transfer) * color
-    again = transfer.decode(plate - _chroma(plate) + blurred(_chroma(plate)))
-    before = _chroma(transfer.encode(through * again + own))
-    after = blurred(_chroma(transfer.encode(behind + own)))
+    before = transfer.encode(through * transfer.decode(file.seen(plate)) + own)
+    after = file.seen(transfer.encode(behind + own))
     return np.asarray(transfer.decode(codes + before - after))
 
 
@@ -99,7 +151,3 @@ def _brightness(luma: Array, behind: Array, color: Array, transfer: Transfer) ->
         dark = transfer.encode(behind + k[:, None] * color) @ _LUMA < luma
         low, high = np.where(dark, k, low), np.where(dark, high, k)
     return np.asarray((low + high) / 2)[:, None]
-
-
-def _chroma(codes: Array) -> Array:
-    return np.asarray(codes - (codes @ _LUMA)[..., None])

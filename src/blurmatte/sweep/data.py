@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import LinearImage, Transfer, cell_means, smooth_variance
+from blurmatte.radiometry import Compression, LinearImage, Transfer, cell_means, smooth_variance
 from blurmatte.streaks import Streak
-from blurmatte.sweep.chroma import before_bleeding
+from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding
 from blurmatte.sweep.known import KnownColor
 
 Array = npt.NDArray[np.float64]
@@ -46,6 +46,8 @@ class Data:
         Over how many pixels of the picture an object of any colors is taken to change little.
     louder : float
         Times the variance that was measured, which the noise is taken to have.
+    compression : Compression, optional
+        Of the image's file, of which these are the pixels.
     """
 
     C: Array
@@ -62,6 +64,7 @@ class Data:
     scale: float = 1.0
     grain: float = 4.0
     louder: float = 1.0
+    compression: Compression | None = None
 
     @property
     def pitch(self) -> float:
@@ -72,7 +75,17 @@ class Data:
         self, alpha: Array, within: Array, blur: float, transfer: Transfer
     ) -> "Data":
         """With the light before colors ran together by so many pixels; see `chroma`."""
-        C = before_bleeding(self.C, self.B, alpha, within, blur / self.scale, transfer)
+        return self._before(Blur(blur / self.scale), alpha, within, transfer)
+
+    def before_compression(self, alpha: Array, within: Array, transfer: Transfer) -> "Data":
+        """With the light before a file was compressed that says how; see `chroma`."""
+        assert self.compression is not None
+        variance = self.C_variance / self.louder
+        file = Compressed.of(self.compression, self.C, variance, transfer)
+        return self._before(file, alpha, within, transfer)
+
+    def _before(self, file: File, alpha: Array, within: Array, transfer: Transfer) -> "Data":
+        C = before_bleeding(self.C, self.B, alpha, within, file, transfer)
         return replace(self, C=np.ascontiguousarray(C))
 
     def raised(self, by: float) -> "Data":
@@ -158,4 +171,5 @@ def data_around(
         size,
         (float(box[0]), float(box[1])),
         known,
+        compression=image.meta.compression,
     )

@@ -205,7 +205,7 @@ def descend(
             promised = -float(g @ step) / 2
             if promised < enough:
                 return _ended(state, bounds)
-            tried = _moved(data, state, step, bounds)
+            tried = moved(data, state, step, bounds)
             gain = _gained(data, state, tried)
             if gain > 0:
                 break
@@ -306,7 +306,7 @@ def _held(state: State, g: Array, bounds: tuple[float, float]) -> npt.NDArray[np
     return held
 
 
-def _moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:
+def moved(data: Data, state: State, step: Array, bounds: tuple[float, float]) -> State:
     """The state after a step, which is shortened where it leaves the range of the linear."""
     n, m = len(state.path), len(state.shape)
     bends = n + m - state.silhouette.soft

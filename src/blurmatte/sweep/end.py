@@ -16,6 +16,7 @@ from blurmatte.sweep import cast, highlight
 from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.choice import most_apart
 from blurmatte.sweep.chroma import left_untold
+from blurmatte.sweep.compressed import before_compression
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, sharp
 from blurmatte.sweep.highlight import Highlight
@@ -84,6 +85,8 @@ class End:
         The shadow of a disc, in which the search's plate lies.
     highlight : Highlight, optional
         That of a disc, without which the search's image is.
+    covariance : (size, size) float, optional
+        Of the state's parameters, if it is told by how the file was compressed.
     """
 
     search: Search
@@ -91,11 +94,15 @@ class End:
     blur: float = 0.0
     cast: CastShadow | None = None
     highlight: Highlight | None = None
+    covariance: Array | None = None
 
     @classmethod
     def before_bleeding(cls, search: Search, state: State, transfer: Transfer) -> "End":
         """What a state becomes of the light before a file let colors run together, if it did."""
         data, blur, contested = search.data, 0.0, state.contested
+        if data.compression is not None and state.frame.rank < 3:
+            search, state, covariance = before_compression(search, state, transfer)
+            return cls(search, replace(state, contested=contested), covariance=covariance)
         if ran_together(data, state):
             first = search.softest(seen(data, state))
             softness = first.silhouette.softness(first.shape)
@@ -162,6 +169,14 @@ class End:
         return self.blur or self.state.silhouette.softness(self.state.shape)
 
     @property
+    def _runs_by(self) -> float:
+        """Pixels by which the file let colors run, as far as that was undone."""
+        compression = self.search.data.compression
+        if self.covariance is None or compression is None:
+            return self.blur
+        return compression.spread
+
+    @property
     def plausible(self) -> bool:
         """Whether it can be, and explains most: what says otherwise must be wrong, or this is."""
         return self.beyond_noise <= HOPELESS and not objection(self.search.data, self.state)
@@ -223,9 +238,13 @@ class End:
 
     @property
     def _is_contradicted(self) -> bool:
-        """Whether pixels contradict what is free to take up more than a disc of one paint."""
+        """Whether pixels contradict what is free to take up more than a disc of one paint.
+
+        Or that disc, where it is known what the file did to it.
+        """
         data, state = self.search.data, self.state
         freer = state.silhouette.bulges > 1 or self.highlight is not None
+        freer |= self.covariance is not None
         free = data.known is None and freer
         return free and doubtful_share(data, state) > _MOST_DOUBTFUL
 
@@ -274,6 +293,8 @@ class End:
         trust = overstated(data, state)
         H, _ = state.information(data)
         covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float)
+        if self.covariance is not None:
+            covariance = self.covariance / trust
         if self.cast is not None:
             covariance += cast.covariance_added(data, state, self.cast)
         if self.highlight is not None:
@@ -281,9 +302,10 @@ class End:
         covariance *= trust * VARIANCE
         model = self._model(covariance[-2:, -2:] + self._turned)
         k = len(state.path)
-        covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, blur)
+        covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
         known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
         of_lens = self.rim > _OF_LENSES or not colors_ran_together(data, state)
+        of_lens |= self.covariance is not None
         soft = state.silhouette.soft and blur == 0 and of_lens
         silhouette = replace(state.silhouette, soft=soft)
         n = k + silhouette.size

@@ -303,12 +303,15 @@ def _freed(search: Search, line: State) -> State:
 def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """The silhouette that the evidence asks for, if but noise is left of it; or the disc.
 
-    Each is asked to explain the light that it tells itself: told by another it would seem worse. What
+    Each is asked to explain the light that it tells itself: told by another it would seem worse. But
+    where a file says how it was compressed, outlines are looked for in the light that the disc tells:
+    else they take up what the file did to rims, and only what it did not keep is the disc's there. What
     an outline leaves it could not take up, free as it is, so that something else is wrong; other
     objections to it stay with it, and are what a refusal says. An outline that explains the light as
     it was found, and leaves but noise, contests a disc that has another alpha.
     """
-    best = refined(search.data, disc)
+    light, disc = (search.data, disc) if told.covariance is None else (told.search.data, told.state)
+    best = refined(light, disc)
     if best is disc:
         return told
     if best.silhouette == disc.silhouette:

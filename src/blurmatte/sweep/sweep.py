@@ -10,7 +10,7 @@ import numpy.typing as npt
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.chroma import before_bleeding
+from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding
 from blurmatte.sweep.data import nothing_in
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
@@ -184,14 +184,27 @@ class Sweep:
         image, plate : LinearImage
             What is in the box (x0, y0, x1, y1).
         """
-        blur = self.stats["rim"]
-        if blur == 0 or self.silhouette.soft or self.model.rank == 3:
+        file = self._file(image)
+        if file is None or self.model.rank == 3:
             return image
         alpha, within = self.within(box)[0], self.model.basis
         transfer = image.meta.transfer or SRGB
-        light = before_bleeding(image.rgb, plate.rgb, alpha, within, blur, transfer)
+        light = before_bleeding(image.rgb, plate.rgb, alpha, within, file, transfer)
         kept = np.where(image.valid[..., None], light, image.rgb)
         return replace(image, rgb=kept.astype(image.rgb.dtype))
+
+    def runs_by(self, image: LinearImage) -> float:
+        """Pixels by which the image's file let colors run, a standard deviation; 0 if it did not."""
+        file = self._file(image)
+        return 0.0 if file is None else file.std
+
+    def _file(self, image: LinearImage) -> File | None:
+        """What became of the image's code values."""
+        compression, transfer = image.meta.compression, image.meta.transfer or SRGB
+        if compression is not None:
+            return Compressed.of(compression, image.rgb, image.variance, transfer)
+        blur = self.stats["rim"]
+        return None if blur == 0 or self.silhouette.soft else Blur(blur)
 
     def in_shadow(self, plate: LinearImage, box: tuple[int, int, int, int]) -> LinearImage:
         """What is in a box of the plate, in the shadow that the object casts on it; itself without.

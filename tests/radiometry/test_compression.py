@@ -1,0 +1,135 @@
+"""Compression: what a JPEG file makes of code values is known before it is written."""
+
+import io
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from PIL import Image
+
+from blurmatte.radiometry import Compression
+from blurmatte.rendering.jpeg import compression_of, from_jpeg, to_jpeg
+
+SAMPLINGS = ["4:4:4", "4:2:2", "4:2:0"]
+NOISE = 1.5 / 255
+
+
+@pytest.fixture(scope="module")
+def codes():
+    """(75, 83, 3) smooth colors and a sharp edge."""
+    y, x = np.mgrid[:75, :83] / 80
+    smooth = np.stack([0.3 + 0.4 * x, 0.5 + 0.2 * np.sin(9 * y), 0.4 + 0.3 * x * y], axis=-1)
+    smooth[(x + y) > 1] = (0.8, 0.35, 0.15)
+    return np.rint(255 * smooth).astype(np.uint8)
+
+
+def through_a_file(codes, chroma, quality=80):
+    file = to_jpeg(codes, quality, chroma)
+    return from_jpeg(file), compression_of(file)
+
+
+@pytest.mark.parametrize("chroma", SAMPLINGS)
+def test_without_noise_it_is_what_the_file_holds(codes, chroma):
+    """Exact."""
+    held, compression = through_a_file(codes, chroma)
+    assert np.abs(held.astype(int) - codes).max() > 20
+    assert_allclose(compression.expected(codes / 255, 0), held / 255, atol=1e-12)
+
+
+@pytest.mark.parametrize("chroma", SAMPLINGS)
+def test_with_noise_it_is_the_mean_of_many_files(codes, chroma):
+    """Honest: of other noise than it draws itself, of which 16 draws leave 1.5/4 codes."""
+    rng = np.random.default_rng(5)
+    smooth = codes / 255
+    draws = (smooth + NOISE * rng.standard_normal((100, *codes.shape))).clip(0, 1)
+    files = [through_a_file(np.rint(255 * draw).astype(np.uint8), chroma) for draw in draws]
+    mean = np.mean([held for held, _ in files], axis=0)
+    off = 255 * files[0][1].expected(smooth, NOISE) - mean
+    assert np.sqrt(np.mean(off**2)) < 0.5
+    assert np.sqrt(np.mean((codes - mean) ** 2)) > 3 * np.sqrt(np.mean(off**2))
+
+
+@pytest.mark.parametrize("corner", [(8, 5), (16, 32), (1, 3)])
+@pytest.mark.parametrize("chroma", SAMPLINGS)
+def test_a_part_is_compressed_as_the_whole(codes, chroma, corner):
+    """Invariant: but for blocks that the part's sides cut."""
+    _, compression = through_a_file(codes, chroma)
+    x, y = corner
+    part = compression.cropped(x, y).expected(codes[y:, x:] / 255, 0)
+    whole = compression.expected(codes / 255, 0)[y:, x:]
+    assert_array_equal(part[16:, 16:], whole[16:, 16:])
+
+
+@pytest.mark.parametrize("chroma", SAMPLINGS)
+def test_a_picture_that_is_turned_keeps_its_blocks(codes, chroma):
+    """Invariant: what stands upside down or on its side was compressed as it lay."""
+    _, compression = through_a_file(codes, chroma)
+    width = codes.shape[1]
+    turned = {
+        "on its side": (compression.transposed(), lambda x: np.swapaxes(x, 0, 1)),
+        "mirrored": (compression.mirrored(width), lambda x: x[:, ::-1]),
+    }
+    lying = compression.expected(codes / 255, NOISE)
+    for name, (upright, turn) in turned.items():
+        off = 255 * (upright.expected(turn(codes) / 255, NOISE) - turn(lying))
+        # What fills the last blocks is another side's.
+        assert np.sqrt(np.mean(off[16:-16, 16:-16] ** 2)) < 0.9, name
+        assert np.sqrt(np.mean((255 * lying - codes) ** 2)) > 3, name
+
+
+def test_columns_may_share_chroma_too(codes):
+    """4:4:0, which is what a 4:2:2 file on its side is: rows share nothing, columns do."""
+    held, compression = through_a_file(np.ascontiguousarray(np.swapaxes(codes, 0, 1)), "4:2:2")
+    turned = compression.transposed()
+    assert turned.shared == (1, 2)
+    assert turned.mcu == (8, 16)
+    upright = np.swapaxes(held, 0, 1) / 255
+    assert_allclose(turned.expected(codes / 255, 0), upright, atol=1e-12)
+
+
+def test_draws_are_always_the_same(codes):
+    _, compression = through_a_file(codes, "4:2:0")
+    first, second = (compression.expected(codes / 255, NOISE) for _ in range(2))
+    assert_array_equal(first, second)
+
+
+def test_chroma_runs_as_far_as_it_is_shared():
+    """Oracle: how far the color of a column of pixels runs in 4:2:0, as a standard deviation."""
+    steps = ((1,) * 8,) * 8
+    compression, x = Compression(steps, steps, (2, 2)), np.arange(-5, 6)
+    squares = []
+    for column in (30, 31):
+        codes = np.full((64, 64, 3), 0.5)
+        codes[:, column] = (0.9, 0.3, 0.5)  # of the same luma
+        seen = compression.expected(codes, NOISE)
+        red = (seen[..., 0] - seen[..., 1]).mean(axis=0)[column - 5 : column + 6]
+        squares.append(np.average(x**2, weights=red))
+    assert np.sqrt(np.mean(squares)) == pytest.approx(compression.spread, rel=0.1)
+    assert replace(compression, shared=(1, 1)).spread == 0.5
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"luma": ((1,) * 8,) * 7}, "luma must be 8 by 8 steps"),
+        ({"chroma": ((0,) * 8,) * 8}, "from 1 to 255"),
+        ({"luma": ((256,) * 8,) * 8}, "from 1 to 255"),
+        ({"shared": (4, 1)}, "1 or 2 by 1 or 2 pixels share chroma"),
+    ],
+)
+def test_what_no_file_does_is_refused(changes, message):
+    steps = ((3,) * 8,) * 8
+    with pytest.raises(ValueError, match=message):
+        Compression(**({"luma": steps, "chroma": steps} | changes))
+
+
+def test_tables_are_those_of_the_file(codes):
+    """Rows of the table are vertical frequencies, as in the file's own words, unzigzagged."""
+    tables = [list(range(1, 65)), list(range(65, 129))]
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", qtables=tables, subsampling="4:2:0")
+    compression = compression_of(file.getvalue())
+    assert compression.luma[0] == tuple(range(1, 9))
+    assert compression.chroma[7] == tuple(range(121, 129))
+    assert compression.shared == (2, 2)
