@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import Compression, Transfer
+from blurmatte.radiometry import Compression, LinearImage, Transfer
 from blurmatte.sweep.path import PathFamily
 
 Array = npt.NDArray[np.float64]
@@ -85,6 +85,15 @@ class Compressed:
 
 
 File = Blur | Compressed
+
+
+def known_of(image: LinearImage) -> Compression | None:
+    """How an image was compressed, if that is all that became of its colors.
+
+    A file in which each pixel has a color of its own may be a copy of one in which it had not.
+    """
+    compression = image.meta.compression
+    return None if compression is None or compression.shared == (1, 1) else compression
 
 
 def before_bleeding(

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import Compression, LinearImage, Transfer, cell_means, smooth_variance
 from blurmatte.streaks import Streak
-from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding
+from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding, known_of
 from blurmatte.sweep.known import KnownColor
 
 Array = npt.NDArray[np.float64]
@@ -47,7 +47,7 @@ class Data:
     louder : float
         Times the variance that was measured, which the noise is taken to have.
     compression : Compression, optional
-        Of the image's file, of which these are the pixels.
+        Of the image's file, of which these are the pixels; see `chroma.known_of`.
     """
 
     C: Array
@@ -171,5 +171,5 @@ def data_around(
         size,
         (float(box[0]), float(box[1])),
         known,
-        compression=image.meta.compression,
+        compression=known_of(image),
     )

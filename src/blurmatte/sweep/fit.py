@@ -17,13 +17,14 @@ from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.attempt import Attempt
-from blurmatte.sweep.choice import best_of, differ
+from blurmatte.sweep.choice import CLEARLY, best_of, differ
+from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import likelier_with_highlight, may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
-from blurmatte.sweep.outline import likelier, refined
+from blurmatte.sweep.outline import gained, likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
@@ -32,7 +33,6 @@ from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
     is_contested,
-    left_beyond_noise,
     misfit,
     stays,
     understated,
@@ -267,7 +267,7 @@ def _of_two(line: End) -> State | None:
     """
     plane = End(line.search, _freed(line.search, line.state))
     found = plane.state.converged and can_be(line.search.data, plane.state)
-    less = found and plane.beyond_noise <= _left_across(line, plane) / _CLEARLY
+    less = found and line.leaves(plane.state) <= _left_across(line, plane) / _CLEARLY
     return plane.state if less and differ(line.state, plane.state) else None
 
 
@@ -278,7 +278,7 @@ def _left_across(line: End, plane: End) -> float:
     """
     data, one = line.search.data, line.state
     across = state_at(data, one.family, one.path, one.silhouette, one.shape, plane.state.frame)
-    return min(line.left, left_beyond_noise(data, across))
+    return min(line.left, line.leaves(across))
 
 
 def _plane(search: Search, line: End, transfer: Transfer) -> End:
@@ -303,14 +303,32 @@ def _freed(search: Search, line: State) -> State:
 def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
     """The silhouette that the evidence asks for, if but noise is left of it; or the disc.
 
-    Each is asked to explain the light that it tells itself: told by another it would seem worse. But
-    where a file says how it was compressed, outlines are looked for in the light that the disc tells:
-    else they take up what the file did to rims, and only what it did not keep is the disc's there. What
+    Each is asked to explain the light that it tells itself: told by another it would seem worse. What
     an outline leaves it could not take up, free as it is, so that something else is wrong; other
     objections to it stay with it, and are what a refusal says. An outline that explains the light as
     it was found, and leaves but noise, contests a disc that has another alpha.
+
+    Where a file says how it was compressed, outlines are looked for in the light that the disc tells:
+    else they take up what the file did to rims. What is found in the light as it is contests a disc
+    only if it is about as likely where each tells its own.
     """
-    light, disc = (search.data, disc) if told.covariance is None else (told.search.data, told.state)
+    if told.covariance is None:
+        return _outlined(search, search.data, disc, told, transfer)
+    shaped = _outlined(search, told.search.data, told.state, told, transfer)
+    if shaped.state.silhouette.bulges > 1:
+        return shaped
+    found = refined(search.data, disc)
+    if found.silhouette.bulges == 1:
+        return shaped
+    other = End.before_bleeding(search, found, transfer)
+    ends = (told.search.data, told.state), (other.search.data, other.state)
+    if other.beyond_noise > MAX_MISFIT or gained(*ends) < -2 * CLEARLY:
+        return shaped
+    return other if likelier(*ends) else shaped.contested_by(other.state)
+
+
+def _outlined(search: Search, light: Data, disc: State, told: End, transfer: Transfer) -> End:
+    """The same, of the outlines that are found in some light."""
     best = refined(light, disc)
     if best is disc:
         return told

@@ -204,7 +204,12 @@ def _could_pay(data: Data, disc: State, richest: State) -> bool:
 
 
 def likelier(simple: tuple[Data, State], rich: tuple[Data, State]) -> bool:
-    """Whether one of two ends is the better, though it needs more parameters.
+    """Whether one of two ends is the better, though it needs more parameters; see `gained`."""
+    return gained(simple, rich) > 0
+
+
+def gained(simple: tuple[Data, State], rich: tuple[Data, State]) -> float:
+    """By how much one of two ends is likelier than another and the parameters that it needs cost.
 
     Parameters
     ----------
@@ -212,10 +217,10 @@ def likelier(simple: tuple[Data, State], rich: tuple[Data, State]) -> bool:
         Each with the light that it is to explain.
     """
     if not (can_be(*simple) and can_be(*rich)):
-        return can_be(*rich)
+        return np.inf if can_be(*rich) else -np.inf
     trust = min(overstated(*simple), overstated(*rich))
     gain = (simple[1].cost - rich[1].cost) / trust
-    return gain > _price(rich[0], rich[1].size - simple[1].size)
+    return gain - _price(rich[0], rich[1].size - simple[1].size)
 
 
 def _best(data: Data, states: Sequence[State]) -> State:

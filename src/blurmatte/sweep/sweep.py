@@ -10,7 +10,7 @@ import numpy.typing as npt
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding
+from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding, known_of
 from blurmatte.sweep.data import nothing_in
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
@@ -200,7 +200,7 @@ class Sweep:
 
     def _file(self, image: LinearImage) -> File | None:
         """What became of the image's code values."""
-        compression, transfer = image.meta.compression, image.meta.transfer or SRGB
+        compression, transfer = known_of(image), image.meta.transfer or SRGB
         if compression is not None:
             return Compressed.of(compression, image.rgb, image.variance, transfer)
         blur = self.stats["rim"]
