@@ -25,7 +25,7 @@ from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Sh
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-FIRST = 490  # scenes before it were looked at while the rules were made
+FIRST = 500  # scenes before it were looked at while the rules were made
 SEEDS = 10
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
