@@ -66,9 +66,6 @@ _MOST_DOUBTFUL_IN_LOUD = 0.06
 # Of the pixels of an outline, or of a disc with a highlight: 250 right ones had up to 0.054, one 0.083
 # and one 0.14; four wrong ones more.
 _MOST_DOUBTFUL = 0.1
-# Of what right sweeps may leave in files, what they may where the file says how it was compressed, and
-# that was undone: of 30 right ones up to 0.75 of 1.2, wrong ones of the same objects 0.96 to 1.16.
-_LEFT_OF_FILES = 0.7
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
@@ -137,15 +134,7 @@ class End:
     @cached_property
     def beyond_noise(self) -> float:
         """What it leaves, whatever else may be said against it."""
-        return self.leaves(self.state)
-
-    def leaves(self, state: State) -> float:
-        """What a state leaves in the same light; see `left_beyond_noise`.
-
-        That allows for what files do to colors, and where it is known it was undone.
-        """
-        left = left_beyond_noise(self.search.data, state)
-        return left if self.covariance is None else left / _LEFT_OF_FILES
+        return left_beyond_noise(self.search.data, self.state)
 
     @cached_property
     def objection(self) -> str:
@@ -249,13 +238,9 @@ class End:
 
     @property
     def _is_contradicted(self) -> bool:
-        """Whether pixels contradict what is free to take up more than a disc of one paint.
-
-        Or that disc, where it is known what the file did to it.
-        """
+        """Whether pixels contradict what is free to take up more than a disc of one paint."""
         data, state = self.search.data, self.state
         freer = state.silhouette.bulges > 1 or self.highlight is not None
-        freer |= self.covariance is not None
         free = data.known is None and freer
         return free and doubtful_share(data, state) > _MOST_DOUBTFUL
 

@@ -33,6 +33,7 @@ from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
     is_contested,
+    left_beyond_noise,
     misfit,
     stays,
     understated,
@@ -267,7 +268,7 @@ def _of_two(line: End) -> State | None:
     """
     plane = End(line.search, _freed(line.search, line.state))
     found = plane.state.converged and can_be(line.search.data, plane.state)
-    less = found and line.leaves(plane.state) <= _left_across(line, plane) / _CLEARLY
+    less = found and plane.beyond_noise <= _left_across(line, plane) / _CLEARLY
     return plane.state if less and differ(line.state, plane.state) else None
 
 
@@ -278,7 +279,7 @@ def _left_across(line: End, plane: End) -> float:
     """
     data, one = line.search.data, line.state
     across = state_at(data, one.family, one.path, one.silhouette, one.shape, plane.state.frame)
-    return min(line.left, line.leaves(across))
+    return min(line.left, left_beyond_noise(data, across))
 
 
 def _plane(search: Search, line: End, transfer: Transfer) -> End:
