@@ -289,7 +289,9 @@ def test_what_is_dark_for_one_paint_is_the_second():
     scene = Scene(textured_plate((384, 288), 593645626), way, body)
     camera = Camera(code_std=2 / 255, jpeg_quality=90, chroma="4:2:0")
     truth = render(scene)
-    sweep = fit_sweep(*Shot(scene, camera, plate_frames=5, seed=464).photograph(truth))
+    image, picture = Shot(scene, camera, plate_frames=5, seed=464).photograph(truth)
+    image = replace(image, meta=replace(image.meta, compression=None))
+    sweep = fit_sweep(image, picture)
     assert sweep.model.rank == 2
     assert sweep.misfit <= MAX_MISFIT
     assert rmse(sweep, truth) < 0.02
