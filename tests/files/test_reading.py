@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
@@ -8,6 +10,8 @@ from PIL import Image, ImageOps
 
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
+from blurmatte.files.jpeg import read_jpeg
+from blurmatte.files.jpeg_writing import jpeg_bytes
 from blurmatte.files.raster import as_stored
 from blurmatte.radiometry import SRGB
 
@@ -233,3 +237,26 @@ def test_of_other_files_nobody_knows_how_they_were_compressed(
     Image.fromarray(ramp).save(tmp_path / "wide.jpg", icc_profile=wide)
     for path in tmp_path.iterdir():
         assert read(path, None if path.stem == "wide" else SRGB).meta.compression is None, path.name
+
+
+@pytest.mark.parametrize("orientation", [0, 9])
+def test_an_orientation_that_means_nothing_turns_nothing(tmp_path, ramp, orientation):
+    """Door: some programs write 0."""
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    Image.fromarray(ramp).save(tmp_path / "odd.jpg", exif=exif)
+    Image.fromarray(ramp).save(tmp_path / "plain.jpg")
+    odd, plain = (read(tmp_path / f"{name}.jpg", SRGB) for name in ("odd", "plain"))
+    assert np.array_equal(odd.rgb, plain.rgb)
+    assert odd.meta.compression == plain.meta.compression
+
+
+def test_a_jpeg_of_the_coarsest_steps_is_read(tmp_path, ramp):
+    """Door: tables of 16 bits hold steps that no baseline file has."""
+    Image.fromarray(ramp).save(tmp_path / "a.jpg", quality=50)
+    jpeg = read_jpeg((tmp_path / "a.jpg").read_bytes())
+    coarse = tuple(table + np.uint16(300) for table in jpeg.quantization)
+    (tmp_path / "a.jpg").write_bytes(jpeg_bytes(replace(jpeg, quantization=coarse)))
+    image = read(tmp_path / "a.jpg", SRGB)
+    assert image.size == (ramp.shape[1], ramp.shape[0])
+    assert image.meta.compression is None

@@ -22,6 +22,7 @@ _SAMPLINGS = {
     ((2, 2), (1, 1), (1, 1)): 2,
 }
 _SOI = b"\xff\xd8"
+_MOST_STEP = 255  # of 8 bits; tables of 16 bits may hold more
 # By EXIF orientation: whether axes are exchanged, then left and right, then above and below.
 _TURNS = {
     1: (False, False, False), 2: (False, True, False), 3: (False, True, True),
@@ -109,8 +110,8 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
 def compression_of(data: bytes, orientation: int) -> Compression | None:
     """What a JPEG file did to the code values of its picture, as it is when it is upright.
 
-    None for gray pictures, for channels that are no luma and chroma, and for more pixels that share
-    chroma than two by two.
+    None for gray pictures, for channels that are no luma and chroma, for more pixels that share chroma
+    than two by two, and for steps that no other file could be written with.
     """
     try:
         segments = Segments(data)
@@ -121,7 +122,7 @@ def compression_of(data: bytes, orientation: int) -> Compression | None:
     sampling = tuple((c.across, c.down) for c in segments.components)
     if set(sampling[1:]) != {(1, 1)} or holds_rgb(segments.kept, segments.components):
         return None
-    if not set(sampling[0]) <= {1, 2}:
+    if not set(sampling[0]) <= {1, 2} or np.max(tables) > _MOST_STEP:
         return None
     luma, chroma = (tuple(map(tuple, table.reshape(8, 8).tolist())) for table in tables)
     return _upright(Compression(luma, chroma, sampling[0]), segments.size, orientation)
@@ -129,7 +130,7 @@ def compression_of(data: bytes, orientation: int) -> Compression | None:
 
 def _upright(stored: Compression, size: tuple[int, int], orientation: int) -> Compression:
     """Of the picture turned and mirrored as the EXIF tag says."""
-    transposed, mirrored, upside_down = _TURNS[orientation]
+    transposed, mirrored, upside_down = _TURNS.get(orientation, _TURNS[1])
     if transposed:
         stored, size = stored.transposed(), size[::-1]
     if mirrored:
