@@ -3,7 +3,8 @@
 Each pixel says what it knows of alpha (`evidence`), with its information as weight; a prior says that
 alpha is smooth but for edges (`smooth_prior`). How smooth is found from the data: of several scales and
 both orders of differences those for which Stein's unbiased estimate of the error is least, on cells so
-large that this takes no time. Then it goes from coarse to fine.
+large that this takes no time. Then it goes from coarse to fine. Where the image's file says how it let
+colors run together, that is undone with a first alpha, and all is done again.
 """
 
 import warnings
@@ -40,6 +41,7 @@ from blurmatte.matting.smooth_prior import (
 )
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
+from blurmatte.sweep import Compressed, file_of, image_before
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -57,6 +59,41 @@ _SAMPLES, _FINAL_SAMPLES = 2, 8
 _NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
 _SIGMAS_OUT = 3.0
 _ANY_COLORS = 0.7  # power: of any colors, how much of noise that hangs together counts, in trials
+
+
+@dataclass(frozen=True, eq=False)
+class _Found:
+    """Alpha of all pixels, and what led to it.
+
+    Parameters
+    ----------
+    pixels : Pixels
+    near : (h, w) float
+        Alpha by large cells.
+    together, weaker : float
+        By how much more noise adds up than if each pixel had its own, and how much of that counts.
+    levels : list of Evidence
+        From pixels to the largest cells.
+    cells : list of (Prior, Field)
+        From the largest cells to the smallest that tell how smooth alpha is.
+    prior : Prior
+    field : Field
+        In pixels, with a border.
+    """
+
+    pixels: Pixels
+    near: Floats
+    together: float
+    weaker: float
+    levels: list[Evidence]
+    cells: list[tuple[Prior, Field]]
+    prior: Prior
+    field: Field
+
+    @property
+    def finest(self) -> int:
+        """Levels below the smallest of the cells."""
+        return len(self.levels) - len(self.cells)
 
 
 @dataclass(frozen=True)
@@ -126,7 +163,12 @@ class Smooth:
             If the last step still changed the answer; it is the last one then.
         """
         pixels = pixels_of(image, plate, model, inside, mixed)
-        field, prior, of_sum = self._field(pixels)
+        file = file_of(pixels.image)
+        if file is not None and model.rank == 1:  # what others show is not known well enough
+            pixels = _before_file(pixels, file, self._found(pixels).field)
+        found = self._found(pixels)
+        variance, of_sum = self._with_error(found)
+        field, prior = found.field, found.prior
         if not field.converged:
             warnings.warn(
                 f"alpha had not settled after {field.steps} steps and is that of the last one; choose "
@@ -134,7 +176,7 @@ class Smooth:
                 ConvergenceWarning,
                 stacklevel=3,
             )
-        alpha, alpha_std = _inner(field.x), np.sqrt(_inner(field.variance))
+        alpha, alpha_std = _inner(field.x), np.sqrt(_inner(variance))
         P, P_std, _ = light_given(alpha, alpha_std, model, image, pixels.wide)
         place = slice(box[1], box[3]), slice(box[0], box[2])
         hidden = (maps.quality[place] & np.uint8(Quality.OCCLUDED)) != 0
@@ -157,8 +199,8 @@ class Smooth:
             },
         }
 
-    def _field(self, pixels: Pixels) -> tuple[Field, Prior, float]:
-        """Alpha with a border, the prior that led to it, and the variance of its sum."""
+    def _found(self, pixels: Pixels) -> "_Found":
+        """Alpha with a border, and what led to it."""
         near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
         together = noise_together(pixels, near)
         # Of any colors too little is known: with the whole weight alpha was smooth, sure, and wrong.
@@ -171,27 +213,28 @@ class Smooth:
         )
         own = _bordered(*evidence_of(pixels, near), pixels.inside, least)
         levels = own.weaker(weaker).levels(_CELLS)
-        found = _chosen(levels)
-        prior, field = found[-1]
-        finest = len(levels) - len(found)
-        known = field.x, field.variance
-        near, variance = (_in_pixels(m, levels[:finest]) for m in known)
+        cells = _chosen(levels)
+        prior, field = cells[-1]
+        finest = len(levels) - len(cells)
+        near, variance = (_in_pixels(m, levels[:finest]) for m in (field.x, field.variance))
         levels = _renewed(pixels, near, variance, weaker, least).levels(_CELLS)
-        largest = 4 ** (len(levels) - 1)
-        of_sum = together / weaker * sum_variance(levels[-1], *found[0], largest)
-        unsure = np.zeros_like(near)
-        if together > 1:
-            unsure, of_all = _of_rounding(pixels, near, together, levels, found[0])
-            of_sum += of_all
-        total = 4**finest * field.x.sum(dtype=float)
         prior, field = self._in_detail(levels, prior, field, finest, pixels.model, _FINAL_SAMPLES)
+        return _Found(pixels, near, together, weaker, levels, cells, prior, field)
+
+    def _with_error(self, found: "_Found") -> tuple[Floats, float]:
+        """The variance of each pixel's alpha, with a border, and that of their sum."""
+        levels, together, weaker = found.levels, found.together, found.weaker
+        field, cells = found.field, 4 ** (len(levels) - 1)
+        of_sum = together / weaker * sum_variance(levels[-1], *found.cells[0], cells)
+        unsure = np.zeros_like(found.near)
+        if together > 1:
+            unsure, of_all = _of_rounding(found)
+            of_sum += of_all
         # Cells and pixels weigh what is known differently, and neither is sure to be right.
-        of_sum += (field.x.sum(dtype=float) - total) ** 2
+        of_sum += (_total(field) - 4**found.finest * _total(found.cells[-1][1])) ** 2
         lost = (1 - 1 / together) * _fine(field.x)
-        variance, off = self._variance(levels, prior, field, pixels.model)
-        of_sum += off
-        variance = variance * together / weaker + np.pad(unsure, BORDER) + lost
-        return replace(field, variance=variance), prior, of_sum
+        variance, off = self._variance(levels, found.prior, field, found.pixels.model)
+        return variance * together / weaker + np.pad(unsure, BORDER) + lost, of_sum + off
 
     def _in_detail(
         self,
@@ -264,21 +307,27 @@ def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
     return _inner(values)
 
 
-def _of_rounding(
-    pixels: Pixels,
-    near: Floats,
-    together: float,
-    levels: Sequence[Evidence],
-    largest: tuple[Prior, Field],
-) -> tuple[Floats, float]:
+def _before_file(pixels: Pixels, file: Compressed, field: Field) -> Pixels:
+    """With the image as it was before its file let colors run together, if this is alpha."""
+    alpha = np.asarray(np.clip(_inner(field.x), 0, 1), float)
+    image = image_before(pixels.image, pixels.plate, alpha, pixels.model.basis, file)
+    return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
+
+
+def _total(field: Field) -> float:
+    return float(field.x.sum(dtype=float))
+
+
+def _of_rounding(found: _Found) -> tuple[Floats, float]:
     """Variance of each pixel's alpha and of their sum, of what a file rounded alike in neighbors."""
-    pulls = rounded_pulls(pixels, np.clip(near, 0, 1), levels)
+    levels = found.levels
+    pulls = rounded_pulls(found.pixels, np.clip(found.near, 0, 1), levels)
     if not pulls:
-        return np.zeros_like(near), 0.0
-    cells = 4 ** (len(levels) - 1)
-    off = np.stack(changes(levels[-1], *largest, [p / together for p in pulls], cells))
+        return np.zeros_like(found.near), 0.0
+    cells, pulls = 4 ** (len(levels) - 1), [p / found.together for p in pulls]
+    off = np.stack(changes(levels[-1], *found.cells[0], pulls, cells))
     of_sum = np.mean((cells * off.sum(axis=(1, 2))) ** 2)
-    share = 1 - 1 / together  # what noise each pixel has of its own spreads over codes
+    share = 1 - 1 / found.together  # what noise each pixel has of its own spreads over codes
     return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
 
 

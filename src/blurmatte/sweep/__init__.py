@@ -1,5 +1,8 @@
 """Path, silhouette and color of a smear in one fit."""
 
+from blurmatte.sweep.chroma import Compressed as Compressed
+from blurmatte.sweep.chroma import file_of as file_of
+from blurmatte.sweep.chroma import image_before as image_before
 from blurmatte.sweep.color import fit_color as fit_color
 from blurmatte.sweep.fit import fit_disc as fit_disc
 from blurmatte.sweep.fit import fit_sweep as fit_sweep

@@ -14,13 +14,13 @@ would come out of the file if B went through it, and M' − F M is what is to be
 values. It is 0 where nothing moved.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import Compression, LinearImage, Transfer
+from blurmatte.radiometry import SRGB, Compression, LinearImage, Transfer
 from blurmatte.sweep.path import PathFamily
 
 Array = npt.NDArray[np.float64]
@@ -94,6 +94,27 @@ def known_of(image: LinearImage) -> Compression | None:
     """
     compression = image.meta.compression
     return None if compression is None or compression.shared == (1, 1) else compression
+
+
+def file_of(image: LinearImage) -> Compressed | None:
+    """The file of an image whose noise is known, if that says how it was compressed."""
+    compression, transfer = known_of(image), image.meta.transfer or SRGB
+    if compression is None:
+        return None
+    return Compressed.of(compression, image.rgb, image.variance, transfer)
+
+
+def image_before(
+    image: LinearImage, plate: LinearImage, alpha: Array, within: Array, file: File
+) -> LinearImage:
+    """An image as it was before its colors ran together; clipped pixels as they are.
+
+    The parameters are those of `before_bleeding`.
+    """
+    transfer = image.meta.transfer or SRGB
+    light = before_bleeding(image.rgb, plate.rgb, alpha, within, file, transfer)
+    kept = np.where(image.valid[..., None], light, image.rgb)
+    return replace(image, rgb=kept.astype(image.rgb.dtype))
 
 
 def before_bleeding(

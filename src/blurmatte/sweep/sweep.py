@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
-from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding, known_of
+from blurmatte.sweep.chroma import Blur, File, file_of, image_before
 from blurmatte.sweep.data import nothing_in
 from blurmatte.sweep.path import PathFamily
 from blurmatte.sweep.silhouette import Silhouette, Swept
@@ -187,11 +187,7 @@ class Sweep:
         file = self._file(image)
         if file is None or self.model.rank == 3:
             return image
-        alpha, within = self.within(box)[0], self.model.basis
-        transfer = image.meta.transfer or SRGB
-        light = before_bleeding(image.rgb, plate.rgb, alpha, within, file, transfer)
-        kept = np.where(image.valid[..., None], light, image.rgb)
-        return replace(image, rgb=kept.astype(image.rgb.dtype))
+        return image_before(image, plate, self.within(box)[0], self.model.basis, file)
 
     def runs_by(self, image: LinearImage) -> float:
         """Pixels by which the image's file let colors run, a standard deviation; 0 if it did not."""
@@ -200,11 +196,8 @@ class Sweep:
 
     def _file(self, image: LinearImage) -> File | None:
         """What became of the image's code values."""
-        compression, transfer = known_of(image), image.meta.transfer or SRGB
-        if compression is not None:
-            return Compressed.of(compression, image.rgb, image.variance, transfer)
-        blur = self.stats["rim"]
-        return None if blur == 0 or self.silhouette.soft else Blur(blur)
+        told, blur = file_of(image), self.stats["rim"]
+        return told or (None if blur == 0 or self.silhouette.soft else Blur(blur))
 
     def in_shadow(self, plate: LinearImage, box: tuple[int, int, int, int]) -> LinearImage:
         """What is in a box of the plate, in the shadow that the object casts on it; itself without.
