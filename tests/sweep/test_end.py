@@ -89,10 +89,10 @@ def test_of_any_colors_no_rim_is_blurred(as_noise, texture):
     free = state_at(
         search.data, disc.family, disc.path, disc.silhouette, disc.shape, Frame.of(np.eye(3))
     )
-    said = {"structure": 9.0, "scatter": 0.01} if texture else {}
     for blur, words in ((0.0, ""), (0.8, "has a blurred rim, which of any colors may be")):
         end = told(End(search, replace(free, converged=True), blur), 1.0)
-        end.__dict__["_said"] = replace(end.__dict__["_said"], astray=0.0, **said)
+        end.__dict__["_said"] = replace(end.__dict__["_said"], astray=0.0)
+        end.__dict__["_off_by_texture"] = 0.01 if texture else np.inf
         assert end.objection.startswith(words)
         assert bool(end.objection) == bool(words)
 

@@ -21,6 +21,9 @@ _MAX_SCALE_STD = 0.2  # of the angle to the plate's hue: alpha is uncertain by a
 _MAX_UNEXPLAINED = 0.1  # of the change between plate and image: one paint left 0.05, two 0.13
 _MAX_IMPOSSIBLE = 0.05  # of the pixels: more cannot be noise
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
+_IF_ROUND = (
+    "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"
+)
 _BLOCK = 16  # pixels: noise of neighbors this near may be the same noise (JPEG, its halved color)
 
 
@@ -149,14 +152,15 @@ def _refuse_the_open(model: ColorModel, pixels: Pixels) -> None:
     spread = np.degrees(np.sqrt(np.mean(1 - np.clip(B @ unit(B.mean(axis=0)), -1, 1) ** 2)))
     said = ", ".join(f"{name} leaves {std:.1f}°" for name, std in model.evidence.items())
     why = f"{said}; the plate's hue is {near:.0f}° away and varies by {spread:.1f}° behind it"
-    if misfit(model.pole, pixels) > 9:
+    several = misfit(model.pole, pixels) > 9
+    if several:
         why += "; the colors do not lie on one line: a highlight, a second color, or a shadow"
     possible = model.possible
     raise ColorModelError(
         f"the streak leaves the object's color open by {model.angle_std:.1f}°, anything from "
         f"{possible[1].hex[0]} to {possible[5].hex[0]} ({why}): give the "
         "color (--color, model=), pick pixels of the object where it is sharp or opaque, or bound "
-        "its brightness"
+        "its brightness" + _IF_ROUND * several
     )
 
 
@@ -173,5 +177,5 @@ def _refuse_the_unfit(model: ColorModel, pixels: Pixels) -> None:
             f"{np.sqrt(max(unexplained / moved, 0)):.0%} of the change, and {np.mean(impossible):.0%} "
             "of the pixels with an alpha below 0 or above 1, or with negative light; give the colors "
             "of the object (--color, model=; two with rank 2), or choose a region with one object and "
-            "without its shadow"
+            "without its shadow" + _IF_ROUND
         )

@@ -13,6 +13,7 @@ import numpy.typing as npt
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage, Transfer
 from blurmatte.sweep import cast, highlight
+from blurmatte.sweep.attenuation import attenuation, structure
 from blurmatte.sweep.cast import CastShadow
 from blurmatte.sweep.choice import most_apart
 from blurmatte.sweep.chroma import left_untold
@@ -42,10 +43,10 @@ Array = npt.NDArray[np.float64]
 # Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
 # shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
 _MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
-_STRUCTURED = 3.0  # times its noise: the least that is texture of a plate; rims tell alpha, too
-_MOST_OF_IT = 0.5  # of a streak, where the plate's texture must tell alpha to believe in any colors
-_AGAINST = 3.0  # what it may tell against them
-_EXACTLY = 0.05  # of alpha, to which it may tell it instead: paint is finer than a field
+_STRUCTURED = 3.0  # times its noise: the least that is texture of a plate
+# Of alpha, to which the plate's texture must tell it to believe in any colors, and to believe in them
+# whatever else is left, for paint is finer than a field.
+_CONFIRMED, _EXACTLY = 0.18, 0.08
 # Of alpha: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. Planes and outlines, which
 # take up more, are asked place by place: right ones left up to 0.17, wrong ones 0.25 on.
 _MOST_ASTRAY, _MOST_OF_PLACES = 0.125, 0.2
@@ -190,12 +191,14 @@ class End:
 
     @property
     def unsure(self) -> float:
-        """By how much of alpha it may be off: what smooth light says, and half of what contests it.
+        """By how much of alpha it may be off: what light or texture says, and half of what contests it.
 
         One of two answers that are as likely is off by all of their difference, or not at all.
         """
-        by_light = self.astray if self.state.frame.rank < 3 else 0.0
-        return float(np.hypot(by_light, self.state.contested / np.sqrt(2)))
+        said = self.astray
+        if self.state.frame.rank == 3:
+            said = self._off_by_texture if self.is_confirmed else 0.0
+        return float(np.hypot(said, self.state.contested / np.sqrt(2)))
 
     @property
     def _turned(self) -> Array:
@@ -252,28 +255,26 @@ class End:
         return free and coherence(data, state) > _MOST_OF_PLANE
 
     @property
-    def is_textured(self) -> bool:
+    def is_before_texture(self) -> bool:
+        """Whether the plate has texture that would be seen through."""
+        return structure(self.search.data) > _STRUCTURED
+
+    @property
+    def is_confirmed(self) -> bool:
         """Whether the plate's texture would tell a wrong alpha of any colors, and does not."""
-        agrees = self.state.frame.rank < 3 or self._said.against < _AGAINST
-        return self._is_told_by_texture and (agrees or self._is_told_exactly)
+        return self._off_by_texture < _CONFIRMED
 
     @property
     def _is_told_exactly(self) -> bool:
         """Whether texture tells alpha so well that paint may be finer than a field of any colors."""
-        if self.state.frame.rank < 3:
-            return False
-        return self._is_told_by_texture and self._said.scatter < _EXACTLY
+        return self._off_by_texture < _EXACTLY
 
-    @property
-    def _is_told_by_texture(self) -> bool:
-        """Whether the plate has texture, and most places of the streak tell a wrong alpha."""
-        return self._said.structure > _STRUCTURED and self._said.share > _MOST_OF_IT
-
-    @property
-    def _confirmed(self) -> float:
-        """To which part of alpha texture confirms it, if colors are free; rims alone are none."""
-        free = self.state.frame.rank == 3
-        return self._said.scatter if free and self._is_told_by_texture else np.inf
+    @cached_property
+    def _off_by_texture(self) -> float:
+        """See `attenuation`; infinite for a model of fewer colors, which tells alpha itself."""
+        if self.state.frame.rank < 3 or not self.is_before_texture:
+            return np.inf
+        return attenuation(self.search.data, self.state)
 
     @cached_property
     def _said(self) -> SmoothLight:
@@ -315,7 +316,7 @@ class End:
             "doubtful": doubtful_share(data, state),
             "astray": self.astray,
             "unsure": self.unsure,
-            "texture": self._confirmed,
+            "texture": self._off_by_texture if self.is_confirmed else np.inf,
             "rim": self.rim,
             "highlight": None if self.highlight is None else self._glossy(image),
             "louder": data.louder if self._is_that_loud else 1.0,

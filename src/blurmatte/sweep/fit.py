@@ -254,11 +254,10 @@ def _richer(attempt: Attempt, told: End, whole: Search) -> End:
     if not simple and plane.misfit <= MAX_MISFIT:
         return line.contested_by(seen(line.search.data, plane.state))
     line = plane if plane.plausible and not line.plausible else line
-    if left <= MAX_MISFIT or not told.is_textured:
+    if left <= MAX_MISFIT or not told.is_before_texture:
         return line
     any_colors = End(search, search.best(3))
-    agrees = any_colors.is_textured and any_colors.misfit <= MAX_MISFIT
-    return any_colors if agrees else line
+    return any_colors if any_colors.is_confirmed and any_colors.misfit <= MAX_MISFIT else line
 
 
 def _of_two(line: End) -> State | None:

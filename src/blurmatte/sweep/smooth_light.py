@@ -16,7 +16,6 @@ from blurmatte.sweep.student import belief
 from blurmatte.sweep.verdict import OPAQUE, coherence_of_noise
 
 _TOLD = 0.03  # of alpha, what must be told
-_TINY = 1e-18  # noise of a plate that has none, but is divided by
 _PAINTED = 3.0  # mean square that right sweeps leave: a field is not all that is painted on things
 
 
@@ -26,25 +25,16 @@ class SmoothLight:
 
     Parameters
     ----------
-    structure : float
-        Of the plate, finer than light changes, over its noise, root mean square.
     share : float
         Of the places in which it would tell a wrong alpha.
-    against : float
-        Mean square of how wrong it finds alpha there, in standard deviations; about 1 to 3 for the
-        right one.
-    scatter : float
-        How wrong it finds alpha there, root mean square; the sweep's alpha of each place is 1.
     astray_of_places : float
-        The same beyond what noise and paint leave of the right one.
+        How wrong it finds alpha there, root mean square, beyond what noise and paint leave of the right
+        one; the sweep's alpha of each place is 1.
     astray : float
         The same if the usual alpha of the sweep is 1, so that faint ends hardly count.
     """
 
-    structure: float
     share: float
-    against: float
-    scatter: float
     astray_of_places: float
     astray: float
 
@@ -61,7 +51,7 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     information = np.diag(H)
     told = information > _TOLD**-2
     if not told.any():
-        return SmoothLight(_structure(data), 0.0, 0.0, np.inf, 0.0, 0.0)
+        return SmoothLight(0.0, 0.0, 0.0)
     z2 = g[told] ** 2 / information[told]
     noise = max(coherence_of_noise(data, state, place), _PAINTED)
     beyond = max(float(np.sum(z2 - noise)), 0.0)
@@ -70,18 +60,7 @@ def smooth_light(data: Data, state: State) -> SmoothLight:
     usual = np.mean(alpha[alpha > 0] ** 2)
     by_place, by_usual = (np.sum(information[told] * unit) for unit in (local**2, usual))
     return SmoothLight(
-        _structure(data),
         float(np.mean(told)),
-        float(np.mean(z2)),
-        float(np.sqrt(np.sum(z2) / by_place)),
         float(np.sqrt(beyond / by_place)),
         float(np.sqrt(beyond / by_usual)),
     )
-
-
-def _structure(data: Data) -> float:
-    from scipy.ndimage import gaussian_filter
-
-    within, width = data.streak & data.valid, data.pitch / 2
-    fine = (data.B - gaussian_filter(data.B, (width, width, 0)))[within]
-    return float(np.sqrt(np.mean(fine**2) / max(data.B_variance[within].mean(), _TINY)))
