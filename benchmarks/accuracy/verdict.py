@@ -21,7 +21,18 @@ from blurmatte.errors import BlurmatteWarning, ColorModelError, MotionError
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution, solve
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Camera, Change, Lamp, Rendering, Scene, Shadow, Sheet, render
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Lamp,
+    Rendering,
+    Scene,
+    Shadow,
+    Sheet,
+    Sprite,
+    render,
+)
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
@@ -34,6 +45,7 @@ ROOM = 24  # pixels between the object and the border
 CURVED = 0.3  # of the scenes; the rest go straight
 BEND = 0.3  # of half the length, at most
 AWAY, SOFT, DARK = (1, 2.2), (0.15, 0.5), (0.2, 0.6)  # radii; of the plate's light
+PAINTS, TEXELS = (4, 8), 8  # patches of many colors; points across each
 BLURRED = (0.1, 0.6)  # radii: of the circles of confusion
 MOMENTS, SUBSTEPS = 24, 8  # in which the two that cross are rendered one over the other
 WRONG = 0.05  # alpha, root mean square over the streak
@@ -47,7 +59,8 @@ NOTES = f"""
 Pictures of {SIZE[0]}x{SIZE[1]}, 8 bits, noise of {NOISE / CODE:g} code values, plates as the median of
 five frames: plain, of two hues, colorful, textured; JPEG: quality 90, 4:2:0. Radius {RADII[0]} to
 {RADII[1]} px (squares, sheets, sticks of that size), way {LENGTHS[0]} to {LENGTHS[1]} radii as far as
-the picture has room, some of them curved; paint of any hue. Shadows lie {AWAY[0]} to {AWAY[1]} radii
+the picture has room, some of them curved; paint of any hue, or of {PAINTS[0]}x{PAINTS[1]} patches of
+many colors. Shadows lie {AWAY[0]} to {AWAY[1]} radii
 away in any direction, blurred by {SOFT[0]} to {SOFT[1]}, and take {DARK[0]} to {DARK[1]} of the light.
 Out of focus: circles of confusion of {BLURRED[0]} to {BLURRED[1]} radii, before a sharp plate.
 `solve` is given image and plate, nothing else. refused: no answer, with words why. by shape: answers
@@ -96,6 +109,7 @@ class Draw:
     spin: float
     shadow: Shadow
     defocus: float
+    paints: np.ndarray
 
     @property
     def path(self) -> Trajectory:
@@ -128,7 +142,8 @@ def draw(seed: int) -> Draw:
         (rng.uniform(*DARK),) * 3,
     )
     defocus = rng.uniform(*BLURRED) * radius
-    return Draw(radius, half, middle, bend, color, second, plate, spin, shadow, defocus)
+    paints = rng.uniform(0.05, 0.9, (*PAINTS, 3))
+    return Draw(radius, half, middle, bend, color, second, plate, spin, shadow, defocus, paints)
 
 
 def bent(middle: np.ndarray, half: np.ndarray, bend: float) -> Trajectory:
@@ -183,6 +198,22 @@ def of_two_paints(drawn: Draw) -> Case:
     return single(Scene(drawn.plate, drawn.path, body))
 
 
+def of_many_colors(drawn: Draw) -> Case:
+    texture = np.kron(drawn.paints, np.ones((TEXELS, TEXELS, 1)))
+    body = Ball(drawn.radius, np.ones(3), texture=texture)
+    turning = Change(spin=(drawn.spin / 3, 0.3, 0))
+    return single(Scene(drawn.plate, drawn.path, body, turning))
+
+
+def flag(drawn: Draw) -> Case:
+    """A sheet of many colors."""
+    size = np.maximum((drawn.radius * np.array([1.0, 2.4])).astype(int), 1)
+    rows, columns = (np.arange(n) * k // n for n, k in zip(size, PAINTS, strict=True))
+    body = Sprite(Layer(np.ones(size), drawn.paints[rows][:, columns]))
+    turned = Change(turned=(0, 0, 2 * drawn.spin))
+    return single(Scene(drawn.plate, drawn.path, body, turned))
+
+
 def shadowing(drawn: Draw) -> Case:
     body = Ball(drawn.radius, drawn.color)
     return single(Scene(drawn.plate, drawn.path, body, shadow=drawn.shadow))
@@ -226,11 +257,13 @@ KINDS: dict[str, Callable[[Draw], Case]] = {
     "glossy ball": glossy,
     "ball in two lamps": in_two_lamps,
     "ball of two paints": of_two_paints,
+    "ball of many colors": of_many_colors,
     "ball and its shadow": shadowing,
     "ball out of focus": out_of_focus,
     "drop that deforms": deforming,
     "square": sheet(1.7, 1.7),
     "sheet": sheet(2.4, 1.0),
+    "sheet of many colors": flag,
     "turning sheet": sheet(2.4, 1.0, 1),
     "turning stick": sheet(3.0, 0.4, 2),
     "two balls that cross": crossing,
