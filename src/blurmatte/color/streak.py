@@ -21,9 +21,7 @@ _MAX_SCALE_STD = 0.2  # of the angle to the plate's hue: alpha is uncertain by a
 _MAX_UNEXPLAINED = 0.1  # of the change between plate and image: one paint left 0.05, two 0.13
 _MAX_IMPOSSIBLE = 0.05  # of the pixels: more cannot be noise
 _MAX_PIXELS = 2500  # a regular selection of so many speaks for the streak
-_IF_ROUND = (
-    "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"
-)
+_IF_ROUND = "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"
 _BLOCK = 16  # pixels: noise of neighbors this near may be the same noise (JPEG, its halved color)
 
 
