@@ -1,9 +1,9 @@
 """Attenuation: how much of the plate's texture is seen through a sweep of an object of any colors.
 
-In this file C is the image's light, B the plate's, P = C − (1 − α) B what a sweep leaves to the object,
-V its variance, and p and b are the fine structure of P and B. Where alpha is off by δ the plate is seen
-in P, and p = −δ b but for what is painted on the object, which has nothing to do with the plate.
-So over a place, with weights G,
+In this file C is the image's linear light, B the plate's, α the sweep's alpha, P = C − (1 − α) B what
+it leaves to the object, V its variance, p and b are the fine structure of P and B: all but α are of
+each channel, (h, w, 3). Where α is off by δ the plate is seen in P, and p = −δ b but for what is
+painted on the object, which has nothing to do with the plate. So over a place, with weights G,
 
     δ = −Σ G p·b/V / Σ G b·b/V,    Var δ = Σ G² (p b/V)² / (Σ G b·b/V)²,
 
@@ -36,7 +36,7 @@ def attenuation(data: Data, state: State) -> float:
     a = alpha[..., None]
     C, B, V_C, V_B = light_of(data)
     V = V_C + (1 - a) ** 2 * V_B + _TINY
-    p, b = _fine(C - (1 - a) * B), _fine(B)
+    p, b = (_fine(light, _FINE) for light in (C - (1 - a) * B, B))
     use = (alpha > 0) & data.valid
     by_noise = use[..., None] * _OWN * V_B / V
     both = use[..., None] * p * b / V
@@ -55,17 +55,16 @@ def attenuation(data: Data, state: State) -> float:
 
 def structure(data: Data) -> float:
     """Of the plate within the streak, finer than light of any colors changes: over its noise, RMS."""
-    from scipy.ndimage import gaussian_filter
-
-    within, width = data.streak & data.valid, data.pitch / 2
-    fine = (data.B - gaussian_filter(data.B, (width, width, 0)))[within]
+    within = data.streak & data.valid
+    fine = _fine(data.B, data.pitch / 2)[within]
     return float(np.sqrt(np.mean(fine**2) / max(data.B_variance[within].mean(), _TINY)))
 
 
-def _fine(light: Array) -> Array:
+def _fine(light: Array, width: float) -> Array:
+    """What is finer than a Gaussian so many pixels wide."""
     from scipy.ndimage import gaussian_filter
 
-    return np.asarray(light - gaussian_filter(light, (_FINE, _FINE, 0)))
+    return np.asarray(light - gaussian_filter(light, (width, width, 0)))
 
 
 def _around(values: Array, size: float) -> Array:

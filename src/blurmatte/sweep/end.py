@@ -195,9 +195,8 @@ class End:
 
         One of two answers that are as likely is off by all of their difference, or not at all.
         """
-        said = self.astray
-        if self.state.frame.rank == 3:
-            said = self._off_by_texture if self.is_confirmed else 0.0
+        by_texture = self._off_by_texture if self.is_confirmed else 0.0
+        said = self.astray if self.state.frame.rank < 3 else by_texture
         return float(np.hypot(said, self.state.contested / np.sqrt(2)))
 
     @property
