@@ -15,6 +15,7 @@ from blurmatte.background import Match, Matching, agreement, fit_match
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
 from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
@@ -173,8 +174,11 @@ def solve(
         inside = streak.mask[box[1] : box[3], box[0] : box[2]]
         rival_off, doubt = widen(maps, sweep, plate, inside, box)
     if not isinstance(used, Shaded):
-        mark_shadow(maps, image, plate, streak, model, alone=used is not swept, whole=only_lost)
+        alone = used is not swept
+        in_shadow = mark_shadow(maps, image, plate, streak, model, alone=alone, whole=only_lost)
+        doubt = float(np.hypot(doubt, in_shadow))
     if not isinstance(used, Pixelwise | Shaded):
+        carry_light(maps.within(box), image.crop(box), plate.crop(box))
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
     _refuse_the_untold(maps, model, streak, sweep)
     stats = {
