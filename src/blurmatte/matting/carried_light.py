@@ -23,7 +23,8 @@ def carry_light(maps: PixelMaps, image: LinearImage, plate: LinearImage) -> None
     """Write light where alpha is told and light is not.
 
     Its color and brightness are the mean of the nearest neighbors, weighted by alpha, its error as
-    much as they differ. Channels that the image clips have at least the light that it shows.
+    much as they differ. Channels that the image clips have at least the light that it shows, and may
+    have as much more again.
 
     Parameters
     ----------
@@ -43,8 +44,9 @@ def carry_light(maps: PixelMaps, image: LinearImage, plate: LinearImage) -> None
     a, a_std = alpha[dark][:, None], maps.alpha_std[dark][:, None]
     least = image.rgb[dark] - (1 - a) * plate.rgb[dark]
     shown = image.clipped[dark] & (plate.usable[dark] | (a == 1))
-    maps.premultiplied[dark] = np.where(shown, np.maximum(a * color, least), a * color)
-    maps.premultiplied_std[dark] = np.hypot(a * spread, a_std * color)
+    more = shown * np.maximum(least - a * color, 0)
+    maps.premultiplied[dark] = a * color + more
+    maps.premultiplied_std[dark] = np.sqrt((a * spread) ** 2 + (a_std * color) ** 2 + more**2)
 
 
 def _of_neighbors(alpha: Array, P: Array, told: Bools, dark: Bools) -> tuple[Array, Array]:

@@ -50,7 +50,6 @@ class Told:
     Parameters
     ----------
     pixels : Pixels
-        Of a line of colors.
     alpha, variance : (h, w) float
         About what alpha is, and how well that is known.
     weaker : float
@@ -63,7 +62,7 @@ class Told:
     weaker: float
 
     def along(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """(h, w) each: m·C, m·B, m·V_B m and Var q."""
+        """(h, w) each: m·C, m·B, m·V_B m and Var q, of a line of colors."""
         from blurmatte.matting.evidence_kernel import along  # numba takes half a second
 
         l = self.pixels.model.basis[:, 0]
@@ -86,6 +85,7 @@ def with_shading(told: Told, information: Floats, pull: Floats) -> tuple[Floats,
     Parameters
     ----------
     told : Told
+        Of a line of colors.
     information, pull : (h, w) float
         Of the closed form.
     """

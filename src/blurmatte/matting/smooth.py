@@ -22,6 +22,7 @@ from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.evidence import Pixels, coarsely, evidence_of, least_alpha, pixels_of
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
+from blurmatte.matting.mixture import with_mixture
 from blurmatte.matting.noise_together import BLOCK, noise_together
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.rounding import rounded_pulls
@@ -79,6 +80,8 @@ class _Found:
     prior : Prior
     field : Field
         In pixels, with a border.
+    shared : (h, w) float
+        Variance that neighbors have in common, besides.
     """
 
     pixels: Pixels
@@ -89,6 +92,7 @@ class _Found:
     cells: list[tuple[Prior, Field]]
     prior: Prior
     field: Field
+    shared: Floats
 
     @property
     def finest(self) -> int:
@@ -217,19 +221,20 @@ class Smooth:
         prior, field = cells[-1]
         finest = len(levels) - len(cells)
         near, variance = (_in_pixels(m, levels[:finest]) for m in (field.x, field.variance))
-        levels = _renewed(pixels, near, variance, weaker, least).levels(_CELLS)
+        renewed, shared = _renewed(pixels, near, variance, weaker, least)
+        levels = renewed.levels(_CELLS)
         prior, field = self._in_detail(levels, prior, field, finest, pixels.model, _FINAL_SAMPLES)
-        return _Found(pixels, near, together, weaker, levels, cells, prior, field)
+        return _Found(pixels, near, together, weaker, levels, cells, prior, field, shared)
 
     def _with_error(self, found: "_Found") -> tuple[Floats, float]:
         """The variance of each pixel's alpha, with a border, and that of their sum."""
         levels, together, weaker = found.levels, found.together, found.weaker
         field, cells = found.field, 4 ** (len(levels) - 1)
         of_sum = together / weaker * sum_variance(levels[-1], *found.cells[0], cells)
-        unsure = np.zeros_like(found.near)
+        unsure = found.shared
         if together > 1:
-            unsure, of_all = _of_rounding(found)
-            of_sum += of_all
+            of_each, of_all = _of_rounding(found)
+            unsure, of_sum = unsure + of_each, of_sum + of_all
         # Cells and pixels weigh what is known differently, and neither is sure to be right.
         of_sum += (_total(field) - 4**found.finest * _total(found.cells[-1][1])) ** 2
         lost = (1 - 1 / together) * _fine(field.x)
@@ -341,14 +346,19 @@ def _fine(x: Floats) -> Floats:
 
 def _renewed(
     pixels: Pixels, alpha: Floats, variance: Floats, weaker: float, least: Floats
-) -> Evidence:
-    """What pixels tell, now that it is known what alpha is about, and how bright neighbors are."""
+) -> tuple[Evidence, Floats]:
+    """What pixels tell, now that it is known what alpha is about, and of what light neighbors are.
+
+    And the variance that neighbors have in common.
+    """
     near = np.clip(alpha, 0, 1)
     information, pull = (values / weaker for values in evidence_of(pixels, near))
+    shared, told = np.zeros_like(information), Told(pixels, near, variance, weaker)
     if pixels.model.rank == 1:
-        told = Told(pixels, near, variance, weaker)
         information, pull = with_shading(told, information, pull)
-    return _bordered(information, pull, pixels.inside, least)
+    elif pixels.model.rank == 2:
+        information, pull, shared = with_mixture(told, information, pull)
+    return _bordered(information, pull, pixels.inside, least), shared
 
 
 def _least_risk(
