@@ -178,13 +178,15 @@ def test_plate_may_bring_its_own_noise(paint):
     assert_allclose(solution.stats["plate_noise"]["median_std"], np.sqrt(np.median(variance)))
 
 
-def test_clipped_pixels_are_flagged_and_left_out(paint):
+def test_clipped_pixels_are_flagged_and_at_least_as_bright_as_they_look(paint):
     light = paint.image.rgb.copy()
     light[50:60, 80:90] = 2
     image = Camera(SENSOR).photograph(light, 0)
-    solution = solve(image, Camera(SENSOR).photograph(paint.plate.rgb, 1), paint.model)
+    plate = Camera(SENSOR).photograph(paint.plate.rgb, 1)
+    solution = solve(image, plate, paint.model)
     assert np.all(solution.quality[50:60, 80:90] & Quality.SATURATED)
-    assert not solution.layer.alpha[50:60, 80:90].any()
+    assert np.all(solution.layer.over(plate).rgb[50:60, 80:90] > 0.99)
+    assert np.all(solution.premultiplied_std[50:60, 80:90] > 0.1)  # it may be much brighter
 
 
 # The door

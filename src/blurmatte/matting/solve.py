@@ -5,18 +5,24 @@ knowing too; everything beyond it looks at the streak's surroundings only.
 """
 
 from copy import deepcopy
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.background import Match, Matching, agreement, fit_match
+from blurmatte.background import Match, Matching, fit_match
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
 from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
+from blurmatte.matting.measures import (
+    match_measures,
+    noise_measures,
+    streak_measures,
+    sweep_measures,
+)
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
 from blurmatte.matting.plate_check import may_be_swapped, warn_if_plate_differs
@@ -27,7 +33,7 @@ from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
-from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
+from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
 from blurmatte.streaks import Streak, check_streak, joined_behind, require_streaks
 from blurmatte.sweep import Sweep, fit_sweep
 from blurmatte.sweep.color import color_of
@@ -118,84 +124,188 @@ def solve(
     hidden = np.zeros(image.valid.shape, bool) if occluder is None else occluder
     check_map("occluder", hidden, image.valid.shape, kinds="b")
     image = _without(image, hidden)
-    found = require_streaks(image, plate) if streak is None else [streak]
-    found = joined_behind(found, hidden) if streak is None else found
+    found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
     streak = found[0]
     warn_if_plate_differs(image, plate, streak)
     only_lost = model is not None and only_light_lost(image, plate, streak)
     if model is not None and model.rank == 3:
         refuse_shade(image, plate, streak)
-    model = _of_light(solver, model)
-    given = model is not None
-    asked = isinstance(solver, Pixelwise | Smooth | Shaded)
-    sweep = (
-        None if asked and model is not None else fit_sweep(image, plate, streak, model, start=start)
+    case = _case_of(image, plate, match, streak, hidden, model, solver, start)
+    maps = _each_alone(case, out)
+    measures, doubts = _by_solver(case, maps)
+    rival_off, doubt = _widened_by_rival(case, maps)
+    doubts.append(doubt)
+    if not isinstance(case.solver, Shaded):
+        alone = not isinstance(case.solver, Swept)
+        pictures = case.image, case.plate
+        doubts.append(
+            mark_shadow(maps, *pictures, streak, case.model, alone=alone, whole=only_lost)
+        )
+    if not isinstance(case.solver, Pixelwise | Shaded):
+        streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
+    _refuse_the_untold(maps, case.model, streak, case.sweep)
+    stats = {
+        **streak_measures(maps, case.model, case.image, case.plate, streak),
+        "streak_box": streak.box,
+        "other_boxes": tuple(other.box for other in found[1:]),
+        "image_noise": noise_measures(case.image),
+        "plate_noise": noise_measures(case.plate),
+        "match": match_measures(match, case.image, case.plate),
+        "only_light_lost": only_lost,
+        "exposure_time": image.meta.exposure_time,
+        **measures,
+        "rival_off": rival_off,
+    }
+    stats["sum_alpha_std"] = float(np.linalg.norm([stats["sum_alpha_std"], *doubts]))
+    return Solution(
+        *maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=case.explanation
     )
-    if sweep is not None:
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """What is solved: pictures that match, where, by which solver, and what is known before.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Noise known; the image is not valid where something is in front.
+    match : Match
+        What was done to the plate.
+    streak : Streak
+    hidden : (H, W) bool
+        Where something is in front.
+    solver : Solver
+    model : ColorModel
+    given : bool
+        Whether the caller knew the colors.
+    sweep : Sweep, optional
+        Whether it explains the streak or not.
+    """
+
+    image: LinearImage
+    plate: LinearImage
+    match: Match
+    streak: Streak
+    hidden: Bools
+    solver: Solver
+    model: ColorModel
+    given: bool
+    sweep: Sweep | None
+
+    @property
+    def explanation(self) -> Sweep | None:
+        """The sweep that alpha comes from."""
+        return self.sweep if isinstance(self.solver, Swept) else None
+
+    def within(self, box: tuple[int, int, int, int]) -> tuple[LinearImage, LinearImage, MixedPlate]:
+        """Both within a box, and where the plate's edges fit badly, as they do beside the streak."""
+        inside = self.streak.mask[box[1] : box[3], box[0] : box[2]]
+        image, plate = self.image.crop(box), self.plate.crop(box)
+        return image, plate, mixed_plate(image, plate, image.valid & plate.valid & ~inside)
+
+
+def _case_of(
+    image: LinearImage,
+    plate: LinearImage,
+    match: Match,
+    streak: Streak,
+    hidden: Bools,
+    model: ColorModel | None,
+    solver: Solver | None,
+    start: Sweep | None,
+) -> _Case:
+    """The sweep, the colors if they were not given, and the solver if none was asked for."""
+    model = _of_light(solver, model)
+    given, sweep = model is not None, None
+    if not given or not isinstance(solver, Pixelwise | Smooth | Shaded):
+        sweep = fit_sweep(image, plate, streak, model, start=start)
         image, plate = (_louder(picture, sweep.stats["louder"]) for picture in (image, plate))
     swept = _chosen(solver, sweep)
-    most = (swept or Swept()).max_misfit
     if model is None:
         assert sweep is not None
+        most = (swept or Swept()).max_misfit
         model = _color_of(sweep, image, plate, streak, most)
     elif swept is not None and sweep is not None and model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
-    pixelwise = solver if isinstance(solver, Pixelwise) else Pixelwise()
-    flags = _flags(image, plate, streak, hidden)
-    maps = _closed_form(pixelwise, image, plate, model, flags, out)
-    box = streak.around(_MARGIN)
-    C, B, mixed = _within(image, plate, streak, box)
-    solve_mixed_plate(maps.within(box), mixed, C, B, model, pixelwise.max_alpha_std)
-    together: dict[str, Any] = {}
-    rival_off, doubt = 0.0, 0.0
-    used: Solver = pixelwise
-    if swept is not None and sweep is not None:
-        used = swept
-        box = _box_of_both(streak, sweep)
-        C, B, mixed = _within(image, plate, streak, box)
-        left = swept(maps, sweep, C, mixed.widened(B), box)
-        if left.any():
-            _smooth_patches(maps.within(box), left, C, B, model, mixed)
-            if not given:
-                _, doubt = widen(maps, sweep, plate, left, box)
-        together = _sweep_measures(sweep)
-    elif isinstance(solver, Shaded):
-        used = solver
-        together = _solve_shaded(solver, maps, image, plate, match, model, streak)
-    elif not isinstance(solver, Pixelwise):
-        used = solver if isinstance(solver, Smooth) else Smooth()
-        wide = streak if np.isnan(streak.evidence) else with_faint_rims(streak, image, plate, model)
-        box = wide.around(_MARGIN)
-        inside = wide.mask[box[1] : box[3], box[0] : box[2]]
-        C, B, mixed = _within(image, plate, streak, box)
-        together = used(maps, C, B, model, inside, box, mixed)
-    if sweep is not None and not given and sweep.misfit > most and is_rival(sweep, model):
-        box = streak.around(0)
-        inside = streak.mask[box[1] : box[3], box[0] : box[2]]
-        rival_off, doubt = widen(maps, sweep, plate, inside, box)
-    if not isinstance(used, Shaded):
-        alone = used is not swept
-        in_shadow = mark_shadow(maps, image, plate, streak, model, alone=alone, whole=only_lost)
-        doubt = float(np.hypot(doubt, in_shadow))
-    if not isinstance(used, Pixelwise | Shaded):
-        carry_light(maps.within(box), image.crop(box), plate.crop(box))
-        streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
-    _refuse_the_untold(maps, model, streak, sweep)
-    stats = {
-        **_measures(maps, model, image, plate, streak),
-        "streak_box": streak.box,
-        "other_boxes": tuple(other.box for other in found[1:]),
-        "image_noise": _spoken(image),
-        "plate_noise": _spoken(plate),
-        "match": _match_measures(match, image, plate),
-        "only_light_lost": only_lost,
-        "exposure_time": image.meta.exposure_time,
-        **together,
-        "rival_off": rival_off,
-    }
-    stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], doubt))
-    explains = sweep if swept is not None else None
-    return Solution(*maps, model=model, solver=repr(used), stats=stats, sweep=explains)
+    used = swept or solver or Smooth()
+    return _Case(image, plate, match, streak, hidden, used, model, given, sweep)
+
+
+def _each_alone(case: _Case, out: PixelMaps | None) -> PixelMaps:
+    """The closed form, by two channels where the third is clipped, and at mixed edges of the plate."""
+    solver = case.solver if isinstance(case.solver, Pixelwise) else Pixelwise()
+    image, plate, model = case.image, case.plate, case.model
+    flags = _flags(image, plate, case.streak, case.hidden)
+    maps = solver(image.rgb, plate.rgb, model, _noise(image), _noise(plate), flags=flags, out=out)
+    solve_clipped(maps, image, plate, model, solver.max_alpha_std)
+    box = case.streak.around(_MARGIN)
+    C, B, mixed = case.within(box)
+    solve_mixed_plate(maps.within(box), mixed, C, B, model, solver.max_alpha_std)
+    return maps
+
+
+def _by_solver(case: _Case, maps: PixelMaps) -> tuple[dict[str, Any], list[float]]:
+    """What the solver makes of the closed form; its measures, and doubts of the sum of alpha."""
+    if isinstance(case.solver, Swept):
+        return _by_sweep(case.solver, case, maps)
+    if isinstance(case.solver, Smooth):
+        return _by_all_pixels(case.solver, case, maps), []
+    if isinstance(case.solver, Shaded):
+        return _with_shadow(case.solver, case, maps), []
+    return {}, []
+
+
+def _by_sweep(solver: Swept, case: _Case, maps: PixelMaps) -> tuple[dict[str, Any], list[float]]:
+    """Alpha of the sweep; patches that it does not explain as all of their pixels say."""
+    sweep, doubts = case.sweep, []
+    assert sweep is not None
+    box = _box_of_both(case.streak, sweep)
+    C, B, mixed = case.within(box)
+    left = solver(maps, sweep, C, mixed.widened(B), box)
+    if left.any():
+        _smooth_patches(maps.within(box), left, C, B, case.model, mixed)
+        if not case.given:
+            doubts.append(widen(maps, sweep, case.plate, left, box)[1])
+    carry_light(maps.within(box), C, B)
+    return sweep_measures(sweep), doubts
+
+
+def _by_all_pixels(solver: Smooth, case: _Case, maps: PixelMaps) -> dict[str, Any]:
+    """Alpha of all pixels of the streak together, and of its faint rims if it was found."""
+    wide = case.streak
+    if not np.isnan(wide.evidence):
+        wide = with_faint_rims(wide, case.image, case.plate, case.model)
+    box = wide.around(_MARGIN)
+    inside = wide.mask[box[1] : box[3], box[0] : box[2]]
+    C, B, mixed = case.within(box)
+    measures = solver(maps, C, B, case.model, inside, box, mixed)
+    carry_light(maps.within(box), C, B)
+    return measures
+
+
+def _with_shadow(solver: Shaded, case: _Case, maps: PixelMaps) -> dict[str, Any]:
+    """Around the streak, alpha and shadow of each pixel."""
+    box = case.streak.around(_MARGIN)
+    shaded = None
+    if solver.plate is not None:
+        shaded = case.match.apply(solver.plate).crop(box)
+    pictures = case.image.crop(box), case.plate.crop(box), shaded
+    S = solver(maps.within(box), *pictures, case.model)
+    inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
+    return {"sum_shadow": float(S[inside].sum())}
+
+
+def _widened_by_rival(case: _Case, maps: PixelMaps) -> tuple[float, float]:
+    """By how much a sweep that is not believed differs, as `widen` says; 0 if it is no rival."""
+    sweep = case.sweep
+    if sweep is None or case.given or isinstance(case.solver, Swept):
+        return 0.0, 0.0
+    if sweep.misfit <= Swept().max_misfit or not is_rival(sweep, case.model):
+        return 0.0, 0.0
+    box = case.streak.around(0)
+    inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
+    return widen(maps, sweep, case.plate, inside, box)
 
 
 def _check_choices(
@@ -234,25 +344,6 @@ def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | N
     if model is not None and model.rank != 1:
         raise ValueError(f"a plate in shadow needs a model of rank 1, got rank {model.rank}")
     return model
-
-
-def _solve_shaded(
-    solver: Shaded,
-    maps: PixelMaps,
-    image: LinearImage,
-    plate: LinearImage,
-    match: Match,
-    model: ColorModel,
-    streak: Streak,
-) -> dict[str, Any]:
-    """Around the streak, alpha and shadow of each pixel."""
-    box = streak.around(_MARGIN)
-    shaded = None
-    if solver.plate is not None:
-        shaded = match.apply(solver.plate).crop(box)
-    S = solver(maps.within(box), image.crop(box), plate.crop(box), shaded, model)
-    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
-    return {"sum_shadow": float(S[inside].sum())}
 
 
 def _smooth_patches(
@@ -306,64 +397,10 @@ def _box_of_both(streak: Streak, sweep: Sweep) -> tuple[int, int, int, int]:
     return min(a, e), min(b, f), max(c, g), max(d, h)
 
 
-def _match_measures(match: Match, image: LinearImage, plate: LinearImage) -> dict[str, Any]:
-    """What was done to the plate, and how well it fits now."""
-    everywhere, at_edges = agreement(image, plate)
-    return {**match.facts, "agreement": everywhere, "edge_agreement": at_edges}
-
-
-def _sweep_measures(sweep: Sweep) -> dict[str, Any]:
-    return {
-        "sum_alpha_std": sweep.area_std(),
-        "alpha_scale_std": 0.0,  # the color's part is in the area's already
-        "sweep": {
-            "silhouette": sweep.silhouette.name,
-            "path": sweep.family.name,
-            "xy": tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
-            "length": sweep.length,
-            "radius": sweep.radius,
-            "radius_std": sweep.radius_std,
-            "softness": sweep.softness,
-            "outlines": tuple(
-                tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
-            ),
-            "misfit": sweep.misfit,
-            "texture": sweep.stats["texture"] if np.isfinite(sweep.stats["texture"]) else None,
-            "shadow": None if sweep.cast is None else sweep.cast.numbers,
-            "highlight": sweep.stats["highlight"],
-        },
-    }
-
-
 def _without(image: LinearImage, hidden: Bools) -> LinearImage:
     """The image, not valid where something is in front; nor clipped there, for no channel tells."""
     rgb = np.where((hidden & ~image.valid)[..., None], image.rgb.dtype.type(0), image.rgb)
     return replace(image, rgb=rgb, valid=image.valid & ~hidden) if hidden.any() else image
-
-
-def _closed_form(
-    solver: Pixelwise,
-    image: LinearImage,
-    plate: LinearImage,
-    model: ColorModel,
-    flags: npt.NDArray[np.uint8],
-    out: PixelMaps | None,
-) -> PixelMaps:
-    """Each pixel alone, also by two channels where the third is clipped."""
-    maps = solver(
-        image.rgb, plate.rgb, model, _noise(image), _noise(plate), flags=flags, out=out
-    )  # fmt: skip
-    solve_clipped(maps, image, plate, model, solver.max_alpha_std)
-    return maps
-
-
-def _within(
-    image: LinearImage, plate: LinearImage, streak: Streak, box: tuple[int, int, int, int]
-) -> tuple[LinearImage, LinearImage, MixedPlate]:
-    """Both within a box, and where the plate's edges fit badly, as they do beside the streak."""
-    inside = streak.mask[box[1] : box[3], box[0] : box[2]]
-    image, plate = image.crop(box), plate.crop(box)
-    return image, plate, mixed_plate(image, plate, image.valid & plate.valid & ~inside)
 
 
 def _noise(picture: LinearImage) -> Any:
@@ -376,15 +413,6 @@ def _louder(picture: LinearImage, by: float) -> LinearImage:
     return picture if by == 1 else picture.with_noise(by * picture.variance)
 
 
-def _spoken(picture: LinearImage) -> Any:
-    """The noise as plain numbers for a report."""
-    noise = picture.noise
-    if isinstance(noise, NoiseModel):
-        names = ("gain", "read_std", "relative_std")
-        return {name: getattr(noise, name) for name in names}
-    return {"median_std": float(np.sqrt(np.median(picture.variance)))}
-
-
 def _flags(
     image: LinearImage, plate: LinearImage, streak: Streak, hidden: Bools
 ) -> npt.NDArray[np.uint8]:
@@ -395,49 +423,3 @@ def _flags(
         | hidden * np.uint8(Quality.OCCLUDED),
         np.uint8,
     )
-
-
-def _measures(
-    maps: PixelMaps, model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak
-) -> dict[str, Any]:
-    """Numbers about the streak that people ask for first."""
-    y, x = streak.rows_columns
-    told = (maps.quality[y, x] & np.uint8(Quality.PLATE_IN_MODEL)) == 0
-    inside = streak.mask[y, x] & told & np.isfinite(maps.alpha_std[y, x])
-    alpha, std = (np.asarray(m[y, x][inside], float) for m in (maps.alpha, maps.alpha_std))
-    flagged = (maps.quality[y, x][inside] & np.uint8(Quality.MISFIT)) != 0
-    return {
-        "pixels": int(np.count_nonzero(streak.mask)),
-        "pixels_known": int(np.count_nonzero(inside)),
-        "pixels_misfit": int(np.count_nonzero(flagged)),
-        "sum_alpha": float(alpha.sum()),
-        "sum_alpha_std": float(np.sqrt(np.sum(std**2))),
-        "alpha_scale_std": _scale_std(
-            model, image, plate, streak, inside & (image.valid & plate.valid)[y, x]
-        ),
-    }
-
-
-def _scale_std(
-    model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak, inside: Any
-) -> float:
-    """By which fraction the uncertain color may scale all of alpha together.
-
-    A standard deviation per pixel cannot say this, for the color errs alike in all of them.
-    """
-    if not inside.any() or not model.covariance.any():
-        return 0.0
-    y, x = streak.rows_columns
-    C, B = (np.asarray(p.rgb[y, x][inside], float) for p in (image, plate))
-
-    def total(pole: npt.NDArray[np.float64]) -> float:
-        normals = np.linalg.svd(pole[:, None])[0][:, 1:] if model.rank == 1 else pole[:, None]
-        b, d = B @ normals, (B - C) @ normals
-        return float(np.sum(np.sum(b * d, axis=1) / (np.sum(b * b, axis=1) + 1e-30)))
-
-    values, directions = np.linalg.eigh(model.covariance)
-    change = 0.0
-    for value, direction in zip(values[1:], directions.T[1:], strict=True):
-        step = np.sqrt(max(value, 0.0)) * direction
-        change += ((total(model.pole + step) - total(model.pole - step)) / 2) ** 2
-    return float(np.sqrt(change) / max(abs(total(model.pole)), 1e-12))

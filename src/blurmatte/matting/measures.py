@@ -1,0 +1,99 @@
+"""Numbers about a solution that people ask for: sums, errors, noise, the plate's match, the sweep."""
+
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.background import Match, agreement
+from blurmatte.color import ColorModel
+from blurmatte.matting.pixelwise import PixelMaps
+from blurmatte.matting.solution import Quality
+from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.streaks import Streak
+from blurmatte.sweep import Sweep
+
+
+def streak_measures(
+    maps: PixelMaps, model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak
+) -> dict[str, Any]:
+    """Numbers about the streak that people ask for first."""
+    y, x = streak.rows_columns
+    told = (maps.quality[y, x] & np.uint8(Quality.PLATE_IN_MODEL)) == 0
+    inside = streak.mask[y, x] & told & np.isfinite(maps.alpha_std[y, x])
+    alpha, std = (np.asarray(m[y, x][inside], float) for m in (maps.alpha, maps.alpha_std))
+    flagged = (maps.quality[y, x][inside] & np.uint8(Quality.MISFIT)) != 0
+    return {
+        "pixels": int(np.count_nonzero(streak.mask)),
+        "pixels_known": int(np.count_nonzero(inside)),
+        "pixels_misfit": int(np.count_nonzero(flagged)),
+        "sum_alpha": float(alpha.sum()),
+        "sum_alpha_std": float(np.sqrt(np.sum(std**2))),
+        "alpha_scale_std": _scale_std(
+            model, image, plate, streak, inside & (image.valid & plate.valid)[y, x]
+        ),
+    }
+
+
+def sweep_measures(sweep: Sweep) -> dict[str, Any]:
+    """Path, outline and size, and the error of the sum that they make."""
+    return {
+        "sum_alpha_std": sweep.area_std(),
+        "alpha_scale_std": 0.0,  # the color's part is in the area's already
+        "sweep": {
+            "silhouette": sweep.silhouette.name,
+            "path": sweep.family.name,
+            "xy": tuple((float(x), float(y)) for x, y in sweep.trajectory.xy[::4]),
+            "length": sweep.length,
+            "radius": sweep.radius,
+            "radius_std": sweep.radius_std,
+            "softness": sweep.softness,
+            "outlines": tuple(
+                tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
+            ),
+            "misfit": sweep.misfit,
+            "texture": sweep.stats["texture"] if np.isfinite(sweep.stats["texture"]) else None,
+            "shadow": None if sweep.cast is None else sweep.cast.numbers,
+            "highlight": sweep.stats["highlight"],
+        },
+    }
+
+
+def match_measures(match: Match, image: LinearImage, plate: LinearImage) -> dict[str, Any]:
+    """What was done to the plate, and how well it fits now."""
+    everywhere, at_edges = agreement(image, plate)
+    return {**match.facts, "agreement": everywhere, "edge_agreement": at_edges}
+
+
+def noise_measures(picture: LinearImage) -> Any:
+    """The noise as plain numbers for a report."""
+    noise = picture.noise
+    if isinstance(noise, NoiseModel):
+        names = ("gain", "read_std", "relative_std")
+        return {name: getattr(noise, name) for name in names}
+    return {"median_std": float(np.sqrt(np.median(picture.variance)))}
+
+
+def _scale_std(
+    model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak, inside: Any
+) -> float:
+    """By which fraction the uncertain color may scale all of alpha together.
+
+    A standard deviation per pixel cannot say this, for the color errs alike in all of them.
+    """
+    if not inside.any() or not model.covariance.any():
+        return 0.0
+    y, x = streak.rows_columns
+    C, B = (np.asarray(p.rgb[y, x][inside], float) for p in (image, plate))
+
+    def total(pole: npt.NDArray[np.float64]) -> float:
+        normals = np.linalg.svd(pole[:, None])[0][:, 1:] if model.rank == 1 else pole[:, None]
+        b, d = B @ normals, (B - C) @ normals
+        return float(np.sum(np.sum(b * d, axis=1) / (np.sum(b * b, axis=1) + 1e-30)))
+
+    values, directions = np.linalg.eigh(model.covariance)
+    change = 0.0
+    for value, direction in zip(values[1:], directions.T[1:], strict=True):
+        step = np.sqrt(max(value, 0.0)) * direction
+        change += ((total(model.pole + step) - total(model.pole - step)) / 2) ** 2
+    return float(np.sqrt(change) / max(abs(total(model.pole)), 1e-12))
