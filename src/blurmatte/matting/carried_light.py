@@ -44,7 +44,7 @@ def carry_light(maps: PixelMaps, image: LinearImage, plate: LinearImage) -> None
     a, a_std = alpha[dark][:, None], maps.alpha_std[dark][:, None]
     least = image.rgb[dark] - (1 - a) * plate.rgb[dark]
     shown = image.clipped[dark] & (plate.usable[dark] | (a == 1))
-    more = shown * np.maximum(least - a * color, 0)
+    more = np.where(shown, np.maximum(least - a * color, 0), 0)
     maps.premultiplied[dark] = a * color + more
     maps.premultiplied_std[dark] = np.sqrt((a * spread) ** 2 + (a_std * color) ** 2 + more**2)
 
