@@ -36,8 +36,8 @@ from blurmatte.rendering import (
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-FIRST = 500  # scenes before it were looked at while the rules were made
-SEEDS = 10
+FIRST = 1000  # scenes before it were looked at while the rules were made
+SEEDS = 36
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
 LENGTHS = (0.5, 12)  # radii

@@ -7,9 +7,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel, evidence, fit_color_from_hues, posterior, streak
+from blurmatte.color import (
+    ColorModel,
+    evidence,
+    fit_color_from_hues,
+    posterior,
+    refuse_coarse,
+    streak,
+)
 from blurmatte.errors import ColorModelError, MotionError
-from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel, with_noise
+from blurmatte.radiometry import SRGB, Compression, LinearImage, Meta, NoiseModel, with_noise
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -362,6 +369,23 @@ def test_too_few_pixels(scene):
         ColorModelError, match=r"only 16 pixels .* 20 are the least; give the color"
     ):
         fit_color_from_hues(image, plate, few)
+
+
+def test_too_small_for_its_file():
+    def image(step, shared):
+        file = Compression(((1,) * 8,) * 8, ((step,) * 8,) * 8, shared)
+        return LinearImage(np.ones((80, 112, 3)), meta=Meta(compression=file))
+
+    small, large = (Streak.from_box((20, 20, right, 44), SIZE) for right in (51, 52))
+    with pytest.raises(
+        ColorModelError, match=r"744 pixels, less than 3 blocks of 16 by 16 .* give"
+    ):
+        refuse_coarse(image(20, (2, 2)), small)
+    refuse_coarse(image(20, (2, 2)), large)
+    refuse_coarse(image(10, (2, 2)), small)
+    refuse_coarse(image(20, (2, 1)), small)
+    refuse_coarse(image(99, (1, 1)), small)
+    refuse_coarse(LinearImage(np.ones((80, 112, 3))), small)
 
 
 def test_clipped_and_black_pixels_do_not_count(scene):

@@ -25,6 +25,7 @@ from blurmatte.rendering import (
     two_hue_plate,
 )
 from blurmatte.streaks import Streak, find_streaks
+from blurmatte.sweep import fit_color
 from blurmatte.trajectory import Trajectory
 
 SENSOR = NoiseModel(gain=2e-4, read_std=0.002)
@@ -218,6 +219,22 @@ def test_gray_pictures(paint):
     gray = LinearImage(paint.plate.rgb, meta=Meta("wall.png", gray=True))
     with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is told from color"):
         solve(paint.image, gray)
+
+
+@pytest.mark.parametrize("model", [None, ColorModel.any()])
+def test_too_small_for_its_file(model):
+    scene = Scene(
+        colorful_plate((96, 80), 3), Trajectory.line((46, 38), (52, 42)), Ball(6, [0.1, 0.6, 0.2])
+    )
+    camera = Camera(code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
+    truth = render(scene, 60)
+    image, plate = (camera.photograph(light, 1) for light in (truth.image.rgb, truth.plate.rgb))
+    with pytest.raises(ColorModelError, match="too few to tell a shape or a color"):
+        solve(image, plate, model)
+    with pytest.raises(ColorModelError, match="too few to tell a shape or a color"):
+        fit_color(image, plate)
+    given = solve(image, plate, truth.model)
+    assert given.stats["sum_alpha"] == pytest.approx(truth.layer.alpha.sum(), rel=0.1)
 
 
 @pytest.mark.parametrize("bits", [8, 16, None])

@@ -15,6 +15,7 @@ from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.highlight import Highlight
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
+from blurmatte.sweep.student import VARIANCE
 from blurmatte.sweep.verdict import MAX_MISFIT, coherence
 from blurmatte.trajectory import Trajectory
 
@@ -175,3 +176,15 @@ def test_color_is_as_unsure_as_alpha(as_noise):
     image = LinearImage(np.full((8, 8, 3), 0.5))
     stds = [end.sweep(image).model.evidence["shape"] for end in (certain, unsure)]
     assert_allclose(np.sqrt(2 * (stds[1] ** 2 - stds[0] ** 2)), turned, rtol=0.15)
+
+
+def test_a_plane_that_is_not_told_is_no_answer():
+    search = search_of(Ball(11, GREEN, second_color=(0.7, 0.2, 0.3)))
+    state = search.best(2)
+    covariance = np.linalg.pinv(state.information(search.data)[0], hermitian=True)
+    image = LinearImage(np.full((8, 8, 3), 0.5))
+    for degrees, believed in ((8.0, True), (25.0, False)):
+        covariance[-2:, -2:] = np.diag([np.radians(degrees) ** 2 / VARIANCE, 0])
+        stats = End(search, state, covariance=covariance).sweep(image).stats
+        assert (stats["misfit"] <= MAX_MISFIT) is believed
+        assert ("hardly known colors" in stats["objection"]) is not believed

@@ -9,4 +9,5 @@ from blurmatte.color.shade import only_light_lost as only_light_lost
 from blurmatte.color.shade import refuse_shade as refuse_shade
 from blurmatte.color.streak import checked as checked
 from blurmatte.color.streak import fit_color_from_hues as fit_color_from_hues
+from blurmatte.color.streak import refuse_coarse as refuse_coarse
 from blurmatte.color.streak import refuse_gray as refuse_gray

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.background import Match, Matching, fit_match
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
-from blurmatte.color import ColorModel, only_light_lost, refuse_gray, refuse_shade
+from blurmatte.color import ColorModel, only_light_lost, refuse_coarse, refuse_gray, refuse_shade
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
@@ -104,7 +104,7 @@ def solve(
         If nothing moved, or a `Swept` solver was asked for and no sweep explains the streak.
     ColorModelError
         If no model was given and the streak does not determine one, or only took light, as a shadow
-        does; or the pictures are gray.
+        does, or a JPEG holds too little color of one so small; or the pictures are gray.
 
     Warns
     -----
@@ -217,6 +217,8 @@ def _case_of(
 ) -> _Case:
     """The sweep, the colors if they were not given, and the solver if none was asked for."""
     model = _of_light(solver, model)
+    if model is None or model.rank == 3:
+        refuse_coarse(image, streak)
     given, sweep = model is not None, None
     if not given or not isinstance(solver, Pixelwise | Smooth | Shaded):
         sweep = fit_sweep(image, plate, streak, model, start=start)

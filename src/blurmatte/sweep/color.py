@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.color import ColorModel, checked, fit_color_from_hues
+from blurmatte.color import ColorModel, checked, fit_color_from_hues, refuse_coarse
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
@@ -50,8 +50,8 @@ def fit_color(
     ValueError
         If the sizes differ, or a streak is given with several images.
     ColorModelError
-        If the streak leaves a whole family of colors possible, or no single line explains it. The
-        message says what would help.
+        If the streak leaves a whole family of colors possible, no single line explains it, or a JPEG
+        holds too little color of one so small. The message says what would help.
     MotionError
         If no streak was given and nothing moved.
     """
@@ -60,6 +60,7 @@ def fit_color(
             raise ValueError("a streak is that of one image; with several, leave it out")
         return _fit_together(image, plate, max_brightness)
     image, plate, streak = checked(image, plate, streak, max_brightness)
+    refuse_coarse(image, streak)
     sweep = fit_sweep(image, plate, streak)
     return color_of(sweep, image, plate, streak, max_brightness, MAX_MISFIT)
 

@@ -67,6 +67,7 @@ _MOST_DOUBTFUL_IN_LOUD = 0.06
 # Of the pixels of an outline, or of a disc with a highlight: 250 right ones had up to 0.054, one 0.083
 # and one 0.14; four wrong ones more.
 _MOST_DOUBTFUL = 0.1
+_MOST_TURNED = 20.0  # degrees by which colors of a plane may be unsure: right ones had up to 8
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
@@ -300,6 +301,9 @@ class End:
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
         known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
+        of_two = model.rank == 2 and self.highlight is None
+        turned = of_two and model.angle_std > _MOST_TURNED
+        unknown = "size" if not known else "colors" if turned else ""
         of_lens = self.rim > _OF_LENSES or not colors_ran_together(data, state)
         of_lens |= self.covariance is not None
         soft = state.silhouette.soft and blur == 0 and of_lens
@@ -307,8 +311,8 @@ class End:
         n = k + silhouette.size
         stats = {
             "converged": state.converged,
-            "misfit": self.misfit if known else np.inf,
-            "objection": self.objection if known else "is of hardly known size",
+            "misfit": self.misfit if not unknown else np.inf,
+            "objection": self.objection if not unknown else f"is of hardly known {unknown}",
             "coherence": trust,
             "contested": is_contested(state),
             "plausible": bool(self.plausible and known),
