@@ -36,7 +36,9 @@ from blurmatte.rendering import (
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-FIRST = 1000  # scenes before it were looked at while the rules were made
+# Scenes before it were looked at while the rules were made; so were these for two of them: streaks of few
+# shared pixels, and planes whose colors are hardly known.
+FIRST = 1000
 SEEDS = 36
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels

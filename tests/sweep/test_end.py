@@ -183,7 +183,7 @@ def test_a_plane_that_is_not_told_is_no_answer():
     state = search.best(2)
     covariance = np.linalg.pinv(state.information(search.data)[0], hermitian=True)
     image = LinearImage(np.full((8, 8, 3), 0.5))
-    for degrees, believed in ((8.0, True), (25.0, False)):
+    for degrees, believed in ((13.0, True), (40.0, False)):
         covariance[-2:, -2:] = np.diag([np.radians(degrees) ** 2 / VARIANCE, 0])
         stats = End(search, state, covariance=covariance).sweep(image).stats
         assert (stats["misfit"] <= MAX_MISFIT) is believed

@@ -12,7 +12,7 @@ from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import CLEARLY
-from blurmatte.sweep.highlighted import likelier_with_highlight, with_highlight
+from blurmatte.sweep.highlighted import with_highlight
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.verdict import overstated
 from blurmatte.trajectory import Trajectory
@@ -78,7 +78,7 @@ def test_a_dull_ball_has_none():
     _, image, plate = taken(highlight=0.0)
     dull = attempted(image, plate)
     glossy = with_highlight(dull)
-    assert glossy is None or not likelier_with_highlight(dull.end, glossy.end)
+    assert glossy is None or not glossy.end.is_clearly_likelier_than(dull.end)
     assert fit_sweep(image, plate).model.rank == 1
 
 
@@ -93,7 +93,7 @@ def test_a_highlight_is_no_likelier_only_because_an_outline_has_more_parameters(
     for gain, likelier in ((-1, False), (CLEARLY - 1, False), (CLEARLY + 1, True)):
         cost = disc.cost + gain * trust
         shaped = replace(disc, silhouette=outline, shape=shape, cost=cost)
-        assert likelier_with_highlight(replace(glossy, state=shaped), glossy) is likelier
+        assert glossy.is_clearly_likelier_than(replace(glossy, state=shaped)) is likelier
 
 
 def test_a_known_color_is_not_asked_for_another():

@@ -7,6 +7,7 @@ import pytest
 
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
+from blurmatte.scenes import read_shots
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
 from blurmatte.sweep.attempt import Attempt
@@ -82,6 +83,16 @@ def test_what_casts_none_stays_as_it_is():
     _, image, plate = taken(None)
     first = first_of(image, plate)
     assert beside_shadow(first) is first
+
+
+def test_no_shadow_is_told_where_the_disc_explains_more_without():
+    """honest: what a file made of a photograph is darker in places along this path."""
+    (shot,) = read_shots("coffee")
+    truth = render(shot.scene)
+    sweep = fit_sweep(*with_noise(*shot.photograph(truth)))
+    assert sweep.cast is None
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, truth.layer.alpha) < 0.004
 
 
 def test_noise_of_the_plate_stays_as_loud_in_the_shadow():

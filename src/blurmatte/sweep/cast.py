@@ -20,6 +20,7 @@ from blurmatte.sweep.path import PathFamily
 
 Array = npt.NDArray[np.float64]
 
+PARAMETERS = 6  # offset, softness, and the strength in each channel
 _NODES, _REACH = 65, 3.5  # of a profile, and standard deviations of a blur that count
 _DISTANCES = 0.7, 1.4, 2.2  # where a shadow is looked for first: radii
 _FARTHEST, _SOFTNESS = 6.0, (0.03, 0.3, 1.0)  # radii; least, at first, and most

@@ -15,7 +15,7 @@ from blurmatte.radiometry import LinearImage, Transfer
 from blurmatte.sweep import cast, highlight
 from blurmatte.sweep.attenuation import attenuation, structure
 from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.choice import most_apart
+from blurmatte.sweep.choice import CLEARLY, most_apart, price
 from blurmatte.sweep.chroma import left_untold
 from blurmatte.sweep.compressed import before_compression
 from blurmatte.sweep.data import Data
@@ -67,7 +67,7 @@ _MOST_DOUBTFUL_IN_LOUD = 0.06
 # Of the pixels of an outline, or of a disc with a highlight: 250 right ones had up to 0.054, one 0.083
 # and one 0.14; four wrong ones more.
 _MOST_DOUBTFUL = 0.1
-_MOST_TURNED = 20.0  # degrees by which colors of a plane may be unsure: right ones had up to 8
+_MOST_TURNED = 30.0  # degrees by which colors of a plane may be unsure: 90 right ones had up to 13
 _RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
@@ -217,6 +217,21 @@ class End:
         return replace(self, state=replace(self.state, contested=most))
 
     @property
+    def _parameters(self) -> int:
+        of_cast = cast.PARAMETERS if self.cast is not None else 0
+        of_highlight = highlight.PARAMETERS if self.highlight is not None else 0
+        return self.state.size + of_cast + of_highlight
+
+    def is_clearly_likelier_than(self, other: "End") -> bool:
+        """Whether it leaves less than another, and by more than further parameters cost.
+
+        That the other takes more parameters is no evidence for this: it must leave less even then.
+        """
+        trust = max(overstated(end.search.data, end.state) for end in (self, other))
+        least = max(price(self.search.data, self._parameters - other._parameters), CLEARLY)
+        return (other.state.cost - self.state.cost) / trust > least
+
+    @property
     def _takes_up_more(self) -> bool:
         """Whether it has more freedom than a disc of one paint to explain what is not so."""
         return self.state.frame.rank == 2 or self.state.silhouette.bulges > 1
@@ -301,8 +316,7 @@ class End:
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
         known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
-        of_two = model.rank == 2 and self.highlight is None
-        turned = of_two and model.angle_std > _MOST_TURNED
+        turned = model.rank == 2 and model.angle_std > _MOST_TURNED
         unknown = "size" if not known else "colors" if turned else ""
         of_lens = self.rim > _OF_LENSES or not colors_ran_together(data, state)
         of_lens |= self.covariance is not None

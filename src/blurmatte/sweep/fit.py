@@ -21,7 +21,7 @@ from blurmatte.sweep.choice import CLEARLY, best_of, differ
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.end import End, ran_together
-from blurmatte.sweep.highlighted import likelier_with_highlight, may_be_glossy, with_highlight
+from blurmatte.sweep.highlighted import may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of, mostly_seen
 from blurmatte.sweep.outline import gained, likelier, refined
@@ -236,7 +236,7 @@ def _richer(attempt: Attempt, told: End, whole: Search) -> End:
     left, simple = line.left, line.state.silhouette.bulges == 1
     glossy = with_highlight(attempt) if may_be_glossy(line) else None
     explained = line.beyond_noise <= MAX_MISFIT
-    if glossy is not None and (not explained or likelier_with_highlight(line, glossy.end)):
+    if glossy is not None and (not explained or glossy.end.is_clearly_likelier_than(line)):
         return glossy.end
     if (explained and is_contested(line.state)) or search.data.known is not None:
         return line

@@ -3,19 +3,13 @@
 from dataclasses import replace
 
 from blurmatte.sweep.attempt import Attempt
-from blurmatte.sweep.choice import CLEARLY, price
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State
 from blurmatte.sweep.end import End
-from blurmatte.sweep.highlight import (
-    PARAMETERS,
-    Highlight,
-    fit_highlight,
-    without_highlight,
-)
+from blurmatte.sweep.highlight import Highlight, fit_highlight, without_highlight
 from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
-from blurmatte.sweep.verdict import MAX_MISFIT, coherence_of_noise, doubtful_share, overstated
+from blurmatte.sweep.verdict import MAX_MISFIT, coherence_of_noise, doubtful_share
 
 _LITTLE = 0.02  # of the pixels: of dull balls up to 0.006 contradicted
 
@@ -53,7 +47,7 @@ def or_glossy(attempt: Attempt) -> Attempt:
     if glossy is None:
         return attempt
     explained = attempt.end.left <= MAX_MISFIT
-    return attempt if explained and not likelier_with_highlight(attempt.end, glossy.end) else glossy
+    return attempt if explained and not glossy.end.is_clearly_likelier_than(attempt.end) else glossy
 
 
 def may_be_glossy(end: End) -> bool:
@@ -68,14 +62,3 @@ def _in_turns(
     data: Data, disc: State, highlight: Highlight | None, bounds: tuple[float, float], turns: int
 ) -> tuple[State, Highlight]:
     return in_turns(data, disc, highlight, fit_highlight, without_highlight, bounds, turns)
-
-
-def likelier_with_highlight(shaped: End, glossy: End) -> bool:
-    """Whether a disc with a highlight is likelier than an outline, or a disc without.
-
-    That an outline takes more parameters is no evidence for a disc: it must also leave less than that.
-    """
-    trust = max(overstated(end.search.data, end.state) for end in (shaped, glossy))
-    more = glossy.state.size + PARAMETERS - shaped.state.size
-    least = max(price(glossy.search.data, more), CLEARLY)
-    return (shaped.state.cost - glossy.state.cost) / trust > least

@@ -32,7 +32,8 @@ def beside_shadow(first: Attempt) -> Attempt:
     """A disc beside its shadow, or the first if there is none.
 
     If most of what is found lies in it, or it is much larger than that, it was no shadow, but a darker
-    paint of the object.
+    paint of the object. Where the first explains all, the disc and the shadow that it casts must be
+    likelier: darkness along the path can be taken for a shadow that hides more of the object's light.
     """
     if first.disc.frame.rank == 3:
         return first
@@ -50,7 +51,8 @@ def beside_shadow(first: Attempt) -> Attempt:
         return first
     cast = _with_cast(first, without.disc, first.disc)
     if cast is not None:
-        return cast
+        explained = first.end.misfit <= MAX_MISFIT
+        return first if explained and not cast.end.is_clearly_likelier_than(first.end) else cast
     data, alpha = without.search.data, without.disc.swept.alpha
     large = shaded > _LARGEST * np.count_nonzero(alpha) * data.scale**2
     return without if mostly_seen(data, without.disc) and not large else first
