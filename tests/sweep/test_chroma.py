@@ -7,7 +7,7 @@ from scipy.ndimage import gaussian_filter
 
 from blurmatte.radiometry import REC709, SRGB
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
-from blurmatte.sweep.chroma import Blur, Compressed, before_bleeding, left_untold
+from blurmatte.sweep.chroma import Bled, Blur, Compressed, left_untold
 from blurmatte.sweep.path import ARC, LINE, PARABOLA
 from blurmatte.trajectory import Trajectory
 
@@ -38,7 +38,7 @@ def test_what_a_file_did_is_taken_back(transfer):
     light, wall = truth.image.rgb, truth.plate.rgb
     seen = through_a_file(light, transfer)
     assert np.abs(seen - light).max() > 0.02
-    back = before_bleeding(seen, wall, truth.layer.alpha, color[:, None], Blur(BLUR), transfer)
+    back = Bled(seen, wall, Blur(BLUR), transfer).before(truth.layer.alpha, color[:, None])
     assert_allclose(back, light, atol=1e-5)
 
 
@@ -47,7 +47,7 @@ def test_most_of_it_is_taken_back_before_tiles():
     truth, color = rendered(colorful_plate(SIZE, 3, tile=16))
     light, tiles = truth.image.rgb, truth.plate.rgb
     seen, plate = (through_a_file(x, SRGB) for x in (light, tiles))
-    back = before_bleeding(seen, plate, truth.layer.alpha, color[:, None], Blur(BLUR), SRGB)
+    back = Bled(seen, plate, Blur(BLUR), SRGB).before(truth.layer.alpha, color[:, None])
     there = truth.layer.alpha > 0
     # What is left of the light across its color is what alpha is found from.
     across = np.linalg.svd(color[:, None])[0][:, 1:]
@@ -67,7 +67,7 @@ def test_most_of_it_is_taken_back_from_two_paints(hues):
     alpha = truth.layer.alpha
     directions = np.linalg.svd(np.stack([ball.color, ball.second_color], axis=1))[0]
     seen, wall = (through_a_file(x, SRGB) for x in (truth.image.rgb, truth.plate.rgb))
-    back = before_bleeding(seen, wall, alpha, directions[:, :2], Blur(BLUR), SRGB)
+    back = Bled(seen, wall, Blur(BLUR), SRGB).before(alpha, directions[:, :2])
     left = [x - (1 - alpha)[..., None] * wall for x in (seen, back)]
     before, after = (np.sqrt(np.mean((P @ directions[:, 2])[alpha > 0] ** 2)) for P in left)
     assert after < 0.3 * before
@@ -77,13 +77,9 @@ def test_where_nothing_was_light_stays():
     wall = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
     nothing = np.zeros(SIZE[::-1])
     any_paint = GREEN[:, None] / np.linalg.norm(GREEN)
-    assert_allclose(
-        before_bleeding(wall, wall, nothing, any_paint, Blur(BLUR), SRGB), wall, atol=1e-7
-    )
+    assert_allclose(Bled(wall, wall, Blur(BLUR), SRGB).before(nothing, any_paint), wall, atol=1e-7)
     truth, color = rendered(wall)
-    back = before_bleeding(
-        truth.image.rgb, wall, truth.layer.alpha, color[:, None], Blur(BLUR), SRGB
-    )
+    back = Bled(truth.image.rgb, wall, Blur(BLUR), SRGB).before(truth.layer.alpha, color[:, None])
     far = np.s_[:12, :12]
     assert_allclose(back[far], truth.image.rgb[far], atol=1e-7)
 
@@ -92,11 +88,9 @@ def test_brightness_of_code_values_stays():
     """Invariant: luma is what files keep."""
     truth, color = rendered(plain_plate(SIZE, (0.3, 0.33, 0.36), 1))
     seen = through_a_file(truth.image.rgb, SRGB)
-    back = before_bleeding(
-        seen, truth.plate.rgb, truth.layer.alpha, color[:, None], Blur(BLUR), SRGB
-    )
+    back = Bled(seen, truth.plate.rgb, Blur(BLUR), SRGB).before(truth.layer.alpha, color[:, None])
     assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-5)
-    again = before_bleeding(seen, truth.plate.rgb, truth.layer.alpha, color[:, None], Blur(0), SRGB)
+    again = Bled(seen, truth.plate.rgb, Blur(0), SRGB).before(truth.layer.alpha, color[:, None])
     assert_array_equal(again.shape, seen.shape)
     assert_allclose(again, seen, atol=1e-9)
 
@@ -129,7 +123,7 @@ def test_what_compression_did_is_taken_back(chroma):
     )
     file = Compressed(camera.photograph(seen, rng).meta.compression, 2 / 255)
     alpha = truth.layer.alpha
-    back = before_bleeding(seen, B, alpha, color[:, None], file, SRGB)
+    back = Bled(seen, B, file, SRGB).before(alpha, color[:, None])
     across = np.linalg.svd(color[:, None])[0][:, 1:]
     before, after = (
         np.sqrt(np.mean(((x - (1 - alpha)[..., None] * B)[alpha > 0] @ across) ** 2))

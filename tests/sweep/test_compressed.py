@@ -50,14 +50,14 @@ def test_it_ends_where_doing_so_again_and_again_does(found):
     end, state, covariance = before_compression(search, first, SRGB)
     n = len(numbers(state))
     std = np.sqrt(np.diag(covariance)[:n])
-    data = search.data
+    data, bled = search.data, search.data.bled(SRGB)
     slow = seen(data, first)
     for _ in range(25):
-        before = data.before_compression(slow.swept.alpha, slow.frame.within, SRGB)
+        before = data.with_light(bled.before(slow.swept.alpha, slow.frame.within))
         slow = descend(before, seen(before, slow), end.bounds)
     off = np.abs(numbers(slow) - numbers(state)) / std
     assert off.max() < 0.6  # what a file rounds makes steps of a quarter of that
-    twice = data.before_compression(first.swept.alpha, first.frame.within, SRGB)
+    twice = data.with_light(bled.before(first.swept.alpha, first.frame.within))
     early = descend(twice, seen(twice, first), end.bounds)
     assert np.abs(numbers(early) - numbers(state)).max() > 0.05
 

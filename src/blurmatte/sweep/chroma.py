@@ -15,6 +15,7 @@ values. It is 0 where nothing moved.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
@@ -104,44 +105,66 @@ def file_of(image: LinearImage) -> Compressed | None:
     return Compressed.of(compression, image.rgb, image.variance, transfer)
 
 
-def image_before(
-    image: LinearImage, plate: LinearImage, alpha: Array, within: Array, file: File
-) -> LinearImage:
-    """An image as it was before its colors ran together; clipped pixels as they are.
-
-    The parameters are those of `before_bleeding`.
-    """
-    transfer = image.meta.transfer or SRGB
-    light = before_bleeding(image.rgb, plate.rgb, alpha, within, file, transfer)
-    kept = np.where(image.valid[..., None], light, image.rgb)
-    return replace(image, rgb=kept.astype(image.rgb.dtype))
-
-
-def before_bleeding(
-    C: Floats, B: Floats, alpha: Array, within: Array, file: File, transfer: Transfer
-) -> Array:
-    """(h, w, 3) light of an image as it was before its colors ran together.
+@dataclass(frozen=True, eq=False)
+class Bled:
+    """Image and plate, and the file in which the image's colors ran together.
 
     Parameters
     ----------
     C, B : (h, w, 3) float
         Light of image and plate.
-    alpha : (h, w) float
-    within : (3, rank) float
-        Directions that the object's light may have: one, or those of a plane.
     file : Blur or Compressed
         What became of the image's code values.
     transfer : Transfer
         Of the file.
     """
-    through, there = (1 - alpha)[..., None], alpha > 0
-    codes, plate = (transfer.encode(np.asarray(light, float)) for light in (C, B))
-    behind, own = through * B, np.zeros(C.shape)
-    color = _own_color((C - behind) * there[..., None] @ within @ within.T, file.std)[there]
-    own[there] = _brightness(codes[there] @ _LUMA, behind[there], color, transfer) * color
-    before = transfer.encode(through * transfer.decode(file.seen(plate)) + own)
-    after = file.seen(transfer.encode(behind + own))
-    return np.asarray(transfer.decode(codes + before - after))
+
+    C: Floats
+    B: Floats
+    file: File
+    transfer: Transfer
+
+    @cached_property
+    def _codes(self) -> Array:
+        return np.asarray(self.transfer.encode(np.asarray(self.C, float)))
+
+    @cached_property
+    def _plate(self) -> Array:
+        """(h, w, 3) light of the plate as it would come out of the file."""
+        codes = self.transfer.encode(np.asarray(self.B, float))
+        return np.asarray(self.transfer.decode(self.file.seen(codes)))
+
+    def before(self, alpha: Array, within: Array) -> Array:
+        """(h, w, 3) light of the image as it was before its colors ran together.
+
+        Parameters
+        ----------
+        alpha : (h, w) float
+        within : (3, rank) float
+            Directions that the object's light may have: one, or those of a plane.
+        """
+        through, there = (1 - alpha)[..., None], alpha > 0
+        behind, own = through * self.B, np.zeros(self.C.shape)
+        light = (self.C - behind) * there[..., None] @ within @ within.T
+        color = _own_color(light, self.file.std)[there]
+        luma = self._codes[there] @ _LUMA
+        own[there] = _brightness(luma, behind[there], color, self.transfer) * color
+        before = self.transfer.encode(through * self._plate + own)
+        after = self.file.seen(self.transfer.encode(behind + own))
+        return np.asarray(self.transfer.decode(self._codes + before - after))
+
+
+def image_before(
+    image: LinearImage, plate: LinearImage, alpha: Array, within: Array, file: File
+) -> LinearImage:
+    """An image as it was before its colors ran together; clipped pixels as they are.
+
+    The parameters are those of `Bled` and `Bled.before`.
+    """
+    transfer = image.meta.transfer or SRGB
+    light = Bled(image.rgb, plate.rgb, file, transfer).before(alpha, within)
+    kept = np.where(image.valid[..., None], light, image.rgb)
+    return replace(image, rgb=kept.astype(image.rgb.dtype))
 
 
 def left_untold(family: PathFamily, path: Array, blur: float) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.radiometry import Compression, Transfer
+from blurmatte.sweep.chroma import Bled
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, moved, seen, sharp
 from blurmatte.sweep.search import Search
@@ -54,22 +55,22 @@ def before_compression(
     (size, size) float, or None
         Covariance of the state's parameters, but for `student.VARIANCE`; None if it has not converged.
     """
-    data = search.data
+    data, bled = search.data, search.data.bled(transfer)
     bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
     state = sharp(data, state)
     for _ in range(2):
-        before = _told_by(data, state, transfer)
+        before = _told_by(data, state, bled)
         search = replace(search, data=before, bounds=bounds)
         state = search.softened(descend(before, seen(before, state), bounds))
-    before, state = _again(data, state, transfer)
+    before, state = _again(data, state, bled)
     if not state.converged:
         return replace(search, data=before), state, None
-    left, H = _gradient(before, state), _kept(data, before, state, transfer)
+    left, H = _gradient(before, state), _kept(data, before, state, bled)
     for _ in range(_STEPS):
         step = -np.linalg.solve(H, left)
         off = -float(left @ step)
         near = moved(before, state, np.asarray(step), bounds)
-        there = _again(data, replace(near, converged=True), transfer)
+        there = _again(data, replace(near, converged=True), bled)
         still = _gradient(*there)
         if off < _ENOUGH**2 or still @ np.linalg.solve(H, still) > off:
             break
@@ -80,14 +81,14 @@ def before_compression(
     return replace(search, data=before), state, np.asarray(by_noise + by_rounding)
 
 
-def _told_by(data: Data, state: State, transfer: Transfer) -> Data:
+def _told_by(data: Data, state: State, bled: Bled) -> Data:
     """The light before the file, if that was what a state says."""
-    return data.before_compression(state.swept.alpha, state.frame.within, transfer)
+    return data.with_light(bled.before(state.swept.alpha, state.frame.within))
 
 
-def _again(data: Data, state: State, transfer: Transfer) -> tuple[Data, State]:
+def _again(data: Data, state: State, bled: Bled) -> tuple[Data, State]:
     """The light that a state tells, and the state in it."""
-    before = _told_by(data, state, transfer)
+    before = _told_by(data, state, bled)
     return before, replace(seen(before, state), converged=state.converged)
 
 
@@ -95,12 +96,12 @@ def _gradient(data: Data, state: State) -> Array:
     return state.information(data)[1]
 
 
-def _kept(data: Data, before: Data, state: State, transfer: Transfer) -> Array:
+def _kept(data: Data, before: Data, state: State, bled: Bled) -> Array:
     """(size, size) HF, symmetric: what files do to one parameter they do to others alike."""
     H, g = state.information(before)
     lost = np.zeros_like(H)
     for i, far, there in _near(before, state):
-        other = _told_by(data, there, transfer)
+        other = _told_by(data, there, bled)
         lost[:, i] = (_gradient(other, seen(other, state)) - g) / far
     values, ways = np.linalg.eigh(H)
     root = np.sqrt(np.maximum(values, 1e-9 * values.max()))
@@ -136,7 +137,7 @@ def _by_rounding(data: Data, state: State, transfer: Transfer) -> Array:
             (transfer.slope(data.C) * color, blocks),
             (through * transfer.slope(data.B) * color, whole),
         ):
-            other = seen(replace(data, C=np.ascontiguousarray(data.C + light)), state)
+            other = seen(data.with_light(data.C + light), state)
             by = weights * (other.e[:2] - e)
             sums = [np.bincount(places.ravel(), (by * s).sum(axis=0).ravel()) for s in slopes]
             total += np.array(sums) @ np.array(sums).T

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import Compression, LinearImage, Transfer, cell_means, smooth_variance
 from blurmatte.streaks import Streak
-from blurmatte.sweep.chroma import Blur, Compressed, File, before_bleeding, known_of
+from blurmatte.sweep.chroma import Bled, Blur, Compressed, known_of
 from blurmatte.sweep.known import KnownColor
 
 Array = npt.NDArray[np.float64]
@@ -75,17 +75,18 @@ class Data:
         self, alpha: Array, within: Array, blur: float, transfer: Transfer
     ) -> "Data":
         """With the light before colors ran together by so many pixels; see `chroma`."""
-        return self._before(Blur(blur / self.scale), alpha, within, transfer)
+        bled = Bled(self.C, self.B, Blur(blur / self.scale), transfer)
+        return self.with_light(bled.before(alpha, within))
 
-    def before_compression(self, alpha: Array, within: Array, transfer: Transfer) -> "Data":
-        """With the light before a file was compressed that says how; see `chroma`."""
+    def bled(self, transfer: Transfer) -> Bled:
+        """What a file that says how it was compressed made of the colors; see `chroma`."""
         assert self.compression is not None
         variance = self.C_variance / self.louder
         file = Compressed.of(self.compression, self.C, variance, transfer)
-        return self._before(file, alpha, within, transfer)
+        return Bled(self.C, self.B, file, transfer)
 
-    def _before(self, file: File, alpha: Array, within: Array, transfer: Transfer) -> "Data":
-        C = before_bleeding(self.C, self.B, alpha, within, file, transfer)
+    def with_light(self, C: Array) -> "Data":
+        """With other light of the image."""
         return replace(self, C=np.ascontiguousarray(C))
 
     def raised(self, by: float) -> "Data":
