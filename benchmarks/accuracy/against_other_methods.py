@@ -10,6 +10,7 @@ Run: python -m benchmarks.accuracy.against_other_methods [--scenes NAME…]
 import argparse
 import multiprocessing
 import os
+import pickle
 import re
 import time
 import warnings
@@ -28,7 +29,7 @@ from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError
 from blurmatte.layer import Layer
 from blurmatte.matting import solve
-from blurmatte.radiometry import LinearImage, Meta, named_transfer
+from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import render
 from blurmatte.scenes import Answer, Score, Truth, read_shots, score
 
@@ -192,32 +193,10 @@ def _photograph(scene: str, folder: Path) -> Truth:
     (shot,) = read_shots(scene)
     rendering = render(shot.scene)
     image, plate = shot.photograph(rendering)
-    np.savez(
-        folder / f"{scene}.npz",
-        image=image.rgb,
-        image_valid=image.valid,
-        plate=plate.rgb,
-        plate_valid=plate.valid,
-        levels=image.meta.levels or 0,
-        transfer=shot.camera.transfer.name,
-        alpha=rendering.layer.alpha,
-        premultiplied=rendering.layer.premultiplied,
-        basis=rendering.model.basis if rendering.model else np.empty((3, 0)),
-    )
+    case = Case(image, plate, rendering.layer, rendering.model)
+    (folder / f"{scene}.pickle").write_bytes(pickle.dumps(case))
     radius = max(shot.scene.body.reach(shot.scene.change.at(0)))
     return Truth(rendering.layer, rendering.plate, rendering.trajectory, radius, ())
-
-
-def _case(path: Path) -> Case:
-    with np.load(path) as file:
-        stored = dict(file)
-    levels, transfer = int(stored["levels"]) or None, named_transfer(str(stored["transfer"]))
-    image, plate = (
-        LinearImage(stored[name], valid=stored[f"{name}_valid"], meta=Meta("", transfer, levels))
-        for name in ("image", "plate")
-    )
-    model = ColorModel(stored["basis"]) if stored["basis"].size else None
-    return Case(image, plate, Layer(stored["alpha"], stored["premultiplied"]), model)
 
 
 def _in_own_process(
@@ -235,7 +214,7 @@ def _run(name: str, scenes: list[str], folder: str) -> tuple[dict[str, Outcome],
     warnings.simplefilter("ignore")  # what they warn of, the scores tell
     outcomes = {}
     for scene in [scenes[0], *scenes]:  # once more the first, which imports and compiles
-        case = _case(Path(folder) / f"{scene}.npz")
+        case = pickle.loads((Path(folder) / f"{scene}.pickle").read_bytes())
         if case.model is not None or not method.needs_model:
             outcomes[scene] = _outcome(method, case)
     return outcomes, _most_memory()
