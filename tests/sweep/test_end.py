@@ -35,7 +35,7 @@ def search_of(body, **camera):
 def told(end, share):
     """An end of which smooth light would tell a wrong alpha in this share of the places."""
     said = replace(smooth_light(end.search.data, end.state), share=share, astray_of_places=0.0)
-    fresh = End(end.search, replace(end.state), end.blur, highlight=end.highlight)
+    fresh = replace(end, state=replace(end.state))
     fresh.__dict__["_said"] = said
     return fresh
 
@@ -188,3 +188,19 @@ def test_a_plane_that_is_not_told_is_no_answer():
         stats = End(search, state, covariance=covariance).sweep(image).stats
         assert (stats["misfit"] <= MAX_MISFIT) is believed
         assert ("hardly known colors" in stats["objection"]) is not believed
+
+
+def test_an_outline_of_hardly_known_size_is_no_answer(as_noise):
+    """It takes up what a wrong shape leaves, as a disc does not."""
+    data, disc = as_noise.search.data, as_noise.state
+    image = LinearImage(np.full((8, 8, 3), 0.5))
+    for bulges, most in ((1, 0.25), (2, 0.03)):
+        silhouette = replace(disc.silhouette, bulges=bulges)
+        shape = silhouette.like(disc.silhouette, disc.shape)
+        state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
+        state, k = replace(state, converged=True), len(disc.path)
+        for part, believed in ((0.8 * most, True), (1.2 * most, False)):
+            covariance = 1e-6 * np.eye(state.size)
+            covariance[k, k] = (part * disc.shape[0]) ** 2 / VARIANCE
+            stats = told(End(as_noise.search, state, covariance=covariance), 0.3).sweep(image).stats
+            assert ("hardly known size" in stats["objection"]) is not believed

@@ -40,9 +40,10 @@ from blurmatte.sweep.verdict import (
 
 Array = npt.NDArray[np.float64]
 
-# Of a radius, by rank, the standard deviation of one that means anything. A plane takes up what a wrong
-# shape leaves: in compressed pictures such as were known to 4 to 6 % were wrong by 10 to 20 %.
-_MOST_UNSURE = {1: 0.25, 2: 0.03, 3: 0.25}
+# Of a radius, the standard deviation of one that means anything; and where a plane or an outline takes
+# up what is wrong: in compressed pictures planes known to 4 to 6 % were wrong by 10 to 20 %, and an
+# ellipse known to 3.5 % by a third.
+_MOST_UNSURE, _MOST_UNSURE_OF_FREE = 0.25, 0.03
 _STRUCTURED = 3.0  # times its noise: the least that is texture of a plate
 # Of alpha, to which the plate's texture must tell it to believe in any colors, and to believe in them
 # whatever else is left, for paint is finer than a field.
@@ -315,7 +316,8 @@ class End:
         model = self._model(covariance[-2:, -2:] + self._turned)
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
-        known = covariance[k, k] < (_MOST_UNSURE[state.frame.rank] * state.shape[0]) ** 2
+        most = _MOST_UNSURE_OF_FREE if self._takes_up_more else _MOST_UNSURE
+        known = covariance[k, k] < (most * state.shape[0]) ** 2
         turned = model.rank == 2 and model.angle_std > _MOST_TURNED
         unknown = "size" if not known else "colors" if turned else ""
         of_lens = self.rim > _OF_LENSES or not colors_ran_together(data, state)
