@@ -1,6 +1,7 @@
 """What the command line says: answers to stdout, everything else to stderr."""
 
 import sys
+from typing import TextIO
 
 import typer
 
@@ -34,9 +35,14 @@ def by(size: tuple[int, int]) -> str:
 
 def say(text: str) -> None:
     """To stdout, whatever bytes the names of files hold."""
-    typer.echo(text.encode("utf-8", "backslashreplace").decode())
+    _write(text.encode("utf-8", "backslashreplace").decode(), sys.stdout)
 
 
 def complain(text: str) -> None:
     """One line to stderr."""
-    typer.echo(f"blurmatte: {' '.join(text.split())}", err=True)
+    _write(f"blurmatte: {' '.join(text.split())}", sys.stderr)
+
+
+def _write(text: str, stream: TextIO) -> None:
+    """To a screen as it is now: what is drawn there meanwhile makes room."""
+    typer.echo(text, file=stream if stream.isatty() else None, err=stream is sys.stderr)

@@ -10,13 +10,16 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypeVar
 
 import typer
 from typer.core import TyperGroup
 
 import blurmatte as bm
 from blurmatte.cli.printing import complain, say
+
+if TYPE_CHECKING:
+    from rich.progress import Progress
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -105,18 +108,46 @@ def _blurmatte(
 def with_progress(
     things: Iterable[T], doing: str = "solving", count: int | None = None
 ) -> Iterator[T]:
-    """A bar on stderr for several things, if a person is watching; `count` of what has no length."""
+    """What is done, and for how long, on stderr, if a person is watching; how far, of several things.
+
+    `count` is that of what has no length.
+    """
     if count is None:
         assert isinstance(things, Sized)
         count = len(things)
-    if count < 2 or not sys.stderr.isatty():
+    if count == 0 or not sys.stderr.isatty():
         yield from things
         return
-    from rich.console import Console
-    from rich.progress import Progress
+    with _bar(several=count > 1) as bar:
+        yield from bar.track(things, count, description=doing)
 
-    with Progress(console=Console(stderr=True), redirect_stdout=False) as progress:
-        yield from progress.track(things, count, description=doing)
+
+@contextmanager
+def waiting(doing: str) -> Iterator[None]:
+    """What is done, and for how long, on stderr, if a person is watching."""
+    if not sys.stderr.isatty():
+        yield
+        return
+    with _bar(several=False) as bar:
+        bar.add_task(doing, total=None)
+        yield
+
+
+def _bar(several: bool) -> "Progress":
+    """That stays if it tells how far it is."""
+    from rich import progress
+    from rich.console import Console
+
+    far = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeRemainingColumn())
+    return progress.Progress(
+        progress.SpinnerColumn(),
+        progress.TextColumn("{task.description}"),
+        *(far if several else ()),
+        progress.TimeElapsedColumn(),
+        console=Console(stderr=True, soft_wrap=True),
+        transient=not several,
+        redirect_stdout=sys.stdout.isatty(),  # what goes to a file must not come here
+    )
 
 
 class NamedError(bm.BlurmatteError):

@@ -35,7 +35,7 @@ from blurmatte.cli.options import (
     TransferName,
 )  # fmt: skip
 from blurmatte.cli.printing import complain, in_degrees, say, swatches
-from blurmatte.cli.program import about, app, told, with_progress
+from blurmatte.cli.program import about, app, told, waiting, with_progress
 from blurmatte.cli.targets import check_file, check_folder, check_kept
 
 _TOLD = 5  # other things that moved
@@ -144,7 +144,7 @@ def color(
         C, _ = files.read(image, said)
         B = bm.match_plate(B, C, matching_of(match))
         streak = task.streak(C, B)
-        with _telling_where(streak, C, B):
+        with _telling_where(streak, C, B), waiting("finding its color"):
             model = task.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
@@ -160,7 +160,7 @@ def _settled(files: Files, image: Path, plate: Path) -> Files:
     if files.transfer != "auto":
         return files
     files = replace(files, transfer=None)
-    with about(image):
+    with about(image), waiting("finding its curve"):
         fit = bm.fit_transfer(files.read(image)[0], files.read(plate)[0])
     also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
     say(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))

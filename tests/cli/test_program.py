@@ -1,0 +1,47 @@
+"""What a person who waits sees."""
+
+import io
+
+import pytest
+
+from blurmatte.cli.program import waiting, with_progress
+
+
+class Screen(io.StringIO):
+    """What somebody looks at."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_who_waits_sees_for_how_long_and_of_several_things_how_far(monkeypatch, capsys, count):
+    screen = Screen()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    for thing in with_progress(range(count), "solving"):
+        print("told", thing)
+    shown = screen.getvalue()
+    assert "solving" in shown
+    assert "0:00:0" in shown
+    assert ("100%" in shown) == (count > 1)
+    assert "told" not in shown
+    assert capsys.readouterr().out.split() == [w for i in range(count) for w in ("told", str(i))]
+
+
+def test_who_waits_for_one_thing_sees_what_it_is(monkeypatch):
+    screen = Screen()
+    monkeypatch.setattr("sys.stderr", screen)
+    monkeypatch.setenv("TERM", "xterm")
+    with pytest.raises(ValueError, match="no color"), waiting("finding its color"):
+        raise ValueError("no color")
+    assert "finding its color" in screen.getvalue()
+    assert "0:00:0" in screen.getvalue()
+
+
+def test_a_file_holds_no_bars(capsys):
+    with waiting("finding its color"):
+        pass
+    assert list(with_progress([1, 2])) == [1, 2]
+    assert capsys.readouterr().err == ""
+    assert list(with_progress(iter("ab"), count=2)) == ["a", "b"]
