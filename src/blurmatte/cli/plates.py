@@ -15,7 +15,7 @@ import blurmatte as bm
 from blurmatte.cli.inputs import Files
 from blurmatte.cli.options import MaxPixels, TransferName
 from blurmatte.cli.printing import by, say
-from blurmatte.cli.program import about, app, told
+from blurmatte.cli.program import about, app, bar, told
 from blurmatte.cli.targets import check_ending, check_folder, check_other
 
 When = Annotated[
@@ -84,12 +84,9 @@ def _watched(frames: bm.Frames[bm.LinearImage]) -> Iterator[bm.Frames[bm.LinearI
     if not sys.stderr.isatty():
         yield frames
         return
-    from rich.console import Console
-    from rich.progress import Progress
-
-    with Progress(console=Console(stderr=True), redirect_stdout=False) as progress:
+    with bar(several=True) as shown:
 
         def load(numbers: range) -> Iterator[bm.LinearImage]:
-            yield from progress.track(frames.load(numbers), len(numbers), description="reading")
+            yield from shown.track(frames.load(numbers), len(numbers), description="reading")
 
         yield replace(frames, load=load)

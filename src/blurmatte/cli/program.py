@@ -118,8 +118,8 @@ def with_progress(
     if count == 0 or not sys.stderr.isatty():
         yield from things
         return
-    with _bar(several=count > 1) as bar:
-        yield from bar.track(things, count, description=doing)
+    with bar(several=count > 1) as shown:
+        yield from shown.track(things, count, description=doing)
 
 
 @contextmanager
@@ -128,13 +128,13 @@ def waiting(doing: str) -> Iterator[None]:
     if not sys.stderr.isatty():
         yield
         return
-    with _bar(several=False) as bar:
-        bar.add_task(doing, total=None)
+    with bar(several=False) as shown:
+        shown.add_task(doing, total=None)
         yield
 
 
-def _bar(several: bool) -> "Progress":
-    """That stays if it tells how far it is."""
+def bar(several: bool) -> "Progress":
+    """What is done, on stderr, and for how long; of several things how far, and it stays then."""
     from rich import progress
     from rich.console import Console
 
