@@ -221,7 +221,7 @@ def test_a_refusal_says_which_of_the_things_that_moved_it_is_about(here, tmp_pat
     )
     boxes = [list(map(int, box.split(","))) for box in found.groups()]
     assert np.abs(np.subtract(boxes, [[40, 30, 70, 50], [100, 5, 112, 14]])).max() < 8
-    assert "This is the streak" not in complaint(run(*base, "--region", found[2]))
+    assert "The strongest is the streak" not in complaint(run(*base, "--region", found[2]))
 
 
 @pytest.mark.parametrize(

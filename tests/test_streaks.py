@@ -9,7 +9,7 @@ from PIL import Image
 from scipy import ndimage
 
 from blurmatte import streaks
-from blurmatte.errors import PlateError
+from blurmatte.errors import ColorModelError, MotionError, PlateError
 from blurmatte.files import read
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, decode, with_noise
 from blurmatte.rendering import (
@@ -21,7 +21,13 @@ from blurmatte.rendering import (
     render,
     two_hue_plate,
 )
-from blurmatte.streaks import Streak, find_streak_within, find_streaks, joined_behind
+from blurmatte.streaks import (
+    Streak,
+    find_streak_within,
+    find_streaks,
+    joined_behind,
+    strongest_told,
+)
 from blurmatte.trajectory import Trajectory
 
 SIZE = (256, 192)
@@ -365,3 +371,44 @@ def test_a_streak_goes_on_behind_an_occluder():
     assert joined[0].mask[15, 30:40].all()
     assert not joined[0].mask[30:, 30:40].any()
     assert [s.box for s in joined_behind(parts, np.zeros_like(occluder))] == [s.box for s in parts]
+
+
+# Which of them tells something
+
+
+def of_evidence(*evidence):
+    return [Streak(np.ones((2, 2), bool), evidence=e) for e in evidence]
+
+
+def test_the_strongest_streak_that_tells_something_is_asked_last():
+    streaks, asked = of_evidence(9, 8, 7), []
+
+    def tell(streak):
+        asked.append(streak)
+        if streak is streaks[0]:
+            raise ColorModelError("a hand")
+        return streak.evidence
+
+    assert strongest_told(streaks, tell) == 8
+    assert asked == streaks[:2]
+
+
+@pytest.mark.parametrize(("evidence", "count"), [((9, 8, 7, 6, 5), 4), ((9, 0.2, 0.1), 2)])
+def test_few_streaks_are_asked_and_none_that_is_faint(evidence, count):
+    asked = []
+
+    def tell(streak):
+        asked.append(streak.evidence)
+        raise (MotionError if asked[1:] else ColorModelError)(f"nothing in {streak.evidence}")
+
+    with pytest.raises(ColorModelError, match="nothing in 9"):
+        strongest_told(of_evidence(*evidence), tell)
+    assert asked == list(evidence[:count])
+
+
+def test_other_errors_are_not_passed_over():
+    def tell(streak):
+        raise ValueError("a mistake")
+
+    with pytest.raises(ValueError, match="a mistake"):
+        strongest_told(of_evidence(2, 1), tell)

@@ -6,14 +6,15 @@ three degrees of freedom if nothing had moved. Large pictures are looked at in c
 pixels, so that the search costs no more than for a picture of a million pixels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box, Floats, check_kind, check_map, check_same_size
-from blurmatte.errors import MotionError, PlateError
+from blurmatte.errors import ColorModelError, MotionError, PlateError
 from blurmatte.radiometry import (
     LinearImage,
     cell_means,
@@ -28,7 +29,13 @@ _SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad 
 _JOIN, _RIM = 2, 3  # cells: gaps that are bridged; rim added where the edge fades below all noise
 _MAX_CELLS = 1e6
 _STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
+_MOST_ASKED, _LEAST_ASKED = (
+    4,
+    0.02,
+)  # streaks that may be the object's; of the strongest one's evidence
 _MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
+
+Told = TypeVar("Told")
 
 
 @dataclass(frozen=True, eq=False)
@@ -188,6 +195,35 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
             "pictures, or say where to look with a region (--region, streak=)"
         )
     return streaks
+
+
+def strongest_told(streaks: Sequence[Streak], tell: Callable[[Streak], Told]) -> Told:
+    """What the strongest streak tells that tells anything.
+
+    A hand that holds a string moves more than the ball on it, and no picture tells its color.
+
+    Parameters
+    ----------
+    streaks : sequence of Streak
+        The strongest first, one or more.
+    tell : function
+        What a streak tells; raises ColorModelError or MotionError if that is nothing.
+
+    Raises
+    ------
+    ColorModelError, MotionError
+        What the strongest said, if none tells anything.
+    """
+    refusal: ColorModelError | MotionError | None = None
+    for streak in streaks[:_MOST_ASKED]:
+        if streak.evidence < _LEAST_ASKED * streaks[0].evidence:
+            break
+        try:
+            return tell(streak)
+        except (ColorModelError, MotionError) as error:
+            refusal = refusal or error
+    assert refusal is not None
+    raise refusal
 
 
 def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:

@@ -1,6 +1,7 @@
 """solve, the one verb: the whole way from two pictures to alpha, color and their errors."""
 
 import warnings
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -132,6 +133,52 @@ def test_error_of_the_scale_is_honest(paint):
         z.append((stats["sum_alpha"] / exact["sum_alpha"] - 1) / stats["alpha_scale_std"])
     assert abs(np.mean(z)) < 0.5
     assert 0.7 < np.std(z) < 1.3
+
+
+# Which streak
+
+
+def with_a_hand(image):
+    """The picture, and in a corner something of many colors that moved more than the ball."""
+    colors = np.random.default_rng(3).uniform(0, 0.6, (10, 8, 3))
+    rgb = image.rgb.copy()
+    rgb[84:124, 8:40] = np.kron(colors, np.ones((4, 4, 1)))
+    return replace(image, rgb=rgb)
+
+
+def test_what_moved_more_but_tells_nothing_is_passed_over(paint):
+    image, plate = taken(paint)
+    image = with_a_hand(image)
+    hand, ball, *_ = find_streaks(image, plate)
+    solution = solve(image, plate)
+    assert hand.box[0] < 10 < 30 < ball.box[0]
+    assert solution.stats["untold_boxes"] == (hand.box,)
+    assert hand.box in solution.stats["other_boxes"]
+    off = (solution.alpha - paint.layer.alpha)[solution.streak]
+    assert np.sqrt(np.mean(off**2)) < 0.003
+    told = fit_color(image, plate)
+    assert np.degrees(np.arccos(told.pole @ paint.model.pole)) < 3 * told.angle_std
+
+
+def test_a_color_that_is_given_chooses_the_streak(paint):
+    image, plate = taken(paint)
+    image = with_a_hand(image)
+    hand, ball, *_ = find_streaks(image, plate)
+    solution = solve(image, plate, paint.model, Pixelwise())
+    assert solution.stats["streak_box"] == ball.box
+    assert solution.stats["untold_boxes"] == ()
+    assert hand.box in solution.stats["other_boxes"]
+
+
+def test_if_nothing_is_told_the_refusal_is_about_what_moved_most(paint):
+    plate = taken(paint)[1]
+    image = with_a_hand(plate)
+    image.rgb[20:50, 100:140] *= 0.5
+    with pytest.raises(ColorModelError) as of_both:
+        solve(image, plate)
+    with pytest.raises(ColorModelError) as of_hand:
+        solve(image, plate, streak=find_streaks(image, plate)[0])
+    assert str(of_both.value) == str(of_hand.value)
 
 
 # What may be given

@@ -36,6 +36,7 @@ from blurmatte.sweep.verdict import (
     mean_light,
     means_something,
     misfit,
+    mostly_seen,
     objection,
     shared_coherence,
     unclaimed_light,
@@ -102,6 +103,18 @@ def test_noise_of_a_jpeg_is_no_misfit(seed):
     data = taken(BALL, seed, replace(CAMERA, jpeg_quality=85, chroma="4:2:0"))
     state = fitted(data)
     assert coherence(data, state) > MAX_MISFIT > misfit(data, state)
+
+
+@pytest.mark.parametrize("share", [0.4, 0.6])
+def test_what_lies_mostly_where_nothing_is_known_is_no_answer(share):
+    data = taken(BALL)
+    alpha = fitted(data).swept.alpha
+    columns = np.cumsum(alpha.sum(axis=0)) < share * alpha.sum()
+    valid = data.valid & ~columns
+    data = replace(data, valid=valid, weight=data.weight * valid)
+    state = fitted(data)
+    assert mostly_seen(data, state) == (share < 0.5)
+    assert ("tells nothing" in objection(data, state)) == (share > 0.5)
 
 
 GRAY = plain_plate(SIZE, (0.2, 0.2, 0.2), 4)

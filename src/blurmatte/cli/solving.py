@@ -222,7 +222,7 @@ def _with_match(solution: bm.Solution, match: bm.Match) -> bm.Solution:
 def _telling_where(
     streak: bm.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
 ) -> Iterator[None]:
-    """Add to a refusal which of the things that moved it is about, if nobody chose one."""
+    """Add to a refusal what moved, if nobody chose one."""
     try:
         yield
     except (bm.ColorModelError, bm.MotionError) as error:
@@ -231,7 +231,8 @@ def _telling_where(
             raise
         first, *others = (",".join(map(str, one.box)) for one in found)
         more = f"; also moved, choose with --region: {_some(others)}" if others else ""
-        raise type(error)(f"{error}. This is the streak in {first} (X0,Y0,X1,Y1){more}") from error
+        where = f"The strongest is the streak in {first} (X0,Y0,X1,Y1){more}"
+        raise type(error)(f"{error}. {where}") from error
 
 
 def _some(boxes: list[str]) -> str:
@@ -271,6 +272,10 @@ def _curve_doubted(
 
 def _others(solution: bm.Solution) -> Iterator[str]:
     """What else moved, as regions to copy."""
-    boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
-    if boxes:
-        yield f"also moved, choose with --region: {_some(boxes)}"
+    for name, said in (
+        ("untold_boxes", "moved more, but told no alpha"),
+        ("other_boxes", "also moved, choose with --region"),
+    ):
+        boxes = [",".join(map(str, box)) for box in solution.stats.get(name, ())]
+        if boxes:
+            yield f"{said}: {_some(boxes)}"

@@ -58,7 +58,10 @@ def fit_color_from_hues(
     MotionError
         If no streak was given and nothing moved.
     """
-    image, plate, streak = checked(image, plate, streak, max_brightness)
+    check_color_fit(image, plate, streak, max_brightness)
+    image, plate = with_noise(image, plate)
+    if streak is None:
+        streak = require_streaks(image, plate)[0]
     pixels = _streak_pixels(image, plate, streak)
     kinds = {
         name: Evidence(hue, feasibility, max_brightness)
@@ -75,20 +78,16 @@ def fit_color_from_hues(
     return model
 
 
-def checked(
+def check_color_fit(
     image: LinearImage, plate: LinearImage, streak: Streak | None, max_brightness: float
-) -> tuple[LinearImage, LinearImage, Streak]:
-    """Arguments of a color fit with the noise known and a streak; raises what such fits raise."""
+) -> None:
+    """Raise what fits of a color raise for what is no such argument."""
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     refuse_gray(image, plate)
     check_streak("streak", streak)
     if not max_brightness > 0:
         raise ValueError(f"max_brightness must be positive, got {max_brightness}")
-    image, plate = with_noise(image, plate)
-    if streak is None:
-        streak = require_streaks(image, plate)[0]
-    return image, plate, streak
 
 
 def refuse_gray(image: LinearImage, plate: LinearImage) -> None:

@@ -13,7 +13,14 @@ import numpy.typing as npt
 
 from blurmatte.background import Match, Matching, fit_match
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
-from blurmatte.color import ColorModel, only_light_lost, refuse_coarse, refuse_gray, refuse_shade
+from blurmatte.color import (
+    ColorModel,
+    by_color,
+    only_light_lost,
+    refuse_coarse,
+    refuse_gray,
+    refuse_shade,
+)
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
@@ -34,9 +41,15 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Quality, Solution
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
-from blurmatte.streaks import Streak, check_streak, joined_behind, require_streaks
+from blurmatte.streaks import (
+    Streak,
+    check_streak,
+    joined_behind,
+    require_streaks,
+    strongest_told,
+)
 from blurmatte.sweep import Sweep, fit_sweep
-from blurmatte.sweep.color import color_of
+from blurmatte.sweep.color import NO_SHAPE, color_of
 
 _NO_COLOR = (
     "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
@@ -75,7 +88,9 @@ def solve(
         How to solve. If not given: `Swept()` where a sweep explains the streak, with the model if one
         is given, else `Smooth()`; `Solution.solver` says which it was.
     streak : Streak, optional
-        Where the object moved; the strongest of `find_streaks` if not given.
+        Where the object moved. If not given, the strongest of `find_streaks`, or the one in which
+        most light of the color shows if that is given; one that tells nothing is passed over for the
+        next that a sweep explains.
     matching : Matching, optional
         How the plate may be changed to match the image first (`fit_match`); found from the data if not
         given.
@@ -125,12 +140,19 @@ def solve(
     check_map("occluder", hidden, image.valid.shape, kinds="b")
     image = _without(image, hidden)
     found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
-    streak = found[0]
+    if model is not None and model.rank == 1:
+        found = by_color(found, image, plate, model)
+
+    def told_by(streak: Streak) -> _Case:
+        case = _case_of(image, plate, match, streak, hidden, model, solver, start)
+        if streak is not found[0] and not case.is_explained:
+            raise MotionError(NO_SHAPE)
+        return case
+
+    case = strongest_told(found, told_by)
+    streak = case.streak
     warn_if_plate_differs(image, plate, streak)
     only_lost = model is not None and only_light_lost(image, plate, streak)
-    if model is not None and model.rank == 3:
-        refuse_shade(image, plate, streak)
-    case = _case_of(image, plate, match, streak, hidden, model, solver, start)
     maps = _each_alone(case, out)
     measures, doubts = _by_solver(case, maps)
     rival_off, doubt = _widened_by_rival(case, maps)
@@ -147,7 +169,8 @@ def solve(
     stats = {
         **streak_measures(maps, case.model, case.image, case.plate, streak),
         "streak_box": streak.box,
-        "other_boxes": tuple(other.box for other in found[1:]),
+        "untold_boxes": tuple(other.box for other in found[: found.index(case.streak)]),
+        "other_boxes": tuple(other.box for other in found if other is not case.streak),
         "image_noise": noise_measures(case.image),
         "plate_noise": noise_measures(case.plate),
         "match": match_measures(match, case.image, case.plate),
@@ -194,6 +217,11 @@ class _Case:
     sweep: Sweep | None
 
     @property
+    def is_explained(self) -> bool:
+        """Whether a sweep explains the streak, used or not."""
+        return self.sweep is not None and self.sweep.misfit <= Swept().max_misfit
+
+    @property
     def explanation(self) -> Sweep | None:
         """The sweep that alpha comes from."""
         return self.sweep if isinstance(self.solver, Swept) else None
@@ -217,6 +245,8 @@ def _case_of(
 ) -> _Case:
     """The sweep, the colors if they were not given, and the solver if none was asked for."""
     model = _of_light(solver, model)
+    if model is not None and model.rank == 3:
+        refuse_shade(image, plate, streak)
     if model is None or model.rank == 3:
         refuse_coarse(image, streak)
     given, sweep = model is not None, None

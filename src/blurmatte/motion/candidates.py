@@ -1,13 +1,4 @@
-"""Where the object's own light shows in the frames of a clip: without arms, strings and shadows.
-
-In this file C is the image's light, B the plate's, l the unit direction of the object's color.
-C = p l + (1 − α) B is solved for p, whatever α is, by the direction in the plane of l and B that is
-perpendicular to B:
-
-    m = (l − (l·b) b) / (1 − (l·b)²),   b = B / |B|,   p = m·C.
-
-A shadow, and whatever has the plate's hue there, has p = 0.
-"""
+"""Which parts of a clip's frame are the object's: where its own light shows (`color.light`)."""
 
 from dataclasses import dataclass
 
@@ -15,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.color import ColorModel, only_light_lost
+from blurmatte.color import ColorModel, energy, light_reader, only_light_lost
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, find_streaks, widened, without_thin_parts
 
@@ -31,9 +22,7 @@ _RIM = 4  # pixels added where the edge fades below the noise
 _JOIN = 3  # pixels: gaps that places of the object's own color in the plate leave
 _EDGE = _JOIN + _RIM  # by which a mask reaches further than its part
 _LEAST = 25  # pixels of a part
-_NEARLY_PARALLEL = 1e-4  # 1 − (l·b)²: the plate has the object's color
 _QUARTILE = 0.6745  # of normal noise: the median of its size
-_TINY = 1e-14
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +33,7 @@ class ObjectLight:
     ----------
     m : (H, W, 3) float32
     weight : (H, W) float32
-        1 / Var p.
+        As of `color.light`.
     std : (H, W) float32
         Of the weighted mean of p over neighbors, times the sum of the weights.
     """
@@ -58,18 +47,11 @@ class ObjectLight:
         """For frames like this image, noise known, and a model of rank 1."""
         from scipy.ndimage import gaussian_filter
 
-        l = model.basis[:, 0].astype(np.float32)
-        B = np.asarray(plate.rgb, np.float32)
-        b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
-        along = b @ l
-        across2 = np.maximum(1 - along**2, _NEARLY_PARALLEL)
-        m = (l - along[..., None] * b) / across2[..., None]
-        noise = np.asarray(image.variance + plate.variance, np.float32)
-        weight = np.where(plate.valid, 1 / np.maximum((m**2 * noise).sum(axis=-1), _TINY), 0)
+        m, weight = light_reader(plate, image, model)
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
         squares = gaussian_filter(weight, _SMOOTHING / np.sqrt(2)) / (4 * np.pi * _SMOOTHING**2)
         std = np.where(squares > 0, np.sqrt(squares), np.inf)  # far from what is known is nothing
-        return cls(m, weight.astype(np.float32), std.astype(np.float32))
+        return cls(m, weight, std.astype(np.float32))
 
     def parts(self, image: LinearImage, several: bool) -> tuple[list[Streak], float]:
         """Where the light of one object or of several shows, and how noise hangs together.
@@ -78,8 +60,7 @@ class ObjectLight:
         -------
         parts : list of Streak
             The one with the largest energy of the object's light, Σ p², first; that is its
-            `evidence`. Light alone would prefer large faint places, where the plate fits badly, and
-            light over noise those where noise is small.
+            `evidence`.
         coherence : float
             By what errors of sums over neighbors are larger than those of white noise, 1 or more.
         """
@@ -103,7 +84,7 @@ class ObjectLight:
             mask = _strong(inside)
             if mask is not None:
                 place, mask = _within(p.shape, place, mask)
-                parts.append((_energy(p[place], self.weight[place], mask), place, mask))
+                parts.append((energy(p[place], self.weight[place], mask), place, mask))
         parts.sort(key=lambda part: -part[0])
         least = max(_LEAST_SHARE * parts[0][0], 0) if parts else 0.0
         clear = [part for part in parts if part[0] > least][: _most(several)]
@@ -112,12 +93,6 @@ class ObjectLight:
 
 def _most(several: bool) -> int:
     return _SEVERAL if several else _ONE
-
-
-def _energy(p: Array, weight: Array, mask: Bools) -> float:
-    """Σ p² without that of noise."""
-    weight = np.maximum(weight[mask], _TINY)
-    return float(np.sum(p[mask] ** 2 - (weight > _TINY) / weight))
 
 
 def _strong(strength: Array) -> Bools | None:

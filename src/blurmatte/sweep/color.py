@@ -5,14 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.color import ColorModel, checked, fit_color_from_hues, refuse_coarse
+from blurmatte.color import ColorModel, check_color_fit, fit_color_from_hues, refuse_coarse
 from blurmatte.errors import ColorModelError, MotionError
-from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak
+from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.streaks import Streak, require_streaks, strongest_told
 from blurmatte.sweep.fit import fit_sweep
 from blurmatte.sweep.pool import pooled
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import MAX_MISFIT
+
+NO_SHAPE = "no shape on a path explains the streak"
 
 
 def fit_color(
@@ -34,7 +36,8 @@ def fit_color(
     plate : LinearImage
         The same size; noise that is not known is measured.
     streak : Streak, optional
-        Where the object moved; the strongest of `find_streaks` if not given. Of one image only.
+        Where the object moved. If not given, the strongest of `find_streaks`; if that tells nothing,
+        the next that a sweep explains. Of one image only.
     max_brightness : float
         The brightest that the object's largest channel can be, linear light, 1 = sensor white; of
         use where the shape does not tell.
@@ -59,10 +62,18 @@ def fit_color(
         if streak is not None:
             raise ValueError("a streak is that of one image; with several, leave it out")
         return _fit_together(image, plate, max_brightness)
-    image, plate, streak = checked(image, plate, streak, max_brightness)
-    refuse_coarse(image, streak)
-    sweep = fit_sweep(image, plate, streak)
-    return color_of(sweep, image, plate, streak, max_brightness, MAX_MISFIT)
+    check_color_fit(image, plate, streak, max_brightness)
+    image, plate = with_noise(image, plate)
+    found = [streak] if streak is not None else require_streaks(image, plate)
+
+    def told_by(streak: Streak) -> ColorModel:
+        refuse_coarse(image, streak)
+        sweep = fit_sweep(image, plate, streak)
+        if streak is not found[0] and sweep.misfit > MAX_MISFIT:
+            raise MotionError(f"{NO_SHAPE}: {sweep.complaint(MAX_MISFIT)}")
+        return color_of(sweep, image, plate, streak, max_brightness, MAX_MISFIT)
+
+    return strongest_told(found, told_by)
 
 
 def _fit_together(

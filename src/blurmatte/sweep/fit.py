@@ -23,7 +23,7 @@ from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
 from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
-from blurmatte.sweep.occluder import in_front_of, mostly_seen
+from blurmatte.sweep.occluder import in_front_of
 from blurmatte.sweep.outline import gained, likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
@@ -213,7 +213,7 @@ def _in_front_left_out(attempt: Attempt) -> Attempt:
     before, after = End(attempt.search, attempt.disc), End(rest, again)
     less = after.beyond_noise <= _SAVED * before.beyond_noise
     less |= after.astray < _SAVED * before.astray
-    better = after.misfit <= MAX_MISFIT and less and mostly_seen(rest.data, again)
+    better = after.misfit <= MAX_MISFIT and less
     return replace(attempt, search=rest, disc=again) if better else attempt
 
 

@@ -3,13 +3,14 @@
 from dataclasses import replace
 
 from blurmatte.sweep.attempt import Attempt
+from blurmatte.sweep.choice import price
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State
+from blurmatte.sweep.descent import State, descend, seen
 from blurmatte.sweep.end import End
-from blurmatte.sweep.highlight import Highlight, fit_highlight, without_highlight
+from blurmatte.sweep.highlight import PARAMETERS, Highlight, fit_highlight, without_highlight
 from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
-from blurmatte.sweep.verdict import MAX_MISFIT, coherence_of_noise, doubtful_share
+from blurmatte.sweep.verdict import MAX_MISFIT, coherence_of_noise, doubtful_share, overstated
 
 _LITTLE = 0.02  # of the pixels: of dull balls up to 0.006 contradicted
 
@@ -27,6 +28,8 @@ def with_highlight(attempt: Attempt) -> Attempt | None:
         return None
     coarse = search.data.coarse_enough(float(disc.shape[0]), RADIUS)
     agreed = _in_turns(coarse, disc, None, search.bounds, TURNS)
+    if not _pays(coarse, disc, agreed, search.bounds):
+        return None
     for families in (SMOOTH, FAMILIES):
         rest = replace(beside(search, *agreed, without_highlight), families=families)
         disc, highlight = _in_turns(search.data, rest.best(1), agreed[1], search.bounds, AGAIN)
@@ -56,6 +59,21 @@ def may_be_glossy(end: End) -> bool:
     explained = end.left <= MAX_MISFIT and state.silhouette.bulges == 1
     hidden = coherence_of_noise(data, state, 1) > 1
     return not explained or hidden or doubtful_share(data, state) > _LITTLE
+
+
+def _pays(
+    coarse: Data, disc: State, agreed: tuple[State, Highlight], bounds: tuple[float, float]
+) -> bool:
+    """Whether on large pixels, where it takes no time, a highlight gains what its parameters cost.
+
+    In 20 JPEG files (90, 4:2:0) dull balls gained up to 17 units of log likelihood, of a price of
+    18 to 23, and glossy ones 47 to 223.
+    """
+    glossy, highlight = agreed
+    without = descend(coarse, seen(coarse, disc), bounds)
+    ends = (coarse, without), (without_highlight(coarse, glossy, highlight), glossy)
+    trust = max(overstated(*end) for end in ends)
+    return (without.cost - glossy.cost) / trust > price(coarse, PARAMETERS)
 
 
 def _in_turns(

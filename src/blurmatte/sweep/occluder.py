@@ -62,16 +62,7 @@ def in_front(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     near = widened(core, _NEIGHBORS // 2 + 1)
     found = core | (use & near & (still < np.minimum(seen, _SEEN)))
     found = binary_propagation(found & (alpha > _CORE * alpha.max(initial=0)), mask=found)
-    return np.asarray(found & (_share(alpha * use, found) < _MOST))
-
-
-def mostly_seen(data: Data, state: State) -> bool:
-    """Whether less than half of a sweep lies where nothing is to be believed."""
-    return _share(state.swept.alpha, ~data.valid) < _MOST
-
-
-def _share(alpha: Array, where: Bools) -> float:
-    return float(alpha[where].sum() / max(float(alpha.sum()), 1e-12))
+    return np.asarray(found & (alpha[found & use].sum() < _MOST * (alpha * use).sum()))
 
 
 def in_front_of(data: Data, state: State, shape: tuple[int, int]) -> Bools:

@@ -35,6 +35,7 @@ from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
     coherence,
+    coherence_beside,
     left_beyond_noise,
     misfit,
     overstated,
@@ -83,7 +84,7 @@ def refined(data: Data, disc: State) -> State:
         if explained and (_is_short(start) or start.family is CUBIC):
             found += [_roughly(coarse, s, bounds) for s in stretched(coarse, start, start)]
         if explained and _best(coarse, [start, *found]) is start:
-            return _remaining(disc, coarse, start, found)
+            return _remaining(data, disc, bounds, _lucky(coarse, start, found))
     found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
     others = [shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
@@ -91,7 +92,7 @@ def refined(data: Data, disc: State) -> State:
     ends = [start, *found, *(_roughly(coarse, s, bounds) for s in others)]
     order = _ordered(coarse, ends)
     if order[0][1] is start:
-        return _remaining(disc, coarse, start, found)
+        return _remaining(data, disc, bounds, _lucky(coarse, start, found))
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
     rivals = [
@@ -115,20 +116,32 @@ def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]
     return _distinct([s for s in ends if can_be(data, s) and left_beyond_noise(data, s) < HOPELESS])
 
 
-def _remaining(disc: State, data: Data, start: State, found: list[State]) -> State:
-    """The disc, contested if what is not clearly better, but by more than luck, has another alpha.
+def _remaining(data: Data, disc: State, bounds: tuple[float, float], rivals: list[State]) -> State:
+    """The disc, contested if what is not clearly better on large pixels is another answer.
 
-    Of noise alone twice the gain of so many more parameters is χ² of as many [Wilks 1938].
+    On small pixels it must leave as little as a rival does, and gain more than noise gives.
+    """
+    ends = [descend(data, seen(data, rival), bounds) for rival in _distinct(rivals)]
+    ends = [end for end in ends if _explains(data, end)]
+    by = most_apart(disc, _lucky(data, disc, ends))
+    return replace(disc, contested=by) if by > disc.contested else disc
+
+
+def _lucky(data: Data, disc: State, others: list[State]) -> list[State]:
+    """Those with another alpha than a disc's that gain more than noise gives by luck.
+
+    Of noise alone twice the gain of so many more parameters is χ² of as many [Wilks 1938]; where
+    noise hangs together beside a disc, so it does within whatever takes its place.
     """
     from scipy.special import chdtrc
 
-    rivals = []
-    for other in found:
-        more, gain = other.size - start.size, (start.cost - other.cost) / overstated(data, other)
-        if more > 0 and chdtrc(more, 2 * max(gain, 0)) < _LUCK:
-            rivals.append(other)
-    by = most_apart(start, rivals)
-    return replace(disc, contested=by) if by > disc.contested else disc
+    noise, lucky = coherence_beside(data, disc), []
+    for other in others:
+        gain = (disc.cost - other.cost) / max(overstated(data, other), noise)
+        more = other.size - disc.size
+        if more > 0 and differ(disc, other) and chdtrc(more, 2 * max(gain, 0)) < _LUCK:
+            lucky.append(other)
+    return lucky
 
 
 def _distinct(states: list[State]) -> list[State]:

@@ -13,13 +13,12 @@ from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.cast import CastShadow, fit_cast, in_shadow
 from blurmatte.sweep.descent import State, seen
 from blurmatte.sweep.highlighted import or_glossy
-from blurmatte.sweep.occluder import mostly_seen
 from blurmatte.sweep.outline_start import on_path
 from blurmatte.sweep.path import LINE, PathFamily
 from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.shadow import darkness, shadow_beside
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
-from blurmatte.sweep.verdict import MAX_MISFIT, left_beyond_noise
+from blurmatte.sweep.verdict import MAX_MISFIT, left_beyond_noise, mostly_seen
 
 _SHADOWS = 2  # times that a streak is looked at without what is found of its shadow
 # What discs with their shadows may leave on large pixels: 65 right ones left up to 2.1 times noise,

@@ -28,6 +28,7 @@ _REPEATED = 0.3  # χ² beside a streak, where noise of its own in each pixel le
 _MOST_NOISE = 0.3  # of the change that a streak is, pixel by pixel
 _DOUBTFUL = 13.8  # χ² of two that noise exceeds in one of a thousand pixels
 _MOST_DOUBTFUL = 0.25  # of the pixels of a sweep that is right
+_MOST_HIDDEN = 0.5  # of alpha: what is seen less could go on as it likes
 _MOST_UNCLAIMED = 0.05  # of the light of a streak: right planes left up to 0.01 beyond noise
 _HANGS = 1.3  # from where on noise hangs together: what made it so does more where colors change
 _HARDLY = 2.0  # times: rims that were blurred left up to 1.5, a sharp one that seemed to be 4
@@ -50,6 +51,12 @@ def coherence(data: Data, state: State) -> float:
     """
     within, _ = _places(data, state)
     return max(_in_blocks(_limited(state), within, 0, size) for size in _SIZES)
+
+
+def coherence_beside(data: Data, state: State) -> float:
+    """The same beside the streak, where only noise is, but for the places in which more moved."""
+    _, beside = _places(data, state)
+    return max(_in_blocks(_limited(state), beside, _OTHERS, size) for size in _SIZES)
 
 
 def overstated(data: Data, state: State) -> float:
@@ -114,6 +121,8 @@ def objection(data: Data, state: State) -> str:
         return "is one of many: its size or its path is not determined"
     if not can_be(data, state):
         return "leaves the streak, goes to and fro, or would need light that no object has"
+    if not mostly_seen(data, state):
+        return "lies mostly where a picture is clipped, or tells nothing"
     doubtful = doubtful_share(data, state)
     if doubtful > _MOST_DOUBTFUL:
         return f"is contradicted by {doubtful:.0%} of its pixels"
@@ -272,6 +281,12 @@ def stays(data: Data, state: State) -> bool:
     beyond = np.any((at < -1) | (at > (w, h)), axis=1)
     astray = np.count_nonzero(beyond | ~data.near[y, x])
     return bool(astray <= _ASTRAY * _MOMENTS)
+
+
+def mostly_seen(data: Data, state: State) -> bool:
+    """Whether less than half of a sweep lies where nothing is to be believed."""
+    alpha = state.swept.alpha
+    return bool(alpha[~data.valid].sum() < _MOST_HIDDEN * alpha.sum())
 
 
 def doubtful_share(data: Data, state: State) -> float:
