@@ -376,11 +376,13 @@ def test_a_streak_goes_on_behind_an_occluder():
 # Which of them tells something
 
 
-def of_evidence(*evidence):
-    return [Streak(np.ones((2, 2), bool), evidence=e) for e in evidence]
+def of_evidence(*evidence, whole=True):
+    mask = np.zeros((4, 4), bool)
+    mask[1:3, int(whole) : 3] = True
+    return [Streak(mask, evidence=e) for e in evidence]
 
 
-def test_the_strongest_streak_that_tells_something_is_asked_last():
+def test_streaks_are_asked_until_one_tells_something():
     streaks, asked = of_evidence(9, 8, 7), []
 
     def tell(streak):
@@ -404,6 +406,20 @@ def test_few_streaks_are_asked_and_none_that_is_faint(evidence, count):
     with pytest.raises(ColorModelError, match="nothing in 9"):
         strongest_told(of_evidence(*evidence), tell)
     assert asked == list(evidence[:count])
+
+
+def test_what_is_whole_in_the_picture_is_asked_first_but_the_strongest_refuses():
+    streaks = [*of_evidence(9, 8, whole=False), *of_evidence(7, 6)]
+    assert [one.is_whole for one in streaks] == [False, False, True, True]
+    asked = []
+
+    def tell(streak):
+        asked.append(streak.evidence)
+        raise ColorModelError(f"nothing in {streak.evidence}")
+
+    with pytest.raises(ColorModelError, match="nothing in 9"):
+        strongest_told(streaks, tell)
+    assert asked == [7, 6, 9, 8]
 
 
 def test_other_errors_are_not_passed_over():

@@ -463,16 +463,10 @@ def _flags(solution: Solution) -> list[str]:
 
 
 def _others(stats: Mapping[str, Any]) -> list[str]:
-    count, untold = (len(stats.get(name, ())) for name in ("other_boxes", "untold_boxes"))
+    count = len(stats.get("other_boxes", ()))
     if count == 0:
         return []
-    said = [f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."]
-    if untold:
-        said.append(
-            f"{untold} of them moved more, but {'tells' if untold == 1 else 'tell'} no alpha without "
-            "a color."
-        )
-    return said
+    return [f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."]
 
 
 def _sensor(fit: NoiseFit) -> list[str]:

@@ -99,6 +99,12 @@ class Streak:
         mask[y0:y1, x0:x1] = True
         return cls(mask)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether all of it is in the picture, as far as can be seen."""
+        (x0, y0, x1, y1), (height, width) = self.box, self.mask.shape
+        return bool(min(x0, y0, width - x1, height - y1) > 0)
+
     def around(self, margin: int) -> Box:
         """The box with `margin` more pixels on each side, as far as the picture goes."""
         x0, y0, x1, y1 = self.box
@@ -198,9 +204,10 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
 
 
 def strongest_told(streaks: Sequence[Streak], tell: Callable[[Streak], Told]) -> Told:
-    """What the strongest streak tells that tells anything.
+    """What the strongest streak tells that tells anything, those that are whole before the others.
 
-    A hand that holds a string moves more than the ball on it, and no picture tells its color.
+    An arm that swings a ball on a string moves more than the ball, and tells nothing; arms come from
+    beyond the border.
 
     Parameters
     ----------
@@ -215,13 +222,13 @@ def strongest_told(streaks: Sequence[Streak], tell: Callable[[Streak], Told]) ->
         What the strongest said, if none tells anything.
     """
     refusal: ColorModelError | MotionError | None = None
-    for streak in streaks[:_MOST_ASKED]:
-        if streak.evidence < _LEAST_ASKED * streaks[0].evidence:
-            break
+    least = _LEAST_ASKED * streaks[0].evidence
+    asked = [streaks[0], *(s for s in streaks[1:_MOST_ASKED] if s.evidence > least)]
+    for streak in sorted(asked, key=lambda streak: not streak.is_whole):
         try:
             return tell(streak)
         except (ColorModelError, MotionError) as error:
-            refusal = refusal or error
+            refusal = error if refusal is None or streak is streaks[0] else refusal
     assert refusal is not None
     raise refusal
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel, by_color, energy, light_reader
+from blurmatte.color import ColorModel, energy, light_reader, most_of_color
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 
@@ -50,11 +50,11 @@ def test_light_of_another_color_is_none():
     light[masks[1]], alpha[masks[1]] = 0.2, 0.4
     image = before(plate, alpha, light)
     image.rgb[masks[0]] = rng.uniform(0, 1, (100, 3))
-    hand, ball = streaks = [Streak(mask) for mask in masks]
-    assert by_color(streaks, image, plate, MODEL) == [ball, hand]
+    hand, ball = (Streak(mask) for mask in masks)
+    assert most_of_color([hand, ball], image, plate, MODEL) is ball
 
 
-def test_what_sends_most_light_of_the_color_comes_first_and_shadows_last():
+def test_what_sends_most_light_of_the_color_is_chosen_and_no_shadow():
     rng = np.random.default_rng(2)
     plate = plate_of(rng)
     alpha, light = np.zeros((2, 20, 60))
@@ -64,6 +64,8 @@ def test_what_sends_most_light_of_the_color_comes_first_and_shadows_last():
     alpha[masks[0]] = 0.9  # a shadow: the strongest change
     light[masks[1]], alpha[masks[1]] = 0.05, 0.1
     light[masks[2]], alpha[masks[2]] = 0.2, 0.4
-    streaks = [Streak(mask) for mask in masks]
-    order = by_color(streaks, before(plate, alpha, light), plate, MODEL)
-    assert [streaks.index(one) for one in order] == [2, 1, 0]
+    shadow, faint, bright = streaks = [Streak(mask) for mask in masks]
+    image = before(plate, alpha, light)
+    assert most_of_color(streaks, image, plate, MODEL) is bright
+    assert most_of_color(streaks[:2], image, plate, MODEL) is faint
+    assert most_of_color(streaks, image, plate, ColorModel.any()) is shadow

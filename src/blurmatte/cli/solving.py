@@ -272,10 +272,6 @@ def _curve_doubted(
 
 def _others(solution: bm.Solution) -> Iterator[str]:
     """What else moved, as regions to copy."""
-    for name, said in (
-        ("untold_boxes", "moved more, but told no alpha"),
-        ("other_boxes", "also moved, choose with --region"),
-    ):
-        boxes = [",".join(map(str, box)) for box in solution.stats.get(name, ())]
-        if boxes:
-            yield f"{said}: {_some(boxes)}"
+    boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
+    if boxes:
+        yield f"also moved, choose with --region: {_some(boxes)}"

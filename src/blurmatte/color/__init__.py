@@ -1,8 +1,8 @@
 """Which colors the object may have."""
 
-from blurmatte.color.light import by_color as by_color
 from blurmatte.color.light import energy as energy
 from blurmatte.color.light import light_reader as light_reader
+from blurmatte.color.light import most_of_color as most_of_color
 from blurmatte.color.model import ColorModel as ColorModel
 from blurmatte.color.published import published_color_line as published_color_line
 from blurmatte.color.samples import core_colors as core_colors

@@ -66,16 +66,16 @@ def energy(p: Floats, weight: Floats, mask: Bools) -> float:
     return float(np.sum(p[mask] ** 2 - (weight > _TINY) / weight))
 
 
-def by_color(
+def most_of_color(
     streaks: Sequence[Streak], image: LinearImage, plate: LinearImage, model: ColorModel
-) -> list[Streak]:
-    """Streaks, the one in which most light of a model of rank 1 shows first.
+) -> Streak:
+    """The streak in which most light of a model of rank 1 shows; the first for other models.
 
     What has quite another color has light along it, too, but also where neither plate nor object have
     any: r = n·C, n ∝ l × B; and p may be negative. Streaks that brought more such light come last.
     """
-    if len(streaks) < 2:
-        return list(streaks)
+    if len(streaks) == 1 or model.rank > 1:
+        return streaks[0]
     m, weight = light_reader(plate, image, model)
     n = np.cross(model.basis[:, 0], plate.rgb)
     n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-6)
@@ -90,4 +90,4 @@ def by_color(
         of_others = energy(r, r_weight, use) + energy(p, weight, use & (p < 0))
         return of_it > of_others, of_it
 
-    return sorted(streaks, key=light, reverse=True)
+    return max(streaks, key=light)

@@ -15,7 +15,7 @@ from blurmatte.background import Match, Matching, fit_match
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
 from blurmatte.color import (
     ColorModel,
-    by_color,
+    most_of_color,
     only_light_lost,
     refuse_coarse,
     refuse_gray,
@@ -88,9 +88,9 @@ def solve(
         How to solve. If not given: `Swept()` where a sweep explains the streak, with the model if one
         is given, else `Smooth()`; `Solution.solver` says which it was.
     streak : Streak, optional
-        Where the object moved. If not given, the strongest of `find_streaks`, or the one in which
-        most light of the color shows if that is given; one that tells nothing is passed over for the
-        next that a sweep explains.
+        Where the object moved. If not given, the one of `find_streaks` in which most light of the
+        color shows; or, if that is not given, the strongest that a sweep explains, those that are
+        whole in the picture before the others; or the strongest.
     matching : Matching, optional
         How the plate may be changed to match the image first (`fit_match`); found from the data if not
         given.
@@ -140,16 +140,15 @@ def solve(
     check_map("occluder", hidden, image.valid.shape, kinds="b")
     image = _without(image, hidden)
     found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
-    if model is not None and model.rank == 1:
-        found = by_color(found, image, plate, model)
+    asked = found if model is None else [most_of_color(found, image, plate, model)]
 
     def told_by(streak: Streak) -> _Case:
         case = _case_of(image, plate, match, streak, hidden, model, solver, start)
-        if streak is not found[0] and not case.is_explained:
+        if streak is not asked[0] and not case.is_explained:
             raise MotionError(NO_SHAPE)
         return case
 
-    case = strongest_told(found, told_by)
+    case = strongest_told(asked, told_by)
     streak = case.streak
     warn_if_plate_differs(image, plate, streak)
     only_lost = model is not None and only_light_lost(image, plate, streak)
@@ -169,7 +168,6 @@ def solve(
     stats = {
         **streak_measures(maps, case.model, case.image, case.plate, streak),
         "streak_box": streak.box,
-        "untold_boxes": tuple(other.box for other in found[: found.index(case.streak)]),
         "other_boxes": tuple(other.box for other in found if other is not case.streak),
         "image_noise": noise_measures(case.image),
         "plate_noise": noise_measures(case.plate),

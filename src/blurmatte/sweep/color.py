@@ -36,8 +36,7 @@ def fit_color(
     plate : LinearImage
         The same size; noise that is not known is measured.
     streak : Streak, optional
-        Where the object moved. If not given, the strongest of `find_streaks`; if that tells nothing,
-        the next that a sweep explains. Of one image only.
+        Where the object moved; if not given, it is chosen as by `solve`. Of one image only.
     max_brightness : float
         The brightest that the object's largest channel can be, linear light, 1 = sensor white; of
         use where the shape does not tell.

@@ -104,12 +104,7 @@ def fit_sweep(
     known = None if model is None or rank == 3 else known_color(model)
     search = Search.of(streak, image, plate, known)
     disc = _first_disc(search, rank, start)
-    louder = understated(search.data, disc)
-    if louder > 1:
-        image, plate = (p.with_noise(louder * p.variance) for p in (image, plate))
-        search = search.raised(louder)
-        disc = search.best(rank)
-    found = Attempt(image, plate, streak, search, disc)
+    found = _as_loud_as_it_seems(Attempt(image, plate, streak, search, disc))
     first = _where_it_leads(found)
     attempt = _beside_any_shadow(first)
     if first is not found and attempt.end.left > MAX_MISFIT:
@@ -117,6 +112,8 @@ def fit_sweep(
         unled = _beside_any_shadow(found)
         if unled is not found and unled.end.misfit <= MAX_MISFIT:
             return unled.end.sweep(image)
+    if attempt is not first:  # a shadow may have hidden how loud noise is
+        attempt = _as_loud_as_it_seems(attempt)
     told, one_paint = attempt.end, attempt.disc.frame.rank == 1
     if one_paint and told.left > MAX_MISFIT:
         attempt = _in_front_left_out(attempt)
@@ -167,6 +164,17 @@ def _first_disc(search: Search, rank: int, start: Sweep | None) -> State:
         if misfit(search.data, disc) <= MAX_MISFIT:
             return disc
     return search.best(rank)
+
+
+def _as_loud_as_it_seems(attempt: Attempt) -> Attempt:
+    """The best disc in louder noise, if a disc explains all but that; see `understated`."""
+    louder = understated(attempt.search.data, attempt.disc)
+    if louder == 1:
+        return attempt
+    image, plate = (p.with_noise(louder * p.variance) for p in (attempt.image, attempt.plate))
+    search = attempt.search.raised(louder)
+    disc = search.best(attempt.disc.frame.rank)
+    return replace(attempt, image=image, plate=plate, search=search, disc=disc)
 
 
 def _where_it_leads(found: Attempt) -> Attempt:

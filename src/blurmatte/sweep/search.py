@@ -24,10 +24,10 @@ from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import (
     HOPELESS,
     MAX_MISFIT,
+    can_be,
     doubtful_share,
     is_told_by_noise,
     left_beyond_noise,
-    misfit,
 )
 
 Array = npt.NDArray[np.float64]
@@ -174,7 +174,7 @@ class Search:
         tried = self._ends(curve, radius, rank)
         best = best_of(self.coarse, tried)
         for curve, radius in others:
-            explained = misfit(self.coarse, best) <= MAX_MISFIT
+            explained = _is_found(self.coarse, best)
             ends = self._ends(curve, radius, rank, (best.family,) if explained else None)
             best = best_of(self.coarse, [best, *ends])
             tried += ends
@@ -236,6 +236,15 @@ class Search:
             descend(self.coarse, start, self.bounds, enough=ROUGHLY)
             for start in _starts(self.coarse, curve, radius, rank, families or self.families)
         ]
+
+
+def _is_found(data: Data, state: State) -> bool:
+    """Whether a disc explains the streak on large pixels.
+
+    What its pixels say there does not count: noise that hangs together is more there than it seems.
+    """
+    possible = state.converged and can_be(data, state)
+    return possible and left_beyond_noise(data, state) <= MAX_MISFIT
 
 
 def _is_held(state: State) -> bool:
