@@ -69,7 +69,6 @@ _MOST_DOUBTFUL_IN_LOUD = 0.06
 # and one 0.14; four wrong ones more.
 _MOST_DOUBTFUL = 0.1
 _MOST_TURNED = 30.0  # degrees by which colors of a plane may be unsure: 90 right ones had up to 13
-_RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
 
@@ -156,7 +155,7 @@ class End:
         doubtful = f"{doubtful_share(data, state):.0%} of its pixels"
         if not self._is_that_loud:
             return f"is contradicted by {doubtful}, even if the file hides most of its noise"
-        if self._is_contradicted:
+        if self.is_contradicted:
             return f"is contradicted by {doubtful}, too many for what is that free"
         if self.rim > _MOST_BLURRED * state.silhouette.radius(state.shape) and data.known is None:
             return "has a rim so blurred that another size would leave as little"
@@ -256,7 +255,7 @@ class End:
         return self.search.data.louder == 1 or doubtful <= _MOST_DOUBTFUL_IN_LOUD
 
     @property
-    def _is_contradicted(self) -> bool:
+    def is_contradicted(self) -> bool:
         """Whether pixels contradict what is free to take up more than a disc of one paint."""
         data, state = self.search.data, self.state
         freer = state.silhouette.bulges > 1 or self.highlight is not None
@@ -294,11 +293,7 @@ class End:
 
     @cached_property
     def _said(self) -> SmoothLight:
-        data, state = self.search.data, self.state
-        coarse = data.coarse_enough(float(state.shape[0]), _RADIUS)
-        if coarse is not data:
-            data, state = coarse, seen(coarse, state)
-        return smooth_light(data, state)
+        return smooth_light(self.search.data, self.state)
 
     def sweep(self, image: LinearImage) -> Sweep:
         """What it tells. If it was the file that blurred the colors of its rim, the rim is sharp."""

@@ -30,6 +30,7 @@ from blurmatte.sweep.outline_start import (
     turning,
 )
 from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA
+from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.verdict import (
     HOPELESS,
     MAX_MISFIT,
@@ -51,6 +52,7 @@ _SHORT = 4.0  # radii, a way on which a long thing that went across leaves much 
 _RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 # Units of log likelihood that rule out what has another shape: wrong ones were likelier by up to 84.
 _RULED_OUT = 100.0
+_ASTRAY = 0.4  # of alpha: right outlines, with as many bulges as they needed, left up to 0.17
 _RIMS = 0.07  # of alpha, what bulges leave: sheets that differ in scale alone left 0.03 to 0.05
 _EXPLAINED = 1.3  # coherence of residuals in which nothing is left to be found
 
@@ -119,12 +121,20 @@ def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]
 def _remaining(data: Data, disc: State, bounds: tuple[float, float], rivals: list[State]) -> State:
     """The disc, contested if what is not clearly better on large pixels is another answer.
 
-    On small pixels it must leave as little as a rival does, and gain more than noise gives.
+    On small pixels it must leave as little as a rival does, gain more than noise gives, and not need
+    light that changes as no paint does.
     """
     ends = [descend(data, seen(data, rival), bounds) for rival in _distinct(rivals)]
-    ends = [end for end in ends if _explains(data, end)]
-    by = most_apart(disc, _lucky(data, disc, ends))
+    ends = [end for end in ends if left_beyond_noise(data, end) <= _RIVALS]
+    by = most_apart(disc, [e for e in _lucky(data, disc, ends) if not _is_astray(data, e)])
     return replace(disc, contested=by) if by > disc.contested else disc
+
+
+def _is_astray(data: Data, rival: State) -> bool:
+    """Whether smooth light finds another alpha than a rival's; few bulges are not all of an outline."""
+    if data.known is not None:
+        return False  # it tells alpha by itself
+    return smooth_light(data, rival).astray_of_places > _ASTRAY
 
 
 def _lucky(data: Data, disc: State, others: list[State]) -> list[State]:

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, light_of
+from blurmatte.sweep.descent import State, light_of, seen
 from blurmatte.sweep.field import Grid, field_of
 from blurmatte.sweep.student import belief
 from blurmatte.sweep.verdict import OPAQUE, coherence_of_noise
 
+_RADIUS = 20.0  # pixels: enough to tell what a fifth of it does
 _TOLD = 0.03  # of alpha, what must be told
 _PAINTED = 3.0  # mean square that right sweeps leave: a field is not all that is painted on things
 
@@ -41,6 +42,9 @@ class SmoothLight:
 
 def smooth_light(data: Data, state: State) -> SmoothLight:
     """Ask it; the object may have any color at each node of a field, neighbors need not be alike."""
+    coarse = data.coarse_enough(float(state.shape[0]), _RADIUS)
+    if coarse is not data:
+        data, state = coarse, seen(coarse, state)
     light, alpha = light_of(data), state.swept.alpha
     field = field_of(light, alpha, data.weight, data.pitch, alike=False)
     e = field.residuals(light, alpha)
