@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.background import Matching
+from blurmatte.background import Matching, make_plate
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError, PlateError, PlateWarning
-from blurmatte.files import read
+from blurmatte.files import read, read_frames
 from blurmatte.matting import PixelMaps, Pixelwise, Quality, Swept, solve
 from blurmatte.matting.plate_check import _looks_swapped, may_be_swapped
 from blurmatte.matting.solve import _color_of
@@ -390,3 +390,22 @@ def test_real_pictures_are_no_false_alarm(real_data, name, plate):
     image, plate = with_noise(image, plate)
     for streak in find_streaks(image, plate):
         assert not _looks_swapped(image, plate, streak)
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
+def test_a_ball_is_told_alike_wherever_it_comes_by_again(real_data):
+    """Invariant: one place of a swung ball, in three rounds; the arm that swings it moved more."""
+    frames = read_frames(real_data / "circle_faster.avi")
+    plate = make_plate(frames).plate
+    solutions = [solve(frames[k], plate) for k in (20, 32, 44)]
+    for solution in solutions:
+        assert solution.sweep is not None
+        middle = solution.sweep.trajectory.xy.mean(axis=0)
+        assert np.linalg.norm(middle - (330, 265)) < 40
+        assert any(box[2] == frames[0].size[0] for box in solution.stats["other_boxes"])
+        assert solution.alpha[solution.streak].max() < 1.02
+    radii = [solution.sweep.radius for solution in solutions]
+    assert_allclose(radii, np.mean(radii), rtol=0.03)
+    poles = np.array([solution.model.pole for solution in solutions])
+    apart = np.degrees(np.arccos(np.clip(poles @ poles.T, -1, 1)))
+    assert apart.max() < 2

@@ -7,7 +7,17 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.radiometry import with_noise
-from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Change,
+    Scene,
+    Shadow,
+    Sheet,
+    Shot,
+    plain_plate,
+    render,
+)
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep
 from blurmatte.sweep.attempt import Attempt
@@ -80,6 +90,34 @@ def test_a_dull_ball_has_none():
     glossy = with_highlight(dull)
     assert glossy is None or not glossy.end.is_clearly_likelier_than(dull.end)
     assert fit_sweep(image, plate).model.rank == 1
+
+
+def test_where_a_highlight_gains_little_on_large_pixels_nothing_is_searched(monkeypatch):
+    """invariant: a glossy ball is searched for again, a dull one is not."""
+    dull, glossy = (attempted(*taken(highlight=part, quality=90)[1:]) for part in (0.0, 0.6))
+
+    def searched(search, rank):
+        raise AssertionError
+
+    monkeypatch.setattr(Search, "best", searched)
+    assert with_highlight(dull) is None
+    with pytest.raises(AssertionError):
+        with_highlight(glossy)
+
+
+@pytest.mark.parametrize("seed", [0, 3, 5])
+def test_a_sheet_that_went_little_is_no_disc_with_a_highlight_that_went_far(seed):
+    """Honest: a disc of a third of its area, with a highlight, leaves nothing; outlines contest it."""
+    wall = plain_plate(SIZE, (0.3, 0.33, 0.36), 2)
+    sheet = Sheet(32.5, 13.5, np.array([0.206, 0.335, 0.607]))
+    way = Trajectory.line((96.6, 66.4), (103.4, 73.6))
+    truth = render(Scene(wall, way, sheet, Change(turned=(0, 0, 0.547))), 200)
+    shot = Shot(truth.scene, Camera(code_std=2 / 255), plate_frames=5, seed=seed)
+    image, plate = with_noise(*shot.photograph(truth))
+    sweep = fit_sweep(image, plate)
+    alpha = truth.layer.alpha
+    off = np.sqrt(np.mean((sweep.alpha - alpha)[alpha > 0] ** 2))
+    assert off < 0.05 or sweep.misfit > MAX_MISFIT
 
 
 def test_a_highlight_is_no_likelier_only_because_an_outline_has_more_parameters():

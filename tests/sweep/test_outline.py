@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from blurmatte.color import ColorModel
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import (
     Ball,
@@ -20,20 +21,30 @@ from blurmatte.rendering import (
     render,
 )
 from blurmatte.streaks import Streak
+from blurmatte.sweep import outline
 from blurmatte.sweep.data import data_around
 from blurmatte.sweep.descent import descend, state_at
 from blurmatte.sweep.frame import Frame
+from blurmatte.sweep.known import known_color
 from blurmatte.sweep.outline import (
     _bulgier,
+    _is_astray,
     _is_ruled_out,
     _is_scaled,
+    _lucky,
     likelier,
     refined,
 )
 from blurmatte.sweep.outline_start import exchanged, rescaled
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
-from blurmatte.sweep.verdict import MAX_MISFIT, is_contested, left_beyond_noise, misfit
+from blurmatte.sweep.verdict import (
+    MAX_MISFIT,
+    is_contested,
+    left_beyond_noise,
+    misfit,
+    overstated,
+)
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -98,6 +109,27 @@ def test_a_disc_is_contested_by_what_noise_hardly_hides():
         contested[scene] = sum(end.contested > 0 or end.silhouette.bulges > 1 for end in ends)
     assert contested[EGG] >= 3
     assert contested[BALL] <= 2
+
+
+def test_what_noise_beside_a_disc_gives_is_no_evidence_against_it(monkeypatch):
+    """exact: the likelihood counts as much less as noise hangs together, within or beside."""
+    _, data, disc = taken(EGG)
+    egg = found(EGG)
+    trust = overstated(data, egg)
+    for gain, beside, counts in ((20, 1, True), (20, 10, False), (200, 10, True)):
+        monkeypatch.setattr(outline, "coherence_beside", lambda data, state, by=beside: by * trust)
+        rival = replace(egg, cost=disc.cost - gain * trust)
+        assert _lucky(data, disc, [rival]) == ([rival] if counts else [])
+
+
+def test_a_rival_is_astray_if_light_that_changes_little_finds_another_alpha():
+    _, data, disc = taken(replace(BALL, plate=TILES))
+    ends, frame = WAY.xy.ravel(), Frame.of(GREEN[:, None])
+    thin = state_at(data, LINE, ends, ELLIPSE, ELLIPSE.start(6), frame)
+    assert not _is_astray(data, disc)
+    assert _is_astray(data, thin)
+    known = known_color(ColorModel.from_samples(GREEN[None], std=1e-3))
+    assert not _is_astray(replace(data, known=known), thin)  # pixels tell alpha then
 
 
 def test_axes_of_an_ellipse():
