@@ -217,6 +217,8 @@ class _Case:
     @property
     def is_explained(self) -> bool:
         """Whether a sweep explains the streak, used or not."""
+        if isinstance(self.solver, Swept):
+            return True
         return self.sweep is not None and self.sweep.misfit <= Swept().max_misfit
 
     @property
@@ -329,9 +331,7 @@ def _with_shadow(solver: Shaded, case: _Case, maps: PixelMaps) -> dict[str, Any]
 def _widened_by_rival(case: _Case, maps: PixelMaps) -> tuple[float, float]:
     """By how much a sweep that is not believed differs, as `widen` says; 0 if it is no rival."""
     sweep = case.sweep
-    if sweep is None or case.given or isinstance(case.solver, Swept):
-        return 0.0, 0.0
-    if sweep.misfit <= Swept().max_misfit or not is_rival(sweep, case.model):
+    if sweep is None or case.given or case.is_explained or not is_rival(sweep, case.model):
         return 0.0, 0.0
     box = case.streak.around(0)
     inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]

@@ -95,7 +95,10 @@ class Swept:
         saturated &= ~image.valid | (alpha < OPAQUE)
         given = (quality & np.uint8(Quality.OCCLUDED)) != 0
         inside = (alpha > 0) | ((quality & np.uint8(Quality.OUTSIDE)) == 0)
-        chi2 = np.where(saturated, 1, chi2 / _usual(chi2[(alpha == 0) & ~inside & ~saturated]))
+        # Codecs leave more of noise where something moves than beside it; shapes are asked elsewhere.
+        parts = (alpha == 0) & ~inside, alpha > 0
+        usual = max(_usual(chi2[part & ~saturated]) for part in parts)
+        chi2 = np.where(saturated, 1, chi2 / usual)
         hidden = given
         if sweep.model.rank == 1 and not given.any():
             hidden = _hidden(alpha, P, image, plate)
@@ -150,5 +153,5 @@ def _in_other_light(alpha: Array, P: Array, pixels: Floats, light: Floats) -> Bo
 
 
 def _usual(chi2: Array) -> float:
-    """How large χ² is beside the streak, 1 or more: of JPEG, no model knows the noise."""
+    """How large χ² is, 1 or more: of JPEG, no model knows the noise."""
     return max(float(np.median(chi2)) * 3 / _MEDIAN, 1.0) if chi2.size else 1.0
