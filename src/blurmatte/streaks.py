@@ -29,10 +29,8 @@ _SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad 
 _JOIN, _RIM = 2, 3  # cells: gaps that are bridged; rim added where the edge fades below all noise
 _MAX_CELLS = 1e6
 _STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
-_MOST_ASKED, _LEAST_ASKED = (
-    4,
-    0.02,
-)  # streaks that may be the object's; of the strongest one's evidence
+_MOST_ASKED = 4  # streaks of a picture that may be the object's
+_LEAST_ASKED = 0.02  # of the strongest one's evidence: less is not
 _MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
 
 Told = TypeVar("Told")

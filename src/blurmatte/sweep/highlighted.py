@@ -48,8 +48,8 @@ def with_highlight(attempt: Attempt) -> Attempt | None:
 def _stands(end: End) -> bool:
     """Whether no outline contests a disc in the light that a highlight leaves.
 
-    What is no disc leaves something there: of 20 glossy balls none was contested, and a sheet of 19x8
-    px that went 32 px, told as a disc with a highlight 0.43 off, claiming 0.008, was.
+    What is no disc leaves something there: of 20 glossy balls none was contested, and a sheet of
+    32x13 px that went 10 px, told as a disc with a highlight 0.43 off, claiming 0.008, was.
     """
     shaped = refined(end.search.data, end.state)
     return shaped.silhouette.bulges == 1 and shaped.contested == end.state.contested
