@@ -25,9 +25,11 @@ from blurmatte.sweep.verdict import (
     HOPELESS,
     MAX_MISFIT,
     can_be,
+    coherence_beside,
     doubtful_share,
     is_told_by_noise,
     left_beyond_noise,
+    misfit,
 )
 
 Array = npt.NDArray[np.float64]
@@ -51,6 +53,7 @@ _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
 _POINTS = 33  # of a curve to begin along
 _SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
+_OF_CODECS = 4.0  # coherence of noise on large pixels: clips had 9 to 30, PNG about 0.5
 _CONTRADICTED = 0.5  # of the pixels of a disc on large pixels
 
 
@@ -174,11 +177,24 @@ class Search:
         tried = self._ends(curve, radius, rank)
         best = best_of(self.coarse, tried)
         for curve, radius in others:
-            explained = _is_found(self.coarse, best)
+            explained = self._is_found(best)
             ends = self._ends(curve, radius, rank, (best.family,) if explained else None)
             best = best_of(self.coarse, [best, *ends])
             tried += ends
         return tried + self._ends(best.curve, best.shape[0], rank)
+
+    def _is_found(self, state: State) -> bool:
+        """Whether a disc explains the streak on large pixels.
+
+        What single ones say does not count in a clip: noise of a codec that hangs together is more
+        there than it seems.
+        """
+        data = self.coarse
+        if misfit(data, state) <= MAX_MISFIT:
+            return True
+        of_codec = self.data.compression is None and coherence_beside(data, state) > _OF_CODECS
+        possible = of_codec and state.converged and can_be(data, state)
+        return possible and left_beyond_noise(data, state) <= MAX_MISFIT
 
     def _finished(self, state: State) -> State:
         """Where a descent ends that goes on from there."""
@@ -236,15 +252,6 @@ class Search:
             descend(self.coarse, start, self.bounds, enough=ROUGHLY)
             for start in _starts(self.coarse, curve, radius, rank, families or self.families)
         ]
-
-
-def _is_found(data: Data, state: State) -> bool:
-    """Whether a disc explains the streak on large pixels.
-
-    What its pixels say there does not count: noise that hangs together is more there than it seems.
-    """
-    possible = state.converged and can_be(data, state)
-    return possible and left_beyond_noise(data, state) <= MAX_MISFIT
 
 
 def _is_held(state: State) -> bool:
