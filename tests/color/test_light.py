@@ -26,7 +26,7 @@ def test_light_is_read_off_whatever_alpha_is():
     plate = plate_of(rng)
     alpha, light = rng.uniform(0, 1, (2, 20, 60))
     image = before(plate, alpha, light)
-    m, _ = light_reader(plate, image, MODEL)
+    m, _ = light_reader(image, plate, MODEL)
     assert_allclose(np.einsum("hwc,hwc->hw", m, image.rgb), light, rtol=0, atol=2e-5)
 
 
@@ -34,7 +34,7 @@ def test_its_variance_is_that_of_noise():
     rng = np.random.default_rng(1)
     plate = plate_of(rng, (100, 100))
     image = before(plate, np.zeros((100, 100)), np.zeros((100, 100)))
-    m, weight = light_reader(plate, image, MODEL)
+    m, weight = light_reader(image, plate, MODEL)
     noise = rng.normal(0, 0.01 * np.sqrt(2), image.rgb.shape)
     z = np.einsum("hwc,hwc->hw", m, noise) * np.sqrt(weight)
     assert_allclose(z.std(), 1, atol=0.03)

@@ -193,6 +193,15 @@ def test_if_nothing_is_told_the_refusal_is_about_what_moved_most(paint):
     assert str(of_both.value) == str(of_hand.value)
 
 
+def test_a_refusal_still_says_that_the_plate_differs(paint):
+    """It may be why nothing is told."""
+    plate = taken(paint)[1]
+    image = with_a_hand(plate)
+    brighter = replace(image, rgb=1.1 * image.rgb)
+    with pytest.warns(PlateWarning), pytest.raises(ColorModelError):
+        solve(brighter, plate, matching=Matching.NONE, streak=find_streaks(image, plate)[0])
+
+
 # What may be given
 
 

@@ -1,6 +1,7 @@
 """Where light of an object's color shows, whatever alpha is: without arms, strings and shadows.
 
-In this file C is the image's light, B the plate's, l the unit direction of the object's color.
+In this file C is the image's linear light, B the plate's, (H, W, 3) both, l (3,) the unit direction of
+the object's color, and p (H, W) how much light along it there is.
 C = p l + (1 − α) B is solved for p, whatever α is, by the direction in the plane of l and B that is
 perpendicular to B:
 
@@ -27,13 +28,13 @@ _ASIDE = 0.3  # of the light along a color: other lamps and shades change it by 
 
 
 def light_reader(
-    plate: LinearImage, image: LinearImage, model: ColorModel
+    image: LinearImage, plate: LinearImage, model: ColorModel
 ) -> tuple[Floats, Floats]:
     """What reads light of a color off images like this one.
 
     Parameters
     ----------
-    plate, image : LinearImage
+    image, plate : LinearImage
         Of known noise.
     model : ColorModel
         Of rank 1.
@@ -76,7 +77,7 @@ def most_of_color(
     """
     if len(streaks) == 1 or model.rank > 1:
         return streaks[0]
-    m, weight = light_reader(plate, image, model)
+    m, weight = light_reader(image, plate, model)
     n = np.cross(model.basis[:, 0], plate.rgb)
     n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-6)
     p, r = (np.einsum("hwc,hwc->hw", a, image.rgb) for a in (m, n))

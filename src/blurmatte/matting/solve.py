@@ -148,7 +148,11 @@ def solve(
             raise MotionError(NO_SHAPE)
         return case
 
-    case = strongest_told(asked, told_by)
+    try:
+        case = strongest_told(asked, told_by)
+    except (ColorModelError, MotionError):
+        warn_if_plate_differs(image, plate, asked[0])  # it may be why nothing is told
+        raise
     streak = case.streak
     warn_if_plate_differs(image, plate, streak)
     only_lost = model is not None and only_light_lost(image, plate, streak)

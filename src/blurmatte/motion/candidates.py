@@ -47,7 +47,7 @@ class ObjectLight:
         """For frames like this image, noise known, and a model of rank 1."""
         from scipy.ndimage import gaussian_filter
 
-        m, weight = light_reader(plate, image, model)
+        m, weight = light_reader(image, plate, model)
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
         squares = gaussian_filter(weight, _SMOOTHING / np.sqrt(2)) / (4 * np.pi * _SMOOTHING**2)
         std = np.where(squares > 0, np.sqrt(squares), np.inf)  # far from what is known is nothing
