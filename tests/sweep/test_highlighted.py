@@ -19,7 +19,7 @@ from blurmatte.rendering import (
     render,
 )
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep import MAX_MISFIT, fit_sweep, highlighted
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import CLEARLY
 from blurmatte.sweep.highlighted import with_highlight
@@ -103,6 +103,23 @@ def test_where_a_highlight_gains_little_on_large_pixels_nothing_is_searched(monk
     assert with_highlight(dull) is None
     with pytest.raises(AssertionError):
         with_highlight(glossy)
+
+
+def test_what_leaves_much_on_large_pixels_is_not_searched(monkeypatch):
+    """invariant: a sheet, even if a highlight paid."""
+    scene = Scene(GRAY, WAYS["line"], Sheet(20, 50, BLUE))
+    pictures = Shot(scene, Camera(code_std=1.5 / 255)).photograph(render(scene, 200))
+    sheet = attempted(*with_noise(*pictures))
+
+    def searched(search, rank):
+        raise AssertionError
+
+    monkeypatch.setattr(highlighted, "_pays", lambda *ends: True)
+    monkeypatch.setattr(Search, "best", searched)
+    assert with_highlight(sheet) is None
+    monkeypatch.setattr(highlighted, "_MOST_LEFT", np.inf)
+    with pytest.raises(AssertionError):
+        with_highlight(sheet)
 
 
 @pytest.mark.parametrize("seed", [0, 3, 5])

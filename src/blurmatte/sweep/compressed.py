@@ -21,6 +21,7 @@ from blurmatte.sweep.chroma import Bled
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, moved, seen, sharp
 from blurmatte.sweep.search import Search
+from blurmatte.sweep.side_by_side import side_by_side
 from blurmatte.sweep.verdict import overstated
 
 Array = npt.NDArray[np.float64]
@@ -99,10 +100,13 @@ def _gradient(data: Data, state: State) -> Array:
 def _kept(data: Data, before: Data, state: State, bled: Bled) -> Array:
     """(size, size) HF, symmetric: what files do to one parameter they do to others alike."""
     H, g = state.information(before)
-    lost = np.zeros_like(H)
-    for i, far, there in _near(before, state):
+
+    def changed(near: tuple[float, State]) -> Array:
+        far, there = near
         other = _told_by(data, there, bled)
-        lost[:, i] = (_gradient(other, seen(other, state)) - g) / far
+        return (_gradient(other, seen(other, state)) - g) / far
+
+    lost = np.stack(side_by_side(changed, _near(before, state)), axis=1)
     values, ways = np.linalg.eigh(H)
     root = np.sqrt(np.maximum(values, 1e-9 * values.max()))
     lost = (ways / root).T @ lost @ (ways / root)
@@ -111,13 +115,13 @@ def _kept(data: Data, before: Data, state: State, bled: Bled) -> Array:
     return np.asarray((back * np.clip(shares, _LEAST_KEPT, 1)) @ back.T)
 
 
-def _near(data: Data, state: State) -> list[tuple[int, float, State]]:
-    """Each parameter, and a state with that a little further: alpha by a tenth, or the color by 1°."""
+def _near(data: Data, state: State) -> list[tuple[float, State]]:
+    """States with one parameter a little further, how far: alpha by a tenth, or the color by 1°."""
     steepest = np.abs(state.swept.by_parameters).max(axis=(0, 1))
     distances = [*(_FAR / np.maximum(steepest, 1e-6)), _TURN, _TURN]
     return [
-        (i, far, moved(data, state, np.asarray(far * step), (0, np.inf)))
-        for i, (far, step) in enumerate(zip(distances, np.eye(state.size), strict=True))
+        (far, moved(data, state, np.asarray(far * step), (0, np.inf)))
+        for far, step in zip(distances, np.eye(state.size), strict=True)
     ]
 
 
@@ -129,7 +133,7 @@ def _by_rounding(data: Data, state: State, transfer: Transfer) -> Array:
     assert data.compression is not None
     e, weights, alpha = state.e[:2], state.weights(data), state.swept.alpha
     blocks = _blocks(data.compression, alpha.shape)
-    slopes = [(there.e[:2] - e) / far for _, far, there in _near(data, state)]
+    slopes = [(there.e[:2] - e) / far for far, there in _near(data, state)]
     through = np.where(alpha > 0, 1 - alpha, 0)[..., None]
     whole, total = np.zeros_like(blocks), np.zeros((state.size, state.size))
     for color in _CHROMA * _ROUNDING:

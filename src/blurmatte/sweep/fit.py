@@ -19,7 +19,7 @@ from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import CLEARLY, best_of, differ
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, main_colors, seen, state_at
+from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
 from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
@@ -29,6 +29,7 @@ from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.turns import RADIUS
 from blurmatte.sweep.verdict import (
     MAX_MISFIT,
     can_be,
@@ -303,9 +304,11 @@ def _plane(search: Search, line: End, transfer: Transfer) -> End:
 def _freed(search: Search, line: State) -> State:
     """Where a descent ends that begins with a path and size of one paint, as a disc of a plane."""
     data, shape = search.data, line.shape[: DISC.size]
-    frame = main_colors(data, DISC.sweep(line.family, line.path, shape, data).alpha, 2)
-    start = state_at(data, line.family, line.path, DISC, shape, frame)
-    return descend(data, start, search.bounds)
+    coarse = data.coarse_enough(float(shape[0]), RADIUS)
+    frame = main_colors(coarse, DISC.sweep(line.family, line.path, shape, coarse).alpha, 2)
+    start = state_at(coarse, line.family, line.path, DISC, shape, frame)
+    roughly = descend(coarse, start, search.bounds, enough=ROUGHLY)
+    return descend(data, seen(data, roughly), search.bounds)
 
 
 def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:

@@ -11,8 +11,17 @@ from blurmatte.sweep.highlight import PARAMETERS, Highlight, fit_highlight, with
 from blurmatte.sweep.outline import refined
 from blurmatte.sweep.search import FAMILIES, SMOOTH
 from blurmatte.sweep.turns import AGAIN, RADIUS, TURNS, beside, in_turns
-from blurmatte.sweep.verdict import MAX_MISFIT, coherence_of_noise, doubtful_share, overstated
+from blurmatte.sweep.verdict import (
+    MAX_MISFIT,
+    coherence_of_noise,
+    doubtful_share,
+    left_beyond_noise,
+    overstated,
+)
 
+# What discs with highlights may leave on large pixels: 51 right ones left up to 1.86 times noise;
+# sheets and squares for which one paid mostly 2.1 to 3.6, and none of them was a disc in the end.
+_MOST_LEFT = 2.0
 _LITTLE = 0.02  # of the pixels: of dull balls up to 0.006 contradicted
 
 
@@ -29,6 +38,9 @@ def with_highlight(attempt: Attempt) -> Attempt | None:
         return None
     coarse = search.data.coarse_enough(float(disc.shape[0]), RADIUS)
     agreed = _in_turns(coarse, disc, None, search.bounds, TURNS)
+    light = without_highlight(coarse, *agreed)
+    if left_beyond_noise(light, seen(light, agreed[0])) > _MOST_LEFT:
+        return None
     if not _pays(coarse, disc, agreed, search.bounds):
         return None
     for families in (SMOOTH, FAMILIES):

@@ -9,7 +9,7 @@ Before a plate of one color an object of one color may as well be thinner and br
 path fits; what would be brighter than anything in a picture is left out.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -30,6 +30,7 @@ from blurmatte.sweep.outline_start import (
     turning,
 )
 from blurmatte.sweep.path import ARC, CUBIC, LINE, PARABOLA
+from blurmatte.sweep.side_by_side import side_by_side
 from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.verdict import (
     HOPELESS,
@@ -77,33 +78,33 @@ def refined(data: Data, disc: State) -> State:
     coarse = data.coarse_enough(float(disc.shape[0]), radius)
     start = descend(coarse, seen(coarse, disc), bounds)
     richer = [bulgy(start), replace(bulgy(start), bulges=2)]
-    found = [_roughly(coarse, shaped(coarse, start, s), bounds) for s in richer]
+    found = _roughly(coarse, (shaped(coarse, start, s) for s in richer), bounds)
     explained = misfit(data, disc) <= MAX_MISFIT
     if not _could_pay(coarse, start, found[0]):
         if not explained or _is_short(start):
-            found += [_roughly(coarse, s, bounds) for s in crosswise(coarse, start, start)]
+            found += _roughly(coarse, crosswise(coarse, start, start), bounds)
         # What went little looks like much that went far; what is slow at both ends, like a longer one.
         if explained and (_is_short(start) or start.family is CUBIC):
-            found += [_roughly(coarse, s, bounds) for s in stretched(coarse, start, start)]
+            found += _roughly(coarse, stretched(coarse, start, start), bounds)
         if explained and _best(coarse, [start, *found]) is start:
             return _remaining(data, disc, bounds, _lucky(coarse, start, found))
     found = _search(coarse, start, found, bounds)
     best = _best(coarse, [start, *found])
     others = [shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [on_path(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
-    ends = [start, *found, *(_roughly(coarse, s, bounds) for s in others)]
+    ends = [start, *found, *_roughly(coarse, others, bounds)]
     order = _ordered(coarse, ends)
     if order[0][1] is start:
         return _remaining(data, disc, bounds, _lucky(coarse, start, found))
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
-    rivals = [
-        descend(data, shaped(data, rival, end.silhouette), bounds)
-        for rival in _rivals(coarse, best, bounds)
-    ]
+    rivals = side_by_side(
+        lambda rival: descend(data, shaped(data, rival, end.silhouette), bounds),
+        _rivals(coarse, best, bounds),
+    )
     # The rims of some are harder to describe, and would seem worse with as many bulges.
     near = [s for s in rivals if s.cost < end.cost or _explains(data, s)]
-    ends = [end, *(_bulgier(data, s, bounds) for s in near)]
+    ends = [end, *side_by_side(lambda s: _bulgier(data, s, bounds), near)]
     order = _ordered(data, ends)
     least, end = order[0]
     others = [s for score, s in order[1:] if not _is_ruled_out(data, end, s, score - least)]
@@ -114,7 +115,7 @@ def refined(data: Data, disc: State) -> State:
 def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]:
     """Not hopeless ends of descents from what has nearly the same alpha as the best, but for scale."""
     starts = [*exchanged(data, best, bounds), *rescaled(data, best, bounds)]
-    ends = [_roughly(data, s, bounds) for s in starts]
+    ends = _roughly(data, starts, bounds)
     return _distinct([s for s in ends if can_be(data, s) and left_beyond_noise(data, s) < HOPELESS])
 
 
@@ -124,7 +125,7 @@ def _remaining(data: Data, disc: State, bounds: tuple[float, float], rivals: lis
     On small pixels it must leave as little as a rival does, gain more than noise gives, and not need
     light that changes as no paint does.
     """
-    ends = [descend(data, seen(data, rival), bounds) for rival in _distinct(rivals)]
+    ends = side_by_side(lambda s: descend(data, seen(data, s), bounds), _distinct(rivals))
     ends = [end for end in ends if left_beyond_noise(data, end) <= _RIVALS]
     by = most_apart(disc, [e for e in _lucky(data, disc, ends) if not _is_astray(data, e)])
     return replace(disc, contested=by) if by > disc.contested else disc
@@ -191,9 +192,9 @@ def _is_short(disc: State) -> bool:
     return bool(way < _SHORT * disc.shape[0])
 
 
-def _roughly(data: Data, start: State, bounds: tuple[float, float]) -> State:
-    """The end of a descent on large pixels."""
-    return descend(data, start, bounds, enough=ROUGHLY)
+def _roughly(data: Data, starts: Iterable[State], bounds: tuple[float, float]) -> list[State]:
+    """The ends of descents on large pixels."""
+    return side_by_side(lambda start: descend(data, start, bounds, enough=ROUGHLY), starts)
 
 
 def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
@@ -215,7 +216,7 @@ def _search(
     """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
     for starts in (straighter, stretched, crosswise, turning):
         begin = starts(data, disc, _best(data, found))
-        found = [*found, *(_roughly(data, s, bounds) for s in begin)]
+        found = [*found, *_roughly(data, begin, bounds)]
         if coherence(data, _best(data, found)) < _EXPLAINED:
             break
     return found

@@ -18,6 +18,7 @@ from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, 
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import KnownColor
 from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.side_by_side import side_by_side
 from blurmatte.sweep.silhouette import BLUR_OF_FILES, DISC
 from blurmatte.sweep.start import center_curve, depth_of
 from blurmatte.sweep.sweep import Sweep
@@ -51,6 +52,7 @@ _QUICK_STEPS = 30  # what takes more mostly drifts towards something else that m
 _QUICK_GAIN = 1e-2  # of log likelihood: what is left then is less than 0.1 standard deviations
 _CLOSE = 20.0  # units of log likelihood that large pixels may have hidden
 _FINALISTS = 4
+_ALIKE = 1.0  # units of log likelihood: about what descents on large pixels leave
 _POINTS = 33  # of a curve to begin along
 _SOFT = 0.7  # pixels: a rim is sharp if it suits less than this
 _OF_CODECS = 4.0  # coherence of noise on large pixels: clips had 9 to 30, PNG about 0.5
@@ -127,14 +129,13 @@ class Search:
         finalists = _finalists(self.coarse, self._tried(rank))
         if left_beyond_noise(self.coarse, finalists[0]) > HOPELESS:
             finalists = finalists[:1]
-        starts = (seen(self.data, s) for s in finalists)
-        ends = [descend(self.data, s, self.bounds, enough=ROUGHLY) for s in starts]
+        ends = side_by_side(self._roughly, finalists)
         likeliest = best_of(self.data, ends)
         first = self._finished(likeliest)
         soft = self.softened(first)
         others = [s for s in ends if s is not likeliest]
         if soft is not first:
-            others = [self.softened(s) for s in others]
+            others = side_by_side(self.softened, others)
         return self._finished(contested(self.data, ranked(self.data, [soft, *others])))
 
     def quick(self, rank: int) -> State:
@@ -164,14 +165,15 @@ class Search:
         curve = xy + self.middle - (xy.min(axis=0) + xy.max(axis=0)) / 2
         families = dict.fromkeys((start.family, LINE))
         tried = self._ends(curve, start.radius, rank, tuple(families))
-        ends = [descend(self.data, seen(self.data, s), self.bounds) for s in tried]
+        ends = side_by_side(lambda s: descend(self.data, seen(self.data, s), self.bounds), tried)
         return self.softened(best_of(self.data, ends))
 
     def _tried(self, rank: int) -> list[State]:
         """Where descents on large pixels end.
 
         What explains the streak there is asked for nothing better: from the other radii only its own
-        family may still end elsewhere, and contest it.
+        family may still end elsewhere, and contest it. Where all families end as before from another
+        radius, they do from all.
         """
         (curve, radius), *others = self.curves
         tried = self._ends(curve, radius, rank)
@@ -179,8 +181,11 @@ class Search:
         for curve, radius in others:
             explained = self._is_found(best)
             ends = self._ends(curve, radius, rank, (best.family,) if explained else None)
+            again = not explained and _end_alike(tried, ends)
             best = best_of(self.coarse, [best, *ends])
             tried += ends
+            if again:
+                break
         return tried + self._ends(best.curve, best.shape[0], rank)
 
     def _is_found(self, state: State) -> bool:
@@ -195,6 +200,10 @@ class Search:
         of_codec = self.data.compression is None and coherence_beside(data, state) > _OF_CODECS
         possible = of_codec and state.converged and can_be(data, state)
         return possible and left_beyond_noise(data, state) <= MAX_MISFIT
+
+    def _roughly(self, state: State) -> State:
+        """Where a descent on small pixels about ends."""
+        return descend(self.data, seen(self.data, state), self.bounds, enough=ROUGHLY)
 
     def _finished(self, state: State) -> State:
         """Where a descent ends that goes on from there."""
@@ -248,10 +257,8 @@ class Search:
         families: tuple[PathFamily, ...] | None = None,
     ) -> list[State]:
         """Of descents that begin along a curve."""
-        return [
-            descend(self.coarse, start, self.bounds, enough=ROUGHLY)
-            for start in _starts(self.coarse, curve, radius, rank, families or self.families)
-        ]
+        starts = _starts(self.coarse, curve, radius, rank, families or self.families)
+        return [descend(self.coarse, start, self.bounds, enough=ROUGHLY) for start in starts]
 
 
 def _is_held(state: State) -> bool:
@@ -275,6 +282,17 @@ def _starts(
             else:
                 frame = data.known.frame
             yield state_at(data, family, path, DISC, shape, frame)
+
+
+def _end_alike(some: Sequence[State], others: Sequence[State]) -> bool:
+    """Whether the best of each family is about as likely in both."""
+    before, after = _least(some), _least(others)
+    return all(abs(after[family] - before[family]) < _ALIKE for family in before)
+
+
+def _least(ends: Sequence[State]) -> dict[PathFamily, float]:
+    """The least cost of each family."""
+    return {s.family: s.cost for s in sorted(ends, key=lambda s: s.cost, reverse=True)}
 
 
 def _finalists(data: Data, tried: Sequence[State]) -> list[State]:
