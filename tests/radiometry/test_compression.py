@@ -50,6 +50,18 @@ def test_with_noise_it_is_the_mean_of_many_files(codes, chroma):
     assert np.sqrt(np.mean((codes - mean) ** 2)) > 3 * np.sqrt(np.mean(off**2))
 
 
+@pytest.mark.parametrize("chroma", SAMPLINGS)
+def test_what_has_its_noise_is_written_once(codes, chroma):
+    """Exact: as a file holds it, cropped and on its side too."""
+    held, compression = through_a_file(codes, chroma)
+    assert_allclose(compression.once(codes / 255), held / 255, atol=1e-12)
+    part = compression.cropped(16, 32).once(codes[32:, 16:] / 255)
+    assert_allclose(part[16:, 16:], held[48:, 32:] / 255, atol=1e-12)
+    aside = compression.transposed().once(np.swapaxes(codes, 0, 1) / 255)
+    expected = compression.transposed().expected(np.swapaxes(codes, 0, 1) / 255, 0)
+    assert_allclose(aside, expected, atol=1e-12)
+
+
 @pytest.mark.parametrize("corner", [(8, 5), (16, 32), (1, 3)])
 @pytest.mark.parametrize("chroma", SAMPLINGS)
 def test_a_part_is_compressed_as_the_whole(codes, chroma, corner):

@@ -130,3 +130,27 @@ def test_what_compression_did_is_taken_back(chroma):
         for x in (seen, back)
     )
     assert after < 0.4 * before
+
+
+def test_drawn_pictures_are_such_as_the_file_would_have_held():
+    """Honest: across the color, in blocks, as much is left of them as of pictures that were taken."""
+    truth, color = rendered(plain_plate(SIZE, (0.4, 0.15, 0.4), 2))
+    camera, alpha = Camera(code_std=2 / 255, jpeg_quality=90, chroma="4:2:0"), truth.layer.alpha
+    across, within = np.linalg.svd(color[:, None])[0][:, 1:], color[:, None]
+    B, rng = truth.plate.rgb, np.random.default_rng(3)
+
+    def left(light):
+        e = (light - (1 - alpha)[..., None] * B)[8:-8, 8:-8] @ across
+        blocks = e.reshape(e.shape[0] // 8, 8, -1, 8, 2).mean(axis=(1, 3))
+        inside = (alpha[8:-8, 8:-8] > 0).reshape(len(blocks), 8, -1, 8).any(axis=(1, 3))
+        return np.mean(blocks[inside] ** 2)
+
+    taken, drawn = [], []
+    for seed in range(12):
+        image = camera.photograph(truth.image.rgb, rng)
+        bled = Bled(image.rgb, B, Compressed(image.meta.compression, 2 / 255), SRGB)
+        std = 2 / 255 * SRGB.slope(image.rgb)
+        taken.append(left(bled.before(alpha, within)))
+        drawn += [left(light) for light in bled.drawn(alpha, within, std, 1 + seed % 2)]
+    assert_allclose(np.mean(drawn), np.mean(taken), rtol=0.25)
+    assert_array_equal(*(bled.drawn(alpha, within, std, 1) for _ in range(2)))

@@ -47,7 +47,7 @@ def numbers(state):
 def test_it_ends_where_doing_so_again_and_again_does(found):
     """Oracle: 25 times what the sweep tells is put into the light, and found again there."""
     search, first = found
-    end, state, covariance = before_compression(search, first, SRGB)
+    end, state, covariance = before_compression(search, first, search.data.bled(SRGB))
     n = len(numbers(state))
     std = np.sqrt(np.diag(covariance)[:n])
     data, bled = search.data, search.data.bled(SRGB)
@@ -65,7 +65,7 @@ def test_it_ends_where_doing_so_again_and_again_does(found):
 def test_what_a_file_did_not_keep_is_not_known(found):
     """Invariant: less is known than pixels would tell if the file had kept all of them."""
     search, first = found
-    end, state, covariance = before_compression(search, first, SRGB)
+    end, state, covariance = before_compression(search, first, search.data.bled(SRGB))
     H, _ = state.information(end.data)
     full = np.diag(np.linalg.inv(H))
     assert (np.diag(covariance) > full).all()
@@ -76,7 +76,7 @@ def test_a_state_that_has_not_converged_has_no_covariance(found):
     search, first = found
     tight = replace(search, bounds=(2 * RADIUS, 3 * RADIUS))
     far = replace(first, shape=np.array([4.0 * RADIUS, *first.shape[1:]]))
-    _, state, covariance = before_compression(tight, far, SRGB)
+    _, state, covariance = before_compression(tight, far, tight.data.bled(SRGB))
     assert (covariance is None) == (not state.converged)
 
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import SRGB, LinearImage, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep.descent import state_at
+from blurmatte.sweep.descent import seen, state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.highlight import Highlight
@@ -204,3 +204,34 @@ def test_an_outline_of_hardly_known_size_is_no_answer(as_noise):
             covariance[k, k] = (part * disc.shape[0]) ** 2 / VARIANCE
             stats = told(End(as_noise.search, state, covariance=covariance), 0.3).sweep(image).stats
             assert ("hardly known size" in stats["objection"]) is not believed
+
+
+@pytest.mark.parametrize("quality", [90, 75])
+def test_more_than_a_fine_file_makes_of_noise_is_said(quality):
+    """Of a coarse one nobody knows: what the plate's own did to it is as large."""
+    ball, two = (
+        search_of(Ball(11, GREEN, second_color=second), jpeg_quality=quality, chroma="4:2:0")
+        for second in (None, (0.6, 0.25, 0.2))
+    )
+    right, wrong = (End.before_bleeding(s, s.best(1), SRGB) for s in (ball, two))
+    assert right.objection == ""
+    assert right._beyond_file < 1.5
+    assert (wrong._beyond_file > 1.9) == (quality == 90)
+    assert (wrong._beyond_file == 1) == (quality == 75)
+    right = replace(right)
+    right.__dict__["_beyond_file"] = 2.43
+    assert right.objection == "leaves 2.4 times what its file makes of noise"
+
+
+@pytest.mark.parametrize("quality", [90, 75])
+def test_in_a_fine_file_few_pixels_contradict_what_is_right(quality):
+    search = search_of(Ball(11, GREEN), jpeg_quality=quality, chroma="4:2:0")
+    end = End.before_bleeding(search, search.best(1), SRGB)
+    data, state = end.search.data, end.state
+    spots = np.random.default_rng(0).uniform(size=state.swept.alpha.shape) < 0.15
+    spotted = data.with_light(data.C + spots[..., None] * [0.0, 0.0, 0.3])
+    state = replace(seen(spotted, state), converged=True)
+    doubted = replace(end, search=replace(end.search, data=spotted), state=state)
+    doubted.__dict__["_beyond_file"] = 1.0
+    words = "of its pixels, too many for what is that free"
+    assert (words in doubted.objection) == (quality == 90)

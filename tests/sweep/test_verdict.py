@@ -28,6 +28,7 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.verdict import (
     BRIGHTEST,
+    beyond_file,
     can_be,
     coherence,
     colors_ran_together,
@@ -128,6 +129,22 @@ def test_what_compression_spares_beside_a_streak_is_no_misfit_within(seed):
     assert misfit(ball, fitted(ball)) < MAX_MISFIT
     large = taken(replace(SQUARE, plate=GRAY, body=Sheet(52, 36, GREEN)), seed, camera)
     assert misfit(large, fitted(large)) > MAX_MISFIT
+
+
+@pytest.mark.parametrize(("rough", "least", "most"), [(1.0, 0.7, 1.4), (1.6, 1.5, 2.56)])
+def test_what_is_left_is_compared_with_what_the_file_makes_of_noise(rough, least, most):
+    """Residuals that are so many times as large are up to that squared, for they are limited."""
+    data = taken(BALL)
+    state = disc(data)
+    others = [taken(BALL, seed=seed) for seed in (1, 2, 3)]
+    alpha = state.swept.alpha
+    model = (1 - alpha)[..., None] * data.B + alpha[..., None] * mean_light(data, state)
+    within = data.with_light(
+        np.where(alpha[..., None] > 0, model + rough * (data.C - model), data.C)
+    )
+    everywhere = data.with_light(model + rough * (data.C - model))
+    assert least < beyond_file(within, seen(within, state), others) < most
+    assert_allclose(beyond_file(everywhere, seen(everywhere, state), others), 1, rtol=0.35)
 
 
 @pytest.mark.parametrize("scale", [1, 2])

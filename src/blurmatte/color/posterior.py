@@ -10,6 +10,13 @@ import numpy.typing as npt
 
 from blurmatte.color.evidence import Array, Evidence, Pixels, closed_form, implausibility, misfit
 
+Bools = npt.NDArray[np.bool_]
+
+# χ² at the ends of a grid: what is below may be the beginning of more that is possible, for further
+# away noise explains more of a difference.
+_EXCLUDED = 9.0
+_FARTHER = 1.5  # times as far
+
 
 def posterior(evidence: Evidence, pixels: Pixels) -> tuple[Array, Array]:
     """Mean direction and (3, 3) covariance of what the cost leaves possible.
@@ -23,20 +30,24 @@ def posterior(evidence: Evidence, pixels: Pixels) -> tuple[Array, Array]:
     center, axes, half = best, _tangent(best), np.full(2, np.radians(1.0))
     widest = best, np.zeros((3, 3))
     for _ in range(60):
-        grid = np.vstack([best, _patch(center, axes, half)])
-        mean, covariance = _moments(grid, implausibility(evidence, grid, pixels, phi))
+        patch, at_end = _patch(center, axes, half)
+        grid = np.vstack([best, patch])
+        cost = implausibility(evidence, grid, pixels, phi)
+        mean, covariance = _moments(grid, cost)
+        open_ends = np.array([np.any(cost[1:][end] < _EXCLUDED + cost.min()) for end in at_end])
         spread, turned = np.linalg.eigh(axes.T @ covariance @ axes)
         reach = half[_order(turned)]
         std = np.sqrt(np.maximum(spread, (half.max() / 1e6) ** 2))
         aside = np.abs((mean - center) @ axes @ turned)
-        if np.all((std > reach / 8) & (std < reach / 3) & (aside < reach / 4)):
+        far_enough = ~open_ends[_order(turned)]
+        if np.all(far_enough & (std > reach / 8) & (std < reach / 3) & (aside < reach / 4)):
             return mean, covariance
         if np.trace(covariance) > np.trace(widest[1]):
             widest = mean, covariance
         if half.max() > 1:
             break
         center, axes = _moved(axes @ turned, mean)
-        half = np.clip(4 * std, reach / 4, 3 * reach)
+        half = np.clip(4 * std, np.where(far_enough, reach / 4, _FARTHER * reach), 3 * reach)
     return widest  # a valley too long or too narrow for any grid: what was seen of it
 
 
@@ -97,16 +108,18 @@ def _tangent(l: Array) -> Array:
     return np.asarray(np.linalg.svd(l[:, None])[0][:, 1:])
 
 
-def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> Array:
+def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> tuple[Array, Bools]:
     """Directions around one, `half` to either side along the two axes, within non-negative light.
 
-    Great circles are straight lines here, and so are the valleys that a plate of one hue leaves.
+    Great circles are straight lines here, and so are the valleys that a plate of one hue leaves. And,
+    (2, g), which of them are at the ends of each axis.
     """
     steps = np.linspace(-1, 1, count)
-    u, v = np.meshgrid(half[0] * steps, half[1] * steps)
-    moved = center + np.stack([u.ravel(), v.ravel()], axis=1) @ axes.T
-    grid = moved[(moved >= 0).all(axis=1)]
-    return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True))
+    uv = np.stack([x.ravel() for x in np.meshgrid(steps, steps)])
+    moved = center + (half[:, None] * uv).T @ axes.T
+    lit = (moved >= 0).all(axis=1)
+    grid = moved[lit]
+    return np.asarray(grid / np.linalg.norm(grid, axis=1, keepdims=True)), np.abs(uv[:, lit]) == 1
 
 
 def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:

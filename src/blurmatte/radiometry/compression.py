@@ -98,22 +98,36 @@ class Compression:
         if self.shared not in _SAMPLINGS:
             turned = self.transposed().expected(np.swapaxes(codes, 0, 1), noise)
             return np.asarray(turned.swapaxes(0, 1))
+        whole, place = self._whole(codes)
+        total = np.zeros(whole.shape)
+        for draw in _noise():
+            times = *(-(-n // _TILE) for n in whole.shape[:2]), 1
+            tiled = np.tile(draw, times)[: len(whole), : whole.shape[1]]
+            total += self._written((whole + noise * tiled).astype(np.float32))
+        return np.asarray(total[place] / (255 * _DRAWS))
+
+    def once(self, codes: Floats) -> Array:
+        """What the file holds of code values (H, W, 3), 0…1, that have their noise already."""
+        if self.shared not in _SAMPLINGS:
+            turned = self.transposed().once(np.swapaxes(codes, 0, 1))
+            return np.asarray(turned.swapaxes(0, 1))
+        whole, place = self._whole(codes)
+        return np.asarray(self._written(whole)[place] / 255)
+
+    def _whole(self, codes: Floats) -> tuple[npt.NDArray[np.float32], tuple[slice, slice]]:
+        """Codes with the rest of their blocks, and where in them they are."""
         h, w = codes.shape[:2]
         left, top = (o % n for o, n in zip(self.origin, self.mcu, strict=True))
         sides = (top, -(top + h) % self.mcu[1]), (left, -(left + w) % self.mcu[0]), (0, 0)
         whole = np.pad(np.asarray(codes, np.float32), sides, mode="edge")
-        total = np.zeros(whole.shape)
-        for draw in _noise():
-            times = *(-(-n // _TILE) for n in whole.shape[:2]), 1
-            noisy = whole + noise * np.tile(draw, times)[: len(whole), : whole.shape[1]]
-            total += self._written(np.rint(255 * np.clip(noisy, 0, 1)).astype(np.uint8))
-        return np.asarray(total[top : top + h, left : left + w] / (255 * _DRAWS))
+        return whole, (slice(top, top + h), slice(left, left + w))
 
-    def _written(self, codes: npt.NDArray[np.uint8]) -> npt.NDArray[np.uint8]:
-        """What is read of codes that were written."""
+    def _written(self, whole: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
+        """What is read of code values, 0…1, that were written."""
         from PIL import Image
 
         tables = [[step for row in steps for step in row] for steps in (self.luma, self.chroma)]
+        codes = np.rint(255 * np.clip(whole, 0, 1)).astype(np.uint8)
         file = io.BytesIO()
         sampling = _SAMPLINGS[self.shared]
         Image.fromarray(codes).save(file, "JPEG", qtables=tables, subsampling=sampling)

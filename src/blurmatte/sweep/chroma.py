@@ -84,6 +84,10 @@ class Compressed:
         """(h, w, 3) code values as the file has them, on average."""
         return self.compression.expected(codes, self.noise)
 
+    def once(self, codes: Array) -> Array:
+        """(h, w, 3) code values as the file has them, of such as have their noise already."""
+        return self.compression.once(codes)
+
 
 File = Blur | Compressed
 
@@ -143,15 +147,38 @@ class Bled:
         within : (3, rank) float
             Directions that the object's light may have: one, or those of a plane.
         """
+        told, before = self._told(alpha, within)
+        return np.asarray(self.transfer.decode(self._codes + before - self.file.seen(told)))
+
+    def drawn(self, alpha: Array, within: Array, std: Array, draws: int) -> list[Array]:
+        """The same of other pictures, of what alpha and color say, that went through the same file.
+
+        Parameters
+        ----------
+        alpha, within
+            As in `before`.
+        std : (h, w, 3) float
+            Standard deviation of their noise, light; its draws are always the same.
+        draws : int
+            How many.
+        """
+        assert isinstance(self.file, Compressed)
+        told, before = self._told(alpha, within)
+        rng, after = np.random.default_rng(0), self.file.seen(told)
+        noise = std / self.transfer.slope(np.asarray(self.C, float))
+        files = [self.file.once(told + noise * rng.normal(size=told.shape)) for _ in range(draws)]
+        return [np.asarray(self.transfer.decode(codes + before - after)) for codes in files]
+
+    def _told(self, alpha: Array, within: Array) -> tuple[Array, Array]:
+        """(h, w, 3) code values of M, and of M'."""
         through, there = (1 - alpha)[..., None], alpha > 0
         behind, own = through * self.B, np.zeros(self.C.shape)
         light = (self.C - behind) * there[..., None] @ within @ within.T
         color = _own_color(light, self.file.std)[there]
         luma = self._codes[there] @ _LUMA
         own[there] = _brightness(luma, behind[there], color, self.transfer) * color
-        before = self.transfer.encode(through * self._plate + own)
-        after = self.file.seen(self.transfer.encode(behind + own))
-        return np.asarray(self.transfer.decode(self._codes + before - after))
+        encode = self.transfer.encode
+        return np.asarray(encode(behind + own)), np.asarray(encode(through * self._plate + own))
 
 
 def image_before(

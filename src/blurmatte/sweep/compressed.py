@@ -36,7 +36,7 @@ _CHROMA = np.array([[0, -0.344136, 1.772], [1.402, -0.714136, 0]])  # R'G'B' by 
 
 
 def before_compression(
-    search: Search, state: State, transfer: Transfer
+    search: Search, state: State, bled: Bled
 ) -> tuple[Search, State, Array | None]:
     """The light before the file, where a state ends there, and how well its parameters are known.
 
@@ -46,8 +46,8 @@ def before_compression(
         Whose data know their compression.
     state : State
         Of one paint or a plane, in these data.
-    transfer : Transfer
-        Of the image's file.
+    bled : Bled
+        What the file made of their light.
 
     Returns
     -------
@@ -56,7 +56,7 @@ def before_compression(
     (size, size) float, or None
         Covariance of the state's parameters, but for `student.VARIANCE`; None if it has not converged.
     """
-    data, bled = search.data, search.data.bled(transfer)
+    data = search.data
     bounds = state.shape[0] / _NEARBY, state.shape[0] * _NEARBY
     state = sharp(data, state)
     for _ in range(2):
@@ -78,7 +78,7 @@ def before_compression(
         (before, state), left = there, still
     inverse = np.linalg.inv(H)
     by_noise = overstated(before, state) * inverse
-    by_rounding = inverse @ _by_rounding(before, state, transfer) @ inverse
+    by_rounding = inverse @ _by_rounding(before, state, bled.transfer) @ inverse
     return replace(search, data=before), state, np.asarray(by_noise + by_rounding)
 
 

@@ -1,5 +1,6 @@
 """Does a sweep explain the streak? What its residuals and its light say."""
 
+from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
@@ -8,7 +9,7 @@ import numpy.typing as npt
 from blurmatte.radiometry import block_squares
 from blurmatte.streaks import widened
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State
+from blurmatte.sweep.descent import State, seen
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -34,6 +35,7 @@ _HANGS = 1.3  # from where on noise hangs together: what made it so does more wh
 _HARDLY = 2.0  # times: rims that were blurred left up to 1.5, a sharp one that seemed to be 4
 # Where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02.
 _SMOOTH = 0.9
+_LEAST_USUAL = 0.1  # of variance: what rounding leaves where a file spares all noise
 _MOST_USUAL = {4: 10.0, 8: 25.0}  # that noise hangs together; where more does, something else moves
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
 _APART = 0.05  # radians
@@ -113,6 +115,34 @@ def left_beyond_noise(data: Data, state: State) -> float:
     ]
     least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
     return least / chance
+
+
+def beyond_file(data: Data, state: State, others: Sequence[Data]) -> float:
+    """How much more of what a sweep leaves hangs together than its file makes of noise.
+
+    Parameters
+    ----------
+    data : Data
+    state : State
+    others : sequence of Data
+        With pictures of what the sweep says that went through the same file.
+
+    Returns
+    -------
+    float
+        About 1 for a sweep that is right. What noise hangs together beside the streak more than there,
+        as of a camera that smooths it, is taken off.
+    """
+    found = _in_both(data, state)
+    usual = np.mean([_in_both(other, seen(other, state)) for other in others], axis=0)
+    within, beside = np.sqrt(np.prod(found / np.maximum(usual, _LEAST_USUAL), axis=1))
+    return float(within / max(beside, 1))
+
+
+def _in_both(data: Data, state: State) -> Array:
+    """(2, 2) how much residuals hang together, in blocks of both sizes, in the streak and beside."""
+    e, places = _limited(state), zip(_places(data, state), (_WORST, _OTHERS), strict=True)
+    return np.array([[_in_blocks(e, use, w, size) for size in _MOST_USUAL] for use, w in places])
 
 
 def objection(data: Data, state: State) -> str:
