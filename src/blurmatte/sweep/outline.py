@@ -194,7 +194,7 @@ def _is_short(disc: State) -> bool:
 
 def _roughly(data: Data, starts: Iterable[State], bounds: tuple[float, float]) -> list[State]:
     """The ends of descents on large pixels."""
-    return side_by_side(lambda start: descend(data, start, bounds, enough=ROUGHLY), starts)
+    return [descend(data, start, bounds, enough=ROUGHLY) for start in starts]
 
 
 def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
