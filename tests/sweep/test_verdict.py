@@ -41,6 +41,7 @@ from blurmatte.sweep.verdict import (
     objection,
     shared_coherence,
     unclaimed_light,
+    understated,
 )
 from blurmatte.trajectory import Trajectory
 
@@ -145,6 +146,22 @@ def test_what_is_left_is_compared_with_what_the_file_makes_of_noise(rough, least
     everywhere = data.with_light(model + rough * (data.C - model))
     assert least < beyond_file(within, seen(within, state), others) < most
     assert_allclose(beyond_file(everywhere, seen(everywhere, state), others), 1, rtol=0.35)
+
+
+@pytest.mark.parametrize("quality", [95, 90])
+def test_noise_of_a_fine_file_is_not_louder_than_it_seems(quality):
+    """Many pixels contradict where it is: of a file that says nothing of itself that may be noise."""
+    camera = Camera(code_std=1.5 / 255, jpeg_quality=quality, chroma="4:2:0")
+    data = taken(BALL, camera=camera).raised(0.1)
+    state = disc(data)
+    assert doubtful_share(data, state) > 0.25
+    assert understated(data, state) == 1
+    assert understated(replace(data, compression=None), state) > 1
+
+
+@pytest.mark.parametrize(("quality", "fine"), [(None, False), (95, True), (88, True), (85, False)])
+def test_fine_files_have_small_steps(quality, fine):
+    assert taken(BALL, camera=Camera(jpeg_quality=quality, chroma="4:2:0")).of_fine_file == fine
 
 
 @pytest.mark.parametrize("scale", [1, 2])

@@ -13,6 +13,7 @@ from blurmatte.sweep.known import KnownColor
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
+_FINE = 25.0  # codes, in the median of chroma: qualities of 88 and more
 _FAR = 0.1  # what pixels far from a streak count, lest the noise of many says more than the streak
 
 
@@ -70,6 +71,15 @@ class Data:
     def pitch(self) -> float:
         """`grain` in the pixels here, 2 or more."""
         return max(self.grain / self.scale, 2.0)
+
+    @property
+    def of_fine_file(self) -> bool:
+        """Whether the image's file says how it was compressed, in steps that leave but noise.
+
+        In coarser ones what the plate's own file did to it is as large.
+        """
+        compression = self.compression
+        return compression is not None and bool(np.median(compression.chroma) <= _FINE)
 
     def before_bleeding(
         self, alpha: Array, within: Array, blur: float, transfer: Transfer

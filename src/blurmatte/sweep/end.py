@@ -73,8 +73,8 @@ _MOST_DOUBTFUL = 0.1
 _MOST_TURNED = 30.0  # degrees by which colors of a plane may be unsure: 90 right ones had up to 13
 # Times what the file makes of noise, in two pictures: of quality 90 right ones left up to 1.7, seven
 # that were wrong by 0.05 to 0.3 1.9 to 11. Of quality 75, where what the plate's own file did to it
-# is as large, right ones left up to 5: only files of such steps of chroma are asked (88 and more).
-_MOST_BEYOND_FILE, _FILES, _FINE = 1.9, 2, 25.0
+# is as large, right ones left up to 5: only fine files are asked.
+_MOST_BEYOND_FILE, _FILES = 1.9, 2
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
 
@@ -249,18 +249,12 @@ class End:
         """Whether it has more freedom than a disc of one paint to explain what is not so."""
         return self.state.frame.rank == 2 or self.state.silhouette.bulges > 1
 
-    @property
-    def _file_is_fine(self) -> bool:
-        """Whether the file says how it was compressed, in steps so small that only noise is left."""
-        compression = self.search.data.compression
-        return compression is not None and bool(np.median(compression.chroma) <= _FINE)
-
     @cached_property
     def _beyond_file(self) -> float:
         """See `verdict.beyond_file`; 1 if its file does not tell that."""
-        if self.bled is None or not self._file_is_fine:
-            return 1.0
         data, state = self.search.data, self.state
+        if self.bled is None or not data.of_fine_file:
+            return 1.0
         alpha = state.swept.alpha
         variance = data.C_variance + (1 - alpha)[..., None] ** 2 * data.B_variance
         std = np.sqrt(variance / data.louder)
@@ -293,7 +287,7 @@ class End:
         """
         data, state = self.search.data, self.state
         freer = state.silhouette.bulges > 1 or self.highlight is not None
-        freer |= state.family.kink(state.path) is not None or self._file_is_fine
+        freer |= state.family.kink(state.path) is not None or data.of_fine_file
         free = data.known is None and freer
         return free and doubtful_share(data, state) > _MOST_DOUBTFUL
 

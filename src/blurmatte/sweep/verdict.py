@@ -197,10 +197,10 @@ def understated(data: Data, state: State) -> float:
     """By how much the variance of noise is understated if a sweep is right, 1 or more.
 
     Codecs repeat what stands still as it was, and its noise says nothing then of what moves: many
-    pixels of any sweep contradict. 1 where noise beside the streak is that of single pixels, and where
-    what is left is too much of the change to be noise.
+    pixels of any sweep contradict. 1 where noise beside the streak is that of single pixels, or of a
+    fine file, and where what is left is too much of the change to be noise.
     """
-    if doubtful_share(data, state) <= _MOST_DOUBTFUL:
+    if data.of_fine_file or doubtful_share(data, state) <= _MOST_DOUBTFUL:
         return 1.0
     _, beside = _places(data, state)
     repeated = beside.any() and np.median(state.chi2[beside]) < _REPEATED
