@@ -12,7 +12,7 @@ from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Change, Scene, colorful_plate, plain_plate, render
 from blurmatte.streaks import Streak
 from blurmatte.sweep.data import data_around
-from blurmatte.sweep.descent import descend, main_colors, seen, state_at
+from blurmatte.sweep.descent import descend, main_colors, relit, seen, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.path import ARC, BOUNCE, LINE
@@ -225,3 +225,15 @@ def test_what_has_left_the_picture_stays_there():
     end = descend(data, lost, BOUNDS)
     assert not end.converged
     assert_allclose(end.path, lost.path)
+
+
+def test_in_other_light_alpha_is_what_it_was():
+    """Oracle: the same as if it were swept again."""
+    _, data = data_of(BEFORE_WALL[ARC])
+    state = off_by(data, ARC, 1.0, 1.1, GREEN)
+    other = data.with_light(0.9 * data.C + 0.05)
+    quick, slow = relit(other, state), seen(other, state)
+    assert quick.swept is state.swept
+    assert quick.cost == slow.cost != state.cost
+    assert_allclose(quick.e, slow.e, atol=0)
+    assert_allclose(quick.moments, slow.moments, atol=0)

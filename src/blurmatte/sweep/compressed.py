@@ -19,7 +19,7 @@ import numpy.typing as npt
 from blurmatte.radiometry import Compression, Transfer
 from blurmatte.sweep.chroma import Bled
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, moved, seen, sharp
+from blurmatte.sweep.descent import State, descend, moved, relit, sharp
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.side_by_side import side_by_side
 from blurmatte.sweep.verdict import overstated
@@ -62,7 +62,7 @@ def before_compression(
     for _ in range(2):
         before = _told_by(data, state, bled)
         search = replace(search, data=before, bounds=bounds)
-        state = search.softened(descend(before, seen(before, state), bounds))
+        state = search.softened(descend(before, relit(before, state), bounds))
     before, state = _again(data, state, bled)
     if not state.converged:
         return replace(search, data=before), state, None
@@ -90,7 +90,7 @@ def _told_by(data: Data, state: State, bled: Bled) -> Data:
 def _again(data: Data, state: State, bled: Bled) -> tuple[Data, State]:
     """The light that a state tells, and the state in it."""
     before = _told_by(data, state, bled)
-    return before, replace(seen(before, state), converged=state.converged)
+    return before, replace(relit(before, state), converged=state.converged)
 
 
 def _gradient(data: Data, state: State) -> Array:
@@ -104,7 +104,7 @@ def _kept(data: Data, before: Data, state: State, bled: Bled) -> Array:
     def changed(near: tuple[float, State]) -> Array:
         far, there = near
         other = _told_by(data, there, bled)
-        return (_gradient(other, seen(other, state)) - g) / far
+        return (_gradient(other, relit(other, state)) - g) / far
 
     lost = np.stack(side_by_side(changed, _near(before, state)), axis=1)
     values, ways = np.linalg.eigh(H)
@@ -119,10 +119,9 @@ def _near(data: Data, state: State) -> list[tuple[float, State]]:
     """States with one parameter a little further, how far: alpha by a tenth, or the color by 1°."""
     steepest = np.abs(state.swept.by_parameters).max(axis=(0, 1))
     distances = [*(_FAR / np.maximum(steepest, 1e-6)), _TURN, _TURN]
-    return [
-        (far, moved(data, state, np.asarray(far * step), (0, np.inf)))
-        for far, step in zip(distances, np.eye(state.size), strict=True)
-    ]
+    steps = np.diag(distances)
+    there = side_by_side(lambda step: moved(data, state, step, (0, np.inf)), steps)
+    return list(zip(distances, there, strict=True))
 
 
 def _by_rounding(data: Data, state: State, transfer: Transfer) -> Array:
@@ -141,7 +140,7 @@ def _by_rounding(data: Data, state: State, transfer: Transfer) -> Array:
             (transfer.slope(data.C) * color, blocks),
             (through * transfer.slope(data.B) * color, whole),
         ):
-            other = seen(data.with_light(data.C + light), state)
+            other = relit(data.with_light(data.C + light), state)
             by = weights * (other.e[:2] - e)
             sums = [np.bincount(places.ravel(), (by * s).sum(axis=0).ravel()) for s in slopes]
             total += np.array(sums) @ np.array(sums).T

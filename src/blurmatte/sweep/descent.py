@@ -146,9 +146,21 @@ def state_at(
     frame: Frame,
 ) -> State:
     """What a path, a shape and a color leave unexplained."""
+    swept = silhouette.sweep(family, path, shape, data)
+    return _left_of(data, family, path, silhouette, shape, frame, swept)
+
+
+def _left_of(
+    data: Data,
+    family: PathFamily,
+    path: Array,
+    silhouette: Silhouette,
+    shape: Array,
+    frame: Frame,
+    swept: Swept,
+) -> State:
     from blurmatte.sweep import residuals  # numba takes half a second to import
 
-    swept = silhouette.sweep(family, path, shape, data)
     light, alpha = light_of(data), swept.alpha
     if frame.rank == 3:
         field = field_of(light, alpha, data.weight, data.pitch)
@@ -168,6 +180,12 @@ def state_at(
 def seen(data: Data, state: State) -> State:
     """The same path, shape and color in other data."""
     return state_at(data, state.family, state.path, state.silhouette, state.shape, state.frame)
+
+
+def relit(data: Data, state: State) -> State:
+    """The same in other light of the same pixels, in which alpha is what it was."""
+    parts = state.family, state.path, state.silhouette, state.shape, state.frame
+    return _left_of(data, *parts, state.swept)
 
 
 def sharp(data: Data, state: State) -> State:

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from blurmatte.sweep.choice import apart
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, descend, seen
+from blurmatte.sweep.descent import State, descend, relit, seen
 from blurmatte.sweep.search import Search
 
 T = TypeVar("T")
@@ -47,7 +47,7 @@ def in_turns(
     for _ in range(turns):
         other = fit(data, disc, other)
         rest = apply(data, disc, other)
-        before, disc = disc, descend(rest, seen(rest, disc), bounds)
+        before, disc = disc, descend(rest, relit(rest, disc), bounds)
         if apart(before, disc) < _AGREED:
             break
     assert other is not None

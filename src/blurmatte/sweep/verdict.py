@@ -9,7 +9,7 @@ import numpy.typing as npt
 from blurmatte.radiometry import block_squares
 from blurmatte.streaks import widened
 from blurmatte.sweep.data import Data
-from blurmatte.sweep.descent import State, seen
+from blurmatte.sweep.descent import State, relit
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -134,7 +134,7 @@ def beyond_file(data: Data, state: State, others: Sequence[Data]) -> float:
         as of a camera that smooths it, is taken off.
     """
     found = _in_both(data, state)
-    usual = np.mean([_in_both(other, seen(other, state)) for other in others], axis=0)
+    usual = np.mean([_in_both(other, relit(other, state)) for other in others], axis=0)
     within, beside = np.sqrt(np.prod(found / np.maximum(usual, _LEAST_USUAL), axis=1))
     return float(within / max(beside, 1))
 
