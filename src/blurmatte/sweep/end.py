@@ -71,8 +71,8 @@ _MOST_DOUBTFUL_IN_LOUD = 0.06
 # wrong one, of a sheet, 0.18. Of any disc in fine files: 80 right ones up to 0.063, two wrong more.
 _MOST_DOUBTFUL = 0.1
 _MOST_TURNED = 30.0  # degrees by which colors of a plane may be unsure: 90 right ones had up to 13
-# Times what the file makes of noise, in two pictures: of quality 90 right ones (60) left up to 1.75,
-# eight that were wrong by 0.05 to 0.33 1.85 to 11. Of quality 75, where what the plate's own file did
+# Times what the file makes of noise, in two pictures: of quality 90 right ones (50) left up to 1.75,
+# seven that were wrong by 0.05 to 0.33 1.85 to 11. Of quality 75, where what the plate's own file did
 # is as large, right ones left up to 5: only fine files are asked.
 _MOST_BEYOND_FILE, _FILES = 1.8, 2
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
