@@ -84,10 +84,6 @@ class Compressed:
         """(h, w, 3) code values as the file has them, on average."""
         return self.compression.expected(codes, self.noise)
 
-    def once(self, codes: Array) -> Array:
-        """(h, w, 3) code values as the file has them, of such as have their noise already."""
-        return self.compression.once(codes)
-
 
 File = Blur | Compressed
 
@@ -166,7 +162,10 @@ class Bled:
         told, before = self._told(alpha, within)
         rng, after = np.random.default_rng(0), self.file.seen(told)
         noise = std / self.transfer.slope(np.asarray(self.C, float))
-        files = [self.file.once(told + noise * rng.normal(size=told.shape)) for _ in range(draws)]
+        files = [
+            self.file.compression.once(told + noise * rng.normal(size=told.shape))
+            for _ in range(draws)
+        ]
         return [np.asarray(self.transfer.decode(codes + before - after)) for codes in files]
 
     def _told(self, alpha: Array, within: Array) -> tuple[Array, Array]:

@@ -147,18 +147,12 @@ def state_at(
 ) -> State:
     """What a path, a shape and a color leave unexplained."""
     swept = silhouette.sweep(family, path, shape, data)
-    return _left_of(data, family, path, silhouette, shape, frame, swept)
+    moments, e, cost, field = _left(data, frame, swept)
+    return State(family, path, silhouette, shape, frame, moments, swept, e, cost, field=field)
 
 
-def _left_of(
-    data: Data,
-    family: PathFamily,
-    path: Array,
-    silhouette: Silhouette,
-    shape: Array,
-    frame: Frame,
-    swept: Swept,
-) -> State:
+def _left(data: Data, frame: Frame, swept: Swept) -> tuple[Array, Array, float, Field | None]:
+    """Moments, residuals, cost and field of a `State`."""
     from blurmatte.sweep import residuals  # numba takes half a second to import
 
     light, alpha = light_of(data), swept.alpha
@@ -167,14 +161,14 @@ def _left_of(
         e = field.residuals(light, alpha)
         cost = float(np.sum(data.weight * loss((e**2).sum(axis=0)))) + field.cost
         moments = field.colors.T @ field.colors / max(len(field.colors), 1)
-        return State(family, path, silhouette, shape, frame, moments, swept, e, cost, field=field)
+        return moments, e, cost, field
     moments = residuals.second_moments(*light, alpha, data.weight, frame.across, frame.within)
     e = np.empty((3, *alpha.shape))
     residuals.residuals(*light, alpha, frame.across, *_main(frame, moments), e)
     cost = np.sum(data.weight * loss((e**2).sum(axis=0)))
     if data.known is not None:
         cost += data.known.cost(frame)
-    return State(family, path, silhouette, shape, frame, _positive(moments), swept, e, float(cost))
+    return _positive(moments), e, float(cost), None
 
 
 def seen(data: Data, state: State) -> State:
@@ -184,8 +178,9 @@ def seen(data: Data, state: State) -> State:
 
 def relit(data: Data, state: State) -> State:
     """The same in other light of the same pixels, in which alpha is what it was."""
-    parts = state.family, state.path, state.silhouette, state.shape, state.frame
-    return _left_of(data, *parts, state.swept)
+    moments, e, cost, field = _left(data, state.frame, state.swept)
+    left = replace(state, moments=moments, e=e, cost=cost, field=field)
+    return replace(left, converged=False, contested=0.0)
 
 
 def sharp(data: Data, state: State) -> State:

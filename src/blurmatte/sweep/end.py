@@ -257,8 +257,7 @@ class End:
             return 1.0
         alpha = state.swept.alpha
         variance = data.C_variance + (1 - alpha)[..., None] ** 2 * data.B_variance
-        std = np.sqrt(variance / data.louder)
-        drawn = self.bled.drawn(alpha, state.frame.within, std, _FILES)
+        drawn = self.bled.drawn(alpha, state.frame.within, np.sqrt(variance), _FILES)
         return beyond_file(data, state, [data.with_light(light) for light in drawn])
 
     @property
