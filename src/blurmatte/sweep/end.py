@@ -15,13 +15,14 @@ from blurmatte.radiometry import LinearImage, Transfer
 from blurmatte.sweep import cast, highlight
 from blurmatte.sweep.attenuation import attenuation, structure
 from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.choice import CLEARLY, most_apart, price
+from blurmatte.sweep.choice import CLEARLY, differ, most_apart, price
 from blurmatte.sweep.chroma import Bled, left_untold
 from blurmatte.sweep.compressed import before_compression
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, sharp
 from blurmatte.sweep.highlight import Highlight
-from blurmatte.sweep.search import Search
+from blurmatte.sweep.outline import if_not_round
+from blurmatte.sweep.search import Search, is_held
 from blurmatte.sweep.silhouette import BLUR_OF_FILES
 from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
 from blurmatte.sweep.student import VARIANCE
@@ -170,7 +171,7 @@ class End:
             return f"is contradicted by {doubtful}, too many for what is that free"
         if self._beyond_file > _MOST_BEYOND_FILE:
             return f"leaves {self._beyond_file:.1f} times what its file makes of noise"
-        if self.rim > _MOST_BLURRED * state.silhouette.radius(state.shape) and data.known is None:
+        if self._is_too_blurred and data.known is None:
             return "has a rim so blurred that another size would leave as little"
         if self._leaves_other_colors:
             return "leaves too much that hangs together for the colors that it may have"
@@ -182,6 +183,12 @@ class End:
     def rim(self) -> float:
         """Pixels by which the rim is blurred, by the lens or by the file."""
         return self.blur or self.state.silhouette.softness(self.state.shape)
+
+    @property
+    def _is_too_blurred(self) -> bool:
+        """Whether the rim hides the size: of an outline, which suits much, also if it is held."""
+        held = self.state.silhouette.bulges > 1 and is_held(self.state)
+        return held or self.rim > _MOST_BLURRED * self.state.silhouette.radius(self.state.shape)
 
     @property
     def _runs_by(self) -> float:
@@ -227,6 +234,13 @@ class End:
     def contested_by(self, other: State) -> "End":
         """The same, contested by another end of the same light if that has another alpha."""
         most = max(self.state.contested, most_apart(self.state, [other]))
+        return replace(self, state=replace(self.state, contested=most))
+
+    def contested_as(self, other: "End") -> "End":
+        """The same, contested by what contests another end that has about the same alpha."""
+        if differ(other.state, seen(other.search.data, self.state)):
+            return self
+        most = max(self.state.contested, other.state.contested)
         return replace(self, state=replace(self.state, contested=most))
 
     @property
@@ -336,6 +350,10 @@ class End:
         if self.highlight is not None:
             covariance += highlight.covariance_added(data, state, self.highlight)
         covariance *= trust * VARIANCE
+        if self.covariance is not None and state.silhouette.bulges == 1:
+            # A file keeps too little of a rim for the evidence that chose a disc to be trusted.
+            less_known, step = if_not_round(data, state)
+            covariance += trust * VARIANCE * less_known + np.outer(step, step)
         model = self._model(covariance[-2:, -2:] + self._turned)
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)

@@ -24,7 +24,7 @@ from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of
-from blurmatte.sweep.outline import gained, likelier, refined
+from blurmatte.sweep.outline import gained, is_oval, likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
@@ -257,7 +257,7 @@ def _richer(attempt: Attempt, told: End, whole: Search) -> End:
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
     left = min(_left_across(line, plane) if enough else left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
-        return plane
+        return plane.contested_as(line)
     if of_two is not None:
         return line.contested_by(of_two)
     if not simple and plane.misfit <= MAX_MISFIT:
@@ -266,7 +266,10 @@ def _richer(attempt: Attempt, told: End, whole: Search) -> End:
     if left <= MAX_MISFIT or not told.is_before_texture:
         return line
     any_colors = End(search, search.best(3))
-    return any_colors if any_colors.is_confirmed and any_colors.misfit <= MAX_MISFIT else line
+    if not any_colors.is_confirmed or any_colors.misfit > MAX_MISFIT:
+        return line
+    # A field of colors takes up what a wrong shape leaves, all but that another is likelier.
+    return line if is_oval(search.data, any_colors.state) else any_colors
 
 
 def _of_two(line: End) -> State | None:

@@ -112,6 +112,42 @@ def refined(data: Data, disc: State) -> State:
     return replace(end, contested=max(best.contested, most_apart(end, rivals)))
 
 
+def if_not_round(data: Data, disc: State) -> tuple[Array, Array]:
+    """By how much less a disc's parameters are known if it may have bulges, and where they would be.
+
+    Parameters
+    ----------
+    data : Data
+    disc : State
+        Of one paint or a plane, where a descent ended.
+
+    Returns
+    -------
+    (size, size), (size,) float
+        What is to be added to the inverse of its `State.information`, and one step from there.
+    """
+    silhouette, first = bulgy(disc), len(disc.path) + 1
+    H, g = shaped(data, disc, silhouette).information(data)
+    bulges = np.zeros(len(H), bool)
+    bulges[first : first + 2 * silhouette.bulges - 2] = True
+    shared = H[~bulges][:, bulges] @ np.linalg.pinv(H[bulges][:, bulges], hermitian=True)
+    alone, both = (
+        np.linalg.pinv(known, hermitian=True)
+        for known in (
+            H[~bulges][:, ~bulges],
+            H[~bulges][:, ~bulges] - shared @ H[bulges][:, ~bulges],
+        )
+    )
+    return np.asarray(both - alone), np.asarray(-both @ (g[~bulges] - shared @ g[bulges]))
+
+
+def is_oval(data: Data, disc: State) -> bool:
+    """Whether an ellipse explains the data clearly better than a disc of any colors."""
+    bounds = _LEAST * disc.shape[0], _MOST * disc.shape[0]
+    start = shaped(data, disc, replace(disc.silhouette, bulges=2))
+    return likelier((data, disc), (data, descend(data, start, bounds)))
+
+
 def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]:
     """Not hopeless ends of descents from what has nearly the same alpha as the best, but for scale."""
     starts = [*exchanged(data, best, bounds), *rescaled(data, best, bounds)]

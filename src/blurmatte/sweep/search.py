@@ -224,7 +224,7 @@ class Search:
 
     def softest(self, state: State) -> State:
         """The same with a rim as soft as lenses make it, if that explains the data better at all."""
-        if state.silhouette.soft and not _is_held(state):
+        if state.silhouette.soft and not is_held(state):
             return state
         soft = descend(self.data, self._soft(state, defocused=True), self.bounds)
         return soft if soft.cost < state.cost else state
@@ -234,7 +234,7 @@ class Search:
 
         Otherwise it takes up what else is wrong: the dark side of a ball seems to fade in its shadow.
         """
-        if not _is_held(state):
+        if not is_held(state):
             return state
         softer = self.softest(state)
         explained = left_beyond_noise(self.data, state) <= MAX_MISFIT
@@ -261,7 +261,7 @@ class Search:
         return [descend(self.coarse, start, self.bounds, enough=ROUGHLY) for start in starts]
 
 
-def _is_held(state: State) -> bool:
+def is_held(state: State) -> bool:
     """Whether a rim would be softer if it were not for files."""
     silhouette = state.silhouette
     return not silhouette.defocused and silhouette.softness(state.shape) >= BLUR_OF_FILES
