@@ -277,7 +277,10 @@ def _of_two(line: End) -> State | None:
 
     In compressed pictures one paint may leave no more than noise of an object of two.
     """
-    plane = End(line.search, _freed(line.search, line.state))
+    coarse, roughly = _roughly_freed(line.search, line.state)
+    if not differ(seen(coarse, line.state), roughly):
+        return None
+    plane = End(line.search, _freed(line.search, roughly))
     found = plane.state.converged and can_be(line.search.data, plane.state)
     less = found and plane.beyond_noise <= _left_across(line, plane) / _CLEARLY
     return plane.state if less and differ(line.state, plane.state) else None
@@ -299,19 +302,27 @@ def _plane(search: Search, line: End, transfer: Transfer) -> End:
     Highlights and shades are no more than a little beside one paint, and a plane that is free from the
     beginning may end as something else.
     """
-    data, best, near = search.data, search.best(2), _freed(search, line.state)
+    data, best = search.data, search.best(2)
+    near = _freed(search, _roughly_freed(search, line.state)[1])
     possible = [state for state in (best, near) if state.converged and can_be(data, state)]
     return End.before_bleeding(search, best_of(data, possible or [best]), transfer)
 
 
-def _freed(search: Search, line: State) -> State:
-    """Where a descent ends that begins with a path and size of one paint, as a disc of a plane."""
+def _roughly_freed(search: Search, line: State) -> tuple[Data, State]:
+    """Large pixels, and where a descent on them ends that begins with a path and size of one paint.
+
+    As a disc of a plane.
+    """
     data, shape = search.data, line.shape[: DISC.size]
     coarse = data.coarse_enough(float(shape[0]), RADIUS)
     frame = main_colors(coarse, DISC.sweep(line.family, line.path, shape, coarse).alpha, 2)
     start = state_at(coarse, line.family, line.path, DISC, shape, frame)
-    roughly = descend(coarse, start, search.bounds, enough=ROUGHLY)
-    return descend(data, seen(data, roughly), search.bounds)
+    return coarse, descend(coarse, start, search.bounds, enough=ROUGHLY)
+
+
+def _freed(search: Search, roughly: State) -> State:
+    """Where one goes on from there on small pixels."""
+    return descend(search.data, seen(search.data, roughly), search.bounds)
 
 
 def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
