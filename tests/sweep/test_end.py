@@ -13,10 +13,11 @@ from blurmatte.sweep.descent import seen, state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.highlight import Highlight
+from blurmatte.sweep.outline import if_not_round
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.student import VARIANCE
-from blurmatte.sweep.verdict import MAX_MISFIT, coherence
+from blurmatte.sweep.verdict import MAX_MISFIT, coherence, overstated
 from blurmatte.trajectory import Trajectory
 
 PATH = Trajectory.line((44, 42), (112, 68))
@@ -81,6 +82,18 @@ def test_a_rim_may_not_be_all_there_is(as_noise):
         end = told(End(search, replace(disc), blur), 0.3)
         assert (end.objection == "") == believed
     assert "blurred" in end.objection
+
+
+def test_an_outline_of_a_rim_that_is_held_is_none(as_noise):
+    """It would be softer if files blurred more; a disc may be just that soft."""
+    search, disc = as_noise.search, as_noise.state
+    for bulges, softness, believed in ((1, 2.0, True), (2, 1.5, True), (2, 2.0, False)):
+        silhouette = replace(disc.silhouette, bulges=bulges, soft=True)
+        shape = silhouette.like(disc.silhouette, disc.shape)
+        shape[-1] = softness
+        state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
+        end = told(End(search, replace(state, converged=True)), 0.3)
+        assert ("blurred" not in end.objection) is believed
 
 
 @pytest.mark.parametrize("texture", [False, True])
@@ -159,6 +172,32 @@ def test_another_end_contests_by_how_far_its_alpha_is(as_noise):
     end = as_noise.contested_by(larger)
     assert 0.15 < end.state.contested < 0.4
     assert end.contested_by(state).state.contested == end.state.contested
+
+
+def test_what_contests_a_disc_contests_the_same_of_more_colors(as_noise):
+    data, state = as_noise.search.data, as_noise.state
+    contested = replace(as_noise, state=replace(state, contested=0.5))
+    for larger, by in ((1.02, 0.5), (1.3, 0.0)):
+        shape, frame = state.shape * larger, Frame.of(np.eye(3)[:, :2])
+        plane = state_at(data, state.family, state.path, state.silhouette, shape, frame)
+        assert End(as_noise.search, plane).contested_as(contested).state.contested == by
+
+
+def test_in_a_file_a_disc_is_less_known_for_it_need_not_be_round(as_noise):
+    """exact: what `if_not_round` says comes on top where a file took of what tells."""
+    data, disc = as_noise.search.data, as_noise.state
+    image = LinearImage(np.full((8, 8, 3), 0.5))
+    inverse = np.linalg.pinv(disc.information(data)[0], hermitian=True)
+    plain, filed = (
+        End(as_noise.search, disc, covariance=covariance).sweep(image).covariance
+        for covariance in (None, overstated(data, disc) * inverse)
+    )
+    less_known, step = if_not_round(data, disc)
+    more = overstated(data, disc) * VARIANCE * less_known + np.outer(step, step)
+    n = len(plain)
+    radius = len(disc.path)
+    assert more[radius, radius] > 0.01 * plain[radius, radius]
+    assert_allclose(filed, plain + more[:n, :n], rtol=1e-9)
 
 
 def test_color_is_as_unsure_as_alpha(as_noise):

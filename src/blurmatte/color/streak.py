@@ -176,7 +176,7 @@ def _by_file(
     streak = replace(streak, mask=streak.mask[box[1] : box[3], box[0] : box[2]])
     off = []
     for seed in range(_DRAWS):
-        pixels = _streak_pixels(drawn(l, image, plate, streak, seed), plate, streak)
+        pixels = _streak_pixels(*drawn(l, image, plate, streak, seed), streak)
         off.append(posterior(evidence, pixels)[0] - l)
     return np.asarray(np.array(off).T @ np.array(off) / _DRAWS)
 

@@ -23,8 +23,11 @@ _SMOOTH = (
 
 def drawn(
     l: Array, image: LinearImage, plate: LinearImage, streak: Streak, seed: int
-) -> LinearImage:
-    """The image as it would be if a line of colors were right, with new noise, out of the same file.
+) -> tuple[LinearImage, LinearImage]:
+    """Image and plate as they would be if a line of colors were right, out of the image's file.
+
+    The plate went through its own file before it was known: it goes through this one, too, so that it
+    is to what is drawn what it was to the image.
 
     Parameters
     ----------
@@ -37,19 +40,27 @@ def drawn(
     seed : int
         Of the noise.
     """
-    from scipy.ndimage import gaussian_filter
-
-    compression = image.meta.compression
+    compression, transfer = image.meta.compression, image.meta.transfer or SRGB
     assert compression is not None
-    B = np.asarray(plate.rgb, float)
-    across = B - (B @ l)[..., None] * l
-    length2 = np.einsum("yxc,yxc->yx", across, across)
-    lost = length2 - np.einsum("yxc,yxc->yx", np.asarray(image.rgb, float), across)
-    alpha = gaussian_filter(lost, _SMOOTH) / np.maximum(gaussian_filter(length2, _SMOOTH), 1e-12)
-    alpha = np.clip(np.where(streak.mask, alpha, 0), 0, 1)
-    k = gaussian_filter((image.rgb - (1 - alpha)[..., None] * B) @ l, _SMOOTH)
-    light = np.maximum(np.where(streak.mask, k, 0), 0)[..., None] * l + (1 - alpha)[..., None] * B
-    transfer = image.meta.transfer or SRGB
+    light = _told(l, image, plate, streak)
     noise = np.sqrt(image.variance) / transfer.slope(light)
     codes = transfer.encode(light) + noise * np.random.default_rng(seed).normal(size=light.shape)
-    return replace(image, rgb=transfer.decode(compression.once(codes)).astype(image.rgb.dtype))
+    behind = transfer.encode(np.asarray(plate.rgb, float))
+    files = compression.once(codes), compression.expected(behind, float(np.median(noise)))
+    shown, behind = (transfer.decode(file).astype(image.rgb.dtype) for file in files)
+    return replace(image, rgb=shown), replace(plate, rgb=behind)
+
+
+def _told(l: Array, image: LinearImage, plate: LinearImage, streak: Streak) -> Array:
+    """(h, w, 3) light of an object of the line, with the alpha and brightness that pixels tell."""
+    from scipy.ndimage import gaussian_filter
+
+    C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
+    across = B - (B @ l)[..., None] * l
+    length2 = np.einsum("yxc,yxc->yx", across, across)
+    lost = length2 - np.einsum("yxc,yxc->yx", C, across)
+    alpha = gaussian_filter(lost, _SMOOTH) / np.maximum(gaussian_filter(length2, _SMOOTH), 1e-12)
+    alpha = np.clip(np.where(streak.mask, alpha, 0), 0, 1)
+    k = gaussian_filter((C - (1 - alpha)[..., None] * B) @ l, _SMOOTH)
+    k = np.maximum(np.where(streak.mask, k, 0), 0)
+    return np.asarray(k[..., None] * l + (1 - alpha)[..., None] * B)
