@@ -340,23 +340,8 @@ class End:
     def sweep(self, image: LinearImage) -> Sweep:
         """What it tells. If it was the file that blurred the colors of its rim, the rim is sharp."""
         data, state, blur = self.search.data, self.state, self.blur
-        trust = overstated(data, state)
-        H, _ = state.information(data)
-        covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float)
-        if self.covariance is not None:
-            covariance = self.covariance / trust
-        if self.cast is not None:
-            covariance += cast.covariance_added(data, state, self.cast)
-        if self.highlight is not None:
-            covariance += highlight.covariance_added(data, state, self.highlight)
-        covariance *= trust * VARIANCE
-        if self.covariance is not None and state.silhouette.bulges == 1:
-            # A file keeps too little of a rim for the evidence that chose a disc to be trusted.
-            less_known, step = if_not_round(data, state)
-            covariance += trust * VARIANCE * less_known + np.outer(step, step)
-        model = self._model(covariance[-2:, -2:] + self._turned)
-        k = len(state.path)
-        covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
+        trust, covariance = overstated(data, state), self._covariance
+        model, k = self._model(covariance[-2:, -2:] + self._turned), len(state.path)
         most = _MOST_UNSURE_OF_FREE if self._takes_up_more else _MOST_UNSURE
         known = covariance[k, k] < (most * state.shape[0]) ** 2
         turned = model.rank == 2 and model.angle_std > _MOST_TURNED
@@ -392,6 +377,29 @@ class End:
             stats,
             self.cast,
         )
+
+    @property
+    def _covariance(self) -> Array:
+        """(size, size) of the state's parameters, with what shadow, highlight and file leave open."""
+        data, state = self.search.data, self.state
+        trust = overstated(data, state)
+        if self.covariance is not None:
+            covariance = self.covariance / trust
+        else:
+            H, _ = state.information(data)
+            covariance = np.asarray(np.linalg.pinv(H, hermitian=True), float)
+        if self.cast is not None:
+            covariance += cast.covariance_added(data, state, self.cast)
+        if self.highlight is not None:
+            covariance += highlight.covariance_added(data, state, self.highlight)
+        covariance *= trust * VARIANCE
+        if self.covariance is not None and state.silhouette.bulges == 1:
+            # A file keeps too little of a rim for the evidence that chose a disc to be trusted.
+            less_known, step = if_not_round(data, state)
+            covariance += trust * VARIANCE * less_known + np.outer(step, step)
+        k = len(state.path)
+        covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
+        return covariance
 
     def _glossy(self, image: LinearImage) -> dict[str, Any]:
         """Where the highlight is, and the paint that it is on as sRGB."""
