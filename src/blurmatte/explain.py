@@ -37,6 +37,7 @@ _APART = 1.5  # coherence of noise: chance makes less, in pictures that are not 
 _EVIDENCE = {
     "hue variation": "the hues of the plate behind the streak alone",
     "shape": "the shape of the streak and the hues together",
+    "compression": "hues in a file that lets the colors of neighbors run together",
     "feasibility": "alpha between 0 and 1, and no negative light, alone",
     "frames": "several frames together",
     "samples": "the scatter of the sampled colors alone",

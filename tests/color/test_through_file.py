@@ -36,7 +36,7 @@ def off(model):
 def test_what_is_drawn_of_the_true_color_is_what_was_taken():
     """honest: it differs from it within the streak hardly more than beside, where noise differs."""
     image, plate, streak = taken(14)
-    light, behind = drawn(LINE, image, plate, streak, 0)
+    (light,), behind = drawn(LINE, image, plate, streak, 1)
     within, beside = (
         np.sqrt(np.mean((light.rgb - image.rgb)[where] ** 2))
         for where in (streak.mask, ~streak.mask)
@@ -47,14 +47,17 @@ def test_what_is_drawn_of_the_true_color_is_what_was_taken():
 
 def test_its_noise_is_as_new():
     image, plate, streak = taken(14)
-    same, again, other = (drawn(LINE, image, plate, streak, seed)[0].rgb for seed in (0, 0, 1))
+    (same, other), (again,) = (
+        [light.rgb for light in drawn(LINE, image, plate, streak, count)[0]] for count in (2, 1)
+    )
     assert np.array_equal(same, again)
     assert not np.array_equal(same, other)
 
 
 def test_the_color_that_is_drawn_is_told():
     image, plate, streak = taken(14)
-    model = fit_color_from_hues(*drawn(LINE, image, plate, streak, 0), streak)
+    (light,), behind = drawn(LINE, image, plate, streak, 1)
+    model = fit_color_from_hues(light, behind, streak)
     assert off(model) < 3 * model.angle_std
 
 
@@ -78,3 +81,6 @@ def test_only_a_file_that_says_how_it_was_compressed_adds_to_the_error():
     more = np.linalg.eigvalsh(by_file.covariance - unknown.covariance)
     assert more.min() > -1e-12
     assert by_file.angle_std > 1.1 * unknown.angle_std
+    assert set(by_file.evidence) - set(unknown.evidence) == {"compression"}
+    parts = by_file.evidence["compression"], unknown.angle_std
+    assert max(parts) <= by_file.angle_std <= np.hypot(*parts) * (1 + 1e-12)

@@ -78,7 +78,9 @@ def fit_color_from_hues(
     }  # fmt: skip
     spread = {name: posterior(evidence, pixels) for name, evidence in kinds.items()}
     l, covariance = spread.pop("together")
-    covariance = covariance + _by_file(l, kinds["together"], image, plate, streak)
+    if image.meta.sharing is not None:
+        spread["compression"] = l, _by_file(l, kinds["together"], image, plate, streak)
+        covariance = covariance + spread["compression"][1]
     evidence = {name: ColorModel(m[:, None], c).angle_std for name, (m, c) in spread.items()}
     model = ColorModel(l[:, None], covariance, evidence, image.meta.to_srgb)
     _refuse_the_open(model, pixels)
@@ -114,8 +116,8 @@ def refuse_coarse(image: LinearImage, streak: Streak) -> None:
     Where pixels share chroma, what is left of a rim is what suits a few coefficients; wrong shapes
     and colors then leave no more than right ones.
     """
-    file = image.meta.compression
-    if file is None or file.shared == (1, 1) or np.median(file.chroma) < _COARSE:
+    file = image.meta.sharing
+    if file is None or np.median(file.chroma) < _COARSE:
         return
     pixels, (w, h) = np.count_nonzero(streak.mask), file.mcu
     if pixels < _FEW * w * h:
@@ -167,18 +169,14 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
 def _by_file(
     l: Array, evidence: Evidence, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> Array:
-    """(3, 3) covariance by what the image's file did to colors, if it says how; else 0."""
-    compression = image.meta.compression
-    if compression is None or compression.shared == (1, 1):
-        return np.zeros((3, 3))
+    """(3, 3) covariance by what the image's file did to colors."""
     box = streak.around(_AROUND)
     image, plate = image.crop(box), plate.crop(box)
     streak = replace(streak, mask=streak.mask[box[1] : box[3], box[0] : box[2]])
-    off = []
-    for seed in range(_DRAWS):
-        pixels = _streak_pixels(*drawn(l, image, plate, streak, seed), streak)
-        off.append(posterior(evidence, pixels)[0] - l)
-    return np.asarray(np.array(off).T @ np.array(off) / _DRAWS)
+    images, behind = drawn(l, image, plate, streak, _DRAWS)
+    found = [posterior(evidence, _streak_pixels(again, behind, streak))[0] for again in images]
+    off = np.array(found) - l
+    return np.asarray(off.T @ off / _DRAWS)
 
 
 def _tile(step: int) -> int:

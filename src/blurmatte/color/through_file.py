@@ -16,15 +16,14 @@ from blurmatte.streaks import Streak
 
 Array = npt.NDArray[np.float64]
 
-_SMOOTH = (
-    1.5  # pixels: of alpha and light that single ones tell, so that what is drawn has no noise
-)
+# Pixels, over which alpha and light that single ones tell are smoothed: what is drawn has no noise.
+_SMOOTH = 1.5
 
 
 def drawn(
-    l: Array, image: LinearImage, plate: LinearImage, streak: Streak, seed: int
-) -> tuple[LinearImage, LinearImage]:
-    """Image and plate as they would be if a line of colors were right, out of the image's file.
+    l: Array, image: LinearImage, plate: LinearImage, streak: Streak, count: int
+) -> tuple[list[LinearImage], LinearImage]:
+    """Images and the plate as they would be if a line of colors were right, out of the image's file.
 
     The plate went through its own file before it was known: it goes through this one, too, so that it
     is to what is drawn what it was to the image.
@@ -37,18 +36,19 @@ def drawn(
         What is around the streak, noise known.
     streak : Streak
         Where the object moved; elsewhere the plate is drawn.
-    seed : int
-        Of the noise.
+    count : int
+        Of images, which differ in their noise; its draws are always the same.
     """
-    compression, transfer = image.meta.compression, image.meta.transfer or SRGB
+    compression, transfer = image.meta.sharing, image.meta.transfer or SRGB
     assert compression is not None
     light = _told(l, image, plate, streak)
-    noise = np.sqrt(image.variance) / transfer.slope(light)
-    codes = transfer.encode(light) + noise * np.random.default_rng(seed).normal(size=light.shape)
+    codes, noise = transfer.encode(light), np.sqrt(image.variance) / transfer.slope(light)
+    normal = [np.random.default_rng(seed).normal(size=light.shape) for seed in range(count)]
+    files = [compression.once(codes + noise * z) for z in normal]
     behind = transfer.encode(np.asarray(plate.rgb, float))
-    files = compression.once(codes), compression.expected(behind, float(np.median(noise)))
-    shown, behind = (transfer.decode(file).astype(image.rgb.dtype) for file in files)
-    return replace(image, rgb=shown), replace(plate, rgb=behind)
+    files.append(compression.expected(behind, float(np.median(noise))))
+    *images, behind = (transfer.decode(file).astype(image.rgb.dtype) for file in files)
+    return [replace(image, rgb=rgb) for rgb in images], replace(plate, rgb=behind)
 
 
 def _told(l: Array, image: LinearImage, plate: LinearImage, streak: Streak) -> Array:

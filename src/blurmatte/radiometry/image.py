@@ -74,6 +74,15 @@ class Meta:
     time: float | None = None
     compression: Compression | None = field(default=None, repr=False)
 
+    @property
+    def sharing(self) -> Compression | None:
+        """How the file was compressed, if pixels share color in it: that is all that became of color.
+
+        A file in which each pixel has a color of its own may be a copy of one in which it had not.
+        """
+        compression = self.compression
+        return None if compression is None or compression.shared == (1, 1) else compression
+
 
 @dataclass(frozen=True, eq=False)
 class LinearImage:

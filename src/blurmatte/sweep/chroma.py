@@ -88,18 +88,9 @@ class Compressed:
 File = Blur | Compressed
 
 
-def known_of(image: LinearImage) -> Compression | None:
-    """How an image was compressed, if that is all that became of its colors.
-
-    A file in which each pixel has a color of its own may be a copy of one in which it had not.
-    """
-    compression = image.meta.compression
-    return None if compression is None or compression.shared == (1, 1) else compression
-
-
 def file_of(image: LinearImage) -> Compressed | None:
     """The file of an image whose noise is known, if that says how it was compressed."""
-    compression, transfer = known_of(image), image.meta.transfer or SRGB
+    compression, transfer = image.meta.sharing, image.meta.transfer or SRGB
     if compression is None:
         return None
     return Compressed.of(compression, image.rgb, image.variance, transfer)

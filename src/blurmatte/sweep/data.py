@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import Compression, LinearImage, Transfer, cell_means, smooth_variance
 from blurmatte.streaks import Streak
-from blurmatte.sweep.chroma import Bled, Blur, Compressed, known_of
+from blurmatte.sweep.chroma import Bled, Blur, Compressed
 from blurmatte.sweep.known import KnownColor
 
 Array = npt.NDArray[np.float64]
@@ -48,7 +48,7 @@ class Data:
     louder : float
         Times the variance that was measured, which the noise is taken to have.
     compression : Compression, optional
-        Of the image's file, of which these are the pixels; see `chroma.known_of`.
+        Of the image's file, of which these are the pixels; see `Meta.sharing`.
     """
 
     C: Array
@@ -182,5 +182,5 @@ def data_around(
         size,
         (float(box[0]), float(box[1])),
         known,
-        compression=known_of(image),
+        compression=image.meta.sharing,
     )

@@ -340,7 +340,8 @@ class End:
     def sweep(self, image: LinearImage) -> Sweep:
         """What it tells. If it was the file that blurred the colors of its rim, the rim is sharp."""
         data, state, blur = self.search.data, self.state, self.blur
-        trust, covariance = overstated(data, state), self._covariance
+        trust = overstated(data, state)
+        covariance = self._covariance(trust)
         model, k = self._model(covariance[-2:, -2:] + self._turned), len(state.path)
         most = _MOST_UNSURE_OF_FREE if self._takes_up_more else _MOST_UNSURE
         known = covariance[k, k] < (most * state.shape[0]) ** 2
@@ -378,11 +379,12 @@ class End:
             self.cast,
         )
 
-    @property
-    def _covariance(self) -> Array:
-        """(size, size) of the state's parameters, with what shadow, highlight and file leave open."""
+    def _covariance(self, trust: float) -> Array:
+        """(size, size) of the state's parameters, with what shadow, highlight and file leave open.
+
+        A likelihood overstates evidence by `trust`.
+        """
         data, state = self.search.data, self.state
-        trust = overstated(data, state)
         if self.covariance is not None:
             covariance = self.covariance / trust
         else:

@@ -128,17 +128,9 @@ def if_not_round(data: Data, disc: State) -> tuple[Array, Array]:
     """
     silhouette, first = bulgy(disc), len(disc.path) + 1
     H, g = shaped(data, disc, silhouette).information(data)
-    bulges = np.zeros(len(H), bool)
-    bulges[first : first + 2 * silhouette.bulges - 2] = True
-    shared = H[~bulges][:, bulges] @ np.linalg.pinv(H[bulges][:, bulges], hermitian=True)
-    alone, both = (
-        np.linalg.pinv(known, hermitian=True)
-        for known in (
-            H[~bulges][:, ~bulges],
-            H[~bulges][:, ~bulges] - shared @ H[bulges][:, ~bulges],
-        )
-    )
-    return np.asarray(both - alone), np.asarray(-both @ (g[~bulges] - shared @ g[bulges]))
+    own = np.delete(np.arange(len(H)), np.s_[first : first + 2 * silhouette.bulges - 2])
+    both, alone = (np.linalg.pinv(K, hermitian=True) for K in (H, H[np.ix_(own, own)]))
+    return both[np.ix_(own, own)] - alone, -(both @ g)[own]
 
 
 def is_oval(data: Data, disc: State) -> bool:
