@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from blurmatte.radiometry import SRGB, LinearImage, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.streaks import require_streaks
+from blurmatte.sweep.choice import CLEARLY, price
 from blurmatte.sweep.descent import seen, state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.frame import Frame
@@ -94,6 +95,25 @@ def test_an_outline_of_a_rim_that_is_held_is_none(as_noise):
         state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
         end = told(End(search, replace(state, converged=True)), 0.3)
         assert ("blurred" not in end.objection) is believed
+
+
+def test_what_gains_about_what_its_parameters_cost_is_about_as_likely(as_noise):
+    """Exact: a bulge costs two parameters; less than clearly more or less is about the same."""
+    search, disc = as_noise.search, as_noise.state
+    oval = replace(disc.silhouette, bulges=2)
+    shape = oval.like(disc.silhouette, disc.shape)
+    other = state_at(search.data, disc.family, disc.path, oval, shape, disc.frame)
+    trust = max(overstated(search.data, state) for state in (disc, other))
+    cost = price(search.data, 2)
+    for gain, as_likely, clearly in (
+        (cost - CLEARLY - 1, False, False),
+        (cost - CLEARLY + 1, True, False),
+        (max(cost, CLEARLY) - 1, True, False),
+        (max(cost, CLEARLY) + 1, True, True),
+    ):
+        end = End(search, replace(other, cost=disc.cost - trust * gain))
+        assert end.is_about_as_likely_as(as_noise) is as_likely
+        assert end.is_clearly_likelier_than(as_noise) is clearly
 
 
 @pytest.mark.parametrize("texture", [False, True])

@@ -282,6 +282,22 @@ def test_a_second_paint_is_looked_for_where_the_first_saw_a_shadow():
     assert rmse(sweep, truth) < 0.01
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_of_any_colors_nothing_is_in_front(seed):
+    """Honest: where its paints are like the plate's, something in front seemed to hide half of it."""
+    colors = np.random.default_rng(seed).uniform(0.05, 0.9, (4, 8, 3))
+    body = Ball(13.2, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1))))
+    way = Trajectory.line((58, 44.5), (54, 51.5))
+    scene = Scene(textured_plate((112, 96), seed), way, body, Change(spin=(-0.3, 0.3, 0)))
+    shot = Shot(scene, Camera(code_std=2 / 255), plate_frames=5, seed=seed)
+    truth = render(scene)
+    sweep = fit_sweep(*shot.photograph(truth))
+    assert sweep.model.rank == 3
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, truth) < 0.03
+    assert abs(sweep.radius - 13.2) < 0.2
+
+
 def test_what_is_dark_for_one_paint_is_the_second():
     """Honest: without the "shadow" that the first saw the rest went another way, and was no answer."""
     body = Ball(37.5, (0.438, 0.49, 0.065), second_color=(0.03, 0.403, 0.387))

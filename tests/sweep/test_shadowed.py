@@ -9,8 +9,10 @@ from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
 from blurmatte.scenes import read_shots
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep import MAX_MISFIT, fit_sweep, shadowed
 from blurmatte.sweep.attempt import Attempt
+from blurmatte.sweep.choice import most_apart
+from blurmatte.sweep.end import End
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.trajectory import Trajectory
@@ -83,6 +85,24 @@ def test_what_casts_none_stays_as_it_is():
     _, image, plate = taken(None)
     first = first_of(image, plate)
     assert beside_shadow(first) is first
+
+
+@pytest.mark.parametrize("as_likely", [False, True])
+def test_what_explains_all_is_contested_by_as_likely_a_shadow(monkeypatch, as_likely):
+    """invariant: the disc stays what it is; with the shadow it would have another alpha."""
+    _, image, plate = taken(Shadow((-22, 10), strength=(0.5, 0.5, 0.5)), jpeg_quality=90)
+    first = first_of(image, plate)
+    beside = beside_shadow(first)
+    assert beside.cast is not None
+    monkeypatch.setattr(shadowed, "MAX_MISFIT", np.inf)
+    monkeypatch.setattr(End, "is_clearly_likelier_than", lambda self, other: False)
+    monkeypatch.setattr(End, "is_about_as_likely_as", lambda self, other: as_likely)
+    told = beside_shadow(first)
+    assert (told is first) is not as_likely
+    assert told.search is first.search
+    assert np.array_equal(told.disc.swept.alpha, first.disc.swept.alpha)
+    assert told.disc.contested == (most_apart(first.end.state, [beside.end.state]) * as_likely)
+    assert most_apart(first.end.state, [beside.end.state]) > 0.1
 
 
 def test_no_shadow_is_told_where_the_disc_explains_more_without():

@@ -254,9 +254,19 @@ class End:
 
         That the other takes more parameters is no evidence for this: it must leave less even then.
         """
+        gain, cost = self._gain_over(other)
+        return gain > max(cost, CLEARLY)
+
+    def is_about_as_likely_as(self, other: "End") -> bool:
+        """Whether another is likelier by no more than chance may make it, with what parameters cost."""
+        gain, cost = self._gain_over(other)
+        return gain > cost - CLEARLY
+
+    def _gain_over(self, other: "End") -> tuple[float, float]:
+        """Log likelihood beyond that of another, and what it must gain for its parameters."""
         trust = max(overstated(end.search.data, end.state) for end in (self, other))
-        least = max(price(self.search.data, self._parameters - other._parameters), CLEARLY)
-        return (other.state.cost - self.state.cost) / trust > least
+        cost = price(self.search.data, self._parameters - other._parameters)
+        return (other.state.cost - self.state.cost) / trust, cost
 
     @property
     def _takes_up_more(self) -> bool:

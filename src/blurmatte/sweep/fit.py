@@ -120,7 +120,7 @@ def fit_sweep(
         attempt = _in_front_left_out(attempt)
         told = attempt.end
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
-    explained = attempt is not first and told.misfit <= MAX_MISFIT
+    explained = attempt.search is not first.search and told.misfit <= MAX_MISFIT
     if one_paint and not explained:
         told = _richer(attempt, told, first.search)
     return told.sweep(image)
@@ -265,11 +265,11 @@ def _richer(attempt: Attempt, told: End, whole: Search) -> End:
     line = plane if plane.plausible and not line.plausible else line
     if left <= MAX_MISFIT or not told.is_before_texture:
         return line
-    any_colors = End(search, search.best(3))
+    any_colors = End(whole, whole.best(3))
     if not any_colors.is_confirmed or any_colors.misfit > MAX_MISFIT:
         return line
     # A field of colors takes up what a wrong shape leaves, all but that another is likelier.
-    return line if is_oval(search.data, any_colors.state) else any_colors
+    return line if is_oval(whole.data, any_colors.state) else any_colors
 
 
 def _of_two(line: End) -> State | None:

@@ -31,8 +31,7 @@ def beside_shadow(first: Attempt) -> Attempt:
     """A disc beside its shadow, or the first if there is none.
 
     If most of what is found lies in it, or it is much larger than that, it was no shadow, but a darker
-    paint of the object. Where the first explains all, the disc and the shadow that it casts must be
-    likelier: darkness along the path can be taken for a shadow that hides more of the object's light.
+    paint of the object.
     """
     if first.disc.frame.rank == 3:
         return first
@@ -50,11 +49,21 @@ def beside_shadow(first: Attempt) -> Attempt:
         return first
     cast = _with_cast(first, without.disc, first.disc)
     if cast is not None:
-        explained = first.end.misfit <= MAX_MISFIT
-        return first if explained and not cast.end.is_clearly_likelier_than(first.end) else cast
+        return _or_first(cast, first)
     data, alpha = without.search.data, without.disc.swept.alpha
     large = shaded > _LARGEST * np.count_nonzero(alpha) * data.scale**2
     return without if mostly_seen(data, without.disc) and not large else first
+
+
+def _or_first(cast: Attempt, first: Attempt) -> Attempt:
+    """A disc and the shadow that it casts, unless the first explains all and is about as likely.
+
+    Darkness along the path can be taken for a shadow that hides more of the object's light. Where
+    both are about as likely, the first is contested.
+    """
+    if first.end.misfit > MAX_MISFIT or cast.end.is_clearly_likelier_than(first.end):
+        return cast
+    return first.contested_by(cast) if cast.end.is_about_as_likely_as(first.end) else first
 
 
 def beside_darkness(first: Attempt) -> Attempt:
