@@ -6,9 +6,11 @@ know of a change there.
 
 A pixel takes part in the shape as in the half plane beyond the tangent at that point. On average
 over a pixel a rim of curvature κ lies κ/24 inside its tangent; that is taken off the distance, so
-that the sum over all pixels is the area. The edge of a half plane that is blurred by σ, `soft`, is
-that of a normal distribution of variance σ² + 1/12, the last being the pixel's; κ (σ² + 1/12)/2 is
-taken off then.
+that the sum over all pixels is the area. A lens out of focus makes a uniform disc of a point, its
+circle of confusion, of the variance σ² = ρ²/4 for the radius ρ; σ is `soft`. With the pixel's
+variance, 1/12, the edge of a half plane is taken to be that of a disc of the variance
+15/16 (σ² + 1/12) blurred by a normal distribution of the rest: what it is where ρ is 2 pixels. Then
+κ (σ² + 1/12)/2 is taken off.
 """
 
 import math
@@ -23,8 +25,9 @@ _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": Tru
 _REACH = 0.7072  # pixels: half the diagonal of one; what is farther from the rim is in or out
 _PIXEL = 1 / 12  # variance of a box as wide as a pixel
 _TAIL = 3.0  # standard deviations from a soft rim, where all is in or out
-_WITHIN = math.erf(_TAIL / math.sqrt(2))
+_NORMAL = 0.25  # of them, what of a soft edge is that of a normal distribution, not of a disc
 _NODES = 64  # per standard deviation, so that Taylor's polynomials are exact to 1e-7
+_POINTS = 64  # across a disc: what is that smooth they integrate exactly
 
 
 @njit(**_COMPILED)
@@ -48,13 +51,23 @@ def covered(s, nx, ny):  # type: ignore[no-untyped-def]
 
 
 def _tabulated() -> npt.NDArray[np.float64]:
-    """Part and density of the normal distribution, within its tails, at the nodes."""
+    """Part of an edge of variance 1, its density and the derivatives of that, at the nodes (k, 4).
+
+    A disc's edge has the density of half an ellipse, which Chebyshev's nodes of the second kind
+    integrate with anything smooth: it is a mean of normal distributions.
+    """
+    angles = np.arange(1, _POINTS + 1) * np.pi / (_POINTS + 1)
+    weights = 2 / (_POINTS + 1) * np.sin(angles) ** 2
+    points = 2 * math.sqrt(1 - _NORMAL**2) * np.cos(angles)
     z = np.arange(-_TAIL * _NODES, _TAIL * _NODES + 1) / _NODES
-    part = np.array([0.5 * (1 + math.erf(one / math.sqrt(2)) / _WITHIN) for one in z])
-    return np.stack([part, np.exp(-(z**2) / 2) / (np.sqrt(2 * np.pi) * _WITHIN)], axis=1)
+    u = (z[:, None] - points) / _NORMAL
+    part = [[0.5 * (1 + math.erf(one / math.sqrt(2))) for one in row] for row in u]
+    density = np.exp(-(u**2) / 2) / (math.sqrt(2 * math.pi) * _NORMAL)
+    slope, bend = -u / _NORMAL * density, (u**2 - 1) / _NORMAL**2 * density
+    return np.stack([np.array(part), density, slope, bend], axis=-1).swapaxes(1, 2) @ weights
 
 
-_NORMAL = _tabulated()  # the function itself takes four times as long as all the rest of a sweep
+_EDGE = _tabulated()  # the functions themselves take four times as long as all the rest of a sweep
 
 
 @njit(**_COMPILED)
@@ -72,15 +85,15 @@ def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped
         return (1.0 if z > 0 else 0.0), 0.0, 0.0
     node = int((z + _TAIL) * _NODES + 0.5)
     at = node * (1 / _NODES) - _TAIL
-    d, slope, bend = z - at, -at, (at * at - 1) / 2
-    part = _NORMAL[node, 0] + d * _NORMAL[node, 1] * (1 + d * (slope / 2 + d * bend * (1 / 3)))
-    gain = _NORMAL[node, 1] * (1 + d * (slope + d * bend)) * wide
+    d, density, slope, bend = z - at, _EDGE[node, 1], _EDGE[node, 2], _EDGE[node, 3]
+    part = _EDGE[node, 0] + d * (density + d * (slope / 2 + d * bend / 6))
+    gain = (density + d * (slope + d * bend / 2)) * wide
     return part, gain, -gain * soft * (z * wide + curvature)
 
 
 @njit(**_COMPILED)
 def variance_of(soft):  # type: ignore[no-untyped-def]
-    """Variance of the normal distribution that the edge of a half plane becomes, pixels²."""
+    """Variance of what the edge of a half plane becomes, pixels²."""
     return _PIXEL + soft * soft
 
 

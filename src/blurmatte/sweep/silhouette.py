@@ -51,7 +51,8 @@ class Silhouette:
 
     The parameters are the radius in pixels, of an ellipse also two of its stretch, of a bulgy one
     two more for every number of bulges from 3 on, then by how many radians it turns, and at last the
-    standard deviation, in pixels, of the normal distribution that its rim is blurred by.
+    standard deviation, in pixels, of what its rim is blurred by: half the radius of the circle of
+    confusion of a lens.
 
     Parameters
     ----------
