@@ -386,7 +386,7 @@ def test_a_stick_is_no_disc_with_a_highlight():
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
-def test_a_disc_is_contested_by_an_outline_that_a_file_hardly_tells_from_it():
+def test_a_shape_that_a_file_hardly_tells_from_another_is_contested_or_claims_little():
     """Honest: likelier of the light as it was found, not once each undid what the file did to color."""
     t = np.linspace(0, 1, 65)[:, None]
     half, over = np.array([9.476, 3.389]), np.array([-0.353, 0.988])
@@ -395,7 +395,8 @@ def test_a_disc_is_contested_by_an_outline_that_a_file_hardly_tells_from_it():
     plate = colorful_plate((384, 288), 1388783085, tile=40)
     scene = Scene(plate, way, sheet, Change(turned=(0, 0, -2.4547)))
     truth, sweep = in_jpeg(scene, 1)
-    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
+    claimed = np.sqrt(np.mean(sweep.alpha_std[truth.layer.alpha > 0] ** 2))
+    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 1.5 * claimed
 
 
 def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
