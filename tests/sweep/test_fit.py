@@ -399,6 +399,32 @@ def test_a_shape_that_a_file_hardly_tells_from_another_is_contested_or_claims_li
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 1.5 * claimed
 
 
+def test_a_small_sheet_that_turned_is_no_outline_that_did_not():
+    """Honest: one of eight bulges leaves no more than noise, is twice as wide, and was 0.49 off."""
+    sheet = Sheet(16.63, 6.93, (0.032, 0.2155, 0.4143))
+    way = Trajectory.line((199.738, 134.107), (180.469, 140.249))
+    plate = two_hue_plate((384, 288), (0.45, 0.40, 0.36), (0.10, 0.22, 0.40), 1959048195)
+    scene = Scene(plate, way, sheet, Change(turned=(0, 0, -1.593), spin=(0, 0, -0.7965)))
+    truth = render(scene)
+    sweep = fit_sweep(
+        *Shot(scene, Camera(code_std=2 / 255), plate_frames=5, seed=65013).photograph(truth)
+    )
+    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.03
+
+
+def test_a_small_drop_is_no_disc_of_which_something_in_front_hides_a_little():
+    """Honest: without six of its pixels a disc of less than its size explains it, 0.33 off."""
+    drop = Change(squash=(1, 2.0344), squash_angle=1.0344)
+    body = Ball(4.0266, (0.16164676, 0.71056499, 0.77205468))
+    way = Trajectory.line((186.35173, 149.41577), (189.231, 151.8504))
+    scene = Scene(colorful_plate((384, 288), 908655404, tile=40), way, body, drop)
+    truth = render(scene)
+    sweep = fit_sweep(
+        *Shot(scene, Camera(code_std=2 / 255), plate_frames=5, seed=65024).photograph(truth)
+    )
+    assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
+
+
 def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
     """door: colors enough would explain any of both answers."""
     _, image, picture = taken(BALL)

@@ -53,9 +53,9 @@ class Attempt:
         end = End.before_bleeding(self.search, self.disc, self.transfer)
         return replace(end, cast=self.cast, highlight=self.highlight)
 
-    def contested_by(self, other: "Attempt") -> "Attempt":
-        """The same, contested by another of the same streak if that has another alpha."""
-        contested = self.end.contested_by(other.end.state).state.contested
+    def contested_by(self, other: End) -> "Attempt":
+        """The same, contested by another end of the same streak if that has another alpha."""
+        contested = self.end.contested_by(other.state).state.contested
         return replace(self, disc=replace(self.disc, contested=contested))
 
     def without(self, shadow: Bools) -> "Attempt":

@@ -24,7 +24,7 @@ from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of
-from blurmatte.sweep.outline import gained, is_oval, likelier, refined
+from blurmatte.sweep.outline import RIVALS, gained, is_oval, likelier, refined
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
@@ -200,13 +200,18 @@ def _beside_any_shadow(first: Attempt) -> Attempt:
     return attempt
 
 
-def _unless_shaped(first: Attempt, dark: Attempt) -> Attempt:
-    """A disc beside a shadow that no color told, or the first if an outline is likelier than both."""
-    if dark.cast is None:
-        return dark
+def _unless_shaped(first: Attempt, simpler: Attempt) -> Attempt:
+    """A disc of less of the light, or the first of all of it if an outline is likelier than both.
+
+    One that is likelier and leaves a little, for want of bulges, contests the disc.
+    """
+    if simpler.search is first.search:
+        return simpler
     shaped = _shaped(first.search, first.disc, first.end, first.transfer)
-    ends = (dark.end.search.data, dark.end.state), (shaped.search.data, shaped.state)
-    return first if shaped.left <= MAX_MISFIT and likelier(*ends) else dark
+    ends = (simpler.end.search.data, simpler.end.state), (shaped.search.data, shaped.state)
+    if shaped.left > RIVALS or not likelier(*ends):
+        return simpler
+    return first if shaped.left <= MAX_MISFIT else simpler.contested_by(shaped)
 
 
 def _in_front_left_out(attempt: Attempt) -> Attempt:
@@ -223,7 +228,8 @@ def _in_front_left_out(attempt: Attempt) -> Attempt:
     less = after.beyond_noise <= _SAVED * before.beyond_noise
     less |= after.astray < _SAVED * before.astray
     better = after.misfit <= MAX_MISFIT and less
-    return replace(attempt, search=rest, disc=again) if better else attempt
+    seen = replace(attempt, search=rest, disc=again) if better else attempt
+    return _unless_shaped(attempt, seen)
 
 
 def _followed(streak: Streak, sweep: Sweep) -> Streak:

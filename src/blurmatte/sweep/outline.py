@@ -49,8 +49,9 @@ _RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels: enough to tell bulges apart, few eno
 _OTHERS, _MORE = (2, 4, 8), (4, 8, 12, 16)  # bulges
 _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _LUCK = 0.02  # probability that noise alone makes a richer shape look so much better
+_SMALL = 1000  # pixels, of a streak: much explains it
 _SHORT = 4.0  # radii, a way on which a long thing that went across leaves much the same
-_RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
+RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 # Units of log likelihood that rule out what has another shape: wrong ones were likelier by up to 84.
 _RULED_OUT = 100.0
 _ASTRAY = 0.4  # of alpha: right outlines, with as many bulges as they needed, left up to 0.17
@@ -80,7 +81,8 @@ def refined(data: Data, disc: State) -> State:
     richer = [bulgy(start), replace(bulgy(start), bulges=2)]
     found = _roughly(coarse, (shaped(coarse, start, s) for s in richer), bounds)
     explained = misfit(data, disc) <= MAX_MISFIT
-    if not _could_pay(coarse, start, found[0]):
+    small = bool(np.count_nonzero(disc.swept.alpha) * data.scale**2 < _SMALL)
+    if not small and not _could_pay(coarse, start, found[0]):
         if not explained or _is_short(start):
             found += _roughly(coarse, crosswise(coarse, start, start), bounds)
         # What went little looks like much that went far; what is slow at both ends, like a longer one.
@@ -88,7 +90,7 @@ def refined(data: Data, disc: State) -> State:
             found += _roughly(coarse, stretched(coarse, start, start), bounds)
         if explained and _best(coarse, [start, *found]) is start:
             return _remaining(data, disc, bounds, _lucky(coarse, start, found))
-    found = _search(coarse, start, found, bounds)
+    found = _search(coarse, start, found, bounds, everything=small)
     best = _best(coarse, [start, *found])
     others = [shaped(coarse, best, replace(best.silhouette, bulges=k)) for k in _OTHERS]
     others += [on_path(coarse, best, f) for f in (LINE, ARC, PARABOLA) if f is not best.family]
@@ -154,7 +156,7 @@ def _remaining(data: Data, disc: State, bounds: tuple[float, float], rivals: lis
     light that changes as no paint does.
     """
     ends = side_by_side(lambda s: descend(data, seen(data, s), bounds), _distinct(rivals))
-    ends = [end for end in ends if left_beyond_noise(data, end) <= _RIVALS]
+    ends = [end for end in ends if left_beyond_noise(data, end) <= RIVALS]
     by = most_apart(disc, [e for e in _lucky(data, disc, ends) if not _is_astray(data, e)])
     return replace(disc, contested=by) if by > disc.contested else disc
 
@@ -194,7 +196,7 @@ def _distinct(states: list[State]) -> list[State]:
 
 def _explains(data: Data, rival: State) -> bool:
     """Whether it leaves little; where its descent had no end yet, it would have left even less."""
-    return misfit(data, replace(rival, converged=True)) <= _RIVALS
+    return misfit(data, replace(rival, converged=True)) <= RIVALS
 
 
 def _is_ruled_out(data: Data, end: State, rival: State, behind: float) -> bool:
@@ -239,13 +241,13 @@ def _bulgier(data: Data, state: State, bounds: tuple[float, float]) -> State:
 
 
 def _search(
-    data: Data, disc: State, found: list[State], bounds: tuple[float, float]
+    data: Data, disc: State, found: list[State], bounds: tuple[float, float], everything: bool
 ) -> list[State]:
-    """Ends of descents from other paths and with turning, until one leaves nothing to be found."""
+    """Ends of descents from other paths and with turning, of all, or until one leaves nothing."""
     for starts in (straighter, stretched, crosswise, turning):
         begin = starts(data, disc, _best(data, found))
         found = [*found, *_roughly(data, begin, bounds)]
-        if coherence(data, _best(data, found)) < _EXPLAINED:
+        if not everything and coherence(data, _best(data, found)) < _EXPLAINED:
             break
     return found
 

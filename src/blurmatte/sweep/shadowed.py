@@ -63,7 +63,7 @@ def _or_first(cast: Attempt, first: Attempt) -> Attempt:
     """
     if first.end.misfit > MAX_MISFIT or cast.end.is_clearly_likelier_than(first.end):
         return cast
-    return first.contested_by(cast) if cast.end.is_about_as_likely_as(first.end) else first
+    return first.contested_by(cast.end) if cast.end.is_about_as_likely_as(first.end) else first
 
 
 def beside_darkness(first: Attempt) -> Attempt:
