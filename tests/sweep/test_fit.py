@@ -1,6 +1,5 @@
 """fit_sweep: from two pictures to path, shape and color, and how honest their errors are."""
 
-import sys
 from dataclasses import replace
 from functools import cache
 
@@ -29,6 +28,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
+from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory
@@ -428,11 +428,10 @@ def test_a_small_drop_is_no_disc_of_which_something_in_front_hides_a_little():
 def test_what_is_contested_is_not_told_as_two_paints(monkeypatch):
     """door: colors enough would explain any of both answers."""
     _, image, picture = taken(BALL)
-    module = sys.modules["blurmatte.sweep.fit"]
-    monkeypatch.setattr(
-        module, "_shaped", lambda search, disc, told, transfer:
-        replace(told, state=replace(told.state, contested=0.5)),
-    )  # fmt: skip
+    contested = property(
+        lambda self: replace(self.end, state=replace(self.end.state, contested=0.5))
+    )
+    monkeypatch.setattr(Attempt, "shaped", contested)
     sweep = fit_sweep(image, picture)
     assert sweep.model.rank == 1
     assert sweep.misfit == np.inf

@@ -17,14 +17,14 @@ from blurmatte.color.shade import refuse_shade
 from blurmatte.radiometry import LinearImage, Transfer, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.attempt import Attempt
-from blurmatte.sweep.choice import CLEARLY, best_of, differ
+from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import ROUGHLY, State, descend, main_colors, seen, state_at
 from blurmatte.sweep.end import End, ran_together
 from blurmatte.sweep.highlighted import may_be_glossy, with_highlight
 from blurmatte.sweep.known import known_color
 from blurmatte.sweep.occluder import in_front_of
-from blurmatte.sweep.outline import RIVALS, gained, is_oval, likelier, refined
+from blurmatte.sweep.outline import is_oval, likelier
 from blurmatte.sweep.search import QUICK, Search
 from blurmatte.sweep.shadowed import beside_darkness, beside_shadow
 from blurmatte.sweep.silhouette import DISC
@@ -122,7 +122,7 @@ def fit_sweep(
     # A richer outline would take up what is left of the shadow, and hide behind what is in front.
     explained = attempt.search is not first.search and told.misfit <= MAX_MISFIT
     if one_paint and not explained:
-        told = _richer(attempt, told, first.search)
+        told = _richer(attempt, first.search)
     return told.sweep(image)
 
 
@@ -201,17 +201,12 @@ def _beside_any_shadow(first: Attempt) -> Attempt:
 
 
 def _unless_shaped(first: Attempt, simpler: Attempt) -> Attempt:
-    """A disc of less of the light, or the first of all of it if an outline is likelier than both.
-
-    One that is likelier and leaves a little, for want of bulges, contests the disc.
-    """
+    """A disc of less of the light, or the first of all of it if an outline is likelier than both."""
     if simpler.search is first.search:
         return simpler
-    shaped = _shaped(first.search, first.disc, first.end, first.transfer)
+    shaped = first.shaped
     ends = (simpler.end.search.data, simpler.end.state), (shaped.search.data, shaped.state)
-    if shaped.left > RIVALS or not likelier(*ends):
-        return simpler
-    return first if shaped.left <= MAX_MISFIT else simpler.contested_by(shaped)
+    return first if shaped.left <= MAX_MISFIT and likelier(*ends) else simpler
 
 
 def _in_front_left_out(attempt: Attempt) -> Attempt:
@@ -227,9 +222,9 @@ def _in_front_left_out(attempt: Attempt) -> Attempt:
     before, after = End(attempt.search, attempt.disc), End(rest, again)
     less = after.beyond_noise <= _SAVED * before.beyond_noise
     less |= after.astray < _SAVED * before.astray
-    better = after.misfit <= MAX_MISFIT and less
-    seen = replace(attempt, search=rest, disc=again) if better else attempt
-    return _unless_shaped(attempt, seen)
+    if after.misfit > MAX_MISFIT or not less:
+        return attempt
+    return _unless_shaped(attempt, replace(attempt, search=rest, disc=again))
 
 
 def _followed(streak: Streak, sweep: Sweep) -> Streak:
@@ -241,25 +236,24 @@ def _followed(streak: Streak, sweep: Sweep) -> Streak:
     return replace(streak, mask=mask)
 
 
-def _richer(attempt: Attempt, told: End, whole: Search) -> End:
+def _richer(attempt: Attempt, whole: Search) -> End:
     """One paint of any shape, unless only several, or any, on a disc explain the streak.
 
     Of a disc with a second paint it is the whole streak: what is dark for the first may be that.
     """
-    search, transfer = attempt.search, attempt.transfer
-    line = _shaped(search, attempt.disc, told, transfer)
+    told, line = attempt.end, attempt.shaped
     left, simple = line.left, line.state.silhouette.bulges == 1
     glossy = with_highlight(attempt) if may_be_glossy(line) else None
     explained = line.beyond_noise <= MAX_MISFIT
     if glossy is not None and (not explained or glossy.end.is_clearly_likelier_than(line)):
         return glossy.end
-    if (explained and is_contested(line.state)) or search.data.known is not None:
+    if (explained and is_contested(line.state)) or line.search.data.known is not None:
         return line
     enough = left <= MAX_MISFIT and simple
     of_two = _of_two(line) if enough else None
     if enough and of_two is None:
         return line
-    plane = _plane(whole.as_measured, line, transfer)
+    plane = _plane(whole.as_measured, line, attempt.transfer)
     # Where one paint leaves nothing it is its shape that is wrong: more colors would only hide that.
     left = min(_left_across(line, plane) if enough else left, told.beyond_noise)
     if plane.misfit <= min(left / _CLEARLY, MAX_MISFIT):
@@ -329,47 +323,3 @@ def _roughly_freed(search: Search, line: State) -> tuple[Data, State]:
 def _freed(search: Search, roughly: State) -> State:
     """Where one goes on from there on small pixels."""
     return descend(search.data, seen(search.data, roughly), search.bounds)
-
-
-def _shaped(search: Search, disc: State, told: End, transfer: Transfer) -> End:
-    """The silhouette that the evidence asks for, if but noise is left of it; or the disc.
-
-    Each is asked to explain the light that it tells itself: told by another it would seem worse. What
-    an outline leaves it could not take up, free as it is, so that something else is wrong; other
-    objections to it stay with it, and are what a refusal says. An outline that explains the light as
-    it was found, and leaves but noise, contests a disc that has another alpha.
-
-    Where a file says how it was compressed, outlines are looked for in the light that the disc tells:
-    else they take up what the file did to rims. What is found in the light as it is contests a disc
-    only if it is about as likely where each tells its own.
-    """
-    if told.covariance is None:
-        return _outlined(search, search.data, disc, told, transfer)
-    shaped = _outlined(search, told.search.data, told.state, told, transfer)
-    if shaped.state.silhouette.bulges > 1:
-        return shaped
-    found = refined(search.data, disc)
-    if found.silhouette.bulges == 1:
-        return shaped
-    other = End.before_bleeding(search, found, transfer)
-    ends = (told.search.data, told.state), (other.search.data, other.state)
-    if other.beyond_noise > MAX_MISFIT or gained(*ends) < -2 * CLEARLY:
-        return shaped
-    return other if likelier(*ends) else shaped.contested_by(other.state)
-
-
-def _outlined(search: Search, light: Data, disc: State, told: End, transfer: Transfer) -> End:
-    """The same, of the outlines that are found in some light."""
-    best = refined(light, disc)
-    if best is disc:
-        return told
-    if best.silhouette == disc.silhouette:
-        return replace(told, state=replace(told.state, contested=best.contested))
-    shaped = End.before_bleeding(search, best, transfer)
-    ends = (told.search.data, told.state), (shaped.search.data, shaped.state)
-    explains = shaped.beyond_noise <= MAX_MISFIT
-    # Codecs hide noise, of which an outline takes up more: that its pixels say so is nothing for it.
-    feigned = shaped.is_contradicted and told.left <= MAX_MISFIT
-    if explains and not feigned and likelier(*ends):
-        return shaped
-    return told.contested_by(shaped.state) if explains else told

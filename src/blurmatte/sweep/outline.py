@@ -51,7 +51,7 @@ _LEAST, _MOST = 0.25, 2.5  # of the disc's radius
 _LUCK = 0.02  # probability that noise alone makes a richer shape look so much better
 _SMALL = 1000  # pixels, of a streak: much explains it
 _SHORT = 4.0  # radii, a way on which a long thing that went across leaves much the same
-RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
+_RIVALS = 1.4  # misfit: outlines err by the bulges that they cannot have, and may be as true
 # Units of log likelihood that rule out what has another shape: wrong ones were likelier by up to 84.
 _RULED_OUT = 100.0
 _ASTRAY = 0.4  # of alpha: right outlines, with as many bulges as they needed, left up to 0.17
@@ -156,7 +156,7 @@ def _remaining(data: Data, disc: State, bounds: tuple[float, float], rivals: lis
     light that changes as no paint does.
     """
     ends = side_by_side(lambda s: descend(data, seen(data, s), bounds), _distinct(rivals))
-    ends = [end for end in ends if left_beyond_noise(data, end) <= RIVALS]
+    ends = [end for end in ends if left_beyond_noise(data, end) <= _RIVALS]
     by = most_apart(disc, [e for e in _lucky(data, disc, ends) if not _is_astray(data, e)])
     return replace(disc, contested=by) if by > disc.contested else disc
 
@@ -196,7 +196,7 @@ def _distinct(states: list[State]) -> list[State]:
 
 def _explains(data: Data, rival: State) -> bool:
     """Whether it leaves little; where its descent had no end yet, it would have left even less."""
-    return misfit(data, replace(rival, converged=True)) <= RIVALS
+    return misfit(data, replace(rival, converged=True)) <= _RIVALS
 
 
 def _is_ruled_out(data: Data, end: State, rival: State, behind: float) -> bool:
