@@ -79,8 +79,8 @@ def fit_color_from_hues(
     spread = {name: posterior(evidence, pixels) for name, evidence in kinds.items()}
     l, covariance = spread.pop("together")
     if image.meta.sharing is not None:
-        spread["compression"] = l, _by_file(l, kinds["together"], image, plate, streak)
-        covariance = covariance + spread["compression"][1]
+        by_file = _by_file(l, kinds["together"], image, plate, streak)
+        covariance, spread["compression"] = covariance + by_file, (l, by_file)
     evidence = {name: ColorModel(m[:, None], c).angle_std for name, (m, c) in spread.items()}
     model = ColorModel(l[:, None], covariance, evidence, image.meta.to_srgb)
     _refuse_the_open(model, pixels)
