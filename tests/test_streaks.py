@@ -26,6 +26,7 @@ from blurmatte.streaks import (
     find_streak_within,
     find_streaks,
     joined_behind,
+    pieces_apart,
     strongest_told,
 )
 from blurmatte.trajectory import Trajectory
@@ -187,6 +188,46 @@ def test_two_balls_side_by_side_are_two_streaks(plate, gap):
     assert shares.shape == (2, 2)
     assert_allclose(np.sort(shares, axis=1), [[0, 1], [0, 1]], atol=0.03)
     assert_allclose(np.sort(shares, axis=0), [[0, 0], [1, 1]], atol=0.03)
+
+
+def balls_side_by_side(wall, gap, code_std=1):
+    """Of radius 9 and 7, both 40 px long, with so many pixels between them; truths and pictures."""
+    way = Trajectory.line((92, 96 + gap), (132, 96 + gap))
+    one = render(Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, ORANGE)))
+    two = render(Scene(one.image.rgb, way, Ball(7, (0.1, 0.3, 0.9))))
+    return one, two, with_noise(*taken(two.image.rgb, wall, code_std, 1))
+
+
+@pytest.mark.parametrize("gap", [3, 6])
+@pytest.mark.parametrize("plate", ["tiles", "plain"])
+def test_two_balls_close_by_are_pieces_of_one_streak(plate, gap):
+    """Exact: each pixel of the streak belongs to one piece, each ball to its own."""
+    one, two, pictures = balls_side_by_side(PLATES[plate], gap)
+    (streak,) = find_streaks(*pictures)
+    pieces = pieces_apart(streak, *pictures)
+    shares = np.array([[covered(s, r.layer.alpha) for r in (one, two)] for s in pieces])
+    assert_allclose(np.sort(shares, axis=1), [[0, 1], [0, 1]], atol=0.01)
+    assert_array_equal(sum(s.mask.astype(int) for s in pieces), streak.mask)
+    assert pieces[0].evidence >= pieces[1].evidence > 0
+
+
+def test_pieces_of_a_large_picture_are_pieces_too(monkeypatch):
+    """Invariant: found in cells, they fill the same streak."""
+    monkeypatch.setattr(streaks, "_MAX_CELLS", SIZE[0] * SIZE[1] / 4)
+    *_, pictures = balls_side_by_side(PLATES["tiles"], 6)
+    (streak,) = find_streaks(*pictures)
+    first, second = pieces_apart(streak, *pictures)
+    assert streak.cell == first.cell == 2
+    assert_array_equal(first.mask ^ second.mask, streak.mask)
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_one_ball_is_one_piece(plate):
+    """Invariant: neither noise nor the plate's tiles cut it."""
+    ball = render(Scene(PLATES[plate], Trajectory.line((90, 80), (160, 100)), Ball(18, ORANGE)))
+    pictures = with_noise(*taken(ball.image.rgb, PLATES[plate], 1, 1))
+    (streak,) = find_streaks(*pictures)
+    assert pieces_apart(streak, *pictures) == []
 
 
 @pytest.mark.parametrize("light", [0.02, 0.55 * ORANGE])

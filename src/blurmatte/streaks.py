@@ -30,6 +30,8 @@ _JOIN, _RIM = 2, 3  # cells: gaps that are bridged; rim added where the edge fad
 _MAX_CELLS = 1e6
 _STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
 _MOST_ASKED = 4  # streaks of a picture that may be the object's
+_NEXT_LEVEL = 2.0  # times the T that counts, until a streak falls apart
+_GAP = 0.03  # of the T of a piece: rags of two people that went about left 0.04 and more in between
 _LEAST_ASKED = 0.02  # of the strongest one's evidence: less is not
 _MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
 
@@ -231,6 +233,58 @@ def strongest_told(streaks: Sequence[Streak], tell: Callable[[Streak], Told]) ->
     raise refusal
 
 
+def pieces_apart(streak: Streak, image: LinearImage, plate: LinearImage) -> list[Streak]:
+    """Pieces of a streak around which hardly anything moved: another thing may have moved beside.
+
+    Parameters
+    ----------
+    streak : Streak
+        One of `find_streaks`, which are joined over gaps, for of faint ones parts may not be seen.
+    image, plate : LinearImage
+        As for `find_streaks`, noise known.
+
+    Returns
+    -------
+    list of Streak
+        The strongest first; a pixel in between belongs to the nearest piece. None if the streak holds
+        together; nor is any that is hardly stronger than what is around it, as of what falls to rags,
+        unless there are but two with nothing in between.
+    """
+    from scipy import ndimage
+
+    cell = streak.cell
+    within = _cells(streak.mask[..., None].astype(np.float32), cell)[..., 0] > 0
+    T = np.where(within, _evidence(image, plate, cell, _SCALES[:1]), 0)
+    level = _POSSIBLE
+    while level < T.max():
+        labels, count = ndimage.label(without_thin_parts(level < T), np.ones((3, 3)))
+        sums = ndimage.sum_labels(T, labels, np.arange(1, count + 1))
+        numbers = 1 + np.flatnonzero(sums > _LEAST_ASKED * sums.sum())
+        if len(numbers) > 1:
+            near = _nearest(np.where(np.isin(labels, numbers), labels, 0))
+            two = level == _POSSIBLE and len(numbers) == 2
+            apart = [n for n in numbers if two or level < _GAP * np.quantile(T[labels == n], 0.9)]
+            pieces = [_piece(streak, near == n, T) for n in apart]
+            return sorted(pieces, key=lambda piece: -piece.evidence)
+        level *= _NEXT_LEVEL
+    return []
+
+
+def _nearest(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
+    """The label, other than 0, that is nearest."""
+    from scipy.ndimage import distance_transform_edt
+
+    at = distance_transform_edt(labels == 0, return_distances=False, return_indices=True)
+    return np.asarray(labels[tuple(at)])
+
+
+def _piece(streak: Streak, part: Bools, T: Floats) -> Streak:
+    """What of a streak is in a part of the cells."""
+    height, width = streak.mask.shape
+    mask = part.repeat(streak.cell, axis=0).repeat(streak.cell, axis=1)[:height, :width]
+    return Streak(mask & streak.mask, evidence=float(T[part].sum()), cell=streak.cell)
+
+
 def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
     """The streaks, the first one with the others, and the part between them, that it goes on in
     behind an occluder.
@@ -322,7 +376,9 @@ def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[in
     return np.asarray(mask[: shape[0], : shape[1]])
 
 
-def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
+def _evidence(
+    image: LinearImage, plate: LinearImage, cell: int, scales: Sequence[float] = _SCALES
+) -> Floats:
     """(h, w) T of every cell: the largest over the scales of smoothing.
 
     A sum of z weighted by w has the variance Σw²; with Gaussian weights that is a Gaussian sum too,
@@ -330,7 +386,7 @@ def _evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
     """
     z, weight, rounding = _normalized_difference(image, plate, cell)
     T = np.zeros(weight.shape, np.float32)
-    for scale in _SCALES:
+    for scale in scales:
         white = _smoothed(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
         std = np.sqrt(np.maximum(white, 1e-6))
         steps = _STEPS**2 * (4 * np.pi * scale**2)

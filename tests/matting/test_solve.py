@@ -20,6 +20,8 @@ from blurmatte.rendering import (
     Ball,
     Camera,
     Scene,
+    Sheet,
+    Shot,
     colorful_plate,
     plain_plate,
     render,
@@ -158,6 +160,25 @@ def test_what_moved_more_but_tells_nothing_is_passed_over(paint):
     assert np.sqrt(np.mean(off**2)) < 0.003
     told = fit_color(image, plate)
     assert np.degrees(np.arccos(told.pole @ paint.model.pole)) < 3 * told.angle_std
+
+
+def test_what_moved_close_by_is_another_thing():
+    """Exact but for noise: ball and sheet are one streak; the sheet is told, the ball only named."""
+    wall = plain_plate((160, 112), (0.34, 0.33, 0.3), 4)
+    scene = Scene(wall, Trajectory.line((44, 42), (112, 68)), Ball(11, (0.25, 0.7, 0.12)))
+    way = Trajectory.line((70.1, 78.7), (77.6, 81.6))
+    ball, sheet = render(scene), render(Scene(wall, way, Sheet(20, 12, (0.9, 0.5, 0.1))))
+    shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3)
+    image, plate = shot.photograph(replace(ball, image=sheet.layer.over(ball.image)))
+    (both,) = find_streaks(image, plate)
+    solution = solve(image, plate)
+    assert not solution.streak[ball.layer.alpha > 0].any()
+    assert solution.stats["sum_alpha"] == pytest.approx(20 * 12, rel=0.02)
+    ((x0, y0, x1, y1),) = solution.stats["other_boxes"]
+    rest = both.mask & ~solution.streak
+    assert rest[y0:y1, x0:x1].sum() > 0.95 * rest.sum()
+    told = fit_color(image, plate)
+    assert np.degrees(np.arccos(told.pole @ sheet.model.pole)) < max(3 * told.angle_std, 0.5)
 
 
 def test_a_color_that_is_given_chooses_the_streak(paint):

@@ -26,8 +26,8 @@ from blurmatte.rendering import (
     textured_plate,
     two_hue_plate,
 )
-from blurmatte.streaks import Streak, require_streaks
-from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
+from blurmatte.streaks import Streak, find_streaks, require_streaks
+from blurmatte.sweep import MAX_MISFIT, Sweep, fit_piece, fit_sweep
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.silhouette import Silhouette
@@ -48,6 +48,7 @@ WAYS = {
 }
 BALL = Scene(WALL, LINE, Ball(11, GREEN))
 TIMES = np.linspace(0, 1, 65)
+CAMERA = Camera(code_std=1.5 / 255)
 
 
 @cache
@@ -472,6 +473,37 @@ def test_a_streak_that_is_given_is_where_to_look():
     for one in (truth, second):
         sweep = fit_sweep(image, plate, Streak(one.layer.alpha > 0))
         assert rmse(sweep, one) < 0.006
+
+
+def test_what_moved_more_but_tells_nothing_is_passed_over(ball):
+    """Exact: the sweep is that of the ball's own streak."""
+    _, image, plate, alone = ball
+    rgb = image.rgb.copy()
+    colors = np.random.default_rng(3).uniform(0, 0.6, (10, 8, 3))
+    rgb[78:108, 16:40] = np.kron(colors, np.ones((3, 3, 1)))
+    image = replace(image, rgb=rgb)
+    hand, *_ = require_streaks(image, plate)
+    assert fit_sweep(image, plate, hand).misfit > MAX_MISFIT
+    sweep = fit_sweep(image, plate)
+    assert sweep.misfit < MAX_MISFIT
+    assert abs(sweep.radius - alone.radius) < 0.5 * alone.radius_std
+
+
+def test_of_two_things_side_by_side_one_is_told():
+    """Exact but for noise: no shape explains both, which are one streak; its own does the sheet."""
+    way = Trajectory.line((70.1, 78.7), (77.6, 81.6))
+    truth, sheet = rendered(BALL), rendered(Scene(WALL, way, Sheet(20, 12, ORANGE)))
+    both = replace(truth, image=sheet.layer.over(truth.image))
+    image, plate = with_noise(*Shot(BALL, CAMERA, plate_frames=3).photograph(both))
+    (streak,) = find_streaks(image, plate)
+    sweep, piece = fit_piece(image, plate, streak)
+    assert sweep.misfit < MAX_MISFIT
+    assert sweep.radius == pytest.approx(np.sqrt(20 * 12 / np.pi), rel=0.01)
+    assert rmse(sweep, sheet) < 0.015
+    assert piece.mask[sheet.layer.alpha > 0].all()
+    assert not piece.mask[truth.layer.alpha > 0].any()
+    given = fit_sweep(image, plate, Streak(streak.mask))  # all of it is meant
+    assert given.misfit > MAX_MISFIT
 
 
 def test_errors_are_honest():

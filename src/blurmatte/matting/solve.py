@@ -48,8 +48,9 @@ from blurmatte.streaks import (
     require_streaks,
     strongest_told,
 )
-from blurmatte.sweep import Sweep, fit_sweep
-from blurmatte.sweep.color import NO_SHAPE, color_of
+from blurmatte.sweep import Sweep, fit_piece
+from blurmatte.sweep.color import color_of
+from blurmatte.sweep.fit import NO_SHAPE
 
 _NO_COLOR = (
     "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
@@ -90,7 +91,8 @@ def solve(
     streak : Streak, optional
         Where the object moved. If not given, the one of `find_streaks` in which most light of the
         color shows; or, if that is not given, the strongest that a sweep explains, those that are
-        whole in the picture before the others; or the strongest.
+        whole in the picture before the others; or the strongest. Of what moved close beside the
+        object a sweep may explain a piece: `Solution.streak` is that.
     matching : Matching, optional
         How the plate may be changed to match the image first (`fit_match`); found from the data if not
         given.
@@ -142,19 +144,22 @@ def solve(
     found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
     asked = found if model is None else [most_of_color(found, image, plate, model)]
 
-    def told_by(streak: Streak) -> _Case:
+    def told_by(streak: Streak) -> tuple[_Case, Streak]:
         case = _case_of(image, plate, match, streak, hidden, model, solver, start)
         if streak is not asked[0] and not case.is_explained:
             raise MotionError(NO_SHAPE)
-        return case
+        return case, streak
 
     try:
-        case = strongest_told(asked, told_by)
+        case, whole = strongest_told(asked, told_by)
     except (ColorModelError, MotionError):
         warn_if_plate_differs(image, plate, asked[0])  # it may be why nothing is told
         raise
+    warn_if_plate_differs(image, plate, whole)
     streak = case.streak
-    warn_if_plate_differs(image, plate, streak)
+    others = [other for other in found if other is not whole]
+    if streak is not whole:
+        others.append(Streak(whole.mask & ~streak.mask))
     only_lost = model is not None and only_light_lost(image, plate, streak)
     maps = _each_alone(case, out)
     measures, doubts = _by_solver(case, maps)
@@ -172,7 +177,7 @@ def solve(
     stats = {
         **streak_measures(maps, case.model, case.image, case.plate, streak),
         "streak_box": streak.box,
-        "other_boxes": tuple(other.box for other in found if other is not case.streak),
+        "other_boxes": tuple(other.box for other in others),
         "image_noise": noise_measures(case.image),
         "plate_noise": noise_measures(case.plate),
         "match": match_measures(match, case.image, case.plate),
@@ -255,7 +260,7 @@ def _case_of(
         refuse_coarse(image, streak)
     given, sweep = model is not None, None
     if not given or not isinstance(solver, Pixelwise | Smooth | Shaded):
-        sweep = fit_sweep(image, plate, streak, model, start=start)
+        sweep, streak = fit_piece(image, plate, streak, model, start)
         image, plate = (_louder(picture, sweep.stats["louder"]) for picture in (image, plate))
     swept = _chosen(solver, sweep)
     if model is None:

@@ -9,12 +9,10 @@ from blurmatte.color import ColorModel, check_color_fit, fit_color_from_hues, re
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks, strongest_told
-from blurmatte.sweep.fit import fit_sweep
+from blurmatte.sweep.fit import NO_SHAPE, fit_piece
 from blurmatte.sweep.pool import pooled
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.sweep.verdict import MAX_MISFIT
-
-NO_SHAPE = "no shape on a path explains the streak"
 
 
 def fit_color(
@@ -67,10 +65,10 @@ def fit_color(
 
     def told_by(streak: Streak) -> ColorModel:
         refuse_coarse(image, streak)
-        sweep = fit_sweep(image, plate, streak)
+        sweep, piece = fit_piece(image, plate, streak)
         if streak is not found[0] and sweep.misfit > MAX_MISFIT:
             raise MotionError(f"{NO_SHAPE}: {sweep.complaint(MAX_MISFIT)}")
-        return color_of(sweep, image, plate, streak, max_brightness, MAX_MISFIT)
+        return color_of(sweep, image, plate, piece, max_brightness, MAX_MISFIT)
 
     return strongest_told(found, told_by)
 

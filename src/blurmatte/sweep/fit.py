@@ -14,8 +14,15 @@ import numpy.typing as npt
 from blurmatte.checks import check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shade import refuse_shade
+from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, Transfer, with_noise
-from blurmatte.streaks import Streak, check_streak, require_streaks
+from blurmatte.streaks import (
+    Streak,
+    check_streak,
+    pieces_apart,
+    require_streaks,
+    strongest_told,
+)
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import best_of, differ
 from blurmatte.sweep.data import Data
@@ -41,10 +48,14 @@ from blurmatte.sweep.verdict import (
 )
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+NO_SHAPE = "no shape on a path explains the streak"
 
 _FOLLOWING = 3  # times that a path may lead out of what was found
 _FOLLOWED = 0.2  # of the largest alpha
 _SAVED = 0.8  # of what is left, or alpha is off, that may be without what something in front hides
+_MOST_PIECES, _MOST_ON_REST = 3, 0.02  # that are asked; of alpha that may lie where others are
 _CLEARLY = 1.3  # times less must be left to believe in more colors
 
 
@@ -63,6 +74,9 @@ def fit_sweep(
     lights; and where that does not help, a disc of any colors. What path and outline are is for the
     evidence to choose.
 
+    Where nothing explains all of a streak that was found, not given, pieces of it are tried around
+    which hardly anything moved: something else may have moved beside the object.
+
     Codecs of clips repeat what stands still as it was, so that noise seems far less than it is where
     something moves: if a disc explains nearly all of the change but for noise that is louder, the
     noise is taken to be that loud; `Sweep.stats["louder"]` says how many times the variance.
@@ -72,7 +86,8 @@ def fit_sweep(
     image, plate : LinearImage
         With the object, and without; same size.
     streak : Streak, optional
-        Where it moved. If not given, the strongest thing that moved.
+        Where it moved. If not given, the strongest thing that moved and that a sweep explains, of those
+        that are whole in the picture before the others; or the strongest.
     model : ColorModel, optional
         What is known of the color, as well as its covariance says; `ColorModel.any()` for an object
         of any colors.
@@ -98,7 +113,70 @@ def fit_sweep(
     check_kind("start", start, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
     image, plate = with_noise(image, plate)
     if streak is None:
-        streak = require_streaks(image, plate)[0]
+        return _strongest(image, plate, model, start)
+    return fit_piece(image, plate, streak, model, start)[0]
+
+
+def _strongest(
+    image: LinearImage, plate: LinearImage, model: ColorModel | None, start: Sweep | None
+) -> Sweep:
+    """That of the strongest streak that one explains, or of the strongest."""
+    found, tried = require_streaks(image, plate), {}
+
+    def told_by(streak: Streak) -> Sweep:
+        tried[streak], _ = fit_piece(image, plate, streak, model, start)
+        if tried[streak].misfit > MAX_MISFIT:
+            raise MotionError(NO_SHAPE)
+        return tried[streak]
+
+    try:
+        return strongest_told(found, told_by)
+    except MotionError:
+        return tried[found[0]]
+
+
+def fit_piece(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    model: ColorModel | None = None,
+    start: Sweep | None = None,
+) -> tuple[Sweep, Streak]:
+    """`fit_sweep` of pictures of known noise, and the piece of the streak that it is of.
+
+    All of the streak if that is explained, or none of its pieces is. In louder noise than was measured
+    none is: anything might be a piece of something there.
+    """
+    whole = _fit(image, plate, streak, model, start)
+    if whole.misfit <= MAX_MISFIT or np.isnan(streak.evidence):
+        return whole, streak  # a streak that was given, not found, is all there is
+    for piece in pieces_apart(streak, image, plate)[:_MOST_PIECES]:
+        rest = streak.mask & ~piece.mask
+        try:
+            alone = _fit(replace(image, valid=image.valid & ~rest), plate, piece, model, None)
+        except ColorModelError:
+            continue  # it only took light
+        sure = alone.misfit <= MAX_MISFIT and alone.stats["louder"] == 1
+        if sure and _is_apart(alone, rest):
+            return alone, piece
+    return whole, streak
+
+
+def _is_apart(sweep: Sweep, rest: Bools) -> bool:
+    """Whether it lies beside the rest of a streak: under that it could go on as it likes."""
+    x0, y0, x1, y1 = sweep.box
+    alpha, _ = sweep.within(sweep.box)
+    return bool(alpha[rest[y0:y1, x0:x1]].sum() <= _MOST_ON_REST * alpha.sum())
+
+
+def _fit(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    model: ColorModel | None,
+    start: Sweep | None,
+) -> Sweep:
+    """`fit_sweep` of all of a streak in pictures whose noise is known."""
     if model is None:
         refuse_shade(image, plate, streak)
     rank = 1 if model is None else model.rank
