@@ -13,6 +13,7 @@ FIRST = (
     "against_other_methods",
     "together",
     "verdict",
+    "balls",
     "alpha_noise",
     "alpha_contrast",
     "alpha_faintness",

@@ -97,6 +97,21 @@ def test_an_object_of_its_own_light_does_more(plate, color):
     assert not only_light_lost(*strongest(dark(plate, color)))
 
 
+def test_what_moved_beside_it_takes_no_light_from_an_object():
+    """Invariant: it is no noise in which the object's own light would be lost."""
+    wall, rng = plain_plate((240, 128), (0.3, 0.33, 0.36), 1), np.random.default_rng(0)
+    purple = Scene(wall, Trajectory.line((40, 50), (200, 70)), Ball(13, (0.36, 0.2, 0.34)))
+    yellow = Scene(wall, Trajectory.line((150, 20), (190, 32)), Ball(9, (0.7, 0.75, 0.1)))
+    one, two = render(purple), render(yellow)
+    lights = one.image.rgb, one.image.rgb + two.image.rgb - wall, wall
+    alone, both, plate = (CAMERAS["8 bits"].photograph(x, rng) for x in lights)
+    for picture in (alone, both):
+        picture, behind = with_noise(picture, plate)
+        found = find_streaks(picture, behind)
+        streak = max(found, key=lambda s: one.layer.alpha[s.mask].sum())
+        assert not only_light_lost(picture, behind, streak)
+
+
 def test_black_can_not_be_told():
     """honest: of an object that sends nothing no picture knows."""
     assert only_light_lost(*strongest(dark("textured", (0, 0, 0))))

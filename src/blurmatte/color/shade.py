@@ -14,7 +14,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, smooth_variance
-from blurmatte.streaks import Streak, shift_variance
+from blurmatte.streaks import Streak, shift_variance, widened
 
 Array = npt.NDArray[np.float64]
 
@@ -28,6 +28,7 @@ _LEAST_LIGHT = (
 )
 _SIGMAS = 3.0  # by which an object's own light must exceed noise
 _BLOCK = 8  # pixels over which noise may hang together
+_AS_MUCH, _CLEAR = 0.5, 3.0  # of what changed in a streak; of noise, squared: another thing moved
 _WINDOW, _DARKER, _PARALLEL = 3, 4.0, 0.15  # pixels; standard deviations; of the light lost
 
 ONLY_DARKER = (
@@ -72,7 +73,8 @@ def only_light_lost(image: LinearImage, plate: LinearImage, streak: Streak) -> b
     variance += shift_variance(image, plate, use & ~inside)
     lost, B = _over_noise(image, plate, variance)
     rest = lost - _of_shadow(lost, B, inside)
-    energy, change = (_beyond_noise(x, inside, use) for x in (lost, rest))
+    beside = use & ~inside & ~_moved_too(lost, inside & use)
+    energy, change = (_beyond_noise(x, inside & use, beside) for x in (lost, rest))
     return energy > 0 and change <= _LEAST_LIGHT**2 * energy
 
 
@@ -132,11 +134,22 @@ def _part(shares: Array, squares: Array, t: Array) -> Array:
     return np.asarray(np.clip(shares @ t / np.maximum(squares @ t**2, 1e-12), 0, 1))
 
 
-def _beyond_noise(x: Array, inside: Bools, use: Bools) -> float:
+def _moved_too(lost: Array, inside: Bools) -> Bools:
+    """Around where beside a streak about as much changed as within: no noise, something else."""
+    from scipy.ndimage import uniform_filter
+
+    around = np.roll(lost, 1, axis=0) + np.roll(lost, 1, axis=1)
+    shared: Array = np.einsum("hwc,hwc->hw", lost, around)
+    usual = float(shared[inside].sum()) / max(int(np.count_nonzero(inside)), 1)
+    much: Bools = uniform_filter(shared, _BLOCK) > max(_AS_MUCH * usual, _CLEAR)
+    return widened(much & ~inside, _BLOCK)
+
+
+def _beyond_noise(x: Array, inside: Bools, beside: Bools) -> float:
     """Mean product of neighbors inside, by how much it clearly exceeds that beside."""
-    usual, spread = _shared(x, ~inside & use)
+    usual, spread = _shared(x, beside)
     blocks = max(np.count_nonzero(inside) / _BLOCK**2, 1)
-    return _shared(x, inside & use)[0] - usual - _SIGMAS * spread / float(np.sqrt(blocks))
+    return _shared(x, inside)[0] - usual - _SIGMAS * spread / float(np.sqrt(blocks))
 
 
 def _shared(x: Array, where: Bools) -> tuple[float, float]:
