@@ -179,7 +179,7 @@ def test_any_colors_are_not_forced_into_a_plane_of_them(monkeypatch):
     _, image, plate = taken(painted(WALL, 0.4), 1)
     sweep = fit_sweep(image, plate)  # takes long: once is enough
     module = sys.modules["blurmatte.matting.solve"]  # its name in the package is the function's
-    monkeypatch.setattr(module, "fit_sweep", lambda *pictures, **more: sweep)
+    monkeypatch.setattr(module, "fit_piece", lambda *asked: (sweep, asked[2]))
     with pytest.raises(MotionError, match=r"the shape of the streak does not tell alpha"):
         solve(image, plate, solver=Swept())
     with pytest.raises(ColorModelError, match=r"Nor does the shape of the streak tell it"):
