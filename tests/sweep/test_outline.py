@@ -234,7 +234,10 @@ def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
     shape[0] = np.sqrt(30 * 20 / silhouette.area(shape))
     sheet = state_at(data, LINE, way.xy[[0, -1]].ravel(), silhouette, shape, disc.frame)
     assert rmse(sheet, alpha) < 0.02
-    others = list(exchanged(data, sheet, (3, 40)))
+    tried = list(exchanged(data, sheet, (3, 40)))
+    others = [other for other in tried if not other.silhouette.turns]
+    turns = [other.silhouette.turn(other.shape) for other in tried if other not in others]
+    assert sorted(turns) == [-1] * len(others) + [1] * len(others)
     lengths = [np.linalg.norm(np.diff(other.curve[[0, -1]], axis=0)) for other in others]
     assert_allclose(sorted(lengths), [20, 20, 30, 30], rtol=0.12)  # round corners are nearer
     for other in others:

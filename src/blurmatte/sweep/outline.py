@@ -101,7 +101,7 @@ def refined(data: Data, disc: State) -> State:
     best = contested(coarse, order)
     end = _bulgier(data, descend(data, seen(data, best), bounds), bounds)
     rivals = side_by_side(
-        lambda rival: descend(data, shaped(data, rival, end.silhouette), bounds),
+        lambda rival: descend(data, _bulging_as(data, rival, end), bounds),
         _rivals(coarse, best, bounds),
     )
     # The rims of some are harder to describe, and would seem worse with as many bulges.
@@ -144,9 +144,17 @@ def is_oval(data: Data, disc: State) -> bool:
 
 def _rivals(data: Data, best: State, bounds: tuple[float, float]) -> list[State]:
     """Not hopeless ends of descents from what has nearly the same alpha as the best, but for scale."""
-    starts = [*exchanged(data, best, bounds), *rescaled(data, best, bounds)]
-    ends = _roughly(data, starts, bounds)
+    ends = _roughly(data, rescaled(data, best, bounds), bounds)
+    for start in exchanged(data, best, bounds):
+        # Sides say the size; what may shrink at first ends as light that no object has.
+        ends += _roughly(data, [start], (float(start.shape[0]), bounds[1]))
     return _distinct([s for s in ends if can_be(data, s) and left_beyond_noise(data, s) < HOPELESS])
+
+
+def _bulging_as(data: Data, rival: State, end: State) -> State:
+    """A rival with as many bulges as the end."""
+    turns = rival.silhouette.turns or end.silhouette.turns
+    return shaped(data, rival, replace(end.silhouette, turns=turns))
 
 
 def _remaining(data: Data, disc: State, bounds: tuple[float, float], rivals: list[State]) -> State:

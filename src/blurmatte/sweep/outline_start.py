@@ -63,20 +63,16 @@ def crosswise(data: Data, disc: State, best: State) -> Iterable[State]:
 
 def turning(data: Data, disc: State, best: State) -> Iterable[State]:
     """The best found, and discs on the same path, that turn."""
-    silhouette = replace(bulgy(disc), turns=True)
-    yield shaped(data, best, silhouette)
+    yield shaped(data, best, replace(bulgy(disc), turns=True))
     for family in dict.fromkeys((best.family, LINE, ARC)):
-        for turn in _TURNS:
-            start = shaped(data, on_path(data, disc, family), silhouette)
-            shape = start.shape.copy()
-            shape[2 * _BULGES - 1] = turn
-            yield seen(data, replace(start, shape=shape))
+        yield from _turned(data, shaped(data, on_path(data, disc, family), bulgy(disc)))
 
 
 def exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[State]:
     """Its way for a side, and that for its way: alpha is the same but for scale.
 
-    A parallelogram that moves is three lines, each drawn out along the others, in whatever order.
+    A parallelogram that moves is three lines, each drawn out along the others, in whatever order. One
+    that turns a little leaves nearly the same.
     """
     ends = on_path(data, state, LINE).curve[[0, -1]]
     middle, way = ends.mean(axis=0), ends[1] - ends[0]
@@ -96,7 +92,10 @@ def exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterable
         shape = state.silhouette.mapped(state.shape, by)
         along = middle + np.linspace(-0.5, 0.5, 33)[:, None] * side
         for family in (LINE, ARC):
-            yield _recolored(data, state.frame, family, along, state.silhouette, shape)
+            found = _recolored(data, state.frame, family, along, state.silhouette, shape)
+            yield found
+            if not state.silhouette.turns:
+                yield from _turned(data, found)
 
 
 def rescaled(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[State]:
@@ -124,6 +123,16 @@ def rescaled(data: Data, state: State, bounds: tuple[float, float]) -> Iterable[
         curve = xy.mean(axis=0) + part * (xy - xy.mean(axis=0))
         for family in dict.fromkeys((state.family, LINE, ARC)):
             yield _recolored(data, state.frame, family, curve, state.silhouette, shape)
+
+
+def _turned(data: Data, state: State) -> Iterable[State]:
+    """The same, that turns either way."""
+    silhouette = replace(state.silhouette, turns=True)
+    start = shaped(data, state, silhouette)
+    for turn in _TURNS:
+        shape = start.shape.copy()
+        shape[2 * silhouette.bulges - 1] = turn
+        yield seen(data, replace(start, shape=shape))
 
 
 def _recolored(
