@@ -175,27 +175,24 @@ def test_two_objects_are_two_streaks_the_stronger_first():
     assert found[0].evidence > found[1].evidence > 0
 
 
-@pytest.mark.parametrize("gap", [13, 17])
-@pytest.mark.parametrize("plate", ["tiles", "plain"])
-def test_two_balls_side_by_side_are_two_streaks(plate, gap):
-    """Exact: what smoothing shows between them belongs to neither, and takes none of them away."""
-    wall, blue, below = PLATES[plate], (0.1, 0.3, 0.9), 80 + 9 + 7 + gap
-    one = render(Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, ORANGE)))
-    way = Trajectory.line((92, below), (132, below))
-    two = render(Scene(one.image.rgb, way, Ball(7, blue)))
-    found = find_streaks(*taken(two.image.rgb, wall, 0.3, 1))
-    shares = np.array([[covered(s, r.layer.alpha) for r in (one, two)] for s in found])
-    assert shares.shape == (2, 2)
-    assert_allclose(np.sort(shares, axis=1), [[0, 1], [0, 1]], atol=0.03)
-    assert_allclose(np.sort(shares, axis=0), [[0, 0], [1, 1]], atol=0.03)
-
-
 def balls_side_by_side(wall, gap, code_std=1):
     """Of radius 9 and 7, both 40 px long, with so many pixels between them; truths and pictures."""
     way = Trajectory.line((92, 96 + gap), (132, 96 + gap))
     one = render(Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, ORANGE)))
     two = render(Scene(one.image.rgb, way, Ball(7, (0.1, 0.3, 0.9))))
     return one, two, with_noise(*taken(two.image.rgb, wall, code_std, 1))
+
+
+@pytest.mark.parametrize("gap", [13, 17])
+@pytest.mark.parametrize("plate", ["tiles", "plain"])
+def test_two_balls_side_by_side_are_two_streaks(plate, gap):
+    """Exact: what smoothing shows between them belongs to neither, and takes none of them away."""
+    one, two, pictures = balls_side_by_side(PLATES[plate], gap, 0.3)
+    found = find_streaks(*pictures)
+    shares = np.array([[covered(s, r.layer.alpha) for r in (one, two)] for s in found])
+    assert shares.shape == (2, 2)
+    assert_allclose(np.sort(shares, axis=1), [[0, 1], [0, 1]], atol=0.03)
+    assert_allclose(np.sort(shares, axis=0), [[0, 0], [1, 1]], atol=0.03)
 
 
 @pytest.mark.parametrize("gap", [3, 6])

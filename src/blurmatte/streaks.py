@@ -280,8 +280,7 @@ def _nearest(labels: npt.NDArray[np.int32]) -> npt.NDArray[np.int32]:
 
 def _piece(streak: Streak, part: Bools, T: Floats) -> Streak:
     """What of a streak is in a part of the cells."""
-    height, width = streak.mask.shape
-    mask = part.repeat(streak.cell, axis=0).repeat(streak.cell, axis=1)[:height, :width]
+    mask = _of_cells(part, streak.cell, streak.mask.shape)
     return Streak(mask & streak.mask, evidence=float(T[part].sum()), cell=streak.cell)
 
 
@@ -372,8 +371,12 @@ def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[in
     grown = widened(ndimage.binary_fill_holes(joined), _RIM - _JOIN)
     cells = np.zeros([-(-side // cell) + 2 * _RIM for side in shape], bool)
     cells[tuple(slice(s.start, s.stop + 2 * _RIM) for s in place)] = grown
-    mask = cells[_RIM:-_RIM, _RIM:-_RIM].repeat(cell, axis=0).repeat(cell, axis=1)
-    return np.asarray(mask[: shape[0], : shape[1]])
+    return _of_cells(cells[_RIM:-_RIM, _RIM:-_RIM], cell, shape)
+
+
+def _of_cells(cells: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
+    """The pixels of cells, the last of which reach beyond the picture."""
+    return np.asarray(cells.repeat(cell, axis=0).repeat(cell, axis=1)[: shape[0], : shape[1]])
 
 
 def _evidence(

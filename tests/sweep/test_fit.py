@@ -58,7 +58,7 @@ def rendered(scene):
 
 def taken(scene, seed=0):
     """The truth, image and plate of a scene."""
-    shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
+    shot = Shot(scene, CAMERA, plate_frames=3, seed=seed)
     truth = rendered(scene)
     return truth, *shot.photograph(truth)
 
@@ -482,7 +482,7 @@ def test_a_streak_that_is_given_is_where_to_look():
     other = Scene(WALL, Trajectory.line((36, 88), (60, 94)), Ball(9, ORANGE))
     truth, second = rendered(BALL), rendered(other)
     both = replace(truth, image=second.layer.over(truth.image))
-    image, plate = Shot(BALL, Camera(code_std=1.5 / 255), plate_frames=3).photograph(both)
+    image, plate = Shot(BALL, CAMERA, plate_frames=3).photograph(both)
     for one in (truth, second):
         sweep = fit_sweep(image, plate, Streak(one.layer.alpha > 0))
         assert rmse(sweep, one) < 0.006
@@ -594,8 +594,7 @@ def test_alpha_is_the_same_within_a_box(ball):
 def test_nothing_moved(ball):
     _, _, plate, _ = ball
     rng = np.random.default_rng(0)
-    camera = Camera(code_std=1.5 / 255)
-    same = camera.photograph(rendered(BALL).plate.rgb, rng)
+    same = CAMERA.photograph(rendered(BALL).plate.rgb, rng)
     with pytest.raises(MotionError, match="nothing moved"):
         fit_sweep(same, plate)
 
