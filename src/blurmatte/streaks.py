@@ -31,7 +31,7 @@ _MAX_CELLS = 1e6
 _STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
 _MOST_ASKED = 4  # streaks of a picture that may be the object's
 _NEXT_LEVEL = 2.0  # times the T that counts, until a streak falls apart
-_GAP = 0.03  # of the T of a piece: rags of two people that went about left 0.04 and more in between
+_GAP = 0.03  # of the T of a piece: 16 of 17 rags of people that went about left more in between
 _LEAST_ASKED = 0.02  # of the strongest one's evidence: less is not
 _MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
 
