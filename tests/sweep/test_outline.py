@@ -245,6 +245,9 @@ def test_a_side_and_the_way_of_a_sheet_may_be_exchanged():
         assert np.sqrt(np.mean((same - alpha)[alpha > 0] ** 2)) < 0.06
         assert _is_scaled(sheet, other)
     assert not _is_scaled(sheet, disc)
+    discs = list(exchanged(data, disc, (3, 40)))  # nobody sees one turn
+    assert discs
+    assert not any(other.silhouette.turns for other in discs)
 
 
 def test_what_leaves_less_is_not_ruled_out():

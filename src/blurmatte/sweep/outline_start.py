@@ -94,7 +94,7 @@ def exchanged(data: Data, state: State, bounds: tuple[float, float]) -> Iterable
         for family in (LINE, ARC):
             found = _recolored(data, state.frame, family, along, state.silhouette, shape)
             yield found
-            if not state.silhouette.turns:
+            if state.silhouette.bulges > 1 and not state.silhouette.turns:
                 yield from _turned(data, found)
 
 
