@@ -13,8 +13,8 @@ from blurmatte.sweep.choice import CLEARLY, price
 from blurmatte.sweep.descent import seen, state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.frame import Frame
+from blurmatte.sweep.freer import if_it_changes, if_not_round
 from blurmatte.sweep.highlight import Highlight
-from blurmatte.sweep.outline import if_not_round
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.smooth_light import smooth_light
 from blurmatte.sweep.student import VARIANCE
@@ -131,6 +131,47 @@ def test_of_any_colors_no_rim_is_blurred(as_noise, texture):
         assert bool(end.objection) == bool(words)
 
 
+def test_what_explains_clearly_more_if_it_changes_much_is_no_answer(as_noise):
+    """Neither what hardly changes, as a ball that comes nearer, nor what noise may feign."""
+    pays = price(as_noise.search.data, 3)
+    for change, gain, objected in ((0.15, 9 * pays, 0), (0.3, 0.9 * pays, 0), (0.3, 1.1 * pays, 1)):
+        end = told(as_noise, 1.0)
+        freedom = np.array([0.0, change, 0.0])
+        end.__dict__["_if_it_changes"] = replace(end._if_it_changes, freedom=freedom, gain=gain)
+        words = "would explain clearly more if its shape changed by 30% while it went"
+        assert end.objection == (words if objected else "")
+
+
+@pytest.mark.parametrize("bulges", [1, 2])
+def test_outlines_are_less_known_for_they_may_change(as_noise, bulges):
+    """exact: what `if_it_changes` says comes on top of what noise leaves; a disc must not change."""
+    disc, data = as_noise.state, as_noise.search.data
+    silhouette = replace(disc.silhouette, bulges=bulges)
+    shape = silhouette.like(disc.silhouette, disc.shape)
+    state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
+    found = End(as_noise.search, state).sweep(LinearImage(np.full((8, 8, 3), 0.5))).covariance
+    trust, freer = overstated(data, state) * VARIANCE, if_it_changes(data, state)
+    alone = trust * np.linalg.pinv(state.information(data)[0], hermitian=True)
+    more = trust * freer.less_known + np.outer(freer.step, freer.step)
+    n = len(found)
+    assert_allclose(found, (alone + (bulges > 1) * more)[:n, :n], rtol=1e-9, atol=1e-12)
+
+
+def test_a_disc_that_seems_to_change_is_less_known(as_noise):
+    """exact: as an outline is, if that explains more than it costs."""
+    still, changing = (End(as_noise.search, as_noise.state) for _ in range(2))
+    pays = price(as_noise.search.data, 3)
+    freer = replace(still._if_it_changes, freedom=np.array([0.1, 0, 0]), gain=2 * pays)
+    changing.__dict__["_if_it_changes"] = freer
+    image = LinearImage(np.full((8, 8, 3), 0.5))
+    before, after = (end.sweep(image).covariance for end in (still, changing))
+    trust = overstated(still.search.data, still.state) * VARIANCE
+    more = trust * freer.less_known + np.outer(freer.step, freer.step)
+    n = len(before)
+    assert_allclose(after, before + more[:n, :n], rtol=1e-9, atol=1e-12)
+    assert changing.sweep(image).stats["changes"] == 0.1
+
+
 def test_noise_that_is_said_to_be_louder_is_all_that_is_left(as_noise):
     search, disc = as_noise.search, as_noise.state
     spots = np.random.default_rng(0).uniform(size=disc.swept.alpha.shape) < 0.1
@@ -212,8 +253,9 @@ def test_in_a_file_a_disc_is_less_known_for_it_need_not_be_round(as_noise):
         End(as_noise.search, disc, covariance=covariance).sweep(image).covariance
         for covariance in (None, overstated(data, disc) * inverse)
     )
-    less_known, step = if_not_round(data, disc)
-    more = overstated(data, disc) * VARIANCE * less_known + np.outer(step, step)
+    freer = if_not_round(data, disc)
+    more = overstated(data, disc) * VARIANCE * freer.less_known
+    more += np.outer(freer.step, freer.step)
     n = len(plain)
     radius = len(disc.path)
     assert more[radius, radius] > 0.01 * plain[radius, radius]

@@ -32,12 +32,11 @@ from blurmatte.sweep.outline import (
     _is_ruled_out,
     _is_scaled,
     _lucky,
-    if_not_round,
     is_oval,
     likelier,
     refined,
 )
-from blurmatte.sweep.outline_start import bulgy, exchanged, rescaled, shaped
+from blurmatte.sweep.outline_start import exchanged, rescaled
 from blurmatte.sweep.path import LINE
 from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
 from blurmatte.sweep.verdict import (
@@ -258,31 +257,6 @@ def test_what_leaves_less_is_not_ruled_out():
     assert _is_ruled_out(data, square, disc, 1000.0)
     assert not _is_ruled_out(data, square, disc, 1.0)
     assert not _is_ruled_out(data, disc, square, 1000.0)
-
-
-def test_what_a_disc_is_less_known_if_it_need_not_be_round():
-    """oracle: invert all that is known of an outline, and leave the bulges out."""
-    _, data, disc = taken(BALL)
-    H, g = shaped(data, disc, bulgy(disc)).information(data)
-    first = len(disc.path) + 1
-    kept = [*range(first), *range(len(H) - 2, len(H))]
-    every = np.linalg.inv(H)
-    alone = np.linalg.inv(H[np.ix_(kept, kept)])
-    less_known, step = if_not_round(data, disc)
-    assert_allclose(alone + less_known, every[np.ix_(kept, kept)], rtol=1e-6, atol=1e-9)
-    assert_allclose(step, -(every @ g)[kept], rtol=1e-6, atol=1e-9)
-    assert np.linalg.eigvalsh(less_known).min() > -1e-9
-
-
-@pytest.mark.parametrize("scene", [BALL, EGG], ids=["ball", "egg"])
-def test_what_is_not_round_leads_elsewhere(scene):
-    """honest: a ball's radius hardly differs if it may have bulges, that of something longer does."""
-    _, data, disc = taken(scene)
-    less_known, step = if_not_round(data, disc)
-    radius = len(disc.path)
-    known = np.linalg.inv(disc.information(data)[0])
-    std = np.sqrt((known + less_known)[radius, radius])
-    assert (abs(step[radius]) > 5 * std) == (scene is EGG)
 
 
 @pytest.mark.parametrize("scene", [BALL, EGG], ids=["ball", "egg"])

@@ -4,6 +4,9 @@ A pixel at the rim is taken for cut by a straight edge, so that single pixels ar
 thousandth and derivatives by some percent, but sums over a rim are right.
 """
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -157,6 +160,30 @@ def test_derivatives_add_up_to_that_of_the_area(silhouette):
         slope = (silhouette.area(shape + along) - silhouette.area(shape - along)) / (2 * step)
         size = rim * (1 if i == 0 else shape[0])
         assert_allclose(J[..., n + i].sum(), slope, rtol=0, atol=5e-3 * size)
+
+
+@every_kind
+def test_what_changes_on_its_way_is_another_shape_at_each_moment(silhouette):
+    """oracle: draw it piece by piece, each turned and stretched as it is by then."""
+    shape, data, step = SHAPES[silhouette], canvas(), 0.02
+    still = replace(silhouette, bulges=max(silhouette.bulges, 2), turns=False)
+
+    def changing(by):
+        alpha = np.zeros((H, W))
+        for start, end in pairwise(np.linspace(0, 1, 101)):
+            late = (start + end - 1) / 2
+            turn = silhouette.turn(shape) * late * np.array([[0, -1], [1, 0]])
+            then = still.mapped(still.like(silhouette, shape), expm(turn) @ expm(late * by))
+            piece = ARC.at(ROUND, np.array([start, end]))[0].ravel()
+            alpha += still.sweep(LINE, piece, then, data).alpha / 100
+        return alpha
+
+    J = silhouette.by_change(ARC, ROUND, shape, data)
+    assert J.shape == (H, W, 3)
+    assert_allclose(J.sum(axis=(0, 1)), 0, atol=0.01 * silhouette.area(shape))
+    for i, by in enumerate((np.eye(2), np.diag([1.0, -1]), np.array([[0.0, 1], [1, 0]]))):
+        slope = (changing(step * by) - changing(-step * by)) / (2 * step)
+        assert np.linalg.norm(J[..., i] - slope) < 0.08 * np.linalg.norm(slope)
 
 
 @every_kind

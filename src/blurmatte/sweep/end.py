@@ -20,8 +20,8 @@ from blurmatte.sweep.chroma import Bled, left_untold
 from blurmatte.sweep.compressed import before_compression
 from blurmatte.sweep.data import Data
 from blurmatte.sweep.descent import State, descend, seen, sharp
+from blurmatte.sweep.freer import Freer, if_it_changes, if_not_round
 from blurmatte.sweep.highlight import Highlight
-from blurmatte.sweep.outline import if_not_round
 from blurmatte.sweep.search import Search, is_held
 from blurmatte.sweep.silhouette import BLUR_OF_FILES
 from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
@@ -76,6 +76,7 @@ _MOST_TURNED = 30.0  # degrees by which colors of a plane may be unsure: 90 righ
 # seven that were wrong by 0.05 to 0.33 1.85 to 11. Of quality 75, where what the plate's own file did
 # is as large, right ones left up to 5: only fine files are asked.
 _MOST_BEYOND_FILE, _FILES = 1.8, 2
+_MOST_CHANGED = 0.2  # of its size, by which a shape may seem to become longer or larger on its way
 _AGAIN, _NEARBY = 2, 2.0  # times, and by which factor another radius may come out then
 
 
@@ -175,6 +176,9 @@ class End:
             return "has a rim so blurred that another size would leave as little"
         if self._leaves_other_colors:
             return "leaves too much that hangs together for the colors that it may have"
+        if self._changes > _MOST_CHANGED:
+            by = f"{self._changes:.0%}"
+            return f"would explain clearly more if its shape changed by {by} while it went"
         if not self._would_be_told:
             return "is so small, or so near the plate in color, that a wrong alpha would leave no trace"
         return ""
@@ -285,6 +289,29 @@ class End:
         return beyond_file(data, state, [data.with_light(light) for light in drawn])
 
     @property
+    def _changes(self) -> float:
+        """By how much its shape seems to change on its way, 0 if that explains no more than it costs."""
+        if self.state.frame.rank == 3:
+            return 0.0
+        change = self._if_it_changes
+        pays = change.gain > price(self.search.data, len(change.freedom))
+        return float(np.linalg.norm(change.freedom)) if pays else 0.0
+
+    @cached_property
+    def _if_it_changes(self) -> Freer:
+        return if_it_changes(self.search.data, self.state)
+
+    @property
+    def _freer(self) -> Freer | None:
+        """What a shape may be that the evidence which chose it does not exclude, or not surely."""
+        if self.state.frame.rank == 3:
+            return None
+        if self.state.silhouette.bulges > 1 or self._changes > 0:
+            return self._if_it_changes
+        # A file keeps too little of a rim.
+        return if_not_round(self.search.data, self.state) if self.covariance is not None else None
+
+    @property
     def _would_be_told(self) -> bool:
         """Whether something would tell a wrong alpha: smooth light, noise, or a color that is known.
 
@@ -373,6 +400,7 @@ class End:
             "astray": self.astray,
             "unsure": self.unsure,
             "texture": self._off_by_texture if self.is_confirmed else np.inf,
+            "changes": self._changes,
             "rim": self.rim,
             "highlight": None if self.highlight is None else self._glossy(image),
             "louder": data.louder if self._is_that_loud else 1.0,
@@ -405,9 +433,8 @@ class End:
         if self.highlight is not None:
             covariance += highlight.covariance_added(data, state, self.highlight)
         covariance *= trust * VARIANCE
-        if self.covariance is not None and state.silhouette.bulges == 1:
-            # A file keeps too little of a rim for the evidence that chose a disc to be trusted.
-            less_known, step = if_not_round(data, state)
+        if self._freer is not None:
+            less_known, step = self._freer.less_known, self._freer.step
             covariance += trust * VARIANCE * less_known + np.outer(step, step)
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)

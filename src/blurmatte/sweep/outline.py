@@ -114,27 +114,6 @@ def refined(data: Data, disc: State) -> State:
     return replace(end, contested=max(best.contested, most_apart(end, rivals)))
 
 
-def if_not_round(data: Data, disc: State) -> tuple[Array, Array]:
-    """By how much less a disc's parameters are known if it may have bulges, and where they would be.
-
-    Parameters
-    ----------
-    data : Data
-    disc : State
-        Of one paint or a plane, where a descent ended.
-
-    Returns
-    -------
-    (size, size), (size,) float
-        What is to be added to the inverse of its `State.information`, and one step from there.
-    """
-    silhouette, first = bulgy(disc), len(disc.path) + 1
-    H, g = shaped(data, disc, silhouette).information(data)
-    own = np.delete(np.arange(len(H)), np.s_[first : first + 2 * silhouette.bulges - 2])
-    both, alone = (np.linalg.pinv(K, hermitian=True) for K in (H, H[np.ix_(own, own)]))
-    return both[np.ix_(own, own)] - alone, -(both @ g)[own]
-
-
 def is_oval(data: Data, disc: State) -> bool:
     """Whether an ellipse explains the data clearly better than a disc of any colors."""
     bounds = _LEAST * disc.shape[0], _MOST * disc.shape[0]

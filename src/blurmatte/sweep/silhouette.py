@@ -7,6 +7,7 @@ can be seen from it. How ρ follows from the parameters stands in `rim_kernel`.
 
 from dataclasses import dataclass
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -137,29 +138,68 @@ class Silhouette:
         data : Data
             Where to look.
         """
-        from blurmatte.sweep import kernel, rim_kernel  # numba takes half a second to import
+        from blurmatte.sweep import kernel  # numba takes half a second to import
 
         alpha = np.zeros(data.weight.shape)
         J = np.zeros((*alpha.shape, len(path) + self.size))
+        way, soft = self._way(family, path, shape, data), self.softness(shape) / data.scale
+        if self.bulges == 1:
+            kernel.disc(way.xy, way.D, way.weights, shape[0] / data.scale, soft, alpha, J)
+            J[..., len(path)] /= data.scale
+        else:
+            self._cover(way, shape, data.scale, self._stretch(shape)[1], alpha, J)
+        if self.soft:
+            J[..., -1] /= data.scale
+        return Swept(alpha, J)
+
+    def by_change(self, family: PathFamily, path: Array, shape: Array, data: Data) -> Array:
+        """(h, w, 3) derivatives of alpha by how a shape changes evenly from beginning to end.
+
+        Parameters as for `sweep`, with the shape in the middle of the exposure. The changes are those
+        of the logarithm of the size and of the stretch as in `shape`, a and b.
+        """
+        way, A = self._way(family, path, shape, data), self._stretch(shape)[0]
+        by_A = np.stack([A, _BY_A @ A, _BY_B @ A], axis=2)
+        alpha, n = np.zeros(data.weight.shape), len(path)
+        J = np.zeros((*alpha.shape, n + 3 + len(self._bulges(shape)) + self.turns))
+        late = way._replace(weights=way.weights * (way.t - 0.5))
+        self._cover(late, shape, data.scale, by_A, alpha, J)
+        return J[..., n : n + 3]
+
+    def _way(self, family: PathFamily, path: Array, shape: Array, data: Data) -> "_Way":
+        """Where it is when, for how long."""
         turn, soft = self.turn(shape), self.softness(shape) / data.scale
         spin = abs(turn) * self.reach(shape) if self.turns else 0.0
         t, weights = moments(family, path, data.scale, spin, soft)
         xy, D = family.at(path, t)
-        xy, D = (xy - data.origin) / data.scale, D / data.scale
-        if self.bulges == 1:
-            kernel.disc(xy, D, weights, shape[0] / data.scale, soft, alpha, J)
-            J[..., len(path)] /= data.scale
-        else:
-            A, by_A = (x / data.scale for x in self._stretch(shape))
-            turns, bulges = turn * (t - 0.5), self._bulges(shape)
-            within = kernel.variance_of(soft), kernel.reach_of(soft)
-            rim = rim_kernel.lattice_around(A, bulges, *within)
-            kernel.sweep(
-                xy, D, weights, self.turns, turns, t - 0.5, rim, A, by_A, bulges, soft, alpha, J
-            )
-        if self.soft:
-            J[..., -1] /= data.scale
-        return Swept(alpha, J)
+        return _Way(t, weights, (xy - data.origin) / data.scale, D / data.scale)
+
+    def _cover(
+        self, way: "_Way", shape: Array, scale: float, by_A: Array, alpha: Array, J: Array
+    ) -> None:
+        """Add what a shape covers to alpha and J, as `kernel.sweep` does."""
+        from blurmatte.sweep import kernel, rim_kernel  # numba takes half a second to import
+
+        A, by_A = self._stretch(shape)[0] / scale, by_A / scale
+        late, bulges, soft = way.t - 0.5, self._bulges(shape), self.softness(shape) / scale
+        within = kernel.variance_of(soft), kernel.reach_of(soft)
+        rim = rim_kernel.lattice_around(A, bulges, *within)
+        turns = self.turn(shape) * late
+        kernel.sweep(
+            way.xy,
+            way.D,
+            way.weights,
+            self.turns,
+            turns,
+            late,
+            rim,
+            A,
+            by_A,
+            bulges,
+            soft,
+            alpha,
+            J,
+        )
 
     def area(self, shape: Array) -> float:
         """Area, pixels²."""
@@ -243,6 +283,18 @@ class Silhouette:
         phi = np.arange(3, self.bulges + 1)[:, None] * _angles(count)
         waves = np.stack([np.cos(phi), np.sin(phi)], axis=1).reshape(-1, count)
         return np.asarray(np.exp(self._bulges(shape) @ waves))
+
+
+class _Way(NamedTuple):
+    """Times (T,), parts of the exposure (T,), centers (T, 2) and their derivatives (T, 2, n).
+
+    Pixels of the data.
+    """
+
+    t: Array
+    weights: Array
+    xy: Array
+    D: Array
 
 
 DISC, ELLIPSE = Silhouette(1), Silhouette(2)

@@ -52,8 +52,10 @@ class Sweep:
         well says of alpha: errors have that part too;
         `plausible` whether it can be, and explains most; `texture`, if it may have any colors, to
         which part of alpha the plate's texture confirms it, else infinite; where that does nearly
-        everywhere `misfit` is 1, however fine its paint is; `rim` the standard deviation, pixels, by
-        which its rim, or the color of it, is blurred, 0 if not. If the file did that, alpha is sharp;
+        everywhere `misfit` is 1, however fine its paint is; `changes` by which part of its size its
+        shape seems to change while it goes, 0 if that explains no more than it costs; `rim` the
+        standard deviation, pixels, by which its rim, or the color of it, is blurred, 0 if not. If the
+        file did that, alpha is sharp;
         `highlight`, if one was told with it, its `offset` from the center and its `softness`, the
         standard deviation of a spot, in pixels, and the `paint` that it is on, as sRGB, else None;
         `louder` how many times the variance that was measured noise has there, for codecs hide it in
