@@ -30,7 +30,7 @@ class Freer:
     freedom : (k,) float
         What those would be that it has not.
     gain : float
-        By how much likelier that would be, units of log likelihood.
+        By how much likelier that would be, units of log likelihood as far as that is evidence.
     """
 
     less_known: Array
@@ -50,7 +50,7 @@ def if_not_round(data: Data, disc: State) -> Freer:
     """
     silhouette, first = bulgy(disc), len(disc.path) + 1
     H, g = shaped(data, disc, silhouette).information(data)
-    return _freer(H, g, np.s_[first : first + 2 * silhouette.bulges - 2])
+    return _freer(H, g, np.s_[first : first + 2 * silhouette.bulges - 2], overstated(data, disc))
 
 
 def if_it_changes(data: Data, state: State) -> Freer:
@@ -72,15 +72,14 @@ def if_it_changes(data: Data, state: State) -> Freer:
     # Where residuals hang together they are so much less evidence against what is usual.
     trust = overstated(data, state)
     H[change, change] += trust * VARIANCE / _USUAL**2 * np.eye(by_change.shape[2])
-    freer = _freer(H, g, change)
-    return replace(freer, gain=freer.gain / trust)
+    return _freer(H, g, change, trust)
 
 
-def _freer(H: Array, g: Array, freedom: slice) -> Freer:
-    """From curvature and gradient of the cost by all parameters."""
+def _freer(H: Array, g: Array, freedom: slice, trust: float) -> Freer:
+    """From curvature and gradient of the cost by all parameters, which overstates evidence by trust."""
     own = np.delete(np.arange(len(H)), freedom)
     both, alone = (np.linalg.pinv(K, hermitian=True) for K in (H, H[np.ix_(own, own)]))
     step = -(both @ g)
     gain = -0.5 * float(g @ step) - 0.5 * float(g[own] @ alone @ g[own])
     less_known = both[np.ix_(own, own)] - alone
-    return Freer(less_known, step[own], step[freedom], gain)
+    return Freer(less_known, step[own], step[freedom], gain / trust)
