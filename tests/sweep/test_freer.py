@@ -97,7 +97,7 @@ def test_what_does_not_change_seems_to_by_noise_alone():
 
 
 def test_a_change_that_is_unusual_is_not_expected():
-    """exact: what nothing tells stays as it is, and is known no less than shapes are alike."""
+    """exact: where nothing tells of a change there is none."""
     data, disc = taken(BALL)
     dark = replace(data, weight=1e-12 * data.weight)
     freer = if_it_changes(dark, disc)

@@ -440,9 +440,9 @@ class End:
         if self.highlight is not None:
             covariance += highlight.covariance_added(data, state, self.highlight)
         covariance *= trust * VARIANCE
-        if self._freer is not None:
-            less_known, step = self._freer.less_known, self._freer.step
-            covariance += trust * VARIANCE * less_known + np.outer(step, step)
+        freer = self._freer
+        if freer is not None:
+            covariance += trust * VARIANCE * freer.less_known + np.outer(freer.step, freer.step)
         k = len(state.path)
         covariance[: k + 1, : k + 1] += left_untold(state.family, state.path, self._runs_by)
         return covariance

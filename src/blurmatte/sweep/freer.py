@@ -1,4 +1,9 @@
-"""Freer: what is less known of a sweep whose shape need not be round, or the same all the way."""
+"""Freer: what is less known of a sweep whose shape need not be round, or the same all the way.
+
+In this file H (n, n) is the curvature and g (n,) the gradient of the cost by all parameters, in their
+order and units in a `State` but for those of the freedom, which it has not: bulges, or changes of
+logarithms, without a unit. One step, −H⁻¹ g, leads to what would be with them.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -76,7 +81,7 @@ def if_it_changes(data: Data, state: State) -> Freer:
 
 
 def _freer(H: Array, g: Array, freedom: slice, trust: float) -> Freer:
-    """From curvature and gradient of the cost by all parameters, which overstates evidence by trust."""
+    """From H and g, which overstate evidence by trust; `freedom` says where in them it stands."""
     own = np.delete(np.arange(len(H)), freedom)
     both, alone = (np.linalg.pinv(K, hermitian=True) for K in (H, H[np.ix_(own, own)]))
     step = -(both @ g)

@@ -180,26 +180,12 @@ class Silhouette:
         """Add what a shape covers to alpha and J, as `kernel.sweep` does."""
         from blurmatte.sweep import kernel, rim_kernel  # numba takes half a second to import
 
+        t, weights, xy, D = way
         A, by_A = self._stretch(shape)[0] / scale, by_A / scale
-        late, bulges, soft = way.t - 0.5, self._bulges(shape), self.softness(shape) / scale
-        within = kernel.variance_of(soft), kernel.reach_of(soft)
-        rim = rim_kernel.lattice_around(A, bulges, *within)
+        late, bulges, soft = t - 0.5, self._bulges(shape), self.softness(shape) / scale
+        rim = rim_kernel.lattice_around(A, bulges, kernel.variance_of(soft), kernel.reach_of(soft))
         turns = self.turn(shape) * late
-        kernel.sweep(
-            way.xy,
-            way.D,
-            way.weights,
-            self.turns,
-            turns,
-            late,
-            rim,
-            A,
-            by_A,
-            bulges,
-            soft,
-            alpha,
-            J,
-        )
+        kernel.sweep(xy, D, weights, self.turns, turns, late, rim, A, by_A, bulges, soft, alpha, J)
 
     def area(self, shape: Array) -> float:
         """Area, pixels²."""
