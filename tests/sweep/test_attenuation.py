@@ -68,6 +68,20 @@ def test_paint_says_nothing_against_the_right_alpha(seed):
     assert wrong > 0.24
 
 
+def test_few_edges_do_not_speak_for_all_of_the_streak():
+    """Invariant: alpha that is wrong but where the plate has most structure, if places may differ."""
+    strong = np.where(np.arange(SIZE[0]) < 60, 1.0, 0.2)[:, None]
+    plate, black = 0.3 + strong * (TEXTURE - 0.3), Ball(11, np.full(3, 0.01))
+    data, state = swept(black, plate, 11.0, code_std=0.05 / 255)
+    columns = data.origin[0] + np.arange(data.streak.shape[1])
+    wrong = np.where(columns < 60, 1.0, 1.6) * state.swept.alpha
+    off = replace(state, swept=replace(state.swept, alpha=wrong))
+    of_few, of_all = (attenuation(data, off, scatter) for scatter in (0.0, 0.2))
+    assert of_few < 0.5 * of_all
+    assert 0.2 < of_all < 1 - 1 / 1.6
+    assert attenuation(data, state, 0.2) < 0.06
+
+
 def test_a_plain_plate_tells_nothing():
     """Door: noise is no structure, and then nothing is confirmed."""
     wall = plain_plate(SIZE, (0.34, 0.33, 0.3), 4)

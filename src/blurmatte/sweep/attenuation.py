@@ -10,6 +10,9 @@ painted on the object, which has nothing to do with the plate. So over a place, 
 less what noise of the plate feigns, which is in both. The variance is that of products of what is
 there: of noise and of paint alike. So much is told whatever the colors are, and however fine: nothing
 is fitted to them that could take up the plate instead.
+
+Each place counts by 1 / (Var δ + τ² α²): without a scatter τ by which places are taken to differ, the
+few strongest edges of a plate speak for all of the streak.
 """
 
 import numpy as np
@@ -27,10 +30,10 @@ _LEAST = 1e-6  # information of alpha that is any
 _TINY = 1e-18
 
 
-def attenuation(data: Data, state: State) -> float:
+def attenuation(data: Data, state: State, scatter: float = 0.0) -> float:
     """By how much alpha of places is off, of alpha: root mean square, noise and paint included.
 
-    Infinite if nothing tells.
+    Places are taken to differ by a scatter, of alpha. Infinite if nothing tells.
     """
     alpha = state.swept.alpha
     a = alpha[..., None]
@@ -49,8 +52,9 @@ def attenuation(data: Data, state: State) -> float:
     known = use & (information > _LEAST) & (variance > 0)
     if not known.any():
         return np.inf
-    squares = np.sum(off[known] ** 2 / variance[known])
-    return float(np.sqrt(squares / np.sum((usual * information)[known] ** 2 / variance[known])))
+    off, usual, information, variance = (m[known] for m in (off, usual, information, variance))
+    counts = 1 / (variance + (scatter * usual * information) ** 2)
+    return float(np.sqrt(np.sum(counts * off**2) / np.sum(counts * (usual * information) ** 2)))
 
 
 def structure(data: Data) -> float:
