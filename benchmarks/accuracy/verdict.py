@@ -37,7 +37,7 @@ from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
 # Scenes before it were looked at while the rules were made.
-FIRST = 67000
+FIRST = 68000
 SEEDS = 36
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
