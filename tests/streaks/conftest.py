@@ -1,0 +1,65 @@
+"""Plates, what a camera and a file make of them, and two balls that went side by side."""
+
+import io
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from blurmatte.radiometry import SRGB, decode, with_noise
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Scene,
+    colorful_plate,
+    plain_plate,
+    render,
+    two_hue_plate,
+)
+from blurmatte.trajectory import Trajectory
+
+SIZE = (256, 192)
+
+
+@pytest.fixture(scope="session")
+def plates():
+    return {
+        "tiles": colorful_plate(SIZE, 1),
+        "dark": 0.05 * colorful_plate(SIZE, 2),
+        "plain": plain_plate(SIZE, (0.5, 0.4, 0.3), 1),
+        "two hues": two_hue_plate(SIZE, (0.5, 0.1, 0.1), (0.1, 0.2, 0.5), 1),
+    }
+
+
+def through_jpeg(pixels, quality):
+    file = io.BytesIO()
+    Image.fromarray(pixels).save(file, "jpeg", quality=quality, subsampling="4:2:0")
+    return np.asarray(Image.open(file).convert("RGB"))
+
+
+@pytest.fixture(scope="session")
+def taken():
+    """A function: pictures of two lights in 8 bits, with noise, as JPEG of a quality if it is given."""
+
+    def of(light, plate, code_std, seed, jpeg=None):
+        camera, rng = Camera(code_std=code_std / 255), np.random.default_rng(seed)
+        files = [camera.expose(picture, rng) for picture in (light, plate)]
+        if jpeg is not None:
+            files = [through_jpeg(pixels, jpeg) for pixels in files]
+        return [decode(pixels, SRGB) for pixels in files]
+
+    return of
+
+
+@pytest.fixture(scope="session")
+def balls_side_by_side(taken):
+    """A function: balls of radius 9 and 7, both 40 px long, a gap between them; truths and pictures."""
+
+    def of(wall, gap, code_std=1):
+        way = Trajectory.line((92, 96 + gap), (132, 96 + gap))
+        first = Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, (0.9, 0.5, 0.1)))
+        one = render(first)
+        two = render(Scene(one.image.rgb, way, Ball(7, (0.1, 0.3, 0.9))))
+        return one, two, with_noise(*taken(two.image.rgb, wall, code_std, 1))
+
+    return of

@@ -1,0 +1,249 @@
+"""find_streaks: what moved is found, faint as it may be; noise and files make no streaks."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy import ndimage
+
+from blurmatte.errors import PlateError
+from blurmatte.files import read
+from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.rendering import Ball, Camera, Scene, render
+from blurmatte.streaks import Streak, find, find_streak_within, find_streaks
+from blurmatte.trajectory import Trajectory
+
+ORANGE = np.array([0.9, 0.5, 0.1])
+NAMES = ["tiles", "dark", "plain", "two hues"]
+
+
+def covered(streak, alpha):
+    return alpha[streak.mask].sum() / alpha.sum()
+
+
+# Nothing moved
+
+
+@pytest.mark.parametrize("plate", NAMES)
+@pytest.mark.parametrize("code_std", [0, 0.3, 1, 2, 5])
+def test_noise_is_no_streak(taken, plates, plate, code_std):
+    for seed in range(2):
+        assert find_streaks(*taken(plates[plate], plates[plate], code_std, seed)) == []
+
+
+@pytest.mark.parametrize("sigma", [0.001, 0.01, 0.1])
+def test_noise_of_floats_is_no_streak(sigma):
+    """Small pictures are mostly border: noise must be no stronger there."""
+    for seed in range(40):
+        rng = np.random.default_rng(seed)
+        image, plate = (LinearImage(0.4 + rng.normal(0, sigma, (40, 40, 3))) for _ in "ab")
+        assert find_streaks(image, plate) == []
+
+
+@pytest.mark.parametrize("plate", NAMES)
+@pytest.mark.parametrize("quality", [75, 85, 95])
+def test_jpeg_is_no_streak(taken, plates, plate, quality):
+    for seed in range(2):
+        for code_std in (1, 2):
+            pictures = taken(plates[plate], plates[plate], code_std, seed, jpeg=quality)
+            assert find_streaks(*pictures) == []
+
+
+@pytest.mark.parametrize(
+    ("plate", "quality"),
+    [("tiles", 85), ("dark", 85), ("plain", 75), ("plain", 85), ("two hues", 85)],
+)
+def test_blocks_rounded_as_one_are_no_streak(taken, plates, plate, quality):
+    """With less noise than a code value, JPEG shifts whole blocks by one step or none."""
+    for seed in range(2):
+        pictures = taken(plates[plate], plates[plate], 0.5, seed, jpeg=quality)
+        assert find_streaks(*pictures) == []
+
+
+@pytest.mark.parametrize("quality", [None, 85])
+@pytest.mark.parametrize("code_std", [1, 2, 5])
+def test_a_shifted_plate_is_no_streak(taken, plates, code_std, quality):
+    """Hard edges a third of a pixel off make thin differences, as strong as they like."""
+    tiles = plates["tiles"]
+    shifted = ndimage.shift(tiles, (0.2, 0.22, 0), order=3, mode="nearest")
+    for seed in range(3):
+        assert find_streaks(*taken(shifted, tiles, code_std, seed, jpeg=quality)) == []
+
+
+def test_exact_copies_make_no_streak(paint):
+    assert find_streaks(paint.plate, paint.plate) == []
+    black = LinearImage(np.zeros((16, 16, 3)))
+    assert find_streaks(black, black) == []
+
+
+def test_a_clipped_lamp_is_no_streak(taken, paint):
+    """What is not valid cannot say that something moved."""
+    image, plate = taken(paint.plate.rgb, paint.plate.rgb, 1, 0)
+    valid = np.ones(image.valid.shape, bool)
+    valid[40:60, 50:80] = False
+    rgb = np.where(valid[..., None], image.rgb, 0.9)
+    assert find_streaks(LinearImage(rgb, valid=valid, meta=image.meta), plate) == []
+
+
+# Something moved
+
+
+@pytest.fixture(scope="module", params=NAMES)
+def faint(plates, request):
+    """A rendering whose alpha is at most 0.05."""
+    path = Trajectory.line((40, 50), (220, 150))
+    return render(Scene(plates[request.param], path, Ball(5.2, ORANGE, ambient=0.8)))
+
+
+@pytest.mark.parametrize("code_std", [1, 2])
+def test_a_faint_streak_is_found_whole(taken, faint, code_std):
+    alpha = faint.layer.alpha
+    assert alpha.max() < 0.051
+    for seed in range(2):
+        found = find_streaks(*taken(faint.image.rgb, faint.plate.rgb, code_std, seed))
+        assert len(found) == 1
+        assert covered(found[0], alpha) > 0.97
+        assert np.mean(found[0].mask) < 3 * np.mean(alpha > 0)
+
+
+def test_an_exact_streak_is_found_whole(rendering):
+    found = find_streaks(rendering.image, rendering.plate)
+    assert len(found) == 1
+    assert covered(found[0], rendering.layer.alpha) > 0.999
+
+
+def test_floats_and_files_show_the_same(paint):
+    noise = NoiseModel(gain=1e-4, read_std=0.003)
+    masks = []
+    for bits in (None, 16, 8):
+        camera, rng = Camera(noise, bits=bits), np.random.default_rng(0)
+        pictures = (camera.photograph(p.rgb, rng) for p in (paint.image, paint.plate))
+        masks.append(find_streaks(*pictures)[0].mask)
+    assert np.mean(masks[0] != masks[1]) < 0.01
+    assert np.mean(masks[0] != masks[2]) < 0.03
+
+
+def test_two_objects_are_two_streaks_the_stronger_first(taken, plates):
+    one = render(Scene(plates["tiles"], Trajectory.line((40, 40), (100, 40)), Ball(12, ORANGE)))
+    two = render(Scene(one.image.rgb, Trajectory.line((60, 150), (220, 140)), Ball(6, ORANGE)))
+    found = find_streaks(*taken(two.image.rgb, plates["tiles"], 1, 0))
+    assert len(found) == 2
+    assert covered(found[0], one.layer.alpha) > 0.97
+    assert covered(found[1], two.layer.alpha) > 0.9  # alpha is 0.07
+    assert found[0].evidence > found[1].evidence > 0
+
+
+@pytest.mark.parametrize("gap", [13, 17])
+@pytest.mark.parametrize("plate", ["tiles", "plain"])
+def test_two_balls_side_by_side_are_two_streaks(plates, balls_side_by_side, plate, gap):
+    """Exact: what smoothing shows between them belongs to neither, and takes none of them away."""
+    one, two, pictures = balls_side_by_side(plates[plate], gap, 0.3)
+    found = find_streaks(*pictures)
+    shares = np.array([[covered(s, r.layer.alpha) for r in (one, two)] for s in found])
+    assert shares.shape == (2, 2)
+    assert_allclose(np.sort(shares, axis=1), [[0, 1], [0, 1]], atol=0.03)
+    assert_allclose(np.sort(shares, axis=0), [[0, 0], [1, 1]], atol=0.03)
+
+
+@pytest.mark.parametrize("light", [0.02, 0.55 * ORANGE])
+@pytest.mark.parametrize("width", [6, 14])
+def test_a_line_of_the_plate_behind_a_ball_does_not_cut_it(taken, plates, width, light):
+    """Invariant: one streak, be the line dark, or of the ball's own color in its shade."""
+    wall = plates["tiles"].copy()
+    wall[:, 120 : 120 + width] = light
+    ball = render(Scene(wall, Trajectory.line((90, 80), (160, 100)), Ball(18, ORANGE)))
+    found = find_streaks(*taken(ball.image.rgb, wall, 0.3, 1))
+    assert len(found) == 1
+    assert covered(found[0], ball.layer.alpha) > 0.95
+
+
+def test_a_weak_shadow_beside_it_is_left_out(taken, plates):
+    """A shadow dims every channel by a little, next to the ball that throws it."""
+    ball = render(Scene(plates["plain"], Trajectory.line((60, 60), (140, 60)), Ball(14, ORANGE)))
+    light = ball.image.rgb.copy()
+    light[76:110, 50:150] *= 0.985
+    found = find_streaks(*taken(light, plates["plain"], 0.5, 0))
+    assert covered(found[0], ball.layer.alpha) > 0.97
+    assert found[0].box[3] < 90
+
+
+@pytest.mark.parametrize("edge", [(0, 96), (255, 96), (128, 0), (128, 191), (0, 0)])
+def test_a_streak_at_the_border_is_found(taken, plates, edge):
+    path = Trajectory.line(edge, (128, 96))
+    scene = render(Scene(plates["tiles"], path, Ball(10, ORANGE)))
+    found = find_streaks(*taken(scene.image.rgb, scene.plate.rgb, 1, 0))
+    assert len(found) == 1
+    assert covered(found[0], scene.layer.alpha) > 0.97
+
+
+def test_large_pictures_are_searched_in_cells(taken, faint, monkeypatch):
+    pictures = taken(faint.image.rgb, faint.plate.rgb, 1, 0)
+    monkeypatch.setattr(find, "_MAX_CELLS", faint.plate.rgb.size / 3 / 3.5)  # cells of 2 x 2
+    found = find_streaks(*pictures)
+    assert len(found) == 1
+    assert found[0].mask.shape == pictures[0].valid.shape
+    assert covered(found[0], faint.layer.alpha) > 0.97
+    everywhere = Streak.from_box((0, 0, *pictures[0].size), pictures[0].size)
+    within = find_streak_within(everywhere, *pictures)
+    assert [streak.cell for streak in (found[0], within, everywhere)] == [2, 2, 1]
+
+
+@pytest.mark.parametrize("radius", [14, 24])
+@pytest.mark.parametrize("plate", ["tiles", "plain"])
+def test_up_to_a_quarter_of_the_picture_may_move(taken, plates, plate, radius):
+    wall = plates[plate][:128, :192]
+    path = Trajectory.line((45, 45), (145, 80))
+    scene = render(Scene(wall, path, Ball(radius, ORANGE)))
+    found = find_streaks(*taken(scene.image.rgb, wall, 1, 0))
+    assert len(found) == 1
+    assert covered(found[0], scene.layer.alpha) > 0.97
+
+
+def test_known_noise_is_believed(paint):
+    """Ten times the noise hides a faint streak; the true noise shows it."""
+    scaled = 0.2 * (paint.image.rgb - paint.plate.rgb) + paint.plate.rgb
+    pictures = [LinearImage(a + np.random.default_rng(i).normal(0, 0.005, a.shape))
+                for i, a in enumerate((scaled, paint.plate.rgb))]  # fmt: skip
+    true, large = (NoiseModel(read_std=s) for s in (0.005, 0.1))
+    assert len(find_streaks(*(p.with_noise(true) for p in pictures))) == 1
+    assert find_streaks(*(p.with_noise(large) for p in pictures)) == []
+    assert len(find_streaks(*with_noise(*pictures))) == 1
+
+
+# Real pictures: where the ball is, x0, y0, x1, y1
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
+@pytest.mark.parametrize(
+    ("name", "ball"), [("floorball1", (728, 325, 847, 479)), ("floorball2", (386, 238, 470, 285))]
+)
+def test_a_real_ball_is_the_strongest(real_data, name, ball):
+    pictures = read(real_data / f"{name}.png"), read(real_data / "floorball_plate.png")
+    found = find_streaks(*pictures)
+    assert len(found) < 8
+    assert_allclose(found[0].box, ball, atol=10)
+    assert found[0].evidence > 100 * sum(other.evidence for other in found[1:])
+
+
+def test_door(paint):
+    small = LinearImage(np.ones((15, 200, 3)))
+    with pytest.raises(ValueError, match="image is 192x128 pixels and plate 200x15"):
+        find_streaks(paint.image, small)
+    with pytest.raises(PlateError, match="200x15 pixels; 16x16 is the least"):
+        find_streaks(small, small)
+    lost = LinearImage(np.ones((20, 20, 3)), valid=np.zeros((20, 20), bool))
+    with pytest.raises(PlateError, match="no unclipped pixel in common; expose shorter"):
+        find_streaks(lost, LinearImage(np.ones((20, 20, 3))))
+
+
+def test_a_region_holds_what_moved_in_it_or_else_all_of_it(paint):
+    found = find_streaks(paint.image, paint.plate)[0]
+    x0, y0, x1, y1 = found.box
+    width, height = paint.image.size
+    around = Streak.from_box(
+        (max(0, x0 - 3), max(0, y0 - 3), min(width, x1 + 3), min(height, y1 + 3)), (width, height)
+    )
+    within = find_streak_within(around, paint.image, paint.plate)
+    assert np.array_equal(within.mask, found.mask)
+    elsewhere = Streak.from_box((0, 0, 8, 8), (width, height))
+    assert not (elsewhere.mask & found.mask).any()
+    assert find_streak_within(elsewhere, paint.image, paint.plate) is elsewhere
