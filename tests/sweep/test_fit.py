@@ -133,7 +133,7 @@ def test_a_faint_long_streak():
 
 def test_a_small_ball_in_a_large_picture(monkeypatch):
     """Honest: what is found in cells of four pixels is much wider than the ball."""
-    monkeypatch.setattr("blurmatte.streaks._MAX_CELLS", SIZE[0] * SIZE[1] / 16)
+    monkeypatch.setattr("blurmatte.streaks.find._MAX_CELLS", SIZE[0] * SIZE[1] / 16)
     way = Trajectory.line((66, 48), (90, 60))
     truth, image, plate = taken(Scene(TILES, way, Ball(3, GREEN)))
     streak = require_streaks(*with_noise(image, plate))[0]
