@@ -1,0 +1,5 @@
+"""What was found or measured, in plain words."""
+
+from blurmatte.explain.doubt import alpha_peak as alpha_peak
+from blurmatte.explain.doubt import doubts as doubts
+from blurmatte.explain.explain import explain as explain

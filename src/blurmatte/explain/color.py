@@ -1,0 +1,55 @@
+"""Which colors an object may have, and what told them."""
+
+import numpy as np
+
+from blurmatte.color import ColorModel
+
+_OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
+_EVIDENCE = {
+    "hue variation": "the hues of the plate behind the streak alone",
+    "shape": "the shape of the streak and the hues together",
+    "compression": "hues in a file that lets the colors of neighbors run together",
+    "feasibility": "alpha between 0 and 1, and no negative light, alone",
+    "frames": "several frames together",
+    "samples": "the scatter of the sampled colors alone",
+}
+_ANY = (
+    "Any colors: alpha follows from the shape and its motion, or from the plate's texture, not from a "
+    "color."
+)
+
+
+def color_in_words(model: ColorModel) -> list[str]:
+    """Sentences."""
+    if model.rank == 3:
+        return [_ANY]
+    return [_directions(model), *_evidence(model), *_possible(model)]
+
+
+def _directions(model: ColorModel) -> str:
+    told = " and ".join(
+        f"({', '.join(f'{x:.3f}' for x in color)})" for color in np.round(model.rgb, 3) + 0.0
+    )
+    space = "linear RGB" if model.to_srgb is None else "camera's own linear RGB"
+    if model.rank == 1:
+        return f"One paint and its shades: all multiples of the {space} color {told}."
+    return f"Two paints and their mixtures: a plane of colors between {space} {told}."
+
+
+def _evidence(model: ColorModel) -> list[str]:
+    if not model.evidence:
+        return ["The color was given, not measured."]
+    sentences = []
+    for name, std in model.evidence.items():
+        source = _EVIDENCE.get(name, f"{name} alone")
+        told = f"to {std:.2g}°" if std < _OPEN else "nothing"
+        sentences.append(f"From {source}: {told}.")
+    return sentences
+
+
+def _possible(model: ColorModel) -> list[str]:
+    """What else the color may be, if that can be told apart."""
+    told = [" and ".join(other.hex) for other in model.possible]
+    if len(set(told)) == 1:
+        return []
+    return [f"In 95 of 100 cases no further away than {told[1]} or {told[5]}."]

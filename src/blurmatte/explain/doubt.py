@@ -1,0 +1,104 @@
+"""Why a large part of an answer is unknown or cannot be true, and what to do."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from blurmatte.matting import Quality, Solution
+
+_ALL_SHADOW = (
+    "Only light was lost: all of this may be a shadow, or an object that is black, or darker than the "
+    "plate and of its hue; the picture cannot tell. Alpha holds only if something of the given color "
+    "was there."
+)
+_MANY = 0.25  # of the streak's pixels: more than a few odd ones
+_NOT_ALONE = 0.05  # of the known pixels: more than noise puts out of range
+_SMALL = 0.03  # of alpha: two answers that are nearer are one
+_HIGHEST, _ABOVE = 1.02, 0.005  # alpha that may still be called 1; share of pixels beyond it
+_REMEDY = {
+    Quality.SATURATED: "is clipped in the image or the plate and cannot be known; expose shorter",
+    Quality.PLATE_IN_MODEL: "lies before a plate of the object's own colors: nothing can be known "
+    "there; allow fewer colors, or take the pictures before another background",
+    Quality.SHADOW: "is only darker than the plate: a shadow, or something black, which the picture "
+    "cannot tell; choose a region without it",
+    Quality.MISFIT: "does not fit the color: pick the object's color where it is sharp or opaque, "
+    "give two colors (rank 2), or choose a region that holds the object alone",
+}
+
+
+def doubts(solution: Solution) -> list[str]:
+    """What nobody should overlook: why a large part of the answer is unknown or cannot be true.
+
+    One sentence each, with what to do; none for a sound solution.
+    """
+    inside = solution.quality[solution.streak]
+    if not inside.size:
+        return []
+    if solution.stats.get("only_light_lost", False):
+        return [_ALL_SHADOW]
+    unknown = ~solution.known[solution.streak]
+    shares = {
+        flag: float(np.mean(((inside & flag) != 0) & (unknown | (flag != Quality.SATURATED))))
+        for flag in _REMEDY
+    }
+    if (solution.stats.get("sweep") or {}).get("shadow") is not None:
+        del shares[Quality.SHADOW]  # it is the object's own, as is said of it
+    said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
+            if share > _MANY]  # fmt: skip
+    return _no_object(solution) or [*said, *_impossible(solution), *_rival(solution.stats)]
+
+
+def _rival(stats: Mapping[str, Any]) -> list[str]:
+    off = stats.get("rival_off", 0.0)
+    if off <= _SMALL:
+        return []
+    return [
+        "The color is told by hues alone; a shape that would explain most of the streak has an alpha "
+        f"that differs by {off:.2f}, and the errors cover both: give the object's color to be sure."
+    ]
+
+
+def _no_object(solution: Solution) -> list[str]:
+    total = solution.stats.get("sum_alpha")
+    if total is None or total > 3 * sum_std(solution):
+        return []
+    return [
+        f"Alpha adds up to {total:.0f}, no more than nothing: what moved here does not have this "
+        "color; choose the object with a region, or give its own color."
+    ]
+
+
+def _impossible(solution: Solution) -> list[str]:
+    """Alpha far out of its range, by more than noise."""
+    known = solution.streak & solution.known
+    alpha, margin = solution.alpha[known], 3 * solution.alpha_std[known]
+    if not alpha.size:
+        return []
+    above, below = np.mean(alpha > _HIGHEST + margin), np.mean(alpha < -margin)
+    said = []
+    if above > _ABOVE:
+        said.append(
+            f"Alpha goes up to {alpha_peak(solution):.2f}, which cannot be (above 1 in {above:.1%} "
+            "of the streak): the color is too near to the plate's, or the plate does not fit."
+        )
+    if below > _NOT_ALONE:
+        said.append(
+            f"Alpha is below 0 in {below:.0%} of the streak, which cannot be: a shadow or another "
+            "thing is in it, or the color is wrong."
+        )
+    return said
+
+
+def alpha_peak(solution: Solution) -> float:
+    """How far alpha goes up where it is known, but for the topmost half percent; 0 if nowhere."""
+    alpha = solution.alpha[solution.streak & solution.known]
+    return max(float(np.percentile(alpha, 99.5)), 0.0) if alpha.size else 0.0
+
+
+def sum_std(solution: Solution) -> float:
+    """Of the sum of alpha: from the noise, and from the color."""
+    stats = solution.stats
+    by_color = stats.get("sum_alpha", 0) * stats.get("alpha_scale_std", 0)
+    return math.hypot(stats.get("sum_alpha_std", 0), by_color)

@@ -1,0 +1,23 @@
+"""Numbers with as many digits as their errors leave meaning."""
+
+import math
+from typing import Any
+
+
+def rounded_std(std: float) -> str:
+    """A standard deviation alone: one digit, or no fraction."""
+    return f"{std:.0f}" if std >= 1 else f"{std:.1g}"
+
+
+def channels(values: Any, errors: Any) -> str:
+    """Three numbers with their errors."""
+    return ", ".join(
+        f"{_digits(value, error)} ± {_digits(error, error)}"
+        for value, error in zip(values, errors, strict=True)
+    )
+
+
+def _digits(value: float, error: float) -> str:
+    """As many digits as an error of two digits leaves meaning."""
+    last = 1 - math.floor(math.log10(error)) if error > 0 else 6
+    return f"{round(value, last):.{max(last, 0)}f}"

@@ -1,0 +1,134 @@
+"""What a solution says: what explains it, how much of it there is, and what is known against it."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from blurmatte.color import ColorModel
+from blurmatte.explain.doubt import alpha_peak, doubts, sum_std
+from blurmatte.explain.numbers import rounded_std
+from blurmatte.explain.sweep import sweep_in_words
+from blurmatte.matting import Quality, Solution
+from blurmatte.radiometry import NoiseModel
+
+_MEDIUM_LIGHT = np.full(3, 0.2)
+_AGAINST = {
+    Quality.SATURATED: "clipped",
+    Quality.PLATE_IN_MODEL: "plate of the object's color",
+    Quality.OUT_OF_RANGE: "alpha out of range",
+    Quality.MISFIT: "not explained by the color model",
+    Quality.SHADOW: "only darker, a shadow or something black",
+    Quality.OCCLUDED: "behind something still",
+}
+
+
+def solution_in_words(solution: Solution) -> list[str]:
+    """Sentences, what nobody should overlook first."""
+    stats = solution.stats
+    return [
+        *doubts(solution),
+        f"Alpha up to {alpha_peak(solution):.2f}.",
+        *sweep_in_words(solution),
+        *_smooth(stats),
+        *_area(solution),
+        *_match(stats),
+        *_noise(stats),
+        *_flags(solution),
+        *_others(stats),
+    ]
+
+
+def _smooth(stats: Mapping[str, Any]) -> list[str]:
+    """How alpha was found, if no shape told it."""
+    smooth = stats.get("smooth")
+    if smooth is None:
+        return []
+    what = "change little" if smooth["order"] == 1 else "bend little"
+    settled = "" if smooth["converged"] else " It had not settled yet: take a little care."
+    return [f"All pixels were solved together, as alpha seems to {what} but for edges.{settled}"]
+
+
+def _area(solution: Solution) -> list[str]:
+    total = solution.stats.get("sum_alpha")
+    if total is None:
+        return []
+    std = sum_std(solution)
+    said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
+    if total > 3 * std:
+        radius = math.sqrt(total / math.pi)
+        error = rounded_std(std / (2 * math.pi * radius))
+        said += ": the area of the silhouette in pixels, whatever the motion; "
+        said += f"of a disc, the radius would be {radius:.1f} ± {error}"
+    sentences = [said + "."]
+    unknown = solution.stats.get("pixels", 0) - solution.stats.get("pixels_known", 0)
+    if unknown:
+        sentences.append(f"{unknown} pixels of the streak are unknown and not in the sum.")
+    if _touches_border(solution):
+        sentences.append("The streak touches the border; the sum lacks what lies beyond.")
+    return sentences
+
+
+def _condition(model: ColorModel) -> str:
+    """What the sum rests on, beside the noise."""
+    if not model.evidence and model.rank < 3:
+        return ", if the given color is right"
+    if set(model.evidence) == {"samples"}:
+        return ", if the sampled pixels show nothing but the object"
+    return ""
+
+
+def _touches_border(solution: Solution) -> bool:
+    x0, y0, x1, y1 = solution.stats.get("streak_box", (1, 1, 1, 1))
+    width, height = solution.size
+    return bool(min(x0, y0) == 0 or x1 == width or y1 == height)
+
+
+def _match(stats: Mapping[str, Any]) -> list[str]:
+    """How the plate was changed to match the image, and how well they agree now."""
+    match = stats.get("match")
+    if match is None:
+        return []
+    what = (
+        "The plate was used as it is"
+        if match["in_words"] == "plate as it is"
+        else (f"The plate was matched to the image: {match['in_words']}")
+    )
+    return [
+        f"{what}; where nothing moved, they agree to {match['agreement']:.2g} times their noise, at "
+        f"edges to {match['edge_agreement']:.2g}."
+    ]
+
+
+def _noise(stats: Mapping[str, Any]) -> list[str]:
+    spoken = [
+        f"{_noise_std(stats[f'{name}_noise']):.2g} in the {name}"
+        for name in ("image", "plate")
+        if f"{name}_noise" in stats
+    ]
+    return [f"Noise (std, white is 1): {', '.join(spoken)}."] if spoken else []
+
+
+def _noise_std(fields: Mapping[str, Any]) -> float:
+    if "median_std" in fields:
+        return float(fields["median_std"])
+    return float(np.sqrt(NoiseModel(**fields).variance(_MEDIUM_LIGHT).mean()))
+
+
+def _flags(solution: Solution) -> list[str]:
+    inside = solution.quality[solution.streak]
+    shares = (
+        {flag: float(np.mean((inside & flag) != 0)) for flag in _AGAINST} if inside.size else {}
+    )
+    said = [f"{_AGAINST[flag]} {share:.1%}" for flag, share in shares.items() if share >= 0.0005]
+    if not said:
+        return ["Nothing is known against the streak's pixels."]
+    return [f"Flagged in the streak: {', '.join(said)}."]
+
+
+def _others(stats: Mapping[str, Any]) -> list[str]:
+    count = len(stats.get("other_boxes", ()))
+    if count == 0:
+        return []
+    return [f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."]

@@ -1,0 +1,71 @@
+"""What nobody should overlook."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blurmatte.explain import doubts, explain
+from blurmatte.matting import Quality
+
+
+def test_a_rival_is_a_doubt(solution):
+    """Exact; what differs by little is none."""
+    assert any(
+        "differs by 0.30, and the errors cover both" in x for x in doubts(solution(rival_off=0.3))
+    )
+    assert not any("errors cover both" in x for x in doubts(solution(rival_off=0.01)))
+
+
+def test_an_impossible_sum_is_called_so(solution):
+    nothing = solution(sum_alpha=-50.0, sum_alpha_std=2.0)
+    (doubt,) = doubts(nothing)
+    assert doubt.startswith("Alpha adds up to -50, no more than nothing: what moved here does not")
+    assert explain(nothing)[0] == doubt
+    assert "the area" not in " ".join(explain(nothing))
+
+
+def test_a_sound_solution_leaves_no_doubt(changed):
+    assert doubts(changed()) == []
+    assert doubts(changed(quality=(2, Quality.MISFIT))) == []
+    assert doubts(changed(alpha=(10, 1.05))) == []  # noise may do that
+    outside = np.full((20, 30), Quality.OUTSIDE, np.uint8)
+    assert doubts(replace(changed(), quality=outside)) == []
+
+
+@pytest.mark.parametrize(
+    ("flag", "says"),
+    [
+        (Quality.PLATE_IN_MODEL, "40% of the streak lies before a plate of the object's own"),
+        (Quality.SATURATED, "40% of the streak is clipped"),
+        (
+            Quality.SHADOW,
+            "40% of the streak is only darker than the plate: a shadow, or something black",
+        ),
+        (Quality.MISFIT, "40% of the streak does not fit the color"),
+    ],
+)
+def test_a_large_flagged_part_is_a_doubt(changed, flag, says):
+    some = changed(quality=(4, flag))
+    unknown = (some.quality & Quality.SATURATED) != 0
+    (doubt,) = doubts(replace(some, alpha_std=np.where(unknown, np.inf, some.alpha_std)))
+    assert doubt.startswith(says)
+
+
+def test_clipped_pixels_that_are_known_are_no_doubt(changed):
+    assert doubts(changed(quality=(4, Quality.SATURATED))) == []
+
+
+def test_what_may_all_be_a_shadow_is_the_doubt_of_all(solution):
+    (doubt,) = doubts(solution(only_light_lost=True))
+    assert doubt.startswith(
+        "Only light was lost: all of this may be a shadow, or an object that is"
+    )
+
+
+def test_alpha_that_cannot_be_is_a_doubt(changed):
+    (above,) = doubts(changed(alpha=(1, 1.5)))
+    assert above.startswith("Alpha goes up to 1.50, which cannot be (above 1 in 10.0% of the")
+    (below,) = doubts(changed(alpha=(1, -0.5)))
+    assert below.startswith("Alpha is below 0 in 10% of the streak, which cannot be: a shadow")
+    assert doubts(changed(alpha=(1, -0.5), quality=(10, Quality.PLATE_IN_MODEL)))[1:] == []

@@ -1,0 +1,40 @@
+"""Noise in words."""
+
+import numpy as np
+
+from blurmatte.explain import explain
+from blurmatte.radiometry import NoiseFit, NoiseModel
+
+
+def noise_fit(spread, coherence=1.0, rounding=0.0, relative=0.0, changed=0.0):
+    sensor = NoiseModel(gain=2e-4, read_std=0.002, relative_std=relative)
+    covariance = np.stack([np.diag((spread * row) ** 2) for row in sensor.coefficients])
+    ratios = np.full((3, 4), coherence)
+    return NoiseFit(sensor, NoiseModel(read_std=rounding), covariance, (), (), (), ratios, changed)
+
+
+def test_noise_is_told_in_electrons():
+    """Exact."""
+    said = explain(noise_fit(0.01))
+    assert said[0].startswith("Gain, light per electron: 0.0002000 ± 0.0000020, ")
+    assert said[1] == "White is 5000 ± 50, 5000 ± 50, 5000 ± 50 electrons."
+    assert said[2].startswith("Read noise, 1 is white: 0.0020000 ± 0.0000100, ")
+    assert said[3:] == ["Every pixel has noise of its own."]
+
+
+def test_what_else_noise_is_made_of():
+    """Exact: rounding, a fraction of light, what changed, and how it hangs together."""
+    said = " ".join(explain(noise_fit(0.01, 4.0, 0.006, 0.01, 0.125)))
+    assert "White is" not in said
+    assert "And this fraction of the light: 0.010000 ± 0.000050, " in said
+    assert "Rounding to code values makes 0.43 of the variance at light 0.2" in said
+    assert "Noise hangs together over 2.0, 2.0, 2.0 px (R, G, B), " in said
+    assert "8x8: 4," in said
+    assert "12.5% of the pixels changed by more than noise" in said
+
+
+def test_gain_and_read_noise_that_are_not_told_apart():
+    """Exact."""
+    said = explain(noise_fit(0.9))
+    assert any(line.startswith("The light is too even") for line in said)
+    assert not any(line.startswith("White") for line in said)

@@ -1,0 +1,51 @@
+"""Solutions in words."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from blurmatte.color import ColorModel
+from blurmatte.explain import explain
+from blurmatte.matting import Quality
+
+
+def test_the_sum_of_alpha_is_an_area(solution):
+    said = " ".join(
+        explain(solution(sum_alpha=np.pi * 100, sum_alpha_std=3.0, alpha_scale_std=0.02))
+    )
+    assert "Alpha up to 0.30." in said
+    # hypot(3, 0.02 * 314) = 6.96
+    assert "Sum of alpha 314 ± 7, if the given color is right: the area" in said
+    assert "radius would be 10.0 ± 0.1." in said
+    assert "not explained by the color model 10.0%" in said
+
+
+def test_what_limits_the_sum_is_told(solution):
+    said = " ".join(
+        explain(
+            solution(
+                **{"sum_alpha": 100.0, "pixels": 200, "pixels_known": 150},
+                **{"streak_box": (0, 5, 25, 15), "other_boxes": ((1, 1, 2, 2),)},
+            )
+        )
+    )
+    assert "50 pixels of the streak are unknown" in said
+    assert "touches the border" in said
+    assert "1 other thing moved" in said
+
+
+def test_what_is_in_front_is_told(changed):
+    said = " ".join(explain(changed(quality=(1, Quality.OCCLUDED))))
+    assert "behind something still 10.0%" in said
+
+
+def test_samples_are_only_as_good_as_the_pixels_that_were_picked(solution):
+    picked = ColorModel.from_samples(np.array([[0.8, 0.4, 0.1], [0.81, 0.4, 0.1]]))
+    said = " ".join(explain(replace(solution(sum_alpha=100.0), model=picked)))
+    assert "if the sampled pixels show nothing but the object: the area" in said
+
+
+def test_noise_is_told_at_medium_light(solution):
+    noise = {"gain": (0, 0, 0), "read_std": (0.002,) * 3, "relative_std": (0, 0, 0)}
+    said = explain(solution(image_noise=noise, plate_noise={"median_std": 0.001}))
+    assert "Noise (std, white is 1): 0.002 in the image, 0.001 in the plate." in said
