@@ -1,5 +1,7 @@
 """The data of a sweep: cropped in the right place, and means of blocks when coarser."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -65,6 +67,25 @@ def test_coarser_variance_is_that_of_a_mean(by):
         assert_allclose(coarse.C_variance[j, i], block.sum(axis=(0, 1)) / by**4)
     for j, i, block in blocks(data.B_variance, by):
         assert_allclose(coarse.B_variance[j, i], block.sum(axis=(0, 1)) / by**4)
+
+
+def test_noise_that_hangs_together_is_measured_where_means_hide_it():
+    """Honest: of means over pixels of a file that share it the variance is as measured."""
+    rng = np.random.default_rng(4)
+    light, std = np.broadcast_to(np.linspace(0.1, 0.7, 160)[:, None], (120, 160, 3)), 0.01
+
+    def shared():
+        return light + np.repeat(np.repeat(rng.normal(0, std, (60, 80, 3)), 2, 0), 2, 1)
+
+    pictures = [LinearImage(shared(), NoiseModel(read_std=std)) for _ in "ab"]
+    mask = np.zeros((120, 160), bool)
+    mask[50:70, 60:100] = True
+    data = replace(data_around(Streak(mask), 40, *pictures, None), louder=3.0).coarser(2)
+    assert_allclose(data.C_variance.mean(), std**2 / 4, rtol=0.01)
+    measured = data.with_noise_measured()
+    both = measured.C_variance + measured.B_variance
+    assert_allclose(both.mean(), 3 * 2 * std**2, rtol=0.1)
+    assert_array_equal(measured.C, data.C)
 
 
 @pytest.mark.parametrize("by", [2, 3, 5])

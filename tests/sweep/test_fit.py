@@ -227,6 +227,17 @@ def test_two_paints():
     assert sweep.misfit < MAX_MISFIT
 
 
+def test_a_large_ball_in_a_jpeg_file():
+    """Honest: on pixels of several of the file's, the noise of which hangs together."""
+    plate = colorful_plate((640, 480), 2, tile=60)
+    scene = Scene(plate, Trajectory.line((230, 210), (420, 260)), Ball(95, (0.25, 0.7, 0.12)))
+    truth, shot = render(scene, 300), Shot(scene, FILE, plate_frames=5, seed=2)
+    sweep = fit_sweep(*shot.photograph(truth))
+    assert sweep.misfit <= MAX_MISFIT
+    assert rmse(sweep, truth) < 0.005
+    assert abs(sweep.radius - 95) < 3 * sweep.radius_std < 1.5
+
+
 def in_jpeg(scene, seed):
     """The truth of a scene, and what is found in its compressed pictures."""
     shot = Shot(scene, Camera(code_std=2 / 255, jpeg_quality=90), plate_frames=5, seed=seed)

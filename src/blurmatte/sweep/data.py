@@ -5,7 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import Compression, LinearImage, Transfer, cell_means, smooth_variance
+from blurmatte.radiometry import (
+    Compression,
+    LinearImage,
+    Transfer,
+    cell_means,
+    smooth_variance,
+    with_noise,
+)
 from blurmatte.streaks import Streak
 from blurmatte.sweep.chroma import Bled, Blur, Compressed
 from blurmatte.sweep.known import KnownColor
@@ -103,6 +110,15 @@ class Data:
         """With that many times the variance of noise."""
         C_variance, B_variance = by * self.C_variance, by * self.B_variance
         return replace(self, C_variance=C_variance, B_variance=B_variance, louder=by * self.louder)
+
+    def with_noise_measured(self) -> "Data":
+        """With the noise that there is between these pixels beside the streak.
+
+        Of what files make hang together it is more than means over pixels of the file should have.
+        """
+        pictures = with_noise(*(LinearImage(light, valid=self.valid) for light in (self.C, self.B)))
+        C_variance, B_variance = (self.louder * smooth_variance(p) for p in pictures)
+        return replace(self, C_variance=C_variance, B_variance=B_variance)
 
     def coarse_enough(self, radius: float, pixels: float) -> "Data":
         """On pixels so large that a radius (pixels of the picture) has that many, or a few more."""

@@ -104,6 +104,8 @@ class Search:
         data = data_around(streak, int(_MARGIN * half_width) + 4, image, plate, known)
         data = replace(data, grain=half_width / _GRAINS, louder=louder)
         data = data.coarse_enough(half_width, _FINE_RADIUS)
+        if image.meta.sharing is not None and data.scale > 1:
+            data = data.with_noise_measured()
         return cls(
             data,
             data.coarse_enough(half_width, _COARSE_RADIUS),
