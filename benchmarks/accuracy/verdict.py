@@ -36,8 +36,8 @@ from blurmatte.rendering import (
 from blurmatte.trajectory import Trajectory
 
 SIZE = (384, 288)
-# Scenes before it were looked at while the rules were made.
-FIRST = 68000
+# Scenes before it were looked at while the rules were made; of its own one was, a drop in JPEG (17).
+FIRST = 67000
 SEEDS = 36
 NOISE = 2 * CODE
 RADII = (6, 40)  # pixels
