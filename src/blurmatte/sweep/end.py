@@ -48,8 +48,8 @@ Array = npt.NDArray[np.float64]
 _MOST_UNSURE, _MOST_UNSURE_OF_FREE = 0.25, 0.03
 _STRUCTURED = 3.0  # times its noise: the least that is texture of a plate
 # Of alpha, to which the plate's texture must tell it to believe in any colors, and to believe in them
-# whatever else is left, for paint is finer than a field. Of 23 right ones places were off by up to
-# 0.15, of a drop that a few edges told exactly, and that was off by 0.25, by 0.34.
+# whatever else is left, for paint is finer than a field. Of 27 right ones places were off by up to
+# 0.15, of three that a few edges told, and that were off by 0.08 to 0.25, by 0.24 to 0.34.
 _CONFIRMED, _EXACTLY = 0.18, 0.08
 # Of alpha: balls with holes and codecs leave 0.1, wrong shapes up to 0.5. Planes and outlines, which
 # take up more, are asked place by place: right ones left up to 0.17, wrong ones 0.25 on.
