@@ -28,7 +28,6 @@ from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.silhouette import DISC
 from blurmatte.sweep.verdict import (
     BRIGHTEST,
-    _here,
     beyond_file,
     can_be,
     coherence,
@@ -387,9 +386,3 @@ def test_noise_of_single_pixels_is_no_file_s():
     assert not colors_ran_together(data, found)
     ramp = np.linspace(0, 0.05, data.C.shape[1])[:, None]
     assert not colors_ran_together(replace(data, C=data.C * (1 + ramp)), found)
-
-
-@pytest.mark.parametrize(("scale", "sizes"), [(1, (4, 8)), (2, (2, 4)), (3, (2, 3)), (8, (2, 2))])
-def test_blocks_of_files_are_as_large_on_larger_pixels(scale, sizes):
-    """Exact: but two pixels at least, for one alone hangs together with nothing."""
-    assert tuple(_here(size, float(scale)) for size in (4, 8)) == sizes

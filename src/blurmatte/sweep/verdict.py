@@ -36,9 +36,7 @@ _HARDLY = 2.0  # times: rims that were blurred left up to 1.5, a sharp one that 
 # Where pairs of pixels share color it is 0.8; of 3000 pixels chance makes it 1 ± 0.02.
 _SMOOTH = 0.9
 _LEAST_USUAL = 0.1  # of variance: what rounding leaves where a file spares all noise
-# By sizes of blocks, in pixels of the picture, that noise hangs together; where more does, something
-# else moves.
-_MOST_USUAL = {4: 10.0, 8: 25.0}
+_MOST_USUAL = {4: 10.0, 8: 25.0}  # that noise hangs together; where more does, something else moves
 _ANY_COLORS = 15.0  # by which a field of colors overstates evidence: it stands for what is painted
 _APART = 0.05  # radians
 _NEGATIVE = 0.1  # of the brightest channel, what noise may make of a dark one
@@ -107,13 +105,13 @@ def left_beyond_noise(data: Data, state: State) -> float:
     worst = 0.0 if state.frame.rank == 2 and data.known is None else _WORST
     if usual < _HANGS:
         return _together(e, within, worst, _BLOCK) / max(usual, 1) / chance
-    sizes = [(size, _here(size, data.scale)) for size in _MOST_USUAL]
     of_pixels = [
-        _together(e, within, worst, here) / _usual_in_files(e, beside, size, data.scale)
-        for size, here in sizes
+        _together(e, within, worst, size) / _usual_in_files(e, beside, size, data.scale)
+        for size in _MOST_USUAL
     ]
     of_noise = [
-        _in_blocks(e, within, worst, here) / shared_coherence(here, data.scale) for _, here in sizes
+        _in_blocks(e, within, worst, size) / shared_coherence(size, data.scale)
+        for size in _MOST_USUAL
     ]
     least = min(float(np.exp(np.mean(np.log(ratios)))) for ratios in (of_pixels, of_noise))
     return least / chance
@@ -353,17 +351,8 @@ def _usual(e: Array, beside: Bools) -> float:
 
 def _usual_in_files(e: Array, beside: Bools, size: int, scale: float) -> float:
     """The same for blocks of a size, at least that of shared colors, where noise hangs together."""
-    here = _here(size, scale)
-    usual = min(_together(e, beside, _OTHERS, here), _MOST_USUAL[size])
-    return max(usual, shared_coherence(here, scale))
-
-
-def _here(size: int, scale: float) -> int:
-    """Pixels here, two or more, across a block of so many of the picture.
-
-    Files make noise hang together over pixels of theirs, however many of them are one here.
-    """
-    return max(round(size / scale), 2)
+    usual = min(_together(e, beside, _OTHERS, size), _MOST_USUAL[size])
+    return max(usual, shared_coherence(size, scale))
 
 
 def _together(e: Array, use: Bools, worst: float, size: int) -> float:
