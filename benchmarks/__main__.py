@@ -13,10 +13,9 @@ from importlib import import_module
 from pathlib import Path
 
 from benchmarks.report import write_report
-from benchmarks.table import RESULTS, Table, publish
+from benchmarks.table import Table, add_options, publish, result_folder
 
 HERE = Path(__file__).parent
-SMOKE = HERE.parent / "out" / "benchmarks"  # numbers of a quick run mean nothing
 
 Tables = Callable[..., list[Table]]
 
@@ -32,7 +31,9 @@ def benchmarks() -> dict[str, Tables]:
     }
 
 
-def run_all(jobs: dict[str, Tables], folder: Path, quick: bool) -> list[str]:
+def run_all(
+    jobs: dict[str, Tables], folder: Path, quick: bool, allow_dirty: bool = False
+) -> list[str]:
     """Run and publish one after another; the names of those that failed."""
     failed = []
     for name, tables in jobs.items():
@@ -40,7 +41,7 @@ def run_all(jobs: dict[str, Tables], folder: Path, quick: bool) -> list[str]:
         start = time.perf_counter()
         try:
             for table in tables(quick=quick):
-                publish(table, folder)
+                publish(table, folder, allow_dirty)
         except Exception:
             traceback.print_exc()
             failed.append(name)
@@ -51,15 +52,10 @@ def run_all(jobs: dict[str, Tables], folder: Path, quick: bool) -> list[str]:
 
 def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
-    parser.add_argument(
-        "--quick", action="store_true", help="one seed, fewest points: a smoke test"
-    )
-    parser.add_argument(
-        "--folder", type=Path, help=f"where to write tables; else {RESULTS}, or {SMOKE} if quick"
-    )
+    add_options(parser)
     arguments = parser.parse_args()
-    folder = arguments.folder or (SMOKE if arguments.quick else RESULTS)
-    failed = run_all(benchmarks(), folder, arguments.quick)
+    folder = result_folder(arguments)
+    failed = run_all(benchmarks(), folder, arguments.quick, arguments.allow_dirty)
     print(f"report: {write_report(folder)}")
     if failed:
         print(f"failed: {', '.join(failed)}", file=sys.stderr)

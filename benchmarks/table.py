@@ -1,7 +1,7 @@
 """A table of measurements: printed, kept as CSV with commit and machine, and drawn.
 
 Every benchmark answers one question with one table. `python -m benchmarks` makes all of them and
-`docs/results.md`.
+`docs/results.md`. Published tables come from a clean commit, which they name.
 """
 
 import argparse
@@ -11,10 +11,13 @@ import platform
 import subprocess
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-RESULTS = Path(__file__).parent.parent / "docs" / "results"
+ROOT = Path(__file__).parent.parent
+RESULTS = ROOT / "docs" / "results"
+QUICK_RESULTS = ROOT / "out" / "benchmarks"  # numbers of a quick run mean nothing
 
 Cell = str | int | float | None
 
@@ -87,9 +90,20 @@ class Table:
         return [row[self.columns.index(name)] for row in self.rows]
 
 
-def publish(table: Table, folder: Path = RESULTS) -> None:
-    """Print the table and write `name`.csv, and `name`.png if it is to be drawn."""
+class DirtyTreeError(RuntimeError):
+    """The published results would name a commit that did not make them."""
+
+
+def publish(table: Table, folder: Path = RESULTS, allow_dirty: bool = False) -> None:
+    """Print the table and write `name`.csv, and `name`.png if it is to be drawn.
+
+    Raises
+    ------
+    DirtyTreeError
+        As `require_clean_tree` does, after the table is printed.
+    """
     print(f"\n{table.question}\n{text(table)}\n", flush=True)
+    require_clean_tree(folder, allow_dirty)
     folder.mkdir(parents=True, exist_ok=True)
     with open(folder / f"{table.name}.csv", "w", newline="", encoding="utf-8") as file:
         for line in (table.question, table.notes, machine()):
@@ -106,11 +120,51 @@ def publish(table: Table, folder: Path = RESULTS) -> None:
 def publish_all(tables: Callable[..., list[Table]]) -> None:
     """The main program of a benchmark: make its tables and publish them."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--quick", action="store_true", help="one seed, fewest points")
-    parser.add_argument("--folder", type=Path, default=RESULTS, help="where to write")
+    add_options(parser)
     arguments = parser.parse_args()
+    folder = result_folder(arguments)
     for table in tables(quick=arguments.quick):
-        publish(table, arguments.folder)
+        publish(table, folder, arguments.allow_dirty)
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add `--quick`, `--folder` and `--allow-dirty`."""
+    parser.add_argument(
+        "--quick", action="store_true", help="one seed, fewest points: a smoke test"
+    )
+    parser.add_argument(
+        "--folder", type=Path, help=f"where to write; else {RESULTS}, or {QUICK_RESULTS} if quick"
+    )
+    parser.add_argument(
+        "--allow-dirty", action="store_true", help="publish with changes that are not committed"
+    )
+
+
+def result_folder(arguments: argparse.Namespace) -> Path:
+    """The folder that the options name; exits if it must not be written."""
+    folder: Path = arguments.folder or (QUICK_RESULTS if arguments.quick else RESULTS)
+    try:
+        require_clean_tree(folder, arguments.allow_dirty)
+    except DirtyTreeError as error:
+        raise SystemExit(f"error: {error}") from None
+    return folder
+
+
+def require_clean_tree(folder: Path, allow_dirty: bool = False) -> None:
+    """Refuse to write published results unless the commit is all that made them.
+
+    Raises
+    ------
+    DirtyTreeError
+        If `folder` is docs/results and files differ from the commit, or no commit is known.
+    """
+    if allow_dirty or folder.resolve() != RESULTS.resolve() or not (changed := changed_files()):
+        return
+    more = f" and {len(changed) - 3} more" if len(changed) > 3 else ""
+    raise DirtyTreeError(
+        f"{RESULTS} takes tables from a clean commit only; changed: {', '.join(changed[:3])}{more}\n"
+        "Commit first, or give --allow-dirty, or another --folder."
+    )
 
 
 def text(table: Table) -> str:
@@ -135,15 +189,35 @@ def machine() -> str:
     return ", ".join([*parts, f"Python {platform.python_version()}", _processor()])
 
 
+@cache
+def changed_files() -> tuple[str, ...]:
+    """Files that differ from the commit or are new, but for published results, which runs write.
+
+    Asked once, for a program is what it was when it began. Outside a checkout: one line that says so.
+    """
+    paths = (".", ":!docs/results", ":!docs/results.md")
+    found = _git("status", "--porcelain", "--", *paths)
+    if found is None:
+        return ("this is no git checkout",)
+    return tuple(line[3:] for line in found.splitlines())
+
+
+@cache
 def _commit() -> str:
     """The commit, and whether something is changed since; unknown outside a checkout."""
-    told = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
-        capture_output=True,
-        text=True,
-        cwd=Path(__file__).parent,
-    )
-    return told.stdout.strip() or "unknown"
+    commit = _git("describe", "--always")
+    if commit is None:
+        return "unknown"
+    return f"{commit}-dirty" if changed_files() else commit
+
+
+def _git(*arguments: str) -> str | None:
+    """What git prints, without the last line's end; None if it fails or is not installed."""
+    try:
+        done = subprocess.run(["git", *arguments], capture_output=True, text=True, cwd=ROOT)
+    except FileNotFoundError:
+        return None
+    return done.stdout.rstrip() if done.returncode == 0 else None
 
 
 def _processor() -> str:

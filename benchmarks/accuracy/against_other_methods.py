@@ -23,7 +23,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 from benchmarks.accuracy import other_methods as other
-from benchmarks.table import Cell, Table, publish
+from benchmarks.table import Cell, Table, add_options, publish, result_folder
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError
@@ -319,8 +319,11 @@ def _by_scene(results: list[Result]) -> Table:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, metavar="NAME")
-    for table in tables(parser.parse_args().scenes):
-        publish(table)
+    add_options(parser)
+    arguments = parser.parse_args()
+    folder = result_folder(arguments)
+    for table in tables(arguments.scenes, arguments.quick):
+        publish(table, folder, arguments.allow_dirty)
 
 
 if __name__ == "__main__":

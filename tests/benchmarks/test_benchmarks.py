@@ -1,5 +1,6 @@
 """Benchmarks make the tables they declare, and the report says what the tables say."""
 
+import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -14,9 +15,10 @@ ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
 
 from benchmarks.report import FIRST, read_result, write_report  # noqa: E402
-from benchmarks.table import Table, publish  # noqa: E402
+from benchmarks.table import DirtyTreeError, Table, publish, publish_all  # noqa: E402
 
 from benchmarks import __main__ as program  # noqa: E402
+from benchmarks import table as table_module  # noqa: E402
 from benchmarks import trials  # noqa: E402
 from blurmatte.color import ColorModel  # noqa: E402
 from blurmatte.rendering import Camera  # noqa: E402
@@ -108,6 +110,78 @@ def test_an_attempt_tells_refusals_from_answers():
     assert errors.known > 0.99
     assert 0 < errors.rmse < 0.005
     assert 0.3 < errors.spread < 2  # neighbors err alike
+
+
+# A clean commit
+
+
+@pytest.fixture
+def dirty(monkeypatch, machine, tmp_path):
+    """A checkout with a change that is not committed, and where its results are."""
+    folder = tmp_path / "docs" / "results"
+    monkeypatch.setattr(table_module, "RESULTS", folder)
+    monkeypatch.setattr(table_module, "QUICK_RESULTS", tmp_path / "out")
+    monkeypatch.setattr(table_module, "changed_files", lambda: ("src/blurmatte/layer.py",))
+    return folder
+
+
+def test_results_are_not_published_from_a_dirty_tree(dirty):
+    with pytest.raises(DirtyTreeError, match=r"changed: src/blurmatte/layer\.py\nCommit first, or"):
+        publish(TABLE, dirty)
+    assert not dirty.exists()
+    publish(TABLE, dirty, allow_dirty=True)
+    assert (dirty / "made_up.csv").exists()
+
+
+@pytest.mark.parametrize("main", [program.main, lambda: publish_all(program.benchmarks()["made"])])
+@pytest.mark.parametrize(
+    ("options", "written"),
+    [
+        ([], None),
+        (["--allow-dirty"], "docs/results"),
+        (["--quick"], "out"),
+        (["--folder", "elsewhere"], "elsewhere"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_programs_refuse_a_dirty_tree_before_they_measure(
+    dirty, tmp_path, monkeypatch, main, options, written
+):
+    calls = []
+    monkeypatch.setattr(
+        program, "benchmarks", lambda: {"made": lambda quick: calls.append(quick) or [TABLE]}
+    )
+    monkeypatch.setattr(sys, "argv", ["benchmarks", *options])
+    monkeypatch.chdir(tmp_path)
+    if written is None:
+        with pytest.raises(SystemExit, match=r"error: .* takes tables from a clean commit only"):
+            main()
+        assert calls == []
+        return
+    main()
+    assert calls == [options == ["--quick"]]
+    assert [path.parent for path in tmp_path.rglob("made_up.csv")] == [tmp_path / written]
+
+
+def test_changed_and_new_files_are_found_but_not_results(tmp_path, monkeypatch):
+    def git(*arguments):
+        subprocess.run(["git", *arguments], cwd=tmp_path, check=True, capture_output=True)
+
+    monkeypatch.setattr(table_module, "ROOT", tmp_path)
+    changed_files = table_module.changed_files.__wrapped__
+    monkeypatch.setenv("GIT_CEILING_DIRECTORIES", str(tmp_path.parent))
+    assert changed_files() == ("this is no git checkout",)
+    git("init")
+    (tmp_path / "a.py").write_text("1")
+    git("add", "a.py")
+    git("-c", "user.name=a", "-c", "user.email=a@b", "commit", "-m", "a")
+    results = tmp_path / "docs" / "results"
+    results.mkdir(parents=True)
+    (results / "a.csv").write_text("1")
+    assert changed_files() == ()
+    (tmp_path / "a.py").write_text("2")
+    (tmp_path / "b.py").write_text("2")
+    assert changed_files() == ("a.py", "b.py")
 
 
 # Report
