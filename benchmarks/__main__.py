@@ -54,7 +54,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__)
     add_options(parser)
     arguments = parser.parse_args()
-    folder = result_folder(arguments)
+    folder = result_folder(arguments.folder, arguments.quick, arguments.allow_dirty)
     failed = run_all(benchmarks(), folder, arguments.quick, arguments.allow_dirty)
     print(f"report: {write_report(folder)}")
     if failed:

@@ -122,7 +122,7 @@ def publish_all(tables: Callable[..., list[Table]]) -> None:
     parser = argparse.ArgumentParser()
     add_options(parser)
     arguments = parser.parse_args()
-    folder = result_folder(arguments)
+    folder = result_folder(arguments.folder, arguments.quick, arguments.allow_dirty)
     for table in tables(quick=arguments.quick):
         publish(table, folder, arguments.allow_dirty)
 
@@ -140,11 +140,11 @@ def add_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def result_folder(arguments: argparse.Namespace) -> Path:
-    """The folder that the options name; exits if it must not be written."""
-    folder: Path = arguments.folder or (QUICK_RESULTS if arguments.quick else RESULTS)
+def result_folder(folder: Path | None, quick: bool, allow_dirty: bool) -> Path:
+    """Where a program writes; exits if it must not, before anything is measured."""
+    folder = folder or (QUICK_RESULTS if quick else RESULTS)
     try:
-        require_clean_tree(folder, arguments.allow_dirty)
+        require_clean_tree(folder, allow_dirty)
     except DirtyTreeError as error:
         raise SystemExit(f"error: {error}") from None
     return folder

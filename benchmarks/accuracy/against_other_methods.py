@@ -321,7 +321,7 @@ def main() -> None:
     parser.add_argument("--scenes", nargs="+", default=SCENES, choices=SCENES, metavar="NAME")
     add_options(parser)
     arguments = parser.parse_args()
-    folder = result_folder(arguments)
+    folder = result_folder(arguments.folder, arguments.quick, arguments.allow_dirty)
     for table in tables(arguments.scenes, arguments.quick):
         publish(table, folder, arguments.allow_dirty)
 

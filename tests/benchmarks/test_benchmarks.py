@@ -4,6 +4,7 @@ import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from datetime import UTC, datetime
 from importlib import import_module
 from pathlib import Path
 
@@ -14,6 +15,7 @@ from numpy.testing import assert_allclose
 ROOT = Path(__file__).parents[2]
 sys.path.insert(0, str(ROOT))  # the benchmarks are no part of the package
 
+from benchmarks.battery import battery_table  # noqa: E402
 from benchmarks.report import FIRST, read_result, write_report  # noqa: E402
 from benchmarks.table import DirtyTreeError, Table, publish, publish_all  # noqa: E402
 
@@ -182,6 +184,28 @@ def test_changed_and_new_files_are_found_but_not_results(tmp_path, monkeypatch):
     (tmp_path / "a.py").write_text("2")
     (tmp_path / "b.py").write_text("2")
     assert changed_files() == ("a.py", "b.py")
+
+
+# Battery
+
+
+def test_the_battery_counts_what_pytest_wrote(tmp_path):
+    junit = tmp_path / "battery.xml"
+    junit.write_text(
+        """<testsuites><testsuite name="pytest" errors="1" failures="1" skipped="1" tests="6" time="90">
+        <testcase classname="tests.sweep.test_fit" name="test_a[wall]" time="1"/>
+        <testcase classname="tests.sweep.test_fit" name="test_b"><failure message="x"/></testcase>
+        <testcase classname="tests.test_gallery" name="test_c"><error message="x"/></testcase>
+        <testcase classname="tests.test_gallery" name="test_d"><skipped message="x"/></testcase>
+        <testcase classname="tests.test_gallery" name="test_e"/>
+        <testcase classname="tests.test_gallery" name="test_f"/>
+        </testsuite></testsuites>"""
+    )
+    table = battery_table(junit, datetime(2026, 1, 2, 3, 4, tzinfo=UTC))
+    assert table.rows == [("2026-01-02 03:04", 3, 2, 1, 1.5)]
+    assert table.notes.endswith(
+        "Failed: tests/sweep/test_fit.py::test_b, tests/test_gallery.py::test_c."
+    )
 
 
 # Report
