@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.table import RESULTS
 
+SECOND_TRUTH = ("second_truth", "second_truth_methods", "honest_deviations")
 FIRST = (
     "against_other_methods",
     "together",
@@ -86,7 +87,8 @@ def section(result: Result, folder: Path) -> str:
 
 def _place(result: Result) -> tuple[int, str]:
     """Tables of the short list first and in its order, the others by name."""
-    return FIRST.index(result.name) if result.name in FIRST else len(FIRST), result.name
+    order = (*SECOND_TRUTH, *FIRST)
+    return order.index(result.name) if result.name in order else len(order), result.name
 
 
 def _markdown(result: Result) -> str:

@@ -13,6 +13,7 @@ from typing import Any
 from benchmarks.cycles.errors import Errors
 
 JOURNAL = "journal.jsonl"
+OUT_OF_TIME = "no answer within"  # how `Outcome.why` begins then
 
 
 @dataclass(frozen=True)
@@ -71,6 +72,11 @@ class Outcome:
     cpu_seconds: float | None
     limit: float
     errors: Errors
+
+    @property
+    def out_of_time(self) -> bool:
+        """Whether the limit was reached."""
+        return self.why.startswith(OUT_OF_TIME)
 
     def to_json(self) -> str:
         """One line."""

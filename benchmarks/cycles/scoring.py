@@ -15,7 +15,7 @@ import numpy as np
 from benchmarks.accuracy.against_other_methods import Case
 from benchmarks.cycles.errors import errors_of
 from benchmarks.cycles.methods import OURS, Method, methods
-from benchmarks.cycles.outcome import JOURNAL, Key, Outcome, append, read_journal
+from benchmarks.cycles.outcome import JOURNAL, OUT_OF_TIME, Key, Outcome, append, read_journal
 from benchmarks.cycles.pictures import LEARN, TUNE, Picture, find_pictures
 from benchmarks.cycles.workers import Ended, cpu_limit, run_each
 
@@ -153,7 +153,7 @@ def _outcomes(jobs: Sequence[Job], processes: int) -> Iterator[Outcome]:
         if not isinstance(result, Ended):
             yield result
         elif result.by_limit:
-            yield _rejected(job, f"no answer within {job.limit:g} CPU s", job.limit)
+            yield _rejected(job, f"{OUT_OF_TIME} {job.limit:g} CPU s", job.limit)
         else:
             yield _rejected(job, f"the process ended with code {result.exit_code}", None)
 
