@@ -5,7 +5,16 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Ball, Camera, Drift, Scene, Shot, colorful_plate, render
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Drift,
+    Scene,
+    Shot,
+    colorful_plate,
+    photograph_pair,
+    render,
+)
 from blurmatte.trajectory import Trajectory
 
 SCENE = Scene(
@@ -46,3 +55,16 @@ def test_drift_is_the_plates_alone():
 def test_door():
     with pytest.raises(ValueError, match="plate_frames must be 1 or more, got 0"):
         Shot(SCENE, plate_frames=0)
+    with pytest.raises(ValueError, match="crf must lie between 0 and 51, got -1"):
+        Shot(SCENE, crf=-1)
+
+
+def test_a_clip_holds_image_and_plate_of_the_shot():
+    pytest.importorskip("av")
+    truth, camera = render(SCENE, 20), Camera(NoiseModel(read_std=0.003))
+    drift = Drift(gain=(0.9, 0.9, 0.9))
+    shot = Shot(SCENE, camera, drift, plate_frames=3, seed=3, crf=17)
+    behind = drift.apply(truth.plate.rgb)
+    by_hand = photograph_pair(camera, truth.image.rgb, behind, 3, 3, 17)
+    for picture, expected in zip(shot.photograph(truth), by_hand, strict=True):
+        assert_array_equal(picture.rgb, expected.rgb)

@@ -8,7 +8,7 @@ from blurmatte.errors import FileError
 from blurmatte.files import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage
-from blurmatte.rendering import Ball, Cube, Sprite, colorful_plate, plain_plate
+from blurmatte.rendering import Ball, Cube, Processing, Sprite, colorful_plate, plain_plate
 from blurmatte.scenes import read_shots, scene_names, scene_title
 
 PLAIN = """
@@ -55,7 +55,7 @@ def test_a_scene_is_what_its_file_says(shots):
 def test_every_table_is_read(shots):
     text = PLAIN.replace('kind = "ball"\nradius = 6', 'kind = "cube"\nside = 8')
     (shot,) = shots(
-        "opacity = 0.8\ndefocus = 2\nshutter_ramp = 0.1\nplate_frames = 3\n"
+        "opacity = 0.8\ndefocus = 2\nshutter_ramp = 0.1\nplate_frames = 3\ncrf = 23\n"
         + text
         + """
 [change]
@@ -76,6 +76,11 @@ rotation = 180
 gain = 1e-4
 bits = "float"
 transfer = "linear"
+blur = 0.7
+defocus = 1.5
+[processing]
+noise_reduction = 1
+tone = 0.2
 """
     )
     scene = shot.scene
@@ -90,6 +95,9 @@ transfer = "linear"
     assert shot.plate_frames == 3
     assert shot.camera.bits is None
     assert shot.camera.transfer is LINEAR
+    assert (shot.camera.blur, shot.camera.defocus) == (0.7, 1.5)
+    assert shot.camera.processing == Processing(noise_reduction=1, tone=0.2)
+    assert shot.crf == 23
     assert shot.camera.noise.gain == (1e-4,) * 3
 
 
@@ -149,6 +157,7 @@ def test_there_are_about_twenty():
         ("radius = 6", "radius = 6\nlamps = [3]", "[body] lamps must"),
         ("start = [20, 24]", "start = [20]", "[path] start must be one point (x, y)"),
         ("[path]", "[camera]\nbits = 9\n[path]", "[camera] bits must be"),
+        ("[path]", "[processing]\ntone = 2\n[path]", "[processing] tone must lie between 0 and 1"),
         ("[path]", "[clip]\ncount = 2\n[path]", "[clip] needs 'duty'"),
         ("size = [64, 48]", "size = [", "Invalid value"),
         ("size = [64, 48]", "size = [64, 48]\nopacity = 2", "opacity must be above 0"),

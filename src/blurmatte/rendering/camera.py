@@ -1,13 +1,13 @@
-"""A camera: exact light → noise → code values → light as a reader of its file gets it."""
+"""A camera: exact light → optics → noise → processing → code values → light as a reader gets it."""
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_light
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
-from blurmatte.radiometry.mosaic import demosaic, tiled
+from blurmatte.radiometry.mosaic import variance_shares
+from blurmatte.rendering.code_values import Codes, check_8_bit_codes, check_bits, rounded
 from blurmatte.rendering.jpeg import (
     CHROMAS,
     FULL_CHROMA,
@@ -16,18 +16,21 @@ from blurmatte.rendering.jpeg import (
     from_jpeg,
     to_jpeg,
 )
+from blurmatte.rendering.optics import through_psf
+from blurmatte.rendering.processing import Processing
+from blurmatte.rendering.sensor import BAYER, Rng, noisy, through_mosaic
 
-Rng = int | np.random.Generator
-Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-
-_BITS = (8, 10, 12, 16)
 _NO_NOISE = NoiseModel()
-_BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
+_NO_PROCESSING = Processing()
 
 
 @dataclass(frozen=True)
 class Camera:
     """What happens to light on its way into a file.
+
+    In this order: the lens blurs it (`blur`, `defocus`), the sensor adds noise (`noise`, `bayer`,
+    `code_std`), code values are made (`transfer`), changed by the processor of a phone
+    (`processing`), rounded (`bits`) and compressed (`chroma`, `jpeg_quality`).
 
     Parameters
     ----------
@@ -47,6 +50,13 @@ class Camera:
     bayer : bool
         The sensor sees one channel in each pixel (red, green over green, blue), clips at 1 unless
         `bits` is None, and the other two are interpolated linearly. Noise is then correlated.
+    blur : float
+        Standard deviation of the Gaussian point spread function of the lens, pixels.
+    defocus : float
+        Radius of the circle of confusion of the whole picture, pixels.
+    processing : Processing
+        Noise reduction, tone curve and sharpening of the code values. A reader of the file does not
+        undo them. Code values are clipped to 0…1 before, unless `bits` is None.
 
     Raises
     ------
@@ -61,14 +71,26 @@ class Camera:
     jpeg_quality: int | None = None
     chroma: str = FULL_CHROMA
     bayer: bool = False
+    blur: float = 0.0
+    defocus: float = 0.0
+    processing: Processing = _NO_PROCESSING
 
     def __post_init__(self) -> None:
         if not isinstance(self.noise, NoiseModel):
             raise TypeError(f"noise must be a NoiseModel, got {type(self.noise).__name__}")
-        if not (np.isfinite(self.code_std) and self.code_std >= 0):
-            raise ValueError(f"code_std must be finite and not negative, got {self.code_std}")
+        for name in ("code_std", "blur", "defocus"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+        if not isinstance(self.processing, Processing):
+            raise TypeError(
+                f"processing must be a Processing, got {type(self.processing).__name__}"
+            )
+        self._check_file()
+
+    def _check_file(self) -> None:
         if self.bits is not None:
-            _check_bits(self.bits)
+            check_bits(self.bits)
         if self.chroma not in CHROMAS:
             raise ValueError(f"chroma must be one of {', '.join(CHROMAS)}, got {self.chroma!r}")
         if self.bits is None and self.chroma != FULL_CHROMA:
@@ -87,6 +109,36 @@ class Camera:
             )
         if self.transfer != SRGB:
             raise ValueError(f"a JPEG is read as sRGB, got the curve {self.transfer.name}")
+
+    def through_optics(self, values: Floats) -> Floats:
+        """What the lens does to a picture: a linear operator, the same for light and its truth.
+
+        For image = P + T with the object's premultiplied light P and the part T of the plate's light
+        that passes it, K image = K P + K T holds exactly. K T is (1 - K alpha) · K plate only where
+        the plate is even over the width of the blur.
+
+        Parameters
+        ----------
+        values : (H, W) or (H, W, k) float
+            Linear light, alpha, premultiplied light.
+
+        Returns
+        -------
+        float array
+            Shape and dtype of `values`; the same array if the camera has neither blur nor defocus.
+            Constants and the sum over the picture stay.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If `values` is no such array.
+        """
+        if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
+            kind = getattr(values, "dtype", type(values).__name__)
+            raise TypeError(f"values must be a NumPy array of floats, got {kind}")
+        if values.ndim not in (2, 3):
+            raise ValueError(f"values must be (H, W) or (H, W, k), got the shape {values.shape}")
+        return through_psf(values, self.blur, self.defocus)
 
     def expose(self, light: Floats, rng: Rng) -> Codes:
         """The code values of one picture; those of a JPEG before its compression.
@@ -110,10 +162,13 @@ class Camera:
         """
         if self.bits is None:
             raise ValueError("a camera with bits None has no code values; use photograph")
-        values = self.transfer.encode(self._developed(light, rng))
+        seen = self._developed(self._behind_lens(light), rng)
+        values = self.transfer.encode(seen)
+        if self.processing.active:
+            values = self._processed(np.clip(values, 0, 1), seen)
         if self.jpeg_quality is None and self.chroma != FULL_CHROMA:
             values = coarsen_chroma(np.clip(values, 0, 1), self.chroma, 2**self.bits - 1)
-        return _rounded(values, self.bits)
+        return rounded(values, self.bits)
 
     def compress(self, codes: Codes) -> bytes:
         """The JPEG file of (H, W, 3) uint8 `codes`, tagged as sRGB.
@@ -125,8 +180,7 @@ class Camera:
         """
         if self.jpeg_quality is None:
             raise ValueError("a camera without jpeg_quality makes no JPEG")
-        if codes.dtype != np.uint8 or codes.ndim != 3 or codes.shape[2] != 3:
-            raise TypeError(f"codes must be (H, W, 3) uint8, got {codes.shape} {codes.dtype}")
+        check_8_bit_codes(codes)
         return to_jpeg(codes, self.jpeg_quality, self.chroma)
 
     def photograph(self, light: Floats, rng: Rng) -> LinearImage:
@@ -143,7 +197,8 @@ class Camera:
         -------
         LinearImage
             float32 with saturated pixels not valid, its noise not measured yet; or, for `bits`
-            None, in the dtype of `light` with its noise known, unless a mosaic correlates it.
+            None, in the dtype of `light` with its noise known, unless a mosaic correlates it or
+            processing changes it.
 
         Raises
         ------
@@ -151,7 +206,7 @@ class Camera:
             If `light` is not linear light, or a mosaic would not be 2x2 pixels.
         """
         if self.bits is None:
-            return LinearImage(self._developed(light, rng), noise=self._known_noise(light))
+            return self._photograph_floats(self._behind_lens(light), rng)
         codes = self.expose(light, rng)
         compression = None
         if self.jpeg_quality is not None:
@@ -161,17 +216,35 @@ class Camera:
         meta = replace(picture.meta, levels=2**self.bits, compression=compression)
         return replace(picture, meta=meta)
 
+    def _photograph_floats(self, light: Floats, rng: Rng) -> LinearImage:
+        seen = self._developed(light, rng)
+        if not self.processing.active:
+            return LinearImage(seen, noise=self._known_noise(light))
+        values = self._processed(self.transfer.encode(seen), seen)
+        return LinearImage(np.asarray(self.transfer.decode(values), dtype=light.dtype))
+
+    def _behind_lens(self, light: Floats) -> Floats:
+        check_light("light", light)
+        return self.through_optics(light)
+
     def _developed(self, light: Floats, rng: Rng) -> Floats:
         """Light with all its noise, as the curve meets it; shape and dtype of `light`."""
-        check_light("light", light)
         rng = np.random.default_rng(rng)
-        seen = _noisy(light, self.noise, rng)
+        seen = noisy(light, self.noise, rng)
         if self.bayer:
-            seen = _demosaic(seen if self.bits is None else np.minimum(seen, 1))
+            seen = through_mosaic(seen if self.bits is None else np.minimum(seen, 1))
         if self.code_std > 0:
             codes = self.transfer.encode(seen) + self.code_std * rng.standard_normal(light.shape)
             seen = self.transfer.decode(codes)
         return np.asarray(seen, dtype=light.dtype)
+
+    def _processed(self, values: Floats, seen: Floats) -> Floats:
+        """Code values after processing; `seen` is the light that they encode."""
+        variance = self.noise.variance(seen)
+        if self.bayer:
+            variance = variance * variance_shares(BAYER)
+        of_codes = variance / self.transfer.slope(seen) ** 2 + self.code_std**2
+        return self.processing.apply(values, of_codes)
 
     def _known_noise(self, light: Floats) -> NoiseModel | Floats | None:
         """Of unrounded floats. A mosaic's is no function of the light: not known."""
@@ -181,57 +254,3 @@ class Camera:
             return self.noise
         of_codes = (self.code_std * self.transfer.slope(light)) ** 2
         return np.asarray(self.noise.variance(light) + of_codes, dtype=light.dtype)
-
-
-def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:
-    """Light with the noise of a sensor; shape and dtype of `light`.
-
-    Photon and read noise are drawn together, from a normal distribution of their variance at the
-    exact light: good where a pixel holds more than about 20 electrons (light > 20 · gain). The
-    parameters are those of `Camera` and its `photograph`.
-    """
-    check_light("light", light)
-    return np.asarray(_noisy(light, noise, np.random.default_rng(rng)), dtype=light.dtype)
-
-
-def encode_codes(light: Floats, bits: int, transfer: Transfer = SRGB) -> Codes:
-    """Integer code values of linear `light`, any shape: encoded, rounded and clipped.
-
-    They are those of `Camera.expose`: 10 and 12 bits fill the range of uint16.
-
-    Raises
-    ------
-    ValueError
-        If `bits` is neither 8, 10, 12 nor 16.
-    """
-    _check_bits(bits)
-    return _rounded(transfer.encode(light), bits)
-
-
-def _check_bits(bits: int) -> None:
-    if bits not in _BITS:
-        raise ValueError(f"bits must be 8, 10, 12 or 16, got {bits}")
-
-
-def _noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
-    noisy: Floats = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
-    return noisy
-
-
-def _rounded(values: Floats, bits: int) -> Codes:
-    """Code values 0…1 to integers: to the steps of `bits` first, then to the range of the dtype."""
-    steps = 2**bits - 1
-    codes: Floats = np.rint(steps * np.clip(values, 0, 1))
-    if bits == 8:
-        return codes.astype(np.uint8)
-    codes = np.rint(codes * (65535 / steps))
-    return codes.astype(np.uint16)
-
-
-def _demosaic(light: Floats) -> Floats:
-    """(H, W, 3): each pixel keeps one channel, and the other two come from its neighbors."""
-    if min(light.shape[:2]) < 2:
-        height, width = light.shape[:2]
-        raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
-    seen = tiled(_BAYER, light.shape[:2])[..., None]
-    return demosaic(np.take_along_axis(light, seen, axis=2)[..., 0], _BAYER)

@@ -1,7 +1,6 @@
 """What a file does to neighboring pixels: JPEG, and the shared color of video.
 
-In this file `values` are code values 0…1, (H, W, 3), R'G'B'. Luma Y' and chroma Cb, Cr are those of
-ITU-R BT.601, full range, as in JFIF.
+In this file `values` are code values 0…1, (H, W, 3), R'G'B'.
 """
 
 import io
@@ -12,11 +11,11 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.radiometry import Compression
+from blurmatte.rendering.ycbcr import from_ycbcr, to_ycbcr
 
 FULL_CHROMA = "4:4:4"
 CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
 
-_RED, _GREEN, _BLUE = 0.299, 0.587, 0.114  # of luma, BT.601
 _EXIF_POINTER, _COLOR_SPACE, _IS_SRGB = 0x8769, 0xA001, 1
 
 
@@ -57,12 +56,8 @@ def coarsen_chroma(values: Floats, chroma: str, steps: int) -> Floats:
     Cb and Cr are averaged over each pair or block, all three are rounded to `steps` steps, and
     chroma is interpolated linearly between the centers of the blocks. May leave 0…1 a little.
     """
-    R, G, B = np.moveaxis(values, -1, 0)
-    Y = _RED * R + _GREEN * G + _BLUE * B
-    Cb, Cr = ((B - Y) / (2 - 2 * _BLUE), (R - Y) / (2 - 2 * _RED))
-    Y, Cb, Cr = _stepped(Y, steps), _shared(Cb, chroma, steps), _shared(Cr, chroma, steps)
-    R, B = Y + (2 - 2 * _RED) * Cr, Y + (2 - 2 * _BLUE) * Cb
-    return np.stack([R, (Y - _RED * R - _BLUE * B) / _GREEN, B], axis=-1)
+    Y, Cb, Cr = to_ycbcr(values)
+    return from_ycbcr(_stepped(Y, steps), _shared(Cb, chroma, steps), _shared(Cr, chroma, steps))
 
 
 def _stepped(x: Floats, steps: int) -> Floats:

@@ -10,8 +10,8 @@ import numpy.typing as npt
 
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB
-from blurmatte.rendering.camera import Rng
 from blurmatte.rendering.paint import check_color
+from blurmatte.rendering.sensor import Rng
 
 Array = npt.NDArray[np.float64]
 

@@ -16,7 +16,7 @@ from blurmatte.checks import Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering.coverage import cell_edges, disc_coverage
+from blurmatte.rendering.optics import disc_kernel
 from blurmatte.rendering.scene import Scene, Shadow, check_scene
 from blurmatte.trajectory import Trajectory
 
@@ -180,8 +180,7 @@ def _out_of_focus(values: Array, radius: float) -> Array:
     """Averaged over a disc, and smaller by its reach on each side."""
     from scipy.signal import fftconvolve
 
-    pixels = cell_edges(np.arange(-np.ceil(radius), np.ceil(radius) + 1))
-    disc = disc_coverage(pixels, pixels, radius) / (np.pi * radius**2)
+    disc = disc_kernel(radius)
     disc = disc.reshape(disc.shape + (1,) * (values.ndim - 2))
     soft = fftconvolve(values, disc, mode="valid", axes=(0, 1))
     return np.where(soft > _ROUNDING, soft, 0)

@@ -1,15 +1,15 @@
 """Shot: a scene, and how it is photographed."""
 
-from dataclasses import dataclass, field, replace
-
-import numpy as np
+from dataclasses import dataclass, field
 
 from blurmatte.checks import check_kind
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering.camera import Camera
 from blurmatte.rendering.drift import Drift
+from blurmatte.rendering.pair import photograph_pair
 from blurmatte.rendering.render import Rendering
 from blurmatte.rendering.scene import Scene, check_scene
+from blurmatte.rendering.video import check_crf
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,11 +26,13 @@ class Shot:
         Of how many pictures the plate is the median.
     seed : int
         Of the noise.
+    crf : float, optional
+        Image and plate are frames of one H.264 clip of this constant rate factor, 0…51.
 
     Raises
     ------
     ValueError
-        If `plate_frames` < 1.
+        If `plate_frames` < 1 or `crf` is outside its range.
     """
 
     scene: Scene
@@ -38,25 +40,22 @@ class Shot:
     drift: Drift = field(default_factory=Drift)
     plate_frames: int = 1
     seed: int = 0
+    crf: float | None = None
 
     def __post_init__(self) -> None:
         check_scene("scene", self.scene)
         if self.plate_frames < 1:
             raise ValueError(f"plate_frames must be 1 or more, got {self.plate_frames}")
+        if self.crf is not None:
+            check_crf(self.crf)
 
     def photograph(self, rendering: Rendering) -> tuple[LinearImage, LinearImage]:
         """Image and plate of a rendering of its scene, as files would give them back.
 
-        The image is taken first: the same noise, however many frames the plate has. The noise of a
-        plate of several frames is not known, for a median has no simple model.
+        See `photograph_pair`.
         """
         check_kind("rendering", rendering, Rendering, "use blurmatte.render(scene)")
-        rng = np.random.default_rng(self.seed)
-        image = self.camera.photograph(rendering.image.rgb, rng)
         behind = self.drift.apply(rendering.plate.rgb)
-        frames = [self.camera.photograph(behind, rng) for _ in range(self.plate_frames)]
-        if len(frames) == 1:
-            return image, frames[0]
-        rgb = np.median([frame.rgb for frame in frames], axis=0)
-        valid = np.median([frame.valid for frame in frames], axis=0) > 0.5
-        return image, replace(frames[0], rgb=rgb, noise=None, valid=valid)
+        return photograph_pair(
+            self.camera, rendering.image.rgb, behind, self.seed, self.plate_frames, self.crf
+        )

@@ -25,6 +25,7 @@ from blurmatte.rendering import (
     Cube,
     Drift,
     Lamp,
+    Processing,
     Scene,
     Shadow,
     Sheet,
@@ -47,9 +48,12 @@ Makers = Mapping[str, Callable[..., Any]]
 _NAMED = Path(__file__).parent / "named"
 _ANGLES = ("rotation", "angle", "squash_angle", "turned", "spin")
 _SCENE_KEYS = ("opacity", "defocus", "shutter_ramp")
-_SHOT_KEYS = ("plate_frames", "seed")
+_SHOT_KEYS = ("plate_frames", "seed", "crf")
 _TEXTURE = (256, 128)  # of a ball: longitude and latitude
-_TABLES = ("plate", "body", "path", "change", "shadow", "occluder", "camera", "drift", "clip")
+_TABLES = (
+    *("plate", "body", "path", "change", "shadow", "occluder"),
+    *("camera", "processing", "drift", "clip"),
+)
 
 
 def scene_names() -> list[str]:
@@ -136,7 +140,7 @@ def _shots(file: Table, folder: Path) -> list[Shot]:
     )
     shot = Shot(
         scene,
-        _plain("camera", file, _camera),
+        replace(_plain("camera", file, _camera), processing=_plain("processing", file, Processing)),
         _plain("drift", file, Drift),
         **{key: file[key] for key in _SHOT_KEYS if key in file},
     )
@@ -188,6 +192,8 @@ def _camera(
     jpeg_quality: int | None = None,
     chroma: str = "4:4:4",
     bayer: bool = False,
+    blur: float = 0.0,
+    defocus: float = 0.0,
 ) -> Camera:
     return Camera(
         NoiseModel(gain, read_std),
@@ -197,6 +203,8 @@ def _camera(
         jpeg_quality=jpeg_quality,
         chroma=chroma,
         bayer=bayer,
+        blur=blur,
+        defocus=defocus,
     )
 
 

@@ -1,0 +1,43 @@
+"""A sensor: photon and read noise, and one color in each pixel."""
+
+import numpy as np
+
+from blurmatte.checks import Floats, check_light
+from blurmatte.radiometry import NoiseModel
+from blurmatte.radiometry.mosaic import demosaic, tiled
+
+Rng = int | np.random.Generator
+
+BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
+
+
+def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:
+    """Light with the noise of a sensor; shape and dtype of `light`.
+
+    Photon and read noise are drawn together, from a normal distribution of their variance at the
+    exact light: good where a pixel holds more than about 20 electrons (light > 20 · gain). The
+    parameters are those of `Camera` and its `photograph`.
+    """
+    check_light("light", light)
+    return np.asarray(noisy(light, noise, np.random.default_rng(rng)), dtype=light.dtype)
+
+
+def noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
+    """The same of light that is checked; float64."""
+    with_noise: Floats = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
+    return with_noise
+
+
+def through_mosaic(light: Floats) -> Floats:
+    """(H, W, 3): each pixel keeps one channel, and the other two come from its neighbors.
+
+    Raises
+    ------
+    ValueError
+        If the picture is smaller than 2x2 pixels.
+    """
+    if min(light.shape[:2]) < 2:
+        height, width = light.shape[:2]
+        raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")
+    seen = tiled(BAYER, light.shape[:2])[..., None]
+    return demosaic(np.take_along_axis(light, seen, axis=2)[..., 0], BAYER)

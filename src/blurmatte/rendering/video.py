@@ -1,0 +1,138 @@
+"""Pictures through H.264, as a phone or camera records them: what the codec leaves of code values.
+
+R'G'B' becomes Y'CbCr with the matrix and limited range of Rec. 709, 8 bits, and 4:2:0 with the chroma
+of two columns where the left one is (ITU-T H.264, figure E-1). The transfer curve is the caller's:
+code values go in, code values come out.
+"""
+
+import io
+from collections.abc import Sequence
+from fractions import Fraction
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.rendering.code_values import check_8_bit_codes
+
+if TYPE_CHECKING:
+    from av.filter import Graph
+
+Codes8 = npt.NDArray[np.uint8]
+
+_BT709 = 1  # matrix, primaries and curve in ITU-T H.273
+_RATE = Fraction(30)  # frames per second; the rate control of a constant crf depends on it
+_TO_BT709 = (
+    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
+)
+_MAX_CRF = 51
+
+
+def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
+    """Encode pictures as one H.264 clip, yuv420p and Rec. 709, and decode its frames.
+
+    Parameters
+    ----------
+    pictures : sequence of (H, W, 3) uint8
+        R'G'B' code values, all of one size; an odd size gets the last row or column once more.
+    crf : float
+        Constant rate factor of x264, 0…51: 17 is hardly visible, 23 its default, 35 coarse.
+
+    Returns
+    -------
+    list of (H, W, 3) uint8
+        The decoded frames, in order. The same bytes for the same pictures.
+
+    Raises
+    ------
+    ImportError
+        If PyAV is missing.
+    TypeError, ValueError
+        If there are no pictures, they are of another kind or of several sizes, or `crf` is outside
+        its range.
+    """
+    if not pictures:
+        raise ValueError("pictures must be one or more, got none")
+    for codes in pictures:
+        check_8_bit_codes(codes)
+        if codes.shape != pictures[0].shape:
+            raise ValueError(
+                f"pictures must have one size, got {pictures[0].shape} and {codes.shape}"
+            )
+    check_crf(crf)
+    height, width = pictures[0].shape[:2]
+    return [frame[:height, :width] for frame in _decoded(_encoded(pictures, crf))]
+
+
+def check_crf(crf: float) -> None:
+    """Raise ValueError unless x264 takes this constant rate factor."""
+    if not 0 <= crf <= _MAX_CRF:
+        raise ValueError(f"crf must lie between 0 and {_MAX_CRF}, got {crf}")
+
+
+def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
+    """An MP4 file."""
+    av = _video_library()
+    from av.video.reformatter import ColorRange
+
+    height, width = pictures[0].shape[:2]
+    even = (0, height % 2), (0, width % 2), (0, 0)
+    file = io.BytesIO()
+    with av.open(file, "w", format="mp4") as target:
+        # One thread: with more of them the rate control depends on their number.
+        stream = target.add_stream("libx264", rate=_RATE, options={"crf": str(crf), "threads": "1"})
+        stream.pix_fmt = "yuv420p"
+        stream.height, stream.width = height + height % 2, width + width % 2
+        context = stream.codec_context
+        context.color_primaries = context.color_trc = context.colorspace = _BT709
+        context.color_range = ColorRange.MPEG
+        converter = _converter(stream.width, stream.height)
+        for number, codes in enumerate(pictures):
+            source = av.VideoFrame.from_ndarray(np.pad(codes, even, mode="edge"), format="rgb24")
+            source.pts, source.time_base = number, 1 / _RATE
+            converter.push(source)
+            frame: Any = converter.pull()
+            frame.pts, frame.time_base = number, 1 / _RATE
+            target.mux(stream.encode(frame))
+        target.mux(stream.encode())
+    return file.getvalue()
+
+
+def _converter(width: int, height: int) -> "Graph":
+    """R'G'B' to Y'CbCr of Rec. 709, 4:2:0 with the chroma of the left column."""
+    from av import VideoFormat
+    from av.filter import Graph
+
+    graph, rgb = Graph(), VideoFormat("rgb24")
+    parts = (
+        graph.add_buffer(width=width, height=height, format=rgb, time_base=1 / _RATE),
+        graph.add("scale", _TO_BT709),
+        graph.add("format", "yuv420p"),
+        graph.add("buffersink"),
+    )
+    graph.link_nodes(*parts).configure()
+    return graph
+
+
+def _decoded(file: bytes) -> list[Codes8]:
+    """R'G'B' codes of all frames, by the matrix, range and siting that the file states."""
+    av = _video_library()
+    from av.video.reformatter import Interpolation
+
+    # Without these flags codes come out one too dark, and the chroma of 4:2:0 in steps.
+    flags = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
+    with av.open(io.BytesIO(file)) as clip:
+        stream = clip.streams.video[0]
+        stream.codec_context.thread_count = 1
+        frames = clip.decode(stream)
+        return [f.reformat(format="rgb24", interpolation=flags).to_ndarray() for f in frames]
+
+
+def _video_library() -> Any:
+    try:
+        import av
+    except ImportError as error:
+        raise ImportError(
+            "H.264 needs one package more: pip install 'blurmatte[video]'; or take a JPEG"
+        ) from error
+    return av

@@ -1,0 +1,184 @@
+"""Processing of a phone: noise reduction, tone curve, sharpening, in this order."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+
+from blurmatte.radiometry import SRGB, NoiseModel
+from blurmatte.rendering import Camera, Processing
+
+LIGHT = np.array([0.05, 0.2, 0.6])
+NOISE = NoiseModel(gain=2e-4, read_std=0.002)
+LUMA = np.array([0.299, 0.587, 0.114])
+NO_NOISE = np.zeros((1, 1, 3))
+
+
+@pytest.fixture(scope="module")
+def flat():
+    return np.tile(LIGHT, (150, 200, 1))
+
+
+def codes(light, processing, **settings):
+    camera = Camera(NOISE, bits=None, processing=processing, **settings)
+    return SRGB.encode(camera.photograph(light, 1).rgb)
+
+
+# Noise reduction
+
+
+def remaining_noise(strength, window):
+    """Noise after a guided filter over noise before, where the gain of all windows is the same."""
+    gain = 1 / (1 + strength**2)
+    once = np.ones(window) / window
+    twice = np.convolve(once, once)
+    kernel = (1 - gain) * np.outer(twice, twice)
+    kernel[window - 1, window - 1] += gain
+    return np.sqrt(np.sum(kernel**2))
+
+
+@pytest.mark.parametrize("strength", [0.5, 1, 2, 4])
+def test_noise_of_even_regions_falls_as_claimed(flat, strength):
+    before, after = codes(flat, Processing()), codes(flat, Processing(strength))
+    assert_allclose(
+        (after @ LUMA).std() / (before @ LUMA).std(), remaining_noise(strength, 5), rtol=0.05
+    )
+    chroma = [np.std(v[..., 2] - v @ LUMA) for v in (before, after)]
+    assert_allclose(chroma[1] / chroma[0], remaining_noise(2 * strength, 9), rtol=0.05)
+
+
+def test_claim_of_the_docstring():
+    for strength in (0.5, 1, 2):
+        assert remaining_noise(strength, 5) == pytest.approx(1 / (1 + strength**2), abs=0.06)
+    assert remaining_noise(100, 5) == pytest.approx(1 / 7, rel=0.06)
+
+
+def test_mean_of_even_regions_stays(flat):
+    means = [codes(flat, p).mean(axis=(0, 1)) for p in (Processing(), Processing(2))]
+    assert_allclose(means[1], means[0], atol=1e-4)
+
+
+def test_an_edge_well_above_the_noise_stays(flat):
+    light = flat.copy()
+    light[:, 100:] *= 0.2
+    exact = SRGB.encode(light)[:, 95:105]
+    edge = codes(light, Processing(1)).mean(axis=0)[95:105]
+    assert_allclose(edge, exact.mean(axis=0), atol=0.02 * np.ptp(exact))
+
+
+def test_a_variation_as_strong_as_the_threshold_is_halved():
+    """Stripes of one pixel whose mean over a window is nearly 0."""
+    stripes = 0.5 + 0.03 * np.where(np.indices((40, 60))[1] % 2, 1, -1)
+    values = np.repeat(stripes[..., None], 3, axis=2)
+    # Independent noise of luma has the variance of one channel times the sum of squared weights.
+    variance = np.full(values.shape, 0.03**2 / np.sum(LUMA**2))
+    after = Processing(1).apply(values, variance)[10:-10, 10:-10]
+    assert_allclose(np.ptp(after, axis=(0, 1)), 0.03, rtol=0.05)
+
+
+def test_without_noise_nothing_is_reduced(flat):
+    values = np.random.default_rng(0).uniform(size=(20, 30, 3))
+    assert_allclose(Processing(3).apply(values, 0 * values), values, atol=1e-12)
+    assert_allclose(Processing(3).apply(flat, 0 * flat), flat, atol=1e-12)
+
+
+def test_noise_behind_a_mosaic_is_reduced_too(flat):
+    plain, reduced = (codes(flat, Processing(s), bayer=True) @ LUMA for s in (0, 1.5))
+    assert reduced.std() < 0.7 * plain.std()
+
+
+# Tone
+
+
+@pytest.mark.parametrize("tone", [0.2, 0.6, 1.0])
+def test_tone_curve_is_monotone_with_the_stated_slopes(tone):
+    v = np.linspace(-0.2, 1.2, 14001)
+    values = np.repeat(v[None, :, None], 3, axis=2)
+    out = Processing(tone=tone).apply(values, NO_NOISE)[0, :, 0]
+    assert np.all(np.diff(out) >= 0)
+    assert_allclose(np.interp([0, 0.5, 1], v, out), [0, 0.5, 1], atol=1e-9)
+    slopes = np.gradient(out, v)
+    assert_allclose(
+        np.interp([0, 0.5, 1], v, slopes), [1 - tone, 1 + tone / 2, 1 - tone], atol=1e-3
+    )
+
+
+def test_readers_do_not_undo_the_tone_curve(flat):
+    picture = Camera(bits=16, processing=Processing(tone=0.5)).photograph(flat, 0)
+    v = SRGB.encode(LIGHT)
+    assert_allclose(picture.rgb[0, 0], SRGB.decode(v + 0.5 * (3 * v**2 - 2 * v**3 - v)), atol=1e-4)
+
+
+# Sharpening
+
+
+def test_sharpening_leaves_constants_alone():
+    values = np.full((12, 15, 3), SRGB.encode(LIGHT))
+    assert_allclose(Processing(sharpening=2).apply(values, NO_NOISE), values, rtol=1e-13)
+
+
+def test_sharpening_overshoots_by_its_amount_at_an_edge():
+    values = np.full((20, 40, 3), 0.3)
+    values[:, 20:] = 0.7
+    out = Processing(sharpening=1, sharpening_radius=1.5).apply(values, NO_NOISE)[10, :, 0]
+    # A step is 0.5 of its height away from its blurred self at the edge between pixels; at the pixel
+    # beside it, by the part of the Gaussian's samples that lies beyond the edge.
+    weights = np.exp(-(np.arange(-6, 7) ** 2) / (2 * 1.5**2))
+    beyond = weights[7:].sum() / weights.sum()
+    assert_allclose(out[[19, 20]], [0.3 - 0.4 * beyond, 0.7 + 0.4 * beyond], atol=1e-4)
+
+
+def test_sharpening_keeps_chroma():
+    values = np.random.default_rng(0).uniform(size=(20, 30, 3))
+    out = Processing(sharpening=1.5).apply(values, NO_NOISE)
+    change = out - values
+    assert np.abs(change).max() > 0.1
+    assert_allclose(change[..., 1:], change[..., :2], atol=1e-12)
+
+
+# Together
+
+
+def test_steps_follow_each_other_in_order():
+    values = np.random.default_rng(0).uniform(0.2, 0.8, (20, 30, 3))
+    variance = np.full(values.shape, 0.01)
+    by_hand = Processing(1).apply(values, variance)
+    by_hand = Processing(tone=0.4).apply(by_hand, variance)
+    by_hand = Processing(sharpening=0.7).apply(by_hand, variance)
+    assert_array_equal(Processing(1, 0.4, 0.7).apply(values, variance), by_hand)
+
+
+def test_processing_that_does_nothing_changes_no_bytes(flat):
+    camera = Camera(NOISE, 1 / 255)
+    idle = Camera(NOISE, 1 / 255, processing=Processing(sharpening_radius=3))
+    assert_array_equal(camera.expose(flat, 1), idle.expose(flat, 1))
+
+
+def test_noise_after_processing_is_not_known(flat):
+    assert (
+        Camera(NOISE, bits=None, processing=Processing(tone=0.1)).photograph(flat, 1).noise is None
+    )
+
+
+def test_white_stays_white_and_is_not_valid():
+    light = np.full((20, 20, 3), 5.0)
+    picture = Camera(NOISE, processing=Processing(1, 0.4, 1)).photograph(light, 0)
+    assert not picture.valid.any()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"noise_reduction": -1}, "noise_reduction must be finite and not negative, got -1"),
+        ({"tone": 1.5}, "tone must lie between 0 and 1, got 1.5"),
+        ({"sharpening": np.inf}, "sharpening must be finite and not negative, got inf"),
+        ({"sharpening_radius": 0}, "sharpening_radius must be a positive number of pixels, got 0"),
+    ],
+)
+def test_door(settings, message):
+    with pytest.raises(ValueError, match=message):
+        Processing(**settings)
+
+
+def test_door_of_the_camera():
+    with pytest.raises(TypeError, match="processing must be a Processing, got dict"):
+        Camera(processing={})
