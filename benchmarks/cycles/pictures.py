@@ -10,20 +10,31 @@ truth/layer_1.exr        of two objects that cross: the first alone
 
 import hashlib
 import json
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
-from blurmatte.files import read, read_color_model, read_layer
+from blurmatte.files import (
+    path_to_mapping,
+    read,
+    read_color_model,
+    read_layer,
+    write,
+    write_together,
+)
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
 from blurmatte.scenes import Truth, read_truth
+from blurmatte.trajectory import Trajectory
+
+Codes = npt.NDArray[np.uint8]
 
 LEARN, TUNE, SEALED, OWN = "learn", "tune", "sealed", "own"
 CYCLES, BLURMATTE = "cycles", "blurmatte"  # renderers
@@ -141,6 +152,75 @@ class Picture:
         return [path for end in ("png", "jpg") if (path := self.folder / f"{name}.{end}").is_file()]
 
 
+@dataclass(frozen=True, eq=False)
+class TrueShot:
+    """What is true of a picture, as its camera saw it.
+
+    Parameters
+    ----------
+    layer : Layer
+        Alpha and premultiplied light.
+    image, plate : LinearImage
+        Without noise.
+    trajectory : Trajectory
+        Of the object's center.
+    radius : float
+        Pixels.
+    model : ColorModel, optional
+        The object's colors, if they form a line or a plane.
+    first : Layer, optional
+        Of two objects that cross: the first alone.
+    """
+
+    layer: Layer
+    image: LinearImage
+    plate: LinearImage
+    trajectory: Trajectory
+    radius: float
+    model: ColorModel | None = None
+    first: Layer | None = None
+
+
+def write_picture(
+    picture: Picture, files: Mapping[str, bytes | Codes], shot: TrueShot, facts: Facts
+) -> None:
+    """Write a picture and its truth; it is whole when the last file is there.
+
+    Parameters
+    ----------
+    picture : Picture
+        Where.
+    files : mapping
+        Image and plate by names such as "image.jpg": a file's content, or (H, W, 3) uint8 sRGB codes
+        for a PNG.
+    shot : TrueShot
+    facts : Facts
+
+    Raises
+    ------
+    FileError
+        If a file of the truth cannot be written.
+    """
+    picture.folder.mkdir(parents=True, exist_ok=True)
+    for name, content in files.items():
+        if isinstance(content, bytes):
+            (picture.folder / name).write_bytes(content)
+        else:
+            write(picture.folder / name, content)
+    names = {"part": picture.part, "scene": picture.scene, "camera": picture.camera}
+    things = {
+        "layer.exr": shot.layer,
+        "image.exr": shot.image,
+        "plate.exr": shot.plate,
+        "path.json": path_to_mapping(shot.trajectory, shot.radius),
+        "model.json": shot.model,
+        "layer_1.exr": shot.first,
+        "truth.json": {**names, **asdict(facts)},
+    }
+    given = {name: thing for name, thing in things.items() if thing is not None}
+    write_together(picture.folder / "truth", given)
+
+
 def find_pictures(
     root: Path, parts: Sequence[str], cameras: Sequence[str] | None = None
 ) -> list[Picture]:
@@ -155,11 +235,6 @@ def find_pictures(
         if cameras is None or folder.name in cameras
     ]
     return sorted(filter(lambda picture: picture.whole, found), key=_mixed)
-
-
-def parts_of(pictures: Iterable[Picture]) -> list[str]:
-    """The parts that pictures belong to, sorted."""
-    return sorted({picture.part for picture in pictures})
 
 
 def _mixed(picture: Picture) -> tuple[str, str]:
