@@ -17,7 +17,7 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
-from blurmatte.metrics import calibration, trajectory_iou
+from blurmatte.metrics import calibration, false_alpha, trajectory_iou
 from blurmatte.scenes import Answer, Truth, score
 from blurmatte.sweep import Sweep
 
@@ -84,9 +84,11 @@ class Errors:
         Sampling noise of the true alpha.
     covered : float
         Part of the true alpha that lies where the answer sums its own.
-    shown_rmse, shown_bias, false_alpha, color_degrees : float
-        `alpha_rmse`, `alpha_sum_bias`, `false_alpha` and `color_degrees` of `blurmatte.scenes.Score`:
-        of what is shown, which is nothing where alpha is not known.
+    shown_rmse, shown_bias, color_degrees : float
+        `alpha_rmse`, `alpha_sum_bias` and `color_degrees` of `blurmatte.scenes.Score`: of what is
+        shown, which is nothing where alpha is not known.
+    false_alpha : float
+        Root mean square of what is shown where nothing ever was.
     sum_percent, sum_z : float or None
         Error of the sum of alpha over the known pixels of the answer's streak.
     alpha, light : Deviations or None
@@ -165,7 +167,7 @@ def errors_of(
         covered=float(near.alpha[summed].sum() / near.alpha.sum()),
         shown_rmse=scored.alpha_rmse,
         shown_bias=scored.alpha_sum_bias,
-        false_alpha=scored.false_alpha,
+        false_alpha=false_alpha(shown.alpha, truth.layer.alpha),
         color_degrees=scored.color_degrees,
     )
     if solution is None:
