@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from threading import Thread
+from traceback import format_exc
 from typing import Any
 
 # Threads of linear algebra would wait for each other, and change the order of sums.
@@ -152,6 +153,7 @@ def _serve(connection: Connection, function: Callable[[Any], Any]) -> None:
         try:
             result = function(job)
         except Exception as error:
+            error.add_note(format_exc())  # where it was raised is not pickled
             result = _Raised(error)
         connection.send(result)
 
