@@ -1,0 +1,1 @@
+"""Scenes of Blender Cycles: rendered, photographed, scored."""
