@@ -12,7 +12,13 @@ GALLERY = Path(__file__).parents[1] / "docs" / "gallery"
 PAGES = sorted(path for path in GALLERY.glob("*.py") if path.stem != "figure")
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda path: path.stem)
+def named(path):
+    """A page, in the battery unless it is the fastest."""
+    marks = () if path.stem == "two_colors" else pytest.mark.battery
+    return pytest.param(path, id=path.stem, marks=marks)
+
+
+@pytest.mark.parametrize("page", [named(page) for page in PAGES])
 def test_pages_print_what_is_shown(page, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(page), str(tmp_path)])
     monkeypatch.setattr(sys, "path", [*sys.path])

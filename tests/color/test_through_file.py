@@ -4,6 +4,7 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pytest
 
 from blurmatte.color import fit_color_from_hues
 from blurmatte.color.through_file import drawn
@@ -61,6 +62,7 @@ def test_the_color_that_is_drawn_is_told():
     assert off(model) < 3 * model.angle_std
 
 
+@pytest.mark.battery
 def test_the_error_is_honest():
     """A thin thing in a file: neither surer than it may be, nor much less sure."""
     models = [fit_color_from_hues(*taken(10, seed)) for seed in range(6)]
@@ -84,3 +86,4 @@ def test_only_a_file_that_says_how_it_was_compressed_adds_to_the_error():
     assert set(by_file.evidence) - set(unknown.evidence) == {"compression"}
     parts = by_file.evidence["compression"], unknown.angle_std
     assert max(parts) <= by_file.angle_std <= np.hypot(*parts) * (1 + 1e-12)
+    assert off(by_file) < 3 * by_file.angle_std

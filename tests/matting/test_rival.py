@@ -70,6 +70,7 @@ def test_errors_cover_both_answers(sweep):
     assert_array_equal(maps.alpha_std[~mask], 0.02)
 
 
+@pytest.mark.battery
 def test_a_highlight_of_the_color_of_the_wall_is_no_rival():
     """Hues tell a color to 3 degrees, and alpha would be off by 0.08 where the highlight went."""
     plate = two_hue_plate((110, 90), (0.45, 0.40, 0.36), (0.10, 0.22, 0.40), 0)

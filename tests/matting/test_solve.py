@@ -148,6 +148,7 @@ def with_a_hand(image):
     return replace(image, rgb=rgb)
 
 
+@pytest.mark.battery
 def test_what_moved_more_but_tells_nothing_is_passed_over(paint):
     image, plate = taken(paint)
     image = with_a_hand(image)
@@ -162,6 +163,7 @@ def test_what_moved_more_but_tells_nothing_is_passed_over(paint):
     assert np.degrees(np.arccos(told.pole @ paint.model.pole)) < 3 * told.angle_std
 
 
+@pytest.mark.battery
 def test_what_moved_close_by_is_another_thing():
     """Exact but for noise: ball and sheet are one streak; the sheet is told, the ball only named."""
     wall = plain_plate((160, 112), (0.34, 0.33, 0.3), 4)
@@ -422,6 +424,7 @@ def test_real_pictures_are_no_false_alarm(real_data, name, plate):
         assert not _looks_swapped(image, plate, streak)
 
 
+@pytest.mark.battery
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 def test_a_ball_is_told_alike_wherever_it_comes_by_again(real_data):
     """Invariant: one place of a swung ball, in three rounds; the arm that swings it moved more."""

@@ -175,6 +175,20 @@ def painted(plate, contrast=1.0):
     return Scene(plate, PATH, ball, Change(spin=(0.7, 0.4, 0.5)))
 
 
+def test_a_shape_that_is_not_believed_is_refused(wall, monkeypatch):
+    """door: pixels alone do not tell the color of a plain wall either."""
+    _, image, plate, solution = wall
+    stats = {**solution.sweep.stats, "misfit": np.inf, "plausible": False}
+    sweep = replace(solution.sweep, stats=stats)
+    module = sys.modules["blurmatte.matting.solve"]  # its name in the package is the function's
+    monkeypatch.setattr(module, "fit_piece", lambda *asked: (sweep, asked[2]))
+    with pytest.raises(MotionError, match=r"the shape of the streak does not tell alpha"):
+        solve(image, plate, solver=Swept())
+    with pytest.raises(ColorModelError, match=r"Nor does the shape of the streak tell it"):
+        solve(image, plate)
+
+
+@pytest.mark.battery
 def test_any_colors_are_not_forced_into_a_plane_of_them(monkeypatch):
     _, image, plate = taken(painted(WALL, 0.4), 1)
     sweep = fit_sweep(image, plate)  # takes long: once is enough
@@ -210,6 +224,7 @@ def test_any_colors_are_nothing_for_pixels_alone():
         solve(image, plate, ColorModel.any(), Pixelwise())
 
 
+@pytest.mark.battery
 def test_another_shape_is_found():
     truth, image, plate = taken(Scene(WALL, PATH, star_sprite(30, ORANGE)), 1)
     solution = solve(image, plate)

@@ -29,7 +29,7 @@ def solved(size, start, end, radius=6, region=None, name="image.png"):
         for p in (truth.image, truth.plate)
     )
     streak = Streak.from_box(region, size) if region else Streak(truth.layer.alpha > 0)
-    return image, plate, solve(image, plate, truth.model, streak=streak)
+    return image, plate, solve(image, plate, truth.model, Pixelwise(), streak=streak)
 
 
 def texts(monkeypatch):

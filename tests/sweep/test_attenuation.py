@@ -99,6 +99,7 @@ def photographed(body):
     return truth, Shot(scene, Camera(code_std=2 / 255), plate_frames=5, seed=1).photograph(truth)
 
 
+@pytest.mark.battery
 def test_a_ball_of_many_colors_is_told_by_itself():
     """Honest: by its shape, for the texture behind it agrees."""
     truth, pictures = photographed(Ball(14, np.ones(3), texture=PAINTED.texture))
@@ -109,7 +110,13 @@ def test_a_ball_of_many_colors_is_told_by_itself():
     assert np.sqrt(np.mean(off**2)) < min(0.02, 2 * np.sqrt(np.mean(claimed**2)))
 
 
-@pytest.mark.parametrize("size", [(30, 12), (24, 24)], ids=["sheet", "square"])
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param((30, 12), id="sheet", marks=pytest.mark.battery),
+        pytest.param((24, 24), id="square"),
+    ],
+)
 def test_other_shapes_of_many_colors_are_not(size):
     """Door: no disc is confirmed, and colors tell nothing."""
     rows, columns = (np.arange(n) * k // n for n, k in zip(size[::-1], (4, 8), strict=True))

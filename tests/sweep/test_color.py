@@ -11,7 +11,7 @@ from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import Meta
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
 from blurmatte.streaks import find_streaks
-from blurmatte.sweep import fit_color
+from blurmatte.sweep import color, fit_color, fit_sweep
 from blurmatte.trajectory import Trajectory
 
 GREEN = np.array([0.25, 0.7, 0.12])
@@ -48,6 +48,17 @@ def test_its_error_is_honest():
     assert 0.4 < np.mean(z) < 2.0
 
 
+def test_a_shape_that_is_not_believed_tells_no_color(monkeypatch):
+    """door: nor do the hues of a plain wall."""
+    image, plate = taken(Ball(12, GREEN), 1)
+    sweep = fit_sweep(image, plate)
+    doubted = replace(sweep, stats={**sweep.stats, "misfit": np.inf})
+    monkeypatch.setattr(color, "fit_piece", lambda *asked: (doubted, asked[2]))
+    with pytest.raises(ColorModelError, match=r"Nor does the shape of the streak tell it"):
+        fit_color(image, plate)
+
+
+@pytest.mark.battery
 def test_any_colors_are_neither_a_line_nor_a_plane():
     colors = np.random.default_rng(1).uniform(0.05, 0.9, (4, 8, 3))
     image, plate = taken(Ball(14, np.ones(3), texture=np.kron(colors, np.ones((8, 8, 1)))), 2)

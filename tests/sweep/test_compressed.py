@@ -8,11 +8,15 @@ from numpy.testing import assert_allclose
 
 from blurmatte.radiometry import SRGB, Compression, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
-from blurmatte.streaks import require_streaks
+from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import fit_sweep
 from blurmatte.sweep.compressed import _blocks, before_compression
-from blurmatte.sweep.descent import descend, seen
+from blurmatte.sweep.descent import descend, seen, state_at
+from blurmatte.sweep.frame import Frame
+from blurmatte.sweep.path import LINE
 from blurmatte.sweep.search import Search
+from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.student import VARIANCE
 from blurmatte.trajectory import Trajectory
 
 RADIUS = 9
@@ -80,6 +84,24 @@ def test_a_state_that_has_not_converged_has_no_covariance(found):
     assert (covariance is None) == (not state.converged)
 
 
+def test_the_radius_is_as_far_off_as_it_may_be(truth):
+    """Honest: a covariance is local, so that each descent starts at the truth."""
+    z = []
+    for seed in range(24):
+        image, plate = taken(truth, seed)
+        search = Search.of(Streak(truth.layer.alpha > 0), image, plate, None)
+        frame = Frame.of(np.array(SCENE.body.color)[:, None])
+        ends, shape = SCENE.trajectory.xy.ravel(), DISC.start(RADIUS)
+        start = descend(
+            search.data, state_at(search.data, LINE, ends, DISC, shape, frame), search.bounds
+        )
+        _, state, covariance = before_compression(search, start, search.data.bled(SRGB))
+        radius = len(ends)
+        z.append((state.shape[0] - RADIUS) / np.sqrt(VARIANCE * covariance[radius, radius]))
+    assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.4
+
+
+@pytest.mark.battery
 def test_errors_are_what_they_are_claimed_to_be(truth):
     """Honest: of small balls whose rims are a few shared colors wide."""
     sweeps = [fit_sweep(*taken(truth, seed)) for seed in range(8)]

@@ -76,6 +76,20 @@ def test_what_is_freer_than_a_disc_is_contradicted_by_fewer_pixels(as_noise):
         assert told(end, 0.3).objection == said
 
 
+def test_outlines_are_asked_place_by_place(as_noise):
+    """Like planes of colors they take up more than a disc of one paint."""
+    search, disc = as_noise.search, as_noise.state
+    silhouette = replace(disc.silhouette, bulges=2)
+    shape = silhouette.like(disc.silhouette, disc.shape)
+    state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
+    for places, believed in ((0.15, True), (0.25, False)):
+        end = told(End(search, replace(state, converged=True)), 0.3)
+        said = replace(end.__dict__["_said"], astray_of_places=places, astray=0.05)
+        end.__dict__["_said"] = said
+        assert (end.misfit <= MAX_MISFIT) is believed
+        assert ("off by 25%" in end.objection) is not believed
+
+
 def test_a_rim_may_not_be_all_there_is(as_noise):
     """By a quarter of the radius at most, whether lens or file blurred it."""
     search, disc = as_noise.search, as_noise.state

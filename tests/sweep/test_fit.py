@@ -227,6 +227,7 @@ def test_two_paints():
     assert sweep.misfit < MAX_MISFIT
 
 
+@pytest.mark.battery
 def test_a_large_ball_in_a_jpeg_file():
     """Honest: on pixels of several of the file's, the noise of which hangs together."""
     plate = colorful_plate((640, 480), 2, tile=60)
@@ -245,7 +246,14 @@ def in_jpeg(scene, seed):
     return truth, fit_sweep(*shot.photograph(truth))
 
 
-@pytest.mark.parametrize(("quality", "seed"), [(95, 3), (95, 6), (85, 6)])
+@pytest.mark.parametrize(
+    ("quality", "seed"),
+    [
+        (95, 3),
+        pytest.param(95, 6, marks=pytest.mark.battery),
+        pytest.param(85, 6, marks=pytest.mark.battery),
+    ],
+)
 def test_compression_before_a_plain_wall_is_no_shadow_no_second_paint_and_no_bounce(quality, seed):
     """Honest: noise of this wall hangs together, and more of it in brightness than in some color."""
     rng = np.random.default_rng(seed)
@@ -271,6 +279,7 @@ def test_a_second_paint_of_which_compression_leaves_little_is_asked_for():
     assert rmse(sweep, truth) < 0.02
 
 
+@pytest.mark.battery
 def test_a_darker_paint_is_no_shadow():
     """Honest: what is darker is most of the ball; without it the rest seems a smaller one."""
     body = Ball(16, (0.27, 0.1, 0.65), second_color=(0.45, 0.52, 0.2))
@@ -281,6 +290,7 @@ def test_a_darker_paint_is_no_shadow():
     assert rmse(sweep, truth) < 0.02
 
 
+@pytest.mark.battery
 def test_a_second_paint_is_looked_for_where_the_first_saw_a_shadow():
     """Honest: without what is dark for one paint too little is left to tell two of a small ball."""
     body = Ball(10.5, (0.41, 0.12, 0.27), second_color=(0.55, 0.57, 0.11))
@@ -294,6 +304,7 @@ def test_a_second_paint_is_looked_for_where_the_first_saw_a_shadow():
     assert rmse(sweep, truth) < 0.01
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("seed", [0, 1])
 def test_of_any_colors_nothing_is_in_front(seed):
     """Honest: where its paints are like the plate's, something in front seemed to hide half of it."""
@@ -310,6 +321,7 @@ def test_of_any_colors_nothing_is_in_front(seed):
     assert abs(sweep.radius - 13.2) < 0.2
 
 
+@pytest.mark.battery
 def test_what_is_dark_for_one_paint_is_the_second():
     """Honest: without the "shadow" that the first saw the rest went another way, and was no answer."""
     body = Ball(37.5, (0.438, 0.49, 0.065), second_color=(0.03, 0.403, 0.387))
@@ -344,6 +356,7 @@ def test_what_cannot_be_explained_is_not_believed():
     assert fit_sweep(image, picture).misfit > MAX_MISFIT
 
 
+@pytest.mark.battery
 def test_a_sheet_that_goes_along_its_side_may_be_long_or_have_gone_far():
     """Before one color both leave the same trapezoid; before many the color tells which it was."""
     sheet = Sheet(32, 14, GREEN)
@@ -359,7 +372,7 @@ def test_a_sheet_that_goes_along_its_side_may_be_long_or_have_gone_far():
             assert rmse(sweep, truth) < 0.05
 
 
-@pytest.mark.parametrize("seed", [0, 3])
+@pytest.mark.parametrize("seed", [0, pytest.param(3, marks=pytest.mark.battery)])
 def test_a_small_sheet_that_went_little_is_no_disc_that_went_far(seed):
     """Honest: in a JPEG a disc across it leaves no more than noise."""
     rng = np.random.default_rng(seed)
@@ -373,6 +386,7 @@ def test_a_small_sheet_that_went_little_is_no_disc_that_went_far(seed):
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
+@pytest.mark.battery
 def test_a_sheet_is_no_disc_that_was_slow_at_both_ends():
     """Honest: in this JPEG such a disc of half its width leaves no more than noise."""
     way = Trajectory.line((169.18196773, 128.44029172), (204.88528327, 154.21756546))
@@ -385,6 +399,7 @@ def test_a_sheet_is_no_disc_that_was_slow_at_both_ends():
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
+@pytest.mark.battery
 def test_a_stick_is_no_disc_with_a_highlight():
     """Honest: neither it nor the outline that explains as much is believed, for that is likelier."""
     way = Trajectory.line((50.444, 44.937), (46.556, 51.663))
@@ -398,6 +413,7 @@ def test_a_stick_is_no_disc_with_a_highlight():
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.1
 
 
+@pytest.mark.battery
 def test_a_shape_that_a_file_hardly_tells_from_another_is_contested_or_claims_little():
     """Honest: likelier of the light as it was found, not once each undid what the file did to color."""
     t = np.linspace(0, 1, 65)[:, None]
@@ -411,6 +427,7 @@ def test_a_shape_that_a_file_hardly_tells_from_another_is_contested_or_claims_li
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 1.5 * claimed
 
 
+@pytest.mark.battery
 def test_a_small_sheet_that_turned_is_no_outline_that_did_not():
     """Honest: one of eight bulges leaves no more than noise, is twice as wide, and was 0.49 off."""
     sheet = Sheet(16.63, 6.93, (0.032, 0.2155, 0.4143))
@@ -424,6 +441,7 @@ def test_a_small_sheet_that_turned_is_no_outline_that_did_not():
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.03
 
 
+@pytest.mark.battery
 def test_a_sheet_that_turned_on_its_way_is_no_long_thing_that_went_little():
     """Honest: an outline of six times its area leaves no more than noise, and was 0.74 off."""
     sheet = Sheet(27.97138, 11.65474, (0.47062947, 0.29854613, 0.04950328))
@@ -437,6 +455,7 @@ def test_a_sheet_that_turned_on_its_way_is_no_long_thing_that_went_little():
     assert sweep.misfit > MAX_MISFIT or rmse(sweep, truth) < 0.02
 
 
+@pytest.mark.battery
 def test_a_small_drop_is_no_disc_of_which_something_in_front_hides_a_little():
     """Honest: without six of its pixels a disc of less than its size explains it, 0.33 off."""
     drop = Change(squash=(1, 2.0344), squash_angle=1.0344)

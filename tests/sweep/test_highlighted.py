@@ -23,6 +23,7 @@ from blurmatte.sweep import MAX_MISFIT, fit_sweep, highlighted
 from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.choice import CLEARLY
 from blurmatte.sweep.highlighted import with_highlight
+from blurmatte.sweep.known import known_color
 from blurmatte.sweep.search import Search
 from blurmatte.sweep.verdict import overstated
 from blurmatte.trajectory import Trajectory
@@ -54,8 +55,15 @@ def degrees(one, other):
     return np.degrees(np.arccos(min(abs(one.pole @ other.pole), 1.0)))
 
 
-@pytest.mark.parametrize("way", WAYS)
-@pytest.mark.parametrize(("quality", "most"), [(None, 0.006), (90, 0.015)], ids=["png", "jpeg"])
+@pytest.mark.parametrize(
+    ("way", "quality", "most"),
+    [
+        pytest.param("line", None, 0.006, id="line, png"),
+        pytest.param("line", 90, 0.015, id="line, jpeg", marks=pytest.mark.battery),
+        pytest.param("arc", None, 0.006, id="arc, png", marks=pytest.mark.battery),
+        pytest.param("arc", 90, 0.015, id="arc, jpeg", marks=pytest.mark.battery),
+    ],
+)
 def test_a_white_highlight_before_a_gray_wall_is_told(way, quality, most):
     """No plane can: it holds the wall's color, and any alpha would do."""
     truth, image, plate = taken(way, quality=quality)
@@ -122,7 +130,7 @@ def test_what_leaves_much_on_large_pixels_is_not_searched(monkeypatch):
         with_highlight(sheet)
 
 
-@pytest.mark.parametrize("seed", [0, 3, 5])
+@pytest.mark.parametrize("seed", [0, *(pytest.param(s, marks=pytest.mark.battery) for s in (3, 5))])
 def test_a_sheet_that_went_little_is_no_disc_with_a_highlight_that_went_far(seed):
     """Honest: a disc of a third of its area, with a highlight, leaves nothing; outlines contest it."""
     wall = plain_plate(SIZE, (0.3, 0.33, 0.36), 2)
@@ -151,7 +159,17 @@ def test_a_highlight_is_no_likelier_only_because_an_outline_has_more_parameters(
         assert glossy.is_clearly_likelier_than(replace(glossy, state=shaped)) is likelier
 
 
-def test_a_known_color_is_not_asked_for_another():
+def test_a_known_color_is_not_asked_for_another(monkeypatch):
+    """exact: nothing is fitted."""
+    monkeypatch.setattr(highlighted, "_in_turns", None)
+    first = attempted(*taken()[1:])
+    known = known_color(Ball(16, BLUE).model)
+    data = replace(first.search.data, known=known)
+    assert with_highlight(replace(first, search=replace(first.search, data=data))) is None
+
+
+@pytest.mark.battery
+def test_a_sweep_of_a_known_color_has_no_highlight():
     """invariant"""
     _, image, plate = taken()
     assert with_highlight(attempted(image, plate)) is not None

@@ -8,7 +8,7 @@ from blurmatte.sweep import kernel, rim_kernel
 from blurmatte.sweep.silhouette import Silhouette
 
 H, W = 70, 90
-PARTS = 10  # of a pixel, along its sides
+PARTS = 6  # of a pixel, along its sides
 OUTLINE = Silhouette(5)
 BULGES = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
 

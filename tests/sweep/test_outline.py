@@ -151,7 +151,13 @@ def test_a_turning_sheet():
     assert misfit(data, end) < MAX_MISFIT < misfit(data, disc)
 
 
-@pytest.mark.parametrize("size", [(40, 14), (12, 30)], ids=["along its way", "across"])
+@pytest.mark.parametrize(
+    "size",
+    [
+        pytest.param((40, 14), id="along its way"),
+        pytest.param((12, 30), id="across", marks=pytest.mark.battery),
+    ],
+)
 def test_a_long_thing_on_its_way(size):
     """A disc that stands for it takes another color, and with that goes another way.
 
@@ -166,6 +172,7 @@ def test_a_long_thing_on_its_way(size):
     assert_allclose(state.silhouette.area(state.shape), size[0] * size[1], rtol=0.03)
 
 
+@pytest.mark.battery
 def test_a_long_thing_on_a_bent_way():
     """What is thinner went further on a line, and with a ragged rim leaves little more than noise."""
     way = Trajectory.line((46, 42), (110, 66)).xy

@@ -87,12 +87,20 @@ def test_what_casts_none_stays_as_it_is():
     assert beside_shadow(first) is first
 
 
-@pytest.mark.parametrize("as_likely", [False, True])
-def test_what_explains_all_is_contested_by_as_likely_a_shadow(monkeypatch, as_likely):
-    """invariant: the disc stays what it is; with the shadow it would have another alpha."""
+@pytest.fixture(scope="module")
+def without_and_with():
+    """The attempts of a ball that casts a shadow, in a JPEG."""
     _, image, plate = taken(Shadow((-22, 10), strength=(0.5, 0.5, 0.5)), jpeg_quality=90)
     first = first_of(image, plate)
-    beside = beside_shadow(first)
+    return first, beside_shadow(first)
+
+
+@pytest.mark.parametrize("as_likely", [False, True])
+def test_what_explains_all_is_contested_by_as_likely_a_shadow(
+    monkeypatch, without_and_with, as_likely
+):
+    """invariant: the disc stays what it is; with the shadow it would have another alpha."""
+    first, beside = without_and_with
     assert beside.cast is not None
     monkeypatch.setattr(shadowed, "MAX_MISFIT", np.inf)
     monkeypatch.setattr(End, "is_clearly_likelier_than", lambda self, other: False)
@@ -105,6 +113,7 @@ def test_what_explains_all_is_contested_by_as_likely_a_shadow(monkeypatch, as_li
     assert most_apart(first.end.state, [beside.end.state]) > 0.1
 
 
+@pytest.mark.battery
 def test_no_shadow_is_told_where_the_disc_explains_more_without():
     """honest: what a file made of a photograph is darker in places along this path."""
     (shot,) = read_shots("coffee")

@@ -130,6 +130,7 @@ def test_a_wrong_alpha_of_two_paints_must_leave_a_trace(monkeypatch, scene, rank
     assert fit_sweep(image, plate, streak, known).misfit <= MAX_MISFIT
 
 
+@pytest.mark.battery
 def test_outlines_are_asked_place_by_place(monkeypatch):
     """Door: like planes of colors they take up more than a disc of one paint."""
     streak, image, plate = taken(EGG)
