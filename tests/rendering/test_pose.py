@@ -12,6 +12,7 @@ BUSY = Change(
     scale=(0.8, 1.5),
     squash=(1.3, 0.6),
     squash_angle=0.7,
+    depth=(1.4, 0.7),
 )
 
 
@@ -32,7 +33,7 @@ def test_squash_makes_longer_along_its_angle_and_keeps_the_area():
     along = np.array([np.cos(np.radians(30)), np.sin(np.radians(30))])
     assert_allclose(stretch @ along, 2 * along)
     assert_allclose(np.linalg.det(stretch), 1)
-    assert_allclose(np.linalg.det(BUSY.at(0.5).stretch), 1.15**2)
+    assert_allclose(np.linalg.det(BUSY.at(0.5).stretch), (1.15 / 1.05) ** 2)
 
 
 @pytest.mark.parametrize("t", [0, 0.3, 1])
@@ -50,6 +51,7 @@ def test_no_point_moves_faster_than_the_rate(seed):
         scale=tuple(rng.uniform(0.5, 2, 2)),
         squash=tuple(rng.uniform(0.5, 2, 2)),
         squash_angle=rng.uniform(0, 3),
+        depth=tuple(rng.uniform(0.7, 1.3, 2)),
     )
     points = rng.normal(size=(3, 50))
     points /= np.linalg.norm(points, axis=0)
@@ -66,6 +68,7 @@ def test_no_point_moves_faster_than_the_rate(seed):
         ({"scale": (1, np.inf)}, "scale must be 2 finite numbers"),
         ({"scale": (1, 0)}, "scale must be positive"),
         ({"squash": (-1, 1)}, "squash must be positive"),
+        ({"depth": (1, 0)}, "depth must be positive"),
         ({"squash_angle": np.nan}, "squash_angle must be finite"),
     ],
 )

@@ -8,7 +8,16 @@ from blurmatte.errors import FileError
 from blurmatte.files import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage
-from blurmatte.rendering import Ball, Cube, Processing, Sprite, colorful_plate, plain_plate
+from blurmatte.rendering import (
+    Ball,
+    Cube,
+    Nearby,
+    Pinhole,
+    Processing,
+    Sprite,
+    colorful_plate,
+    plain_plate,
+)
 from blurmatte.scenes import read_shots, scene_names, scene_title
 
 PLAIN = """
@@ -55,7 +64,8 @@ def test_a_scene_is_what_its_file_says(shots):
 def test_every_table_is_read(shots):
     text = PLAIN.replace('kind = "ball"\nradius = 6', 'kind = "cube"\nside = 8')
     (shot,) = shots(
-        "opacity = 0.8\ndefocus = 2\nshutter_ramp = 0.1\nplate_frames = 3\ncrf = 23\n"
+        "opacity = 0.8\ndefocus = 2\nshutter_ramp = 0.1\npixel_filter = 1.5\n"
+        "plate_frames = 3\ncrf = 23\n"
         + text
         + """
 [change]
@@ -64,6 +74,10 @@ squash_angle = 45
 [shadow]
 offset = [5, 6]
 strength = [0.5, 0.4, 0.3]
+[nearby]
+occlusion = 0.03
+bounce = 0.01
+reach = 1.5
 [occluder]
 kind = "wire_fence"
 spacing = 20
@@ -85,6 +99,9 @@ tone = 0.2
     )
     scene = shot.scene
     assert (scene.opacity, scene.defocus, scene.shutter_ramp) == (0.8, 2, 0.1)
+    assert scene.pixel_filter == 1.5
+    assert scene.nearby == Nearby(occlusion=0.03, bounce=0.01, reach=1.5)
+    assert scene.pinhole is None
     assert isinstance(scene.body, Cube)
     assert_allclose(scene.change.turned, (0, np.pi / 2, 0))
     assert scene.change.squash_angle == pytest.approx(np.pi / 4)
@@ -99,6 +116,14 @@ tone = 0.2
     assert shot.camera.processing == Processing(noise_reduction=1, tone=0.2)
     assert shot.crf == 23
     assert shot.camera.noise.gain == (1e-4,) * 3
+
+
+def test_perspective_is_read(shots):
+    text = PLAIN.replace('kind = "line"', 'kind = "in_depth"\ndepth = [1, 0.5]')
+    (shot,) = shots(text + "[change]\ndepth = [1, 0.5]\n[pinhole]\nfocal = 90\ncenter = [30, 20]\n")
+    assert shot.scene.pinhole == Pinhole(90, (30, 20))
+    assert shot.scene.change.depth == (1, 0.5)
+    assert_allclose(shot.scene.trajectory.at(0.5), np.average([(20, 24), (40, 24)], 0, [2, 1]))
 
 
 def test_lamps_and_texture_of_a_ball(shots):
@@ -157,6 +182,9 @@ def test_there_are_about_twenty():
         ("radius = 6", "radius = 6\nlamps = [3]", "[body] lamps must"),
         ("start = [20, 24]", "start = [20]", "[path] start must be one point (x, y)"),
         ("[path]", "[camera]\nbits = 9\n[path]", "[camera] bits must be"),
+        ("[path]", "[nearby]\nreach = 0\n[path]", "[nearby] reach must be a positive number"),
+        ("[path]", "[pinhole]\n[path]", "[pinhole] needs 'focal'"),
+        ("[path]", "[pinhole]\nfocal = 5\n[path]", "focal must be larger than the ball's radius"),
         ("[path]", "[processing]\ntone = 2\n[path]", "[processing] tone must lie between 0 and 1"),
         ("[path]", "[clip]\ncount = 2\n[path]", "[clip] needs 'duty'"),
         ("size = [64, 48]", "size = [", "Invalid value"),

@@ -11,7 +11,7 @@ from blurmatte.files import path_to_mapping, read, read_color_model, write
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import NoiseModel
-from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, colorful_plate, render
+from blurmatte.rendering import Ball, Camera, Nearby, Scene, Shadow, Shot, colorful_plate, render
 from blurmatte.scenes import (
     Answer,
     find_scenes,
@@ -74,6 +74,32 @@ def test_a_shadow_is_written_and_accounts_for_the_image(tmp_path):
     rest = 1 - truth.layer.alpha[..., None] - dark
     image = read(tmp_path / "image.exr").rgb
     assert_allclose(image, truth.layer.premultiplied + rest * truth.plate.rgb, atol=1e-6)
+
+
+def test_light_nearby_is_written_and_accounts_for_the_image(tmp_path):
+    scene = replace(SCENE, nearby=Nearby(0.05, 0.02, 1.5), shadow=Shadow((12, 9), 2))
+    save_shot(tmp_path, Shot(scene, Camera(bits=None)))
+    truth = read_truth(tmp_path)
+    dark, near = (read(tmp_path / "truth" / f"{name}.exr").rgb for name in ("shadow", "nearby"))
+    assert near.max() > 0.01
+    rest = 1 - truth.layer.alpha[..., None] - dark - near
+    image = read(tmp_path / "image.exr").rgb
+    assert_allclose(image, truth.layer.premultiplied + rest * truth.plate.rgb, atol=1e-6)
+
+
+def test_truth_is_seen_through_the_optics(tmp_path):
+    camera = Camera(bits=None, blur=0.8, defocus=1.5)
+    save_shot(tmp_path, Shot(SCENE, camera))
+    truth, rendering = read_truth(tmp_path), render(SCENE)
+    layer = rendering.layer
+    assert_allclose(truth.layer.alpha, camera.through_optics(layer.alpha), atol=1e-6)
+    assert_allclose(truth.plate.rgb, camera.through_optics(rendering.plate.rgb), atol=1e-6)
+    passed = (1 - layer.alpha[..., None]) * rendering.plate.rgb
+    image = truth.layer.premultiplied + camera.through_optics(passed)
+    assert_allclose(read(tmp_path / "image.exr").rgb, image, atol=1e-6)
+    assert_allclose(read(tmp_path / "truth" / "image.exr").rgb, image, atol=1e-6)
+    still = camera.through_optics(rendering.subframes(8)[3].alpha)
+    assert_allclose(truth.subframes[3].alpha, still, atol=1e-6)
 
 
 def test_the_truth_itself_is_perfect(folder, truth):

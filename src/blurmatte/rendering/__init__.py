@@ -7,7 +7,10 @@ from blurmatte.rendering.cube import Cube as Cube
 from blurmatte.rendering.drift import Drift as Drift
 from blurmatte.rendering.flight import render_flight as render_flight
 from blurmatte.rendering.lamp import Lamp as Lamp
+from blurmatte.rendering.nearby import Nearby as Nearby
 from blurmatte.rendering.pair import photograph_pair as photograph_pair
+from blurmatte.rendering.pinhole import Pinhole as Pinhole
+from blurmatte.rendering.pinhole import path_in_depth as path_in_depth
 from blurmatte.rendering.plates import PHOTOS as PHOTOS
 from blurmatte.rendering.plates import colorful_plate as colorful_plate
 from blurmatte.rendering.plates import photo_plate as photo_plate
@@ -19,6 +22,7 @@ from blurmatte.rendering.plates import wire_fence as wire_fence
 from blurmatte.rendering.pose import AT_REST as AT_REST
 from blurmatte.rendering.pose import Change as Change
 from blurmatte.rendering.pose import Pose as Pose
+from blurmatte.rendering.pose import View as View
 from blurmatte.rendering.processing import Processing as Processing
 from blurmatte.rendering.render import Rendering as Rendering
 from blurmatte.rendering.render import render as render

@@ -13,7 +13,8 @@ from blurmatte.color.model import ColorModel
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage
 from blurmatte.rendering.lamp import Lamp, check_lighting, lamp_colors, lit, unit_direction
 from blurmatte.rendering.paint import check_color, spanning, true_model
-from blurmatte.rendering.pose import Pose
+from blurmatte.rendering.pinhole import sphere_outline
+from blurmatte.rendering.pose import Pose, View
 
 if TYPE_CHECKING:
     from blurmatte.rendering.kernel import Sphere
@@ -23,6 +24,7 @@ Array = npt.NDArray[np.float64]
 _CELLS = 4  # points across a pixel where light is sampled; coverage is exact, by cells
 _RIM_ERROR = 1e-5  # how far the polygon that stands for an ellipse may leave it, pixels
 _NO_TEXTURE = np.empty((0, 0, 3))
+_FROM_FAR_AWAY = View((0.0, 0.0), np.inf)
 
 # What is so large, in pixels, that four points within a pixel are about as good as sixteen.
 _SMOOTH_RADIUS = 24.0
@@ -35,7 +37,8 @@ class Ball:
     """A sphere: ambient + Lambert, and a highlight of each lamp if it is glossy.
 
     Directions are (x, y, z) with x right, y down and z towards the camera, of any length. The paint
-    turns with the ball, the lamps stay. Deformed, it looks like its picture drawn out.
+    turns with the ball, the lamps stay. Deformed, it looks like its picture drawn out. A pinhole camera
+    sees it as an ellipse.
 
     Parameters
     ----------
@@ -128,7 +131,8 @@ class Ball:
 
     def reach(self, pose: Pose) -> tuple[float, float]:
         """How far it extends from its center in x and y, pixels."""
-        x, y = self.radius * np.linalg.norm(pose.stretch, axis=1)
+        center, stretch = self._outline(pose)
+        x, y = np.abs(center) + self.radius * np.linalg.norm(stretch, axis=1)
         return float(x), float(y)
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
@@ -138,12 +142,20 @@ class Ball:
         """
         from blurmatte.rendering import kernel  # numba takes half a second to import
 
-        x_edges, y_edges = cell_edges(x, _CELLS), cell_edges(y, _CELLS)
-        area = self._coverage(x_edges, y_edges, pose.stretch)
+        (center_x, center_y), stretch = self._outline(pose)
+        x_edges, y_edges = cell_edges(x - center_x, _CELLS), cell_edges(y - center_y, _CELLS)
+        area = self._coverage(x_edges, y_edges, stretch)
         coverage, light = np.empty((len(y), len(x))), np.zeros((len(y), len(x), 3))
-        smooth = self._is_smooth(pose.stretch)
+        smooth = self._is_smooth(stretch)
         kernel.shade(self._sphere(pose), area, x_edges, y_edges, smooth, coverage, light)
         return coverage, light
+
+    def _outline(self, pose: Pose) -> tuple[Array, Array]:
+        """Center (2,) of the outline, from that of the ball, and map (2, 2) from the ball at rest."""
+        if pose.view is None:
+            return np.zeros(2), pose.stretch
+        center, axes = sphere_outline(pose.view, self.radius * pose.stretch[0, 0])
+        return center, axes / self.radius
 
     def _coverage(self, x: Array, y: Array, stretch: Array) -> Array:
         """(h, w) area of each cell that the ball covers: a disc, or an ellipse drawn as polygon."""
@@ -175,8 +187,15 @@ class Ball:
         from blurmatte.rendering.kernel import Sphere
 
         colors = lamp_colors(self.lamps)
+        center, stretch = self._outline(pose)
+        view = pose.view or _FROM_FAR_AWAY
         return Sphere(
-            to_ball=np.linalg.inv(pose.stretch) / self.radius,
+            to_ball=np.linalg.inv(stretch) / self.radius,
+            pinhole=pose.view is not None,
+            slope=np.array(view.slope),
+            offset=center,
+            focal=float(view.focal),
+            size=self.radius * pose.stretch[0, 0] / view.focal,
             to_body=np.ascontiguousarray(pose.rotation.T),
             toward=np.array([lamp.toward for lamp in self.lamps]),
             halfway=np.array([lamp.halfway for lamp in self.lamps]),

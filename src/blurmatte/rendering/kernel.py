@@ -107,7 +107,12 @@ def _add_piece(x, left, right, dy, full, area):  # type: ignore[no-untyped-def]
 class Sphere(NamedTuple):
     """A posed sphere and its lamps, n of them; paint is linear light."""
 
-    to_ball: Any  # (2, 2) pixels from the center → unit sphere
+    to_ball: Any  # (2, 2) pixels from the center of the outline → unit disc
+    pinhole: bool  # the camera is near; else the next four are not used
+    slope: Any  # (2,) of the ray to the center of the sphere, at depth 1
+    offset: Any  # (2,) from the center of the sphere to that of the outline, pixels
+    focal: float  # pixels
+    size: float  # radius at depth 1
     to_body: Any  # (3, 3) space → body
     toward: Any  # (n, 3) unit directions to the lamps
     halfway: Any  # (n, 3) between lamp and camera
@@ -157,11 +162,8 @@ def _off_axis(T, px, py):  # type: ignore[no-untyped-def]
 @njit(inline="always", **_COMPILED)
 def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-def]
     """`weight` times the light at one point of the picture; one beyond the rim takes the rim's."""
-    T = sphere.to_ball
-    nx, ny = T[0, 0] * px + T[0, 1] * py, T[1, 0] * px + T[1, 1] * py
-    beyond = max(_off_axis(T, px, py), 1.0)
-    nx, ny = nx / beyond, ny / beyond
-    nz = np.sqrt(max(1 - nx * nx - ny * ny, 0.0))
+    beyond = max(_off_axis(sphere.to_ball, px, py), 1.0)
+    nx, ny, nz, vx, vy = _normal(sphere, px, py, beyond)
     paint = _paint_at(sphere, nx, ny, nz)
     a, b, c = sphere.ambient[0], sphere.ambient[1], sphere.ambient[2]
     d, e, f = 0.0, 0.0, 0.0
@@ -171,13 +173,49 @@ def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-
         b += lambert * sphere.lambert[k, 1]
         c += lambert * sphere.lambert[k, 2]
         if sphere.glossy:
-            phong = max(_dot(sphere.halfway, k, nx, ny, nz), 0.0) ** sphere.shininess
+            phong = _facing_halfway(sphere, k, nx, ny, nz, vx, vy) ** sphere.shininess
             d += phong * sphere.phong[k, 0]
             e += phong * sphere.phong[k, 1]
             f += phong * sphere.phong[k, 2]
     light[j, i, 0] += weight * (paint[0] * a + d)
     light[j, i, 1] += weight * (paint[1] * b + e)
     light[j, i, 2] += weight * (paint[2] * c + f)
+
+
+@njit(inline="always", **_COMPILED)
+def _normal(sphere, px, py, beyond):  # type: ignore[no-untyped-def]
+    """Unit normal of a point of the picture, and the slopes of its ray. (0, 0) is along the axis.
+
+    `beyond` is its distance from the center of the outline, 1 at the rim, or 1 within it. With the
+    sphere's center C at depth 1, its radius R, the ray d and e = d - C, the point t d nearest to the
+    camera with |t d - C| = R has t - 1 = -(d·e + √(d² R² - |e × C|²)) / d². No large numbers cancel,
+    however long the focal length is.
+    """
+    if not sphere.pinhole:
+        T = sphere.to_ball
+        nx, ny = T[0, 0] * px + T[0, 1] * py, T[1, 0] * px + T[1, 1] * py
+        nx, ny = nx / beyond, ny / beyond
+        return nx, ny, np.sqrt(max(1 - nx * nx - ny * ny, 0.0)), 0.0, 0.0
+    ex = (sphere.offset[0] + px / beyond) / sphere.focal
+    ey = (sphere.offset[1] + py / beyond) / sphere.focal
+    cx, cy, R = sphere.slope[0], sphere.slope[1], sphere.size
+    dx, dy = cx + ex, cy + ey
+    dd = dx * dx + dy * dy + 1
+    cross2 = ex * ex + ey * ey + (ex * cy - ey * cx) ** 2
+    farther = -(dx * ex + dy * ey + np.sqrt(max(dd * R * R - cross2, 0.0))) / dd
+    return (ex + farther * dx) / R, (ey + farther * dy) / R, -farther / R, dx, dy
+
+
+@njit(inline="always", **_COMPILED)
+def _facing_halfway(sphere, k, nx, ny, nz, vx, vy):  # type: ignore[no-untyped-def]
+    """Cosine of the angle from the normal to halfway between lamp k and camera, 0 or more."""
+    if not sphere.pinhole:
+        return max(_dot(sphere.halfway, k, nx, ny, nz), 0.0)
+    length = np.sqrt(vx * vx + vy * vy + 1)
+    hx, hy = sphere.toward[k, 0] - vx / length, sphere.toward[k, 1] - vy / length
+    hz = sphere.toward[k, 2] + 1 / length
+    norm = np.sqrt(hx * hx + hy * hy + hz * hz)
+    return max(nx * hx + ny * hy + nz * hz, 0.0) / norm if norm > 1e-9 else 0.0
 
 
 @njit(inline="always", **_COMPILED)

@@ -1,8 +1,9 @@
 """Scene → Rendering: a motion-blurred picture whose alpha, color and path are known.
 
 The picture is what an ideal camera records: the average over the exposure of sharp, antialiased
-pictures in linear light. In this file α is the exposure fraction, P the premultiplied light and S
-the part of the plate's light that the shadow takes: the picture is P + (1 − α − S) · plate.
+pictures in linear light. In this file α is the exposure fraction, P the premultiplied light, S and N
+the parts of the plate's light that are taken by the shadow and near the body: the picture is
+P + (1 − α − S − N) · plate.
 """
 
 import os
@@ -16,16 +17,23 @@ from blurmatte.checks import Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering.optics import disc_kernel
-from blurmatte.rendering.scene import Scene, Shadow, check_scene
+from blurmatte.rendering.moment import (
+    box_around,
+    darkness,
+    mean_proximity,
+    proximity_at,
+    sharp_layer,
+    touched_box,
+)
+from blurmatte.rendering.pinhole import rim_magnification
+from blurmatte.rendering.pixel_filter import filter_peak
+from blurmatte.rendering.scene import Scene, check_scene
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
 _ALPHA_ERROR = 1e-4  # the largest error that averaging over time may leave in α
-_ROUNDING = 1e-11  # what a Fourier transform leaves of nothing
 _CHUNKS = 4  # sums of substeps; never the number of threads, or bytes would hang on the machine
-_SOFT_REACH = 4.0  # standard deviations of a shadow's blur that count
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +43,7 @@ class Rendering:
     Parameters
     ----------
     image : LinearImage
-        The blurred picture, float64: premultiplied + (1 − alpha − shadow) · plate.
+        The blurred picture, float64: premultiplied + (1 − alpha − shadow − nearby) · plate.
     plate : LinearImage
         The same scene without the body and its shadow.
     layer : Layer
@@ -44,6 +52,9 @@ class Rendering:
         Part of the plate's light that the body's shadow takes beside the body; 0 without a shadow.
     scene : Scene
         What was rendered.
+    nearby : (H, W, 3) float
+        Part of the plate's light that `Scene.nearby` takes (positive) or gives (negative) while the
+        body is not in front of it; 0 if not given.
     """
 
     image: LinearImage
@@ -51,6 +62,11 @@ class Rendering:
     layer: Layer
     shadow: Floats
     scene: Scene
+    nearby: Floats = None  # type: ignore[assignment]
+
+    def __post_init__(self) -> None:
+        if self.nearby is None:
+            object.__setattr__(self, "nearby", np.broadcast_to(0.0, self.shadow.shape))
 
     def __repr__(self) -> str:
         return f"Rendering({self.layer!r}, {self.trajectory!r}, {self.model!r})"
@@ -95,14 +111,16 @@ def render(scene: Scene, substeps: int | None = None) -> Rendering:
         substeps = _enough_substeps(scene)
     if substeps < 1:
         raise ValueError(f"substeps must be 1 or more, got {substeps}")
-    alpha, premultiplied, shadow = _average(scene, substeps)
+    alpha, premultiplied, shadow, nearby = _average(scene, substeps)
     plate: Floats = scene.plate.astype(np.float64)
     if scene.occluder is not None:
         plate = scene.occluder.over(LinearImage(plate)).rgb
-        alpha, premultiplied, shadow = _hidden(scene.occluder, alpha, premultiplied, shadow)
-    image = premultiplied + (1 - alpha[..., None] - shadow) * plate
+        alpha, premultiplied, shadow, nearby = _hidden(
+            scene.occluder, alpha, premultiplied, shadow, nearby
+        )
+    image = premultiplied + (1 - alpha[..., None] - shadow - nearby) * plate
     layer = Layer(alpha, premultiplied)
-    return Rendering(LinearImage(image), LinearImage(plate), layer, shadow, scene)
+    return Rendering(LinearImage(image), LinearImage(plate), layer, shadow, scene, nearby)
 
 
 def _enough_substeps(scene: Scene) -> int:
@@ -111,13 +129,17 @@ def _enough_substeps(scene: Scene) -> int:
     At v pixels per exposure the coverage of a pixel is a ramp in time of slope <= v, up and down:
     four kinks. The midpoint rule with n steps misses each by at most v / (8 n²).
     """
-    extent = max(np.hypot(*scene.body.reach(scene.change.at(t))) for t in (0, 0.5, 1))
+    poses = [scene.pose(t) for t in (0, 0.5, 1)]
+    extent = max(np.hypot(*scene.body.reach(pose)) for pose in poses)
     speed = scene.trajectory.top_speed + scene.change.rate * extent
+    speed *= max(rim_magnification(pose.view, extent) if pose.view else 1 for pose in poses)
+    if scene.pixel_filter:
+        speed *= max(1, filter_peak(scene.pixel_filter))
     return max(1, int(np.ceil(np.sqrt(speed / (1 - scene.shutter_ramp) / (2 * _ALPHA_ERROR)))))
 
 
-def _average(scene: Scene, substeps: int) -> tuple[Array, Array, Array]:
-    """α (H, W), P (H, W, 3) and S (H, W, 3) of the picture."""
+def _average(scene: Scene, substeps: int) -> tuple[Array, Array, Array, Array]:
+    """α (H, W), P, S and N (H, W, 3) of the picture."""
     edges = np.linspace(0, 1, substeps + 1)
     weights = np.diff(_opened(edges, scene.shutter_ramp))
     times = (edges[1:] + edges[:-1]) / 2
@@ -125,15 +147,29 @@ def _average(scene: Scene, substeps: int) -> tuple[Array, Array, Array]:
     with ThreadPoolExecutor(min(_CHUNKS, os.cpu_count() or 1)) as pool:
         sums = list(pool.map(lambda part: _sum(scene, times[part], weights[part]), chunks))
     width, height = scene.size
-    alpha, light = np.zeros((height, width)), np.zeros((height, width, 3))
-    shadow = np.zeros((height, width, 3)) if scene.shadow else np.broadcast_to(0.0, light.shape)
+    total = np.zeros((height, width, _channels(scene)))
     for (x0, y0, x1, y1), maps in sums:
-        here = np.s_[y0:y1, x0:x1]
-        alpha[here] += maps[..., 0]
-        light[here] += maps[..., 1:4]
-        if scene.shadow:
-            shadow[here] += maps[..., 4:]
-    return np.minimum(alpha, 1), light, shadow  # a covered pixel may round to above 1
+        total[y0:y1, x0:x1] += maps
+    alpha = np.minimum(total[..., 0], 1)  # a covered pixel may round to above 1
+    light = np.ascontiguousarray(total[..., 1:4])
+    shadow = nearby = np.broadcast_to(0.0, light.shape)
+    if scene.shadow is not None:
+        shadow = np.ascontiguousarray(total[..., 4:7])
+    if scene.nearby is not None:
+        near = mean_proximity(scene, scene.nearby, times, weights) - total[..., 7]
+        nearby = near[..., None] * scene.nearby.taken(_mean_color(alpha, light))
+    return alpha, light, shadow, nearby
+
+
+def _channels(scene: Scene) -> int:
+    """Of the maps of `_sum`: α, P; S and what α hides of the proximity, if they are needed."""
+    return 4 if scene.shadow is None and scene.nearby is None else 8
+
+
+def _mean_color(alpha: Array, light: Array) -> Array:
+    """(3,) color of the body; black if it is nowhere in the picture."""
+    area = alpha.sum()
+    return np.asarray(light.sum(axis=(0, 1)) / area if area > 0 else np.zeros(3))
 
 
 def _opened(t: Array, ramp: float) -> Array:
@@ -146,90 +182,32 @@ def _opened(t: Array, ramp: float) -> Array:
 
 
 def _sum(scene: Scene, times: Array, weights: Array) -> tuple[Box, Array]:
-    """Weighted sum (h, w, 4 or 7) of α, P and S at some times, in the box that holds them all."""
-    boxes = [_box(scene, t) for t in times]
-    box = _around(boxes)
-    total = np.zeros((box[3] - box[1], box[2] - box[0], 7 if scene.shadow else 4))
+    """Weighted sum (h, w, `_channels`) of maps at some times, in the box that holds them all."""
+    boxes = [touched_box(scene, t) for t in times]
+    box = box_around(boxes)
+    total = np.zeros((box[3] - box[1], box[2] - box[0], _channels(scene)))
     for t, weight, (x0, y0, x1, y1) in zip(times, weights, boxes, strict=True):
         if x0 < x1 and y0 < y1:
-            alpha, light = _sharp(scene, t, (x0, y0, x1, y1))
+            alpha, light = sharp_layer(scene, t, (x0, y0, x1, y1))
             part = total[y0 - box[1] : y1 - box[1], x0 - box[0] : x1 - box[0]]
             part[..., 0] += weight * alpha
             part[..., 1:4] += weight * light
             if scene.shadow:
-                dark = _darkness(scene, scene.shadow, t, (x0, y0, x1, y1)) * (1 - alpha)
-                part[..., 4:] += weight * dark[..., None] * scene.shadow.strength
+                dark = darkness(scene, scene.shadow, t, (x0, y0, x1, y1)) * (1 - alpha)
+                part[..., 4:7] += weight * dark[..., None] * scene.shadow.strength
+            if scene.nearby:
+                near = proximity_at(scene, scene.nearby, t, (x0, y0, x1, y1))
+                part[..., 7] += weight * alpha * near
     return box, total
-
-
-def _sharp(
-    scene: Scene, t: float, box: Box, offset: tuple[float, float] = (0, 0)
-) -> tuple[Array, Array]:
-    """α (h, w) and P (h, w, 3) within a box, of the body held still, moved by `offset`."""
-    blur = int(np.ceil(scene.defocus))
-    x0, y0, x1, y1 = box
-    cx, cy = scene.trajectory.at(t) + offset
-    x, y = np.arange(x0 - blur, x1 + blur) - cx, np.arange(y0 - blur, y1 + blur) - cy
-    alpha, light = scene.body.sharp(x, y, scene.change.at(t))
-    if blur:
-        alpha, light = (_out_of_focus(a, scene.defocus) for a in (alpha, light))
-    return scene.opacity * alpha, scene.opacity * light
-
-
-def _out_of_focus(values: Array, radius: float) -> Array:
-    """Averaged over a disc, and smaller by its reach on each side."""
-    from scipy.signal import fftconvolve
-
-    disc = disc_kernel(radius)
-    disc = disc.reshape(disc.shape + (1,) * (values.ndim - 2))
-    soft = fftconvolve(values, disc, mode="valid", axes=(0, 1))
-    return np.where(soft > _ROUNDING, soft, 0)
-
-
-def _darkness(scene: Scene, shadow: Shadow, t: float, box: Box) -> Array:
-    """(h, w) how dark the shadow is in a box, 0…1."""
-    from scipy.ndimage import gaussian_filter
-
-    wide = int(np.ceil(_SOFT_REACH * shadow.softness))
-    x0, y0, x1, y1 = box
-    silhouette, _ = _sharp(scene, t, (x0 - wide, y0 - wide, x1 + wide, y1 + wide), shadow.offset)
-    dark = gaussian_filter(silhouette, shadow.softness, truncate=_SOFT_REACH)
-    return np.asarray(dark[wide : wide + y1 - y0, wide : wide + x1 - x0])
-
-
-def _box(scene: Scene, t: float) -> Box:
-    """Pixels of the picture that the body or its shadow may touch at a time; may be empty."""
-    center, reach = scene.trajectory.at(t), scene.body.reach(scene.change.at(t))
-    spread = np.asarray(reach) + np.ceil(scene.defocus)
-    boxes = [_touched(center, spread, scene.size)]
-    if scene.shadow is not None:
-        spread = spread + _SOFT_REACH * scene.shadow.softness
-        boxes.append(_touched(center + scene.shadow.offset, spread, scene.size))
-    return _around(boxes)
-
-
-def _touched(center: Array, spread: Array, size: tuple[int, int]) -> Box:
-    first = np.maximum(np.ceil(center - spread - 0.5), 0).astype(int)
-    end = np.minimum(np.floor(center + spread + 0.5) + 1, size).astype(int)
-    return int(first[0]), int(first[1]), int(end[0]), int(end[1])
-
-
-def _around(boxes: list[Box]) -> Box:
-    """The box around some boxes, those that are empty left out."""
-    full = [box for box in boxes if box[0] < box[2] and box[1] < box[3]]
-    if not full:
-        return 0, 0, 0, 0
-    x0, y0, x1, y1 = np.transpose(full)
-    return int(x0.min()), int(y0.min()), int(x1.max()), int(y1.max())
 
 
 def _held_still(scene: Scene, t: float) -> Layer:
     """The whole picture's layer at one moment."""
     width, height = scene.size
-    x0, y0, x1, y1 = _box(scene, t)
+    x0, y0, x1, y1 = touched_box(scene, t)
     alpha, light = np.zeros((height, width)), np.zeros((height, width, 3))
     if x0 < x1 and y0 < y1:
-        alpha[y0:y1, x0:x1], light[y0:y1, x0:x1] = _sharp(scene, t, (x0, y0, x1, y1))
+        alpha[y0:y1, x0:x1], light[y0:y1, x0:x1] = sharp_layer(scene, t, (x0, y0, x1, y1))
     if scene.occluder is not None:
         alpha, light = _hidden(scene.occluder, alpha, light)
     return Layer(np.minimum(alpha, 1), light)

@@ -11,6 +11,9 @@ import numpy.typing as npt
 from blurmatte.checks import Floats, check_kind, check_light, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
+from blurmatte.rendering.ball import Ball
+from blurmatte.rendering.nearby import Nearby
+from blurmatte.rendering.pinhole import Pinhole
 from blurmatte.rendering.pose import Change, Pose
 from blurmatte.trajectory import Trajectory
 
@@ -93,12 +96,21 @@ class Scene:
         What the body casts on the plate.
     occluder : Layer, optional
         Something still that hides body and plate, such as a `wire_fence`: alpha 0 or 1.
+    nearby : Nearby, optional
+        Light that the body takes from the plate near it, and gives to it.
+    pinhole : Pinhole, optional
+        A camera that is near: a Ball off its axis is seen as an ellipse, from the side. Without it the
+        camera is far away.
+    pixel_filter : float
+        Width in pixels of the Blackman-Harris window that body and shadow are seen through; 0 for the
+        box of one pixel. The plate is given as its own filter left it.
 
     Raises
     ------
     TypeError, ValueError
         If the plate is not finite linear light, the trajectory is not a Trajectory, a number is
-        outside its range, or the occluder is half transparent or of another size.
+        outside its range, the occluder is half transparent or of another size, or a pinhole camera
+        sees anything but a ball without squash that stays in front of it.
     """
 
     plate: Floats
@@ -110,6 +122,9 @@ class Scene:
     shutter_ramp: float = 0.0
     shadow: Shadow | None = None
     occluder: Layer | None = None
+    nearby: Nearby | None = None
+    pinhole: Pinhole | None = None
+    pixel_filter: float = 0.0
 
     def __post_init__(self) -> None:
         check_light("plate", self.plate)
@@ -121,14 +136,30 @@ class Scene:
             )
         if not 0 < self.opacity <= 1:
             raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
-        if not (np.isfinite(self.defocus) and self.defocus >= 0):
-            raise ValueError(f"defocus must be finite and not negative, got {self.defocus}")
+        for name in ("defocus", "pixel_filter"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
         if not 0 <= self.shutter_ramp <= 0.5:
             raise ValueError(f"shutter_ramp must lie between 0 and 0.5, got {self.shutter_ramp}")
         if self.occluder is not None:
             check_same_size("occluder", self.occluder.size, "the plate", self.size)
             if not np.isin(self.occluder.alpha, (0, 1)).all():
                 raise ValueError("the alpha of an occluder must be 0 or 1 in every pixel")
+        if self.pinhole is not None:
+            self._check_pinhole(self.pinhole)
+
+    def _check_pinhole(self, pinhole: Pinhole) -> None:
+        if not isinstance(self.body, Ball):
+            raise TypeError(f"a pinhole camera sees a Ball, got {type(self.body).__name__}")
+        if self.change.squash != (1, 1):
+            raise ValueError(f"a pinhole camera sees no squash, got {list(self.change.squash)}")
+        radius = max(max(self.body.reach(self.change.at(t))) for t in (0, 1))
+        if radius >= pinhole.focal:
+            raise ValueError(
+                f"focal must be larger than the ball's radius, {radius:g} pixels at most, got "
+                f"{pinhole.focal:g}: the ball would reach the camera"
+            )
 
     def __repr__(self) -> str:
         width, height = self.size
@@ -139,6 +170,13 @@ class Scene:
         """(width, height) in pixels."""
         height, width = self.plate.shape[:2]
         return width, height
+
+    def pose(self, t: float) -> Pose:
+        """How the camera sees the body at exposure fraction `t`."""
+        pose = self.change.at(t)
+        if self.pinhole is None:
+            return pose
+        return replace(pose, view=self.pinhole.view(self.trajectory.at(t), self.size))
 
     def part(self, start: float, end: float) -> Scene:
         """The scene from one exposure fraction to another, as an exposure of its own."""

@@ -25,6 +25,8 @@ from blurmatte.rendering import (
     Cube,
     Drift,
     Lamp,
+    Nearby,
+    Pinhole,
     Processing,
     Scene,
     Shadow,
@@ -32,6 +34,7 @@ from blurmatte.rendering import (
     Shot,
     Sprite,
     colorful_plate,
+    path_in_depth,
     photo_plate,
     plain_plate,
     star_sprite,
@@ -47,11 +50,11 @@ Makers = Mapping[str, Callable[..., Any]]
 
 _NAMED = Path(__file__).parent / "named"
 _ANGLES = ("rotation", "angle", "squash_angle", "turned", "spin")
-_SCENE_KEYS = ("opacity", "defocus", "shutter_ramp")
+_SCENE_KEYS = ("opacity", "defocus", "shutter_ramp", "pixel_filter")
 _SHOT_KEYS = ("plate_frames", "seed", "crf")
 _TEXTURE = (256, 128)  # of a ball: longitude and latitude
 _TABLES = (
-    *("plate", "body", "path", "change", "shadow", "occluder"),
+    *("plate", "body", "path", "change", "shadow", "nearby", "pinhole", "occluder"),
     *("camera", "processing", "drift", "clip"),
 )
 
@@ -134,7 +137,9 @@ def _shots(file: Table, folder: Path) -> list[Shot]:
         _made("path", _table(file, "path"), _PATHS),
         _made("body", body, _bodies(folder)),
         change=_plain("change", file, Change),
-        shadow=_plain("shadow", file, Shadow) if "shadow" in file else None,
+        shadow=_optional("shadow", file, Shadow),
+        nearby=_optional("nearby", file, Nearby),
+        pinhole=_optional("pinhole", file, Pinhole),
         occluder=_made("occluder", file["occluder"], occluders) if "occluder" in file else None,
         **{key: file[key] for key in _SCENE_KEYS if key in file},
     )
@@ -214,6 +219,7 @@ _PATHS: Makers = {
     "parabola": Trajectory.parabola,
     "bounce": Trajectory.bounce,
     "from_rest": Trajectory.from_rest,
+    "in_depth": path_in_depth,
     "points": Trajectory,
 }
 
@@ -235,6 +241,11 @@ def _made(name: str, table: Table, makers: Makers) -> Any:
 def _plain(name: str, file: Table, maker: Callable[..., Any]) -> Any:
     """What has no kinds, and may be left out."""
     return _called(name, maker, _table({name: {}} | dict(file), name))
+
+
+def _optional(name: str, file: Table, maker: Callable[..., Any]) -> Any:
+    """The same, and None if it is left out."""
+    return _plain(name, file, maker) if name in file else None
 
 
 def _called(name: str, maker: Callable[..., Any], table: Table) -> Any:

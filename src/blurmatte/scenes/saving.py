@@ -8,11 +8,14 @@ truth/layer.exr           true alpha and premultiplied light
 truth/image.exr           the image without noise
 truth/plate.exr           the plate behind the object, without noise and drift
 truth/shadow.exr          part of the plate's light that the shadow takes, if there is one
+truth/nearby.exr          part of the plate's light that is taken (or given: negative) near the object
 truth/subframe_00.exr …   the object held still, at the middles of equal parts of the exposure
 truth/model.json          the object's colors, if they form a line or a plane
 truth/path.json           its path and radius
 truth/truth.json          numbers to look up
 ========================  ==================================================================
+
+All pictures of the truth are seen through the optics of the camera, a linear operator.
 """
 
 from importlib.metadata import version
@@ -24,6 +27,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_kind
 from blurmatte.files import path_to_mapping, write_together
+from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import Camera, Rendering, Shot, encode_codes, render
 
@@ -54,25 +58,32 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
     check_kind("shot", shot, Shot, "use blurmatte.read_shots(scene)[0]")
     rendering = render(shot.scene)
     image, plate = shot.photograph(rendering)
-    layer = rendering.layer
+    through = shot.camera.through_optics
     things = _picture("image", image, shot.camera) | _picture("plate", plate, shot.camera)
     things |= {
         "overview.png": _strip(image, plate, rendering),
-        "truth/layer.exr": layer,
-        "truth/image.exr": rendering.image,
-        "truth/plate.exr": rendering.plate,
+        "truth/layer.exr": _layer_through(shot.camera, rendering.layer),
+        "truth/image.exr": LinearImage(through(rendering.image.rgb)),
+        "truth/plate.exr": LinearImage(through(rendering.plate.rgb)),
         "truth/path.json": path_to_mapping(rendering.trajectory, _radius(shot)),
         "truth/truth.json": _numbers(shot, rendering),
     }
     if rendering.model is not None:
         things["truth/model.json"] = rendering.model
     if shot.scene.shadow is not None:
-        things["truth/shadow.exr"] = LinearImage(rendering.shadow)
+        things["truth/shadow.exr"] = LinearImage(through(rendering.shadow))
+    if shot.scene.nearby is not None:
+        things["truth/nearby.exr"] = LinearImage(through(rendering.nearby))
     if scene_text:
         things["scene.toml"] = scene_text
     for n, frame in enumerate(rendering.subframes(SUBFRAMES)):
-        things[f"truth/subframe_{n:02}.exr"] = frame
+        things[f"truth/subframe_{n:02}.exr"] = _layer_through(shot.camera, frame)
     return write_together(folder, things)
+
+
+def _layer_through(camera: Camera, layer: Layer) -> Layer:
+    """The layer as the optics of the camera pass it."""
+    return Layer(camera.through_optics(layer.alpha), camera.through_optics(layer.premultiplied))
 
 
 def _picture(name: str, picture: LinearImage, camera: Camera) -> dict[str, Any]:
@@ -103,6 +114,7 @@ def _numbers(shot: Shot, truth: Rendering) -> dict[str, Any]:
         "camera": repr(shot.camera),
         "drift": repr(shot.drift),
         "plate_frames": shot.plate_frames,
+        "crf": shot.crf,
         "seed": shot.seed,
         "blurmatte": version("blurmatte"),
         "units": "pixels, x right, y down, pixel centers at whole numbers; light: linear, 1 white; "
@@ -112,4 +124,4 @@ def _numbers(shot: Shot, truth: Rendering) -> dict[str, Any]:
 
 def _radius(shot: Shot) -> float:
     """How far the body reaches from its center at the start."""
-    return max(shot.scene.body.reach(shot.scene.change.at(0)))
+    return max(shot.scene.body.reach(shot.scene.pose(0)))
