@@ -132,7 +132,7 @@ def enlarged(field: npt.NDArray[np.float32], shape: tuple[int, int]) -> npt.NDAr
     from scipy.ndimage import zoom
 
     factors = (shape[0] / field.shape[0], shape[1] / field.shape[1], 1)
-    wide = zoom(field, factors, order=1, mode="grid-constant", grid_mode=True, cval=1.0)
+    wide = zoom(field, factors, order=1, mode="nearest", grid_mode=True)
     return np.asarray(wide, np.float32)
 
 
