@@ -1,26 +1,36 @@
 """The harder scenes of blurmatte's own renderer, in the folders of the second truth.
 
-Kinds and random draws are those of benchmarks/accuracy/verdict.py; the plate is one picture, not the
-median of several, as with the scenes of the other renderer.
+Kinds and random draws are those of benchmarks/accuracy/verdict.py; the cameras are those of the part
+learn, so that only the scenes and their renderer differ.
 """
 
 import time
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
-import numpy.typing as npt
-from benchmarks.accuracy.verdict import FILES, FIRST, KINDS, Case, draw
-from benchmarks.cycles.pictures import BLURMATTE, OWN, Facts, Picture, TrueShot, write_picture
+from benchmarks.accuracy.verdict import FIRST, KINDS, Case, draw
+from benchmarks.cycles.photograph import SETUPS, _files
+from benchmarks.cycles.pictures import (
+    BLURMATTE,
+    LEARN,
+    OWN,
+    Facts,
+    Picture,
+    TrueShot,
+    write_picture,
+)
 
-from blurmatte.rendering import Ball, Camera, render
+from blurmatte.layer import Layer
+from blurmatte.radiometry import LinearImage
+from blurmatte.rendering import Ball, Camera, Drift, render
 
-CAMERAS = {"png": FILES["PNG"], "phone": FILES["JPEG"]}
+CAMERAS = ("png", "phone")  # of the part learn
 _ROOM = "random plate"
-_NOISE_SEED = 11  # of the cameras, with the seed of the scene
 
 
-def write_own(root: Path, count: int, cameras: Sequence[str] = tuple(CAMERAS)) -> int:
+def write_own(root: Path, count: int, cameras: Sequence[str] = CAMERAS) -> int:
     """Render `count` scenes of every kind, photograph each, and write what is not there yet.
 
     Parameters
@@ -29,7 +39,7 @@ def write_own(root: Path, count: int, cameras: Sequence[str] = tuple(CAMERAS)) -
     count : int
         Scenes of each kind; more later adds to them.
     cameras : sequence of str
-        Of `CAMERAS`.
+        Of `photograph.SETUPS["learn"]`.
 
     Returns
     -------
@@ -45,48 +55,49 @@ def write_own(root: Path, count: int, cameras: Sequence[str] = tuple(CAMERAS)) -
                 continue
             case = made(draw(seed))
             for picture in missing:
-                _write(picture, case, kind, seed)
+                _write(picture, case, kind)
             written += len(missing)
             rate = 60 * written / max(time.monotonic() - start, 1e-3)
             print(f"{written} pictures, {rate:.0f} a minute", flush=True)
     return written
 
 
-def _write(picture: Picture, case: Case, kind: str, seed: int) -> None:
-    truth, scene = case.truth, case.truth.scene
-    camera = CAMERAS[picture.camera]
-    rng = np.random.default_rng([seed, _NOISE_SEED])
-    lights = {"image": truth.image.rgb, "plate": truth.plate.rgb}
-    files = dict(_file(name, light, camera, rng) for name, light in lights.items())
-    radius, later = (max(scene.body.reach(scene.change.at(t))) for t in (0, 1))
-    crossing = len(case.alphas) > 1
-    shot = TrueShot(
-        truth.layer,
-        truth.image,
-        truth.plate,
-        truth.trajectory,
-        radius,
-        None if crossing else truth.model,
-        render(scene).layer if crossing else None,
-    )
+def _write(picture: Picture, case: Case, kind: str) -> None:
+    setup, truth = SETUPS[LEARN][picture.camera], case.truth
+    rng = np.random.default_rng(zlib.crc32(f"{picture.scene} {picture.camera}".encode()))
+    angle, gain = rng.uniform(0, 2 * np.pi), 1 + setup.gain_std * rng.standard_normal()
+    shift = (setup.shift * np.cos(angle), setup.shift * np.sin(angle))
+    plate = Drift(shift, gain=(gain, gain, gain)).apply(truth.plate.rgb)
+    shot, scene = _true_shot(case, setup.camera), truth.scene
+    first, last = (max(scene.body.reach(scene.change.at(t))) for t in (0, 1))
     r, g, b = truth.layer.color.tolist()
     facts = Facts(
         kind=kind,
         room=_ROOM,
-        camera_class=picture.camera,
+        camera_class=setup.camera_class,
         renderer=BLURMATTE,
-        round=isinstance(scene.body, Ball) and bool(np.isclose(radius, later)) and not crossing,
+        round=isinstance(scene.body, Ball) and bool(np.isclose(first, last)) and shot.first is None,
         alpha_std=0.0,
         mean_color=(r, g, b),
     )
-    write_picture(picture, files, shot, facts)
+    write_picture(picture, _files(setup, (truth.image.rgb, plate), rng), shot, facts)
 
 
-def _file(
-    name: str, light: npt.NDArray[np.floating], camera: Camera, rng: np.random.Generator
-) -> tuple[str, bytes | npt.NDArray[np.uint8]]:
-    """Name and content of a picture's file."""
-    codes = camera.expose(light, rng)
-    if camera.jpeg_quality is None:
-        return f"{name}.png", codes.astype(np.uint8)
-    return f"{name}.jpg", camera.compress(codes)
+def _true_shot(case: Case, camera: Camera) -> TrueShot:
+    """The truth behind the lens; of two balls no single paint is true."""
+
+    def seen(layer: Layer) -> Layer:
+        alpha, light = map(camera.through_optics, (layer.alpha, layer.premultiplied))
+        return Layer(alpha, light)
+
+    truth, scene = case.truth, case.truth.scene
+    crossing = len(case.alphas) > 1
+    return TrueShot(
+        seen(truth.layer),
+        LinearImage(camera.through_optics(truth.image.rgb)),
+        LinearImage(camera.through_optics(truth.plate.rgb)),
+        truth.trajectory,
+        max(scene.body.reach(scene.change.at(0))),
+        None if crossing else truth.model,
+        seen(render(scene).layer) if crossing else None,
+    )

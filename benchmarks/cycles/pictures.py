@@ -34,11 +34,12 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.scenes import Truth, read_truth
 from blurmatte.trajectory import Trajectory
 
-Codes = npt.NDArray[np.uint8]
+Content = bytes | npt.NDArray[np.uint8] | LinearImage  # of a picture's file
 
 LEARN, TUNE, SEALED, OWN = "learn", "tune", "sealed", "own"
 CYCLES, BLURMATTE = "cycles", "blurmatte"  # renderers
 _KNOWN_COLOR_STD = 1e-9  # light: of a color that is given exactly
+_OPTIONAL = ("layer_1.exr", "model.json")
 _NEEDED = ("truth.json", "layer.exr", "plate.exr", "path.json")
 
 
@@ -114,7 +115,8 @@ class Picture:
     @cached_property
     def digest(self) -> str:
         """Of the files that outcomes depend on: a picture that is rendered again has another."""
-        truth = (self.folder / "truth" / name for name in _NEEDED)
+        names = (*_NEEDED, *_OPTIONAL)
+        truth = (path for name in names if (path := self.folder / "truth" / name).is_file())
         found = hashlib.sha256()
         for path in (*self._files("image"), *self._files("plate"), *truth):
             found.update(path.read_bytes())
@@ -182,7 +184,7 @@ class TrueShot:
 
 
 def write_picture(
-    picture: Picture, files: Mapping[str, bytes | Codes], shot: TrueShot, facts: Facts
+    picture: Picture, files: Mapping[str, Content], shot: TrueShot, facts: Facts
 ) -> None:
     """Write a picture and its truth; it is whole when the last file is there.
 
@@ -191,8 +193,8 @@ def write_picture(
     picture : Picture
         Where.
     files : mapping
-        Image and plate by names such as "image.jpg": a file's content, or (H, W, 3) uint8 sRGB codes
-        for a PNG.
+        Image and plate by names such as "image.jpg": a file's content, or for a PNG (H, W, 3) uint8
+        sRGB codes, or light that is written with 16 bits.
     shot : TrueShot
     facts : Facts
 

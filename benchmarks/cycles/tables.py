@@ -22,10 +22,11 @@ _NOTES = f"""
 Scenes rendered by Blender Cycles, a path tracer that shares no code with blurmatte (renderer cycles),
 and the harder scenes of blurmatte's own renderer through the same cameras (renderer blurmatte). png:
 8 bits with the noise of a sensor; phone: JPEG with chroma subsampling, defocus or sharpening, and a
-plate that moved by a fraction of a pixel. The streak is where the true alpha is above
-{MIN_ALPHA:g}. The truth of Cycles has sampling noise; its standard deviation of alpha, which the
-truth.json of each picture holds, is added in quadrature to what is claimed before errors are divided
-by claims. A rejection is a picture for which the method says, in words, why it gives no answer.
+plate that moved by a fraction of a pixel; the other cameras are named. The streak is where the true
+alpha is above {MIN_ALPHA:g}. The truth of Cycles has sampling noise; its standard deviation of alpha,
+which the truth.json of each picture holds, is added in quadrature to what is claimed before errors are
+divided by claims. A rejection is a picture for which the method says, in words, why it gives no
+answer.
 """
 _SECOND_TRUTH = f"""
 `blurmatte.solve(image, plate)` is given nothing else. pictures: scenes times cameras of the class;
@@ -50,12 +51,13 @@ are those of against_other_methods.
 """
 _DEVIATIONS = """
 z is (estimate - truth) / claimed standard deviation, of the answers of `blurmatte.solve(image,
-plate)`. alpha and light: of all pixels of the known streak; light in all channels. sum: of the sum of
-alpha, one value for each answer. color: of the mean color, two directions for a line of colors and
-one for a plane. path (two directions of its mean position) and radius: of balls that a sweep
-explains. spread: root mean square of z, 1 is honest and more is overconfident; robust: the same from
-the median of |z|; within 1 and 2: fractions of |z|, 0.683 and 0.954 for honest normal errors. picture
-median, 99 % and worst: of the root mean square of z within each picture.
+plate)`. alpha and light: of all pixels of the known streak, but for those that claim an error of
+exactly 0; light in all channels. sum: of the sum of alpha, one value for each answer. color: of the
+mean color, two directions for a line of colors and one for a plane. path (two directions of its mean
+position) and radius: of balls that a sweep explains. spread: root mean square of z, 1 is honest and
+more is overconfident; robust: the same from the median of |z|; within 1 and 2: fractions of |z|, 0.683
+and 0.954 for honest normal errors. picture median, 99 % and worst: of the root mean square of z within
+each picture.
 """
 
 

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 sys.path.insert(0, str(Path(__file__).parents[2]))  # the benchmarks are no part of the package
 
-from benchmarks.cycles import scoring, tables, workers
+from benchmarks.cycles import own, scoring, tables, workers
 from benchmarks.cycles.errors import Deviations, Errors, errors_of
 from benchmarks.cycles.methods import OURS, methods
 from benchmarks.cycles.outcome import Key, Outcome, append, read_journal
@@ -181,6 +181,31 @@ def test_first_disc_is_near_a_ball(root):
     errors = errors_of(methods()["first disc"].answer(case), truth, (truth.layer,), FACTS)
     assert errors.alpha_rmse < 0.01
     assert errors.light.rms < 3
+
+
+# Own scenes
+
+
+def test_own_scenes_have_the_format_of_the_second_truth(tmp_path, monkeypatch):
+    kinds = ("ball", "two balls that cross")
+    monkeypatch.setattr(own, "KINDS", {kind: own.KINDS[kind] for kind in kinds})
+    assert own.write_own(tmp_path, 1) == 4
+    assert own.write_own(tmp_path, 1) == 0  # all are there
+    pictures = find_pictures(tmp_path, ["own"], ["phone"])
+    ball, crossing = sorted(pictures, key=lambda picture: picture.facts.kind)
+    assert (ball.facts.round, crossing.facts.round) == (True, False)
+    assert ball.facts.camera_class == crossing.facts.camera_class == "phone"
+    truth = crossing.truth()
+    whole, first, second = crossing.answers(truth)
+    assert_allclose(first.alpha + second.alpha, whole.alpha, atol=2e-3)
+    assert first.alpha.max() > 0.1
+    assert second.alpha.max() > 0.1
+    assert len(ball.answers(ball.truth())) == 1
+    assert_allclose(
+        ball.model().basis[:, 0],
+        ball.truth().layer.color / np.linalg.norm(ball.truth().layer.color),
+        atol=1e-3,
+    )
 
 
 # Journal
