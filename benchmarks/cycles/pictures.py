@@ -122,6 +122,12 @@ class Picture:
             found.update(path.read_bytes())
         return found.hexdigest()[:16]
 
+    @property
+    def unchanged(self) -> bool:
+        """Whether the files are still those of `digest`: rendering again may remove or replace them."""
+        now = replace(self)
+        return now.whole and now.digest == self.digest
+
     def read(self) -> tuple[LinearImage, LinearImage]:
         """Image and plate, read as any user's files."""
         image, plate = (read(self._files(name)[0]) for name in ("image", "plate"))

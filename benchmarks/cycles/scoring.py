@@ -150,6 +150,8 @@ def _place(key: Key) -> tuple[str, str, str, str]:
 
 def _outcomes(jobs: Sequence[Job], processes: int) -> Iterator[Outcome]:
     for job, result in run_each(attempt, jobs, processes):
+        if result is None or not job.picture.unchanged:
+            continue  # it was rendered again meanwhile: a later run scores it
         if not isinstance(result, Ended):
             yield result
         elif result.by_limit:
@@ -176,9 +178,14 @@ def _with_progress(outcomes: Iterator[Outcome], count: int) -> Iterator[Outcome]
             )
 
 
-def attempt(job: Job) -> Outcome:
-    """Ask the method for the picture, in the process that this is called in; it may end there."""
+def attempt(job: Job) -> Outcome | None:
+    """Ask the method for the picture, in the process that this is called in; it may end there.
+
+    None if the picture is not what it was when the job was made.
+    """
     method, picture = methods()[job.method], job.picture
+    if not picture.unchanged:
+        return None
     truth = picture.truth()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

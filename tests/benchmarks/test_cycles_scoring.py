@@ -248,6 +248,22 @@ def test_a_later_run_does_only_what_is_missing(tmp_path, in_this_process, monkey
     assert len(read_journal(journal)) == 3
 
 
+@pytest.mark.parametrize("removed", ["truth/path.json", "image.png"])
+def test_picture_that_is_rendered_again_meanwhile_is_left_to_a_later_run(
+    tmp_path, in_this_process, monkeypatch, removed
+):
+    attempt = scoring.attempt
+
+    def removing(job):
+        (job.picture.folder / removed).unlink()
+        return attempt(job)
+
+    monkeypatch.setattr(scoring, "attempt", removing)
+    write_scene(tmp_path, "a", 0)
+    assert read_journal(scoring.score(tmp_path)) == []
+    assert in_this_process == [("a", OURS)]
+
+
 def test_unknown_method_is_refused(tmp_path):
     with pytest.raises(ValueError, match="method must be one of blurmatte"):
         scoring.score(tmp_path, names=["blurmat"])
