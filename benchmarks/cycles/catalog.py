@@ -24,6 +24,9 @@ MOMENTS = 33  # poses in an exposure; linear in between
 RADIUS_PX = (7.0, 34.0)  # range of the object's radius
 LENGTH_RADII = (0.5, 12.0)  # range of the path's length
 DEPTH = (1.7, 2.9)  # m, range of the object's distance
+EARLY = (
+    1 / 512
+)  # of the exposure: Cycles reads its shutter from a table of 256 times, half a step early
 MARGIN_PX = 8.0  # between the object and the border of the picture
 POST_X = 0.0  # m, where the post crosses the axis
 PARTS = ("learn", "tune", "sealed")
@@ -77,6 +80,28 @@ class Place:
         center = (np.array(self.size) - 1) / 2
         return center + self.focal * np.stack([x, -y], axis=-1) / -z[:, None]
 
+    def outline(self, points: Array, radius: float) -> tuple[Array, Array]:
+        """Outlines of spheres in the picture: ellipses that are longer away from the axis.
+
+        Parameters
+        ----------
+        points : (n, 3) float
+            Centers, meters.
+        radius : float
+            Meters.
+
+        Returns
+        -------
+        (n, 2), (n,) float
+            Middles of the ellipses, and radii of discs of the same area, pixels.
+        """
+        x, y, z = points.T
+        squared = z**2 - radius**2
+        middle = (np.array(self.size) - 1) / 2
+        xy = middle + self.focal * np.stack([x, -y], axis=-1) * (-z / squared)[:, None]
+        distant = (points**2).sum(axis=-1) - radius**2
+        return xy, self.focal * radius * distant**0.25 / squared**0.75
+
     def lift(self, pixels: Array, depth: Array) -> Array:
         """(n, 3) points at (n, 2) pixels and (n,) distances from the camera's plane."""
         center = (np.array(self.size) - 1) / 2
@@ -121,14 +146,18 @@ class CyclesScene:
 
     @property
     def path(self) -> Array:
-        """(MOMENTS, 2) pixels of the first object's center."""
-        return self.place.project(np.array(self.movers[0].poses)[:, :3])
+        """(MOMENTS, 2) pixels of the middle of the first object's outline, as if it were a sphere."""
+        path = self.place.outline(self._points, self.movers[0].radius)[0]
+        return path - EARLY * np.gradient(path, TIME, axis=0)
 
     @property
     def radius_px(self) -> float:
-        """Of the first object at the middle of the exposure."""
-        depth = -self.movers[0].poses[MOMENTS // 2][2]
-        return self.movers[0].radius * self.place.focal / depth
+        """That of a disc with the outline's area, at the middle of the exposure, as of a sphere."""
+        return float(self.place.outline(self._points, self.movers[0].radius)[1][MOMENTS // 2])
+
+    @property
+    def _points(self) -> Array:
+        return np.array(self.movers[0].poses)[:, :3]
 
     def mapping(self) -> dict[str, object]:
         """For JSON; with what the renderer would have to compute otherwise."""

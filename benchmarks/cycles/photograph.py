@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from benchmarks.cycles.catalog import TIME
+from benchmarks.cycles.catalog import TIME, scene
 from benchmarks.cycles.pictures import CYCLES, Facts, Picture, TrueShot, write_picture
 
 from blurmatte.layer import Layer
@@ -166,15 +166,15 @@ def _files(
 
 def _shot(camera: Camera, maps: Maps, job: Mapping[str, Any]) -> TrueShot:
     seen = {name: camera.through_optics(values) for name, values in maps.items()}
-    first = None
+    made, first = scene(job["kind"], int(job["name"].rsplit("_", 1)[1])), None
     if "alpha_first" in seen:
         first = Layer(seen["alpha_first"], seen["light_first"])
     return TrueShot(
         Layer(seen["alpha"], seen["light"]),
         LinearImage(seen["image"]),
         LinearImage(seen["behind"]),
-        Trajectory(np.array(job["path"]), TIME),
-        job["radius_px"],
+        Trajectory(made.path, TIME),
+        made.radius_px,
         None,
         first,
     )

@@ -54,6 +54,17 @@ def test_the_axis_of_the_camera_meets_the_middle_of_the_picture():
     np.testing.assert_allclose(PLACE.project(np.array([[0.0, 0.0, -2.0]])), [[239.5, 159.5]])
 
 
+def test_the_outline_of_a_sphere_is_that_of_cast_rays():
+    center, radius = np.array([[0.4, -0.2, -1.5]]), 0.12
+    (xy,), (disc,) = PLACE.outline(center, radius)
+    y, x = np.mgrid[120:320:0.25, 300:480:0.25]
+    rays = np.stack([x - 239.5, 159.5 - y, np.full_like(x, -PLACE.focal)], axis=-1)
+    along = rays @ center[0] / np.linalg.norm(rays, axis=-1)
+    hit = (center[0] ** 2).sum() - along**2 <= radius**2
+    np.testing.assert_allclose([x[hit].mean(), y[hit].mean()], xy, atol=0.02)
+    np.testing.assert_allclose(np.sqrt(hit.sum() / 16 / np.pi), disc, rtol=1e-3)
+
+
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "ball leaving the picture"])
 def test_paths_stay_in_the_picture(kind):
     for number in range(4):
