@@ -36,7 +36,7 @@ from blurmatte.scenes import Answer, Score, Truth, read_shots, score
 SCENES = (
     "easy", "plain_wall", "two_hues", "glossy", "two_paints", "painted", "dice", "stick", "star",
     "faint", "slow", "bounce", "from_rest", "defocused", "glassy", "approaching", "two_lamps",
-    "fence", "stripes", "coffee", "astronaut",
+    "fence", "stripes", "coffee", "astronaut", "wide_angle", "wide_filter", "near_wall", "phone",
 )  # fmt: skip
 SEED = 0
 PLATE = "plate"  # all that can be told of a real picture
