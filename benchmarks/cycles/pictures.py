@@ -126,12 +126,23 @@ class Picture:
     def unchanged(self) -> bool:
         """Whether the files are still those of `digest`: rendering again may remove or replace them."""
         now = replace(self)
-        return now.whole and now.digest == self.digest
+        try:
+            return now.whole and now.digest == self.digest
+        except FileNotFoundError:
+            return False
 
     def read(self) -> tuple[LinearImage, LinearImage]:
-        """Image and plate, read as any user's files."""
-        image, plate = (read(self._files(name)[0]) for name in ("image", "plate"))
-        return image, plate
+        """Image and plate, read as any user's files.
+
+        Raises
+        ------
+        FileNotFoundError
+            If they are not there.
+        """
+        image, plate = map(self._files, ("image", "plate"))
+        if not (image and plate):
+            raise FileNotFoundError(f"{self.folder}: has no image and plate, as PNG or JPEG")
+        return read(image[0]), read(plate[0])
 
     def truth(self) -> Truth:
         """The truth, as `blurmatte score` reads it."""

@@ -16,11 +16,11 @@ from benchmarks.accuracy.against_other_methods import Case
 from benchmarks.cycles.errors import errors_of
 from benchmarks.cycles.methods import OURS, Method, methods
 from benchmarks.cycles.outcome import JOURNAL, OUT_OF_TIME, Key, Outcome, append, read_journal
-from benchmarks.cycles.pictures import LEARN, TUNE, Picture, find_pictures
+from benchmarks.cycles.pictures import LEARN, TUNE, Facts, Picture, find_pictures
 from benchmarks.cycles.workers import Ended, cpu_limit, run_each
 
 import blurmatte
-from blurmatte.errors import BlurmatteError
+from blurmatte.errors import BlurmatteError, FileError
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
@@ -150,14 +150,19 @@ def _place(key: Key) -> tuple[str, str, str, str]:
 
 def _outcomes(jobs: Sequence[Job], processes: int) -> Iterator[Outcome]:
     for job, result in run_each(attempt, jobs, processes):
-        if result is None or not job.picture.unchanged:
-            continue  # it was rendered again meanwhile: a later run scores it
-        if not isinstance(result, Ended):
-            yield result
-        elif result.by_limit:
-            yield _rejected(job, f"{OUT_OF_TIME} {job.limit:g} CPU s", job.limit)
-        else:
-            yield _rejected(job, f"the process ended with code {result.exit_code}", None)
+        outcome = _ended(job, result) if isinstance(result, Ended) else result
+        if outcome is not None and job.picture.unchanged:
+            yield outcome
+
+
+def _ended(job: Job, end: Ended) -> Outcome | None:
+    """The outcome of a process that ended within its job."""
+    known = _read(job.picture)
+    if known is None:
+        return None
+    if end.by_limit:
+        return _outcome(job, known, None, f"{OUT_OF_TIME} {job.limit:g} CPU s", job.limit)
+    return _outcome(job, known, None, f"the process ended with code {end.exit_code}", None)
 
 
 def _with_progress(outcomes: Iterator[Outcome], count: int) -> Iterator[Outcome]:
@@ -178,26 +183,46 @@ def _with_progress(outcomes: Iterator[Outcome], count: int) -> Iterator[Outcome]
             )
 
 
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """Everything in the files of a picture."""
+
+    case: Case
+    truth: Truth
+    layers: tuple[Layer, ...]
+    facts: Facts
+
+
+def _read(picture: Picture) -> _Known | None:
+    """None if it is rendered again meanwhile: then a later run scores it."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            truth = picture.truth()
+            case = Case(*picture.read(), truth.layer, picture.model())
+            known = _Known(case, truth, picture.answers(truth), picture.facts)
+    except (FileError, FileNotFoundError):
+        if picture.unchanged:
+            raise
+        return None
+    return known if picture.unchanged else None
+
+
 def attempt(job: Job) -> Outcome | None:
     """Ask the method for the picture, in the process that this is called in; it may end there.
 
     None if the picture is not what it was when the job was made.
     """
-    method, picture = methods()[job.method], job.picture
-    if not picture.unchanged:
+    known = _read(job.picture)
+    if known is None:
         return None
-    truth = picture.truth()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         _warm_up(job.method)
-        case = Case(*picture.read(), truth.layer, picture.model())
         start = time.process_time()
-        answer, why = _answer(method, case, job.limit)
+        answer, why = _answer(methods()[job.method], known.case, job.limit)
         seconds = time.process_time() - start
-    if answer is None:
-        return _rejected(job, why, seconds)
-    solver = answer.solver if isinstance(answer, Solution) else ""
-    return _outcome(job, answer, truth, why, solver, seconds)
+    return _outcome(job, known, answer, why, seconds)
 
 
 def _answer(method: Method, case: Case, limit: float) -> tuple[Solution | Layer | None, str]:
@@ -211,29 +236,24 @@ def _answer(method: Method, case: Case, limit: float) -> tuple[Solution | Layer 
         return None, f"{type(error).__name__}: {error}"
 
 
-def _rejected(job: Job, why: str, seconds: float | None) -> Outcome:
-    """The outcome without an answer, which counts as an empty layer."""
-    truth = job.picture.truth()
-    empty = Layer(0 * truth.layer.alpha, 0 * truth.layer.premultiplied)
-    return _outcome(job, empty, truth, why, "", seconds)
-
-
 def _outcome(
-    job: Job, answer: Solution | Layer, truth: Truth, why: str, solver: str, seconds: float | None
+    job: Job, known: _Known, answer: Solution | Layer | None, why: str, seconds: float | None
 ) -> Outcome:
-    facts = job.picture.facts
+    """Without an answer the empty layer counts."""
+    true, facts = known.truth.layer, known.facts
+    given = Layer(0 * true.alpha, 0 * true.premultiplied) if answer is None else answer
     return Outcome(
         job.key,
         facts.kind,
         facts.room,
         facts.camera_class,
         facts.renderer,
-        answered=not why,
+        answered=answer is not None,
         why=why,
-        solver=solver,
+        solver=given.solver if isinstance(given, Solution) else "",
         cpu_seconds=seconds,
         limit=job.limit,
-        errors=errors_of(answer, truth, job.picture.answers(truth), facts),
+        errors=errors_of(given, known.truth, known.layers, facts),
     )
 
 
