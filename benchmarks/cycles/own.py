@@ -5,13 +5,12 @@ learn, so that only the scenes and their renderer differ.
 """
 
 import time
-import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from benchmarks.accuracy.verdict import FIRST, KINDS, Case, draw
-from benchmarks.cycles.photograph import SETUPS, _files
+from benchmarks.cycles.photograph import SETUPS, camera_files
 from benchmarks.cycles.pictures import (
     BLURMATTE,
     LEARN,
@@ -24,7 +23,7 @@ from benchmarks.cycles.pictures import (
 
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
-from blurmatte.rendering import Ball, Camera, Drift, render
+from blurmatte.rendering import Ball, Camera, render
 
 CAMERAS = ("png", "phone")  # of the part learn
 _ROOM = "random plate"
@@ -64,10 +63,9 @@ def write_own(root: Path, count: int, cameras: Sequence[str] = CAMERAS) -> int:
 
 def _write(picture: Picture, case: Case, kind: str) -> None:
     setup, truth = SETUPS[LEARN][picture.camera], case.truth
-    rng = np.random.default_rng(zlib.crc32(f"{picture.scene} {picture.camera}".encode()))
-    angle, gain = rng.uniform(0, 2 * np.pi), 1 + setup.gain_std * rng.standard_normal()
-    shift = (setup.shift * np.cos(angle), setup.shift * np.sin(angle))
-    plate = Drift(shift, gain=(gain, gain, gain)).apply(truth.plate.rgb)
+    files = camera_files(
+        setup, truth.image.rgb, truth.plate.rgb, f"{picture.scene} {picture.camera}"
+    )
     shot, scene = _true_shot(case, setup.camera), truth.scene
     first, last = (max(scene.body.reach(scene.change.at(t))) for t in (0, 1))
     r, g, b = truth.layer.color.tolist()
@@ -80,7 +78,7 @@ def _write(picture: Picture, case: Case, kind: str) -> None:
         alpha_std=0.0,
         mean_color=(r, g, b),
     )
-    write_picture(picture, _files(setup, (truth.image.rgb, plate), rng), shot, facts)
+    write_picture(picture, files, shot, facts)
 
 
 def _true_shot(case: Case, camera: Camera) -> TrueShot:

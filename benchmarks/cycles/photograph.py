@@ -28,6 +28,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.trajectory import Trajectory
 
+Light = npt.NDArray[np.floating[Any]]
 Maps = dict[str, npt.NDArray[np.float32]]
 Content = bytes | npt.NDArray[np.uint8] | LinearImage  # of a file
 
@@ -137,25 +138,26 @@ def enlarged(field: npt.NDArray[np.float32], shape: tuple[int, int]) -> npt.NDAr
 
 
 def _write(picture: Picture, setup: Setup, maps: Maps, job: Mapping[str, Any]) -> None:
-    rng = np.random.default_rng(zlib.crc32(f"{picture.scene} {picture.camera}".encode()))
+    files = camera_files(setup, maps["image"], maps["plate"], f"{picture.scene} {picture.camera}")
+    write_picture(picture, files, _shot(setup.camera, maps, job), _facts(setup, maps, job))
+
+
+def camera_files(setup: Setup, image: Light, plate: Light, name: str) -> dict[str, Content]:
+    """What the files of image and plate hold, by their names.
+
+    Parameters
+    ----------
+    setup : Setup
+    image, plate : (H, W, 3) float
+        Linear light before the lens.
+    name : str
+        Seeds noise, drift and change of exposure.
+    """
+    rng, camera = np.random.default_rng(zlib.crc32(name.encode())), setup.camera
     angle, gain = rng.uniform(0, 2 * np.pi), 1 + setup.gain_std * rng.standard_normal()
-    drift = Drift(
-        (setup.shift * np.cos(angle), setup.shift * np.sin(angle)), gain=(gain, gain, gain)
-    )
-    lights = (maps["image"], drift.apply(maps["plate"]))
-    write_picture(
-        picture,
-        _files(setup, lights, rng),
-        _shot(setup.camera, maps, job),
-        _facts(setup, maps, job),
-    )
-
-
-def _files(
-    setup: Setup, lights: tuple[npt.NDArray[np.float32], ...], rng: np.random.Generator
-) -> dict[str, Content]:
-    """What the files of image and plate hold, by their names."""
-    names, camera = ("image", "plate"), setup.camera
+    shift = (setup.shift * np.cos(angle), setup.shift * np.sin(angle))
+    lights = (image, Drift(shift, gain=(gain, gain, gain)).apply(plate))
+    names = ("image", "plate")
     if camera.jpeg_quality is not None:
         files = [camera.compress(camera.expose(light, rng)) for light in lights]
         return {f"{name}.jpg": file for name, file in zip(names, files, strict=True)}
