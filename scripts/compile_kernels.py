@@ -30,6 +30,7 @@ WALL = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
 PATH = bm.Trajectory.arc((30, 40), (48, 30), (66, 40))
 GREEN, ORANGE = (0.25, 0.7, 0.12), (0.9, 0.5, 0.1)
 BALL = Ball(9, GREEN)
+LINE, PLANE = bm.ColorModel.from_hex("#89d861"), bm.ColorModel.from_hex("#89d861", "#f3bc59")
 CAMERA = Camera(code_std=1.5 / 255)
 COMPRESSING = Camera(code_std=1.5 / 255, jpeg_quality=90, chroma="4:2:0")
 NO_CHANGE = Change()
@@ -46,14 +47,15 @@ def photographed(
 
 
 def solve_all() -> None:
-    """Every solver, on files of both kinds and colors of both ranks."""
+    """Every solver, on files of both kinds, in both precisions, and colors of both ranks."""
     pictures = photographed(BALL, TILES)
-    line = bm.ColorModel.from_hex("#89d861")
-    plane = bm.ColorModel.from_hex("#89d861", "#f3bc59")
+    double = [bm.LinearImage(p.rgb.astype(float), bm.NoiseModel(read_std=2e-3)) for p in pictures]
     for solver in (bm.Pixelwise(), bm.Smooth()):
-        for model in (line, plane):
+        for model in (LINE, PLANE):
             bm.solve(*pictures, model, solver)
+            bm.solve(*double, model, solver)
     bm.solve(*pictures)
+    bm.solve(*double)
     bm.solve(*photographed(BALL, TILES, COMPRESSING))
     bm.solve(*photographed(BALL, WALL))
     bm.solve(*photographed(Sheet(20, 12, ORANGE), TILES))
@@ -61,7 +63,7 @@ def solve_all() -> None:
 
 
 def edit_file(folder: Path) -> None:
-    """Codes of files, a plate of many frames, and a JPEG written anew in part."""
+    """A JPEG written anew in part, and a plate of many frames."""
     image, plate = photographed(BALL, TILES)
     bm.write(folder / "image.jpg", image)
     changed = np.zeros(SIZE[::-1], bool)

@@ -84,7 +84,7 @@ def test_a_state_that_has_not_converged_has_no_covariance(found):
     assert (covariance is None) == (not state.converged)
 
 
-def test_the_radius_is_as_far_off_as_it_may_be(truth):
+def test_radius_std_is_the_scatter_of_the_radius(truth):
     """Honest: a covariance is local, so that each descent starts at the truth."""
     z = []
     for seed in range(24):

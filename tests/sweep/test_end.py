@@ -76,7 +76,7 @@ def test_what_is_freer_than_a_disc_is_contradicted_by_fewer_pixels(as_noise):
         assert told(end, 0.3).objection == said
 
 
-def test_outlines_are_asked_place_by_place(as_noise):
+def test_an_outline_is_rejected_if_places_find_another_alpha(as_noise):
     """Like planes of colors they take up more than a disc of one paint."""
     search, disc = as_noise.search, as_noise.state
     silhouette = replace(disc.silhouette, bulges=2)
