@@ -17,7 +17,7 @@ from benchmarks.cycles.errors import errors_of
 from benchmarks.cycles.methods import OURS, Method, methods
 from benchmarks.cycles.outcome import JOURNAL, OUT_OF_TIME, Key, Outcome, append, read_journal
 from benchmarks.cycles.pictures import LEARN, TUNE, Facts, Picture, find_pictures
-from benchmarks.cycles.workers import Ended, cpu_limit, run_each
+from benchmarks.cycles.workers import Ended, OutOfTime, cpu_limit, run_each
 
 import blurmatte
 from blurmatte.errors import BlurmatteError, FileError
@@ -161,7 +161,7 @@ def _ended(job: Job, end: Ended) -> Outcome | None:
     if known is None:
         return None
     if end.by_limit:
-        return _outcome(job, known, None, f"{OUT_OF_TIME} {job.limit:g} CPU s", job.limit)
+        return _outcome(job, known, None, _out_of_time(job.limit), job.limit)
     return _outcome(job, known, None, f"the process ended with code {end.exit_code}", None)
 
 
@@ -230,10 +230,16 @@ def _answer(method: Method, case: Case, limit: float) -> tuple[Solution | Layer 
     try:
         with cpu_limit(limit):
             return method.answer(case), ""
+    except OutOfTime:
+        return None, _out_of_time(limit)
     except (BlurmatteError, ValueError, np.linalg.LinAlgError) as error:
         return None, str(error).split(". ")[0]
     except Exception as error:  # a defect, which is counted and named; the run goes on
         return None, f"{type(error).__name__}: {error}"
+
+
+def _out_of_time(limit: float) -> str:
+    return f"{OUT_OF_TIME} {limit:g} CPU s"
 
 
 def _outcome(

@@ -1,14 +1,18 @@
 """Jobs in worker processes, each with a limit of CPU time that native code cannot ignore.
 
-A worker arms the system's timer of CPU time (ITIMER_PROF) around what is limited. When it runs out, its
-signal ends the process, whatever that is doing, and another one takes its place. Unix only.
+A worker arms the system's timer of CPU time (ITIMER_PROF) around what is limited. When it runs out,
+OutOfTime is raised, and the worker goes on with its next job. Where native code does not come back, the
+system's limit of CPU time (RLIMIT_CPU) ends the process, and another one takes its place. Unix only.
 """
 
 import os
+import resource
 import signal
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from math import ceil
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection, wait
 from threading import Thread
@@ -35,17 +39,34 @@ class Ended:
     @property
     def by_limit(self) -> bool:
         """Whether its CPU time ran out."""
-        return self.exit_code == -signal.SIGPROF
+        return self.exit_code == -signal.SIGXCPU
+
+
+class OutOfTime(BaseException):
+    """The CPU time of a job ran out; no Exception, which what is stopped might catch."""
 
 
 @contextmanager
 def cpu_limit(seconds: float) -> Iterator[None]:
-    """End this process if what is done within takes more CPU time, all threads together."""
+    """Raise OutOfTime if what is done within takes more CPU time, all threads together.
+
+    If that has not come through after as long again, the system ends this process.
+    """
+
+    def stop(*_: object) -> None:
+        raise OutOfTime
+
+    before = signal.signal(signal.SIGPROF, stop)
+    soft, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    last = ceil(time.process_time() + 2 * seconds) + 1  # the system counts whole seconds
+    resource.setrlimit(resource.RLIMIT_CPU, (last, hard))
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
+        signal.signal(signal.SIGPROF, before)
+        resource.setrlimit(resource.RLIMIT_CPU, (soft, hard))
 
 
 def run_each(

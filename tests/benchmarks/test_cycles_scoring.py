@@ -288,8 +288,26 @@ def test_exception_of_a_job_is_raised():
         list(workers.run_each(float, ["x"], 1))
 
 
+def endless():
+    while True:
+        sum(range(1000))
+
+
+def test_limit_stops_python_code_and_the_process_goes_on():
+    with workers.cpu_limit(0.01), pytest.raises(workers.OutOfTime):
+        endless()
+    assert sum(range(10)) == 45
+
+
+def test_limit_ends_a_process_that_does_not_come_back():
+    within = "__import__('benchmarks.cycles.workers').cycles.workers"
+    job = f"[c := {within}.cpu_limit(0.05), c.__enter__(), sum(range(10**9))]"
+    ((_, ended),) = workers.run_each(eval, [job], 1)
+    assert ended.by_limit
+
+
 def test_picture_beyond_the_limit_is_no_answer(root):
-    """The limit ends the worker within native code; the outcome is that of the empty layer."""
+    """The outcome is that of the empty layer."""
     journal = scoring.score(root, cameras=["png"], names=["published"], limit=1e-3, processes=1)
     outcomes = read_journal(journal)
     assert [o.why for o in outcomes] == ["no answer within 0.001 CPU s"] * 2
