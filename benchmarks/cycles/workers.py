@@ -53,7 +53,11 @@ def cpu_limit(seconds: float) -> Iterator[None]:
     If that has not come through after as long again, the system ends this process.
     """
 
+    stopped = False
+
     def stop(*_: object) -> None:
+        nonlocal stopped
+        stopped = True
         raise OutOfTime
 
     before = signal.signal(signal.SIGPROF, stop)
@@ -63,6 +67,10 @@ def cpu_limit(seconds: float) -> Iterator[None]:
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
         yield
+    except SystemError as error:  # of a compiled kernel that returned while it was raised
+        if not stopped:
+            raise
+        raise OutOfTime from error
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0)
         signal.signal(signal.SIGPROF, before)
