@@ -52,7 +52,6 @@ def cpu_limit(seconds: float) -> Iterator[None]:
 
     If that has not come through after as long again, the system ends this process.
     """
-
     stopped = False
 
     def stop(*_: object) -> None:
