@@ -26,7 +26,7 @@ import numpy as np
 import objects
 import rooms
 
-PLATE_SAMPLES, FIELD_SAMPLES, LIGHT_SAMPLES = 160, 64, 224  # in a pixel
+PLATE_SAMPLES, FIELD_SAMPLES, LIGHT_SAMPLES = 160, 64, 224  # in a pixel of 480 x 320
 ALPHA_SAMPLES = 100  # in a part of a pixel, in each of two halves whose difference gives the noise
 ALPHA_PARTS = 2  # of a pixel, in each direction
 BOUNCES = 4
@@ -122,7 +122,7 @@ def plate(job: dict, folder: Path, scratch: Path) -> None:
     rooms.build(place["room"], place["light"], folder / "textures")
     if place["post"]:
         rooms.post()
-    light = rendered(made, PLATE_SAMPLES, 1, True, scratch)[..., :3]
+    light = rendered(made, PLATE_SAMPLES // place["scale"] ** 2, 1, True, scratch)[..., :3]
     resized(made, size, 1 / FIELD_PART, "BLACKMAN_HARRIS", 1.5)
     small = rendered(made, FIELD_SAMPLES, 1, True, scratch)[..., :3]
     exposure = EXPOSED / np.percentile(light.max(axis=-1), BRIGHT)
