@@ -46,7 +46,9 @@ def arguments() -> argparse.Namespace:
     compared = commands.add_parser("check", help="compare the numbers of two journals")
     compared.add_argument("journals", nargs=2, type=Path)
     shown = commands.add_parser("tables", help="write docs/results from the journal")
-    shown.add_argument("--sealed", action="store_true", help="with the sealed part")
+    shown.add_argument(
+        "--sealed", action="store_true", help="with rows over all of the sealed part"
+    )
     return parser.parse_args()
 
 

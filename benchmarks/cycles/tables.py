@@ -70,7 +70,7 @@ def publish(
     ----------
     root : Path
     sealed : bool
-        Whether the sealed part is in them.
+        Whether the sealed part is in them, in rows over all of its kinds.
     folder : Path
         Where to write.
     commit : str, optional
@@ -123,7 +123,8 @@ def tables(outcomes: Sequence[Outcome]) -> list[Table]:
 
 def second_truth(outcomes: Sequence[Outcome]) -> Table:
     """How good answers are, by renderer, camera class and kind, and over each part."""
-    by_kind = _grouped(outcomes, lambda o: (o.renderer, o.camera_class, ALL, o.kind))
+    shown = [o for o in outcomes if o.key.part != SEALED]
+    by_kind = _grouped(shown, lambda o: (o.renderer, o.camera_class, ALL, o.kind))
     by_part = _grouped(outcomes, lambda o: (o.renderer, o.camera_class, o.key.part, ALL))
     groups = sorted((by_kind | by_part).items(), key=lambda item: _order(item[0]))
     return Table(
@@ -165,7 +166,7 @@ def second_truth_methods(outcomes: Sequence[Outcome]) -> Table:
 def honest_deviations(outcomes: Sequence[Outcome]) -> Table:
     """Whether errors are as large as claimed, by camera and quantity."""
     answered = [o for o in outcomes if o.answered]
-    groups = _grouped(answered, lambda o: (o.renderer, o.key.camera))
+    groups = _grouped(answered, lambda o: (o.renderer, o.key.part, o.key.camera))
     rows = [
         (*group, name, *cells)
         for group, members in sorted(groups.items(), key=lambda item: _order(item[0]))
@@ -177,7 +178,7 @@ def honest_deviations(outcomes: Sequence[Outcome]) -> Table:
         "Are errors as large as claimed on the scenes of another renderer?",
         _DEVIATIONS + _NOTES + _circumstances(outcomes),
         (
-            *("renderer", "camera", "quantity", "values", "spread", "robust", "within 1"),
+            *("renderer", "part", "camera", "quantity", "values", "spread", "robust", "within 1"),
             *("within 2", "pictures", "picture median", "picture 99 %", "picture worst"),
         ),
         rows,
