@@ -76,7 +76,7 @@ def scene(company: str, seed: int) -> Rendering:
         return truth
     other = render(beside(truth, seed)).layer
     light = truth.image.rgb + other.premultiplied - other.alpha[..., None] * truth.plate.rgb
-    return Rendering(LinearImage(light), truth.plate, truth.layer, truth.shadow, ball)
+    return Rendering(LinearImage(light), truth.plate, truth.layer, truth.shadow, ball, truth.nearby)
 
 
 def beside(truth: Rendering, seed: int) -> Scene:

@@ -249,7 +249,9 @@ def crossing(drawn: Draw) -> Case:
         light += (front.premultiplied + seen[..., None] * behind.premultiplied) / MOMENTS
     image = light + (1 - alphas[0][..., None]) * drawn.plate
     layer = Layer(alphas[0], light)
-    truth = Rendering(LinearImage(image), LinearImage(drawn.plate), layer, 0 * light, first)
+    truth = Rendering(
+        LinearImage(image), LinearImage(drawn.plate), layer, 0 * light, first, 0 * light
+    )
     return Case(truth, tuple(alphas))
 
 

@@ -44,7 +44,7 @@ def test_larger_crf_costs_more(pictures):
 
 
 def test_gray_comes_through_but_for_rounding():
-    """Lossless: what is left is the 219 steps of luma between black and white."""
+    """A lossless clip differs only by rounding to the 219 luma steps of video range."""
     gray = np.random.default_rng(0).integers(0, 256, (32, 48, 1), np.uint8)
     codes = np.repeat(gray, 3, axis=2)
     (frame,) = through_h264([codes], 0)

@@ -54,7 +54,7 @@ class Rendering:
         What was rendered.
     nearby : (H, W, 3) float
         Part of the plate's light that `Scene.nearby` takes (positive) or gives (negative) while the
-        body is not in front of it; 0 if not given.
+        body is not in front of it; 0 without `Scene.nearby`.
     """
 
     image: LinearImage
@@ -62,11 +62,7 @@ class Rendering:
     layer: Layer
     shadow: Floats
     scene: Scene
-    nearby: Floats = None  # type: ignore[assignment]
-
-    def __post_init__(self) -> None:
-        if self.nearby is None:
-            object.__setattr__(self, "nearby", np.broadcast_to(0.0, self.shadow.shape))
+    nearby: Floats
 
     def __repr__(self) -> str:
         return f"Rendering({self.layer!r}, {self.trajectory!r}, {self.model!r})"
