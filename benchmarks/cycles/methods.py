@@ -19,7 +19,7 @@ from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.end import End
-from blurmatte.sweep.search import Search
+from blurmatte.sweep.fit.multistart import Search
 
 OURS = "blurmatte"
 NOTHING_MORE = "plate"

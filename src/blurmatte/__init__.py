@@ -52,6 +52,7 @@ from blurmatte.intrinsics import Intrinsics as Intrinsics
 from blurmatte.layer import Layer as Layer
 from blurmatte.matting import PixelMaps as PixelMaps
 from blurmatte.matting import Pixelwise as Pixelwise
+from blurmatte.matting import Grade as Grade
 from blurmatte.matting import Quality as Quality
 from blurmatte.matting import Shaded as Shaded
 from blurmatte.matting import Solution as Solution

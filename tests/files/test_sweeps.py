@@ -8,8 +8,8 @@ import pytest
 from blurmatte.color import ColorModel
 from blurmatte.files.sweeps import sweep_from_json, sweep_to_json
 from blurmatte.sweep import Sweep, path_family
-from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
 
 FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
 

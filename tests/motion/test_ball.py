@@ -13,9 +13,9 @@ from blurmatte.motion.seen_ball import SeenBall, at_nodes, rim
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import colorful_plate, render_flight
 from blurmatte.rendering.flight import outline_of
-from blurmatte.sweep.data import Data
-from blurmatte.sweep.path import LINE, PARABOLA
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.path import LINE, PARABOLA
+from blurmatte.sweep.model.silhouette import DISC
 
 SIZE = (190, 120)
 LENS = bm.Intrinsics(300, 303, 80, 55, np.array([-0.1, 0.05, 1e-3, -5e-4]))
@@ -60,7 +60,7 @@ def true_positions(sag=0.0):
 def test_alpha_is_the_time_in_which_rays_meet_the_ball(lens):
     """oracle: rays within each pixel, at every moment."""
     nothing, one = np.zeros((30, 44, 0)), np.ones((30, 44))
-    data = Data(
+    data = Observation(
         nothing, nothing, nothing, nothing, one, one > 0, one > 0, one > 0, SIZE, (12.0, 8.0)
     )
     path, shape = np.array([22.0, 20, 45, 27]), np.array([7.0, 0.3])
@@ -83,7 +83,7 @@ def test_alpha_is_the_time_in_which_rays_meet_the_ball(lens):
 def test_derivatives_are_those_of_alpha():
     """oracle: differences, summed over patches, for a pixel's edge is taken for straight."""
     nothing, one = np.zeros((70, 120, 0)), np.ones((70, 120))
-    data = Data(
+    data = Observation(
         nothing, nothing, nothing, nothing, one, one > 0, one > 0, one > 0, SIZE, (20.0, 5.0)
     )
     ball = SeenBall.before(LENS, data)

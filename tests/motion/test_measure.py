@@ -15,8 +15,8 @@ from blurmatte.motion.from_sweep import motion_of_sweep
 from blurmatte.motion.motion import QUANTITIES
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
-from blurmatte.sweep.silhouette import DISC, ELLIPSE, Silhouette
+from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
 from blurmatte.trajectory import Trajectory
 
 MODEL = ColorModel.from_hex("#d8ff3c")
@@ -123,7 +123,7 @@ def test_the_covariance_is_that_of_draws(family, path):
 
 
 def test_the_center_of_an_outline_is_that_of_its_area():
-    """Oracle: the mean of alpha itself, for an outline with three bulges that turns."""
+    """Oracle: the mean of alpha itself, for an outline with three order that turns."""
     shape = (12.0, 0.1, 0.05, 0.25, 0.1, 0.8)
     sweep = sweep_of(LINE, [30, 30, 60, 40], Silhouette(3, turns=True), shape)
     alpha = sweep.alpha

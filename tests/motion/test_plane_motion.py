@@ -5,8 +5,8 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
 
 LENS = bm.Intrinsics(900, 905, 640, 360, np.array([-0.1, 0.02, 1e-3, 0]))
 # x of the plane to the right, y ahead, seen from 5 m above, 20° down

@@ -12,8 +12,8 @@ from blurmatte.motion.rotation_fit import _check_same
 from blurmatte.motion.rotation_ring import Pixels
 from blurmatte.rendering import Change, Sheet, colorful_plate
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import Silhouette
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import Silhouette
 
 SIZE, CENTER = (120, 116), np.array([61.3, 57.8])
 STICK = np.array([[0, -3.0], [52, -3], [52, 3], [0, 3]])

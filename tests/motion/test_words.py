@@ -10,7 +10,7 @@ from blurmatte.explain import explain
 from blurmatte.motion import Scale
 from blurmatte.motion.from_sweep import motion_of_sweep
 from blurmatte.sweep import Sweep, path_family
-from blurmatte.sweep.silhouette import DISC, ELLIPSE
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
 
 LINE = ("line", [20, 30, 70, 42])
 

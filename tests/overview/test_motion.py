@@ -10,7 +10,7 @@ from blurmatte.overview import draw_motion
 from blurmatte.overview.panels import BRIGHT
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import Sweep, path_family
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.silhouette import DISC
 
 SIZE = (120, 90)
 RED = ColorModel(np.array([[1.0], [0], [0]]))

@@ -23,11 +23,11 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak
 from blurmatte.sweep.attenuation import attenuation, structure
-from blurmatte.sweep.data import data_around
-from blurmatte.sweep.descent import state_at
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.fit.levenberg_marquardt import state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -39,11 +39,11 @@ PAINTED = Ball(11, np.ones(3), texture=np.kron(COLORS, np.ones((8, 8, 1))))
 
 
 def swept(body, plate, radius, seed=0, code_std=1.5 / 255, **change):
-    """Data, and a disc of any colors of a radius on the way that the body went."""
+    """Observation, and a disc of any colors of a radius on the way that the body went."""
     scene = Scene(plate, WAY, body, Change(**change))
     truth = render(scene, 200)
     pictures = Shot(scene, Camera(code_std=code_std), plate_frames=3, seed=seed).photograph(truth)
-    data = data_around(Streak(truth.layer.alpha > 0), 12, *with_noise(*pictures), None)
+    data = observation_around(Streak(truth.layer.alpha > 0), 12, *with_noise(*pictures), None)
     frame = Frame.of(np.eye(3))
     return data, state_at(data, LINE, WAY.xy.ravel(), DISC, DISC.start(radius), frame)
 

@@ -9,16 +9,16 @@ from numpy.testing import assert_allclose
 from blurmatte.radiometry import SRGB, LinearImage, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep.choice import CLEARLY, price
-from blurmatte.sweep.descent import seen, state_at
+from blurmatte.sweep.fit.ranking import CLEARLY, price
+from blurmatte.sweep.fit.levenberg_marquardt import seen, state_at
 from blurmatte.sweep.end import End
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.freer import if_it_changes, if_not_round
 from blurmatte.sweep.highlight import Highlight
-from blurmatte.sweep.search import Search
+from blurmatte.sweep.fit.multistart import Search
 from blurmatte.sweep.smooth_light import smooth_light
-from blurmatte.sweep.student import VARIANCE
-from blurmatte.sweep.verdict import MAX_MISFIT, coherence, overstated
+from blurmatte.sweep.model.student_t import VARIANCE
+from blurmatte.sweep.model.residual_statistics import MAX_MISFIT, coherence, overstated
 from blurmatte.trajectory import Trajectory
 
 PATH = Trajectory.line((44, 42), (112, 68))
@@ -68,8 +68,8 @@ def test_what_is_freer_than_a_disc_is_contradicted_by_fewer_pixels(as_noise):
     data = replace(search.data, C=search.data.C + spots[..., None] * [0.0, 0.0, 0.3])
     words = "is contradicted by 17% of its pixels, too many for what is that free"
     spot = Highlight(np.zeros(2), 3.0, np.zeros(3))
-    for bulges, highlight, said in ((1, None, ""), (2, None, words), (1, spot, words)):
-        silhouette = replace(disc.silhouette, bulges=bulges)
+    for order, highlight, said in ((1, None, ""), (2, None, words), (1, spot, words)):
+        silhouette = replace(disc.silhouette, order=order)
         shape = silhouette.like(disc.silhouette, disc.shape)
         state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
         end = End(replace(search, data=data), replace(state, converged=True), highlight=highlight)
@@ -79,7 +79,7 @@ def test_what_is_freer_than_a_disc_is_contradicted_by_fewer_pixels(as_noise):
 def test_an_outline_is_rejected_if_places_find_another_alpha(as_noise):
     """Like planes of colors they take up more than a disc of one paint."""
     search, disc = as_noise.search, as_noise.state
-    silhouette = replace(disc.silhouette, bulges=2)
+    silhouette = replace(disc.silhouette, order=2)
     shape = silhouette.like(disc.silhouette, disc.shape)
     state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
     for places, believed in ((0.15, True), (0.25, False)):
@@ -102,8 +102,8 @@ def test_a_rim_may_not_be_all_there_is(as_noise):
 def test_an_outline_of_a_rim_that_is_held_is_none(as_noise):
     """It would be softer if files blurred more; a disc may be just that soft."""
     search, disc = as_noise.search, as_noise.state
-    for bulges, softness, believed in ((1, 2.0, True), (2, 1.5, True), (2, 2.0, False)):
-        silhouette = replace(disc.silhouette, bulges=bulges, soft=True)
+    for order, softness, believed in ((1, 2.0, True), (2, 1.5, True), (2, 2.0, False)):
+        silhouette = replace(disc.silhouette, order=order, soft=True)
         shape = silhouette.like(disc.silhouette, disc.shape)
         shape[-1] = softness
         state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
@@ -114,7 +114,7 @@ def test_an_outline_of_a_rim_that_is_held_is_none(as_noise):
 def test_what_gains_about_what_its_parameters_cost_is_about_as_likely(as_noise):
     """Exact: a bulge costs two parameters; less than clearly more or less is about the same."""
     search, disc = as_noise.search, as_noise.state
-    oval = replace(disc.silhouette, bulges=2)
+    oval = replace(disc.silhouette, order=2)
     shape = oval.like(disc.silhouette, disc.shape)
     other = state_at(search.data, disc.family, disc.path, oval, shape, disc.frame)
     trust = max(overstated(search.data, state) for state in (disc, other))
@@ -157,10 +157,10 @@ def test_what_explains_clearly_more_if_it_changes_much_is_no_answer(as_noise):
 
 
 @pytest.mark.parametrize("bulges", [1, 2])
-def test_outlines_are_less_known_for_they_may_change(as_noise, bulges):
+def test_outlines_are_less_known_for_they_may_change(as_noise, order):
     """exact: what `if_it_changes` says comes on top of what noise leaves; a disc must not change."""
     disc, data = as_noise.state, as_noise.search.data
-    silhouette = replace(disc.silhouette, bulges=bulges)
+    silhouette = replace(disc.silhouette, order=order)
     shape = silhouette.like(disc.silhouette, disc.shape)
     state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
     found = End(as_noise.search, state).sweep(LinearImage(np.full((8, 8, 3), 0.5))).covariance
@@ -168,7 +168,7 @@ def test_outlines_are_less_known_for_they_may_change(as_noise, bulges):
     alone = trust * np.linalg.pinv(state.information(data)[0], hermitian=True)
     more = trust * freer.less_known + np.outer(freer.step, freer.step)
     n = len(found)
-    assert_allclose(found, (alone + (bulges > 1) * more)[:n, :n], rtol=1e-9, atol=1e-12)
+    assert_allclose(found, (alone + (order > 1) * more)[:n, :n], rtol=1e-9, atol=1e-12)
 
 
 def test_a_disc_that_seems_to_change_is_less_known(as_noise):
@@ -232,7 +232,7 @@ def test_what_an_error_covers_is_believed(as_noise):
 def test_an_outline_that_is_contested_at_all_is_no_answer(as_noise):
     """There may be more that explain as much."""
     search, disc = as_noise.search, as_noise.state
-    silhouette = replace(disc.silhouette, bulges=2)
+    silhouette = replace(disc.silhouette, order=2)
     shape = silhouette.like(disc.silhouette, disc.shape)
     state = state_at(search.data, disc.family, disc.path, silhouette, shape, disc.frame)
     for by, believed in ((0.0, True), (0.15, False)):
@@ -309,8 +309,8 @@ def test_an_outline_of_hardly_known_size_is_no_answer(as_noise):
     """It takes up what a wrong shape leaves, as a disc does not."""
     data, disc = as_noise.search.data, as_noise.state
     image = LinearImage(np.full((8, 8, 3), 0.5))
-    for bulges, most in ((1, 0.25), (2, 0.03)):
-        silhouette = replace(disc.silhouette, bulges=bulges)
+    for order, most in ((1, 0.25), (2, 0.03)):
+        silhouette = replace(disc.silhouette, order=order)
         shape = silhouette.like(disc.silhouette, disc.shape)
         state = state_at(data, disc.family, disc.path, silhouette, shape, disc.frame)
         state, k = replace(state, converged=True), len(disc.path)

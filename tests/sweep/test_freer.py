@@ -10,16 +10,16 @@ from numpy.testing import assert_allclose
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import Ball, Camera, Change, Scene, Shot, plain_plate, render
 from blurmatte.streaks import Streak
-from blurmatte.sweep.choice import price
-from blurmatte.sweep.data import data_around
-from blurmatte.sweep.descent import descend, state_at
+from blurmatte.sweep.fit.ranking import price
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.fit.levenberg_marquardt import descend, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.freer import if_it_changes, if_not_round
-from blurmatte.sweep.outline_start import bulgy, shaped
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC, ELLIPSE, Swept
-from blurmatte.sweep.student import VARIANCE
-from blurmatte.sweep.verdict import overstated
+from blurmatte.sweep.fit.outline_start import bulgy, shaped
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Swept
+from blurmatte.sweep.model.student_t import VARIANCE
+from blurmatte.sweep.model.residual_statistics import overstated
 from blurmatte.trajectory import Trajectory
 
 GREEN = np.array([0.25, 0.7, 0.12])
@@ -36,14 +36,14 @@ def taken(scene, silhouette=DISC, seed=0):
     """The data, and the disc, or what else is asked for, that fits best."""
     truth = render(scene, 160)
     pictures = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed).photograph(truth)
-    data = data_around(Streak(truth.layer.alpha > 0), 12, *with_noise(*pictures), None)
+    data = observation_around(Streak(truth.layer.alpha > 0), 12, *with_noise(*pictures), None)
     ends, frame = WAY.xy.ravel(), Frame.of(GREEN[:, None])
     start = state_at(data, LINE, ends, silhouette, silhouette.start(11), frame)
     return data, descend(data, start, (3, 40))
 
 
 def test_what_a_disc_is_less_known_if_it_need_not_be_round():
-    """oracle: invert all that is known of an outline, and leave the bulges out."""
+    """oracle: invert all that is known of an outline, and leave the order out."""
     data, disc = taken(BALL)
     H, g = shaped(data, disc, bulgy(disc)).information(data)
     first = len(disc.path) + 1
@@ -58,7 +58,7 @@ def test_what_a_disc_is_less_known_if_it_need_not_be_round():
 
 @pytest.mark.parametrize("scene", [BALL, EGG], ids=["ball", "egg"])
 def test_what_is_not_round_leads_elsewhere(scene):
-    """honest: a ball's radius hardly differs if it may have bulges, that of something longer does."""
+    """honest: a ball's radius hardly differs if it may have order, that of something longer does."""
     data, disc = taken(scene)
     freer = if_not_round(data, disc)
     radius = len(disc.path)

@@ -9,8 +9,8 @@ from numpy.testing import assert_allclose
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
 from blurmatte.streaks import Streak
-from blurmatte.sweep.data import data_around
-from blurmatte.sweep.descent import descend, seen, state_at
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.fit.levenberg_marquardt import descend, seen, state_at
 from blurmatte.sweep.frame import Frame
 from blurmatte.sweep.highlight import (
     Highlight,
@@ -19,8 +19,8 @@ from blurmatte.sweep.highlight import (
     plane_of,
     without_highlight,
 )
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -43,7 +43,7 @@ def data_of(ball, seed=None):
     else:
         shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
         pictures = with_noise(*shot.photograph(truth))
-    return data_around(moved, 8, *pictures, None)
+    return observation_around(moved, 8, *pictures, None)
 
 
 def disc_in(data):

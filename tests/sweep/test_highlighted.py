@@ -21,11 +21,11 @@ from blurmatte.rendering import (
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep import MAX_MISFIT, fit_sweep, highlighted
 from blurmatte.sweep.attempt import Attempt
-from blurmatte.sweep.choice import CLEARLY
+from blurmatte.sweep.fit.ranking import CLEARLY
 from blurmatte.sweep.highlighted import with_highlight
-from blurmatte.sweep.known import known_color
-from blurmatte.sweep.search import Search
-from blurmatte.sweep.verdict import overstated
+from blurmatte.sweep.model.color_prior import known_color
+from blurmatte.sweep.fit.multistart import Search
+from blurmatte.sweep.model.residual_statistics import overstated
 from blurmatte.trajectory import Trajectory
 
 SIZE = (200, 140)
@@ -150,7 +150,7 @@ def test_a_highlight_is_no_likelier_only_because_an_outline_has_more_parameters(
     _, image, plate = taken()
     glossy = with_highlight(attempted(image, plate)).end
     data, disc = glossy.search.data, glossy.state
-    outline = replace(disc.silhouette, bulges=12)
+    outline = replace(disc.silhouette, order=12)
     shape = outline.like(disc.silhouette, disc.shape)
     trust = overstated(data, disc)
     for gain, likelier in ((-1, False), (CLEARLY - 1, False), (CLEARLY + 1, True)):

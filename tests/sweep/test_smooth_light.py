@@ -21,11 +21,11 @@ from blurmatte.rendering import (
 from blurmatte.streaks import Streak
 from blurmatte.sweep import MAX_MISFIT, end, fit_sweep
 from blurmatte.sweep import smooth_light as of_light
-from blurmatte.sweep.data import data_around
-from blurmatte.sweep.descent import state_at
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.fit.levenberg_marquardt import state_at
 from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.smooth_light import SmoothLight, smooth_light
 from blurmatte.trajectory import Trajectory
 
@@ -45,7 +45,7 @@ def taken(scene, seed=0, **camera):
 def said_of(shot, radius, colors=GREEN[:, None]):
     """Of a disc of a radius on the way that a ball of radius 11 went."""
     streak, image, plate = shot
-    data = data_around(streak, 12, image, plate, None)
+    data = observation_around(streak, 12, image, plate, None)
     path, frame = WAY.xy.ravel(), Frame.of(colors)
     return smooth_light(data, state_at(data, LINE, path, DISC, DISC.start(radius), frame))
 
@@ -143,7 +143,7 @@ def test_outlines_are_asked_place_by_place(monkeypatch):
             ),
         )  # fmt: skip
         sweep = fit_sweep(image, plate, streak)
-        assert sweep.silhouette.bulges > 1
+        assert sweep.silhouette.order > 1
         assert (sweep.misfit <= MAX_MISFIT) == believed
         assert ("off by 25%" in sweep.complaint(MAX_MISFIT)) != believed
 

@@ -1,14 +1,15 @@
 """A Sweep as text in the header of a Solution, every digit of it, and back."""
 
 import json
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from blurmatte.files.models import model_from_json, model_to_json
-from blurmatte.sweep import Sweep, path_family
-from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.silhouette import Silhouette
+from blurmatte.sweep import Diagnostics, Sweep, path_family
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.silhouette import Silhouette
 
 
 def sweep_to_json(sweep: Sweep) -> str:
@@ -16,16 +17,15 @@ def sweep_to_json(sweep: Sweep) -> str:
     fields: dict[str, Any] = {
         "family": sweep.family.name,
         "path": sweep.path.tolist(),
-        "bulges": sweep.silhouette.bulges,
+        "order": sweep.silhouette.order,
         "turns": sweep.silhouette.turns,
         "soft": sweep.silhouette.soft,
-        "defocused": sweep.silhouette.defocused,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
         "size": list(sweep.size),
         "cast": None if sweep.cast is None else sweep.cast.numbers,
-        "stats": {name: _plain(value) for name, value in sweep.stats.items()},
+        "diagnostics": asdict(sweep.diagnostics),
     }
     return json.dumps(fields)
 
@@ -43,15 +43,12 @@ def sweep_from_json(text: str) -> Sweep:
     return Sweep(
         path_family(fields["family"]),
         np.array(fields["path"], float),
-        Silhouette(
-            int(fields["bulges"]),
-            *(bool(fields.get(name)) for name in ("turns", "soft", "defocused")),
-        ),
+        Silhouette(int(fields["order"]), *(bool(fields.get(name)) for name in ("turns", "soft"))),
         np.array(fields["shape"], float),
         model_from_json(fields["model"]),
         np.array(fields["covariance"], float),
         (int(width), int(height)),
-        fields["stats"],
+        Diagnostics(**fields["diagnostics"]),
         _cast_from_json(fields.get("cast")),
     )
 
@@ -61,7 +58,3 @@ def _cast_from_json(fields: Any) -> CastShadow | None:
         return None
     offset, strength = (np.array(fields[name], float) for name in ("offset", "strength"))
     return CastShadow(offset, float(fields["softness"]), strength)
-
-
-def _plain(value: Any) -> Any:
-    return value.item() if isinstance(value, np.generic) else value

@@ -4,6 +4,7 @@ from blurmatte.matting.pixelwise import PixelMaps as PixelMaps
 from blurmatte.matting.pixelwise import Pixelwise as Pixelwise
 from blurmatte.matting.shaded import Shaded as Shaded
 from blurmatte.matting.smooth import Smooth as Smooth
+from blurmatte.matting.solution import Grade as Grade
 from blurmatte.matting.solution import Quality as Quality
 from blurmatte.matting.solution import Solution as Solution
 from blurmatte.matting.solve import solve as solve

@@ -1,5 +1,6 @@
 """Numbers about a solution that people ask for: sums, errors, noise, the plate's match, the sweep."""
 
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -51,10 +52,8 @@ def sweep_measures(sweep: Sweep) -> dict[str, Any]:
             "outlines": tuple(
                 tuple((float(x), float(y)) for x, y in sweep.outline_at(t)[::4]) for t in (0, 1)
             ),
-            "misfit": sweep.misfit,
-            "texture": sweep.stats["texture"] if np.isfinite(sweep.stats["texture"]) else None,
+            "diagnostics": asdict(sweep.diagnostics),
             "shadow": None if sweep.cast is None else sweep.cast.numbers,
-            "highlight": sweep.stats["highlight"],
         },
     }
 

@@ -12,7 +12,7 @@ from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
-from blurmatte.sweep.shadow import shadow_beside
+from blurmatte.sweep.shadow_mask import shadow_beside
 
 
 def mark_shadow(

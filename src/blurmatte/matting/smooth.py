@@ -42,7 +42,7 @@ from blurmatte.matting.smooth_prior import (
 )
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep import Compressed, file_of, image_before
+from blurmatte.sweep import Compressed, file_of, image_before, light_of_colors
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -315,7 +315,8 @@ def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
 def _before_file(pixels: Pixels, file: Compressed, field: Field) -> Pixels:
     """With the image as it was before its file let colors run together, if this is alpha."""
     alpha = np.asarray(np.clip(_inner(field.x), 0, 1), float)
-    image = image_before(pixels.image, pixels.plate, alpha, pixels.model.basis, file)
+    own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.std)
+    image = image_before(pixels.image, pixels.plate, alpha, own, file)
     return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
 
 

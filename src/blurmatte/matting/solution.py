@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntFlag, auto
+from enum import IntFlag, StrEnum, auto
 from typing import Any
 
 import numpy as np
@@ -25,6 +25,14 @@ class Quality(IntFlag):
     OUTSIDE = auto()  #: nothing moved here: not part of the streak
     SHADOW = auto()  #: only darker than the plate: a shadow, or a black object
     OCCLUDED = auto()  #: something still is in front; alpha is that behind it
+
+
+class Grade(StrEnum):
+    """How well alpha is known, by its calibrated error."""
+
+    CONFIRMED = "confirmed"  #: error of alpha at most 0.02, of its scale at most 3 %
+    PLAUSIBLE = "plausible"  #: at most 0.05 and 10 %
+    ASSUMED = "assumed"  #: more: a color or a shape had to be assumed
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,6 +100,11 @@ class Solution:
         """(width, height) in pixels."""
         height, width = self.alpha.shape
         return width, height
+
+    @property
+    def grade(self) -> Grade:
+        """How well alpha is known; `ASSUMED` if nothing says so."""
+        return Grade(self.stats.get("grade", Grade.ASSUMED))
 
     @property
     def streak(self) -> Bools:

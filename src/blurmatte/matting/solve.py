@@ -1,10 +1,10 @@
-"""solve: image + plate + colors → Solution. The one verb.
+"""solve: image + plate + colors → Solution.
 
 The closed form runs over the whole picture, for the error of alpha outside the streak is worth
 knowing too; everything beyond it looks at the streak's surroundings only.
 """
 
-from copy import deepcopy
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,13 +17,13 @@ from blurmatte.color import (
     ColorModel,
     most_of_color,
     only_light_lost,
-    refuse_coarse,
     refuse_gray,
-    refuse_shade,
 )
-from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.errors import ColorModelError
+from blurmatte.matting.averaging import AlphaEstimate, averaged
 from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
+from blurmatte.matting.light import light_given
 from blurmatte.matting.measures import (
     match_measures,
     noise_measures,
@@ -32,9 +32,8 @@ from blurmatte.matting.measures import (
 )
 from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
 from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
-from blurmatte.matting.plate_check import may_be_swapped, warn_if_plate_differs
+from blurmatte.matting.plate_check import warn_if_plate_differs
 from blurmatte.matting.rims import with_faint_rims
-from blurmatte.matting.rival import is_rival, widen
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
@@ -46,22 +45,16 @@ from blurmatte.streaks import (
     check_streak,
     joined_behind,
     require_streaks,
-    strongest_told,
 )
-from blurmatte.sweep import Sweep, fit_piece
-from blurmatte.sweep.color import color_of
-from blurmatte.sweep.fit import NO_SHAPE
+from blurmatte.sweep import Hypotheses, Sweep, fit_hypotheses
+from blurmatte.sweep.assess.model_selection import Evidence, hypothesis_weights
 
-_NO_COLOR = (
-    "an object of any colors is told by its shape and motion, or by a plate full of texture, and here "
-    "by neither{}; give its color, or take the pictures so that it moves evenly and alone"
-)
 Solver = Pixelwise | Smooth | Swept | Shaded
+Box = tuple[int, int, int, int]
 
-_UNTOLD = (
-    0.08  # of the largest alpha: a standard deviation with which it was wrong by 0.2 in trials
-)
-_MARGIN = 16  # pixels around a streak: enough still surroundings to read a plate's shift off
+_MAX_STREAKS = 3  # that are fitted until a sweep explains one
+_MIN_EVIDENCE_RATIO = 0.25  # of the strongest streak's, of another that is fitted
+_MARGIN = 16  # pixels around a streak: of surroundings that stand still
 
 
 def solve(
@@ -86,13 +79,11 @@ def solve(
     model : ColorModel, optional
         The colors the object may have; found from the streak if not given, as by `fit_color`.
     solver : Pixelwise, Smooth, Swept or Shaded, optional
-        How to solve. If not given: `Swept()` where a sweep explains the streak, with the model if one
-        is given, else `Smooth()`; `Solution.solver` says which it was.
+        How to solve. If not given, sweeps and `Smooth()` are averaged by their evidence;
+        `Solution.solver` names the one of the largest weight.
     streak : Streak, optional
         Where the object moved. If not given, the one of `find_streaks` in which most light of the
-        color shows; or, if that is not given, the strongest that a sweep explains, those that are
-        whole in the picture before the others; or the strongest. Of what moved close beside the
-        object a sweep may explain a piece: `Solution.streak` is that.
+        color shows; or, if that is not given, the strongest that a sweep explains, or the strongest.
     matching : Matching, optional
         How the plate may be changed to match the image first (`fit_match`); found from the data if not
         given.
@@ -118,10 +109,10 @@ def solve(
         If the pictures are too small or have no unclipped pixel in common, or the plate shows another
         place or too different a light.
     MotionError
-        If nothing moved, or a `Swept` solver was asked for and no sweep explains the streak.
+        If nothing moved.
     ColorModelError
-        If no model was given and the streak does not determine one, or only took light, as a shadow
-        does, or a JPEG holds too little color of one so small; or the pictures are gray.
+        If no model was given and the streak only took light, as a shadow does, or the pictures are
+        gray.
 
     Warns
     -----
@@ -142,38 +133,26 @@ def solve(
     check_map("occluder", hidden, image.valid.shape, kinds="b")
     image = _without(image, hidden)
     found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
-    asked = found if model is None else [most_of_color(found, image, plate, model)]
-
-    def told_by(streak: Streak) -> tuple[_Case, Streak]:
-        case = _case_of(image, plate, match, streak, hidden, model, solver, start)
-        if streak is not asked[0] and not case.is_explained:
-            raise MotionError(NO_SHAPE)
-        return case, streak
-
-    try:
-        case, whole = strongest_told(asked, told_by)
-    except (ColorModelError, MotionError):
-        warn_if_plate_differs(image, plate, asked[0])  # it may be why nothing is told
-        raise
-    warn_if_plate_differs(image, plate, whole)
-    streak = case.streak
-    others = [other for other in found if other is not whole]
-    if streak is not whole:
-        others.append(Streak(whole.mask & ~streak.mask))
-    only_lost = model is not None and only_light_lost(image, plate, streak)
+    pictures = _Pictures(image, plate, match, hidden)
+    case = _case_of(pictures, found, _of_light(solver, model), solver, start)
+    warn_if_plate_differs(image, plate, case.streak)
+    others = [other for other in found if other is not case.streak]
+    only_lost = model is not None and only_light_lost(image, plate, case.streak)
     maps = _each_alone(case, out)
-    measures, doubts = _by_solver(case, maps)
-    rival_off, doubt = _widened_by_rival(case, maps)
-    doubts.append(doubt)
+    measures: dict[str, Any] = {}
+    if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
+        measures = _by_solver(case, maps)
+    else:
+        found_model, measures = _by_hypotheses(case, maps)
+        case = replace(case, model=found_model)
+    streak, doubt = case.streak, 0.0
     if not isinstance(case.solver, Shaded):
-        alone = not isinstance(case.solver, Swept)
-        pictures = case.image, case.plate
-        doubts.append(
-            mark_shadow(maps, *pictures, streak, case.model, alone=alone, whole=only_lost)
+        alone = isinstance(case.solver, Pixelwise)
+        doubt = mark_shadow(
+            maps, case.image, case.plate, streak, case.model, alone=alone, whole=only_lost
         )
     if not isinstance(case.solver, Pixelwise | Shaded):
         streak = Streak((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
-    _refuse_the_untold(maps, case.model, streak, case.sweep)
     stats = {
         **streak_measures(maps, case.model, case.image, case.plate, streak),
         "streak_box": streak.box,
@@ -184,100 +163,108 @@ def solve(
         "only_light_lost": only_lost,
         "exposure_time": image.meta.exposure_time,
         **measures,
-        "rival_off": rival_off,
     }
-    stats["sum_alpha_std"] = float(np.linalg.norm([stats["sum_alpha_std"], *doubts]))
-    return Solution(
-        *maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=case.explanation
-    )
+    stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], doubt))
+    sweep = None if case.hypotheses is None else case.hypotheses.best
+    return Solution(*maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=sweep)
 
 
 @dataclass(frozen=True, eq=False)
-class _Case:
-    """What is solved: pictures that match, where, by which solver, and what is known before.
-
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Noise known; the image is not valid where something is in front.
-    match : Match
-        What was done to the plate.
-    streak : Streak
-    hidden : (H, W) bool
-        Where something is in front.
-    solver : Solver
-    model : ColorModel
-    given : bool
-        Whether the caller knew the colors.
-    sweep : Sweep, optional
-        Whether it explains the streak or not.
-    """
+class _Pictures:
+    """Pictures that match, noise known; the image is not valid where something is in front."""
 
     image: LinearImage
     plate: LinearImage
     match: Match
-    streak: Streak
     hidden: Bools
-    solver: Solver
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """What is solved: where, by which solver, with which colors and sweeps.
+
+    Parameters
+    ----------
+    pictures : _Pictures
+    streak : Streak
+    model : ColorModel
+    solver : Solver or None
+        None averages all hypotheses.
+    hypotheses : Hypotheses, optional
+    """
+
+    pictures: _Pictures
+    streak: Streak
     model: ColorModel
-    given: bool
-    sweep: Sweep | None
+    solver: Solver | None
+    hypotheses: Hypotheses | None
 
     @property
-    def is_explained(self) -> bool:
-        """Whether a sweep explains the streak, used or not."""
-        if isinstance(self.solver, Swept):
-            return True
-        return self.sweep is not None and self.sweep.misfit <= Swept().max_misfit
+    def image(self) -> LinearImage:
+        """With the noise that the sweep found, which codecs hide; see `Diagnostics.noise_inflation`."""
+        return _noisier(self.pictures.image, self.hypotheses)
 
     @property
-    def explanation(self) -> Sweep | None:
-        """The sweep that alpha comes from."""
-        return self.sweep if isinstance(self.solver, Swept) else None
+    def plate(self) -> LinearImage:
+        """The same of the plate."""
+        return _noisier(self.pictures.plate, self.hypotheses)
 
-    def within(self, box: tuple[int, int, int, int]) -> tuple[LinearImage, LinearImage, MixedPlate]:
-        """Both within a box, and where the plate's edges fit badly, as they do beside the streak."""
+    def within(self, box: Box) -> tuple[LinearImage, LinearImage, MixedPlate]:
+        """Both within a box, and where the plate's edges fit badly, as they do around the streak."""
         inside = self.streak.mask[box[1] : box[3], box[0] : box[2]]
         image, plate = self.image.crop(box), self.plate.crop(box)
         return image, plate, mixed_plate(image, plate, image.valid & plate.valid & ~inside)
 
 
 def _case_of(
-    image: LinearImage,
-    plate: LinearImage,
-    match: Match,
-    streak: Streak,
-    hidden: Bools,
+    pictures: _Pictures,
+    found: list[Streak],
     model: ColorModel | None,
     solver: Solver | None,
     start: Sweep | None,
 ) -> _Case:
-    """The sweep, the colors if they were not given, and the solver if none was asked for."""
-    model = _of_light(solver, model)
-    if model is not None and model.rank == 3:
-        refuse_shade(image, plate, streak)
-    if model is None or model.rank == 3:
-        refuse_coarse(image, streak)
-    given, sweep = model is not None, None
-    if not given or not isinstance(solver, Pixelwise | Smooth | Shaded):
-        sweep, streak = fit_piece(image, plate, streak, model, start)
-        image, plate = (_louder(picture, sweep.stats["louder"]) for picture in (image, plate))
-    swept = _chosen(solver, sweep)
-    if model is None:
-        assert sweep is not None
-        most = (swept or Swept()).max_misfit
-        model = _color_of(sweep, image, plate, streak, most)
-    elif swept is not None and sweep is not None and model.covariance.any():
+    """The streak, its sweeps unless the solver needs none, and the colors."""
+    image, plate = pictures.image, pictures.plate
+    if model is not None:
+        found = [most_of_color(found, image, plate, model)]
+        if isinstance(solver, Pixelwise | Smooth | Shaded):
+            return _Case(pictures, found[0], model, solver, None)
+    streak, hypotheses = _likeliest(pictures, found, model, start)
+    sweep = hypotheses.best
+    if model is None or model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
-    used = swept or solver or Smooth()
-    return _Case(image, plate, match, streak, hidden, used, model, given, sweep)
+    return _Case(pictures, streak, model, solver, hypotheses)
+
+
+def _likeliest(
+    pictures: _Pictures,
+    found: list[Streak],
+    model: ColorModel | None,
+    start: Sweep | None,
+) -> tuple[Streak, Hypotheses]:
+    """The strongest streak that a sweep explains, or the strongest."""
+    first, error = None, None
+    least = _MIN_EVIDENCE_RATIO * found[0].evidence
+    for streak in [one for one in found[:_MAX_STREAKS] if not one.evidence < least]:
+        try:
+            fitted = fit_hypotheses(pictures.image, pictures.plate, streak, model, start)
+        except ColorModelError as shade:  # it only took light
+            error = error or shade
+            continue
+        if not fitted.best.rejection:
+            return streak, fitted
+        first = first or (streak, fitted)
+    if first is None:
+        assert error is not None
+        raise error
+    return first
 
 
 def _each_alone(case: _Case, out: PixelMaps | None) -> PixelMaps:
     """The closed form, by two channels where the third is clipped, and at mixed edges of the plate."""
     solver = case.solver if isinstance(case.solver, Pixelwise) else Pixelwise()
     image, plate, model = case.image, case.plate, case.model
-    flags = _flags(image, plate, case.streak, case.hidden)
+    flags = _flags(image, plate, case.streak, case.pictures.hidden)
     maps = solver(image.rgb, plate.rgb, model, _noise(image), _noise(plate), flags=flags, out=out)
     solve_clipped(maps, image, plate, model, solver.max_alpha_std)
     box = case.streak.around(_MARGIN)
@@ -286,30 +273,119 @@ def _each_alone(case: _Case, out: PixelMaps | None) -> PixelMaps:
     return maps
 
 
-def _by_solver(case: _Case, maps: PixelMaps) -> tuple[dict[str, Any], list[float]]:
-    """What the solver makes of the closed form; its measures, and doubts of the sum of alpha."""
-    if isinstance(case.solver, Swept):
-        return _by_sweep(case.solver, case, maps)
-    if isinstance(case.solver, Smooth):
-        return _by_all_pixels(case.solver, case, maps), []
+def _by_solver(case: _Case, maps: PixelMaps) -> dict[str, Any]:
+    """Write what the solver makes of the closed form; its measures."""
+    if isinstance(case.solver, Pixelwise):
+        return {}
     if isinstance(case.solver, Shaded):
-        return _with_shadow(case.solver, case, maps), []
-    return {}, []
+        return _with_shadow(case.solver, case, maps)
+    assert isinstance(case.solver, Smooth)
+    return _by_all_pixels(case.solver, case, maps)
 
 
-def _by_sweep(solver: Swept, case: _Case, maps: PixelMaps) -> tuple[dict[str, Any], list[float]]:
-    """Alpha of the sweep; patches that it does not explain as all of their pixels say."""
-    sweep, doubts = case.sweep, []
-    assert sweep is not None
-    box = _box_of_both(case.streak, sweep)
+def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[ColorModel, dict[str, Any]]:
+    """Average the sweeps, and alpha without a shape unless `Swept` was asked for.
+
+    Returns the colors of the likeliest hypothesis, and measures.
+    """
+    hypotheses = case.hypotheses
+    assert hypotheses is not None
+    sweeps = hypotheses.sweeps
+    free = [] if case.solver is not None else _without_shape(case)
+    evidence = [*hypotheses.evidence, *(one.evidence for one in free)]
+    weights = hypothesis_weights(evidence)
+    box = _box_of_all(case.streak, sweeps)
+    estimates = [_of_sweep(sweep, box) for sweep in sweeps]
+    estimates += [one.within(box) for one in free]
+    average = averaged(estimates, weights)
+    best = int(np.argmax(weights))
     C, B, mixed = case.within(box)
-    left = solver(maps, sweep, C, mixed.widened(B), box)
-    if left.any():
-        _smooth_patches(maps.within(box), left, C, B, case.model, mixed)
-        if not case.given:
-            doubts.append(widen(maps, sweep, case.plate, left, box)[1])
+    if best < len(sweeps):
+        model = sweeps[best].model
+        Swept()(maps, sweeps[best], average, C, mixed.widened(B), box)
+    else:
+        likeliest = free[best - len(sweeps)]
+        model = likeliest.model
+        _write(maps, likeliest, average, C, B, box)
     carry_light(maps.within(box), C, B)
-    return sweep_measures(sweep), doubts
+    return model, {
+        **sweep_measures(sweeps[0]),
+        "sum_alpha_std": average.sum_std,
+        "alpha_scale_std": average.scale_std,
+        "weights": weights.tolist(),
+    }
+
+
+@dataclass(frozen=True, eq=False)
+class _Shapeless:
+    """Alpha by `Smooth` with some colors, and the evidence for it."""
+
+    model: ColorModel
+    maps: PixelMaps
+    sum_std: float
+    scale_std: float
+    evidence: Evidence
+
+    def within(self, box: Box) -> AlphaEstimate:
+        """Its alpha in a box."""
+        near = self.maps.within(box)
+        inside = (near.quality & np.uint8(Quality.OUTSIDE)) == 0
+        return AlphaEstimate(
+            np.where(inside, near.alpha, 0),
+            np.where(inside, near.alpha_std, 0),
+            self.sum_std,
+            self.scale_std,
+        )
+
+
+def _without_shape(case: _Case) -> list[_Shapeless]:
+    """With the likeliest line of colors, and the likeliest plane if that is likelier."""
+    assert case.hypotheses is not None
+    models: dict[int, ColorModel] = {}
+    for sweep in case.hypotheses.sweeps:
+        if sweep.model.rank < 3:
+            models.setdefault(sweep.model.rank, sweep.model)
+        if sweep.model.rank == 1:
+            break
+    return [_smoothed(replace(case, model=model)) for model in models.values()]
+
+
+def _smoothed(case: _Case) -> _Shapeless:
+    """Alpha by `Smooth` with the colors of the case."""
+    assert case.hypotheses is not None
+    maps = _each_alone(case, None)
+    measures = _by_all_pixels(Smooth(), case, maps)
+    pictures = case.image, case.plate
+    scale_std = streak_measures(maps, case.model, *pictures, case.streak)["alpha_scale_std"]
+    std = np.hypot(maps.alpha_std, scale_std * maps.alpha)
+    known = np.isfinite(std) & ((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
+    alpha, std = (np.where(known, values, 0) for values in (maps.alpha, std))
+    evidence = case.hypotheses.evidence_of(alpha, std)
+    return _Shapeless(case.model, maps, measures["sum_alpha_std"], scale_std, evidence)
+
+
+def _write(
+    maps: PixelMaps,
+    likeliest: _Shapeless,
+    average: AlphaEstimate,
+    image: LinearImage,
+    plate: LinearImage,
+    box: Box,
+) -> None:
+    """An average in which an alpha without a shape has the largest weight, and the light it leaves."""
+    for target, source in zip(maps, likeliest.maps, strict=True):
+        target[...] = source
+    near = maps.within(box)
+    alpha, std = average.alpha, average.alpha_std
+    P, P_std, _ = light_given(alpha, std, likeliest.model, image, plate)
+    for target, values in zip(near, (alpha, std, P, P_std), strict=False):
+        target[...] = values
+    near.quality[alpha > 0] &= ~np.uint8(Quality.OUTSIDE)
+
+
+def _of_sweep(sweep: Sweep, box: Box) -> AlphaEstimate:
+    """Alpha of a sweep in a box."""
+    return AlphaEstimate(*sweep.within(box), sweep.area_std())
 
 
 def _by_all_pixels(solver: Smooth, case: _Case, maps: PixelMaps) -> dict[str, Any]:
@@ -330,21 +406,11 @@ def _with_shadow(solver: Shaded, case: _Case, maps: PixelMaps) -> dict[str, Any]
     box = case.streak.around(_MARGIN)
     shaded = None
     if solver.plate is not None:
-        shaded = case.match.apply(solver.plate).crop(box)
+        shaded = case.pictures.match.apply(solver.plate).crop(box)
     pictures = case.image.crop(box), case.plate.crop(box), shaded
     S = solver(maps.within(box), *pictures, case.model)
     inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
     return {"sum_shadow": float(S[inside].sum())}
-
-
-def _widened_by_rival(case: _Case, maps: PixelMaps) -> tuple[float, float]:
-    """By how much a sweep that is not believed differs, as `widen` says; 0 if it is no rival."""
-    sweep = case.sweep
-    if sweep is None or case.given or case.is_explained or not is_rival(sweep, case.model):
-        return 0.0, 0.0
-    box = case.streak.around(0)
-    inside = case.streak.mask[box[1] : box[3], box[0] : box[2]]
-    return widen(maps, sweep, case.plate, inside, box)
 
 
 def _check_choices(
@@ -359,21 +425,6 @@ def _check_choices(
         check_map("streak.mask", streak.mask, image.valid.shape, kinds="b")
 
 
-def _color_of(
-    sweep: Sweep, image: LinearImage, plate: LinearImage, streak: Streak, most: float
-) -> ColorModel:
-    """What the streak tells of the color; its refusal also asks whether the pictures are swapped."""
-    try:
-        return color_of(sweep, image, plate, streak, np.inf, most)
-    except ColorModelError as error:
-        if not may_be_swapped(image, plate, streak):
-            raise
-        raise ColorModelError(
-            f"{error}. Are image and plate swapped? The plate's texture is fainter than the image's "
-            "where something moved, and the plate is the picture without the object"
-        ) from error
-
-
 def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | None:
     """The model, or that of the object's light if it is known."""
     if not isinstance(solver, Shaded):
@@ -385,55 +436,12 @@ def _of_light(solver: Solver | None, model: ColorModel | None) -> ColorModel | N
     return model
 
 
-def _smooth_patches(
-    maps: PixelMaps,
-    patches: Bools,
-    image: LinearImage,
-    plate: LinearImage,
-    model: ColorModel,
-    mixed: MixedPlate,
-) -> None:
-    """Where the sweep left pixels to themselves, what all of them together say."""
-    h, w = patches.shape
-    inside = (maps.quality & np.uint8(Quality.OUTSIDE)) == 0
-    together = deepcopy(maps)
-    Smooth()(together, image, plate, model, inside, (0, 0, w, h), mixed)
-    for target, values in zip(maps[:4], together, strict=False):
-        target[patches] = values[patches]
-
-
-def _refuse_the_untold(
-    maps: PixelMaps, model: ColorModel, streak: Streak, sweep: Sweep | None
-) -> None:
-    """Raise ColorModelError if nothing tells the alpha of an object of any colors."""
-    if model.rank < 3:
-        return
-    alpha, std = maps.alpha[streak.mask], maps.alpha_std[streak.mask]
-    if np.median(std) <= _UNTOLD * np.percentile(alpha, 99) and alpha.sum() > 0:
-        return
-    left = "" if sweep is None else f" ({sweep.complaint(Swept().max_misfit)})"
-    raise ColorModelError(_NO_COLOR.format(left))
-
-
-def _chosen(solver: Solver | None, sweep: Sweep | None) -> Swept | None:
-    """The solver that uses the sweep, if it is to be used."""
-    if sweep is None or isinstance(solver, Pixelwise | Smooth | Shaded):
-        return None
-    swept = solver or Swept()
-    if sweep.misfit <= swept.max_misfit:
-        return swept
-    if solver is None:
-        return None
-    raise MotionError(
-        f"the shape of the streak does not tell alpha: {sweep.complaint(swept.max_misfit)}; use "
-        "Smooth() and give the object's color"
-    )
-
-
-def _box_of_both(streak: Streak, sweep: Sweep) -> tuple[int, int, int, int]:
-    """Around streak and sweep, with something still beside them."""
-    (a, b, c, d), (e, f, g, h) = streak.around(_MARGIN), sweep.box
-    return min(a, e), min(b, f), max(c, g), max(d, h)
+def _box_of_all(streak: Streak, sweeps: Sequence[Sweep]) -> Box:
+    """Around streak and sweeps, with surroundings that stand still."""
+    boxes = np.array([streak.around(_MARGIN), *(sweep.box for sweep in sweeps)])
+    x0, y0 = boxes[:, :2].min(axis=0)
+    x1, y1 = boxes[:, 2:].max(axis=0)
+    return int(x0), int(y0), int(x1), int(y1)
 
 
 def _without(image: LinearImage, hidden: Bools) -> LinearImage:
@@ -447,8 +455,9 @@ def _noise(picture: LinearImage) -> Any:
     return picture.noise
 
 
-def _louder(picture: LinearImage, by: float) -> LinearImage:
-    """With the noise that a sweep found where a codec hides it; see `fit_sweep`."""
+def _noisier(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:
+    """With the noise that a sweep found where a codec hides it."""
+    by = 1.0 if hypotheses is None else hypotheses.best.diagnostics.noise_inflation
     return picture if by == 1 else picture.with_noise(by * picture.variance)
 
 

@@ -24,14 +24,17 @@ from blurmatte.motion.seen_ball import SeenBall, at_nodes
 from blurmatte.motion.sources import Source
 from blurmatte.radiometry import LinearImage, check_picture, with_noise
 from blurmatte.streaks import Streak
-from blurmatte.sweep import MAX_MISFIT, Sweep, fit_sweep
-from blurmatte.sweep.choice import best_of
-from blurmatte.sweep.data import Data, data_around
-from blurmatte.sweep.descent import State, descend, state_at
-from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.path import LINE, PARABOLA, Polynomial
-from blurmatte.sweep.student import VARIANCE
-from blurmatte.sweep.verdict import misfit, overstated
+from blurmatte.sweep import Sweep, fit_sweep
+from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.multistart import with_principal_axes
+from blurmatte.sweep.fit.ranking import best_of
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.observation import Observation, observation_around
+from blurmatte.sweep.model.path import LINE, PARABOLA, Polynomial
+from blurmatte.sweep.model.residuals import residual_excess, variance_inflation
+from blurmatte.sweep.model.state import State, state_at
+from blurmatte.sweep.model.student_t import VARIANCE
+from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
 
 Array = npt.NDArray[np.float64]
 
@@ -142,12 +145,15 @@ def fit_ball(
     if sweep is None:
         sweep = fit_sweep(image, plate)
     data, ball = _before(intrinsics, sweep, image, plate)
-    best = _descended(data, _start(data, ball, sweep, LINE), sweep)
-    if misfit(data, best) > MAX_MISFIT or _would_bend(data, ball, best):
-        bent = _descended(data, _start(data, ball, sweep, PARABOLA), sweep)
-        best = best_of(data, [best, bent])
-    left = replace(sweep, stats={"misfit": misfit(data, best)})
-    _check_explained(left, "no ball that flew straight, or like thrown, explains the streak")
+    best = _fitted(_start(data, ball, sweep, LINE), sweep)
+    if residual_excess(best) > MAX_RESIDUAL_EXCESS or _would_bend(ball, best):
+        bent = _fitted(_start(data, ball, sweep, PARABOLA), sweep)
+        best = best_of([best, bent])
+    found = replace(
+        sweep.diagnostics, converged=best.converged, residual_excess=residual_excess(best)
+    )
+    explained = replace(sweep, diagnostics=found)
+    _check_explained(explained, "no ball that flew straight, or like thrown, explains the streak")
     n = len(best.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
@@ -155,8 +161,8 @@ def fit_ball(
         assert isinstance(best.family, Polynomial)
         return np.asarray(best.family.weights(np.array([0, 0.5, 1])) @ X)
 
-    H, _ = best.information(data)
-    covariance = np.linalg.pinv(H, hermitian=True) * overstated(data, best) * VARIANCE
+    H, _ = best.information()
+    covariance = np.linalg.pinv(H, hermitian=True) * variance_inflation(best) * VARIANCE
     k = n + len(best.shape)
     picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance[:k, :k]))
     return ball_motion(
@@ -198,17 +204,16 @@ def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float) ->
 
 def _check_explained(sweep: Sweep, what: str) -> None:
     """MotionError if it leaves more than noise, or is contested."""
-    if not sweep.misfit <= MAX_MISFIT:
+    if sweep.rejection:
         raise MotionError(
-            f"{what}: {sweep.complaint(MAX_MISFIT)}; a ball of one or two colors, alone in its streak, "
-            "is needed"
+            f"{what}: the fit {sweep.rejection}; a ball alone in its streak is needed"
         )
 
 
-def _descended(data: Data, state: State, sweep: Sweep) -> State:
-    """Where a descent ends, though it takes more steps than others, for a start may be far off."""
+def _fitted(state: State, sweep: Sweep) -> State:
+    """Where a fit ends, though it takes more steps than others, for the start may be far off."""
     for _ in range(_ROUNDS):
-        state = descend(data, state, (_BOUNDS[0] * sweep.radius, _BOUNDS[1] * sweep.radius))
+        state = minimize(state, (_BOUNDS[0] * sweep.radius, _BOUNDS[1] * sweep.radius))
         if state.converged:
             break
     return state
@@ -216,13 +221,15 @@ def _descended(data: Data, state: State, sweep: Sweep) -> State:
 
 def _before(
     intrinsics: Intrinsics, sweep: Sweep, image: LinearImage, plate: LinearImage
-) -> tuple[Data, SeenBall]:
+) -> tuple[Observation, SeenBall]:
     """The pixels around a sweep, and the ball that the camera may see in them."""
     x0, y0, x1, y1 = sweep.box
     seen = np.zeros((sweep.size[1], sweep.size[0]), dtype=bool)
     seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
     streak = Streak(seen)
-    data = data_around(streak, int(_MARGIN * sweep.radius) + 4, image, plate, None)
+    data = observation_around(
+        streak, int(_MARGIN * sweep.radius) + 4, image, plate, ColorPrior(np.eye(3))
+    )
     data = data.coarse_enough(sweep.radius, _FINE_RADIUS)
     ball = SeenBall.before(intrinsics, data)
     known = np.isfinite(ball.slopes.sum(axis=(-1, -2)))
@@ -234,18 +241,17 @@ def _before(
     return replace(data, weight=np.where(known, data.weight, 0)), ball
 
 
-def _start(data: Data, ball: SeenBall, sweep: Sweep, family: Polynomial) -> State:
+def _start(data: Observation, ball: SeenBall, sweep: Sweep, family: Polynomial) -> State:
     """The ball that looks like the sweep, at constant distance from the camera."""
     centers = family.starts(sweep.trajectory.at(np.linspace(0, 1, 33)))[0].reshape(-1, 2)
     X = positions_of_discs(ball.intrinsics, centers, sweep.radius)
     pixels = ball.intrinsics.project(X)
     radii = ball.intrinsics.magnification(pixels) / np.linalg.norm(X, axis=1)
     shape = np.array([np.exp(np.log(radii).mean()), *np.zeros(family.degree)])
-    frame = Frame.of(sweep.model.basis)
-    return state_at(data, family, pixels.ravel(), ball, shape, frame)
+    return with_principal_axes(state_at(data, family, pixels.ravel(), ball, shape))
 
 
-def _would_bend(data: Data, ball: SeenBall, line: State) -> bool:
+def _would_bend(ball: SeenBall, line: State) -> bool:
     """Whether acceleration could explain clearly more: Rao's score test of its three parameters."""
     X, _ = at_nodes(ball.intrinsics, line.path, line.shape)
     middle = X.mean(axis=0, keepdims=True)
@@ -253,7 +259,7 @@ def _would_bend(data: Data, ball: SeenBall, line: State) -> bool:
     radius = ball.intrinsics.magnification(pixel) / np.linalg.norm(middle)
     path = np.concatenate([line.path[:2], pixel[0], line.path[2:]])
     shape = np.array([*line.shape, np.log(radius[0] / line.shape[0])])
-    bent = state_at(data, PARABOLA, path, ball, shape, line.frame)
-    H, g = bent.information(data)
+    bent = state_at(line.observation, PARABOLA, path, ball, shape)
+    H, g = bent.information()
     gain = float(g @ np.linalg.pinv(H, hermitian=True) @ g) / 2
-    return gain / overstated(data, line) > _WORTH * (bent.size - line.size)
+    return gain / variance_inflation(line) > _WORTH * (bent.size - line.size)

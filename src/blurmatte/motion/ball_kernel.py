@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from blurmatte.sweep.kernel import covered
+from blurmatte.sweep.model.silhouette_kernel import covered
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 

@@ -18,7 +18,7 @@ from blurmatte.motion.sources import (
     named_axes,
     relative_errors,
 )
-from blurmatte.sweep.path import PARABOLA
+from blurmatte.sweep.model.path import PARABOLA
 
 Array = npt.NDArray[np.float64]
 

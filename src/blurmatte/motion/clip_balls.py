@@ -18,8 +18,8 @@ from blurmatte.motion.sources import check_number
 from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage, check_picture, with_noise
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.path import LINE
-from blurmatte.sweep.silhouette import DISC
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
 
 
 def fit_balls(
@@ -117,7 +117,6 @@ class _Fit:
             self.model,
             np.zeros((5, 5)),
             image.size,
-            {"misfit": 1.0},
         )
         try:
             return fit_ball(image, plate, self.intrinsics, radius, radius_std=std, sweep=begun)

@@ -11,7 +11,7 @@ from blurmatte.motion.sightings import Noise, noise_of, with_its
 from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc, fit_sweep, pooled
+from blurmatte.sweep import Sweep, fit_disc, fit_sweep, fuse_colors
 
 _Told = tuple[ColorModel, float, int]  # a color, how much of it moved, and which frame tells it
 
@@ -75,7 +75,7 @@ def clip_color(
             f"none of {_ASKED} frames or more tells the object's color: no shape on a path explains "
             "what moves; give its color (--color, model=)"
         )
-    return pooled([model for model, _, _ in _clearest(told)])
+    return fuse_colors([model for model, _, _ in _clearest(told)])
 
 
 def _all_over(frames: Sequence[LinearImage], rounds: int) -> Iterator[LinearImage]:
@@ -131,7 +131,7 @@ class _Ask:
                 sweep = self.fit(image, self.plate, streak)
             except (ColorModelError, MotionError):
                 continue
-            if sweep.misfit <= MAX_MISFIT:
+            if not sweep.rejection:
                 unsure = sweep.radius_std / (_SURE_RADIUS * sweep.radius)
                 moved = streak.evidence * (sweep.length / sweep.radius) ** 2
                 told.append((sweep.model, moved / (1 + unsure**2)))

@@ -5,8 +5,8 @@ import numpy.typing as npt
 
 from blurmatte.motion.motion import QUANTITIES, Motion
 from blurmatte.motion.propagation import propagated
-from blurmatte.sweep import MAX_MISFIT, Sweep
-from blurmatte.sweep.path import FROM_REST, LINE
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -91,7 +91,7 @@ def _times(sweep: Sweep, path: Array) -> Array:
 def _centers(sweep: Sweep, path: Array, shape: Array, t: Array) -> Array:
     """(T, 2) where the middle of the silhouette's area is; that of an outline is beside its origin."""
     xy = sweep.family.at(path, t)[0]
-    if sweep.silhouette.bulges < 3:
+    if sweep.silhouette.order < 3:
         return xy
     x, y = sweep.silhouette.outline(shape, _RIM).T
     cross = x * np.roll(y, -1) - np.roll(x, -1) * y
@@ -115,8 +115,8 @@ def _leaves(sweep: Sweep, xy: Array) -> bool:
 
 
 def _doubts(sweep: Sweep) -> list[str]:
-    if sweep.misfit <= MAX_MISFIT:
+    if not sweep.rejection:
         return []
     return [
-        f"The streak is of something else, or of several things: {sweep.complaint(MAX_MISFIT)}."
+        f"The streak may be of something else, or of several things: the fit {sweep.rejection}."
     ]

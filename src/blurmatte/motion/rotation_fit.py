@@ -21,7 +21,7 @@ from blurmatte.motion.rotation_start import starts
 from blurmatte.motion.sources import check_exposure
 from blurmatte.radiometry import coherence
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.verdict import MAX_MISFIT
+from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS
 
 Array = npt.NDArray[np.float64]
 
@@ -110,7 +110,7 @@ def _of_solution(solution: Solution, center: Array | None) -> Rotation:
         try:
             tried.append(_fitted(alpha, std, use, c, omega, center, _FEW, spacings))
             left, found = tried[-1]
-            if left < MAX_MISFIT and found.angle * found.blades < _AGAIN * 2 * np.pi:
+            if left < MAX_RESIDUAL_EXCESS and found.angle * found.blades < _AGAIN * 2 * np.pi:
                 break
         except MotionError as error:
             refusal = refusal or error

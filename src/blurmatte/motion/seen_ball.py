@@ -14,9 +14,9 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.intrinsics import Intrinsics
-from blurmatte.sweep.data import Data
-from blurmatte.sweep.path import PathFamily, Polynomial
-from blurmatte.sweep.silhouette import Silhouette, Swept, moments
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.path import PathFamily, Polynomial
+from blurmatte.sweep.model.silhouette import Silhouette, Swept, moments
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +45,7 @@ class SeenBall(Silhouette):
     slopes: Array
 
     @classmethod
-    def before(cls, intrinsics: Intrinsics, data: Data) -> "SeenBall":
+    def before(cls, intrinsics: Intrinsics, data: Observation) -> "SeenBall":
         """The silhouettes of a camera in the pixels of data; rays that it does not know are NaN."""
         h, w = data.weight.shape
         y, x = np.mgrid[:h, :w]
@@ -53,7 +53,7 @@ class SeenBall(Silhouette):
         rays, slopes = intrinsics.rays(pixels), intrinsics.ray_slopes(pixels) * data.scale
         return cls(intrinsics=intrinsics, rays=rays, slopes=np.ascontiguousarray(slopes))
 
-    def sweep(self, family: PathFamily, path: Array, shape: Array, data: Data) -> Swept:
+    def sweep(self, family: PathFamily, path: Array, shape: Array, data: Observation) -> Swept:
         """Alpha of a ball on its way, and its derivatives."""
         from blurmatte.motion import ball_kernel  # numba takes half a second to import
 
@@ -72,7 +72,7 @@ class SeenBall(Silhouette):
         """The nearest shape with a radius within bounds."""
         return np.concatenate([np.clip(shape[:1], *bounds), shape[1:]])
 
-    def _boxes(self, X: Array, data: Data) -> npt.NDArray[np.int64]:
+    def _boxes(self, X: Array, data: Observation) -> npt.NDArray[np.int64]:
         """(T, 4) pixels of the data that may see a ball at X (T, 3), radii."""
         rims = self.intrinsics.project(rim(X, _RIM))
         center = self.intrinsics.project(X)[:, None]

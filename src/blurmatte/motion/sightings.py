@@ -25,8 +25,8 @@ from blurmatte.motion.motion import Motion
 from blurmatte.motion.workers import Workers, shared
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, with_noise
 from blurmatte.streaks import Streak
-from blurmatte.sweep import MAX_MISFIT, Sweep, fit_disc
-from blurmatte.sweep.shadow import shadow_around
+from blurmatte.sweep import Sweep, fit_disc
+from blurmatte.sweep.shadow_mask import shadow_around
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -296,7 +296,7 @@ def _measured(
         image = replace(image, valid=image.valid & ~shadow)
         streak = replace(streak, mask=streak.mask & ~shadow)
     sweep = fit_disc(image, plate, streak, model)
-    if sweep.misfit <= MAX_MISFIT:
+    if not sweep.rejection:
         return _told(motion_of_sweep(sweep, image.meta.exposure_time), streak, model, sweep)
     if model.rank == 3:
         raise MotionError(
@@ -363,7 +363,7 @@ def _told(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Si
         source=motion.source,
         path=motion.path,
         silhouette=motion.silhouette,
-        misfit=float(sweep.misfit) if np.isfinite(sweep.misfit) else None,
+        misfit=sweep.diagnostics.residual_excess,
         at_border=motion.at_border,
         moved=motion.moved,
         doubts=" ".join(motion.doubts),

@@ -1,15 +1,17 @@
-"""Path, silhouette and color of a smear in one fit."""
+"""Path, silhouette and color of a streak in one fit."""
 
-from blurmatte.sweep.chroma import Compressed as Compressed
-from blurmatte.sweep.chroma import file_of as file_of
-from blurmatte.sweep.chroma import image_before as image_before
-from blurmatte.sweep.color import fit_color as fit_color
-from blurmatte.sweep.fit import fit_disc as fit_disc
-from blurmatte.sweep.fit import fit_piece as fit_piece
-from blurmatte.sweep.fit import fit_sweep as fit_sweep
-from blurmatte.sweep.path import path_family as path_family
-from blurmatte.sweep.pool import pooled as pooled
+from blurmatte.sweep.assess.diagnostics import Diagnostics as Diagnostics
+from blurmatte.sweep.color_fit import fit_color as fit_color
+from blurmatte.sweep.color_fusion import fuse_colors as fuse_colors
+from blurmatte.sweep.fit_sweep import Hypotheses as Hypotheses
+from blurmatte.sweep.fit_sweep import fit_disc as fit_disc
+from blurmatte.sweep.fit_sweep import fit_hypotheses as fit_hypotheses
+from blurmatte.sweep.fit_sweep import fit_sweep as fit_sweep
+from blurmatte.sweep.model.chroma_subsampling import Compressed as Compressed
+from blurmatte.sweep.model.chroma_subsampling import file_of as file_of
+from blurmatte.sweep.model.chroma_subsampling import image_before as image_before
+from blurmatte.sweep.model.chroma_subsampling import light_of_colors as light_of_colors
+from blurmatte.sweep.model.path import path_family as path_family
 from blurmatte.sweep.sweep import Sweep as Sweep
-from blurmatte.sweep.transfer import TransferFit as TransferFit
-from blurmatte.sweep.transfer import fit_transfer as fit_transfer
-from blurmatte.sweep.verdict import MAX_MISFIT as MAX_MISFIT
+from blurmatte.sweep.transfer_fit import TransferFit as TransferFit
+from blurmatte.sweep.transfer_fit import fit_transfer as fit_transfer

@@ -1,23 +1,37 @@
 """Sweep: path, silhouette and color of a streak, found together."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.cast import CastShadow
-from blurmatte.sweep.chroma import Blur, File, file_of, image_before
-from blurmatte.sweep.data import nothing_in
-from blurmatte.sweep.path import PathFamily
-from blurmatte.sweep.silhouette import Silhouette, Swept
+from blurmatte.sweep.assess.diagnostics import Diagnostics, diagnosed
+from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.chroma_subsampling import (
+    Blur,
+    File,
+    file_of,
+    image_before,
+    light_of_colors,
+)
+from blurmatte.sweep.model.observation import empty_observation
+from blurmatte.sweep.model.path import PathFamily
+from blurmatte.sweep.model.residuals import variance_inflation
+from blurmatte.sweep.model.silhouette import Silhouette, Swept
+from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
+MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 if it leaves but noise
+MAX_RADIUS_ERROR = 0.25  # of the radius: more says nothing of the size
+MAX_SPREAD_OF_ONE_COLOR = (
+    0.1  # radians across the mean color: noise, gloss and two lamps of one paint
+)
 _POINTS = 129
 
 
@@ -41,27 +55,10 @@ class Sweep:
         Of the parameters of path and shape, that of the color included.
     size : (int, int)
         (width, height) of the picture.
-    stats : mapping
-        How the fit went: `misfit` is how much more the residuals within the streak hang together
-        than those beside it, 1 if the sweep explains all there is; `objection` why it is none whatever
-        it leaves, in words, and then `misfit` is infinite, or empty; `contested` whether another
-        explains it as well with quite another alpha, and then `misfit` is infinite; `doubtful` is the
-        share of the streak's pixels that it does not explain; `astray` by which part of alpha light
-        that changes little from place to place would have it otherwise, 0 if the color was known;
-        `unsure` the same unless it may have any colors, and what another answer that explains it as
-        well says of alpha: errors have that part too;
-        `plausible` whether it can be, and explains most; `texture`, if it may have any colors, to
-        which part of alpha the plate's texture confirms it, else infinite; where that does nearly
-        everywhere `misfit` is 1, however fine its paint is; `changes` by which part of its size its
-        shape seems to change while it goes, 0 if that explains no more than it costs; `rim` the
-        standard deviation, pixels, by which its rim, or the color of it, is blurred, 0 if not. If the
-        file did that, alpha is sharp;
-        `highlight`, if one was told with it, its `offset` from the center and its `softness`, the
-        standard deviation of a spot, in pixels, and the `paint` that it is on, as sRGB, else None;
-        `louder` how many times the variance that was measured noise has there, for codecs hide it in
-        what stands still.
+    diagnostics : Diagnostics
+        What is known for and against it.
     cast : CastShadow, optional
-        The shadow that it cast on the plate, if that was told with it.
+        The shadow that it cast on the plate, if that was fitted with it.
     """
 
     family: PathFamily
@@ -71,7 +68,7 @@ class Sweep:
     model: ColorModel
     covariance: Array
     size: tuple[int, int]
-    stats: Mapping[str, Any] = field(default_factory=dict)
+    diagnostics: Diagnostics = Diagnostics()
     cast: CastShadow | None = None
 
     def __repr__(self) -> str:
@@ -80,23 +77,47 @@ class Sweep:
             f"radius {self.radius:.2f} ± {self.radius_std:.2f} px, {' + '.join(self.model.hex)})"
         )
 
-    @property
-    def misfit(self) -> float:
-        """How much more than noise is left within the streak; infinite for what cannot be."""
-        return float(self.stats["misfit"])
+    @classmethod
+    def of(cls, candidate: Candidate, image: LinearImage) -> "Sweep":
+        """What a candidate says of the image that it was fitted to."""
+        state = candidate.state
+        inflation = variance_inflation(state) * VARIANCE
+        H, _ = state.information()
+        covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
+        silhouette = state.silhouette
+        if candidate.chroma_blur > 0 and image.meta.sharing is None:
+            silhouette = replace(silhouette, soft=False)  # the file blurred the rim, not the lens
+        n = len(state.path) + silhouette.size
+        covariance, shape = covariance[:n, :n], state.shape[: silhouette.size]
+        total = state.swept.by_parameters[..., :n].sum(axis=(0, 1))
+        area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
+        model = _color_model(state, inflation, float(area_error))
+        model = replace(model, to_srgb=image.meta.to_srgb)
+        step = _radius_slope(silhouette, shape)
+        radius_std = float(np.sqrt(step @ covariance[len(state.path) :, len(state.path) :] @ step))
+        angle = model.angle_std if model.rank < 3 else 0.0
+        diagnostics = diagnosed(candidate, silhouette.radius(shape), radius_std, angle)
+        return cls(
+            state.family, state.path, silhouette, shape, model, covariance, image.size, diagnostics,
+            candidate.cast,
+        )  # fmt: skip
 
-    def complaint(self, max_misfit: float) -> str:
-        """What speaks against it, if its misfit is more than that."""
-        if self.stats.get("contested", False):
+    @property
+    def rejection(self) -> str:
+        """Why it does not explain the streak, to follow "the fit"; empty if it does."""
+        d = self.diagnostics
+        if d.rejection:
+            return d.rejection
+        if not d.converged:
+            return "did not converge"
+        if d.radius_error > MAX_RADIUS_ERROR:
+            return f"leaves the radius open by {d.radius_error:.0%}"
+        if d.residual_excess > MAX_RESIDUAL_EXCESS:
             return (
-                "two shapes, each gone its own way and with an alpha of its own, explain the streak "
-                "alike"
+                f"leaves residuals correlated {d.residual_excess:.1f} times as much as noise, "
+                f"{MAX_RESIDUAL_EXCESS:g} is the most"
             )
-        if np.isinf(self.misfit):
-            return f"the best {self.stats.get('objection') or 'is hardly known'}"
-        return (
-            f"the best leaves {self.misfit:.1f} times as much as noise, {max_misfit:g} is the most"
-        )
+        return ""
 
     @property
     def trajectory(self) -> Trajectory:
@@ -122,11 +143,7 @@ class Sweep:
     @property
     def radius_std(self) -> float:
         """Standard deviation of the radius, pixels."""
-        step = 1e-5 * self.shape[0]
-        radius, m = self.silhouette.radius, len(self.shape)
-        slope = [
-            (radius(self.shape + d) - radius(self.shape - d)) / (2 * step) for d in step * np.eye(m)
-        ]
+        slope, m = _radius_slope(self.silhouette, self.shape), len(self.shape)
         return float(np.sqrt(slope @ self.covariance[-m:, -m:] @ slope))
 
     @property
@@ -162,7 +179,7 @@ class Sweep:
     def within(self, box: tuple[int, int, int, int]) -> tuple[Array, Array]:
         """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels.
 
-        The bulges that an outline cannot have are taken to be as large as the last that it has.
+        The order that an outline cannot have are taken to be as large as the last that it has.
         """
         swept = self._swept(box, self.shape)
         J = swept.by_parameters
@@ -171,13 +188,12 @@ class Sweep:
         if left_out > 0:
             wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])
             variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
-        variance += (self.stats.get("unsure", 0.0) * swept.alpha) ** 2
         return swept.alpha, np.sqrt(variance)
 
-    def before_bleeding(
+    def before_file(
         self, image: LinearImage, plate: LinearImage, box: tuple[int, int, int, int]
     ) -> LinearImage:
-        """What is in a box of the image, as it was before its file let colors run together.
+        """What is in a box of the image, before its file blurred the colors of neighbors.
 
         The image itself if its file did not, or if the object may have any colors.
 
@@ -189,17 +205,19 @@ class Sweep:
         file = self._file(image)
         if file is None or self.model.rank == 3:
             return image
-        return image_before(image, plate, self.within(box)[0], self.model.basis, file)
+        alpha = self.within(box)[0]
+        own = light_of_colors(image, plate, alpha, self.model.basis, file.std)
+        return image_before(image, plate, alpha, own, file)
 
-    def runs_by(self, image: LinearImage) -> float:
-        """Pixels by which the image's file let colors run, a standard deviation; 0 if it did not."""
+    def chroma_blur(self, image: LinearImage) -> float:
+        """Pixels by which the image's file blurred colors, a standard deviation; 0 if it did not."""
         file = self._file(image)
         return 0.0 if file is None else file.std
 
     def _file(self, image: LinearImage) -> File | None:
         """What became of the image's code values."""
-        told, blur = file_of(image), self.stats["rim"]
-        return told or (None if blur == 0 or self.silhouette.soft else Blur(blur))
+        blur = self.diagnostics.chroma_blur
+        return file_of(image) or (Blur(blur) if blur > 0 else None)
 
     def in_shadow(self, plate: LinearImage, box: tuple[int, int, int, int]) -> LinearImage:
         """What is in a box of the plate, in the shadow that the object casts on it; itself without.
@@ -211,7 +229,9 @@ class Sweep:
         """
         if self.cast is None:
             return plate
-        S = self.cast.missing(self.family, self.path, self.shape[0], nothing_in(box, self.size))
+        S = self.cast.missing(
+            self.family, self.path, self.shape[0], empty_observation(box, self.size)
+        )
         shaded = self.cast.on(np.asarray(plate.rgb, float), S, self.within(box)[0])
         return replace(plate.with_noise(plate.variance), rgb=shaded.astype(plate.rgb.dtype))
 
@@ -221,4 +241,41 @@ class Sweep:
         return float(np.sqrt(total @ self.covariance @ total))
 
     def _swept(self, box: tuple[int, int, int, int], shape: Array) -> Swept:
-        return self.silhouette.sweep(self.family, self.path, shape, nothing_in(box, self.size))
+        return self.silhouette.sweep(
+            self.family, self.path, shape, empty_observation(box, self.size)
+        )
+
+
+def _radius_slope(silhouette: Silhouette, shape: Array) -> Array:
+    """(m,) derivatives of the radius by the parameters of a shape."""
+    step = 1e-5 * shape[0] * np.eye(len(shape))
+    radius = silhouette.radius
+    return np.array([(radius(shape + d) - radius(shape - d)) / (2 * d.sum()) for d in step])
+
+
+def _color_model(state: State, inflation: float, area_error: float) -> ColorModel:
+    """A line or a plane of colors, or any: as many axes as the colors spread along.
+
+    The covariance is that of the field's mean, and of the plate's light that alpha's scale, if it is
+    wrong by `area_error`, adds to the color.
+    """
+    field, observation = state.field, state.observation
+    axes, length = observation.color.axes, max(float(np.linalg.norm(field.mean)), 1e-9)
+    rank = observation.color.rank
+    if rank == 3:
+        rank = 1 + int(np.count_nonzero(field.spread[1:] > MAX_SPREAD_OF_ONE_COLOR * length))
+    if rank == 3:
+        return ColorModel.any()
+    weight = state.weights * state.swept.alpha**2
+    behind = np.einsum("yx,yxc->c", weight, observation.light[1]) / max(float(weight.sum()), 1e-9)
+    std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind) / length
+    if rank == 1:
+        mean = field.mean / length
+        pole = axes @ (mean if mean.sum() >= 0 else -mean)
+        across = axes[:, 1:] * std[1:]
+        basis = pole[:, None]
+    else:
+        basis, across = axes[:, :2], axes[:, :2] * std[2]
+    return ColorModel(
+        basis, across @ across.T, {"shape": float(np.degrees(np.linalg.norm(std[1:])))}
+    )

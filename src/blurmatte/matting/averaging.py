@@ -1,0 +1,71 @@
+"""One alpha from several hypotheses: Bayesian model averaging [Hoeting et al. 1999].
+
+With weights w_k, alphas α_k and their variances V_k,
+
+    α = Σ w_k α_k,    Var α = Σ w_k (V_k + (α_k − α)²),
+
+and the same for the sum of alpha over all pixels.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class AlphaEstimate:
+    """Alpha in a box, as one hypothesis has it.
+
+    Parameters
+    ----------
+    alpha, alpha_std : (h, w) float
+        Of each pixel; not finite where nothing is known.
+    sum_std : float
+        Standard deviation of the sum of alpha.
+    scale_std : float
+        Relative standard deviation of a factor common to all pixels that is not in `alpha_std`.
+    """
+
+    alpha: Floats
+    alpha_std: Floats
+    sum_std: float
+    scale_std: float = 0.0
+
+
+def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimate:
+    """The average of hypotheses.
+
+    Where one knows nothing of a pixel, the others are averaged.
+
+    Parameters
+    ----------
+    estimates : sequence of AlphaEstimate
+        Of the same box.
+    weights : (n,) float
+        They sum to 1.
+    """
+    alphas = np.stack([np.asarray(one.alpha, float) for one in estimates])
+    stds = np.stack([np.asarray(one.alpha_std, float) for one in estimates])
+    known = np.isfinite(alphas) & np.isfinite(stds)
+    w = weights[:, None, None] * known
+    total = w.sum(axis=0)
+    w = w / np.where(total > 0, total, 1)
+    alphas, stds = np.where(known, alphas, 0), np.where(known, stds, 0)
+    alpha = (w * alphas).sum(axis=0)
+    variance = (w * (stds**2 + (alphas - alpha) ** 2)).sum(axis=0)
+    sums = alphas.sum(axis=(1, 2))
+    scales = np.array([one.scale_std for one in estimates])
+    own = np.array([one.sum_std for one in estimates])
+    of_sum = weights @ (own**2 + (sums - weights @ sums) ** 2)
+    return AlphaEstimate(
+        alpha,
+        np.where(total > 0, np.sqrt(variance), np.inf),
+        float(np.sqrt(of_sum)),
+        float(np.sqrt(weights @ scales**2)),
+    )

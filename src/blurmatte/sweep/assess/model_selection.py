@@ -1,0 +1,118 @@
+"""Weights of hypotheses about alpha, from their marginal likelihoods in one observation.
+
+Every hypothesis, a fitted sweep or an alpha without a shape, is compared in the same light with one
+model of color (`model.color_field`), whose colors are marginalized. The error of alpha adds to the
+noise, as the light by which alpha changes a pixel,
+
+    V = V_C + (1 − α)² V_B + σ_α² (k̄ − B)²,
+
+so that a hypothesis that claims little and errs is unlikely, and one that claims much gains little.
+Costs are divided by the variance inflation of the likeliest, for residuals are correlated, and every
+fitted parameter costs half a log of the number of pixels.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import block_squares
+from blurmatte.sweep.model.color_field import fit_field
+from blurmatte.sweep.model.observation import BLOCK_SIZES, Observation
+from blurmatte.sweep.model.student_t import loss, student_weight
+
+Array = npt.NDArray[np.float64]
+
+# Units of log likelihood for each pixel by which an alpha without a shape seems likelier, for it was
+# fitted to the noise of the same pixels: chosen on the learn part of the second truth.
+OPTIMISM = 0.3
+_MIN_ALPHA = 0.002  # of alpha without a shape, which is noise
+_MIN_VARIANCE = 1e-14
+
+
+@dataclass(frozen=True)
+class Evidence:
+    """How well a hypothesis predicts an observation.
+
+    Parameters
+    ----------
+    cost : float
+        Negative log marginal likelihood.
+    inflation : float
+        Of the variance of block sums of its residuals, 1 or more.
+    parameters : int
+        That were fitted, colors apart.
+    pixels : float
+        Of the observation.
+    """
+
+    cost: float
+    inflation: float
+    parameters: int
+    pixels: float
+
+
+def evidence_of(
+    observation: Observation, alpha: Array, alpha_std: Array, parameters: int = 0
+) -> Evidence:
+    """The evidence for an alpha.
+
+    Parameters
+    ----------
+    observation : Observation
+        With the plate as the hypothesis has it.
+    alpha, alpha_std : (h, w) float
+        In the observation's pixels; a standard deviation of 0 where alpha has a shape, whose error is
+        in its parameters.
+    parameters : int
+        That were fitted, colors apart.
+    """
+    weight = observation.weight
+    alpha = np.where(alpha > _MIN_ALPHA, np.clip(alpha, 0, 1), 0)
+    observation = observation.along_colors(alpha)
+    C, B, V_C, V_B = observation.light
+    field, _ = fit_field((C, B, V_C, V_B), alpha, weight, observation.pitch, observation.color)
+    by_alpha = (field.mean - B) ** 2
+    V_C = np.ascontiguousarray(V_C + (alpha_std**2)[..., None] * by_alpha)
+    light = C, B, V_C, V_B
+    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
+    chi2 = (e**2).sum(axis=0)
+    noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, _MIN_VARIANCE)
+    added = (alpha_std**2)[..., None] * by_alpha / noise
+    normalization = 0.5 * np.log1p(added).sum(axis=-1)
+    cost = float((weight * (loss(chi2) + normalization)).sum()) + field.cost
+    limited = np.moveaxis(e * np.sqrt(student_weight(chi2)), 0, -1)
+    inside = (alpha > 0) & observation.valid
+    correlated = (block_squares(limited, inside, size) for size in BLOCK_SIZES)
+    inflation = max(1.0, *(float(s.mean()) for s in correlated if len(s)), 1.0)
+    cost += OPTIMISM * float(np.count_nonzero(alpha_std))
+    return Evidence(cost, inflation, parameters, float(weight.sum()))
+
+
+def hypothesis_weights(evidence: list[Evidence]) -> Array:
+    """(n,) weights that sum to 1: exp(−cost / inflation − ½ p log n) [Schwarz 1978].
+
+    Parameters
+    ----------
+    evidence : list of Evidence
+        Of the same observation.
+    """
+    likeliest = min(evidence, key=lambda one: one.cost)
+    scores = np.array(
+        [
+            (one.cost - likeliest.cost) / likeliest.inflation
+            + 0.5 * one.parameters * np.log(max(one.pixels / likeliest.inflation, 2.0))
+            for one in evidence
+        ]
+    )
+    weights = np.exp(scores.min() - scores)
+    return np.asarray(weights / weights.sum())
+
+
+def in_observation(values: Array, observation: Observation) -> Array:
+    """(h, w) means of a map (H, W) of the picture over the pixels of an observation."""
+    scale = round(observation.scale)
+    x0, y0 = (round(at - (scale - 1) / 2) for at in observation.origin)
+    h, w = observation.weight.shape
+    box = values[y0 : y0 + h * scale, x0 : x0 + w * scale]
+    return np.asarray(box.reshape(h, scale, w, scale).mean(axis=(1, 3)), float)

@@ -1,0 +1,131 @@
+"""The color of a streak from its shape, its hues, and what is feasible."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from blurmatte.color import ColorModel, check_color_fit, fit_color_from_hues, refuse_coarse
+from blurmatte.errors import ColorModelError, MotionError
+from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.streaks import Streak, require_streaks
+from blurmatte.sweep.color_fusion import fuse_colors
+from blurmatte.sweep.fit_sweep import fit_sweep
+from blurmatte.sweep.sweep import Sweep
+
+
+def fit_color(
+    image: LinearImage | Sequence[LinearImage],
+    plate: LinearImage,
+    streak: Streak | None = None,
+    max_brightness: float = np.inf,
+) -> ColorModel:
+    """Find the object's colors from its streak alone (in place of [GC07 §3.1]).
+
+    The color of the sweep that explains the streak (`fit_sweep`), which knows the time spent on each
+    pixel and uses the hues of the plate as well. Where none explains it, that of hues and feasibility
+    if they determine one.
+
+    Parameters
+    ----------
+    image : LinearImage or sequence of LinearImage
+        Several frames of one object tell its color better; those that tell nothing are left out.
+    plate : LinearImage
+        The same size; noise that is not known is measured.
+    streak : Streak, optional
+        Where the object moved; if not given, it is chosen as by `solve`. Of one image only.
+    max_brightness : float
+        The brightest that the object's largest channel can be, linear light, 1 = sensor white; of
+        use where no shape explains the streak.
+
+    Returns
+    -------
+    ColorModel
+        Rank 1, or 2 if only two paints, highlights or two lights explain the streak, or 3 if only
+        any colors do; with the covariance of its direction and what each kind of evidence says.
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ, or a streak is given with several images.
+    ColorModelError
+        If the streak leaves a whole family of colors possible, no single line explains it, or a JPEG
+        holds too little color of one so small. The message says what would help.
+    MotionError
+        If no streak was given and nothing moved.
+    """
+    if not isinstance(image, LinearImage):
+        if streak is not None:
+            raise ValueError("a streak is that of one image; with several, leave it out")
+        return _fit_together(image, plate, max_brightness)
+    check_color_fit(image, plate, streak, max_brightness)
+    image, plate = with_noise(image, plate)
+    if streak is None:
+        streak = require_streaks(image, plate)[0]
+    refuse_coarse(image, streak)
+    sweep = fit_sweep(image, plate, streak)
+    return color_of(sweep, image, plate, streak, max_brightness)
+
+
+def _fit_together(
+    images: Sequence[LinearImage], plate: LinearImage, max_brightness: float
+) -> ColorModel:
+    """One color for several frames; the last error if there is none."""
+    if not images:
+        raise ValueError("images must be one or more, got none")
+    models, refusal = [], None
+    for image in images:
+        try:
+            models.append(fit_color(image, plate, None, max_brightness))
+        except (ColorModelError, MotionError) as error:
+            refusal = error
+    models = [model for model in models if model.rank == 1] or models[:1]
+    if not models:
+        assert refusal is not None
+        raise refusal
+    return fuse_colors(models)
+
+
+def color_of(
+    sweep: Sweep,
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    max_brightness: float = np.inf,
+) -> ColorModel:
+    """The sweep's color if it explains the streak, else that of the hues if they determine one."""
+    if sweep.rejection:
+        try:
+            return fit_color_from_hues(image, plate, streak, max_brightness)
+        except ColorModelError:
+            return sweep.model
+    if sweep.model.rank > 1:
+        return sweep.model
+    hues = _hue_std(sweep.model, image, plate, streak)
+    return replace(sweep.model, evidence={**sweep.model.evidence, "hue variation": hues})
+
+
+def _hue_std(model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak) -> float:
+    """Standard deviation of the color from the hues of the plate alone, degrees; infinite if open.
+
+    With alpha free in each pixel what remains is r = n · C, n ∝ l × B: turning l by t changes it by
+    t · (B × C) / |l × B|. The information in that, less what noise alone would feign.
+    """
+    y, x = np.nonzero(streak.mask & image.valid & plate.valid)
+    C, B, V_C, V_B = (
+        np.asarray(a[y, x], dtype=float)
+        for a in (image.rgb, plate.rgb, image.variance, plate.variance)
+    )
+    l = model.pole
+    T = np.linalg.svd(l[:, None])[0][:, 1:]
+    normal = np.cross(l, B)
+    length2 = np.sum(normal**2, axis=1) + 1e-12
+    r_variance = np.sum((V_C + V_B) * normal**2, axis=1) / length2 + 1e-14
+    slope = np.cross(B, C) @ T
+    feigned = [np.sum(V_C * np.cross(t, B) ** 2 + V_B * np.cross(C, t) ** 2, axis=1) for t in T.T]
+    weight = 1 / (length2 * r_variance)
+    information = (slope * weight[:, None]).T @ slope
+    information -= np.diag([np.sum(weight * f) for f in feigned])
+    scatter = np.sqrt(2 * np.sum((weight[:, None] * np.stack(feigned, axis=1)) ** 2, axis=0))
+    least = float(np.linalg.eigvalsh(information)[0])
+    return float(np.degrees(least**-0.5)) if least > 3 * scatter.max() else float("inf")

@@ -1,0 +1,56 @@
+"""A sweep in the light before its file blurred the colors of neighbors.
+
+The file's model (`chroma_subsampling`) says what the file made of the light that the sweep predicts.
+The difference is taken off the image, and the sweep is fitted again.
+"""
+
+from dataclasses import replace
+
+from blurmatte.radiometry import Transfer
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.silhouette import BLUR_OF_FILES
+from blurmatte.sweep.model.state import State
+
+_ROUNDS = 2
+_MAX_RADIUS_RATIO = 2.0  # by which the radius may change
+_MAX_STEPS = 15
+
+
+def corrected_for_file(state: State, transfer: Transfer) -> State:
+    """The sweep fitted to its light before the file.
+
+    Parameters
+    ----------
+    state : State
+        In the light as the file has it.
+    transfer : Transfer
+        Of the file.
+    """
+    observed, blur = state.observation, chroma_blur_std(state)
+    bounds = state.shape[0] / _MAX_RADIUS_RATIO, state.shape[0] * _MAX_RADIUS_RATIO
+    for _ in range(_ROUNDS):
+        before = light_before_file(observed, state, transfer, blur)
+        state = minimize(state.relit(before), bounds, _MAX_STEPS, ROUGH_TOLERANCE)
+    return state
+
+
+def chroma_blur_std(state: State) -> float:
+    """Standard deviation by which the file blurred chroma, pixels.
+
+    It is what the file says; or else what the rim seems to be blurred by.
+    """
+    compression = state.observation.compression
+    if compression is not None:
+        return compression.spread
+    return min(state.silhouette.softness(state.shape), BLUR_OF_FILES)
+
+
+def light_before_file(
+    observed: Observation, state: State, transfer: Transfer, blur: float
+) -> Observation:
+    """An observation without what the file did to the light that a state predicts."""
+    alpha = state.swept.alpha
+    own = state.field.light(alpha) @ state.observation.color.axes.T
+    light = observed.chroma_blur(transfer, blur).before(alpha, own)
+    return replace(observed.with_light(light), color=state.observation.color)

@@ -1,0 +1,140 @@
+"""A disc and the shadow that it casts, fitted by block-coordinate descent."""
+
+from collections.abc import Callable
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
+from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
+from blurmatte.sweep.model.cast_shadow import PARAMETERS, CastShadow, in_shadow
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.residuals import variance_inflation
+from blurmatte.sweep.model.state import State
+
+Array = npt.NDArray[np.float64]
+
+_RADIUS = 8.0  # pixels of a disc on large pixels, enough for it and its shadow
+_COARSE_ROUNDS, _FINE_ROUNDS = 10, 4
+_MAX_STEPS = 10  # of the disc in a round
+_CONVERGED_DIFFERENCE = 2e-3  # of alpha, in a round
+_FIRST_DISTANCES = 0.7, 1.4, 2.2  # radii, of eight directions each
+_MAX_DISTANCE = 6.0  # radii
+_SOFTNESS = 0.03, 0.3, 1.0  # radii: least, at first, most
+_DIRECTIONS = 8
+_DIFFERENCE = 0.02  # of a radius, for numerical derivatives
+_CAUCHY_SCALE = 2.5  # standard deviations
+_MAX_EVALUATIONS = 12
+_TINY = 1e-9
+
+
+def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, CastShadow] | None:
+    """A disc in its own shadow, if that is possible and likelier than the disc alone.
+
+    Parameters
+    ----------
+    disc : State
+    bounds : (float, float)
+        Of the radius, pixels.
+    """
+    coarse = disc.observation.coarse_enough(float(disc.shape[0]), _RADIUS)
+    on_coarse = disc.on(coarse)
+    straight = on_coarse.along(LINE)
+    starts = (on_coarse,) if straight is on_coarse else (straight, on_coarse)
+    fits = [_alternated(start, None, bounds, _COARSE_ROUNDS) for start in starts]
+    best, cast = min(fits, key=lambda fit: fit[0].cost)
+    gain = (on_coarse.cost - best.cost) / variance_inflation(best)
+    if not cast.is_possible or gain < bic_penalty(coarse, PARAMETERS):
+        return None
+    fine = best.on(disc.observation)
+    best, cast = _alternated(fine, cast, bounds, _FINE_ROUNDS)
+    return (best, cast) if cast.is_possible and best.cost < disc.cost else None
+
+
+def _alternated(
+    disc: State, cast: CastShadow | None, bounds: tuple[float, float], rounds: int
+) -> tuple[State, CastShadow]:
+    """Shadow and disc in turn until they agree; the disc is in the observation with the shadow."""
+    plain = disc.observation
+    for _ in range(rounds):
+        cast = fit_cast(plain, disc, cast)
+        shaded = disc.relit(in_shadow(plain, disc, cast))
+        before, disc = disc, minimize(shaded, bounds, _MAX_STEPS, ROUGH_TOLERANCE)
+        if rms_difference(before, disc) < _CONVERGED_DIFFERENCE:
+            break
+    assert cast is not None
+    return disc, cast
+
+
+def fit_cast(observation: Observation, disc: State, start: CastShadow | None = None) -> CastShadow:
+    """The shadow that explains most of what a disc leaves; it need not be possible.
+
+    Where the object was, only light across its mean color counts: along it is shading.
+
+    Parameters
+    ----------
+    observation : Observation
+        With the plate without a shadow.
+    disc : State
+    start : CastShadow, optional
+    """
+    observation = observation.coarse_enough(float(disc.shape[0]), _RADIUS)
+    radius, disc = float(disc.shape[0]), disc.on(observation)
+    alpha = disc.swept.alpha
+    std = np.sqrt(observation.C_variance + observation.B_variance)
+    over_noise = np.sqrt(observation.weight)[..., None] / std
+    unit = disc.mean_color / max(float(np.linalg.norm(disc.mean_color)), _TINY)
+    across = np.where((alpha > 0)[..., None, None], np.eye(3) - np.outer(unit, unit), np.eye(3))
+    known = across * over_noise[..., None]
+    light = (1 - alpha)[..., None] * observation.B - observation.C
+    missing = np.einsum("yxcd,yxd->yxc", known, light).ravel()
+
+    def shadow(x: Array, strength: Array) -> CastShadow:
+        return CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, strength)
+
+    def solved(x: Array) -> tuple[Array, Array]:
+        """Residuals with the best strength, and that."""
+        S = shadow(x, np.ones(3)).of(observation, disc)
+        A = (known * (S[..., None] * observation.B)[:, :, None, :]).reshape(-1, 3)
+        t = np.clip(np.linalg.solve(A.T @ A + _TINY * np.eye(3), A.T @ missing), 0, 1)
+        return np.asarray(missing - A @ t), t
+
+    place = None
+    if start is not None:
+        place = np.array([*start.offset / radius, np.log(start.softness / radius)])
+    x = _placed(lambda x: solved(x)[0], place)
+    return shadow(x, solved(x)[1])
+
+
+def _placed(residuals: Callable[[Array], Array], start: Array | None) -> Array:
+    """(3,) offset (x, y) and log softness, in radii, of the least residuals.
+
+    Parameters
+    ----------
+    residuals : function
+        Of x, in standard deviations.
+    start : (3,) float, optional
+        If not given, the best of several.
+    """
+    from scipy.optimize import least_squares
+
+    def cost(x: Array) -> float:
+        return float(np.sum(np.log1p((residuals(x) / _CAUCHY_SCALE) ** 2)))
+
+    least, first, most = np.log(_SOFTNESS)
+    if start is None:
+        angles = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+        starts = (
+            np.array([d * np.cos(a), d * np.sin(a), first])
+            for d in _FIRST_DISTANCES
+            for a in angles
+        )
+        start = min(starts, key=cost)
+    far = _MAX_DISTANCE
+    bounds = (-far, -far, least), (far, far, most)
+    end = least_squares(
+        residuals, np.clip(start, *bounds), "2-point", bounds,
+        loss="cauchy", f_scale=_CAUCHY_SCALE, diff_step=_DIFFERENCE, max_nfev=_MAX_EVALUATIONS,
+    )  # fmt: skip
+    return np.asarray(end.x)

@@ -1,0 +1,240 @@
+"""fit_sweep: image, plate and streak → Sweep.
+
+Multistart fits of discs, outlines and discs with their shadow are hypotheses about one observation;
+`Hypotheses` has them all with their weights, `fit_sweep` returns the likeliest.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import check_kind
+from blurmatte.color.model import ColorModel
+from blurmatte.color.shade import refuse_shade
+from blurmatte.radiometry import SRGB, LinearImage, with_noise
+from blurmatte.streaks import Streak, check_streak, require_streaks
+from blurmatte.sweep.assess.model_selection import (
+    Evidence,
+    evidence_of,
+    hypothesis_weights,
+    in_observation,
+)
+from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart, with_varied_colors
+from blurmatte.sweep.fit.outline import fit_outline
+from blurmatte.sweep.fit.shadow import fit_with_shadow
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.residuals import noise_inflation, variance_inflation
+from blurmatte.sweep.model.state import State
+from blurmatte.sweep.shadow_mask import darkness
+from blurmatte.sweep.sweep import Sweep
+
+Array = npt.NDArray[np.float64]
+
+_FREE = ColorPrior(np.eye(3))
+_EXPLAINED_INFLATION = 1.2  # of variance, of residuals that no other shape improves
+_MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
+_TIMES = np.linspace(0, 1, 33)
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Sweeps that may have left a streak, and the evidence for each.
+
+    Parameters
+    ----------
+    observation : Observation
+        In which all are compared.
+    sweeps : tuple of Sweep
+        The likeliest first.
+    evidence : tuple of Evidence
+        Of each sweep.
+    """
+
+    observation: Observation
+    sweeps: tuple[Sweep, ...]
+    evidence: tuple[Evidence, ...]
+
+    @property
+    def best(self) -> Sweep:
+        """The likeliest."""
+        return self.sweeps[0]
+
+    @property
+    def weights(self) -> Array:
+        """(n,) of the sweeps; they sum to 1."""
+        return hypothesis_weights(list(self.evidence))
+
+    def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
+        """The evidence for an alpha (H, W) of the whole picture that has no shape."""
+        observation = self.observation
+        alpha, alpha_std = (in_observation(x, observation) for x in (alpha, alpha_std))
+        return evidence_of(observation, alpha, alpha_std)
+
+
+def fit_sweep(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak | None = None,
+    model: ColorModel | None = None,
+    *,
+    start: Sweep | None = None,
+) -> Sweep:
+    """Find path, silhouette and color of an object from the streak that it left.
+
+    The likeliest of a disc, an outline, and a disc with the shadow that it casts, on the likeliest
+    path. `Sweep.diagnostics` and `Sweep.rejection` say how well it explains the streak.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        With the object, and without; same size.
+    streak : Streak, optional
+        Where it moved. If not given, the strongest thing that moved.
+    model : ColorModel, optional
+        What is known of the color, as well as its covariance says.
+    start : Sweep, optional
+        Of another frame of a clip, in which the object moved about the same way elsewhere, to start
+        from; which is faster.
+
+    Returns
+    -------
+    Sweep
+
+    Raises
+    ------
+    ColorModelError
+        If no model was given and the streak only took light: it may be a shadow.
+    MotionError
+        If nothing moved.
+    ValueError
+        If the sizes differ.
+    """
+    check_streak("streak", streak)
+    check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
+    check_kind("start", start, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
+    image, plate = with_noise(image, plate)
+    if streak is None:
+        streak = require_streaks(image, plate)[0]
+    return fit_hypotheses(image, plate, streak, model, start).best
+
+
+def fit_hypotheses(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    model: ColorModel | None = None,
+    start: Sweep | None = None,
+) -> Hypotheses:
+    """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep`."""
+    search, one_paint, varied = _discs(image, plate, streak, model, start)
+    transfer = image.meta.transfer or SRGB
+    candidates = [Candidate.before_file(disc, transfer) for disc in (*one_paint, *varied)]
+    if variance_inflation(one_paint[0]) > _EXPLAINED_INFLATION:
+        outline = fit_outline(one_paint[0])
+        candidates.append(Candidate.before_file(outline, transfer))
+        shaded = _with_shadow(search, one_paint[0], image, plate, streak)
+        if shaded is not None:
+            candidates.append(Candidate.before_file(shaded[0], transfer, shaded[1]))
+    observation = search.observation
+    compared = [(Sweep.of(c, image), _evidence(observation, c)) for c in candidates]
+    order = np.argsort(-hypothesis_weights([e for _, e in compared]), kind="stable")
+    found = Hypotheses(
+        observation,
+        tuple(compared[i][0] for i in order),
+        tuple(compared[i][1] for i in order),
+    )
+    if model is None and not _is_solid(found.best):
+        refuse_shade(image, plate, streak)
+    return found
+
+
+def fit_disc(
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel | None = None
+) -> Sweep:
+    """A disc on a parabola: the quick part of `fit_sweep`, for the frames of a clip.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Of one size, noise known.
+    streak : Streak
+        Where the object moved.
+    model : ColorModel, optional
+        As for `fit_sweep`.
+
+    Returns
+    -------
+    Sweep
+        It need not explain the streak: `Sweep.rejection` says. Colors that the file blurred are taken
+        as they are.
+    """
+    search = Multistart.of(streak, image, plate, _prior(model), QUICK_RADII)
+    disc = search.quick()
+    inflation = noise_inflation(disc)
+    if inflation > 1:
+        disc = search.with_noise_inflated(inflation).quick()
+    return Sweep.of(Candidate(disc), image)
+
+
+def _is_solid(sweep: Sweep) -> bool:
+    """Whether its rim is sharp, as that of no soft shadow is."""
+    known = sweep.diagnostics
+    return not known.rejection and known.blur_over_radius < _MAX_BLUR_OF_SOLIDS
+
+
+def _with_shadow(
+    search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
+) -> tuple[State, CastShadow] | None:
+    """The disc with its shadow, or the one found where the plate is not only darker."""
+    shaded = fit_with_shadow(disc, search.bounds)
+    dark = darkness(image, plate, streak)
+    if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
+        return shaded
+    lit = replace(image, valid=image.valid & ~dark)
+    rest = replace(streak, mask=streak.mask & ~dark)
+    color = search.observation.of_one_paint.color
+    start = Multistart.of(rest, lit, plate, color, QUICK_RADII).quick()
+    return fit_with_shadow(start.on(disc.observation), search.bounds)
+
+
+def _discs(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    model: ColorModel | None,
+    start: Sweep | None,
+) -> tuple[Multistart, list[State], list[State]]:
+    """The best discs of one paint and of colors that vary, in noise as loud as they find it."""
+    search = Multistart.of(streak, image, plate, _prior(model))
+
+    def best(search: Multistart) -> tuple[list[State], list[State]]:
+        if start is None:
+            return search.best()
+        curve = start.family.at(start.path, _TIMES)[0]
+        disc = search.of_one_paint.near(start.family, curve, start.radius)
+        return [disc], [with_varied_colors(disc)]
+
+    discs = best(search)
+    inflation = noise_inflation(discs[0][0])
+    if inflation > 1:
+        search = search.with_noise_inflated(inflation)
+        discs = best(search)
+    return search, *discs
+
+
+def _prior(model: ColorModel | None) -> ColorPrior:
+    return _FREE if model is None else ColorPrior.of(model)
+
+
+def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
+    """Of a candidate, in the light as the file has it."""
+    state = candidate.state
+    alpha = state.swept.alpha
+    if candidate.cast is not None:
+        S = candidate.cast.of(observation, state)
+        observation = replace(observation, B=candidate.cast.on(observation.B, S, alpha))
+    return evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)

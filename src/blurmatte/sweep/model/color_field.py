@@ -1,0 +1,198 @@
+"""The colors of an object that moves, as a Gaussian random field over the picture.
+
+What is painted on a thing is smeared by its motion, so that its color changes little within a fraction
+of its radius. In this file α k is the light of the object, k = Σ_j φ_j k_j with bilinear hats φ_j
+around the nodes j of a grid, and along each axis c of color space (`color_prior`)
+
+    e = (C − (1 − α) B − α k) / √V,    V = V_C + (1 − α)² V_B
+
+is the residual. The nodes' colors have the prior density of
+
+    Σ |k_i − k_j|²/(2 τ²) + Σ |k_j − m|²/(2 κ²)
+
+along each axis, the first sum over neighbors. The mean m is free; κ, the spread about it, and τ, the
+change from node to node, are estimated. An object of one paint has a spread along its own color alone,
+where light and shade vary; one of two paints, or in the light of two lamps, along two axes. The cost
+includes the volume of the posterior, so that it is the negative log marginal likelihood of alpha, and
+objects of one color need no other model than those of many.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
+
+Array = npt.NDArray[np.float64]
+Indices = npt.NDArray[np.int64]
+Light = tuple[Array, Array, Array, Array]
+
+_ROUNDS = 4  # of colors, then their spread and the pixels' weights
+_FIRST_SPREAD = 0.5, 0.2, 0.2  # of the mean color's length, along each axis
+_MIN_SPREAD = 0.004  # of the mean color's length
+_MIN_LENGTH = 1e-3  # of a color, linear light
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Nodes wherever an object was.
+
+    Parameters
+    ----------
+    pitch : float
+        Pixels from node to node.
+    number : (rows, columns) int
+        Of each node, −1 where there is none.
+    neighbors : (2, k) int
+        Pairs of adjacent nodes, the lower number first.
+    width : int
+        Of the lower band of a matrix that couples nodes of one cell.
+    """
+
+    pitch: float
+    number: Indices
+    neighbors: Indices
+    width: int
+
+    @classmethod
+    def over(cls, alpha: Array, pitch: float) -> "Grid":
+        """The nodes of all cells where alpha (h, w) is not 0."""
+        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
+
+        h, w = alpha.shape
+        number = np.full((int(h / pitch) + 2, int(w / pitch) + 2), -1, np.int64)
+        color_field_kernel.touched(alpha, pitch, number)
+        if h > w:  # nodes are numbered along the shorter side, which makes the band narrow
+            number[number == 0] = np.arange(np.count_nonzero(number == 0))
+        else:
+            number.T[number.T == 0] = np.arange(np.count_nonzero(number == 0))
+        straight = [_pairs(number[:, :-1], number[:, 1:]), _pairs(number[:-1], number[1:])]
+        diagonal = [
+            _pairs(number[:-1, :-1], number[1:, 1:]),
+            _pairs(number[:-1, 1:], number[1:, :-1]),
+        ]
+        apart = [int(np.max(b - a, initial=0)) for a, b in (*straight, *diagonal)]
+        return cls(pitch, number, np.concatenate(straight, axis=1), 1 + max(apart))
+
+    @property
+    def size(self) -> int:
+        """How many nodes."""
+        return int(self.number.max()) + 1
+
+    def differences(self) -> Array:
+        """(width, size) lower band of the matrix of the sum of squared differences of neighbors."""
+        band = np.zeros((self.width, self.size))
+        i, j = self.neighbors
+        np.add.at(band[0], i, 1)
+        np.add.at(band[0], j, 1)
+        band[j - i, i] = -1
+        return band
+
+
+@dataclass(frozen=True, eq=False)
+class ColorField:
+    """Colors of a grid's nodes, along the axes of color space.
+
+    Parameters
+    ----------
+    grid : Grid
+    colors : (n, 3) float
+        Linear light.
+    prior : (3, width, n) float
+        Lower bands of the inverse covariance of their prior, along each axis.
+    cost : float
+        Negative log prior density of these colors, and the log volume of their posterior.
+    mean, mean_std, spread, change : (3,) float
+        m, its standard deviation, κ and τ.
+    """
+
+    grid: Grid
+    colors: Array
+    prior: Array
+    cost: float
+    mean: Array
+    mean_std: Array
+    spread: Array
+    change: Array
+
+    def residuals(self, light: Light, alpha: Array) -> Array:
+        """(3, h, w) of unit variance."""
+        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
+
+        e = np.empty((3, *alpha.shape))
+        color_field_kernel.residuals(
+            *light, alpha, self.grid.pitch, self.grid.number, self.colors, e
+        )
+        return e
+
+    def light(self, alpha: Array) -> Array:
+        """(h, w, 3) of the object: alpha times its color."""
+        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
+
+        P = np.zeros((*alpha.shape, 3))
+        color_field_kernel.light(alpha, self.grid.pitch, self.grid.number, self.colors, P)
+        return P
+
+    def information(
+        self, J: Array, light: Light, alpha: Array, weight: Array, e: Array
+    ) -> tuple[Array, Array]:
+        """Curvature (n, n) and gradient (n,) of the cost by the parameters of alpha.
+
+        The colors are marginalized.
+
+        Parameters
+        ----------
+        J : (h, w, n) float
+            Derivatives of alpha.
+        light : four of (h, w, 3) float
+            Image, plate, and the variances of both, along the axes.
+        alpha, weight : (h, w) float
+        e : (3, h, w) float
+            Residuals.
+        """
+        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
+
+        pitch, number = self.grid.pitch, self.grid.number
+        cross = np.zeros((3, self.grid.size, J.shape[2]))
+        H, g = color_field_kernel.by_alpha(
+            J, *light, alpha, weight, pitch, number, self.colors, e, cross
+        )
+        color_field_kernel.marginalize(H, cross, *light, alpha, weight, pitch, number, self.prior)
+        return H, g
+
+
+def fit_field(
+    light: Light, alpha: Array, weight: Array, pitch: float, color: ColorPrior
+) -> tuple[ColorField, Array]:
+    """The colors of the largest posterior density for an alpha, and residuals (3, h, w).
+
+    Parameters
+    ----------
+    light : four of (h, w, 3) float
+        Image, plate, and the variances of both, along the axes of `color`.
+    alpha, weight : (h, w) float
+    pitch : float
+        Pixels from node to node.
+    color : ColorPrior
+    """
+    from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
+
+    grid = Grid.over(alpha, pitch)
+    settings = np.array(
+        [
+            _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
+            *_FIRST_SPREAD, _MIN_SPREAD, _MIN_LENGTH,
+        ]
+    )  # fmt: skip
+    colors, prior, mean, mean_std, spread, change, cost, e = color_field_kernel.fit(
+        *light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings
+    )
+    field = ColorField(grid, colors, prior, float(cost), mean, mean_std, spread, change)
+    return field, e
+
+
+def _pairs(a: Indices, b: Indices) -> Indices:
+    both = (a >= 0) & (b >= 0)
+    return np.sort(np.stack([a[both], b[both]]), axis=0)

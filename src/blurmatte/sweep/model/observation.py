@@ -1,0 +1,255 @@
+"""Observation: light and noise in a box of image and plate, at any resolution."""
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import (
+    Compression,
+    LinearImage,
+    Transfer,
+    block_squares,
+    cell_means,
+    smooth_variance,
+)
+from blurmatte.streaks import Streak, widened
+from blurmatte.sweep.model.chroma_subsampling import LUMA, Blur, ChromaBlur, Compressed
+from blurmatte.sweep.model.color_prior import ColorPrior
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+_FAR_WEIGHT = 0.1  # of pixels far from a streak, which are many
+_MIN_PITCH = 2.0  # pixels, of a color field
+BLOCK_SIZES = (
+    4,
+    8,
+)  # pixels, over which the noise of files and the residuals of wrong shapes correlate
+_MARGIN, _TRIMMED = 3, 0.3  # pixels around a streak; of the blocks: tolerates what else moved
+_MIN_ALPHA = 0.02  # of pixels that show a color
+
+
+@dataclass(frozen=True, eq=False)
+class Observation:
+    """Image and plate within a box.
+
+    Parameters
+    ----------
+    C, B : (h, w, 3) float
+        Light.
+    C_variance, B_variance : (h, w, 3) float
+        Noise.
+    weight : (h, w) float
+        Of a pixel: 1, less far from the streak, 0 where it is not valid.
+    valid : (h, w) bool
+        Where image and plate are valid.
+    streak : (h, w) bool
+        Where something moved.
+    near : (h, w) bool
+        Where the object may have been.
+    size : (float, float)
+        (width, height) of the picture, in its pixels.
+    origin : (float, float)
+        Where the center of pixel (0, 0) is, in pixels of the picture.
+    color : ColorPrior
+        What is known of the object's colors, and the axes of color space for its field.
+    scale : float
+        Width of a pixel here, in pixels of the picture.
+    grain : float
+        Pixels of the picture within which the object's color hardly changes.
+    noise_inflation : float
+        Variance of the noise here over the variance that was measured.
+    chroma_error : (h, w, 3) float, optional
+        Light by which the image's file may have changed a pixel's color.
+    compression : Compression, optional
+        Of the image's file, of which these are the pixels; see `Meta.sharing`.
+    """
+
+    C: Array
+    B: Array
+    C_variance: Array
+    B_variance: Array
+    weight: Array
+    valid: Bools
+    streak: Bools
+    near: Bools
+    size: tuple[float, float]
+    origin: tuple[float, float]
+    color: ColorPrior = field(default_factory=lambda: ColorPrior(np.eye(3)))
+    scale: float = 1.0
+    grain: float = 4.0
+    noise_inflation: float = 1.0
+    chroma_error: Array | None = None
+    compression: Compression | None = None
+
+    @property
+    def pitch(self) -> float:
+        """`grain` in the pixels here, at least two."""
+        return max(self.grain / self.scale, _MIN_PITCH)
+
+    @cached_property
+    def light(self) -> tuple[Array, Array, Array, Array]:
+        """Image, plate, and the variances of both, (h, w, 3) each, along the axes of color.
+
+        The noise along different axes is taken to be independent.
+        """
+        axes = self.color.axes
+        C, B = (np.ascontiguousarray(light @ axes) for light in (self.C, self.B))
+        V_C, V_B = (np.ascontiguousarray(V @ axes**2) for V in (self.C_variance, self.B_variance))
+        if self.chroma_error is not None:
+            V_C += (self.chroma_error @ axes) ** 2
+        return C, B, V_C, V_B
+
+    @property
+    def of_one_paint(self) -> "Observation":
+        """The same for an object of which only the brightness varies."""
+        return replace(self, color=self.color.of_one_paint)
+
+    def along_colors(self, alpha: Array) -> "Observation":
+        """With axes along the mean color and the largest spread, if no color is known.
+
+        Parameters
+        ----------
+        alpha : (h, w) float
+            Of the object of these colors.
+        """
+        weight = self.weight * (alpha > _MIN_ALPHA)
+        total = float((weight * alpha**2).sum())
+        if self.color.rank < 3 or total == 0:
+            return self
+        light = self.C - (1 - alpha)[..., None] * self.B
+        mean = np.einsum("yx,yxc->c", weight * alpha, light) / total
+        away = light - alpha[..., None] * mean
+        moments = np.einsum("yx,yxc,yxd->cd", weight, away, away) / total
+        color = replace(ColorPrior.along(mean, moments), varied=self.color.varied)
+        return replace(self, color=color)
+
+    def chroma_blur(self, transfer: Transfer, blur: float = 0.0) -> ChromaBlur:
+        """What the file made of colors: what it says, or else a blur of so many pixels."""
+        if self.compression is None:
+            return ChromaBlur(self.C, self.B, Blur(blur / self.scale), transfer)
+        variance = self.C_variance / self.noise_inflation
+        file = Compressed.of(self.compression, self.C, variance, transfer)
+        return ChromaBlur(self.C, self.B, file, transfer)
+
+    def with_light(self, C: Array) -> "Observation":
+        """With other light of the image."""
+        return replace(self, C=np.ascontiguousarray(C))
+
+    def raised(self, by: float) -> "Observation":
+        """With that many times the variance of noise."""
+        C_variance, B_variance = by * self.C_variance, by * self.B_variance
+        return replace(
+            self,
+            C_variance=C_variance,
+            B_variance=B_variance,
+            noise_inflation=by * self.noise_inflation,
+        )
+
+    def correlated_noise(self) -> float:
+        """Variance of block sums of C − B outside the streak over that of independent noise.
+
+        At least 1: compression correlates noise, and light that changed far from the object acts alike.
+        """
+        outside = ~widened(self.streak, _MARGIN) & self.valid & (self.weight > 0)
+        e = (self.C - self.B) / np.sqrt(self.C_variance + self.B_variance)
+        squares = [block_squares(e, outside, size).mean(axis=1) for size in BLOCK_SIZES]
+        trimmed = [np.sort(s)[: int((1 - _TRIMMED) * len(s)) + 1] for s in squares if len(s)]
+        return max(1.0, *(float(s.mean()) for s in trimmed), 1.0)
+
+    def coarse_enough(self, radius: float, pixels: float) -> "Observation":
+        """On pixels so large that a radius (pixels of the picture) has that many, or a few more."""
+        return self.coarser(max(1, int(radius / (pixels * self.scale))))
+
+    def coarser(self, by: int) -> "Observation":
+        """Means over blocks of `by` by `by` pixels; the rest at the far sides is cut."""
+        if by == 1:
+            return self
+
+        def means(x: Array) -> Array:
+            return np.asarray(cell_means(x, by), dtype=float)
+
+        middle = (by - 1) / 2 * self.scale
+        return Observation(
+            means(self.C),
+            means(self.B),
+            means(self.C_variance) / by**2,
+            means(self.B_variance) / by**2,
+            np.where(means(self.valid.astype(float)) == 1, means(self.weight), 0),
+            means(self.valid.astype(float)) == 1,
+            means(self.streak.astype(float)) > 0,
+            means(self.near.astype(float)) > 0,
+            self.size,
+            (self.origin[0] + middle, self.origin[1] + middle),
+            self.color,
+            self.scale * by,
+            self.grain,
+            self.noise_inflation,
+            None if self.chroma_error is None else means(self.chroma_error),
+        )
+
+
+def empty_observation(box: tuple[int, int, int, int], size: tuple[int, int]) -> Observation:
+    """The pixels of a box (x0, y0, x1, y1) of a picture, without light."""
+    x0, y0, x1, y1 = box
+    no_light, one = np.zeros((y1 - y0, x1 - x0, 0)), np.ones((y1 - y0, x1 - x0))
+    origin = float(x0), float(y0)
+    everywhere = one > 0
+    return Observation(
+        no_light,
+        no_light,
+        no_light,
+        no_light,
+        one,
+        everywhere,
+        everywhere,
+        everywhere,
+        size,
+        origin,
+    )
+
+
+def observation_around(
+    streak: Streak,
+    margin: int,
+    image: LinearImage,
+    plate: LinearImage,
+    color: ColorPrior,
+) -> Observation:
+    """A streak and so many pixels around it, of two pictures whose noise is known."""
+    from scipy.ndimage import distance_transform_edt
+
+    box, size = streak.around(margin), image.size
+    image, plate = image.crop(box), plate.crop(box)
+    mask = streak.mask[box[1] : box[3], box[0] : box[2]]
+    valid = image.valid & plate.valid
+    near = (distance_transform_edt(~mask) <= margin) | ~valid
+    C, B = (np.ascontiguousarray(picture.rgb, dtype=float) for picture in (image, plate))
+    return Observation(
+        C,
+        B,
+        smooth_variance(image),
+        smooth_variance(plate),
+        np.where(valid, np.where(near, 1, _FAR_WEIGHT), 0),
+        valid,
+        mask,
+        near,
+        size,
+        (float(box[0]), float(box[1])),
+        color,
+        chroma_error=_chroma_error(C - B, image.meta.sharing),
+        compression=image.meta.sharing,
+    )
+
+
+def _chroma_error(change: Array, compression: Compression | None) -> Array | None:
+    """(h, w, 3) of a change of light, whose chroma was blurred: about what a second blur changes."""
+    from scipy.ndimage import gaussian_filter
+
+    if compression is None:
+        return None
+    std = compression.spread
+    chroma = change - (change @ LUMA)[..., None]
+    return np.asarray(chroma - gaussian_filter(chroma, (std, std, 0)))

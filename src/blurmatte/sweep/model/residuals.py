@@ -1,0 +1,133 @@
+"""Statistics of the residuals that a sweep leaves: their correlation, outliers, and the noise."""
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import block_squares
+from blurmatte.streaks import widened
+from blurmatte.sweep.model.observation import BLOCK_SIZES
+from blurmatte.sweep.model.state import State
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+OPAQUE = 0.999  # alpha, at which nothing of the plate is seen
+_MARGIN = 3  # pixels around a sweep in which its residuals count
+_TRIMMED_INSIDE = 0.1  # of the blocks: tolerates occluders and holes
+_TRIMMED_OUTSIDE = 0.3  # of the blocks: tolerates what else moved
+_OUTLIER_CHI2 = 16.27  # 99.9 % quantile of χ² with three degrees of freedom
+_MEDIAN_CHI2 = 2.366  # of three degrees of freedom
+_MAX_REPEATED_CHI2 = 0.3  # median outside, of a codec that repeats what stands still
+_MAX_NOISE = 0.3  # of the change of a pixel, which noise must not exceed
+
+
+def variance_inflation(state: State) -> float:
+    """Variance of block sums of residuals over that of independent pixels, 1 or more.
+
+    The larger of both block sizes, within the sweep. A likelihood counts so many times too much.
+    """
+    inside, _ = _places(state)
+    e = _weighted(state)
+    return max(1.0, *(_of_blocks(e, inside, 0.0, size) for size in BLOCK_SIZES))
+
+
+def residual_excess(state: State) -> float:
+    """Correlation of residuals within the sweep over that of the noise outside; about 1 if it fits.
+
+    Each is the variance of block sums over that of pixels, so that a wrong noise level cancels.
+    """
+    e = _weighted(state)
+    inside, outside = _places(state)
+    ratios = [
+        _correlation(e, inside, _TRIMMED_INSIDE, size)
+        / max(_correlation(e, outside, _TRIMMED_OUTSIDE, size), 1.0)
+        for size in BLOCK_SIZES
+    ]
+    return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
+
+
+def outlier_fraction(state: State) -> float:
+    """Fraction of the sweep's pixels whose χ² exceeds the 99.9 % quantile of noise."""
+    inside = (state.swept.alpha > 0) & state.observation.valid
+    return float(np.mean(state.chi2[inside] > _OUTLIER_CHI2)) if inside.any() else 1.0
+
+
+def noise_inflation(state: State) -> float:
+    """Variance of the noise within a sweep over the one that was measured, 1 or more.
+
+    Codecs of clips repeat what stands still, so that its noise is less than that of what moves. 1
+    where the noise outside the streak is not repeated, and where the residuals are too large a part of
+    the change to be noise.
+    """
+    observation, alpha = state.observation, state.swept.alpha
+    _, outside = _places(state)
+    inside = (alpha > 0) & (alpha < OPAQUE) & observation.valid
+    if not (inside.any() and outside.any()):
+        return 1.0
+    if np.median(state.chi2[outside]) >= _MAX_REPEATED_CHI2:
+        return 1.0
+    inflation = float(np.median(state.chi2[inside])) / _MEDIAN_CHI2
+    variance = (observation.C_variance + observation.B_variance)[inside]
+    change = float(np.mean((observation.C - observation.B)[inside] ** 2))
+    explains = inflation * float(np.mean(variance)) < _MAX_NOISE**2 * change
+    return inflation if inflation > 1 and explains else 1.0
+
+
+def colors_are_correlated(state: State) -> bool:
+    """Whether the noise of color is correlated between pixels, as chroma subsampling makes it.
+
+    A lens blurs no noise. Light that varies slowly has no influence.
+    """
+    observation = state.observation
+    _, outside = _places(state)
+    variance = observation.C_variance + observation.B_variance
+    e = (observation.C - observation.B) / np.sqrt(variance)
+    color = e - e.mean(axis=-1, keepdims=True)
+    near, far = (_squared_differences(color, outside, apart) for apart in (1, 2))
+    return bool(near < _MAX_INDEPENDENT_RATIO * far)
+
+
+# Of squared differences of neighbors over those of pixels two apart: 1 for independent noise, 0.8 where
+# pairs of pixels share their color; chance makes it 1 ± 0.02 of 3000 pixels.
+_MAX_INDEPENDENT_RATIO = 0.9
+
+
+def _squared_differences(values: Array, use: Bools, apart: int) -> float:
+    """Sum of squared differences of pixels so far apart, 1 or 2, of three in a row or column."""
+    total = 0.0
+    for x, known in ((values, use), (values.swapaxes(0, 1), use.T)):
+        all_three = known[2:] & known[1:-1] & known[:-2]
+        total += float(np.sum((x[apart:][: len(all_three)] - x[:-2])[all_three] ** 2))
+    return total
+
+
+def _weighted(state: State) -> Array:
+    """(h, w, 3) residuals as the fit weights them."""
+    weight = state.weights / np.maximum(state.observation.weight, 1e-12)
+    return np.moveaxis(state.e * np.sqrt(weight), 0, -1)
+
+
+def _places(state: State) -> tuple[Bools, Bools]:
+    """Where the sweep is, but for opaque pixels; and where it is not."""
+    observation, alpha = state.observation, state.swept.alpha
+    near = widened((alpha > 0) | observation.streak, _MARGIN)
+    return near & observation.valid & (alpha < OPAQUE), ~near & observation.valid
+
+
+def _correlation(e: Array, use: Bools, trimmed: float, size: int) -> float:
+    """Mean square of block sums over that of pixels; 1 where there is nothing."""
+    if not use.any():
+        return 1.0
+    pixels = _trimmed_mean((e**2).mean(axis=-1)[use], trimmed)
+    return _of_blocks(e, use, trimmed, size) / pixels if pixels > 0 else 1.0
+
+
+def _of_blocks(e: Array, use: Bools, trimmed: float, size: int) -> float:
+    squares = block_squares(e, use, size)
+    return _trimmed_mean(squares.mean(axis=1), trimmed) if len(squares) else 1.0
+
+
+def _trimmed_mean(values: Array, trimmed: float) -> float:
+    """Mean without the largest values."""
+    kept = max(int(np.ceil((1 - trimmed) * len(values))), 1)
+    return float(np.mean(np.sort(values)[:kept]))

@@ -1,0 +1,134 @@
+"""State: path and shape of a sweep, the colors that suit them, and their residuals."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.model.color_field import ColorField, fit_field
+from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.path import PathFamily
+from blurmatte.sweep.model.silhouette import Silhouette, Swept
+from blurmatte.sweep.model.student_t import loss, student_weight
+
+Array = npt.NDArray[np.float64]
+
+_TIMES = np.linspace(0, 1, 33)
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Path and shape, and how well they explain an observation.
+
+    Parameters
+    ----------
+    observation : Observation
+    family : PathFamily
+    path : (n,) float
+    silhouette : Silhouette
+        Of what kind the shape is.
+    shape : (m,) float
+    swept : Swept
+        Alpha and its derivatives.
+    field : ColorField
+        The colors.
+    e : (3, h, w) float
+        Residuals of unit variance, along the observation's axes of color.
+    cost : float
+        Negative log marginal likelihood.
+    converged : bool
+        No step reduces the cost any more.
+    """
+
+    observation: Observation
+    family: PathFamily
+    path: Array
+    silhouette: Silhouette
+    shape: Array
+    swept: Swept
+    field: ColorField
+    e: Array
+    cost: float
+    converged: bool = False
+
+    @property
+    def size(self) -> int:
+        """How many parameters path and shape have."""
+        return len(self.path) + len(self.shape)
+
+    @property
+    def curve(self) -> Array:
+        """(33, 2) points of the path at equally spaced times, pixels."""
+        return self.family.at(self.path, _TIMES)[0]
+
+    @property
+    def mean_color(self) -> Array:
+        """(3,) mean color of the object, linear RGB."""
+        return np.asarray(self.observation.color.axes @ self.field.mean)
+
+    @cached_property
+    def chi2(self) -> Array:
+        """(h, w) sum of the three squared residuals."""
+        return np.asarray((self.e**2).sum(axis=0))
+
+    @cached_property
+    def weights(self) -> Array:
+        """(h, w) of the pixels: less for outliers."""
+        return self.observation.weight * student_weight(self.chi2)
+
+    def information(self) -> tuple[Array, Array]:
+        """Curvature (size, size) and gradient (size,) of the cost; colors are marginalized."""
+        return self.field.information(
+            self.swept.by_parameters,
+            self.observation.light,
+            self.swept.alpha,
+            self.weights,
+            self.e,
+        )
+
+    def on(self, observation: Observation) -> "State":
+        """The same path and shape in another observation."""
+        return state_at(observation, self.family, self.path, self.silhouette, self.shape)
+
+    def moved(self, path: Array, shape: Array) -> "State":
+        """Another path and shape of the same kinds."""
+        return state_at(self.observation, self.family, path, self.silhouette, shape)
+
+    def of_kind(self, silhouette: Silhouette) -> "State":
+        """The same shape, as far as another kind of silhouette can have it."""
+        shape = silhouette.like(self.silhouette, self.shape)
+        return state_at(self.observation, self.family, self.path, silhouette, shape)
+
+    def along(self, family: PathFamily) -> "State":
+        """The same on a path of another family that is about the same curve."""
+        if family is self.family:
+            return self
+        path = family.starts(self.curve)[0]
+        return state_at(self.observation, family, path, self.silhouette, self.shape)
+
+    def relit(self, observation: Observation) -> "State":
+        """The same in other light of the same pixels, in which alpha is what it was."""
+        field, e, cost = _explained(observation, self.swept.alpha)
+        return replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
+
+
+def state_at(
+    observation: Observation,
+    family: PathFamily,
+    path: Array,
+    silhouette: Silhouette,
+    shape: Array,
+) -> State:
+    """What a path and a shape leave unexplained."""
+    swept = silhouette.sweep(family, path, shape, observation)
+    field, e, cost = _explained(observation, swept.alpha)
+    return State(observation, family, path, silhouette, shape, swept, field, e, cost)
+
+
+def _explained(observation: Observation, alpha: Array) -> tuple[ColorField, Array, float]:
+    """Field, residuals and cost of a `State`."""
+    light, weight = observation.light, observation.weight
+    field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
+    cost = float(np.sum(weight * loss((e**2).sum(axis=0)))) + field.cost
+    return field, e, cost

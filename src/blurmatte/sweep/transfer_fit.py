@@ -1,0 +1,131 @@
+"""fit_transfer: which transfer curves a streak allows.
+
+Light mixes linearly, code values do not. With a wrong curve what is left across the color bends along
+every rim, and hangs together; where all of the plate has one color it may not be seen.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from blurmatte.checks import check_kind
+from blurmatte.errors import PlateError
+from blurmatte.radiometry import (
+    LINEAR,
+    REC709,
+    SRGB,
+    LinearImage,
+    Transfer,
+    check_picture,
+    gamma,
+    with_noise,
+)
+from blurmatte.streaks import Streak, check_streak, require_streaks
+from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.multistart import Multistart
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.residuals import variance_inflation
+
+CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
+
+_ALIKE = 1.3  # times the least that is left: no reason to prefer one
+_EXPLAINED = 2.0  # coherence of what is no disc of one color with any curve
+
+
+@dataclass(frozen=True)
+class TransferFit:
+    """What a streak says about the curve of its code values.
+
+    Parameters
+    ----------
+    curves : sequence of Transfer
+        What was tried, first the one that the pictures had been decoded with.
+    left : sequence of float
+        Variance inflation of the residuals of the best disc of one color with each; 1 is noise.
+    """
+
+    curves: Sequence[Transfer]
+    left: Sequence[float]
+
+    @property
+    def possible(self) -> tuple[Transfer, ...]:
+        """The curves that explain the streak, the best first; all if none does."""
+        order = sorted(zip(self.left, self.curves, strict=True), key=lambda pair: pair[0])
+        least, _ = order[0]
+        most = np.inf if least > _EXPLAINED else _ALIKE * max(least, 1)
+        return tuple(curve for left, curve in order if left <= most)
+
+    @property
+    def best(self) -> Transfer:
+        """The curve that the pictures had been decoded with if it is possible, else the likeliest."""
+        return self.curves[0] if self.curves[0] in self.possible else self.possible[0]
+
+
+def fit_transfer(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak | None = None,
+    curves: Sequence[Transfer] = CURVES,
+) -> TransferFit:
+    """Try transfer curves on a streak.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Read from files with code values, with one curve; of the same size.
+    streak : Streak, optional
+        Where the object moved; the strongest of `find_streaks` if not given. It should be round and
+        of one color.
+    curves : sequence of Transfer
+        What to try beside the curve that the pictures were decoded with.
+
+    Returns
+    -------
+    TransferFit
+
+    Raises
+    ------
+    PlateError
+        If the pictures hold light that never was encoded, or were decoded with different curves.
+    MotionError
+        If nothing moved.
+    """
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_streak("streak", streak)
+    for curve in curves:
+        check_kind("a curve", curve, Transfer, "use blurmatte.named_transfer(name)")
+    declared, other = image.meta.transfer, plate.meta.transfer
+    if declared is None or other is None or declared.name != other.name:
+        raise PlateError(
+            "image and plate must be files of code values that were decoded with one curve, got "
+            f"{declared} and {other}; give both with the same transfer"
+        )
+    if streak is None:
+        streak = require_streaks(*with_noise(image, plate))[0]
+    tried = declared, *(curve for curve in curves if curve.name != declared.name)
+    left = []
+    for curve in tried:
+        pictures = with_noise(_decoded_again(image, curve), _decoded_again(plate, curve))
+        left.append(_inflation_of_one_color(streak, *pictures))
+    return TransferFit(tried, left)
+
+
+def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearImage) -> float:
+    """Variance inflation of the residuals of the best disc if all of its light has one direction."""
+    search = Multistart.of(streak, image, plate, ColorPrior(np.eye(3)))
+    disc = search.best()[0][0]
+    one_color = replace(disc.observation.color, rank=1)
+    disc = disc.on(replace(disc.observation, color=one_color))
+    return variance_inflation(minimize(disc, search.bounds))
+
+
+def _decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:
+    """The picture as it would have been read with another curve; its noise is not known any more."""
+    declared = picture.meta.transfer
+    assert declared is not None
+    rgb = curve.decode(declared.encode(picture.rgb)).astype(picture.rgb.dtype)
+    return LinearImage(
+        np.asarray(rgb), valid=picture.valid, meta=replace(picture.meta, transfer=curve)
+    )

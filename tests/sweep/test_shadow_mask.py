@@ -1,0 +1,134 @@
+"""shadow_beside: what is darker but shows nothing of the object's light."""
+
+import numpy as np
+import pytest
+
+from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.rendering import (
+    Ball,
+    Camera,
+    Scene,
+    Shadow,
+    Shot,
+    colorful_plate,
+    plain_plate,
+    render,
+    textured_plate,
+)
+from blurmatte.streaks import Streak, find_streaks
+from blurmatte.sweep import MAX_MISFIT, fit_sweep
+from blurmatte.sweep.shadow_mask import darkness, shadow_around, shadow_beside
+from blurmatte.trajectory import Trajectory
+
+SIZE = (192, 144)
+GREEN = np.array([0.2, 0.6, 0.1])
+ORANGE = np.array([0.8, 0.35, 0.06])
+PLATES = {
+    "plain": plain_plate(SIZE, (0.5, 0.42, 0.38), 4),
+    "colorful": colorful_plate(SIZE, 2, tile=24),
+    "textured": textured_plate(SIZE, 5),
+}
+WAY = Trajectory.line((60, 48), (120, 66))
+
+
+def taken(plate, seed=0, strength=0.5):
+    """The truth, image and plate of a ball, and its shadow unless it has no strength."""
+    shadow = Shadow((8, 22), strength=(strength,) * 3) if strength else None
+    scene = Scene(PLATES[plate], WAY, Ball(13, GREEN), shadow=shadow)
+    truth = render(scene, 160)
+    shot = Shot(scene, Camera(code_std=1.5 / 255), plate_frames=3, seed=seed)
+    return truth, *with_noise(*shot.photograph(truth))
+
+
+def light_of(truth):
+    """Unit color, and light along it where the object is all that is seen."""
+    pole, alpha = truth.model.pole, truth.layer.alpha
+    return pole, float(np.sum(truth.layer.premultiplied @ pole * alpha) / np.sum(alpha**2))
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_finds_the_shadow_and_leaves_most_of_the_object(plate):
+    truth, image, without = taken(plate)
+    alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
+    found = shadow_beside(image, without, find_streaks(image, without)[0], *light_of(truth))
+    assert np.mean(found[(shadow > 0.1) & (alpha == 0)]) > 0.95
+    assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.3
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_a_shadow_is_found_before_the_object_is_fitted(plate):
+    """Oracle: where nothing but it is, from the part alone in which the object's light shows."""
+    truth, image, without = taken(plate)
+    alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
+    streak = Streak(alpha > 0.1)
+    found = shadow_around(image, without, streak, truth.model.pole)
+    assert np.mean(found[(shadow > 0.1) & (alpha == 0)]) > 0.9
+    assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.05
+    truth, image, without = taken(plate, strength=0)
+    assert not shadow_around(image, without, streak, truth.model.pole).any()
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_without_a_shadow_nothing_is_found(plate):
+    truth, image, without = taken(plate, strength=0)
+    assert not shadow_beside(
+        image, without, find_streaks(image, without)[0], *light_of(truth)
+    ).any()
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_darkness_needs_no_color(plate):
+    """Most of the shadow beside the object, and nothing where the object brings its light."""
+    truth, image, without = taken(plate)
+    alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
+    found = darkness(image, without, find_streaks(image, without)[0])
+    assert np.mean(found[(shadow > 0.15) & (alpha == 0)]) > 0.9
+    assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.15
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_what_compression_leaves_beside_an_object_is_no_shadow(seed):
+    """Honest: its noise hangs together over many pixels, and says less than as much of their own."""
+    truth = render(Scene(plain_plate(SIZE, (0.3, 0.33, 0.36), seed), WAY, Ball(10, ORANGE)))
+    camera = Camera(code_std=1 / 255, jpeg_quality=95, chroma="4:2:0")
+    shot = Shot(truth.scene, camera, plate_frames=5, seed=seed)
+    image, without = with_noise(*shot.photograph(truth))
+    streak = find_streaks(image, without)[0]
+    assert not shadow_beside(image, without, streak, *light_of(truth)).any()
+
+
+def test_noise_is_no_shadow():
+    """A region in which nothing moved."""
+    truth, image, without = taken("plain", strength=0)
+    still = Streak.from_box((130, 90, 180, 140), SIZE)
+    assert not shadow_beside(image, without, still, *light_of(truth)).any()
+
+
+def test_a_black_object_is_not_taken_apart():
+    """Of an object that brings no light, all would be shadow."""
+    truth, image, without = taken("plain")
+    streak = find_streaks(image, without)[0]
+    assert not shadow_beside(image, without, streak, truth.model.pole, 0.0).any()
+
+
+def test_of_a_streak_that_is_dark_wherever_it_is_known_something_is_left():
+    """Its clipped pixels are no evidence of an object, but leave nothing if they are taken for rim."""
+    light = np.asarray(PLATES["plain"], float)
+    dark, valid = light.copy(), np.ones(light.shape[:2], bool)
+    dark[40:60, 50:62] *= 0.5
+    valid[40:60, 54:58] = False
+    streak, noise = Streak.from_box((50, 40, 62, 60), SIZE), NoiseModel(read_std=0.003)
+    image, plate = LinearImage(dark, noise, valid), LinearImage(light, noise)
+    found = shadow_beside(image, plate, streak, GREEN / np.linalg.norm(GREEN), 0.6)
+    assert (streak.mask & ~found).any()
+
+
+@pytest.mark.parametrize("plate", PLATES)
+def test_a_ball_is_found_beside_its_shadow(plate):
+    truth, image, without = taken(plate)
+    sweep = fit_sweep(image, without)
+    assert sweep.misfit <= MAX_MISFIT
+    true = truth.layer.alpha
+    assert np.sqrt(np.mean((sweep.alpha - true)[true > 0] ** 2)) < 0.012
+    assert abs(sweep.alpha.sum() / true.sum() - 1) < 0.03
+    assert abs(sweep.radius - 13) < 0.3
