@@ -1,6 +1,6 @@
 """Sweep: path, silhouette and color of a streak, found together."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -68,7 +68,7 @@ class Sweep:
     model: ColorModel
     covariance: Array
     size: tuple[int, int]
-    diagnostics: Diagnostics = Diagnostics()
+    diagnostics: Diagnostics = field(default_factory=Diagnostics)
     cast: CastShadow | None = None
 
     def __repr__(self) -> str:
