@@ -143,8 +143,7 @@ def solve(
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         measures = _by_solver(case, maps)
     else:
-        found_model, measures = _by_hypotheses(case, maps)
-        case = replace(case, model=found_model)
+        case, measures = _by_hypotheses(case, maps)
     streak, doubt = case.streak, 0.0
     if not isinstance(case.solver, Shaded):
         alone = isinstance(case.solver, Pixelwise)
@@ -283,10 +282,10 @@ def _by_solver(case: _Case, maps: PixelMaps) -> dict[str, Any]:
     return _by_all_pixels(case.solver, case, maps)
 
 
-def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[ColorModel, dict[str, Any]]:
+def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]:
     """Average the sweeps, and alpha without a shape unless `Swept` was asked for.
 
-    Returns the colors of the likeliest hypothesis, and measures.
+    Returns the case with solver and colors of the likeliest hypothesis, and measures.
     """
     hypotheses = case.hypotheses
     assert hypotheses is not None
@@ -299,6 +298,7 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[ColorModel, dict[str, 
     estimates += [one.within(box) for one in free]
     average = averaged(estimates, weights)
     best = int(np.argmax(weights))
+    solver: Solver = Swept() if best < len(sweeps) else Smooth()
     C, B, mixed = case.within(box)
     if best < len(sweeps):
         model = sweeps[best].model
@@ -308,7 +308,7 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[ColorModel, dict[str, 
         model = likeliest.model
         _write(maps, likeliest, average, C, B, box)
     carry_light(maps.within(box), C, B)
-    return model, {
+    return replace(case, model=model, solver=solver), {
         **sweep_measures(sweeps[0]),
         "sum_alpha_std": average.sum_std,
         "alpha_scale_std": average.scale_std,

@@ -41,8 +41,8 @@ class Swept:
         Where an object of one color went and the plate is seen unchanged, something still is in front:
         alpha is that behind it, OCCLUDED, and no light is known. A patch that the sweep does not
         explain is marked MISFIT: there is a hole, a highlight, or something else. The light before the
-        file blurred colors decides that. What is only darker than the plate outside the object is marked SHADOW
-        too; it was not there.
+        file blurred colors decides that. What is only darker than the plate outside the object is
+        marked SHADOW too; it was not there.
 
         Parameters
         ----------
