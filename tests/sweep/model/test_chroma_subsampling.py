@@ -77,9 +77,13 @@ def test_where_nothing_was_light_stays():
     wall = plain_plate(SIZE, (0.3, 0.33, 0.36), 1)
     nothing = np.zeros(SIZE[::-1])
     any_paint = GREEN[:, None] / np.linalg.norm(GREEN)
-    assert_allclose(ChromaBlur(wall, wall, Blur(BLUR), SRGB).before(nothing, any_paint), wall, atol=1e-7)
+    assert_allclose(
+        ChromaBlur(wall, wall, Blur(BLUR), SRGB).before(nothing, any_paint), wall, atol=1e-7
+    )
     truth, color = rendered(wall)
-    back = ChromaBlur(truth.image.rgb, wall, Blur(BLUR), SRGB).before(truth.layer.alpha, color[:, None])
+    back = ChromaBlur(truth.image.rgb, wall, Blur(BLUR), SRGB).before(
+        truth.layer.alpha, color[:, None]
+    )
     far = np.s_[:12, :12]
     assert_allclose(back[far], truth.image.rgb[far], atol=1e-7)
 
@@ -88,9 +92,13 @@ def test_brightness_of_code_values_stays():
     """Invariant: luma is what files keep."""
     truth, color = rendered(plain_plate(SIZE, (0.3, 0.33, 0.36), 1))
     seen = through_a_file(truth.image.rgb, SRGB)
-    back = ChromaBlur(seen, truth.plate.rgb, Blur(BLUR), SRGB).before(truth.layer.alpha, color[:, None])
+    back = ChromaBlur(seen, truth.plate.rgb, Blur(BLUR), SRGB).before(
+        truth.layer.alpha, color[:, None]
+    )
     assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-5)
-    again = ChromaBlur(seen, truth.plate.rgb, Blur(0), SRGB).before(truth.layer.alpha, color[:, None])
+    again = ChromaBlur(seen, truth.plate.rgb, Blur(0), SRGB).before(
+        truth.layer.alpha, color[:, None]
+    )
     assert_array_equal(again.shape, seen.shape)
     assert_allclose(again, seen, atol=1e-9)
 

@@ -1,16 +1,17 @@
-"""Alpha of an outline on its way, next to what a slow look at it finds."""
+"""The compiled alpha of an outline, against counted points."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.sweep import kernel, rim_kernel
+from blurmatte.sweep.model import rim_kernel
+from blurmatte.sweep.model import silhouette_kernel as kernel
 from blurmatte.sweep.model.silhouette import Silhouette
 
 H, W = 70, 90
 PARTS = 6  # of a pixel, along its sides
 OUTLINE = Silhouette(5)
-BULGES = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
+COEFFICIENTS = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.2])
@@ -18,16 +19,16 @@ BULGES = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
 @pytest.mark.parametrize("radius", [4.0, 7.0, 12.0])
 def test_alpha_is_the_part_of_each_pixel_that_the_outline_covers(radius, stretch, turn):
     """Oracle: a long thing, too, of which pixels see both sides."""
-    shape = np.array([radius, stretch, 0.1, *BULGES])
+    shape = np.array([radius, stretch, 0.1, *COEFFICIENTS])
     A, by_A = OUTLINE._stretch(shape)
     times = (np.arange(20) + 0.5) / 20
     xy, turns = [35.3, 30.7] + times[:, None] * [15, 9], turn * (times - 0.5)
     alpha, J = np.zeros((H, W)), np.zeros((H, W, OUTLINE.size))
     weights, D = np.full(20, 1 / 20), np.zeros((20, 2, 0))
     still = np.zeros(20)
-    order = OUTLINE._bulges(shape)
-    rim = rim_kernel.lattice_around(A, order, kernel.variance_of(0.0), kernel.reach_of(0.0))
-    kernel.sweep(xy, D, weights, False, turns, still, rim, A, by_A, order, 0.0, alpha, J)
+    coefficients = OUTLINE._coefficients(shape)
+    rim = rim_kernel.lattice_around(A, coefficients, kernel.variance_of(0.0), kernel.reach_of(0.0))
+    kernel.sweep(xy, D, weights, False, turns, still, rim, A, by_A, coefficients, 0.0, alpha, J)
     covered = np.mean([inside(A, at, by) for at, by in zip(xy, turns, strict=True)], axis=0)
     thin = radius * np.exp(-stretch) < 3
     assert_allclose(alpha, covered, rtol=0, atol=0.02 if thin else 0.012)
@@ -40,8 +41,8 @@ def inside(A, center, turn):
     away = np.stack(np.meshgrid(x - center[0], y - center[1])).reshape(2, -1)
     c, s = np.cos(turn), np.sin(turn)
     u, v = np.linalg.solve(A, np.array([[c, s], [-s, c]]) @ away)
-    k = np.arange(3, 3 + len(BULGES) // 2)[:, None]
+    k = np.arange(3, 3 + len(COEFFICIENTS) // 2)[:, None]
     waves = np.stack([np.cos(k * np.arctan2(v, u)), np.sin(k * np.arctan2(v, u))], axis=1)
-    log_R = np.einsum("kin,ki->n", waves, np.reshape(BULGES, (-1, 2)))
+    log_R = np.einsum("kin,ki->n", waves, np.reshape(COEFFICIENTS, (-1, 2)))
     within = np.hypot(u, v) < np.exp(log_R)
     return within.reshape(H, PARTS, W, PARTS).mean(axis=(1, 3))

@@ -1,38 +1,38 @@
-"""Student's t: the slope of the loss is what a residual is believed to be."""
+"""Student's t: loss, weight, and the efficiency of estimates."""
 
 import numpy as np
 from numpy.testing import assert_allclose
+from scipy.stats import multivariate_t
 
-from blurmatte.sweep.model.student_t import VARIANCE, student_weight, bend, loss
+from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM, VARIANCE, loss, student_weight
 
 
-def test_belief_is_twice_the_slope():
+def test_loss_is_the_log_density_in_three_dimensions():
+    """oracle: scipy's, relative to the density at 0."""
+    density = multivariate_t(np.zeros(3), np.eye(3), df=DEGREES_OF_FREEDOM)
+    e = np.random.default_rng(0).normal(0, 3, (50, 3))
+    expected = density.logpdf(np.zeros(3)) - density.logpdf(e)
+    assert_allclose(loss((e**2).sum(axis=1)), expected, rtol=1e-12)
+
+
+def test_weight_is_twice_the_slope_of_the_loss():
     chi2 = np.linspace(0, 60, 31)
     slope = (loss(chi2 + 1e-5) - loss(chi2 - 1e-5)) / 2e-5
     assert_allclose(student_weight(chi2), 2 * slope, rtol=1e-8)
 
 
-def test_noise_is_believed_and_the_rest_is_not():
-    assert student_weight(np.array(2.0)) == 1
+def test_weight_is_one_for_noise_and_vanishes_for_outliers():
+    """exact: three residuals of unit variance have the sum of squares 3 in the mean."""
+    assert student_weight(np.array(3.0)) == 1
     assert student_weight(np.array(1e4)) < 1e-3
 
 
 def test_variance_of_estimates_from_normal_noise():
-    """E ψ² / (E ψ')² with ψ = w e, times E w, for the radius r of two normal numbers [Huber 1964]."""
-    r = np.linspace(0, 12, 200001)
-    density = r * np.exp(-(r**2) / 2)
+    """oracle: E ψ² / (E ψ')² with ψ = w e, times E w, of three normal numbers [Huber 1964]."""
+    r = np.linspace(0, 12, 200001)  # their length
+    density = r**2 * np.exp(-(r**2) / 2)
     density /= density.sum()
     w = student_weight(r**2)
-    slope = w + r / 2 * np.gradient(w, r)  # of one component, mean over directions
-    variance = np.sum(density * w**2 * r**2 / 2) / np.sum(density * slope) ** 2
+    slope = w + r / 3 * np.gradient(w, r)  # of one component, mean over directions
+    variance = np.sum(density * w**2 * r**2 / 3) / np.sum(density * slope) ** 2
     assert_allclose(variance * np.sum(density * w), VARIANCE, rtol=5e-3)
-
-
-def test_bend_is_what_the_loss_curves_less_along_residuals():
-    """And all of it where the loss curves down; across a residual there is no bend."""
-    e, d = np.linspace(-4, 4, 81), 1e-4
-    along = (loss((e + d) ** 2) - 2 * loss(e**2) + loss((e - d) ** 2)) / d**2
-    across = (2 * loss(e**2 + d**2) - 2 * loss(e**2)) / d**2
-    w = student_weight(e**2)
-    assert_allclose(w * (1 - e**2 * bend(e**2)), np.maximum(along, 0), atol=1e-6)
-    assert_allclose(w, across, atol=1e-6)

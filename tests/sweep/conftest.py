@@ -1,0 +1,6 @@
+"""Lets tests import what they share, `tests.sweep.scenes`."""
+
+import sys
+from pathlib import Path
+
+sys.path.insert(0, str(Path(__file__).parents[2]))  # the tests are no part of the package

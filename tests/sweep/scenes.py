@@ -1,0 +1,108 @@
+"""Rendered balls that several tests look at: each scene is rendered and photographed once.
+
+In all of them the true path is one of `PATHS`, the true radius is RADIUS, and the color is GREEN.
+"""
+
+from dataclasses import replace
+from functools import cache, lru_cache
+
+import numpy as np
+
+from blurmatte.radiometry import NoiseModel, with_noise
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, plain_plate, render
+from blurmatte.streaks import Streak
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
+from blurmatte.sweep.model.silhouette import DISC
+from blurmatte.sweep.model.state import state_at
+from blurmatte.trajectory import Trajectory
+
+SIZE = (160, 112)
+RADIUS = 11.0
+BOUNDS = 3.0, 40.0  # of the radius, pixels
+GREEN, RED, ORANGE = (np.array(c) for c in ([0.25, 0.7, 0.12], [0.7, 0.15, 0.1], [0.9, 0.5, 0.1]))
+WALL = plain_plate(SIZE, (0.34, 0.33, 0.3), 4)
+TILES = colorful_plate(SIZE, 2, tile=20)
+TIMES = np.linspace(0, 1, 65)
+NEUTRAL = ColorPrior(np.eye(3))
+CAMERA = Camera(code_std=1.5 / 255)
+JPEG = Camera(code_std=1.5 / 255, jpeg_quality=90, chroma="4:2:0")
+
+# Parameters of each family, pixels.
+PATHS = {
+    LINE: np.array([44.0, 42, 112, 68]),
+    ARC: np.array([36.0, 68, 122, 70, -26]),
+    PARABOLA: np.array([34.0, 70, 66, 34, 124, 66]),
+    CUBIC: np.array([30.0, 66, 60, 26, 96, 88, 130, 44]),
+    FROM_REST: np.array([42.0, 42, 114, 68, 0.4]),
+    BOUNCE: np.array([34.0, 36, 80, 84, 126, 42, 0.45]),
+}
+
+
+def along(family):
+    """The true trajectory of a family."""
+    return Trajectory(family.at(PATHS[family], np.linspace(0, 1, 513))[0], np.linspace(0, 1, 513))
+
+
+BALLS = {family: Scene(WALL, along(family), Ball(RADIUS, GREEN)) for family in PATHS}
+BEFORE_TILES = {family: replace(scene, plate=TILES) for family, scene in BALLS.items()}
+BALL = BALLS[LINE]
+
+
+@cache
+def rendered(scene):
+    """The truth of a scene."""
+    return render(scene, 200)
+
+
+@lru_cache(maxsize=64)
+def photographed(scene, seed=0, camera=CAMERA):
+    """Image and plate of known noise; the plate is the median of three pictures."""
+    shot = Shot(scene, camera, plate_frames=3, seed=seed)
+    return with_noise(*shot.photograph(rendered(scene)))
+
+
+def observed(scene, seed=0, camera=CAMERA, color=NEUTRAL):
+    """The observation around the pixels that the object covers."""
+    streak = Streak(rendered(scene).layer.alpha > 0)
+    return observation_around(streak, 12, *photographed(scene, seed, camera), color)
+
+
+@cache
+def exact(scene, color=NEUTRAL):
+    """The observation of a scene without noise, though some is declared."""
+    truth, noise = rendered(scene), NoiseModel(read_std=1e-3)
+    pictures = (picture.with_noise(noise) for picture in (truth.image, truth.plate))
+    return observation_around(Streak(truth.layer.alpha > 0), 12, *pictures, color)
+
+
+def disc_at(observation, family=LINE, offset=0.0, radius=RADIUS):
+    """A disc of a radius on the true path of a family, but for an offset of its points, pixels."""
+    path = PATHS[family].copy()
+    points = len(path) - family.size % 2
+    path[:points] += np.resize(offset, points)
+    return state_at(observation, family, path, DISC, DISC.start(radius))
+
+
+def within(observation, values):
+    """The part of a picture's map (H, W) that lies in an observation on the picture's pixels."""
+    (x0, y0), (h, w) = map(int, observation.origin), observation.weight.shape
+    return values[y0 : y0 + h, x0 : x0 + w]
+
+
+def alpha_error(alpha, truth):
+    """Root mean square error of alpha where the object was."""
+    return float(np.sqrt(np.mean((alpha - truth)[truth > 0] ** 2)))
+
+
+def path_error(curve, family):
+    """The largest distance of points (65, 2) from the true path, in the better direction of time."""
+    true = family.at(PATHS[family], TIMES)[0]
+    return min(np.linalg.norm(curve - path, axis=1).max() for path in (true, true[::-1]))
+
+
+def degrees_between(color, other):
+    """The angle between two colors."""
+    cosine = abs(color @ other) / (np.linalg.norm(color) * np.linalg.norm(other))
+    return float(np.degrees(np.arccos(min(cosine, 1.0))))
