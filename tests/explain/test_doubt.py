@@ -9,14 +9,6 @@ from blurmatte.explain import doubts, explain
 from blurmatte.matting import Quality
 
 
-def test_a_rival_is_a_doubt(solution):
-    """Exact; what differs by little is none."""
-    assert any(
-        "differs by 0.30, and the errors cover both" in x for x in doubts(solution(rival_off=0.3))
-    )
-    assert not any("errors cover both" in x for x in doubts(solution(rival_off=0.01)))
-
-
 def test_an_impossible_sum_is_called_so(solution):
     nothing = solution(sum_alpha=-50.0, sum_alpha_std=2.0)
     (doubt,) = doubts(nothing)

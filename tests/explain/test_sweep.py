@@ -1,66 +1,78 @@
 """Sweeps in words."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 
+import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
-from blurmatte.explain import doubts, explain
+from blurmatte.explain import doubts, explain, shape_is_likeliest
 from blurmatte.matting import Quality
+from blurmatte.sweep import Diagnostics, Sweep, path_family
+from blurmatte.sweep.model.silhouette import DISC
 
 
-@pytest.mark.parametrize(
-    ("model", "texture", "said"),
-    [
-        (ColorModel.any(), 0.043, "the plate's texture in it confirms alpha to 4 %."),
-        (ColorModel.any(), 0.3, "the plate's texture in it confirms alpha to 30 %."),
-        (ColorModel.any(), None, "No texture of the plate confirms alpha: shape and motion alone"),
-        (ColorModel.from_hex("#ff0000"), None, "what is left is 0.9 times what noise leaves."),
-    ],
-)
-def test_what_confirms_alpha_is_what_was_measured(solution, model, texture, said):
-    """Exact: nor does the sentence about the colors deny it."""
+def disc_on_arc(**fields):
+    """What stats hold of a disc on an arc."""
     sweep = {"path": "arc", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
-    sweep |= {"length": 177.0, "misfit": 0.9, "texture": texture}
-    told = " ".join(explain(replace(solution(sweep=sweep), model=model)))
-    assert said in told
-    assert ("texture" in told) == (model.rank == 3)
-    assert ("alone" in told) == (model.rank == 3 and texture is None)
-    assert "alone" not in " ".join(explain(ColorModel.any()))
+    sweep |= {"length": 177.0, "diagnostics": asdict(Diagnostics(residual_excess=1.13))}
+    return sweep | fields
 
 
-def test_a_highlight_that_was_told_with_it(solution):
-    """Exact."""
-    sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
-    sweep |= {"length": 60.0, "misfit": 0.9, "texture": None}
-    assert not any("highlight" in words for words in explain(solution(sweep=sweep)))
-    sweep["highlight"] = {"offset": [-3.0, 4.0], "softness": 3.0, "paint": "#68d3ff"}
+def test_residuals_say_how_well_a_shape_explains_the_streak(solution):
+    said = explain(replace(solution(sweep=disc_on_arc()), solver="Swept()"))
     assert (
-        "Of one paint, #68d3ff, with a highlight 5 px from its middle: colors are those of both."
-        in explain(solution(sweep=sweep))
+        "A disc of radius 18.00 ± 0.03 px on an arc of 177 px explains the streak; residuals in it "
+        "are correlated 1.1 times as much as noise." in said
     )
 
 
-def test_a_shadow_that_was_told_with_it(solution):
-    """Exact."""
-    sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
-    sweep |= {"length": 60.0, "misfit": 0.9, "texture": None}
-    sweep["shadow"] = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
-    solved = solution(sweep=sweep)
+@pytest.mark.parametrize("rank", [1, 3])
+def test_shape_and_motion_alone_determine_alpha_of_any_colors(solution, rank):
+    model = ColorModel.any() if rank == 3 else ColorModel.from_hex("#ff0000")
+    said = explain(replace(solution(sweep=disc_on_arc()), model=model))
+    assert ("Of any colors, shape and motion alone determine alpha." in said) == (rank == 3)
+
+
+def test_rejected_shape_explains_only_a_part(solution):
+    line = path_family("line")
+    n = line.size + DISC.size
+    rejected = Sweep(
+        line, np.zeros(line.size), DISC, np.full(DISC.size, 5.0), ColorModel.any(),
+        np.eye(n), (30, 20), Diagnostics(rejection="leaves the streak"),
+    )  # fmt: skip
+    said = " ".join(explain(replace(solution(sweep=disc_on_arc()), sweep=rejected)))
+    assert "explains the streak only in part: the fit leaves the streak." in said
+    assert "residuals" not in said
+
+
+def test_smaller_weight_of_a_shape_is_said(solution):
+    shadow = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
+    averaged = solution(sweep=disc_on_arc(shadow=shadow), weights=(0.2, 0.05, 0.75))
+    assert shape_is_likeliest(replace(averaged, solver="Swept()"))
+    smooth = replace(averaged, solver="Smooth()")
+    assert not shape_is_likeliest(smooth)
+    assert (
+        "Alpha without a shape explains the streak better: its weight is 0.75. The likeliest shape "
+        "has 0.2: a disc of radius 18.00 ± 0.03 px on an arc of 177 px." in explain(smooth)
+    )
+    assert "Its shadow" not in " ".join(explain(smooth))
+
+
+def test_cast_shadow_is_described_and_no_doubt(solution):
+    shadow = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
+    solved = solution(sweep=disc_on_arc(shadow=shadow))
     assert (
         "Its shadow, 10 px from it, takes 50 % of the light behind; it is not in alpha."
         in explain(solved)
     )
     solved.quality[5:15, 5:15] = Quality.SHADOW
     assert not any("choose a region without it" in words for words in doubts(solved))
-    other = replace(solved, stats={"sweep": {**sweep, "shadow": None}})
+    other = replace(solved, stats={"sweep": disc_on_arc(shadow=None)})
     assert any("choose a region without it" in words for words in doubts(other))
 
 
 @pytest.mark.parametrize(("softness", "said"), [(0.0, False), (0.4, False), (3.62, True)])
-def test_a_rim_that_is_out_of_focus(solution, softness, said):
-    """Exact: what nobody sees is not spoken of."""
-    sweep = {"path": "line", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
-    sweep |= {"length": 60.0, "misfit": 0.9, "texture": None, "softness": softness}
+def test_rim_out_of_focus_is_said_where_it_is_seen(solution, softness, said):
     words = "The lens blurs its rim by 3.6 px: it was not in focus as the plate is."
-    assert (words in explain(solution(sweep=sweep))) == said
+    assert (words in explain(solution(sweep=disc_on_arc(softness=softness)))) == said

@@ -3,3 +3,5 @@
 from blurmatte.explain.doubt import alpha_peak as alpha_peak
 from blurmatte.explain.doubt import doubts as doubts
 from blurmatte.explain.explain import explain as explain
+from blurmatte.explain.grade import grade_in_words as grade_in_words
+from blurmatte.explain.sweep import shape_is_likeliest as shape_is_likeliest

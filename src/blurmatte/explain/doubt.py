@@ -1,8 +1,6 @@
 """Why a large part of an answer is unknown or cannot be true, and what to do."""
 
 import math
-from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +13,6 @@ _ALL_SHADOW = (
 )
 _MANY = 0.25  # of the streak's pixels: more than a few odd ones
 _NOT_ALONE = 0.05  # of the known pixels: more than noise puts out of range
-_SMALL = 0.03  # of alpha: two answers that are nearer are one
 _HIGHEST, _ABOVE = 1.02, 0.005  # alpha that may still be called 1; share of pixels beyond it
 _REMEDY = {
     Quality.SATURATED: "is clipped in the image or the plate and cannot be known; expose shorter",
@@ -47,17 +44,7 @@ def doubts(solution: Solution) -> list[str]:
         del shares[Quality.SHADOW]  # it is the object's own, as is said of it
     said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
             if share > _MANY]  # fmt: skip
-    return _no_object(solution) or [*said, *_impossible(solution), *_rival(solution.stats)]
-
-
-def _rival(stats: Mapping[str, Any]) -> list[str]:
-    off = stats.get("rival_off", 0.0)
-    if off <= _SMALL:
-        return []
-    return [
-        "The color is told by hues alone; a shape that would explain most of the streak has an alpha "
-        f"that differs by {off:.2f}, and the errors cover both: give the object's color to be sure."
-    ]
+    return _no_object(solution) or [*said, *_impossible(solution)]
 
 
 def _no_object(solution: Solution) -> list[str]:

@@ -8,6 +8,7 @@ import numpy as np
 
 from blurmatte.color import ColorModel
 from blurmatte.explain.doubt import alpha_peak, doubts, sum_std
+from blurmatte.explain.grade import grade_in_words
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import sweep_in_words
 from blurmatte.matting import Quality, Solution
@@ -25,9 +26,10 @@ _AGAINST = {
 
 
 def solution_in_words(solution: Solution) -> list[str]:
-    """Sentences, what nobody should overlook first."""
+    """Sentences: the grade, then what nobody should overlook, then everything else."""
     stats = solution.stats
     return [
+        *(f"{line}." for line in grade_in_words(solution)),
         *doubts(solution),
         f"Alpha up to {alpha_peak(solution):.2f}.",
         *sweep_in_words(solution),

@@ -1,48 +1,64 @@
-"""What went where, as the shape of a streak told it."""
+"""Which shape went along which path, and how well that explains the streak."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from blurmatte.color import ColorModel
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.matting import Solution
 
-_SEEN = 1.0  # pixels: a rim that is softer is seen to be
+_MIN_SOFTNESS = 1.0  # pixels: a rim that is sharper looks sharp
+_PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
+
+
+def shape_is_likeliest(solution: Solution) -> bool:
+    """Whether a shape on a path was fitted, and no alpha without a shape has a larger weight."""
+    return "sweep" in solution.stats and not solution.solver.startswith("Smooth")
 
 
 def sweep_in_words(solution: Solution) -> list[str]:
-    """What went where, if the shape of the streak told it."""
+    """The likeliest shape on a path, and whether it explains the streak; none if none was fitted."""
     sweep = solution.stats.get("sweep")
     if sweep is None:
         return []
-    way = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
-    kind = way.get(sweep["path"], "a curved path")
-    radius = f"{sweep['radius']:.2f} ± {rounded_std(sweep['radius_std'])} px"
+    if not shape_is_likeliest(solution):
+        return _outweighed(sweep, solution.stats["weights"])
     return [
-        f"{_shape(sweep['silhouette'], radius)} on {kind} of {sweep['length']:.0f} px explains the "
-        f"streak; {_left(sweep, solution.model)}.",
+        *_explained(sweep, solution),
         *_softness(sweep.get("softness", 0)),
         *_shadow(sweep.get("shadow")),
-        *_highlight(sweep.get("highlight")),
     ]
+
+
+def _outweighed(sweep: Mapping[str, Any], weights: Sequence[float]) -> list[str]:
+    """That alpha without a shape has a larger weight."""
+    shape = _shape_on_path(sweep)
+    return [
+        f"Alpha without a shape explains the streak better: its weight is {max(weights):.2f}. "
+        f"The likeliest shape has {weights[0]:.1g}: {shape[0].lower()}{shape[1:]}."
+    ]
+
+
+def _explained(sweep: Mapping[str, Any], solution: Solution) -> list[str]:
+    """How well the shape explains the streak."""
+    shape = _shape_on_path(sweep)
+    if solution.sweep is not None and solution.sweep.rejection:
+        return [f"{shape} explains the streak only in part: the fit {solution.sweep.rejection}."]
+    excess = sweep["diagnostics"]["residual_excess"]
+    said = [
+        f"{shape} explains the streak; residuals in it are correlated {excess:.2g} times as much as "
+        "noise."
+    ]
+    if solution.model.rank == 3:
+        said.append("Of any colors, shape and motion alone determine alpha.")
+    return said
 
 
 def _softness(softness: float) -> list[str]:
-    if softness < _SEEN:
+    if softness < _MIN_SOFTNESS:
         return []
     return [f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."]
-
-
-def _highlight(highlight: Mapping[str, Any] | None) -> list[str]:
-    if highlight is None:
-        return []
-    away = float(np.hypot(*highlight["offset"]))
-    return [
-        f"Of one paint, {highlight['paint']}, with a highlight {away:.0f} px from its middle: colors "
-        "are those of both."
-    ]
 
 
 def _shadow(shadow: Mapping[str, Any] | None) -> list[str]:
@@ -55,15 +71,10 @@ def _shadow(shadow: Mapping[str, Any] | None) -> list[str]:
     ]
 
 
-def _left(sweep: Mapping[str, Any], model: ColorModel) -> str:
-    """How well a sweep explains the streak; of any colors, whether the plate's texture says so, too."""
-    texture = sweep["texture"]
-    if texture is not None:
-        return f"the plate's texture in it confirms alpha to {rounded_std(100 * texture)} %"
-    left = f"what is left is {sweep['misfit']:.2g} times what noise leaves"
-    if model.rank < 3:
-        return left
-    return f"{left}. No texture of the plate confirms alpha: shape and motion alone tell it"
+def _shape_on_path(sweep: Mapping[str, Any]) -> str:
+    radius = f"{sweep['radius']:.2f} ± {rounded_std(sweep['radius_std'])} px"
+    path = _PATHS.get(sweep["path"], "a curved path")
+    return f"{_shape(sweep['silhouette'], radius)} on {path} of {sweep['length']:.0f} px"
 
 
 def _shape(silhouette: str, radius: str) -> str:

@@ -1,0 +1,59 @@
+"""The grade in words."""
+
+import pytest
+
+from blurmatte.explain import explain, grade_in_words
+from blurmatte.matting import Grade
+
+REASONS = "color", "shape", "noise", "file", "size", "disagreement"
+
+
+def test_no_grade_has_no_sentence(solution):
+    assert grade_in_words(solution()) == []
+    assert explain(solution())[0] == "Alpha up to 0.30."
+
+
+@pytest.mark.parametrize(
+    ("grade", "reasons", "says"),
+    [
+        ("confirmed", ["noise"], "confirmed: alpha within 0.012, its sum within 2 %"),
+        (
+            "plausible",
+            ["noise", "size"],
+            "plausible: alpha within 0.012, its sum within 2 %; noise is large compared with what the "
+            "object changes, and few pixels show the object",
+        ),
+        (
+            "assumed",
+            ["color"],
+            "assumed: the color is uncertain, so that one had to be assumed; alpha is known up to a "
+            "factor of 1 ± 0.02, within 0.012",
+        ),
+    ],
+)
+def test_grade_with_errors_and_reasons(solution, grade, reasons, says):
+    """Exact: what the grade is, how large the errors are, and why."""
+    stats = {"grade": grade, "alpha_error": 0.0123, "alpha_scale_std": 0.02}
+    graded = solution(**stats, grade_reasons=reasons)
+    assert grade_in_words(graded) == [says]
+    assert explain(graded)[0] == f"{says}."
+
+
+@pytest.mark.parametrize("grade", list(Grade))
+def test_grade_without_numbers_is_still_a_sentence(solution, grade):
+    (said,) = grade_in_words(solution(grade=str(grade)))
+    assert said.startswith(f"{grade}: ")
+    assert len(said) > len(f"{grade}: ")
+
+
+@pytest.mark.parametrize("reason", REASONS)
+def test_every_reason_has_words(solution, reason):
+    (said,) = grade_in_words(solution(grade="assumed", grade_reasons=(reason,)))
+    assert len(said.split()) > 4
+
+
+def test_scale_alone_is_a_factor(solution):
+    (said,) = grade_in_words(solution(grade="assumed", alpha_scale_std=0.25))
+    assert said == "assumed: alpha is known up to a factor of 1 ± 0.25"
+    (said,) = grade_in_words(solution(grade="assumed", alpha_scale_std=0.0, alpha_error=0.08))
+    assert said == "assumed: alpha within 0.08"
