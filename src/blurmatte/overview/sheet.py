@@ -45,6 +45,15 @@ class Sheet:
         self.y += self.words(MARGIN, self.y, width, name, 28, BRIGHT) + 4
         self.y += self.words(MARGIN, self.y, width, remark, BODY, DIM) + GAP // 2
 
+    def banner(self, text: str, color: Color) -> None:
+        """Text on a bar of a color, over the whole width: what must not be overlooked."""
+        pad, width = 10, WIDTH - 2 * MARGIN
+        lines = _wrapped(_drawable(text), width - 2 * pad, self._font(TITLE))
+        bottom = self.y + 2 * pad + len(lines) * round(TITLE * 1.4)
+        self._pen.rectangle((MARGIN, self.y, WIDTH - MARGIN - 1, bottom - 1), color)
+        self.words(MARGIN + pad, self.y + pad, width - 2 * pad, text, TITLE, GROUND)
+        self.y = bottom + GAP // 2
+
     def picture(self, pixels: Pixels) -> None:
         """One, over the whole width or less."""
         self.paste(pixels, MARGIN, self.y)

@@ -7,8 +7,14 @@ import numpy as np
 
 from blurmatte.checks import Bools, Box, Floats, check_same_size
 from blurmatte.color import ColorModel
-from blurmatte.explain import alpha_peak, doubts, explain
-from blurmatte.matting import Quality, Solution
+from blurmatte.explain import (
+    alpha_peak,
+    doubts,
+    explain,
+    grade_in_words,
+    shape_is_likeliest,
+)
+from blurmatte.matting import Grade, Quality, Solution
 from blurmatte.matting.solution import check_solution
 from blurmatte.overview.panels import (
     BRIGHT,
@@ -42,6 +48,7 @@ _TEXT_WIDTH = 560  # of the panel of words, at least
 _COUNT = 6  # panels of the streak
 _POSSIBLE = "the color, and the rim of what it is in 95 of 100 cases"
 
+_BANNERS = {Grade.PLAUSIBLE: STREAK, Grade.ASSUMED: WARNING}
 _FLAGS: dict[Quality, tuple[Color, str]] = {
     Quality.MISFIT: ((255, 122, 40), "misfit"),
     Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
@@ -82,9 +89,16 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     sheet = Sheet()
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
     sheet.title(" over ".join(names) or "blurmatte", f"{by(solution.size)} px, {solution.solver}")
+    for line in _warned(solution):
+        sheet.banner(line, _BANNERS[solution.grade])
     _head(sheet, _whole(image, solution), solution)
     sheet.grid(panels, layout, "the streak")
     return sheet.pixels()
+
+
+def _warned(solution: Solution) -> list[str]:
+    """What the banner says: the grade and what it means, unless it is the best."""
+    return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
 def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
@@ -94,7 +108,7 @@ def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
     y = _draw_model(sheet, x, solution)
     y = sheet.heading(x, y + 14, "what was found")
     doubtful = doubts(solution)
-    for fact in explain(solution):
+    for fact in explain(solution)[len(_warned(solution)) :]:  # the banner has said the grade
         color = WARNING if fact in doubtful else BRIGHT
         y += sheet.words(x, y, WIDTH - MARGIN - x, fact, BODY, color) + 5
     sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + GAP
@@ -240,10 +254,10 @@ def _whole(image: LinearImage, solution: Solution) -> Panel:
 
 
 def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
-    """Path of the center, and the silhouette at both ends of it."""
-    sweep = solution.stats.get("sweep")
-    if sweep is None:
+    """Path of the center, and the silhouette at both ends of it, if they are the likeliest."""
+    if not shape_is_likeliest(solution):
         return
+    sweep = solution.stats["sweep"]
     draw_line(pen, sweep["xy"], scale)
     for outline in sweep["outlines"]:
         draw_line(pen, [*outline, outline[0]], scale)
