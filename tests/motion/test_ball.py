@@ -13,6 +13,7 @@ from blurmatte.motion.seen_ball import SeenBall, at_nodes, rim
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import colorful_plate, render_flight
 from blurmatte.rendering.flight import outline_of
+from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
@@ -48,7 +49,7 @@ def taken(seed, sag=0.0, noise=0.004):
     family = PARABOLA if sag else LINE
     n = len(path) + 1
     return image, plate, bm.Sweep(
-        family, path, DISC, np.array([14.2]), model, 0.01 * np.eye(n), SIZE, {"misfit": 1.0}
+        family, path, DISC, np.array([14.2]), model, 0.01 * np.eye(n), SIZE
     )  # fmt: skip
 
 
@@ -178,16 +179,16 @@ def test_door():
         bm.measure_ball(sweep.trajectory, LENS, 1)
     with pytest.raises(bm.MotionError, match="a velocity needs the exposure_time"):
         _ = bm.measure_ball(sweep, LENS, RADIUS).speed
-    for stats, said in (
+    for diagnostics, said in (
         (
-            {"misfit": 3.0},
-            "does not explain the streak: the best leaves 3.0 times as much as noise",
+            Diagnostics(residual_excess=3.0),
+            "does not explain the streak: the fit leaves residuals correlated 3.0 times",
         ),
-        ({"misfit": np.inf, "contested": True}, "streak: two shapes, each gone its own way"),
-        ({"misfit": np.inf}, "streak: the best is hardly known"),
+        (Diagnostics("leaves the streak"), "streak: the fit leaves the streak; give a ball"),
+        (Diagnostics(converged=False), "streak: the fit did not converge"),
     ):
         with pytest.raises(bm.MotionError, match=said):
-            bm.measure_ball(replace(sweep, stats=stats), LENS, RADIUS)
+            bm.measure_ball(replace(sweep, diagnostics=diagnostics), LENS, RADIUS)
     other = replace(LENS, size=(640, 480))
     with pytest.raises(ValueError, match="pictures of 640x480 pixels, and this has 190x120"):
         bm.measure_ball(sweep, other, RADIUS)

@@ -15,6 +15,7 @@ from blurmatte.motion.from_sweep import motion_of_sweep
 from blurmatte.motion.motion import QUANTITIES
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.sweep import Sweep
+from blurmatte.sweep.assess.diagnostics import Diagnostics
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
 from blurmatte.trajectory import Trajectory
@@ -31,7 +32,7 @@ PATHS = [
 ]
 
 
-def sweep_of(family, path, silhouette=DISC, shape=(9.0,), std=0.05, misfit=1.0, size=SIZE):
+def sweep_of(family, path, silhouette=DISC, shape=(9.0,), std=0.05, residual_excess=1.0, size=SIZE):
     n = len(path) + len(shape)
     mixed = np.eye(n) + 0.3 * np.sin(np.arange(n * n)).reshape(n, n)
     covariance = std**2 * mixed @ mixed.T
@@ -43,7 +44,7 @@ def sweep_of(family, path, silhouette=DISC, shape=(9.0,), std=0.05, misfit=1.0, 
         MODEL,
         covariance,
         size,
-        {"misfit": misfit},
+        Diagnostics(residual_excess=residual_excess),
     )
 
 
@@ -123,7 +124,7 @@ def test_the_covariance_is_that_of_draws(family, path):
 
 
 def test_the_center_of_an_outline_is_that_of_its_area():
-    """Oracle: the mean of alpha itself, for an outline with three order that turns."""
+    """Oracle: the mean of alpha itself, for an outline of order 3 that turns."""
     shape = (12.0, 0.1, 0.05, 0.25, 0.1, 0.8)
     sweep = sweep_of(LINE, [30, 30, 60, 40], Silhouette(3, turns=True), shape)
     alpha = sweep.alpha
@@ -280,9 +281,8 @@ def test_two_things_are_doubted():
     alpha = drawn(0.3, 8, 5, at=(20, 30)) + drawn(0.3, 8, 5, at=(70, 30))
     assert "in 2 parts that are apart" in measure_motion(solution_of(alpha)).doubts[0]
     assert measure_motion(solution_of(drawn())).doubts == ()
-    assert (
-        "leaves 2.5 times as much as noise" in of_sweep(sweep_of(*PATHS[0], misfit=2.5)).doubts[0]
-    )
+    doubted = of_sweep(sweep_of(*PATHS[0], residual_excess=2.5))
+    assert "residuals correlated 2.5 times as much as noise" in doubted.doubts[0]
 
 
 def test_a_bent_path_is_doubted_by_moments():

@@ -175,7 +175,7 @@ def test_a_ball_is_fitted_to_frames():
         )
         rows.append(row(k, k / 30, one))
     frames.append(frames[0])
-    rows += [row(2, 2 / 30, replace(rows[0].sighting, misfit=None))]
+    rows += [row(2, 2 / 30, replace(rows[0].sighting, source="moments"))]
     model = bm.ColorModel.from_samples(color, std=0)
     empty = LinearImage(plate, noise=known)
     found = list(bm.fit_balls(frames, empty, rows, model, lens, 0.02))

@@ -124,9 +124,7 @@ def test_of_something_that_flies_the_sweep_tells():
     silhouette, path = Silhouette(2, turns=True), np.array([10.0, 20, 50, 30])
     shape = np.array([8.0, 0.3, 0, -0.6])
     model = bm.ColorModel.from_samples(np.array([0.5, 0.4, 0.3]), std=0)
-    sweep = bm.Sweep(
-        LINE, path, silhouette, shape, model, 0.04 * np.eye(8) / 4, (80, 60), {"misfit": 1.0}
-    )
+    sweep = bm.Sweep(LINE, path, silhouette, shape, model, 0.04 * np.eye(8) / 4, (80, 60))
     found = bm.measure_rotation(sweep, exposure_time=0.1, exposure_std=0.01)
     assert_allclose([*found.center, found.angle], [30, 25, 0.6])
     assert_allclose([*found.center_std, found.angle_std], [0.1 / 2**0.5, 0.1 / 2**0.5, 0.1])

@@ -19,9 +19,7 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
     shape = silhouette.start(9.0)
     covariance = std**2 * np.eye(len(path) + len(shape))
     family, model = path_family(name), ColorModel.from_hex("#d8ff3c")
-    sweep = Sweep(
-        family, np.array(path, float), silhouette, shape, model, covariance, (96, 72), {"misfit": 1}
-    )
+    sweep = Sweep(family, np.array(path, float), silhouette, shape, model, covariance, (96, 72))
     return replace(motion_of_sweep(sweep, 0.02), at_border=at_border)
 
 

@@ -22,7 +22,6 @@ SWEEP = Sweep(
     RED,
     1e-4 * np.eye(5),
     SIZE,
-    {"misfit": 1.0},
 )
 
 

@@ -25,8 +25,10 @@ from blurmatte.motion.sources import Source
 from blurmatte.radiometry import LinearImage, check_picture, with_noise
 from blurmatte.streaks import Streak
 from blurmatte.sweep import Sweep, fit_sweep
+from blurmatte.sweep.assess.diagnostics import diagnosed
+from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.multistart import with_principal_axes
+from blurmatte.sweep.fit.multistart import NODES_PER_RADIUS, with_principal_axes
 from blurmatte.sweep.fit.ranking import best_of
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
@@ -41,7 +43,7 @@ Array = npt.NDArray[np.float64]
 _MARGIN = 0.5  # of the radius, around the sweep: it may be wrong by that
 _FINE_RADIUS = 40.0  # pixels: more of them tell nothing new
 _ROUND = 20  # steps of a fixed point that gains four digits in each
-_WORTH = 2.0  # units of log likelihood that a parameter must gain, as `choice` has it
+_WORTH = 2.0  # units of log likelihood that a parameter must gain to be tried
 _ROUNDS = 3
 _BOUNDS = 0.5, 2.0  # of the sweep's radius
 
@@ -124,7 +126,7 @@ def fit_ball(
     intrinsics, radius, exposure_time, radius_std, exposure_std
         As `measure_ball` has them.
     sweep : Sweep, optional
-        Where to begin, and of which colors; found by `fit_sweep` if not given.
+        Where to begin, and of one color, two or any; found by `fit_sweep` if not given.
 
     Returns
     -------
@@ -149,22 +151,21 @@ def fit_ball(
     if residual_excess(best) > MAX_RESIDUAL_EXCESS or _would_bend(ball, best):
         bent = _fitted(_start(data, ball, sweep, PARABOLA), sweep)
         best = best_of([best, bent])
-    found = replace(
-        sweep.diagnostics, converged=best.converged, residual_excess=residual_excess(best)
-    )
-    explained = replace(sweep, diagnostics=found)
-    _check_explained(explained, "no ball that flew straight, or like thrown, explains the streak")
     n = len(best.path)
+    H, _ = best.information()
+    covariance = np.linalg.pinv(H, hermitian=True) * variance_inflation(best) * VARIANCE
+    picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance))
+    found = diagnosed(Candidate(best), float(best.shape[0]), float(covariance[n, n] ** 0.5), 0.0)
+    _check_explained(
+        replace(sweep, diagnostics=found),
+        "no ball that flew straight, or like thrown, explains the streak",
+    )
 
     def nodes(parameters: Array, values: Array) -> Array:
         X, _ = at_nodes(intrinsics.with_values(values), parameters[:n], parameters[n:])
         assert isinstance(best.family, Polynomial)
         return np.asarray(best.family.weights(np.array([0, 0.5, 1])) @ X)
 
-    H, _ = best.information()
-    covariance = np.linalg.pinv(H, hermitian=True) * variance_inflation(best) * VARIANCE
-    k = n + len(best.shape)
-    picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance[:k, :k]))
     return ball_motion(
         nodes,
         picture,
@@ -203,11 +204,9 @@ def positions_of_discs(intrinsics: Intrinsics, centers: Array, radius: float) ->
 
 
 def _check_explained(sweep: Sweep, what: str) -> None:
-    """MotionError if it leaves more than noise, or is contested."""
+    """MotionError if the sweep is rejected."""
     if sweep.rejection:
-        raise MotionError(
-            f"{what}: the fit {sweep.rejection}; a ball alone in its streak is needed"
-        )
+        raise MotionError(f"{what}: the fit {sweep.rejection}; give a ball alone in its streak")
 
 
 def _fitted(state: State, sweep: Sweep) -> State:
@@ -227,9 +226,9 @@ def _before(
     seen = np.zeros((sweep.size[1], sweep.size[0]), dtype=bool)
     seen[y0:y1, x0:x1] = sweep.within(sweep.box)[0] > 0
     streak = Streak(seen)
-    data = observation_around(
-        streak, int(_MARGIN * sweep.radius) + 4, image, plate, ColorPrior(np.eye(3))
-    )
+    color = ColorPrior(np.eye(3), varied=sweep.model.rank)
+    data = observation_around(streak, int(_MARGIN * sweep.radius) + 4, image, plate, color)
+    data = replace(data, grain=sweep.radius / NODES_PER_RADIUS)
     data = data.coarse_enough(sweep.radius, _FINE_RADIUS)
     ball = SeenBall.before(intrinsics, data)
     known = np.isfinite(ball.slopes.sum(axis=(-1, -2)))

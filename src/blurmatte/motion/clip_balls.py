@@ -125,5 +125,5 @@ class _Fit:
 
 
 def _may_be_ball(one: Sighting | None) -> bool:
-    """Where the best disc is nothing that could be (`misfit`), no ball is either."""
-    return one is not None and one.misfit is not None
+    """Whether a disc on a path explains it, at least roughly: a ball looks about like one."""
+    return one is not None and one.source == "sweep"

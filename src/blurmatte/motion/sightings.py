@@ -65,8 +65,8 @@ class Sighting:
         How clearly the object's light shows.
     source, path, silhouette : str
         As in `Motion`.
-    misfit : float or None
-        What the disc on a path leaves, 1 is noise; None if it is nothing that could be.
+    residual_excess : float
+        Of the disc on a path, whether or not the numbers come from it; as in `Diagnostics`.
     at_border, moved : bool
         As in `Motion`.
     doubts : str
@@ -97,7 +97,7 @@ class Sighting:
     source: str
     path: str
     silhouette: str
-    misfit: float | None
+    residual_excess: float
     at_border: bool
     moved: bool
     doubts: str
@@ -363,7 +363,7 @@ def _told(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Si
         source=motion.source,
         path=motion.path,
         silhouette=motion.silhouette,
-        misfit=sweep.diagnostics.residual_excess,
+        residual_excess=sweep.diagnostics.residual_excess,
         at_border=motion.at_border,
         moved=motion.moved,
         doubts=" ".join(motion.doubts),

@@ -30,7 +30,7 @@ QUICK_RADII = (0.8,)  # of the half width, for one of many frames
 _MIN_RADIUS, _MAX_RADIUS = 0.25, 1.6  # of the half width
 _COARSE_RADIUS, _FINE_RADIUS = 4.0, 16.0  # pixels of a disc on large and on small pixels
 _MARGIN = 2.5  # half widths around a streak
-_GRAINS = 4.0  # nodes of the color field in a half width
+NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 _MASK_MARGIN = 0.3  # of the half width, that masks are widened by at most
 _COARSE_STEPS, _FINE_STEPS = 25, 25
 _COARSE_TOLERANCE = 0.3  # units of log likelihood
@@ -74,7 +74,7 @@ class Multistart:
         wider = min((streak.cell - 1) / 2, _MASK_MARGIN * float(depth.max()))
         half_width = float(depth.max()) - wider
         observation = observation_around(streak, int(_MARGIN * half_width) + 4, image, plate, color)
-        observation = replace(observation, grain=half_width / _GRAINS)
+        observation = replace(observation, grain=half_width / NODES_PER_RADIUS)
         observation = observation.coarse_enough(half_width, _FINE_RADIUS)
         observation = observation.raised(observation.correlated_noise())
         coarse = observation.coarse_enough(half_width, _COARSE_RADIUS)
