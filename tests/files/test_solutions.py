@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 import OpenEXR
 import OpenImageIO as oiio
@@ -6,7 +8,7 @@ import pytest
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer, read_solution, write
-from blurmatte.matting import Quality, Solution
+from blurmatte.matting import Grade, Quality, Solution
 
 ARRAYS = ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality")
 
@@ -87,15 +89,35 @@ def test_another_library_sees_every_channel(path, solution):
     assert "#d8ff3c" in file.header()["blurmatte:model"]
 
 
-def test_a_changed_header_is_refused(path, solution):
+def rewritten(path, name, text):
+    """Write the file again with another text in its header."""
     source = oiio.ImageInput.open(str(path))
     spec, pixels = source.spec(), source.read_image(oiio.FLOAT)
     source.close()
-    spec["blurmatte:model"] = "{}"
+    spec[name] = text
     target = oiio.ImageOutput.create(str(path))
     target.open(str(path), spec)
     target.write_image(pixels)
     target.close()
+
+
+def test_grade_and_calibrated_errors_come_back(tmp_path, solution):
+    graded = {"grade": str(Grade.PLAUSIBLE), "grade_reasons": ["color", "noise"]}
+    graded |= {"alpha_error": 0.031, "alpha_scale_std": 0.043, "weights": [0.9, 0.1]}
+    write(tmp_path / "s.exr", replace(solution, stats=graded))
+    back = read_solution(tmp_path / "s.exr")
+    assert back.grade is Grade.PLAUSIBLE
+    assert back.stats == {**graded, "grade_reasons": ("color", "noise"), "weights": (0.9, 0.1)}
+
+
+def test_solution_with_a_sweep_of_an_older_version_is_refused(path):
+    rewritten(path, "blurmatte:sweep", '{"bulges": 0, "size": [32, 24]}')
+    with pytest.raises(FileError, match=r"s\.exr: holds a sweep of an older blurmatte"):
+        read_solution(path)
+
+
+def test_a_changed_header_is_refused(path, solution):
+    rewritten(path, "blurmatte:model", "{}")
     with pytest.raises(FileError, match="another program has changed its header"):
         read_solution(path)
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
+from blurmatte.errors import FileError
 from blurmatte.files.sweeps import sweep_from_json, sweep_to_json
-from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
 
@@ -29,7 +30,7 @@ def test_every_digit_comes_back(name, silhouette):
         model,
         rng.normal(size=(n, n)),
         (640, 480),
-        {"misfit": np.float64(1.1), "converged": True, "doubtful": np.inf},
+        Diagnostics("leaves the streak", False, 1.1, radius_error=np.inf, chroma_blur=0.3),
         CastShadow(rng.normal(size=2), 3.3, rng.uniform(size=3)) if silhouette is DISC else None,
     )
     back = sweep_from_json(sweep_to_json(sweep))
@@ -37,7 +38,8 @@ def test_every_digit_comes_back(name, silhouette):
     for field in ("path", "shape", "covariance"):
         assert np.array_equal(getattr(back, field), getattr(sweep, field))
     assert np.array_equal(back.model.basis, model.basis)
-    assert back.stats == sweep.stats
+    assert back.diagnostics == sweep.diagnostics
+    assert back.rejection == sweep.rejection
     assert (back.cast is None) == (sweep.cast is None)
     if sweep.cast is not None:
         assert np.array_equal(back.cast.offset, sweep.cast.offset)
@@ -51,3 +53,10 @@ def test_an_unknown_path_is_refused():
         path_family("spiral")
     with pytest.raises(KeyError):
         sweep_from_json(json.dumps({"size": [1, 2]}))
+
+
+@pytest.mark.parametrize("old", [{"bulges": 0}, {"stats": {"misfit": 1.1}}])
+def test_sweep_of_an_older_version_is_refused(old):
+    """Door."""
+    with pytest.raises(FileError, match=r"of an older blurmatte, .* solve its picture again"):
+        sweep_from_json(json.dumps({"size": [1, 2], **old}))

@@ -65,7 +65,7 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     Raises
     ------
     FileError
-        If the file cannot be read or holds no Solution.
+        If the file cannot be read or holds no Solution, or one of an older version with a sweep.
     """
     raster = load(Path(path), max_pixels, CHANNELS[4:])
     try:
@@ -74,6 +74,8 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
         stats = _frozen(json.loads(header["stats"]))
         text = raster.tags.get("blurmatte:sweep")
         sweep = None if text is None else sweep_from_json(str(text))
+    except FileError as error:
+        raise FileError(f"{path}: {error}") from error
     except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise FileError(
             f"{path}: another program has changed its header; "

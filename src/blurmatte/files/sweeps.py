@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.errors import FileError
 from blurmatte.files.models import model_from_json, model_to_json
 from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.model.cast_shadow import CastShadow
@@ -35,10 +36,16 @@ def sweep_from_json(text: str) -> Sweep:
 
     Raises
     ------
+    FileError
+        If an older version wrote it, which had other shapes and no diagnostics.
     KeyError, TypeError, ValueError
         If the text is something else.
     """
     fields: Any = json.loads(text)
+    if "bulges" in fields or "stats" in fields:
+        raise FileError(
+            "holds a sweep of an older blurmatte, which cannot be read; solve its picture again"
+        )
     width, height = fields["size"]
     return Sweep(
         path_family(fields["family"]),
