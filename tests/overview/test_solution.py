@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import Pixelwise, Quality, Solution, solve
+from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
 from blurmatte.overview import draw_overview
-from blurmatte.overview.panels import WARNING
+from blurmatte.overview.panels import BRIGHT, STREAK, WARNING
 from blurmatte.overview.solution import _layout, _surroundings
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
@@ -99,6 +99,44 @@ def test_doubts_stand_out():
               for s in (good, bad)]  # fmt: skip
     assert orange[0] == 0
     assert orange[1] > 100
+
+
+@pytest.mark.parametrize(
+    ("grade", "bar"), [(Grade.CONFIRMED, None), (Grade.PLAUSIBLE, STREAK), (Grade.ASSUMED, WARNING)]
+)
+def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
+    image, plate, solution = solved((120, 90), (30, 40), (80, 50))
+    graded = {"grade": str(grade), "alpha_error": 0.034, "grade_reasons": ("color",)}
+    written = texts(monkeypatch)
+    sheet = draw_overview(image, plate, replace(solution, stats={**solution.stats, **graded}))
+    (place,) = [box for words, box in written if words.startswith(f"{grade}: ")]
+    left, top = int(place[0]) - 5, int(place[1])
+    for color in (STREAK, WARNING):
+        assert (tuple(sheet[top, left]) == color) == (color == bar)
+    assert sum("alpha" in words and "0.034" in words for words, _ in written) == 1
+
+
+def test_a_solution_without_a_grade_has_no_banner(monkeypatch):
+    written = texts(monkeypatch)
+    draw_overview(*solved((120, 90), (30, 40), (80, 50)))
+    assert not any(words.startswith(tuple(Grade)) for words, _ in written)
+
+
+def test_path_is_drawn_only_of_the_likeliest_hypothesis():
+    image, plate, solution = solved((120, 90), (30, 40), (80, 50))
+    corners = ((30.0, 60.0), (40.0, 60.0), (40.0, 70.0))
+    sweep = {"xy": ((30.0, 80.0), (80.0, 80.0)), "outlines": (corners, corners)}
+    sweep |= {"silhouette": "disc", "path": "line", "length": 50.0, "radius": 6.0}
+    sweep |= {"radius_std": 0.1, "diagnostics": {"residual_excess": 1.0}, "shadow": None}
+    stats = {**solution.stats, "sweep": sweep, "weights": (0.2, 0.8)}
+    bright = [
+        np.count_nonzero((draw_overview(image, plate, s)[700:900, 40:1000] == BRIGHT).all(-1))
+        for s in (
+            replace(solution, solver="Swept()", stats=stats),
+            replace(solution, solver="Smooth()", stats=stats),
+        )
+    ]
+    assert bright[0] > bright[1] + 500
 
 
 def test_a_large_picture_is_reduced():
