@@ -3,6 +3,7 @@ import os
 import resource
 import stat
 from contextlib import contextmanager
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -92,11 +93,26 @@ def test_the_report_is_plain_json(tmp_path, solved):
     assert report["model"]["hex"] == list(solution.model.hex)
     assert np.allclose(report["model"]["basis"], solution.model.basis, atol=0)
     assert report["solver"] == solution.solver
+    assert report["grade"] == solution.stats.get("grade")
     assert report["stats"]["sum_alpha"] == solution.stats["sum_alpha"]
     assert report["flagged"]["SATURATED"] == 1
     assert "OUTSIDE" not in report["flagged"]
     assert report["versions"]["numpy"] == np.__version__
     assert {"blurmatte", "numba", "OpenImageIO", "python"} <= set(report["versions"])
+
+
+def test_the_report_has_the_grade_and_the_calibrated_errors(tmp_path, solved):
+    image, plate, solution = solved
+    graded = {"grade": "plausible", "alpha_error": 0.03, "alpha_scale_std": 0.04}
+    graded["grade_reasons"] = ("noise",)
+    stats = {**solution.stats, **graded}
+    bm.save_results(tmp_path, image, plate, replace(solution, stats=stats))
+    report = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    assert report["grade"] == "plausible"
+    assert report["stats"]["alpha_error"] == 0.03
+    assert report["stats"]["alpha_scale_std"] == 0.04
+    assert report["stats"]["grade_reasons"] == ["noise"]
+    assert report["in_words"][0].startswith("plausible: alpha within 0.03, its sum within 4 %; ")
 
 
 def test_old_results_are_replaced_and_others_left_alone(tmp_path, solved):

@@ -176,6 +176,7 @@ def _report(
             "evidence_degrees": model.evidence,
             "in_words": explain(model),
         },
+        "grade": solution.grade if "grade" in solution.stats else None,
         "solver": solution.solver,
         "alpha_peak": alpha_peak(solution),
         "stats": solution.stats,
