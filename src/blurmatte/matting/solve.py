@@ -19,7 +19,6 @@ from blurmatte.color import (
     only_light_lost,
     refuse_gray,
 )
-from blurmatte.errors import ColorModelError
 from blurmatte.matting.averaging import AlphaEstimate, averaged
 from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
@@ -46,14 +45,12 @@ from blurmatte.streaks import (
     joined_behind,
     require_streaks,
 )
-from blurmatte.sweep import Hypotheses, Sweep, fit_hypotheses
+from blurmatte.sweep import Hypotheses, Sweep, fit_hypotheses, likeliest_streak
 from blurmatte.sweep.assess.model_selection import Evidence, hypothesis_weights
 
 Solver = Pixelwise | Smooth | Swept | Shaded
 Box = tuple[int, int, int, int]
 
-_MAX_STREAKS = 3  # that are fitted until a sweep explains one
-_MIN_EVIDENCE_RATIO = 0.25  # of the strongest streak's, of another that is fitted
 _MARGIN = 16  # pixels around a streak: of surroundings that stand still
 
 
@@ -83,7 +80,7 @@ def solve(
         `Solution.solver` names the one of the largest weight.
     streak : Streak, optional
         Where the object moved. If not given, the one of `find_streaks` in which most light of the
-        color shows; or, if that is not given, the strongest that a sweep explains, or the strongest.
+        color shows; or, if that is not given, the one in which a disc explains most.
     matching : Matching, optional
         How the plate may be changed to match the image first (`fit_match`); found from the data if not
         given.
@@ -228,35 +225,13 @@ def _case_of(
         found = [most_of_color(found, image, plate, model)]
         if isinstance(solver, Pixelwise | Smooth | Shaded):
             return _Case(pictures, found[0], model, solver, None)
-    streak, hypotheses = _likeliest(pictures, found, model, start)
+    else:
+        found = [likeliest_streak(image, plate, found)]
+    hypotheses = fit_hypotheses(image, plate, found[0], model, start)
     sweep = hypotheses.best
     if model is None or model.covariance.any():
         model = sweep.model  # the streak knows more of it than the caller was sure of
-    return _Case(pictures, streak, model, solver, hypotheses)
-
-
-def _likeliest(
-    pictures: _Pictures,
-    found: list[Streak],
-    model: ColorModel | None,
-    start: Sweep | None,
-) -> tuple[Streak, Hypotheses]:
-    """The strongest streak that a sweep explains, or the strongest."""
-    first, error = None, None
-    least = _MIN_EVIDENCE_RATIO * found[0].evidence
-    for streak in [one for one in found[:_MAX_STREAKS] if not one.evidence < least]:
-        try:
-            fitted = fit_hypotheses(pictures.image, pictures.plate, streak, model, start)
-        except ColorModelError as shade:  # it only took light
-            error = error or shade
-            continue
-        if not fitted.best.rejection:
-            return streak, fitted
-        first = first or (streak, fitted)
-    if first is None:
-        assert error is not None
-        raise error
-    return first
+    return _Case(pictures, found[0], model, solver, hypotheses)
 
 
 def _each_alone(case: _Case, out: PixelMaps | None) -> PixelMaps:

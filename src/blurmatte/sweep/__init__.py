@@ -7,6 +7,7 @@ from blurmatte.sweep.fit_sweep import Hypotheses as Hypotheses
 from blurmatte.sweep.fit_sweep import fit_disc as fit_disc
 from blurmatte.sweep.fit_sweep import fit_hypotheses as fit_hypotheses
 from blurmatte.sweep.fit_sweep import fit_sweep as fit_sweep
+from blurmatte.sweep.fit_sweep import likeliest_streak as likeliest_streak
 from blurmatte.sweep.model.chroma_subsampling import Compressed as Compressed
 from blurmatte.sweep.model.chroma_subsampling import file_of as file_of
 from blurmatte.sweep.model.chroma_subsampling import image_before as image_before

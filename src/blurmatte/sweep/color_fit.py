@@ -10,7 +10,7 @@ from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.color_fusion import fuse_colors
-from blurmatte.sweep.fit_sweep import fit_sweep
+from blurmatte.sweep.fit_sweep import fit_sweep, likeliest_streak
 from blurmatte.sweep.sweep import Sweep
 
 
@@ -61,7 +61,7 @@ def fit_color(
     check_color_fit(image, plate, streak, max_brightness)
     image, plate = with_noise(image, plate)
     if streak is None:
-        streak = require_streaks(image, plate)[0]
+        streak = likeliest_streak(image, plate, require_streaks(image, plate))
     refuse_coarse(image, streak)
     sweep = fit_sweep(image, plate, streak)
     return color_of(sweep, image, plate, streak, max_brightness)

@@ -4,6 +4,7 @@ Multistart fits of discs, outlines and discs with their shadow are hypotheses ab
 `Hypotheses` has them all with their weights, `fit_sweep` returns the likeliest.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,7 +28,11 @@ from blurmatte.sweep.fit.shadow import fit_with_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.residuals import noise_inflation, variance_inflation
+from blurmatte.sweep.model.residuals import (
+    explained_fraction,
+    noise_inflation,
+    variance_inflation,
+)
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import Sweep
@@ -35,6 +40,7 @@ from blurmatte.sweep.sweep import Sweep
 Array = npt.NDArray[np.float64]
 
 _FREE = ColorPrior(np.eye(3))
+_MAX_STREAKS, _MIN_EVIDENCE_RATIO = 5, 0.01  # that are fitted; of the strongest
 _EXPLAINED_INFLATION = 1.2  # of variance, of residuals that no other shape improves
 _MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
 _TIMES = np.linspace(0, 1, 33)
@@ -118,8 +124,40 @@ def fit_sweep(
     check_kind("start", start, Sweep | None, "use blurmatte.fit_sweep(image, plate)")
     image, plate = with_noise(image, plate)
     if streak is None:
-        streak = require_streaks(image, plate)[0]
+        streak = likeliest_streak(image, plate, require_streaks(image, plate), model)
     return fit_hypotheses(image, plate, streak, model, start).best
+
+
+def likeliest_streak(
+    image: LinearImage,
+    plate: LinearImage,
+    streaks: Sequence[Streak],
+    model: ColorModel | None = None,
+) -> Streak:
+    """The streak in which a disc explains most evidence, less that which it does not explain.
+
+    A person who moves may leave more evidence than a ball, but no disc explains it.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        Noise known.
+    streaks : sequence of Streak
+        The strongest first, which is returned if a disc explains none by more than half.
+    model : ColorModel, optional
+        What is known of the color.
+    """
+    least = _MIN_EVIDENCE_RATIO * streaks[0].evidence
+    strong = [streak for streak in streaks[:_MAX_STREAKS] if streak.evidence >= least]
+    if len(strong) < 2:
+        return streaks[0]
+    scores = []
+    for streak in strong:
+        search = Multistart.of(streak, image, plate, _prior(model).of_one_paint, QUICK_RADII)
+        explained = explained_fraction(search.quick())
+        scores.append(streak.evidence * (2 * explained - 1))
+    best = int(np.argmax(scores))
+    return strong[best] if scores[best] > 0 else streaks[0]
 
 
 def fit_hypotheses(

@@ -46,6 +46,16 @@ def residual_excess(state: State) -> float:
     return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
 
 
+def explained_fraction(state: State) -> float:
+    """Fraction of the change in the streak and the sweep that the sweep explains, noise apart; 0 to 1."""
+    observation, alpha = state.observation, state.swept.alpha
+    use = (observation.streak | (alpha > 0)) & observation.valid
+    variance = observation.C_variance + observation.B_variance
+    change = float((((observation.C - observation.B) ** 2 / variance)[use] - 1).sum())
+    left = float((state.chi2[use] - 3).sum())
+    return float(np.clip(1 - left / change, 0, 1)) if change > 0 else 0.0
+
+
 def outlier_fraction(state: State) -> float:
     """Fraction of the sweep's pixels whose χ² exceeds the 99.9 % quantile of noise."""
     inside = (state.swept.alpha > 0) & state.observation.valid
