@@ -47,7 +47,7 @@ def residual_excess(state: State) -> float:
 
 
 def explained_fraction(state: State) -> float:
-    """Fraction of the change in the streak and the sweep that the sweep explains, noise apart; 0 to 1."""
+    """Fraction of the change in streak and sweep that the sweep explains, noise apart; 0 to 1."""
     observation, alpha = state.observation, state.swept.alpha
     use = (observation.streak | (alpha > 0)) & observation.valid
     variance = observation.C_variance + observation.B_variance
