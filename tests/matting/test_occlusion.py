@@ -6,19 +6,13 @@ import numpy as np
 import pytest
 
 from blurmatte.layer import Layer
-from blurmatte.radiometry import with_noise
+from blurmatte.matting.occlusion import in_front, mean_of_neighbors
 from blurmatte.rendering import (
     Ball,
-    Camera,
     Scene,
-    Shot,
-    colorful_plate,
     plain_plate,
     render,
-    wire_fence,
 )
-from blurmatte.sweep import MAX_MISFIT, fit_sweep
-from blurmatte.sweep.occluder import in_front, mean_of_neighbors
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -55,20 +49,20 @@ def looked_at(truth, seed=0):
 
 @pytest.mark.parametrize("name", ["post", "wires"])
 @pytest.mark.parametrize("color", [(0.1, 0.25, 0.12), (0.03, 0.03, 0.03)], ids=["green", "black"])
-def test_finds_what_hides_the_object(name, color):
+def test_finds_the_occluder(name, color):
     """honest: most of it, and hardly anything beside it."""
     found = looked_at(light(posts(name), color))
     assert found[posts(name) & (BEHIND > 0.2)].mean() > 0.85
     assert found[~posts(name)].mean() < 0.002
 
 
-def test_finds_nothing_where_nothing_is():
+def test_finds_nothing_without_an_occluder():
     """honest: over several pictures of one object."""
     nothing = light(np.zeros(SIZE[::-1], bool))
     assert sum(looked_at(nothing, seed).sum() for seed in range(5)) == 0
 
 
-def test_a_shade_of_the_object_that_looks_like_the_plate_is_no_evidence():
+def test_a_plate_of_the_object_s_color_is_no_evidence():
     """exact: where the plate has the object's own color nothing can be said."""
     B = np.broadcast_to(0.5 * ORANGE, (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
@@ -87,33 +81,7 @@ def test_mean_of_neighbors():
     assert mean_of_neighbors(one).sum() == pytest.approx(9)
 
 
-def test_a_sweep_is_found_behind_wires():
-    """honest: with two wires of sixteen pixels in front of one paint."""
-    truth, rng = light(posts("wires")), np.random.default_rng(3)
-    pictures = (
-        Camera(code_std=1.5 / 255).photograph(p.rgb, rng) for p in (truth.image, truth.plate)
-    )
-    sweep = fit_sweep(*with_noise(*pictures))
-    assert sweep.misfit <= MAX_MISFIT
-    assert sweep.model.rank == 1
-    assert abs(sweep.radius - 11) < 0.2
-    assert np.sqrt(np.mean((sweep.alpha - BEHIND)[BEHIND > 0] ** 2)) < 0.005
-
-
-def test_wires_that_seem_to_be_in_the_light_of_the_object_are_looked_for():
-    """honest: the disc leaves no more than noise, but its light would have to change by 22 %."""
-    plate, size = colorful_plate((200, 120), 3, tile=24), (200, 120)
-    way, fence = Trajectory.line((40, 44), (160, 76)), wire_fence(size, 30, 2, (0.1, 0.1, 0.1))
-    scene = Scene(plate, way, Ball(12, ORANGE), occluder=fence)
-    truth = render(scene, 120)
-    shot = Shot(scene, Camera(code_std=1 / 255), plate_frames=5, seed=3)
-    sweep = fit_sweep(*shot.photograph(truth))
-    assert sweep.misfit <= MAX_MISFIT
-    seen = truth.layer.alpha > 0
-    assert np.sqrt(np.mean((sweep.alpha - truth.layer.alpha)[seen] ** 2)) < 0.005
-
-
-def test_a_sweep_that_is_hardly_seen_is_none():
+def test_a_sweep_that_is_mostly_hidden_has_no_occluder():
     """exact: a shape fitted to noise is not behind something, it is not there."""
     B = np.broadcast_to(np.array([0.3, 0.33, 0.36]), (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)

@@ -1,17 +1,21 @@
-"""The data of a sweep: cropped in the right place, and means of blocks when coarser."""
+"""Observation: the crop, coarse pixels, noise, and axes of color."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.stats import chi2
 
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
+from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 
 NOISE = NoiseModel(gain=1e-4, read_std=1e-3)
+NOISE_OF_0_01 = NoiseModel(read_std=0.01)
 SIZE = (60, 44)
+NEUTRAL = ColorPrior(np.eye(3))
 
 
 def pictures(seed=0):
@@ -28,7 +32,7 @@ def streak():
     return Streak(mask)
 
 
-def random_data(width=13, height=11, seed=0):
+def random_observation(width=13, height=11, seed=0):
     rng = np.random.default_rng(seed)
     light = rng.uniform(0, 1, (4, height, width, 3))
     valid, moved, near = rng.uniform(0, 1, (3, height, width)) > [[[0.1]], [[0.8]], [[0.5]]]
@@ -43,82 +47,122 @@ def blocks(values, by):
             yield j, i, values[by * j : by * (j + 1), by * i : by * (i + 1)]
 
 
-def test_no_coarser_is_the_same():
-    data = random_data()
-    assert data.coarser(1) is data
+def test_coarser_by_one_is_the_same():
+    observation = random_observation()
+    assert observation.coarser(1) is observation
 
 
 @pytest.mark.parametrize("by", [2, 3, 5])
 def test_coarser_light_is_the_mean_of_blocks(by):
-    data = random_data()
-    coarse = data.coarser(by)
+    observation = random_observation()
+    coarse = observation.coarser(by)
     assert coarse.weight.shape == (11 // by, 13 // by)
-    for j, i, block in blocks(data.C, by):
+    for j, i, block in blocks(observation.C, by):
         assert_allclose(coarse.C[j, i], block.mean(axis=(0, 1)))
-    for j, i, block in blocks(data.B, by):
+    for j, i, block in blocks(observation.B, by):
         assert_allclose(coarse.B[j, i], block.mean(axis=(0, 1)))
 
 
 @pytest.mark.parametrize("by", [2, 3, 5])
 def test_coarser_variance_is_that_of_a_mean(by):
-    data = random_data()
-    coarse = data.coarser(by)
-    for j, i, block in blocks(data.C_variance, by):
+    observation = random_observation()
+    coarse = observation.coarser(by)
+    for j, i, block in blocks(observation.C_variance, by):
         assert_allclose(coarse.C_variance[j, i], block.sum(axis=(0, 1)) / by**4)
-    for j, i, block in blocks(data.B_variance, by):
+    for j, i, block in blocks(observation.B_variance, by):
         assert_allclose(coarse.B_variance[j, i], block.sum(axis=(0, 1)) / by**4)
 
 
-def test_noise_that_hangs_together_is_measured_where_means_hide_it():
-    """Honest: of means over pixels of a file that share it the variance is as measured."""
-    rng = np.random.default_rng(4)
-    light, std = np.broadcast_to(np.linspace(0.1, 0.7, 160)[:, None], (120, 160, 3)), 0.01
-
-    def shared():
-        return light + np.repeat(np.repeat(rng.normal(0, std, (60, 80, 3)), 2, 0), 2, 1)
-
-    pictures = [LinearImage(shared(), NoiseModel(read_std=std)) for _ in "ab"]
+def test_correlated_noise_is_the_trimmed_variance_of_block_sums():
+    """oracle: of noise shared by n by n pixels it is n² times the mean of 70 % of χ²/3."""
+    rng, std = np.random.default_rng(4), 0.01
     mask = np.zeros((120, 160), bool)
-    mask[50:70, 60:100] = True
-    data = replace(observation_around(Streak(mask), 40, *pictures, None), louder=3.0).coarser(2)
-    assert_allclose(data.C_variance.mean(), std**2 / 4, rtol=0.01)
-    measured = data.with_noise_measured()
-    both = measured.C_variance + measured.B_variance
-    assert_allclose(both.mean(), 3 * 2 * std**2, rtol=0.1)
-    assert_array_equal(measured.C, data.C)
+    mask[52:72, 60:100] = True  # the box around it begins with a whole cell
+
+    def measured(by):
+        cells = rng.normal(0, std, (2, 120 // by, 160 // by, 3))
+        pictures = [
+            LinearImage(0.4 + np.kron(x, np.ones((by, by, 1))), NOISE_OF_0_01) for x in cells
+        ]
+        return observation_around(Streak(mask), 40, *pictures, NEUTRAL).correlated_noise()
+
+    quantile = chi2.ppf(0.7, 3)
+    trimmed = chi2.cdf(quantile, 5) / 0.7  # the partial mean of χ² of 3 is the CDF of χ² of 5
+    assert measured(1) == 1
+    for by in (2, 4):
+        assert_allclose(measured(by), by**2 * trimmed, rtol=0.1)
+
+
+def test_raised_noise_has_that_many_times_the_variance():
+    observation = random_observation().raised(2.0).raised(1.5)
+    assert_allclose(observation.C_variance, 3 * random_observation().C_variance)
+    assert_allclose(observation.B_variance, 3 * random_observation().B_variance)
+    assert observation.noise_inflation == 3
+
+
+def test_light_along_rotated_axes_has_the_same_length():
+    """invariant: and the variances have the same sum."""
+    axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    plain = random_observation()
+    turned = replace(plain, color=ColorPrior(axes))
+    for one, other in zip(plain.light[:2], turned.light[:2], strict=True):
+        assert_allclose((one**2).sum(axis=-1), (other**2).sum(axis=-1))
+    for one, other in zip(plain.light[2:], turned.light[2:], strict=True):
+        assert_allclose(one.sum(axis=-1), other.sum(axis=-1))
+
+
+def test_axes_are_along_the_mean_color_and_the_largest_spread():
+    """exact: colors along a line in color space, without noise."""
+    rng = np.random.default_rng(2)
+    mean, spread = np.array([0.5, 0.3, 0.2]), np.array([0.1, -0.2, 0.05])
+    observation = random_observation()
+    alpha = np.full(observation.weight.shape, 0.5)
+    k = mean + rng.normal(0, 0.2, (*alpha.shape, 1)) * spread
+    observation = observation.with_light(0.5 * observation.B + 0.5 * k)
+    color = observation.along_colors(alpha).color
+    weight = observation.weight
+    measured = np.einsum("yx,yxc->c", weight, k) / weight.sum()
+    assert_allclose(color.axes[:, 0], measured / np.linalg.norm(measured), atol=1e-9)
+    assert_allclose(color.axes.T @ color.axes, np.eye(3), atol=1e-6)
+    assert abs(color.axes[:, 2] @ spread) < 1e-5
+
+
+def test_axes_of_a_known_color_stay():
+    observation = replace(random_observation(), color=ColorPrior(np.eye(3), 1, 1, 0.01))
+    assert observation.along_colors(np.full(observation.weight.shape, 0.5)) is observation
 
 
 @pytest.mark.parametrize("by", [2, 3, 5])
-def test_a_coarser_pixel_is_believed_if_all_of_it_is(by):
-    data = random_data()
-    coarse = data.coarser(by)
+def test_a_coarse_pixel_is_valid_if_all_of_it_is(by):
+    observation = random_observation()
+    coarse = observation.coarser(by)
     assert 0 < coarse.valid.sum() < coarse.valid.size or by == 5
-    for j, i, block in blocks(data.valid, by):
+    for j, i, block in blocks(observation.valid, by):
         assert coarse.valid[j, i] == block.all()
-    for j, i, block in blocks(data.weight, by):
+    for j, i, block in blocks(observation.weight, by):
         assert_allclose(coarse.weight[j, i], block.mean() if coarse.valid[j, i] else 0)
 
 
-def test_a_coarser_pixel_has_moved_if_any_of_it_has():
-    data = random_data()
-    coarse = data.coarser(3)
-    for fine, rough in ((data.streak, coarse.streak), (data.near, coarse.near)):
+def test_a_coarse_pixel_has_moved_if_any_of_it_has():
+    observation = random_observation()
+    coarse = observation.coarser(3)
+    for fine, rough in ((observation.streak, coarse.streak), (observation.near, coarse.near)):
         for j, i, block in blocks(fine, 3):
             assert rough[j, i] == block.any()
 
 
-def test_coarser_pixels_are_where_they_were():
+def test_coarse_pixels_are_centered_on_their_blocks():
     """The first is centered on the middle of its block."""
-    coarse = random_data().coarser(3)
+    coarse = random_observation().coarser(3)
     assert coarse.origin == (8.0, 4.0)
     assert coarse.scale == 3
-    assert random_data().coarser(2).origin == (7.5, 3.5)
+    assert random_observation().coarser(2).origin == (7.5, 3.5)
     assert coarse.size == SIZE
 
 
 def test_twice_coarser_is_once_coarser_by_the_product():
-    data = random_data(24, 12)
-    twice, once = data.coarser(2).coarser(3), data.coarser(6)
+    observation = random_observation(24, 12)
+    twice, once = observation.coarser(2).coarser(3), observation.coarser(6)
     for name in ("C", "B", "C_variance", "B_variance", "valid", "streak", "near"):
         assert_allclose(getattr(twice, name), getattr(once, name))
     assert twice.origin == once.origin
@@ -126,32 +170,32 @@ def test_twice_coarser_is_once_coarser_by_the_product():
 
 
 @pytest.mark.parametrize("margin", [3, 6, 40])
-def test_the_data_are_those_around_the_streak(margin):
+def test_the_observation_is_the_box_around_the_streak(margin):
     image, plate = pictures()
-    data = observation_around(streak(), margin, image, plate, None)
+    observation = observation_around(streak(), margin, image, plate, NEUTRAL)
     x0, y0, x1, y1 = streak().around(margin)
-    assert data.origin == (x0, y0)
-    assert data.scale == 1
-    assert data.size == SIZE
-    assert data.known is None
-    assert_array_equal(data.C, image.rgb[y0:y1, x0:x1])
-    assert_array_equal(data.B, plate.rgb[y0:y1, x0:x1])
-    assert_array_equal(data.streak, streak().mask[y0:y1, x0:x1])
-    assert data.C_variance.shape == data.B_variance.shape == data.C.shape
+    assert observation.origin == (x0, y0)
+    assert observation.scale == 1
+    assert observation.size == SIZE
+    assert observation.color is NEUTRAL
+    assert_array_equal(observation.C, image.rgb[y0:y1, x0:x1])
+    assert_array_equal(observation.B, plate.rgb[y0:y1, x0:x1])
+    assert_array_equal(observation.streak, streak().mask[y0:y1, x0:x1])
+    assert observation.C_variance.shape == observation.B_variance.shape == observation.C.shape
 
 
-def test_near_is_what_lies_within_the_margin():
+def test_near_is_within_the_margin():
     """Oracle: the distance to every pixel of the streak."""
     margin = 6
-    data = observation_around(streak(), margin, *pictures(), None)
-    inside = np.argwhere(data.streak)
-    for place in np.ndindex(data.near.shape):
+    observation = observation_around(streak(), margin, *pictures(), NEUTRAL)
+    inside = np.argwhere(observation.streak)
+    for place in np.ndindex(observation.near.shape):
         apart = np.linalg.norm(inside - place, axis=1).min()
-        assert data.near[place] == (apart <= margin)
-    assert np.count_nonzero(~data.near) > 0
+        assert observation.near[place] == (apart <= margin)
+    assert np.count_nonzero(~observation.near) > 0
 
 
-def test_far_pixels_count_less_and_those_not_to_be_believed_nothing():
+def test_far_pixels_weigh_less_and_invalid_ones_nothing():
     image, plate = pictures()
     clipped, dead = np.ones((2, *SIZE[::-1]), bool)
     clipped[20, 25] = dead[16, 12] = dead[40, 50] = False
@@ -159,13 +203,13 @@ def test_far_pixels_count_less_and_those_not_to_be_believed_nothing():
         LinearImage(picture.rgb, NOISE, valid)
         for picture, valid in ((image, clipped), (plate, dead))
     )
-    data = observation_around(streak(), 8, image, plate, None)
-    assert_array_equal(data.valid, (clipped & dead)[7:35, 12:46])
-    assert not data.valid[13, 13]
-    assert not data.valid[9, 0]
-    assert_array_equal(data.weight == 0, ~data.valid)
-    assert_array_equal(data.weight[data.valid & data.near], 1)
-    far = data.weight[data.valid & ~data.near]
+    observation = observation_around(streak(), 8, image, plate, NEUTRAL)
+    assert_array_equal(observation.valid, (clipped & dead)[7:35, 12:46])
+    assert not observation.valid[13, 13]
+    assert not observation.valid[9, 0]
+    assert_array_equal(observation.weight == 0, ~observation.valid)
+    assert_array_equal(observation.weight[observation.valid & observation.near], 1)
+    far = observation.weight[observation.valid & ~observation.near]
     assert 0 < far.min() == far.max() < 0.5
 
 
@@ -173,19 +217,19 @@ def test_variance_is_that_of_a_neighborhood():
     """Of even light it is the sensor's own; of noisy light it hardly goes with a pixel's noise."""
     image, plate = pictures()
     even = LinearImage(np.full_like(image.rgb, 0.3), NOISE)
-    data = observation_around(streak(), 5, even, plate, None)
-    assert_allclose(data.C_variance, 1e-4 * 0.3 + 1e-6)
-    raw = NOISE.variance(data.B)
-    assert data.B_variance.min() > raw.min()
-    assert data.B_variance.max() < raw.max()
-    assert_allclose(data.B_variance.mean(), raw.mean(), rtol=0.03)
-    assert np.std(data.B_variance) < 0.25 * np.std(raw)
+    observation = observation_around(streak(), 5, even, plate, NEUTRAL)
+    assert_allclose(observation.C_variance, 1e-4 * 0.3 + 1e-6)
+    raw = NOISE.variance(observation.B)
+    assert observation.B_variance.min() > raw.min()
+    assert observation.B_variance.max() < raw.max()
+    assert_allclose(observation.B_variance.mean(), raw.mean(), rtol=0.03)
+    assert np.std(observation.B_variance) < 0.25 * np.std(raw)
 
 
 @pytest.mark.parametrize("noise", [NoiseModel(), np.zeros((*SIZE[::-1], 3)), NOISE])
-def test_variance_is_finite_and_never_nothing(noise):
+def test_variance_is_finite_and_positive(noise):
     dark = LinearImage(np.zeros((*SIZE[::-1], 3)), noise)
-    data = observation_around(streak(), 5, dark, dark, None)
-    for variance in (data.C_variance, data.B_variance):
+    observation = observation_around(streak(), 5, dark, dark, NEUTRAL)
+    for variance in (observation.C_variance, observation.B_variance):
         assert np.all(np.isfinite(variance))
         assert variance.min() > 0
