@@ -9,6 +9,7 @@ import struct
 import subprocess
 import sys
 import zlib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +21,8 @@ from typer.testing import CliRunner
 import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.printing import swatches
+from blurmatte.cli.solving import LESSER_GRADE
+from blurmatte.explain import grade_in_words
 from blurmatte.rendering import add_noise, colorful_plate
 
 NOISE = bm.NoiseModel(gain=1e-5, read_std=4e-4)
@@ -90,15 +93,81 @@ def test_solve_writes_all_results(scene, tmp_path):
     result = good("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", out)
     assert sorted(path.name for path in out.iterdir()) == NAMES
     assert result.stderr == ""
-    first, second, third = result.stdout.splitlines()
+    *graded, first, second, third = result.stdout.splitlines()
     assert first.startswith("Solution(128x80, alpha up to 0.")
     assert re.fullmatch(r"#ff\w{4}  rank 1, ± 0\.\d+°", second)
     assert third == str(out / "overview.png")
     solution = bm.read_solution(out / "layer.exr")
+    assert graded == grade_in_words(solution)
     assert solution.stats["sum_alpha"] == pytest.approx(np.pi * 12**2, rel=0.03)
     report = json.loads((out / "report.json").read_text())
     assert report["model"]["rank"] == 1
     assert report["command"].startswith("blurmatte")
+
+
+@pytest.fixture
+def graded(monkeypatch):
+    """A function: from now on solutions have this grade, and errors that fit it."""
+    usual = bm.solve
+
+    def of(grade):
+        stats = {"grade": grade, "alpha_error": 0.04, "alpha_scale_std": 0.25}
+        stats["grade_reasons"] = ("color",)
+
+        def solve(*args, **kwargs):
+            solution = usual(*args, **kwargs)
+            return replace(solution, stats={**solution.stats, **stats})
+
+        monkeypatch.setattr(bm, "solve", solve)
+
+    return of
+
+
+def test_first_line_is_the_grade_and_what_it_means(scene, tmp_path, graded):
+    graded("assumed")
+    first, second, *_ = solve(scene, tmp_path).stdout.splitlines()
+    assert first == (
+        "assumed: the color is uncertain, so that one had to be assumed; alpha is known up to a "
+        "factor of 1 ± 0.25, within 0.04"
+    )
+    assert second.startswith("Solution(128x80, ")
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["grade"] == "assumed"
+    assert report["in_words"][0] == f"{first}."
+    assert bm.read_solution(tmp_path / "layer.exr").grade is bm.Grade.ASSUMED
+    assert f"{first}." in good("info", tmp_path / "layer.exr").stdout.splitlines()
+
+
+@pytest.mark.parametrize("required", ["confirmed", "plausible"])
+@pytest.mark.parametrize("grade", ["confirmed", "plausible", "assumed"])
+def test_lesser_grade_than_required_has_an_exit_code_and_files(
+    scene, tmp_path, graded, grade, required
+):
+    graded(grade)
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
+    result = run("solve", *files, "--out", tmp_path / "o", "--require", required)
+    lesser = list(bm.Grade).index(grade) > list(bm.Grade).index(required)
+    assert result.exit_code == (LESSER_GRADE if lesser else 0)
+    assert sorted(content(tmp_path / "o")) == NAMES
+    said = f"image.png: its grade is {grade}, --require asks for {required}; its files were written"
+    assert (said in result.stderr) == lesser
+
+
+def test_answer_without_a_grade_meets_no_requirement(scene, tmp_path):
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
+    result = run("solve", *files, "--out", tmp_path / "o", "--require", "plausible")
+    assert result.exit_code == LESSER_GRADE
+    assert "image.png: it has no grade, --require asks for plausible" in result.stderr
+
+
+def test_failed_image_outweighs_a_lesser_grade(here, tmp_path, graded):
+    graded("assumed")
+    (here / "broken.png").write_text("not a picture")
+    images = here / "image.png", here / "broken.png"
+    options = ("--plate", here / "plate.png", "--color", COLOR, *FAST, "--require", "confirmed")
+    result = run("solve", *images, *options, "--out", tmp_path / "o")
+    assert result.exit_code == 2
+    assert sorted(content(tmp_path / "o" / "image")) == NAMES
 
 
 def test_solve_is_what_the_api_says(scene, tmp_path):
@@ -185,7 +254,7 @@ def test_an_occluder_is_left_out_and_flagged(scene, tmp_path):
 
 
 def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
-    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
+    base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
     told = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
     first, line = told.stderr.splitlines()
     assert "nothing is found to move in --region 90,0,120,20; all of it is taken" in first
@@ -212,8 +281,10 @@ def test_other_things_that_moved_are_told_and_can_be_chosen(here, tmp_path):
 
 def test_a_refusal_says_which_of_the_things_that_moved_it_is_about(here, tmp_path):
     image = bm.read(here / "plate.png")
-    image.rgb[30:50, 40:70] *= 0.3  # only light is lost, so that both are refused
-    image.rgb[5:14, 100:112] *= 0.5
+    y, x = np.mgrid[:80, :128]
+    for x0, y0, radius, part in ((55, 40, 12, 0.7), (106, 12, 6, 0.5)):  # soft: shadows, refused
+        distance = np.hypot(x - x0, y - y0)
+        image.rgb[...] *= 1 - (part / (1 + np.exp(distance - radius)))[..., None]
     bm.write(here / "dark.png", image)
     base = ("solve", here / "dark.png", "--plate", here / "plate.png", "--out", tmp_path / "o")
     line = complaint(run(*base))
@@ -221,7 +292,7 @@ def test_a_refusal_says_which_of_the_things_that_moved_it_is_about(here, tmp_pat
         r"the streak in (\S+) \(X0,Y0,X1,Y1\); also moved, choose with --region: (\S+)$", line
     )
     boxes = [list(map(int, box.split(","))) for box in found.groups()]
-    assert np.abs(np.subtract(boxes, [[40, 30, 70, 50], [100, 5, 112, 14]])).max() < 8
+    assert np.abs(np.subtract(boxes, [[43, 28, 67, 52], [100, 6, 112, 18]])).max() < 9
     assert "The strongest is the streak" not in complaint(run(*base, "--region", found[2]))
 
 
@@ -626,6 +697,7 @@ def test_any_name_will_do(here, tmp_path):
         (["--mask", "SHARP", "--region", "0,0,9,9"], "not both"),
         (["--max-brightness", "-1"], "--max-brightness must be above 0, got -1"),
         (["--solver", "smooth", "--smoothness", "0"], "--smoothness must be above 0, got 0"),
+        (["--require", "assumed"], "--require must be confirmed or plausible, got 'assumed'"),
         (["--mask", "BLACK"], "is white nowhere"),
         (["--occluder", "WHITE", "--color", "#ff0000"], "is white everywhere"),
         (["--max-pixels", "100"], "more than the limit of 100"),

@@ -82,8 +82,8 @@ SolverName = Annotated[
     typer.Option(
         metavar="auto|swept|smooth|pixelwise|shaded",
         help="swept: a shape on a path; smooth: all pixels together; pixelwise: each alone; shaded: "
-        "each alone, and the object's shadow with it. auto: swept where a shape explains the streak, "
-        "else smooth.",
+        "each alone, and the object's shadow with it. auto: swept and smooth, averaged by how likely "
+        "they are.",
     ),
 ]
 
@@ -104,5 +104,12 @@ MatchName = Annotated[
         metavar="auto|none|exposure|shift|full",
         help="How the plate may be changed to match the image: its light, its place too, or any "
         "small turn and smooth light. auto: what the pictures ask for.",
+    ),
+]
+Require = Annotated[
+    str | None,
+    typer.Option(
+        metavar="confirmed|plausible",
+        help="The least grade: exit code 3 if an answer has a lesser one. Its files are written.",
     ),
 ]

@@ -29,6 +29,7 @@ from blurmatte.cli.options import (
     Plate,
     Rank,
     Region,
+    Require,
     ShadedPlate,
     Smoothness,
     SolverName,
@@ -38,6 +39,7 @@ from blurmatte.cli.printing import complain, in_degrees, say, swatches
 from blurmatte.cli.program import about, app, told, waiting, with_progress
 from blurmatte.cli.targets import check_file, check_folder, check_kept
 
+LESSER_GRADE = 3  # exit code: written, but with a lesser grade than --require asks for
 _TOLD = 5  # other things that moved
 
 
@@ -60,6 +62,7 @@ def solve(
     smoothness: Smoothness = None,
     shaded_plate: ShadedPlate = None,
     match: MatchName = "auto",
+    require: Require = None,
     max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
@@ -67,6 +70,7 @@ def solve(
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
     the folder; for several images, each into a folder of its own in there.
     """
+    required = _required(require)
     check_folder(out)
     inputs = [plate, *filter(None, (color_from, mask, occluder, shaded_plate, noise))]
     for path, folder in places(images, out):
@@ -80,7 +84,7 @@ def solve(
     elif shaded_plate is not None:
         raise ValueError(f"--shaded-plate is for --solver shaded, the solver is {solver}")
     task = Task(files, asked)
-    failed = 0
+    failed, lesser = 0, 0
     for path, folder in with_progress(places(images, out)):
         try:
             with about(path) as said:
@@ -108,13 +112,10 @@ def solve(
             complain(str(error))
             failed += 1
         else:
-            changed = found.moves or found.changes_light
-            plate_said = [f"plate: {found.in_words}"] if changed else []
-            lines = [str(solution), in_degrees(solution.model), *plate_said, *_others(solution)]
-            say("\n".join(lines))
-            say(str(folder / "overview.png"))
-    if failed:
-        raise typer.Exit(2)
+            _say_answer(solution, found, folder)
+            lesser += _is_lesser(path, solution, required)
+    if failed or lesser:
+        raise typer.Exit(2 if failed else LESSER_GRADE)
 
 
 @app.command()
@@ -212,6 +213,23 @@ def _solver(name: str, smoothness: float | None) -> Solver | None:
     raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {name!r}")
 
 
+def _required(name: str | None) -> bm.Grade | None:
+    """The least grade of a name; None: any will do."""
+    if name not in (None, bm.Grade.CONFIRMED, bm.Grade.PLAUSIBLE):
+        raise ValueError(f"--require must be confirmed or plausible, got {name!r}")
+    return None if name is None else bm.Grade(name)
+
+
+def _is_lesser(path: Path, solution: bm.Solution, required: bm.Grade | None) -> bool:
+    """Whether a solution has a lesser grade than required, or none; complains if so."""
+    grades = list(bm.Grade)  # the best first
+    if required is None or grades.index(solution.grade) <= grades.index(required):
+        return False
+    grade = f"its grade is {solution.grade}" if "grade" in solution.stats else "it has no grade"
+    complain(f"{path}: {grade}, --require asks for {required}; its files were written")
+    return True
+
+
 def _with_match(solution: bm.Solution, match: bm.Match) -> bm.Solution:
     """The solution of a matched plate, with what was done to the plate before."""
     agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
@@ -254,10 +272,9 @@ def _curve_doubted(
     path: Path, image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, files: Files
 ) -> list[str]:
     """Warn if another curve lets a disc of one color explain what is not one now."""
-    disc = solution.stats.get("sweep", {}).get("silhouette") == "disc" and solution.model.rank == 1
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if disc or files.transfer is not None or not alike:
+    if _is_explained_by_disc(solution) or files.transfer is not None or not alike:
         return []
     fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
@@ -268,6 +285,24 @@ def _curve_doubted(
     )
     complain(f"warning: {line}")
     return [line]
+
+
+def _is_explained_by_disc(solution: bm.Solution) -> bool:
+    """Whether a disc of one color explains the streak."""
+    sweep = solution.sweep
+    if sweep is None or sweep.rejection:
+        return False
+    return sweep.silhouette.name == "disc" and sweep.model.rank == 1
+
+
+def _say_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
+    """The grade and what it means, the colors, the plate, what else moved, and the sheet."""
+    from blurmatte.explain import grade_in_words
+
+    lines = [*grade_in_words(solution), str(solution), in_degrees(solution.model)]
+    if match.moves or match.changes_light:
+        lines.append(f"plate: {match.in_words}")
+    say("\n".join([*lines, *_others(solution), str(folder / "overview.png")]))
 
 
 def _others(solution: bm.Solution) -> Iterator[str]:
