@@ -68,6 +68,9 @@ def test_cast_shadow_is_described_and_no_doubt(solution):
     )
     solved.quality[5:15, 5:15] = Quality.SHADOW
     assert not any("choose a region without it" in words for words in doubts(solved))
+    assert any(
+        "choose a region without it" in x for x in doubts(replace(solved, solver="Smooth()"))
+    )
     other = replace(solved, stats={"sweep": disc_on_arc(shadow=None)})
     assert any("choose a region without it" in words for words in doubts(other))
 

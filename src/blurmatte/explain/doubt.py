@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from blurmatte.explain.sweep import shape_is_likeliest
 from blurmatte.matting import Quality, Solution
 
 _ALL_SHADOW = (
@@ -40,7 +41,7 @@ def doubts(solution: Solution) -> list[str]:
         flag: float(np.mean(((inside & flag) != 0) & (unknown | (flag != Quality.SATURATED))))
         for flag in _REMEDY
     }
-    if (solution.stats.get("sweep") or {}).get("shadow") is not None:
+    if shape_is_likeliest(solution) and solution.stats["sweep"].get("shadow") is not None:
         del shares[Quality.SHADOW]  # it is the object's own, as is said of it
     said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
             if share > _MANY]  # fmt: skip
