@@ -11,11 +11,10 @@ import numpy as np
 from blurmatte.radiometry import NoiseModel, with_noise
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, plain_plate, render
 from blurmatte.streaks import Streak
+from blurmatte.sweep.fit.multistart import start_along
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
-from blurmatte.sweep.model.silhouette import DISC
-from blurmatte.sweep.model.state import state_at
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
@@ -26,6 +25,7 @@ WALL = plain_plate(SIZE, (0.34, 0.33, 0.3), 4)
 TILES = colorful_plate(SIZE, 2, tile=20)
 TIMES = np.linspace(0, 1, 65)
 NEUTRAL = ColorPrior(np.eye(3))
+ONE_PAINT = NEUTRAL.of_one_paint
 CAMERA = Camera(code_std=1.5 / 255)
 JPEG = Camera(code_std=1.5 / 255, jpeg_quality=90, chroma="4:2:0")
 
@@ -45,8 +45,11 @@ def along(family):
     return Trajectory(family.at(PATHS[family], np.linspace(0, 1, 513))[0], np.linspace(0, 1, 513))
 
 
+# Shaded balls, and flat ones, of one color all over; before a wall, and before tiles of many hues.
 BALLS = {family: Scene(WALL, along(family), Ball(RADIUS, GREEN)) for family in PATHS}
 BEFORE_TILES = {family: replace(scene, plate=TILES) for family, scene in BALLS.items()}
+FLAT = {family: replace(s, body=Ball(RADIUS, GREEN, ambient=1.0)) for family, s in BALLS.items()}
+FLAT_BEFORE_TILES = {family: replace(scene, plate=TILES) for family, scene in FLAT.items()}
 BALL = BALLS[LINE]
 
 
@@ -78,11 +81,14 @@ def exact(scene, color=NEUTRAL):
 
 
 def disc_at(observation, family=LINE, offset=0.0, radius=RADIUS):
-    """A disc of a radius on the true path of a family, but for an offset of its points, pixels."""
+    """A disc of a radius on the true path of a family, but for an offset of its points, pixels.
+
+    Axes of color are along the colors that it finds, unless they are known.
+    """
     path = PATHS[family].copy()
     points = len(path) - family.size % 2
     path[:points] += np.resize(offset, points)
-    return state_at(observation, family, path, DISC, DISC.start(radius))
+    return start_along(observation, family, path, radius)
 
 
 def within(observation, values):

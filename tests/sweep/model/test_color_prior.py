@@ -1,15 +1,13 @@
-"""What is known of a color: the turns against it, and what they cost."""
+"""ColorPrior: axes of color space from a color model, and from the light of an object."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
-from blurmatte.sweep.frame import Frame
-from blurmatte.sweep.model.color_prior import ColorPrior, known_color
+from blurmatte.sweep.model.color_prior import ColorPrior
 
 PAINTS = np.array([[0.7, 0.35, 0.1], [0.1, 0.3, 0.7]])
-TURNS = np.array([3e-3, -5e-3])
 ranks = pytest.mark.parametrize("rank", [1, 2])
 
 
@@ -21,40 +19,75 @@ def sampled(rank):
 
 
 @ranks
-def test_turns_are_those_by_which_a_frame_was_turned(rank):
-    known = known_color(sampled(rank))
-    assert_allclose(known.turns(known.frame), 0, atol=1e-14)
-    for turns in (TURNS, TURNS[::-1], [1e-3, 0], [0, 1e-3]):
-        turned = known.frame.turned(np.array(turns))
-        assert_allclose(known.turns(turned), turns, rtol=1e-4, atol=1e-12)
-
-
-@ranks
-def test_the_cost_is_half_a_squared_number_of_sigmas(rank):
-    frame = Frame.of(PAINTS[:rank].T)
-    known = ColorPrior(frame, np.diag([1 / 0.01**2, 1 / 0.002**2]))
-    assert_allclose(known.cost(frame), 0, atol=1e-14)
-    assert_allclose(known.cost(frame.turned(np.array([0.01, 0]))), 0.5, rtol=1e-3)
-    assert_allclose(known.cost(frame.turned(np.array([0, -0.004]))), 2, rtol=1e-3)
-    assert_allclose(known.cost(frame.turned(np.array([0.01, 0.004]))), 2.5, rtol=1e-3)
-
-
-@ranks
-def test_a_model_is_known_as_well_as_its_covariance_says(rank):
-    """The pole of a turned frame is as far away, in sigmas, as the model's own covariance has it."""
+def test_the_first_axes_span_the_model(rank):
     model = sampled(rank)
-    known = known_color(model)
-    assert known.frame.rank == rank
-    assert_allclose(known.frame.across.T @ model.basis, 0, atol=1e-14)
-    for turns in 0.01 * np.random.default_rng(0).normal(size=(5, 2)):
-        turned = known.frame.turned(turns)
-        pole = (turned.within if rank == 1 else turned.across)[:, 0]
-        off = pole / (pole @ model.pole) - model.pole
-        z2 = off @ np.linalg.pinv(model.covariance) @ off
-        assert_allclose(known.cost(turned), z2 / 2, rtol=1e-3)
+    prior = ColorPrior.of(model)
+    assert_allclose(prior.axes.T @ prior.axes, np.eye(3), atol=1e-12)
+    assert_allclose(prior.axes[:, rank:].T @ model.basis, 0, atol=1e-12)
+    assert (prior.rank, prior.varied) == (rank, rank)
 
 
 @ranks
-def test_a_color_that_is_given_is_known_to_a_millionth(rank):
-    known = known_color(ColorModel.from_hex(*["#ff8000", "#2040ff"][:rank]))
-    assert_allclose(known.information, 1e12 * np.eye(2))
+def test_the_angle_is_as_uncertain_as_the_model(rank):
+    model = sampled(rank)
+    std = np.radians(model.angle_std)
+    assert std > 1e-3
+    assert_allclose(ColorPrior.of(model).angle_std, np.hypot(std, 1e-3), rtol=1e-12)
+
+
+@ranks
+def test_an_exact_model_leaves_a_thousandth_of_a_radian(rank):
+    prior = ColorPrior.of(ColorModel.from_hex(*["#ff8000", "#2040ff"][:rank]))
+    assert_allclose(prior.angle_std, 1e-3)
+
+
+def test_any_colors_leave_all_axes_free():
+    prior = ColorPrior.of(ColorModel.any())
+    assert (prior.rank, prior.varied, prior.angle_std) == (3, 3, 0.0)
+    assert_allclose(prior.axes, np.eye(3))
+
+
+def test_one_paint_varies_in_brightness_alone():
+    prior = ColorPrior.of(sampled(2))
+    one = prior.of_one_paint
+    assert (one.rank, one.varied) == (2, 1)
+    assert one.axes is prior.axes
+
+
+def random_moments(seed=0):
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(3, 3))
+    return rng.uniform(0.1, 0.9, 3), root @ root.T
+
+
+def test_axes_are_along_the_mean_and_the_largest_spread_across_it():
+    """oracle: of all directions across the mean, none has larger moments than the second axis."""
+    mean, moments = random_moments()
+    axes = ColorPrior.along(mean, moments).axes
+    assert_allclose(axes.T @ axes, np.eye(3), atol=1e-9)
+    assert_allclose(axes[:, 0], mean / np.linalg.norm(mean))
+    angles = np.linspace(0, np.pi, 1000)
+    around = np.outer(axes[:, 1], np.cos(angles)) + np.outer(axes[:, 2], np.sin(angles))
+    spread = np.einsum("ci,cd,di->i", around, moments, around)
+    assert_allclose(spread.max(), axes[:, 1] @ moments @ axes[:, 1], rtol=1e-9)
+
+
+def test_rotated_moments_give_rotated_axes():
+    """invariant: up to the signs of the axes."""
+    mean, moments = random_moments()
+    R = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+    plain = ColorPrior.along(mean, moments).axes
+    turned = ColorPrior.along(R @ mean, R @ moments @ R.T).axes
+    assert_allclose(np.abs((R @ plain).T @ turned), np.eye(3), atol=1e-9)
+
+
+def test_brightness_does_not_change_the_axes():
+    """invariant"""
+    mean, moments = random_moments()
+    plain = ColorPrior.along(mean, moments).axes
+    assert_allclose(ColorPrior.along(3 * mean, 9 * moments).axes, plain, atol=1e-9)
+
+
+def test_axes_of_black_are_finite():
+    axes = ColorPrior.along(np.zeros(3), np.zeros((3, 3))).axes
+    assert np.all(np.isfinite(axes))

@@ -76,15 +76,15 @@ def test_coarser_variance_is_that_of_a_mean(by):
 def test_correlated_noise_is_the_trimmed_variance_of_block_sums():
     """oracle: of noise shared by n by n pixels it is n² times the mean of 70 % of χ²/3."""
     rng, std = np.random.default_rng(4), 0.01
-    mask = np.zeros((120, 160), bool)
-    mask[52:72, 60:100] = True  # the box around it begins with a whole cell
+    mask = np.zeros((240, 320), bool)
+    mask[112:132, 140:180] = True  # the box around it begins with a whole cell
 
     def measured(by):
-        cells = rng.normal(0, std, (2, 120 // by, 160 // by, 3))
+        cells = rng.normal(0, std, (2, 240 // by, 320 // by, 3))
         pictures = [
             LinearImage(0.4 + np.kron(x, np.ones((by, by, 1))), NOISE_OF_0_01) for x in cells
         ]
-        return observation_around(Streak(mask), 40, *pictures, NEUTRAL).correlated_noise()
+        return observation_around(Streak(mask), 100, *pictures, NEUTRAL).correlated_noise()
 
     quantile = chi2.ppf(0.7, 3)
     trimmed = chi2.cdf(quantile, 5) / 0.7  # the partial mean of χ² of 3 is the CDF of χ² of 5
