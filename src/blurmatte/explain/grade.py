@@ -7,6 +7,7 @@ from blurmatte.explain.numbers import rounded_std
 from blurmatte.matting import Grade, Solution
 
 _REASONS = {
+    "shadow": "only light was lost, so that it may be a shadow",
     "color": "the color is uncertain, so that one had to be assumed",
     "shape": "the shape is uncertain, so that one had to be assumed",
     "noise": "noise is large compared with what the object changes",

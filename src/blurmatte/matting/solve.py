@@ -5,7 +5,7 @@ knowing too; everything beyond it looks at the streak's surroundings only.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,13 @@ from blurmatte.color import (
     refuse_gray,
 )
 from blurmatte.matting.averaging import AlphaEstimate, averaged
+from blurmatte.matting.calibrated import (
+    HypothesisSummary,
+    calibrated,
+    claimed_error,
+    error_terms,
+    graded,
+)
 from blurmatte.matting.carried_light import carry_light
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.light import light_given
@@ -36,7 +43,7 @@ from blurmatte.matting.rims import with_faint_rims
 from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
-from blurmatte.matting.solution import Quality, Solution
+from blurmatte.matting.solution import Grade, Quality, Solution
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
 from blurmatte.streaks import (
@@ -46,6 +53,7 @@ from blurmatte.streaks import (
     require_streaks,
 )
 from blurmatte.sweep import Hypotheses, Sweep, fit_hypotheses, likeliest_streak
+from blurmatte.sweep.assess.calibration import fitted_calibration
 from blurmatte.sweep.assess.model_selection import Evidence, hypothesis_weights
 
 Solver = Pixelwise | Smooth | Swept | Shaded
@@ -134,13 +142,16 @@ def solve(
     case = _case_of(pictures, found, _of_light(solver, model), solver, start)
     warn_if_plate_differs(image, plate, case.streak)
     others = [other for other in found if other is not case.streak]
-    only_lost = model is not None and only_light_lost(image, plate, case.streak)
+    only_lost = only_light_lost(image, plate, case.streak)
     maps = _each_alone(case, out)
     measures: dict[str, Any] = {}
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         measures = _by_solver(case, maps)
     else:
         case, measures = _by_hypotheses(case, maps)
+        if only_lost:
+            reasons = ["shadow", *measures["grade_reasons"]]
+            measures = {**measures, "grade": Grade.ASSUMED, "grade_reasons": reasons}
     streak, doubt = case.streak, 0.0
     if not isinstance(case.solver, Shaded):
         alone = isinstance(case.solver, Pixelwise)
@@ -194,6 +205,11 @@ class _Case:
     model: ColorModel
     solver: Solver | None
     hypotheses: Hypotheses | None
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the colors were given, and without an error."""
+        return not self.model.covariance.any()
 
     @property
     def image(self) -> LinearImage:
@@ -273,10 +289,18 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
     estimates += [one.within(box) for one in free]
     average = averaged(estimates, weights)
     best = int(np.argmax(weights))
+    ranks = [sweep.model.rank for sweep in sweeps] + [one.model.rank for one in free]
+    summaries = [
+        HypothesisSummary(float(w), rank, i < len(sweeps), one.inflation)
+        for i, (w, rank, one) in enumerate(zip(weights, ranks, evidence, strict=True))
+    ]
+    terms = error_terms(average, estimates, summaries, hypotheses.best.diagnostics)
+    claim = claimed_error(average)
+    average = calibrated(average, estimates, terms, case.image.meta.sharing is not None)
     solver: Solver = Swept() if best < len(sweeps) else Smooth()
     C, B, mixed = case.within(box)
     if best < len(sweeps):
-        model = sweeps[best].model
+        model = case.model if case.is_exact else sweeps[best].model
         Swept()(maps, sweeps[best], average, C, mixed.widened(B), box)
     else:
         likeliest = free[best - len(sweeps)]
@@ -288,6 +312,10 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
         "sum_alpha_std": average.sum_std,
         "alpha_scale_std": average.scale_std,
         "weights": weights.tolist(),
+        "claimed_error": claim,
+        "error_terms": asdict(terms),
+        "grade_reasons": fitted_calibration().reasons(terms),
+        **graded(average),
     }
 
 
@@ -316,6 +344,8 @@ class _Shapeless:
 def _without_shape(case: _Case) -> list[_Shapeless]:
     """With the likeliest line of colors, and the likeliest plane if that is likelier."""
     assert case.hypotheses is not None
+    if case.is_exact:
+        return [_smoothed(case)]
     models: dict[int, ColorModel] = {}
     for sweep in case.hypotheses.sweeps:
         if sweep.model.rank < 3:

@@ -42,6 +42,7 @@ Array = npt.NDArray[np.float64]
 _FREE = ColorPrior(np.eye(3))
 _MAX_STREAKS, _MIN_EVIDENCE_RATIO = 5, 0.01  # that are fitted; of the strongest
 _EXPLAINED_INFLATION = 1.2  # of variance, of residuals that no other shape improves
+_SAME_ALPHA = 0.01  # root mean square difference of two fits that are one
 _MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
 _TIMES = np.linspace(0, 1, 33)
 
@@ -180,11 +181,8 @@ def fit_hypotheses(
     observation = search.observation
     compared = [(Sweep.of(c, image), _evidence(observation, c)) for c in candidates]
     order = np.argsort(-hypothesis_weights([e for _, e in compared]), kind="stable")
-    found = Hypotheses(
-        observation,
-        tuple(compared[i][0] for i in order),
-        tuple(compared[i][1] for i in order),
-    )
+    kept = _distinct([compared[i] for i in order])
+    found = Hypotheses(observation, *(tuple(column) for column in zip(*kept, strict=True)))
     if model is None and not _is_solid(found.best):
         refuse_shade(image, plate, streak)
     return found
@@ -216,6 +214,18 @@ def fit_disc(
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).quick()
     return Sweep.of(Candidate(disc), image)
+
+
+def _distinct(
+    compared: Sequence[tuple[Sweep, Evidence]],
+) -> list[tuple[Sweep, Evidence]]:
+    """Without those that are a likelier one again: paths of one family with nearly the same alpha."""
+    kept: list[tuple[Sweep, Evidence]] = []
+    for sweep, evidence in compared:
+        alike = (one for one, _ in kept if one.family is sweep.family)
+        if not any(one.rms_difference(sweep) < _SAME_ALPHA for one in alike):
+            kept.append((sweep, evidence))
+    return kept
 
 
 def _is_solid(sweep: Sweep) -> bool:

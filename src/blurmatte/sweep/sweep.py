@@ -190,6 +190,15 @@ class Sweep:
             variance += (self._swept(box, wider).alpha - swept.alpha) ** 2
         return swept.alpha, np.sqrt(variance)
 
+    def rms_difference(self, other: "Sweep") -> float:
+        """Root mean square difference of the alphas of two sweeps, of the larger alpha's."""
+        boxes = np.array([self.box, other.box])
+        (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+        box = int(x0), int(y0), int(x1), int(y1)
+        a, b = (sweep._swept(box, sweep.shape).alpha for sweep in (self, other))
+        energy = max(float((a**2).sum()), float((b**2).sum()), 1e-9)
+        return float(np.sqrt(((a - b) ** 2).sum() / energy))
+
     def before_file(
         self, image: LinearImage, plate: LinearImage, box: tuple[int, int, int, int]
     ) -> LinearImage:
@@ -270,8 +279,8 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
     behind = np.einsum("yx,yxc->c", weight, observation.light[1]) / max(float(weight.sum()), 1e-9)
     std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind) / length
     if rank == 1:
-        mean = field.mean / length
-        pole = axes @ (mean if mean.sum() >= 0 else -mean)
+        pole = axes @ field.mean / length
+        pole = pole if pole.sum() >= 0 else -pole
         across = axes[:, 1:] * std[1:]
         basis = pole[:, None]
     else:

@@ -48,7 +48,7 @@ class ColorPrior:
         if model.rank == 3:
             return cls(np.eye(3))
         axes = np.linalg.svd(model.basis)[0]
-        axes[:, : model.rank] = np.linalg.qr(model.basis)[0]
+        axes[:, 0] *= np.sign(axes[:, 0].sum())
         std = np.radians(model.angle_std) if model.covariance.any() else 0.0
         return cls(axes, model.rank, model.rank, float(np.hypot(std, _EXACT_STD_RAD)))
 

@@ -1,0 +1,143 @@
+"""The error of alpha, calibrated against the truth of two renderers.
+
+Fits err by what no model has, and say less than they should: of rendered pictures both the error of
+alpha and what the fit claimed are known. In this file s is the claimed error of alpha, the root mean
+square over the streak, and
+
+    log (s' / s) = b + Σ_j c_j t_j,    c_j ≥ 0,
+
+is its calibration with the terms t_j of `ErrorTerms`, fitted by quantile regression (pinball loss) on
+scenes of which the data file names the provenance, and conformal for each class of file: s' is
+multiplied so that twice s' is exceeded by the same fraction of the pictures of each class.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from functools import cache
+from importlib import resources
+
+import numpy as np
+
+COMPRESSED, UNCOMPRESSED = "compressed", "uncompressed"  # classes of files
+_DATA = "calibration.json"
+
+
+@dataclass(frozen=True)
+class ErrorTerms:
+    """What makes an error larger than claimed; each is 0 or more, and 0 if nothing says so.
+
+    Disagreements are log(1 + d/s) with the root mean square difference d of alpha.
+
+    Parameters
+    ----------
+    shapeless : float
+        Disagreement with the likeliest alpha without a shape, or of the likeliest shape with it.
+    one_paint : float
+        The least disagreement with another hypothesis of one paint.
+    mean : float
+        That of the other hypotheses in the mean.
+    least : float
+        That of the one that differs least.
+    correlation : float
+        Log of the variance inflation of the likeliest hypothesis.
+    color_spread : float
+        Spread of color across its mean, radians.
+    color_angle : float
+        Standard deviation of the color's direction, tens of degrees.
+    radius : float
+        Standard deviation of the radius, of the radius.
+    blur : float
+        Standard deviation of the rim's blur, of the radius.
+    residuals : float
+        Log of the residual excess.
+    noise : float
+        Log of the noise inflation.
+    without_shape : float
+        1 if alpha without a shape is the likeliest hypothesis.
+    small_claim : float
+        Log of 0.05 over the claim.
+    """
+
+    shapeless: float = 0.0
+    one_paint: float = 0.0
+    mean: float = 0.0
+    least: float = 0.0
+    correlation: float = 0.0
+    color_spread: float = 0.0
+    color_angle: float = 0.0
+    radius: float = 0.0
+    blur: float = 0.0
+    residuals: float = 0.0
+    noise: float = 0.0
+    without_shape: float = 0.0
+    small_claim: float = 0.0
+
+    def __post_init__(self) -> None:
+        wrong = [name for name, value in asdict(self).items() if not value >= 0]
+        if wrong:
+            raise ValueError(f"terms must be 0 or more, got {wrong[0]} = {getattr(self, wrong[0])}")
+
+
+# What a term is about, in the words of `explain.grade`.
+REASONS = {
+    "shapeless": "shape",
+    "one_paint": "disagreement",
+    "mean": "disagreement",
+    "least": "disagreement",
+    "correlation": "noise",
+    "color_spread": "color",
+    "color_angle": "color",
+    "radius": "size",
+    "blur": "size",
+    "residuals": "noise",
+    "noise": "file",
+    "without_shape": "shape",
+    "small_claim": "noise",
+}
+
+
+@dataclass(frozen=True)
+class Calibration:
+    """The fitted calibration.
+
+    Parameters
+    ----------
+    intercept : float
+        b.
+    coefficients : mapping of str to float
+        c of each of the `ErrorTerms`, 0 or more.
+    class_factors : mapping of str to float
+        By which the errors of a class of files are multiplied.
+    provenance : str
+        On what it was fitted.
+    """
+
+    intercept: float
+    coefficients: Mapping[str, float]
+    class_factors: Mapping[str, float]
+    provenance: str = ""
+
+    def factor(self, terms: ErrorTerms, file_class: str) -> float:
+        """By which a claimed error is multiplied."""
+        exponent = self.intercept + sum(self._parts(terms).values())
+        return float(self.class_factors[file_class] * np.exp(exponent))
+
+    def reasons(self, terms: ErrorTerms) -> list[str]:
+        """What the terms that increase the error most are about, the largest first."""
+        parts = sorted(self._parts(terms).items(), key=lambda part: -part[1])
+        largest = [REASONS[name] for name, part in parts if part > _MIN_REASON]
+        return list(dict.fromkeys(largest))[:_MAX_REASONS]
+
+    def _parts(self, terms: ErrorTerms) -> dict[str, float]:
+        return {name: self.coefficients.get(name, 0.0) * t for name, t in asdict(terms).items()}
+
+
+_MIN_REASON, _MAX_REASONS = 0.2, 3  # of the log of the error; how many are named
+
+
+@cache
+def fitted_calibration() -> Calibration:
+    """The calibration that ships with the package."""
+    text = resources.files(__package__).joinpath(_DATA).read_text(encoding="utf-8")
+    return Calibration(**json.loads(text))
