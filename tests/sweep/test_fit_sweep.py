@@ -5,6 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from blurmatte.sweep.attempt import Attempt
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
@@ -28,7 +29,6 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak, find_streaks, require_streaks
 from blurmatte.sweep import MAX_MISFIT, Sweep, fit_piece, fit_sweep
-from blurmatte.sweep.attempt import Attempt
 from blurmatte.sweep.fit.multistart import Search
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.trajectory import Trajectory

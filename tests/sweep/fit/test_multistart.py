@@ -1,53 +1,118 @@
-"""Where descents begin, and when nothing else is begun with."""
+"""Multistart: the global search finds a rendered ball on a path of every family."""
 
 import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from tests.sweep.scenes import (
+    BALL,
+    FLAT,
+    FLAT_BEFORE_TILES,
+    NEUTRAL,
+    PATHS,
+    RADIUS,
+    TIMES,
+    alpha_error,
+    path_error,
+    photographed,
+    rendered,
+    within,
+)
 
-from blurmatte.radiometry import with_noise
-from blurmatte.rendering import Ball, Camera, Scene, Sheet, Shot, plain_plate, render
 from blurmatte.streaks import require_streaks
-from blurmatte.sweep.fit.levenberg_marquardt import ROUGHLY, descend, seen
-from blurmatte.sweep.fit.multistart import FAMILIES, Search
-from blurmatte.trajectory import Trajectory
+from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.multistart import Multistart, with_varied_colors
+from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
+from blurmatte.sweep.sweep import Sweep
 
-SIZE = (200, 140)
-GRAY = plain_plate(SIZE, (0.4, 0.4, 0.4), 4)
-WAY = Trajectory.line((62, 50), (130, 84))
-BLUE = np.array([0.15, 0.35, 0.7])
+every_family = pytest.mark.parametrize("family", PATHS, ids=lambda family: family.name)
 
 
-def searched(body, quality=None):
-    scene = Scene(GRAY, WAY, body)
-    shot = Shot(scene, Camera(code_std=1.5 / 255, jpeg_quality=quality))
-    pictures = with_noise(*shot.photograph(render(scene, 160)))
-    return Search.of(require_streaks(*pictures)[0], *pictures, None)
+def searched(scene, seed=0):
+    image, plate = photographed(scene, seed)
+    return Multistart.of(require_streaks(image, plate)[0], image, plate, NEUTRAL)
 
 
-def begun_with(search, monkeypatch):
-    """How many families are asked from each curve and radius, the last one the best path's."""
-    asked, ends = [], Search._ends
+@every_family
+@pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
+def test_a_ball_on_every_path_is_found(family, scenes):
+    """honest: its radius and path within 3 standard deviations."""
+    one_paint, varied = searched(scenes[family]).best()
+    image, _ = photographed(scenes[family])
+    assert one_paint[0].converged
+    sweep = Sweep.of(Candidate(one_paint[0]), image)
+    assert abs(sweep.radius - RADIUS) < 3 * sweep.radius_std < 0.3
+    xy, D = sweep.family.at(sweep.path, TIMES)
+    path = sweep.covariance[: len(sweep.path), : len(sweep.path)]
+    std = np.sqrt(np.einsum("tcp,pq,tcq->t", D, path, D).max())
+    assert path_error(xy, family) < 3 * std < 1.5
+    true = rendered(scenes[family]).layer.alpha
+    for state in (one_paint[0], varied[0]):
+        assert alpha_error(state.swept.alpha, within(state.observation, true)) < 0.006
 
-    def counted(self, curve, radius, rank, families=None):
-        found = ends(self, curve, radius, rank, families)
-        asked.append(len({state.family for state in found}))
-        return found
 
-    monkeypatch.setattr(Search, "_ends", counted)
-    best = search.best(1)
-    return asked, best
+@pytest.mark.parametrize("family", [LINE, ARC], ids=lambda family: family.name)
+def test_quick_finds_a_disc_on_a_parabola(family):
+    """honest"""
+    quick = searched(FLAT[family]).quick()
+    assert quick.family is PARABOLA
+    assert_allclose(quick.shape[0], RADIUS, rtol=0.02)
+    true = within(quick.observation, rendered(FLAT[family]).layer.alpha)
+    assert alpha_error(quick.swept.alpha, true) < 0.02
 
 
-def test_what_is_explained_is_asked_only_for_its_own_family(monkeypatch):
+def test_near_starts_from_a_path_elsewhere():
+    """invariant: the curve is moved over the streak."""
+    search = searched(FLAT[ARC]).of_one_paint
+    curve = ARC.at(PATHS[ARC], np.linspace(0, 1, 33))[0]
+    at, elsewhere = (search.near(ARC, curve + shift, RADIUS) for shift in (0, (60, -20)))
+    assert_allclose(at.path, elsewhere.path, atol=1e-6)
+    assert_allclose(at.shape[0], RADIUS, atol=0.1)
+
+
+def test_starts_are_curves_through_the_streak():
+    """exact: a disc of each radius, a part of the half width, lies within the streak."""
+    search = searched(BALL)
+    radii = [radius for _, radius in search.curves]
+    low, high = search.bounds
+    assert low < min(radii) < max(radii) < high
+    assert low < RADIUS < high
+    for curve, radius in search.curves:
+        path = LINE.at(PATHS[LINE], np.linspace(0, 1, 1000))[0]
+        off = np.linalg.norm(curve[:, None] - path, axis=2).min(axis=1)
+        assert off.max() < max(RADIUS - radius, 0) + 3
+
+
+def test_large_pixels_hold_the_same_light():
     """invariant"""
-    asked, _ = begun_with(searched(Ball(16, BLUE)), monkeypatch)
-    assert asked == [len(FAMILIES), 1, 1, 1, len(FAMILIES)]
+    search = searched(BALL)
+    by = round(search.coarse.scale / search.observation.scale)
+    assert by > 1
+    again = search.with_observation(search.observation)
+    assert_array_equal(again.coarse.C, search.coarse.C)
+    loud = search.with_noise_inflated(3.0)
+    assert_allclose(loud.coarse.C_variance, 3 * search.coarse.C_variance)
+    assert loud.observation.noise_inflation == 3 * search.observation.noise_inflation
 
 
-def test_where_all_end_alike_from_two_radii_no_third_is_tried(monkeypatch):
-    """invariant: no disc explains a square, and yet there is one that fits it best."""
-    search = searched(Sheet(30, 30, BLUE))
-    asked, best = begun_with(search, monkeypatch)
-    assert asked == [len(FAMILIES)] * 3
-    rough = descend(search.coarse, seen(search.coarse, best), search.bounds, enough=ROUGHLY)
-    for curve, radius in search.curves[2:]:
-        others = search._ends(curve, radius, 1)
-        assert min(state.cost for state in others if state.family is best.family) > rough.cost - 1
+def test_one_paint_and_varied_colors_differ_in_the_prior_alone():
+    search = searched(BALL)
+    one = search.of_one_paint
+    assert one.observation.color.varied == one.coarse.color.varied == 1
+    disc = one.quick()
+    varied = with_varied_colors(disc)
+    assert varied.observation.color.varied == 3
+    assert varied.swept is disc.swept
+
+
+def test_a_soft_rim_is_taken_only_if_it_is_likelier():
+    """honest: a sharp ball stays sharp, in every one of four pictures."""
+    for seed in range(4):
+        assert not searched(FLAT[LINE], seed).quick().silhouette.soft
+
+
+def test_the_search_is_deterministic():
+    """invariant: fits run on several threads."""
+    search = searched(FLAT[ARC])
+    first, second = (search.best()[0][0] for _ in range(2))
+    assert_array_equal(first.path, second.path)
+    assert first.cost == second.cost

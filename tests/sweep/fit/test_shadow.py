@@ -1,136 +1,100 @@
-"""Discs beside shadows: where a shadow that a ball casts lies on what is seen of it."""
+"""A disc and the shadow that it casts: found together, and told from a disc without one."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
+from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 
-from blurmatte.radiometry import with_noise
-from blurmatte.rendering import Ball, Camera, Scene, Shadow, Shot, plain_plate, render
-from blurmatte.scenes import read_shots
-from blurmatte.streaks import require_streaks
-from blurmatte.sweep import MAX_MISFIT, fit_sweep, shadowed
-from blurmatte.sweep.attempt import Attempt
-from blurmatte.sweep.fit.ranking import most_apart
-from blurmatte.sweep.end import End
-from blurmatte.sweep.fit.multistart import Search
-from blurmatte.sweep.fit.shadow_search import beside_darkness, beside_shadow
+from blurmatte.radiometry import NoiseModel, with_noise
+from blurmatte.rendering import Ball, Scene, Shadow, Shot, plain_plate, render, textured_plate
+from blurmatte.streaks import Streak
+from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.multistart import start_along
+from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow
+from blurmatte.sweep.model.cast_shadow import CastShadow, in_shadow
+from blurmatte.sweep.model.observation import observation_around
+from blurmatte.sweep.model.path import LINE
 from blurmatte.trajectory import Trajectory
 
-SIZE = (240, 180)
-WALL = plain_plate(SIZE, (0.42, 0.42, 0.4), 4)
-WAY = Trajectory.line((90, 70), (140, 84))
-SCENE = Scene(WALL, WAY, Ball(17, (0.27, 0.72, 0.13)))
+SIZE = (160, 112)
+RADIUS = 12.0
+BOUNDS = 4.0, 40.0
+WALL = plain_plate(SIZE, (0.42, 0.41, 0.4), 4)
+PATH = Trajectory.line((60, 48), (96, 58))
+SHADOW = Shadow((-9.0, 15.0), softness=3.5, strength=(0.5, 0.45, 0.4))
+BALL = Scene(WALL, PATH, Ball(RADIUS, GREEN, ambient=1.0), shadow=SHADOW)
 
 
-def taken(shadow, seed=1, scene=SCENE, **camera):
-    truth = render(replace(scene, shadow=shadow), 160)
-    shot = Shot(truth.scene, Camera(code_std=1.5 / 255, **camera), plate_frames=3, seed=seed)
-    return truth.layer.alpha, *with_noise(*shot.photograph(truth))
+@cache
+def rendered(scene):
+    return render(scene, 160)
 
 
-def first_of(image, plate):
-    streak = require_streaks(image, plate)[0]
-    search = Search.of(streak, image, plate, None)
-    return Attempt(image, plate, streak, search, search.best(1))
+def observed(scene, seed=None):
+    """Alpha and observation of a streak with all of its shadow, without noise if there is no seed."""
+    truth = rendered(scene)
+    moved = truth.layer.alpha > 0
+    if scene.shadow is not None:
+        moved |= truth.shadow.max(axis=-1) > 0.002
+    if seed is None:
+        pictures = (x.with_noise(NoiseModel(read_std=1e-3)) for x in (truth.image, truth.plate))
+    else:
+        pictures = with_noise(*Shot(scene, CAMERA, plate_frames=3, seed=seed).photograph(truth))
+    observation = observation_around(Streak(moved), 8, *pictures, ONE_PAINT)
+    return within(observation, truth.layer.alpha), observation
 
 
-def rmse(sweep, alpha):
-    return np.sqrt(np.mean((sweep.alpha - alpha)[alpha > 0] ** 2))
+def true_disc(observation):
+    return start_along(observation, LINE, PATH.xy[[0, -1]].ravel(), RADIUS)
 
 
-@pytest.mark.parametrize("offset", [(-22, 10), (0, 24), (16, 14)], ids=["behind", "below", "ahead"])
-@pytest.mark.parametrize(("quality", "most"), [(None, 0.003), (90, 0.01)], ids=["png", "jpeg"])
-def test_a_ball_and_its_shadow_are_told_together(offset, quality, most):
-    """Left out, a shadow along the way takes half of the ball with it, and it is 0.09 off."""
-    shadow = Shadow(offset, strength=(0.5, 0.5, 0.5))
-    alpha, image, plate = taken(shadow, jpeg_quality=quality)
-    sweep = fit_sweep(image, plate)
-    assert sweep.misfit <= MAX_MISFIT
-    assert rmse(sweep, alpha) < most
-    assert np.linalg.norm(sweep.cast.offset - offset) < 1
+@pytest.mark.parametrize("start", [None, CastShadow(np.array([-14.0, 9.0]), 6.0, np.full(3, 0.1))])
+@pytest.mark.parametrize("offset", [(-9.0, 15.0), (4.0, 18.0), (-16.0, -9.0)])
+def test_the_shadow_of_a_known_disc_is_found(start, offset):
+    """exact: also where the search begins at an offset of which a part is 0, as straight below."""
+    if start is not None:
+        start = replace(start, offset=np.add(offset, (4, -5)))
+    _, observation = observed(replace(BALL, shadow=replace(SHADOW, offset=offset)))
+    disc = true_disc(observation)
+    true = CastShadow(np.array(offset), SHADOW.softness, np.array(SHADOW.strength))
+    disc = disc.relit(in_shadow(observation, disc, true))  # so that its color is the true one
+    found = fit_cast(observation, disc, start)
+    assert_allclose(found.offset, offset, atol=0.25)
+    assert_allclose(found.softness, SHADOW.softness, atol=0.4)
+    assert_allclose(found.strength, SHADOW.strength, atol=0.03)
 
 
-@pytest.mark.parametrize("quality", [None, 90])
-def test_a_path_does_not_jump_into_the_shadow(quality):
-    """Of a large ball that went a little a disc on a bounce would take its shadow, too."""
-    wall, way = plain_plate(SIZE, (0.27, 0.3, 0.33), 2), Trajectory.line((138, 110), (105, 78))
-    scene = Scene(wall, way, Ball(24, (0.0845, 0.3908, 0.603)))
-    shadow = Shadow((-31, -40), softness=6.3, strength=(0.5, 0.5, 0.5))
-    alpha, image, plate = taken(shadow, 2, scene, jpeg_quality=quality)
-    sweep = fit_sweep(image, plate)
-    assert sweep.misfit <= MAX_MISFIT
-    assert rmse(sweep, alpha) < 0.01
-    assert np.linalg.norm(sweep.cast.offset - shadow.offset) < 1
+@pytest.mark.parametrize("seed", range(3))
+def test_a_disc_without_a_shadow_casts_none(seed):
+    """honest"""
+    scene = replace(BALL, plate=textured_plate(SIZE, 2), shadow=None)
+    _, observation = observed(scene, seed)
+    disc = minimize(true_disc(observation), BOUNDS)
+    assert not fit_cast(observation, disc).is_possible
+    assert fit_with_shadow(disc, BOUNDS) is None
 
 
-def test_a_shadow_that_hides_the_color_is_left_out_first():
-    """No disc on all of it is of the object's color: a shadow as large, that went aside."""
-    shadow = Shadow((-46, 34), softness=9, strength=(0.5, 0.5, 0.5))
-    alpha, image, plate = taken(shadow)
-    found = beside_darkness(first_of(image, plate))
-    assert found.cast is not None
-    assert np.linalg.norm(found.cast.offset - shadow.offset) < 1
-    inside = alpha > 0
-    x0, y0 = map(int, found.search.data.origin)
-    h, w = found.disc.swept.alpha.shape
-    off = (found.disc.swept.alpha - alpha[y0 : y0 + h, x0 : x0 + w])[
-        inside[y0 : y0 + h, x0 : x0 + w]
-    ]
-    assert np.sqrt(np.mean(off**2)) < 0.005
+@pytest.mark.parametrize(
+    "offset", [(-9.0, 15.0), (0.0, 20.0), (14.0, 12.0)], ids=["behind", "below", "ahead"]
+)
+def test_disc_and_shadow_are_found_together(offset):
+    """honest: from the best disc alone, which is wrong."""
+    alpha, observation = observed(replace(BALL, shadow=replace(SHADOW, offset=offset)), 1)
+    alone = minimize(true_disc(observation), BOUNDS)
+    disc, cast = fit_with_shadow(alone, BOUNDS)
+    assert alpha_error(disc.swept.alpha, alpha) < 0.006 < alpha_error(alone.swept.alpha, alpha)
+    assert np.linalg.norm(cast.offset - offset) < 1
+    assert disc.cost < alone.cost
 
 
-def test_what_casts_none_stays_as_it_is():
-    """invariant: the same attempt comes back."""
-    _, image, plate = taken(None)
-    first = first_of(image, plate)
-    assert beside_shadow(first) is first
-
-
-@pytest.fixture(scope="module")
-def without_and_with():
-    """The attempts of a ball that casts a shadow, in a JPEG."""
-    _, image, plate = taken(Shadow((-22, 10), strength=(0.5, 0.5, 0.5)), jpeg_quality=90)
-    first = first_of(image, plate)
-    return first, beside_shadow(first)
-
-
-@pytest.mark.parametrize("as_likely", [False, True])
-def test_what_explains_all_is_contested_by_as_likely_a_shadow(
-    monkeypatch, without_and_with, as_likely
-):
-    """invariant: the disc stays what it is; with the shadow it would have another alpha."""
-    first, beside = without_and_with
-    assert beside.cast is not None
-    monkeypatch.setattr(shadowed, "MAX_MISFIT", np.inf)
-    monkeypatch.setattr(End, "is_clearly_likelier_than", lambda self, other: False)
-    monkeypatch.setattr(End, "is_about_as_likely_as", lambda self, other: as_likely)
-    told = beside_shadow(first)
-    assert (told is first) is not as_likely
-    assert told.search is first.search
-    assert np.array_equal(told.disc.swept.alpha, first.disc.swept.alpha)
-    assert told.disc.contested == (most_apart(first.end.state, [beside.end.state]) * as_likely)
-    assert most_apart(first.end.state, [beside.end.state]) > 0.1
-
-
-@pytest.mark.battery
-def test_no_shadow_is_told_where_the_disc_explains_more_without():
-    """honest: what a file made of a photograph is darker in places along this path."""
-    (shot,) = read_shots("coffee")
-    truth = render(shot.scene)
-    sweep = fit_sweep(*with_noise(*shot.photograph(truth)))
-    assert sweep.cast is None
-    assert sweep.misfit <= MAX_MISFIT
-    assert rmse(sweep, truth.layer.alpha) < 0.004
-
-
-def test_noise_of_the_plate_stays_as_loud_in_the_shadow():
-    """invariant: and beside it the plate is as it was."""
-    _, image, plate = taken(Shadow((0, 24)))
-    sweep = fit_sweep(image, plate)
-    box = (0, 0, *SIZE)
-    shaded = sweep.in_shadow(plate, box)
-    assert np.array_equal(shaded.variance, plate.variance)
-    darker = np.any(shaded.rgb < plate.rgb, axis=-1)
-    assert 0.02 < darker.mean() < 0.4
-    assert np.all(shaded.rgb <= plate.rgb)
+def test_the_disc_is_in_the_observation_with_its_shadow():
+    """exact"""
+    _, observation = observed(BALL, 1)
+    disc, cast = fit_with_shadow(minimize(true_disc(observation), BOUNDS), BOUNDS)
+    S = cast.of(observation, disc)
+    expected = cast.on(observation.B, S, disc.swept.alpha)
+    assert np.abs(disc.observation.B - expected).max() < 0.02
+    assert disc.observation.C is observation.C
