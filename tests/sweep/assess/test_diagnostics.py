@@ -1,0 +1,97 @@
+"""Diagnostics: what they are of a sweep that is right, and of one that is wrong."""
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tests.sweep.scenes import (
+    BALL,
+    BOUNDS,
+    FLAT,
+    FLAT_BEFORE_TILES,
+    GREEN,
+    NEUTRAL,
+    ONE_PAINT,
+    RADIUS,
+    RED,
+    disc_at,
+    observed,
+)
+
+from blurmatte.rendering import Ball, Change, Sheet
+from blurmatte.sweep.assess.diagnostics import Diagnostics, diagnosed
+from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.residuals import residual_excess, variance_inflation
+
+SQUARE = replace(BALL, body=Sheet(24, 24, GREEN), change=Change(turned=(0, 0, 0.4)))
+TWO_PAINTS = replace(
+    FLAT_BEFORE_TILES[LINE], body=Ball(RADIUS, GREEN, second_color=RED, ambient=1.0)
+)
+
+
+def known(scene, color=ONE_PAINT, **change):
+    """State and diagnostics of the disc that fits best near the true path."""
+    state = minimize(disc_at(observed(scene, color=color)), BOUNDS)
+    candidate = replace(Candidate(state), **change)
+    return state, diagnosed(candidate, RADIUS, 0.05, 0.4)
+
+
+def test_defaults_say_nothing_against_a_sweep():
+    plain = Diagnostics()
+    assert plain.rejection == ""
+    assert plain.converged
+    assert plain.residual_excess == plain.variance_inflation == plain.noise_inflation == 1
+    assert len(fields(plain)) == 14
+
+
+@pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
+def test_a_right_sweep_has_unsuspicious_diagnostics(scenes):
+    """honest"""
+    _, d = known(scenes[LINE])
+    assert d.rejection == ""
+    assert d.converged
+    assert 0.75 < d.residual_excess < 1.2
+    assert d.outlier_fraction < 0.01
+    assert d.variance_inflation < 1.2
+    assert d.noise_inflation == 1
+    assert d.color_spread < 0.02
+    assert d.blur_over_radius == d.chroma_blur == d.mode_disagreement == 0
+
+
+def test_numbers_are_those_of_the_residuals():
+    """exact"""
+    state, d = known(SQUARE)
+    assert d.variance_inflation == variance_inflation(state) > 2
+    assert d.residual_excess == residual_excess(state) > 1.2
+    inside = np.count_nonzero((state.swept.alpha > 0) & state.observation.valid)
+    assert_allclose(d.effective_pixels, inside / d.variance_inflation)
+
+
+def test_errors_of_radius_and_color_are_those_given():
+    _, d = known(FLAT[LINE], chroma_blur=0.7)
+    assert_allclose(d.radius_error, 0.05 / RADIUS)
+    assert d.color_angle_std == 0.4
+    assert d.chroma_blur == 0.7
+
+
+def test_two_paints_spread_in_color():
+    """honest"""
+    _, one = known(FLAT_BEFORE_TILES[LINE], NEUTRAL)
+    _, two = known(TWO_PAINTS, NEUTRAL)
+    assert one.color_spread < 0.03 < 0.1 < two.color_spread
+
+
+def test_signal_to_noise_is_the_change_over_the_noise():
+    """exact: half as much in four times the variance."""
+    state, d = known(FLAT[LINE])
+    raised = diagnosed(Candidate(state.on(state.observation.raised(4.0))), RADIUS, 0.05, 0.4)
+    assert_allclose(raised.signal_to_noise, d.signal_to_noise / 2, rtol=1e-9)
+    assert raised.noise_inflation == 4
+
+
+def test_a_path_that_leaves_the_streak_is_rejected():
+    state = disc_at(observed(FLAT[LINE], color=ONE_PAINT), offset=(0, 45))
+    assert diagnosed(Candidate(state), RADIUS, 0.05, 0.4).rejection

@@ -1,0 +1,148 @@
+"""Evidence for an alpha, and the weights of hypotheses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tests.sweep.scenes import (
+    BALLS,
+    BEFORE_TILES,
+    FLAT,
+    FLAT_BEFORE_TILES,
+    disc_at,
+    observed,
+    rendered,
+    within,
+)
+
+from blurmatte.sweep.assess.model_selection import (
+    Evidence,
+    evidence_of,
+    hypothesis_weights,
+    in_observation,
+)
+from blurmatte.sweep.model.path import ARC, LINE
+
+THREE = [
+    Evidence(120.0, 1.3, 5, 4000),
+    Evidence(118.0, 1.1, 9, 4000),
+    Evidence(131.0, 1.6, 5, 4000),
+]
+
+
+def alpha_of(scene):
+    observation = observed(scene)
+    return observation, np.asarray(within(observation, rendered(scene).layer.alpha), float)
+
+
+def test_weights_sum_to_one():
+    assert_allclose(hypothesis_weights(THREE).sum(), 1, rtol=1e-12)
+    assert hypothesis_weights(THREE[:1]) == 1
+
+
+def test_weights_are_invariant_to_a_common_cost():
+    """invariant: only differences of log likelihoods count, however large both are."""
+    for common in (-5e5, 1e3, 1e6):
+        moved = [replace(one, cost=one.cost + common) for one in THREE]
+        assert_allclose(hypothesis_weights(moved), hypothesis_weights(THREE), rtol=1e-6)
+
+
+def test_weights_do_not_depend_on_the_order():
+    """invariant"""
+    weights = hypothesis_weights(THREE)
+    assert_allclose(hypothesis_weights(THREE[::-1]), weights[::-1], rtol=1e-12)
+
+
+def test_weights_are_those_of_the_information_criterion():
+    """exact: log of a ratio of weights, for hypotheses as inflated as the likeliest."""
+    one, other = Evidence(100.0, 2.0, 5, 1000), Evidence(104.0, 3.0, 4, 1000)
+    a, b = hypothesis_weights([one, other])
+    assert_allclose(np.log(b / a), -4 / 2 + 0.5 * np.log(1000 / 2), rtol=1e-9)
+
+
+def test_more_parameters_have_less_weight():
+    simple, rich = Evidence(100.0, 1.0, 5, 4000), Evidence(100.0, 1.0, 6, 4000)
+    a, b = hypothesis_weights([simple, rich])
+    assert_allclose(a / b, np.sqrt(4000), rtol=1e-9)
+
+
+def test_correlated_residuals_make_weights_more_even():
+    sure, unsure = (
+        hypothesis_weights([Evidence(100.0, v, 5, 4000), Evidence(104.0, v, 5, 4000)])
+        for v in (1, 4)
+    )
+    assert sure[0] > unsure[0] > 0.5
+
+
+@pytest.mark.parametrize("scenes", [BALLS, BEFORE_TILES, FLAT, FLAT_BEFORE_TILES])
+@pytest.mark.parametrize("family", [LINE, ARC], ids=lambda family: family.name)
+def test_the_true_alpha_has_the_most_evidence(scenes, family):
+    """honest: against a disc that is smaller, larger, or elsewhere."""
+    observation, alpha = alpha_of(scenes[family])
+    nothing = np.zeros_like(alpha)
+    evidence = [evidence_of(observation, alpha, nothing, 5)]
+    wrong = [
+        disc_at(observation, family, offset, radius)
+        for offset, radius in (((0, 0), 9.0), ((0, 0), 13.0), ((3.0, 2.0), 11.0), ((0, -3.0), 11.0))
+    ]
+    evidence += [evidence_of(observation, state.swept.alpha, nothing, 5) for state in wrong]
+    assert hypothesis_weights(evidence)[0] > 0.99
+    assert evidence[0].inflation == min(one.inflation for one in evidence)
+
+
+def test_the_evidence_is_invariant_to_the_brightness_scale():
+    """invariant"""
+    observation, alpha = alpha_of(FLAT_BEFORE_TILES[LINE])
+    brighter = replace(
+        observation,
+        C=2 * observation.C,
+        B=2 * observation.B,
+        C_variance=4 * observation.C_variance,
+        B_variance=4 * observation.B_variance,
+    )
+    std = 0.05 * (alpha > 0)
+    one, other = (evidence_of(x, alpha, std, 3) for x in (observation, brighter))
+    assert_allclose(other.cost, one.cost, rtol=1e-6)
+    assert_allclose(other.inflation, one.inflation, rtol=1e-6)
+    assert (one.parameters, one.pixels) == (3, observation.weight.sum())
+
+
+def test_an_honest_error_of_alpha_has_more_evidence_than_a_wrong_one():
+    """honest: of an alpha that is off by 0.03 in each pixel, less and more were claimed."""
+    observation, alpha = alpha_of(FLAT_BEFORE_TILES[LINE])
+    rng, inside = np.random.default_rng(0), alpha > 0
+    off = np.where(inside, np.clip(alpha + rng.normal(0, 0.03, alpha.shape), 0, 1), 0)
+    costs = {
+        claimed: evidence_of(observation, off, claimed * inside).cost
+        for claimed in (0.001, 0.03, 0.3)
+    }
+    assert costs[0.03] < min(costs[0.001], costs[0.3])
+
+
+def test_an_alpha_without_a_shape_is_less_likely_than_the_true_shape():
+    """honest: alpha of each pixel alone, as noisy as the pixels, explains the light as well."""
+    observation, alpha = alpha_of(FLAT_BEFORE_TILES[LINE])
+    color = disc_at(observation).mean_color
+    change = color - observation.B
+    variance = observation.C_variance + observation.B_variance
+    information = np.sum(change**2 / variance, axis=-1)
+    free = np.sum((observation.C - observation.B) * change / variance, axis=-1) / information
+    inside = alpha > 0
+    free, std = np.where(inside, free, 0), np.where(inside, information**-0.5, 0)
+    evidence = [
+        evidence_of(observation, alpha, np.zeros_like(alpha), 5),
+        evidence_of(observation, free, std),
+    ]
+    assert hypothesis_weights(evidence)[0] > 0.99
+
+
+def test_maps_of_the_picture_are_averaged_over_large_pixels():
+    """oracle: means over blocks, cropped to the observation."""
+    observation, alpha = alpha_of(FLAT[LINE])
+    whole = rendered(FLAT[LINE]).layer.alpha
+    assert_allclose(in_observation(whole, observation), alpha)
+    coarse = observation.coarser(3)
+    h, w = coarse.weight.shape
+    blocks = alpha[: 3 * h, : 3 * w].reshape(h, 3, w, 3).mean(axis=(1, 3))
+    assert_allclose(in_observation(whole, coarse), blocks)
