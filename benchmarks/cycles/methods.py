@@ -11,6 +11,7 @@ from functools import partial
 import numpy as np
 from benchmarks.accuracy import against_other_methods as against
 from benchmarks.accuracy.against_other_methods import Case
+from blurmatte.sweep.end import End
 
 from blurmatte.background import Matching, match_plate
 from blurmatte.layer import Layer
@@ -18,7 +19,6 @@ from blurmatte.matting import Quality, Smooth, Solution, solve
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.end import End
 from blurmatte.sweep.fit.multistart import Search
 
 OURS = "blurmatte"

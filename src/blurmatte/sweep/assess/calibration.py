@@ -8,7 +8,8 @@ square over the streak, and
 
 is its calibration with the terms t_j of `ErrorTerms`, fitted by quantile regression (pinball loss) on
 scenes of which the data file names the provenance, and conformal for each class of file: s' is
-multiplied so that twice s' is exceeded by the same fraction of the pictures of each class.
+multiplied so that twice s' is exceeded by the same fraction of the pictures of each class, each of a
+kind of thing that was left out of the fit.
 """
 
 import json
@@ -44,11 +45,11 @@ class ErrorTerms:
     color_spread : float
         Spread of color across its mean, radians.
     color_angle : float
-        Standard deviation of the color's direction, tens of degrees.
+        log(1 + σ) of the standard deviation of the color's direction, degrees.
     radius : float
-        Standard deviation of the radius, of the radius.
+        log(1 + σ) of the standard deviation of the radius, percent.
     blur : float
-        Standard deviation of the rim's blur, of the radius.
+        log(1 + σ) of the standard deviation of the rim's blur, percent of the radius.
     residuals : float
         Log of the residual excess.
     noise : float
