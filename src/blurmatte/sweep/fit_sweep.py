@@ -22,7 +22,12 @@ from blurmatte.sweep.assess.model_selection import (
     in_observation,
 )
 from blurmatte.sweep.fit.candidate import Candidate
-from blurmatte.sweep.fit.multistart import QUICK_RADII, Multistart, with_varied_colors
+from blurmatte.sweep.fit.multistart import (
+    QUICK_RADII,
+    Multistart,
+    fitted_to_hue,
+    with_varied_colors,
+)
 from blurmatte.sweep.fit.outline import fit_outline
 from blurmatte.sweep.fit.shadow import fit_with_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
@@ -200,7 +205,7 @@ def fit_disc(
     streak : Streak
         Where the object moved.
     model : ColorModel, optional
-        As for `fit_sweep`.
+        As for `fit_sweep`; one paint if not given.
 
     Returns
     -------
@@ -208,12 +213,13 @@ def fit_disc(
         It need not explain the streak: `Sweep.rejection` says. Colors that the file blurred are taken
         as they are.
     """
-    search = Multistart.of(streak, image, plate, _prior(model), QUICK_RADII)
+    color = _prior(model) if model is not None else _FREE.of_one_paint
+    search = Multistart.of(streak, image, plate, color, QUICK_RADII)
     disc = search.quick()
     inflation = noise_inflation(disc)
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).quick()
-    return Sweep.of(Candidate(disc), image)
+    return Sweep.of(Candidate(fitted_to_hue(disc, search.bounds)), image)
 
 
 def _distinct(

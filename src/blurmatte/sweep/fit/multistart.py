@@ -19,6 +19,7 @@ from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR, best_of, rank
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
+from blurmatte.sweep.model.residuals import variance_inflation
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.model.state import State, state_at
 
@@ -36,6 +37,10 @@ _COARSE_STEPS, _FINE_STEPS = 25, 25
 _COARSE_TOLERANCE = 0.3  # units of log likelihood
 _FINALISTS = 2
 _FIRST_SOFTNESS = 0.7  # pixels
+_FREE_BRIGHTNESS = 10.0  # standard deviation, linear light: much more than any
+_MAX_STD_RATIO = (
+    3.0  # of the radius, from hue alone and with brightness, that are about as well known
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,6 +188,31 @@ def start_along(observation: Observation, family: PathFamily, path: Array, radiu
     """A disc on a path, with the axes of color of the light that its alpha leaves."""
     state = state_at(observation, family, path, DISC, DISC.start(radius))
     return with_principal_axes(state)
+
+
+def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
+    """The same fitted to hue alone, if that tells the radius about as well and one paint is assumed.
+
+    Shade falls off towards the rim faster than a smooth field can, which biases the radius and, where
+    one side is darker, the center. Hue does not depend on it.
+    """
+    if state.observation.color.varied > 1:
+        return state
+    start = with_principal_axes(state)
+    start = start.relit(start.observation.raised(variance_inflation(start)))
+    observation = start.observation
+    error = np.broadcast_to(_FREE_BRIGHTNESS * observation.color.axes[:, 0], observation.C.shape)
+    known = 0.0 if observation.chroma_error is None else observation.chroma_error
+    fitted = minimize(start.relit(replace(observation, chroma_error=known + error)), bounds)
+    alike = _radius_std(fitted) < _MAX_STD_RATIO * _radius_std(start)
+    return fitted if fitted.converged and alike else state
+
+
+def _radius_std(state: State) -> float:
+    """Of the radius, pixels, as far as the curvature of the cost tells."""
+    n = len(state.path)
+    covariance = np.linalg.pinv(state.information()[0], hermitian=True)
+    return float(np.sqrt(covariance[n, n]))
 
 
 def with_principal_axes(state: State) -> State:
