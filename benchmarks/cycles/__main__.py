@@ -13,7 +13,7 @@ import os
 import sys
 from pathlib import Path
 
-from benchmarks.cycles import own, rendering, scoring, tables
+from benchmarks.cycles import calibrate, own, rendering, scoring, tables
 from benchmarks.cycles.catalog import PARTS
 from benchmarks.cycles.methods import methods
 from benchmarks.cycles.photograph import photograph
@@ -43,6 +43,9 @@ def arguments() -> argparse.Namespace:
     scored.add_argument("--methods", nargs="+", choices=list(methods()), default=[scoring.OURS])
     scored.add_argument("--limit", type=float, default=scoring.LIMIT, help="CPU s for a picture")
     scored.add_argument("--processes", type=int, default=2)
+    fitted = commands.add_parser("calibrate", help="fit the calibration of alpha's error")
+    fitted.add_argument("--limit", type=int, help="only so many pictures, of all kinds")
+    fitted.add_argument("--processes", type=int, default=2)
     compared = commands.add_parser("check", help="compare the numbers of two journals")
     compared.add_argument("journals", nargs=2, type=Path)
     shown = commands.add_parser("tables", help="write docs/results from the journal")
@@ -75,6 +78,8 @@ def main() -> int:
             print(f"{photograph(root())} pictures written")
         case "own":
             print(f"{own.write_own(root(), given.count)} pictures written")
+        case "calibrate":
+            print(calibrate.calibrate(root(), given.limit, given.processes))
         case "score":
             journal = scoring.score(
                 root(), given.parts, given.cameras, given.methods, given.limit, given.processes

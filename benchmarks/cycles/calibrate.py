@@ -17,17 +17,20 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 from benchmarks.cycles.errors import errors_of
+from benchmarks.cycles.own import CAMERAS
 from benchmarks.cycles.pictures import LEARN, OWN, Picture, find_pictures
 from benchmarks.cycles.workers import run_each
 from benchmarks.table import Table
 
 from blurmatte.errors import BlurmatteError
 from blurmatte.matting import solve
+from blurmatte.sweep.assess import calibration
 from blurmatte.sweep.assess.calibration import COMPRESSED, UNCOMPRESSED, ErrorTerms
 
 Array = npt.NDArray[np.float64]
 
 JOURNAL = "calibration.jsonl"
+_DATA = Path(calibration.__file__).with_name("calibration.json")
 QUANTILE = 0.6  # of the errors that the calibrated one exceeds
 _EXCEEDED = 0.05  # fraction of the pictures whose error is more than twice the calibrated one
 _MIN_ERROR = 1e-4  # of alpha: less is the truth's own sampling noise
@@ -58,6 +61,19 @@ class Sample:
     terms: dict[str, float]
     claim: float
     error: float
+
+
+def calibrate(root: Path, limit: int | None, processes: int) -> Path:
+    """Gather what is missing, and write the package's calibration; its path."""
+    samples = gather(root, CAMERAS, limit, processes)
+    parts = {part: sum(one.part == part for one in samples) for part in (LEARN, OWN)}
+    provenance = (
+        f"{parts[LEARN]} pictures of Blender Cycles, part learn of the second truth, and "
+        f"{parts[OWN]} of blurmatte's own renderer; PNG and phone JPEG; "
+        "benchmarks/cycles/calibrate.py"
+    )
+    _DATA.write_text(json.dumps(fit(samples, provenance), indent=2) + "\n", encoding="utf-8")
+    return _DATA
 
 
 def gather(root: Path, cameras: Sequence[str], limit: int | None, processes: int) -> list[Sample]:

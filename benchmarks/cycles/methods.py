@@ -11,7 +11,6 @@ from functools import partial
 import numpy as np
 from benchmarks.accuracy import against_other_methods as against
 from benchmarks.accuracy.against_other_methods import Case
-from blurmatte.sweep.end import End
 
 from blurmatte.background import Matching, match_plate
 from blurmatte.layer import Layer
@@ -19,7 +18,9 @@ from blurmatte.matting import Quality, Smooth, Solution, solve
 from blurmatte.radiometry import LinearImage, with_noise
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.fit.multistart import Search
+from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.multistart import Multistart
+from blurmatte.sweep.model.color_prior import ColorPrior
 
 OURS = "blurmatte"
 NOTHING_MORE = "plate"
@@ -62,7 +63,7 @@ def methods() -> dict[str, Method]:
 
 @dataclass(frozen=True, eq=False)
 class _FirstDisc:
-    """The best disc of one paint, before anything asks whether it is right."""
+    """The best disc of one paint, the simplest hypothesis."""
 
     image: LinearImage
     plate: LinearImage
@@ -99,8 +100,8 @@ def _first_disc(case: Case) -> _FirstDisc:
     """Of the strongest streak."""
     image, plate = with_noise(case.image, match_plate(case.plate, case.image))
     streak = require_streaks(image, plate)[0]
-    search = Search.of(streak, image, plate, None)
-    return _FirstDisc(image, plate, streak, End(search, search.best(rank=1)).sweep(image))
+    one_paint, _ = Multistart.of(streak, image, plate, ColorPrior(np.eye(3))).best()
+    return _FirstDisc(image, plate, streak, Sweep.of(Candidate(one_paint[0]), image))
 
 
 def _smooth_with_first_color(case: Case) -> Solution:

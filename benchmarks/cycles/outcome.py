@@ -59,6 +59,8 @@ class Outcome:
         CPU seconds that were allowed.
     errors : Errors
         Of the answer, or of the empty layer if there is none.
+    grade : str
+        Of the solution; empty without one.
     """
 
     key: Key
@@ -72,6 +74,7 @@ class Outcome:
     cpu_seconds: float | None
     limit: float
     errors: Errors
+    grade: str = ""
 
     @property
     def out_of_time(self) -> bool:

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
+from benchmarks.cycles import calibrate
 from benchmarks.cycles.errors import MIN_ALPHA, Z_BOUNDS, Deviations, Errors
 from benchmarks.cycles.methods import OURS, methods
 from benchmarks.cycles.outcome import JOURNAL, Outcome, read_journal
@@ -13,6 +14,8 @@ from benchmarks.cycles.scoring import solving_commit
 from benchmarks.table import RESULTS, Cell, Table, require_clean_tree
 from benchmarks.table import publish as publish_table
 from scipy.special import ndtri
+
+from blurmatte.matting import Grade
 
 ALL = "all"
 HONEST = 2  # error over claim, up to which a claim passes
@@ -86,6 +89,9 @@ def publish(
     require_clean_tree(folder)
     for table in tables(selected(root, sealed, commit)):
         publish_table(table, folder)
+    samples = calibrate.read_samples(root / calibrate.JOURNAL)
+    if samples:
+        publish_table(calibrate.by_kind(samples), folder)
 
 
 def selected(root: Path, sealed: bool = False, commit: str | None = None) -> list[Outcome]:
@@ -135,6 +141,7 @@ def second_truth(outcomes: Sequence[Outcome]) -> Table:
             *("renderer", "files", "part", "kind", "pictures", "answered", "out of time"),
             *("RMSE", "RMSE 90 %", "error/claim", "error/claim worst", f"error/claim <= {HONEST}"),
             *("sum/sigma", "sum/sigma worst", "degrees", "false alpha", "CPU s", "CPU s worst"),
+            *("confirmed", "confirmed 95 %", "plausible", "plausible 95 %"),
         ),
         [(*group, *_quality(members)) for group, members in groups],
     )
@@ -254,7 +261,15 @@ def _quality(outcomes: list[Outcome]) -> tuple[Cell, ...]:
         _quantile(_known(e.color_degrees for e in errors), 0.5),
         _quantile([e.false_alpha for e in errors], 0.5),
         *(_quantile(seconds, 0.5), _quantile(seconds, 1)),
+        *_of_grade(outcomes, Grade.CONFIRMED),
+        *_of_grade(outcomes, Grade.PLAUSIBLE),
     )
+
+
+def _of_grade(outcomes: list[Outcome], grade: Grade) -> tuple[Cell, Cell]:
+    """How many pictures have a grade, and the 95 % quantile of their RMSE."""
+    rmse = _known(o.errors.alpha_rmse for o in outcomes if o.grade == grade)
+    return len(rmse), _quantile(rmse, 0.95)
 
 
 def _compared(outcomes: list[Outcome], ours: dict[tuple[str, str, str], float]) -> tuple[Cell, ...]:
