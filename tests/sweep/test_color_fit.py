@@ -53,6 +53,7 @@ def test_the_shape_decides_what_the_hues_leave_open():
     assert model.evidence["hue variation"] > 3
 
 
+@pytest.mark.battery
 def test_its_error_is_honest():
     """honest: the direction, in two independent angles, over 24 draws of noise."""
     z = []
@@ -74,6 +75,7 @@ def test_a_rejected_sweep_leaves_the_color_to_the_hues():
         assert degrees_between(model.pole, GREEN) < 3
 
 
+@pytest.mark.battery
 def test_several_frames_give_a_smaller_error():
     frames = [taken(seed) for seed in (1, 2, 3)]
     plate = frames[0][1]

@@ -188,6 +188,7 @@ def test_a_squashed_ball_is_an_ellipse():
     assert_allclose([reach.max(), reach.min()], [18, 8], rtol=0.03)
 
 
+@pytest.mark.battery
 @pytest.mark.xfail(reason="a disc on a cubic leaves no more than noise, and is not rejected")
 def test_a_sheet_that_no_outline_describes_is_rejected():
     """door: it turns about an axis in the picture. A sweep is returned all the same."""
@@ -320,6 +321,7 @@ def test_a_codec_that_repeats_what_stands_still_hides_its_noise(tmp_path):
     assert error(sweep, scene) < 0.02
 
 
+@pytest.mark.battery
 def test_a_shadow_alone_is_refused():
     """door"""
     truth = rendered(BALL)

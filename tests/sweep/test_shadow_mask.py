@@ -130,13 +130,8 @@ def test_a_dark_streak_is_not_removed_completely():
     assert (streak.mask & ~found).any()
 
 
-@pytest.mark.parametrize(
-    "plate",
-    [
-        "plain",
-        *(pytest.param(name, marks=pytest.mark.battery) for name in ("colorful", "textured")),
-    ],
-)
+@pytest.mark.battery
+@pytest.mark.parametrize("plate", PLATES)
 def test_alpha_of_a_ball_excludes_its_shadow(plate):
     """honest: with the shadow fitted or excluded."""
     truth, image, without = taken(plate)

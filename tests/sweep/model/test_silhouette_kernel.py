@@ -15,8 +15,8 @@ COEFFICIENTS = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
 
 
 @pytest.mark.parametrize("turn", [0.0, 1.2])
-@pytest.mark.parametrize("stretch", [0.0, 0.5, 1.0])
-@pytest.mark.parametrize("radius", [4.0, 7.0, 12.0])
+@pytest.mark.parametrize("stretch", [0.0, 1.0])
+@pytest.mark.parametrize("radius", [4.0, 12.0])
 def test_alpha_is_the_part_of_each_pixel_that_the_outline_covers(radius, stretch, turn):
     """Oracle: a long thing, too, of which pixels see both sides."""
     shape = np.array([radius, stretch, 0.1, *COEFFICIENTS])
