@@ -47,6 +47,7 @@ Array = npt.NDArray[np.float64]
 _FREE = ColorPrior(np.eye(3))
 _MAX_STREAKS, _MIN_EVIDENCE_RATIO = 5, 0.01  # that are fitted; of the strongest
 _EXPLAINED_INFLATION = 1.2  # of variance, of residuals that no other shape improves
+_MIN_WEIGHT = 1e-3  # of a hypothesis that is refined
 _SAME_ALPHA = 0.01  # root mean square difference of two fits that are one
 _MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
 _TIMES = np.linspace(0, 1, 33)
@@ -175,18 +176,21 @@ def fit_hypotheses(
 ) -> Hypotheses:
     """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep`."""
     search, one_paint, varied = _discs(image, plate, streak, model, start)
-    transfer = image.meta.transfer or SRGB
-    candidates = [Candidate.before_file(disc, transfer) for disc in (*one_paint, *varied)]
+    candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     if variance_inflation(one_paint[0]) > _EXPLAINED_INFLATION:
-        outline = fit_outline(one_paint[0])
-        candidates.append(Candidate.before_file(outline, transfer))
+        candidates.append(Candidate(fit_outline(one_paint[0])))
         shaded = _with_shadow(search, one_paint[0], image, plate, streak)
         if shaded is not None:
-            candidates.append(Candidate.before_file(shaded[0], transfer, shaded[1]))
+            candidates.append(Candidate(*shaded))
     observation = search.observation
-    compared = [(Sweep.of(c, image), _evidence(observation, c)) for c in candidates]
-    order = np.argsort(-hypothesis_weights([e for _, e in compared]), kind="stable")
-    kept = _distinct([compared[i] for i in order])
+    evidence = [_evidence(observation, c) for c in candidates]
+    weights = hypothesis_weights(evidence)
+    order = np.argsort(-weights, kind="stable")
+    compared = [
+        (_sweep_of(candidates[i], image, search.bounds, weights[i] > _MIN_WEIGHT), evidence[i])
+        for i in order
+    ]
+    kept = _distinct(compared)
     found = Hypotheses(observation, *(tuple(column) for column in zip(*kept, strict=True)))
     if model is None and not _is_solid(found.best):
         refuse_shade(image, plate, streak)
@@ -220,6 +224,24 @@ def fit_disc(
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).quick()
     return Sweep.of(Candidate(fitted_to_hue(disc, search.bounds)), image)
+
+
+def _sweep_of(
+    candidate: Candidate, image: LinearImage, bounds: tuple[float, float], refined: bool
+) -> Sweep:
+    """Of a candidate; if that is to be `refined`, before its file, and of one paint by hue alone."""
+    if not refined:
+        return Sweep.of(candidate, image)
+    transfer = image.meta.transfer or SRGB
+    candidate = Candidate.before_file(candidate.state, transfer, candidate.cast)
+    sweep = Sweep.of(candidate, image)
+    if candidate.cast is not None:
+        return sweep
+    state = fitted_to_hue(candidate.state, bounds)
+    if state is candidate.state:
+        return sweep
+    by_hue = Sweep.of(replace(candidate, state=state), image)
+    return replace(by_hue, model=sweep.model, diagnostics=sweep.diagnostics)
 
 
 def _distinct(
