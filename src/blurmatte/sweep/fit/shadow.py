@@ -80,11 +80,12 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     start : CastShadow, optional
     """
     observation = observation.coarse_enough(float(disc.shape[0]), _RADIUS)
+    color = disc.mean_color
     radius, disc = float(disc.shape[0]), disc.on(observation)
     alpha = disc.swept.alpha
     std = np.sqrt(observation.C_variance + observation.B_variance)
     over_noise = np.sqrt(observation.weight)[..., None] / std
-    unit = disc.mean_color / max(float(np.linalg.norm(disc.mean_color)), _TINY)
+    unit = color / max(float(np.linalg.norm(color)), _TINY)
     across = np.where((alpha > 0)[..., None, None], np.eye(3) - np.outer(unit, unit), np.eye(3))
     known = across * over_noise[..., None]
     light = (1 - alpha)[..., None] * observation.B - observation.C
@@ -122,6 +123,13 @@ def _placed(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     def cost(x: Array) -> float:
         return float(np.sum(np.log1p((residuals(x) / _CAUCHY_SCALE) ** 2)))
 
+    def slopes(x: Array) -> Array:
+        steps = _DIFFERENCE * np.eye(3)
+        ahead, behind = (
+            np.stack([residuals(x + sign * step) for step in steps], axis=-1) for sign in (1, -1)
+        )
+        return np.asarray((ahead - behind) / (2 * _DIFFERENCE))
+
     least, first, most = np.log(_SOFTNESS)
     if start is None:
         angles = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
@@ -134,7 +142,7 @@ def _placed(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     far = _MAX_DISTANCE
     bounds = (-far, -far, least), (far, far, most)
     end = least_squares(
-        residuals, np.clip(start, *bounds), "2-point", bounds,
-        loss="cauchy", f_scale=_CAUCHY_SCALE, diff_step=_DIFFERENCE, max_nfev=_MAX_EVALUATIONS,
+        residuals, np.clip(start, *bounds), slopes, bounds,
+        loss="cauchy", f_scale=_CAUCHY_SCALE, max_nfev=_MAX_EVALUATIONS,
     )  # fmt: skip
     return np.asarray(end.x)

@@ -106,6 +106,8 @@ class ColorField:
         Negative log prior density of these colors, and the log volume of their posterior.
     mean, mean_std, spread, change : (3,) float
         m, its standard deviation, κ and τ.
+    rank : int
+        Along how many axes the mean is free.
     """
 
     grid: Grid
@@ -116,6 +118,7 @@ class ColorField:
     mean_std: Array
     spread: Array
     change: Array
+    rank: int = 3
 
     def residuals(self, light: Light, alpha: Array) -> Array:
         """(3, h, w) of unit variance."""
@@ -159,7 +162,9 @@ class ColorField:
         H, g = color_field_kernel.by_alpha(
             J, *light, alpha, weight, pitch, number, self.colors, e, cross
         )
-        color_field_kernel.marginalize(H, cross, *light, alpha, weight, pitch, number, self.prior)
+        color_field_kernel.marginalize(
+            H, cross, *light, alpha, weight, pitch, number, self.prior, self.rank
+        )
         return H, g
 
 
@@ -189,7 +194,7 @@ def fit_field(
     colors, prior, mean, mean_std, spread, change, cost, e = color_field_kernel.fit(
         *light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings
     )
-    field = ColorField(grid, colors, prior, float(cost), mean, mean_std, spread, change)
+    field = ColorField(grid, colors, prior, float(cost), mean, mean_std, spread, change, color.rank)
     return field, e
 
 

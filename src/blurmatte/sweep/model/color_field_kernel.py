@@ -277,8 +277,11 @@ def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, se
 
 
 @njit(**_COMPILED)
-def marginalize(H, cross, C, B, V_C, V_B, alpha, weight, pitch, number, prior):  # type: ignore[no-untyped-def]
-    """Subtract from a curvature H (p, p) what colors could explain; cross is (3, n, p)."""
+def marginalize(H, cross, C, B, V_C, V_B, alpha, weight, pitch, number, prior, rank):  # type: ignore[no-untyped-def]
+    """Subtract from a curvature H (p, p) what colors could explain; cross is (3, n, p).
+
+    Along the first `rank` axes the mean color is free, too.
+    """
     width, n = prior.shape[1:]
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
     equations(C, B, V_C, V_B, alpha, weight, pitch, number, band, right)
@@ -292,3 +295,25 @@ def marginalize(H, cross, C, B, V_C, V_B, alpha, weight, pitch, number, prior): 
                 for j in range(n):
                     total += cross[c, j, p] * x[j, q]
                 H[p, q] -= total
+        if c >= rank:
+            continue
+        ones = np.empty((n, 1))  # the prior times 1, a row's sum
+        for j in range(n):
+            ones[j, 0] = prior[c, 0, j]
+        for k in range(1, width):
+            for j in range(n - k):
+                ones[j, 0] += prior[c, k, j]
+                ones[j + k, 0] += prior[c, k, j]
+        mean = ones.copy()
+        solve(posterior, mean)
+        known = 0.0
+        for j in range(n):
+            known += ones[j, 0] * (1 - mean[j, 0])
+        by_mean = np.zeros(H.shape[0])
+        for p in range(H.shape[0]):
+            for j in range(n):
+                by_mean[p] += cross[c, j, p] * mean[j, 0]
+        if known > 1e-9:
+            for p in range(H.shape[0]):
+                for q in range(H.shape[1]):
+                    H[p, q] -= by_mean[p] * by_mean[q] / known
