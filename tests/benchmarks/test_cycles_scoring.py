@@ -95,7 +95,9 @@ def test_errors_equal_those_computed_directly(root, outcome):
     z = (solution.alpha - true)[known] / np.sqrt(std[known] ** 2 + TRUTH_STD**2)
     summed = solution.streak & solution.known
     sum_error = solution.alpha[summed].sum() - true[summed].sum()
-    sum_variance = solution.sweep.area_std() ** 2 + TRUTH_STD**2 * summed.sum()
+    stats = solution.stats
+    sum_variance = stats["sum_alpha_std"] ** 2 + TRUTH_STD**2 * summed.sum()
+    sum_variance += (stats["alpha_scale_std"] * stats["sum_alpha"]) ** 2
     light = (solution.premultiplied - truth.layer.premultiplied)[known]
     light_z = (light / solution.premultiplied_std[known]).ravel()
     assert outcome.answered
