@@ -8,7 +8,7 @@ import pytest
 from blurmatte.color import ColorModel, darker, only_light_lost
 from blurmatte.errors import ColorModelError
 from blurmatte.explain import doubts
-from blurmatte.matting import Pixelwise, Quality, Smooth, solve
+from blurmatte.matting import Grade, Pixelwise, Quality, Smooth, solve
 from blurmatte.radiometry import with_noise
 from blurmatte.rendering import (
     Ball,
@@ -141,22 +141,34 @@ def test_darker_pixels_are_those_of_the_shadow():
 # What solve and the fits make of it
 
 
+@pytest.mark.parametrize("find", [solve, fit_color, fit_sweep], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("plate", ["gray", "colorful"])
-def test_refused_without_a_color(plate):
+def test_a_soft_shadow_is_refused_without_a_color(plate, find):
     """door: what it is, and what to do."""
-    image, without = shadow(plate)
-    for find in (solve, fit_color, fit_sweep):
-        with pytest.raises(
-            ColorModelError, match=r"only light was lost: .* give its color \(--color, model=\)"
-        ):
-            find(image, without)
+    with pytest.raises(
+        ColorModelError, match=r"only light was lost: .* give its color \(--color, model=\)"
+    ):
+        find(*shadow(plate, softness=3.0))
 
 
-def test_any_colors_are_no_color():
-    """door: to say that nothing is known does not help."""
-    for solver in (None, Smooth()):
-        with pytest.raises(ColorModelError, match="only light was lost"):
-            solve(*shadow("textured"), ColorModel.any(), solver)
+@pytest.mark.parametrize("plate", ["gray", "textured"])
+def test_darkness_with_a_sharp_rim_is_solved_as_assumed(plate):
+    """honest: it may be a dark object, and it may be none; all of it is marked."""
+    solution = solve(*shadow(plate))
+    assert solution.stats["only_light_lost"]
+    assert solution.grade is Grade.ASSUMED
+    assert solution.stats["grade_reasons"][0] == "shadow"
+    marked = (solution.quality & Quality.SHADOW) != 0
+    assert marked[COVERED["ball"] > 0.2].mean() > 0.9
+
+
+@pytest.mark.parametrize("solver", [None, Smooth()], ids=["averaged", "smooth"])
+def test_any_colors_are_no_color(solver):
+    """honest: to say that nothing is known leaves the answer assumed."""
+    solution = solve(*shadow("textured", softness=3.0), ColorModel.any(), solver)
+    assert solution.stats["only_light_lost"]
+    assert solution.grade is Grade.ASSUMED
+    assert doubts(solution)[0].startswith("Only light was lost: all of this may be a shadow")
 
 
 def test_a_color_that_is_given_is_believed_and_all_is_marked():
