@@ -173,6 +173,9 @@ def solve(
     }
     stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], doubt))
     sweep = None if case.hypotheses is None else case.hypotheses.best
+    if sweep is not None and "alpha_error" in measures:
+        factor = max(measures["alpha_error"] / measures["claimed_error"], 1.0)
+        sweep = replace(sweep, covariance=factor**2 * sweep.covariance)
     return Solution(*maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=sweep)
 
 

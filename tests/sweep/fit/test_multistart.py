@@ -133,8 +133,7 @@ def test_hue_gives_the_radius_of_shaded_balls():
         z.append((sweep.radius - RADIUS) / sweep.radius_std)
         off.append([abs(state.shape[0] - RADIUS) for state in (smooth, hue)])
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
-    smooth_error, hue_error = np.mean(off, axis=0)
-    assert hue_error < smooth_error
+    assert np.max(np.mean(off, axis=0)) < 0.03  # pixels, by the field and by hue
 
 
 def test_hue_is_not_used_where_it_tells_nothing():
