@@ -17,6 +17,8 @@ from blurmatte.checks import Floats
 
 Array = npt.NDArray[np.float64]
 
+_MIN_WEIGHT = 1e-3  # of a hypothesis that is averaged
+
 
 @dataclass(frozen=True, eq=False)
 class AlphaEstimate:
@@ -41,7 +43,7 @@ class AlphaEstimate:
 def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimate:
     """The average of hypotheses.
 
-    Where one knows nothing of a pixel, the others are averaged.
+    Where one knows nothing of a pixel, the others are averaged. Negligible weights count as 0.
 
     Parameters
     ----------
@@ -53,6 +55,8 @@ def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimat
     alphas = np.stack([np.asarray(one.alpha, float) for one in estimates])
     stds = np.stack([np.asarray(one.alpha_std, float) for one in estimates])
     known = np.isfinite(alphas) & np.isfinite(stds)
+    weights = np.where(weights < _MIN_WEIGHT, 0, weights)
+    weights = weights / weights.sum()
     w = weights[:, None, None] * known
     total = w.sum(axis=0)
     w = w / np.where(total > 0, total, 1)

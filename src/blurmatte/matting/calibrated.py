@@ -134,7 +134,7 @@ def calibrated(
     """
     claim = claimed_error(average)
     file_class = COMPRESSED if compressed else UNCOMPRESSED
-    error = claim * fitted_calibration().factor(terms, file_class)
+    error = min(claim * fitted_calibration().factor(terms, file_class), 1.0)
     alpha = np.asarray(average.alpha, float)
     use = alpha > _MIN_ALPHA
     slope = np.hypot(*np.gradient(np.clip(alpha, 0, 1)))

@@ -59,6 +59,7 @@ from blurmatte.sweep.assess.model_selection import Evidence, hypothesis_weights
 Solver = Pixelwise | Smooth | Swept | Shaded
 Box = tuple[int, int, int, int]
 
+_MIN_VALID = 0.8  # of the pixels of a streak whose alpha may have no shape
 _MARGIN = 16  # pixels around a streak: of surroundings that stand still
 
 
@@ -154,7 +155,7 @@ def solve(
             measures = {**measures, "grade": Grade.ASSUMED, "grade_reasons": reasons}
     streak, doubt = case.streak, 0.0
     if not isinstance(case.solver, Shaded):
-        alone = isinstance(case.solver, Pixelwise)
+        alone = not isinstance(case.solver, Swept)
         doubt = mark_shadow(
             maps, case.image, case.plate, streak, case.model, alone=alone, whole=only_lost
         )
@@ -347,6 +348,9 @@ class _Shapeless:
 def _without_shape(case: _Case) -> list[_Shapeless]:
     """With the likeliest line of colors, and the likeliest plane if that is likelier."""
     assert case.hypotheses is not None
+    inside = case.streak.mask
+    if np.mean((case.image.valid & case.plate.valid)[inside]) < _MIN_VALID:
+        return []  # only a shape says what is where pixels are clipped
     if case.is_exact:
         return [_smoothed(case)]
     models: dict[int, ColorModel] = {}

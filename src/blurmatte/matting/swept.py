@@ -73,7 +73,7 @@ class Swept:
         usual = max(_usual(chi2[part & ~saturated]) for part in parts)
         chi2 = np.where(saturated, 1, chi2 / usual)
         hidden = given
-        if sweep.model.rank == 1 and not given.any():
+        if not given.any():
             hidden = _hidden(alpha, P, image, plate)
         P[hidden], P_std[hidden & (alpha > 0)] = 0, np.inf
         odd = ~hidden & (mean_of_neighbors(np.where(hidden, 1, chi2)) > _PATCH)
