@@ -59,7 +59,7 @@ from blurmatte.sweep.assess.model_selection import Evidence, hypothesis_weights
 Solver = Pixelwise | Smooth | Swept | Shaded
 Box = tuple[int, int, int, int]
 
-_MIN_VALID = 0.8  # of the pixels of a streak whose alpha may have no shape
+_MIN_VALID = 0.9  # of the pixels of a streak whose alpha may have no shape
 _MARGIN = 16  # pixels around a streak: of surroundings that stand still
 
 
