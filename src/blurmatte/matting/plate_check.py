@@ -43,12 +43,6 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
         )
 
 
-def may_be_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
-    """Whether that would be a reason why nothing explains the streak: less sure than the warning."""
-    _, deviations = _texture_gained(image, plate, streak)
-    return deviations > 3
-
-
 def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
     gained, deviations = _texture_gained(image, plate, streak)
     return gained > 0.1 and deviations > 4
