@@ -30,6 +30,7 @@ _RADII = 1.0, 0.75, 1.2, 0.5  # of the half width, of discs that fits start from
 QUICK_RADII = (0.8,)  # of the half width, for one of many frames
 _MIN_RADIUS, _MAX_RADIUS = 0.25, 1.6  # of the half width
 _COARSE_RADIUS, _FINE_RADIUS = 4.0, 16.0  # pixels of a disc on large and on small pixels
+_MAX_PIXELS = 80_000  # of an observation; larger ones are averaged
 _MARGIN = 2.5  # half widths around a streak
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 _MASK_MARGIN = 0.3  # of the half width, that masks are widened by at most
@@ -81,6 +82,8 @@ class Multistart:
         observation = observation_around(streak, int(_MARGIN * half_width) + 4, image, plate, color)
         observation = replace(observation, grain=half_width / NODES_PER_RADIUS)
         observation = observation.coarse_enough(half_width, _FINE_RADIUS)
+        crowded = np.sqrt(observation.weight.size / _MAX_PIXELS)
+        observation = observation.coarser(max(1, int(np.ceil(crowded))))
         observation = observation.raised(observation.correlated_noise())
         coarse = observation.coarse_enough(half_width, _COARSE_RADIUS)
         return cls(
