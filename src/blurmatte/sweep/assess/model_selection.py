@@ -24,7 +24,7 @@ from blurmatte.sweep.model.student_t import loss, student_weight
 Array = npt.NDArray[np.float64]
 
 # Units of log likelihood for each pixel by which an alpha without a shape seems likelier, for it was
-# fitted to the noise of the same pixels: chosen on the learn part of the second truth.
+# fitted to the noise of the same pixels; chosen on the parts learn and tune of the second truth.
 OPTIMISM = 0.3
 _MIN_ALPHA = 0.002  # of alpha without a shape, which is noise
 _MIN_VARIANCE = 1e-14

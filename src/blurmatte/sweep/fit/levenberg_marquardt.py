@@ -19,7 +19,7 @@ _MIN_GAIN_RATIO = 0.25  # of the promised gain; a smaller one increases the damp
 _MIN_CURVATURE = 1e-10  # of the largest
 _MAX_MOVE = 0.5  # of the radius, or two pixels, in a step
 _MAX_BEND = 0.3  # of the radius, or radians, in a step
-_BOUND_STEP = 1e-9  # pixels, that tells whether a parameter is held at a bound
+_BOUND_STEP = 1e-9  # pixels; a parameter that cannot take it is held at a bound
 
 
 def minimize(

@@ -101,11 +101,6 @@ class Multistart:
         """With so many times the variance of noise."""
         return replace(self, observation=self.observation.raised(by), coarse=self.coarse.raised(by))
 
-    def with_observation(self, observation: Observation) -> "Multistart":
-        """With other light of the same pixels."""
-        coarse = observation.coarser(round(self.coarse.scale / observation.scale))
-        return replace(self, observation=observation, coarse=coarse)
-
     def best(self) -> tuple[list[State], list[State]]:
         """The best discs of one paint, and of colors that vary, each the best first.
 
@@ -194,7 +189,7 @@ def start_along(observation: Observation, family: PathFamily, path: Array, radiu
 
 
 def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
-    """The same fitted to hue alone, if that tells the radius about as well and one paint is assumed.
+    """The same fitted to hue alone, for one paint, if that determines the radius about as well.
 
     Shade falls off towards the rim faster than a smooth field can, which biases the radius and, where
     one side is darker, the center. Hue does not depend on it.
@@ -212,7 +207,7 @@ def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
 
 
 def _radius_std(state: State) -> float:
-    """Of the radius, pixels, as far as the curvature of the cost tells."""
+    """Standard deviation of the radius from the curvature of the cost, pixels."""
     n = len(state.path)
     covariance = np.linalg.pinv(state.information()[0], hermitian=True)
     return float(np.sqrt(covariance[n, n]))
