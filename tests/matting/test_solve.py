@@ -148,6 +148,23 @@ def with_a_hand(image):
     return replace(image, rgb=rgb)
 
 
+def with_a_shadow(image):
+    """The picture, and in the other corner a soft shadow that moved, stronger than the ball."""
+    y, x = np.mgrid[: image.rgb.shape[0], : image.rgb.shape[1]]
+    off = np.hypot(np.maximum(np.abs(x - 45) - 20, 0), y - 100)
+    dark = 0.8 * np.exp(-((off / 10) ** 2))
+    return replace(image, rgb=image.rgb * (1 - dark)[..., None].astype(image.rgb.dtype))
+
+
+def test_a_stronger_shadow_is_not_taken_for_the_object(paint):
+    """honest: a shadow that falls elsewhere moves as the object does."""
+    image, plate = taken(paint)
+    image = with_a_shadow(image)
+    shadow, ball, *_ = find_streaks(image, plate)
+    assert shadow.evidence > ball.evidence
+    assert likeliest_streak(*with_noise(image, plate), [shadow, ball]) is ball
+
+
 def test_stronger_motion_that_no_disc_explains_does_not_win(paint):
     """honest: as of a person beside a ball."""
     image, plate = taken(paint)

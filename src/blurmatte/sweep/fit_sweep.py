@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_kind
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shade import refuse_shade
+from blurmatte.color.shade import only_light_lost, refuse_shade
 from blurmatte.radiometry import SRGB, LinearImage, with_noise
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.assess.model_selection import (
@@ -143,7 +143,8 @@ def likeliest_streak(
 ) -> Streak:
     """The streak in which a disc explains most evidence, less that which it does not explain.
 
-    A person who moves may leave more evidence than a ball, but no disc explains it.
+    A person who moves may leave more evidence than a ball, but no disc explains it. A shadow may as
+    well, and moves with its object: streaks that brought light go first.
 
     Parameters
     ----------
@@ -158,13 +159,14 @@ def likeliest_streak(
     strong = [streak for streak in streaks[:_MAX_STREAKS] if streak.evidence >= least]
     if len(strong) < 2:
         return streaks[0]
-    scores = []
-    for streak in strong:
+    lit = [streak for streak in strong if not only_light_lost(image, plate, streak)]
+    scored: list[tuple[float, Streak]] = []
+    for streak in lit or strong:
         search = Multistart.of(streak, image, plate, _prior(model).of_one_paint, QUICK_RADII)
         explained = explained_fraction(search.quick())
-        scores.append(streak.evidence * (2 * explained - 1))
-    best = int(np.argmax(scores))
-    return strong[best] if scores[best] > 0 else streaks[0]
+        scored.append((streak.evidence * (2 * explained - 1), streak))
+    score, likeliest = max(scored, key=lambda one: one[0])
+    return likeliest if score > 0 else (lit or strong)[0]
 
 
 def fit_hypotheses(
