@@ -110,8 +110,8 @@ def graded(monkeypatch):
     """A function: from now on solutions have this grade, and errors that fit it."""
     usual = bm.solve
 
-    def of(grade):
-        stats = {"grade": grade, "alpha_error": 0.04, "alpha_scale_std": 0.25}
+    def of(grade, **others):
+        stats = {"grade": grade, "alpha_error": 0.04, "alpha_scale_std": 0.25, **others}
         stats["grade_reasons"] = ("color",)
 
         def solve(*args, **kwargs):
@@ -139,6 +139,16 @@ def test_first_line_is_the_grade_and_what_it_means(scene, tmp_path, graded):
 
 
 @pytest.mark.parametrize("required", ["confirmed", "plausible"])
+def test_second_line_is_what_else_fits(scene, tmp_path, graded):
+    own = {"name": "disc on an arc, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
+    own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": 8.0}
+    other = {**own, "hex": "#a04020", "weight": 0.1, "alpha_factor": 1.3}
+    graded("assumed", alternatives=(own, other))
+    _, second, third, *_ = solve(scene, tmp_path).stdout.splitlines()
+    assert second == "also fits: #a04020 with alpha x 1.30 (disc on an arc, one paint)"
+    assert third.startswith("Solution(128x80, ")
+
+
 @pytest.mark.parametrize("grade", ["confirmed", "plausible", "assumed"])
 def test_lesser_grade_than_required_has_an_exit_code_and_files(
     scene, tmp_path, graded, grade, required

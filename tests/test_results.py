@@ -115,6 +115,26 @@ def test_the_report_has_the_grade_and_the_calibrated_errors(tmp_path, solved):
     assert report["in_words"][0].startswith("plausible: alpha within 0.03, its sum within 4 %; ")
 
 
+def test_the_report_has_what_else_fits(tmp_path, solved):
+    image, plate, solution = solved
+    own = {"name": "no shape, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
+    own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": None}
+    others = own, {**own, "hex": "#a04020", "weight": 0.1, "alpha_factor": 1.3, "radius": 8.0}
+    stats = {"grade": "assumed", "alpha_scale_std": 0.2, "alternatives": others}
+    saved = replace(solution, stats={**solution.stats, **stats})
+    bm.save_results(tmp_path, image, plate, saved)
+    report = json.loads((tmp_path / "report.json").read_text("utf-8"))
+    found = report["stats"]["alternatives"]
+    assert [one["hex"] for one in found] == ["#aa5a27", "#a04020"]
+    assert [one["alpha_factor"] for one in found] == [1.0, 1.3]
+    assert [one["radius"] for one in found] == [None, 8.0]
+    assert any(said.startswith("Also fits: #a04020 with alpha x 1.30 (")
+               for said in report["in_words"])  # fmt: skip
+    assert any(said.startswith("All of alpha may be 0.80 to 1.30 times as large")
+               for said in report["in_words"])  # fmt: skip
+    assert bm.read_solution(tmp_path / "layer.exr").stats["alternatives"] == others
+
+
 def test_old_results_are_replaced_and_others_left_alone(tmp_path, solved):
     bm.save_results(tmp_path, *solved)
     (tmp_path / "notes.txt").write_text("mine")

@@ -105,6 +105,20 @@ def test_stats_are_about_the_streak(solved, paint):
     assert set(stats["image_noise"]) == {"gain", "read_std", "relative_std"}
 
 
+def test_alternatives_begin_with_the_answer(solved, paint):
+    solution = solved[0]
+    own, *others = solution.stats["alternatives"]
+    assert own["name"].startswith("disc on ")
+    assert own["name"].endswith(", one paint")
+    assert own["radius"] == solution.sweep.radius
+    assert own["alpha_factor"] == pytest.approx(1, abs=0.01)
+    assert own["weight"] == max(solution.stats["weights"])
+    direction = np.array(own["rgb"]) / np.linalg.norm(own["rgb"])
+    assert_allclose(direction, solution.model.pole, atol=1e-6)
+    weights = [one["weight"] for one in (own, *others)]
+    assert weights == sorted(weights, reverse=True)
+
+
 @pytest.mark.parametrize("plate_part", [0, 1])
 def test_error_of_the_sum_is_honest(paint, plate_part):
     """honest: over new plates too; noise of a plate that stays is the same error every time."""

@@ -122,6 +122,48 @@ def test_a_solution_without_a_grade_has_no_banner(monkeypatch):
     assert not any(words.startswith(tuple(Grade)) for words, _ in written)
 
 
+def alternatives(count, weight=0.2):
+    """Hypotheses of different colors and factors."""
+    own = {"rgb": (0.4, 0.1, 0.02), "weight": 0.9, "alpha_difference": 0.0, "radius": 8.0}
+    own |= {"hex": "#aa5a27", "alpha_factor": 1.0, "name": "disc on an arc, one paint"}
+    others = [{**own, "hex": f"#a0402{i}", "alpha_factor": 1.3 + i, "weight": weight}
+              for i in range(1, count)]  # fmt: skip
+    return (own, *others)
+
+
+@pytest.mark.parametrize("size", [(120, 90), (400, 60), (60, 400)])
+@pytest.mark.parametrize("count", [1, 5])
+def test_swatches_of_what_else_fits(monkeypatch, size, count):
+    """exact: each color with its factor of alpha below, side by side."""
+    image, plate, solution = solved(size, (30, 30), (40, 40))
+    others = alternatives(count)
+    stats = {"grade": "assumed", "alpha_scale_std": 0.2, "alternatives": others}
+    written = texts(monkeypatch)
+    sheet = draw_overview(image, plate, replace(solution, stats={**solution.stats, **stats}))
+    boxes, lefts = dict(written), []
+    for one in others:
+        left, top, _, _ = (round(edge) for edge in boxes[one["hex"]])
+        assert tuple(sheet[top - 30, left + 20]) == tuple(bytes.fromhex(one["hex"][1:]))
+        below = boxes[f"alpha x {one['alpha_factor']:.2f}"]
+        assert below[0] == pytest.approx(left, abs=3)
+        assert top < below[1] < top + 60
+        lefts.append(left)
+    assert lefts == sorted(lefts)
+    said = " ".join(words for words, _ in written)
+    assert said.count("by one standard deviation") == 1
+    assert all(right <= 1800 - 40 for _, (_, _, right, _) in written)
+
+
+@pytest.mark.parametrize("grade", ["confirmed", None])
+def test_no_swatches_if_confirmed_or_without_a_grade(monkeypatch, grade):
+    image, plate, solution = solved((120, 90), (30, 40), (80, 50))
+    stats = {**solution.stats, "alternatives": alternatives(3)}
+    written = texts(monkeypatch)
+    graded = stats if grade is None else {**stats, "grade": grade}
+    draw_overview(image, plate, replace(solution, stats=graded))
+    assert "WHAT ELSE FITS" not in [words for words, _ in written]
+
+
 def test_path_is_drawn_only_of_the_likeliest_hypothesis():
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
     corners = ((30.0, 60.0), (40.0, 60.0), (40.0, 70.0))

@@ -297,9 +297,10 @@ def _is_explained_by_disc(solution: bm.Solution) -> bool:
 
 def _say_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
     """The grade and what it means, the colors, the plate, what else moved, and the sheet."""
-    from blurmatte.explain import grade_in_words
+    from blurmatte.explain import also_fits, grade_in_words
 
-    lines = [*grade_in_words(solution), str(solution), in_degrees(solution.model)]
+    graded = *grade_in_words(solution), *also_fits(solution)
+    lines = [*graded, str(solution), in_degrees(solution.model)]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
     say("\n".join([*lines, *_others(solution), str(folder / "overview.png")]))

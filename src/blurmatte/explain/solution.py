@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.color import ColorModel
+from blurmatte.explain.alternatives import alternatives_in_words
 from blurmatte.explain.doubt import alpha_peak, doubts, sum_std
 from blurmatte.explain.grade import grade_in_words
 from blurmatte.explain.numbers import rounded_std
@@ -26,10 +27,11 @@ _AGAINST = {
 
 
 def solution_in_words(solution: Solution) -> list[str]:
-    """Sentences: the grade, then what nobody should overlook, then everything else."""
+    """Sentences: the grade, what else fits, then what nobody should overlook, then everything else."""
     stats = solution.stats
     return [
         *(f"{line}." for line in grade_in_words(solution)),
+        *(f"{line[0].upper()}{line[1:]}." for line in alternatives_in_words(solution)),
         *doubts(solution),
         f"Alpha up to {alpha_peak(solution):.2f}.",
         *sweep_in_words(solution),

@@ -1,5 +1,6 @@
 """Image + plate + colors → alpha and color."""
 
+from blurmatte.matting.alternatives import Alternative as Alternative
 from blurmatte.matting.pixelwise import PixelMaps as PixelMaps
 from blurmatte.matting.pixelwise import Pixelwise as Pixelwise
 from blurmatte.matting.shaded import Shaded as Shaded

@@ -17,7 +17,7 @@ from blurmatte.checks import Floats
 
 Array = npt.NDArray[np.float64]
 
-_MIN_WEIGHT = 1e-3  # of a hypothesis that is averaged
+MIN_WEIGHT = 1e-3  # of a hypothesis that is averaged
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimat
     alphas = np.stack([np.asarray(one.alpha, float) for one in estimates])
     stds = np.stack([np.asarray(one.alpha_std, float) for one in estimates])
     known = np.isfinite(alphas) & np.isfinite(stds)
-    weights = np.where(weights < _MIN_WEIGHT, 0, weights)
+    weights = np.where(weights < MIN_WEIGHT, 0, weights)
     weights = weights / weights.sum()
     w = weights[:, None, None] * known
     total = w.sum(axis=0)

@@ -80,7 +80,7 @@ def error_terms(
         Of the likeliest sweep.
     """
     claim = claimed_error(average)
-    terms = [float(np.log1p(_difference(average, one) / claim)) for one in estimates]
+    terms = [float(np.log1p(rms_difference(average, one) / claim)) for one in estimates]
     best = int(np.argmax([one.weight for one in summaries]))
     others = [i for i in range(len(terms)) if i != best]
     counterpart = [i for i in others if summaries[i].has_shape != summaries[best].has_shape]
@@ -108,7 +108,7 @@ def error_terms(
 _MAX_SPREAD, _MAX_ANGLE_DEG, _MAX_RELATIVE, _MAX_INFLATION = 0.5, 20.0, 0.3, 1e3
 
 
-def _difference(average: AlphaEstimate, other: AlphaEstimate) -> float:
+def rms_difference(average: AlphaEstimate, other: AlphaEstimate) -> float:
     """Root mean square difference of alpha where either is."""
     a, b = (np.where(np.isfinite(one.alpha), one.alpha, 0) for one in (average, other))
     use = (a > _MIN_ALPHA) | (b > 5 * _MIN_ALPHA)

@@ -19,6 +19,7 @@ from blurmatte.color import (
     only_light_lost,
     refuse_gray,
 )
+from blurmatte.matting.alternatives import alternative, listed
 from blurmatte.matting.averaging import AlphaEstimate, averaged
 from blurmatte.matting.calibrated import (
     HypothesisSummary,
@@ -54,7 +55,11 @@ from blurmatte.streaks import (
 )
 from blurmatte.sweep import Hypotheses, Sweep, fit_hypotheses, likeliest_streak
 from blurmatte.sweep.assess.calibration import fitted_calibration
-from blurmatte.sweep.assess.model_selection import Evidence, hypothesis_weights
+from blurmatte.sweep.assess.model_selection import (
+    Evidence,
+    hypothesis_scores,
+    hypothesis_weights,
+)
 
 Solver = Pixelwise | Smooth | Swept | Shaded
 Box = tuple[int, int, int, int]
@@ -303,6 +308,12 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
     average = calibrated(average, estimates, terms, case.image.meta.sharing is not None)
     solver: Solver = Swept() if best < len(sweeps) else Smooth()
     C, B, mixed = case.within(box)
+    alternatives = [
+        alternative(one, weight, estimate, average, (C, B), box)
+        for one, weight, estimate in zip(
+            [*sweeps, *(one.model for one in free)], weights, estimates, strict=True
+        )
+    ]
     if best < len(sweeps):
         model = case.model if case.is_exact else sweeps[best].model
         Swept()(maps, sweeps[best], average, C, mixed.widened(B), box)
@@ -316,6 +327,7 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
         "sum_alpha_std": average.sum_std,
         "alpha_scale_std": average.scale_std,
         "weights": weights.tolist(),
+        "alternatives": tuple(map(asdict, listed(alternatives, hypothesis_scores(evidence)))),
         "claimed_error": claim,
         "error_terms": asdict(terms),
         "grade_reasons": fitted_calibration().reasons(terms),

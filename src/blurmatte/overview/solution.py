@@ -9,6 +9,7 @@ from blurmatte.checks import Bools, Box, Floats, check_same_size
 from blurmatte.color import ColorModel
 from blurmatte.explain import (
     alpha_peak,
+    alternatives_in_words,
     doubts,
     explain,
     grade_in_words,
@@ -16,6 +17,7 @@ from blurmatte.explain import (
 )
 from blurmatte.matting import Grade, Quality, Solution
 from blurmatte.matting.solution import check_solution
+from blurmatte.overview.alternatives import draw_alternatives
 from blurmatte.overview.panels import (
     BRIGHT,
     DIM,
@@ -106,9 +108,11 @@ def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
     sheet.paste(whole.pixels, MARGIN, sheet.y)
     x = MARGIN + whole.pixels.shape[1] + GAP + 8
     y = _draw_model(sheet, x, solution)
+    y = draw_alternatives(sheet, x, y, solution)
     y = sheet.heading(x, y + 14, "what was found")
     doubtful = doubts(solution)
-    for fact in explain(solution)[len(_warned(solution)) :]:  # the banner has said the grade
+    said = len(_warned(solution)) + len(alternatives_in_words(solution))
+    for fact in explain(solution)[said:]:  # by the banner, and under the swatches
         color = WARNING if fact in doubtful else BRIGHT
         y += sheet.words(x, y, WIDTH - MARGIN - x, fact, BODY, color) + 5
     sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + GAP

@@ -19,6 +19,7 @@ from tests.sweep.scenes import (
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     evidence_of,
+    hypothesis_scores,
     hypothesis_weights,
     in_observation,
 )
@@ -59,6 +60,19 @@ def test_weights_are_those_of_the_information_criterion():
     one, other = Evidence(100.0, 2.0, 5, 1000), Evidence(104.0, 3.0, 4, 1000)
     a, b = hypothesis_weights([one, other])
     assert_allclose(np.log(b / a), -4 / 2 + 0.5 * np.log(1000 / 2), rtol=1e-9)
+
+
+def test_scores_are_negative_logs_of_weights():
+    """exact"""
+    weights = hypothesis_weights(THREE)
+    assert_allclose(hypothesis_scores(THREE), -np.log(weights / weights.max()), atol=1e-9)
+
+
+def test_scores_are_ordered_where_weights_are_all_zero():
+    """exact"""
+    far = [Evidence(100.0 + cost, 1.0, 5, 4000) for cost in (0.0, 5000.0, 3000.0)]
+    assert_allclose(hypothesis_weights(far), [1, 0, 0], atol=0)
+    assert_allclose(hypothesis_scores(far), [0, 5000, 3000], rtol=1e-12)
 
 
 def test_more_parameters_have_less_weight():

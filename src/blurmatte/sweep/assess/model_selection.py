@@ -97,6 +97,18 @@ def hypothesis_weights(evidence: list[Evidence]) -> Array:
     evidence : list of Evidence
         Of the same observation.
     """
+    weights = np.exp(-hypothesis_scores(evidence))
+    return np.asarray(weights / weights.sum())
+
+
+def hypothesis_scores(evidence: list[Evidence]) -> Array:
+    """(n,) negative log of the weights over the largest, 0 or more, where weights would underflow too.
+
+    Parameters
+    ----------
+    evidence : list of Evidence
+        Of the same observation.
+    """
     likeliest = min(evidence, key=lambda one: one.cost)
     scores = np.array(
         [
@@ -105,8 +117,7 @@ def hypothesis_weights(evidence: list[Evidence]) -> Array:
             for one in evidence
         ]
     )
-    weights = np.exp(scores.min() - scores)
-    return np.asarray(weights / weights.sum())
+    return np.asarray(scores - scores.min())
 
 
 def in_observation(values: Array, observation: Observation) -> Array:

@@ -1,0 +1,179 @@
+"""What else fits a streak: each hypothesis with its color and how much alpha it has.
+
+Where the plate has one hue, an object of more alpha and a color nearer to the plate's leaves the same
+light. Which of them it was follows from a shape or an assumption about color, and hypotheses differ
+by the color and by a factor of all of alpha.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.color import ColorModel
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
+from blurmatte.matting.calibrated import MAX_CONFIRMED, rms_difference
+from blurmatte.matting.light import light_given
+from blurmatte.radiometry import SRGB, LinearImage, light_in_srgb
+from blurmatte.sweep import Sweep
+
+Array = npt.NDArray[np.float64]
+
+MAX_ALTERNATIVES = 5  # that are listed, the answer's own included
+_COLORS = {1: "one paint", 2: "two paints", 3: "any colors"}
+_PATHS = {
+    "line": "a straight line",
+    "parabola": "a parabola",
+    "cubic": "a cubic curve",
+    "arc": "an arc",
+    "bounce": "a path that bounces",
+    "from rest": "a path from rest",
+}
+
+
+@dataclass(frozen=True)
+class Alternative:
+    """A hypothesis, as it differs from the answer.
+
+    Parameters
+    ----------
+    name : str
+        In words, such as "disc on a parabola, one paint".
+    rgb : (float, float, float)
+        Its color, the mean over alpha; linear light in the colors of the image.
+    hex : str
+        The same as a screen shows it, sRGB-coded #rrggbb.
+    weight : float
+        Of its evidence, 0…1.
+    alpha_factor : float
+        Sum of its alpha over that of the answer, where both are known.
+    alpha_difference : float
+        Root mean square difference of its alpha from that of the answer.
+    radius : float or None
+        Pixels; None if it has no shape.
+
+    Raises
+    ------
+    ValueError
+        If a number is negative or not finite.
+    """
+
+    name: str
+    rgb: tuple[float, float, float]
+    hex: str
+    weight: float
+    alpha_factor: float
+    alpha_difference: float
+    radius: float | None
+
+    def __post_init__(self) -> None:
+        for name in ("weight", "alpha_factor", "alpha_difference"):
+            value = getattr(self, name)
+            if not (np.isfinite(value) and value >= 0):
+                raise ValueError(f"{name} must be finite and not negative, got {value}")
+
+    @property
+    def matters(self) -> bool:
+        """Whether its weight is large enough for it to be averaged."""
+        return self.weight >= MIN_WEIGHT
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether its alpha differs from the answer's by more than a confirmed error."""
+        error, scale = MAX_CONFIRMED
+        return self.alpha_difference > error or abs(self.alpha_factor - 1) > scale
+
+
+def alternative(
+    hypothesis: Sweep | ColorModel,
+    weight: float,
+    estimate: AlphaEstimate,
+    answer: AlphaEstimate,
+    pictures: tuple[LinearImage, LinearImage],
+    box: tuple[int, int, int, int],
+) -> Alternative:
+    """How a hypothesis differs from the answer.
+
+    Parameters
+    ----------
+    hypothesis : Sweep or ColorModel
+        A shape on a path, or the colors of an alpha without a shape.
+    weight : float
+    estimate, answer : AlphaEstimate
+        Its alpha in the box, and that of the answer.
+    pictures : (LinearImage, LinearImage)
+        Image and plate in the box, noise known.
+    box : (int, int, int, int)
+    """
+    image, plate = pictures
+    model, radius = hypothesis, None
+    if isinstance(hypothesis, Sweep):
+        model, radius = hypothesis.model, hypothesis.radius
+        plate = hypothesis.in_shadow(plate, box)
+    assert isinstance(model, ColorModel)
+    r, g, b = (float(light) for light in _mean_color(estimate, model, image, plate))
+    return Alternative(
+        _name(hypothesis),
+        (r, g, b),
+        hex_of(np.array([r, g, b]), model),
+        float(weight),
+        _alpha_factor(estimate, answer),
+        rms_difference(answer, estimate),
+        radius,
+    )
+
+
+def listed(alternatives: Sequence[Alternative], scores: Array) -> list[Alternative]:
+    """Those that matter or disagree with the answer, the likeliest first.
+
+    Parameters
+    ----------
+    alternatives : sequence of Alternative
+    scores : (n,) float
+        Negative log of their weights, up to a constant. The likeliest is the answer's own.
+    """
+    own, *others = np.argsort(scores, kind="stable")
+    kept = [alternatives[own]]
+    for one in (alternatives[i] for i in others):
+        if one.matters or one.disagrees:
+            kept.append(one)
+    return kept[:MAX_ALTERNATIVES]
+
+
+def hex_of(color: Array, model: ColorModel) -> str:
+    """A color (3,) in the light of a model as sRGB-coded #rrggbb, clipped."""
+    light = np.clip(light_in_srgb(color, model.to_srgb), 0, 1)
+    r, g, b = np.rint(255 * SRGB.encode(light)).astype(int)
+    return f"#{r:02x}{g:02x}{b:02x}"
+
+
+def _mean_color(
+    estimate: AlphaEstimate, model: ColorModel, image: LinearImage, plate: LinearImage
+) -> Array:
+    """(3,) light of an object over its alpha; black where no light of it is known."""
+    known = np.isfinite(estimate.alpha) & np.isfinite(estimate.alpha_std)
+    alpha, std = (np.where(known, x, 0) for x in (estimate.alpha, estimate.alpha_std))
+    P, P_std, _ = light_given(alpha, std, model, image, plate)
+    use = (alpha > 0) & np.isfinite(P_std).all(axis=-1)
+    total = max(float(alpha[use].sum()), 1e-9)
+    return np.asarray(np.maximum(P[use].sum(axis=0) / total, 0))
+
+
+def _alpha_factor(estimate: AlphaEstimate, answer: AlphaEstimate) -> float:
+    """Sum of alpha over the answer's, where both are known."""
+    both = np.isfinite(estimate.alpha) & np.isfinite(estimate.alpha_std)
+    both &= np.isfinite(answer.alpha) & np.isfinite(answer.alpha_std)
+    total = float(np.sum(np.asarray(answer.alpha)[both]))
+    own = float(np.sum(np.asarray(estimate.alpha)[both]))
+    return max(own / total, 0.0) if total > 0 else 1.0
+
+
+def _name(hypothesis: Sweep | ColorModel) -> str:
+    """In words."""
+    if isinstance(hypothesis, ColorModel):
+        return f"no shape, {_COLORS[hypothesis.rank]}"
+    path = _PATHS.get(hypothesis.family.name, f"a {hypothesis.family.name}")
+    shadow = " with its shadow" if hypothesis.cast is not None else ""
+    colors = _COLORS[hypothesis.model.rank]
+    return f"{hypothesis.silhouette.name}{shadow} on {path}, {colors}"

@@ -1,0 +1,100 @@
+"""Alternatives: hypotheses with their color and their alpha over that of the answer."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel
+from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative, alternative, listed
+from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
+from blurmatte.radiometry import LinearImage, NoiseModel
+
+NOISE = NoiseModel(read_std=1e-3)
+PLATE, COLOR = np.array([0.3, 0.32, 0.35]), np.array([0.6, 0.3, 0.1])
+BOX = 0, 0, 12, 9
+ONE = Alternative("disc on an arc, one paint", (0.6, 0.3, 0.1), "#cb9559", 0.9, 1.0, 0.0, 8.0)
+
+
+def estimate(alpha):
+    return AlphaEstimate(alpha, np.full(alpha.shape, 0.01), 1.0)
+
+
+def pictures(alpha):
+    light = alpha[..., None] * COLOR + (1 - alpha[..., None]) * PLATE
+    plate = np.broadcast_to(PLATE, light.shape).copy()
+    return LinearImage(light, NOISE), LinearImage(plate, NOISE)
+
+
+def compared(by, known=True):
+    """An alternative whose alpha is `by` times that of the answer, and which leaves the same light."""
+    alpha = np.random.default_rng(0).uniform(0.1, 0.5, (9, 12))
+    color = PLATE + (COLOR - PLATE) / by
+    model = ColorModel.from_samples(color[None], std=1e-9)
+    own = estimate(np.where(known, by * alpha, np.nan))
+    return color, alternative(model, 0.2, own, estimate(alpha), pictures(alpha), BOX)
+
+
+@pytest.mark.parametrize("by", [0.8, 1.0, 1.6])
+def test_factor_and_color_before_one_hue(by):
+    """exact: more alpha of a color that is nearer to that of the plate leaves the same light."""
+    color, found = compared(by)
+    assert_allclose(found.alpha_factor, by, rtol=1e-9)
+    assert_allclose(found.rgb, color, rtol=1e-6)
+    assert found.radius is None
+    assert found.name == "no shape, one paint"
+    assert found.disagrees == (by != 1)
+
+
+def test_color_is_shown_encoded():
+    """exact"""
+    _, found = compared(1.0)
+    codes = 1.055 * np.array(found.rgb) ** (1 / 2.4) - 0.055
+    expected = np.rint(255 * codes).astype(int)
+    assert found.hex == "#{:02x}{:02x}{:02x}".format(*expected)
+
+
+def test_unknown_pixels_do_not_count():
+    """exact"""
+    color, found = compared(1.25, known=np.indices((9, 12))[1] < 5)
+    assert_allclose(found.alpha_factor, 1.25, rtol=1e-9)
+    assert_allclose(found.rgb, color, rtol=1e-6)
+
+
+def with_weight(name, weight, factor=1.0):
+    return replace(ONE, name=name, weight=weight, alpha_factor=factor)
+
+
+def test_ordered_by_evidence_whatever_the_order():
+    """exact: where weights are 0, too."""
+    few = [with_weight("c", 0.0, 1.4), with_weight("a", 0.7), with_weight("d", 0.0, 0.5),
+           with_weight("b", 0.3)]  # fmt: skip
+    scores = np.array([900.0, 0.0, 2000.0, 0.8])
+    for order in ([0, 1, 2, 3], [3, 2, 1, 0]):
+        found = listed([few[i] for i in order], scores[order])
+        assert [one.name for one in found] == ["a", "b", "c", "d"]
+
+
+def test_negligible_ones_are_listed_if_they_disagree():
+    """exact: by a factor, or pixel by pixel."""
+    little = 0.5 * MIN_WEIGHT
+    agreeing = with_weight("agrees", little)
+    scaled = with_weight("scaled", little, 1.3)
+    elsewhere = replace(with_weight("elsewhere", little), alpha_difference=0.1)
+    found = listed([ONE, agreeing, scaled, elsewhere], np.arange(4.0))
+    assert [one.name for one in found] == [ONE.name, "scaled", "elsewhere"]
+
+
+def test_no_more_than_five():
+    many = [with_weight(str(i), 0.1) for i in range(9)]
+    found = listed(many, np.arange(9.0))
+    assert [one.name for one in found] == [str(i) for i in range(MAX_ALTERNATIVES)]
+
+
+@pytest.mark.parametrize("name", ["weight", "alpha_factor", "alpha_difference"])
+@pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
+def test_door(name, value):
+    """door"""
+    with pytest.raises(ValueError, match=f"{name} must be finite and not negative"):
+        replace(ONE, **{name: value})
