@@ -138,7 +138,6 @@ def test_first_line_is_the_grade_and_what_it_means(scene, tmp_path, graded):
     assert f"{first}." in good("info", tmp_path / "layer.exr").stdout.splitlines()
 
 
-@pytest.mark.parametrize("required", ["confirmed", "plausible"])
 def test_second_line_is_what_else_fits(scene, tmp_path, graded):
     own = {"name": "disc on an arc, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
     own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": 8.0}
@@ -149,6 +148,7 @@ def test_second_line_is_what_else_fits(scene, tmp_path, graded):
     assert third.startswith("Solution(128x80, ")
 
 
+@pytest.mark.parametrize("required", ["confirmed", "plausible"])
 @pytest.mark.parametrize("grade", ["confirmed", "plausible", "assumed"])
 def test_lesser_grade_than_required_has_an_exit_code_and_files(
     scene, tmp_path, graded, grade, required
@@ -907,7 +907,7 @@ def test_score_of_our_own_answers(rendered, tmp_path):
     assert [row.split()[:2] for row in rows] == [["one", "yes"], ["two", "yes"], ["mean", "yes"]]
     scores = json.loads((tmp_path / "scores.json").read_text())
     assert scores["one"]["alpha_rmse"] < 0.05
-    assert 0.2 < scores["one"]["alpha_spread"] < 2  # calibrated on harder scenes than this
+    assert 0.2 < scores["one"]["alpha_spread"] < 1.3  # calibrated on harder scenes than this
 
 
 def test_score_of_one_file(rendered, tmp_path):

@@ -234,6 +234,23 @@ def test_hypotheses_are_sorted_by_weight():
     assert exact.cost < free.cost
 
 
+def test_a_hypothesis_is_as_likely_as_its_alpha():
+    """invariant: where pixels of the plate are clipped, which leaves the color of a poor fit wrong."""
+    wall = plain_plate((160, 112), (0.3, 0.33, 0.36), 1)
+    wall[44:58, 74:92] = 1.5
+    scene = Scene(wall, Trajectory.line((72, 50), (88, 52)), Ball(14, (0.9, 0.45, 0.05)))
+    truth, rng = rendered(scene), np.random.default_rng(0)
+    image, plate = with_noise(
+        CAMERA.photograph(truth.image.rgb, rng), CAMERA.photograph(truth.plate.rgb, rng)
+    )
+    found = fit_hypotheses(image, plate, require_streaks(image, plate)[0])
+    alpha = found.best.alpha
+    own = found.evidence_of(alpha, np.zeros_like(alpha))
+    assert found.evidence[0].cost <= own.cost + 1e-6
+    assert error(found.best, scene) < 0.02
+    assert degrees_between(found.best.model.pole, truth.model.pole) < 2
+
+
 @pytest.mark.parametrize("scene", [FLAT[LINE], FLAT[PARABOLA]], ids=["line", "parabola"])
 def test_fit_disc_is_a_quick_fit_of_a_parabola(scene):
     """honest"""

@@ -64,7 +64,6 @@ from blurmatte.sweep.assess.model_selection import (
 Solver = Pixelwise | Smooth | Swept | Shaded
 Box = tuple[int, int, int, int]
 
-_MIN_VALID = 0.9  # of the pixels of a streak whose alpha may have no shape
 _MARGIN = 16  # pixels around a streak: of surroundings that stand still
 
 
@@ -308,11 +307,10 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
     average = calibrated(average, estimates, terms, case.image.meta.sharing is not None)
     solver: Solver = Swept() if best < len(sweeps) else Smooth()
     C, B, mixed = case.within(box)
+    what: list[Sweep | ColorModel] = [*sweeps, *(one.model for one in free)]
     alternatives = [
         alternative(one, weight, estimate, average, (C, B), box)
-        for one, weight, estimate in zip(
-            [*sweeps, *(one.model for one in free)], weights, estimates, strict=True
-        )
+        for one, weight, estimate in zip(what, weights, estimates, strict=True)
     ]
     if best < len(sweeps):
         model = case.model if case.is_exact else sweeps[best].model
@@ -360,9 +358,6 @@ class _Shapeless:
 def _without_shape(case: _Case) -> list[_Shapeless]:
     """With the likeliest line of colors, and the likeliest plane if that is likelier."""
     assert case.hypotheses is not None
-    inside = case.streak.mask
-    if np.mean((case.image.valid & case.plate.valid)[inside]) < _MIN_VALID:
-        return []  # only a shape says what is where pixels are clipped
     if case.is_exact:
         return [_smoothed(case)]
     models: dict[int, ColorModel] = {}

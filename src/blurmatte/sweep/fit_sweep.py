@@ -18,6 +18,7 @@ from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     evidence_of,
+    hypothesis_scores,
     hypothesis_weights,
     in_observation,
 )
@@ -26,6 +27,7 @@ from blurmatte.sweep.fit.multistart import (
     QUICK_RADII,
     Multistart,
     fitted_to_hue,
+    with_principal_axes,
     with_varied_colors,
 )
 from blurmatte.sweep.fit.outline import fit_outline
@@ -187,12 +189,14 @@ def fit_hypotheses(
     observation = search.observation
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
-    order = np.argsort(-weights, kind="stable")
-    compared = [
-        (_sweep_of(candidates[i], image, search.bounds, weights[i] > _MIN_WEIGHT), evidence[i])
-        for i in order
-    ]
-    kept = _distinct(compared)
+    compared = []
+    for candidate, known, weight in zip(candidates, evidence, weights, strict=True):
+        if weight > _MIN_WEIGHT:
+            compared.append(_refined(candidate, known, image, search))
+        else:
+            compared.append((Sweep.of(candidate, image), known))
+    order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
+    kept = _distinct([compared[i] for i in order])
     found = Hypotheses(observation, *(tuple(column) for column in zip(*kept, strict=True)))
     if model is None and not _is_solid(found.best):
         refuse_shade(image, plate, streak)
@@ -228,22 +232,33 @@ def fit_disc(
     return Sweep.of(Candidate(fitted_to_hue(disc, search.bounds)), image)
 
 
-def _sweep_of(
-    candidate: Candidate, image: LinearImage, bounds: tuple[float, float], refined: bool
-) -> Sweep:
-    """Of a candidate; if that is to be `refined`, before its file, and of one paint by hue alone."""
-    if not refined:
-        return Sweep.of(candidate, image)
+def _refined(
+    candidate: Candidate,
+    evidence: Evidence,
+    image: LinearImage,
+    search: Multistart,
+) -> tuple[Sweep, Evidence]:
+    """The sweep of a candidate before its file, and of one paint by hue alone; its evidence.
+
+    If the fit to hue is likelier than the candidate with all of its light, the candidate had not
+    reached the maximum of its likelihood: colors and evidence are those of the fit to hue then.
+    """
     transfer = image.meta.transfer or SRGB
     candidate = Candidate.before_file(candidate.state, transfer, candidate.cast)
     sweep = Sweep.of(candidate, image)
     if candidate.cast is not None:
-        return sweep
-    state = fitted_to_hue(candidate.state, bounds)
+        return sweep, evidence
+    state = fitted_to_hue(candidate.state, search.bounds)
     if state is candidate.state:
-        return sweep
-    by_hue = Sweep.of(replace(candidate, state=state), image)
-    return replace(by_hue, model=sweep.model, diagnostics=sweep.diagnostics)
+        return sweep, evidence
+    by_hue = replace(candidate, state=state)
+    again = _evidence(search.observation, by_hue)
+    if again.cost < evidence.cost:
+        in_all_light = with_principal_axes(state.relit(candidate.state.observation))
+        converged = replace(in_all_light, converged=state.converged)
+        sweep, evidence = Sweep.of(replace(candidate, state=converged), image), again
+    refined = replace(Sweep.of(by_hue, image), model=sweep.model, diagnostics=sweep.diagnostics)
+    return refined, evidence
 
 
 def _distinct(
