@@ -401,7 +401,6 @@ def test_what_else_has_the_color_is_solved_by_all_pixels_together():
     assert errors[0] < errors[1] / 2
 
 
-@pytest.mark.xfail(strict=True, reason="the light is 0.06 off")
 def test_a_clipped_plate_takes_nothing_of_what_is_opaque():
     """honest: where nothing of it is seen, its light is that of the picture."""
     bright = WALL.copy()
