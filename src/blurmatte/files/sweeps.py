@@ -12,6 +12,8 @@ from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.silhouette import Silhouette
 
+_FLAGS = "turns", "soft", "changes"  # of a silhouette, as its fields are ordered
+
 
 def sweep_to_json(sweep: Sweep) -> str:
     """All fields; numbers as Python prints them, so that they come back as they were."""
@@ -21,6 +23,7 @@ def sweep_to_json(sweep: Sweep) -> str:
         "order": sweep.silhouette.order,
         "turns": sweep.silhouette.turns,
         "soft": sweep.silhouette.soft,
+        "changes": sweep.silhouette.changes,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
@@ -50,7 +53,7 @@ def sweep_from_json(text: str) -> Sweep:
     return Sweep(
         path_family(fields["family"]),
         np.array(fields["path"], float),
-        Silhouette(int(fields["order"]), *(bool(fields.get(name)) for name in ("turns", "soft"))),
+        Silhouette(int(fields["order"]), *(bool(fields.get(name)) for name in _FLAGS)),
         np.array(fields["shape"], float),
         model_from_json(fields["model"]),
         np.array(fields["covariance"], float),

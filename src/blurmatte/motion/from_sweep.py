@@ -95,9 +95,8 @@ def _centers(sweep: Sweep, path: Array, shape: Array, t: Array) -> Array:
         return xy
     x, y = sweep.silhouette.outline(shape, _RIM).T
     cross = x * np.roll(y, -1) - np.roll(x, -1) * y
-    middle = complex(*(np.sum((v + np.roll(v, -1)) * cross) / (3 * cross.sum()) for v in (x, y)))
-    off = middle * np.exp(1j * sweep.silhouette.turn(shape) * (t - _HALF))
-    return np.asarray(xy + np.stack([off.real, off.imag], axis=1))
+    middle = [np.sum((v + np.roll(v, -1)) * cross) / (3 * cross.sum()) for v in (x, y)]
+    return np.asarray(xy + sweep.silhouette.map_at(shape, t) @ np.array(middle))
 
 
 def _velocity(sweep: Sweep, path: Array, shape: Array, t: int) -> Array:

@@ -23,6 +23,7 @@ from blurmatte.sweep.assess.model_selection import (
     in_observation,
 )
 from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.growth import fit_growing
 from blurmatte.sweep.fit.multistart import (
     QUICK_RADII,
     Multistart,
@@ -182,6 +183,8 @@ def fit_hypotheses(
     search, one_paint, varied = _discs(image, plate, streak, model, start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     if variance_inflation(one_paint[0]) > _EXPLAINED_INFLATION:
+        grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied)]
+        candidates += [Candidate(state) for state in grown if state is not None]
         candidates.append(Candidate(fit_outline(one_paint[0])))
         shaded = _with_shadow(search, one_paint[0], image, plate, streak)
         if shaded is not None:

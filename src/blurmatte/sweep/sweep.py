@@ -132,7 +132,7 @@ class Sweep:
 
     @property
     def radius(self) -> float:
-        """Radius of the shape, or of the disc of the same area, pixels."""
+        """Radius of the disc of the shape's area, in the middle of the exposure, pixels."""
         return self.silhouette.radius(self.shape)
 
     @property
@@ -148,15 +148,21 @@ class Sweep:
 
     @property
     def outline(self) -> Array:
-        """(129, 2) points once around the shape, seen from its center; the last is the first."""
+        """(129, 2) points once around the shape, seen from its center; the last is the first.
+
+        In the middle of the exposure.
+        """
         points = self.silhouette.outline(self.shape, _POINTS - 1)
         return np.concatenate([points, points[:1]])
 
     def outline_at(self, t: float) -> Array:
         """(129, 2) points once around the object in the picture at exposure fraction t, pixels."""
-        angle = self.silhouette.turn(self.shape) * (t - 0.5)
-        turned = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        return np.asarray(self.outline @ turned.T + self.family.at(self.path, np.array([t]))[0])
+        when = np.array([t])
+        (linear,), (center,) = (
+            self.silhouette.map_at(self.shape, when),
+            self.family.at(self.path, when)[0],
+        )
+        return np.asarray(self.outline @ linear.T + center)
 
     @property
     def alpha(self) -> Array:

@@ -361,7 +361,7 @@ def test_moments_cover_the_exposure_in_short_steps():
     assert np.linalg.norm(np.diff(BOUNCE.at(path, t)[0], axis=0), axis=1).max() < 1
     assert len(moments(BOUNCE, far, 1.0)[0]) > 5 * len(t)
     assert_array_equal(moments(BOUNCE, far, 20.0)[0], t)
-    assert len(moments(BOUNCE, path, 1.0, spin=200)[0]) > 3 * len(t)
+    assert len(moments(BOUNCE, path, 1.0, rim_way=200)[0]) > 3 * len(t)
     assert_array_equal(moments(BOUNCE, path + 1e-7, 1.0)[0], t)
 
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.outline_start import (
+    changing,
     crosswise,
     outlined,
     straighter,
@@ -48,7 +49,7 @@ def fit_outline(disc: State) -> State:
     found = _fitted((start.of_kind(shape) for shape in shapes), bounds)
     if not _could_pay(start, best_of(found)) and variance_inflation(start) < _EXPLAINED_INFLATION:
         return disc
-    for starts in (straighter, stretched, crosswise, turning):
+    for starts in (straighter, stretched, crosswise, turning, changing):
         found += _fitted(starts(start, best_of(found)), bounds)
         if variance_inflation(best_of(found)) < _EXPLAINED_INFLATION:
             break

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.sweep.model.linear_maps import changed, exponential, most_shrinking, turned
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
 
@@ -28,6 +29,8 @@ _ANGLES = 360
 _LONGEST = 2.0  # half the log of its length over its width: 55 times as long as wide
 _JAGGED = 1.0  # of log R, √2 of its root mean square: a star of five points has half of it
 BLUR_OF_FILES = 2.0  # pixels, the most that files blur colors: blocks of 4 share none
+_FASTEST = 2.0  # logarithm by which a length changes: to 7.4 times what it was, or by two such
+_MIDDLE = 0.5  # of the exposure
 _SHARP = 0.2  # pixels: a pixel's width hides less
 _DEFOCUSED = 0.3  # of a radius, by which a lens may blur a rim; more hides the shape
 
@@ -51,9 +54,14 @@ class Silhouette:
     """Discs, ellipses, or outlines of higher order; each kind contains the simpler ones.
 
     The parameters are the radius in pixels, of an ellipse also two of its stretch, of an outline
-    two more for every order from 3 on, then by how many radians it turns, and at last the
-    standard deviation, in pixels, of what its rim is blurred by: half the radius of the circle of
-    confusion of a lens.
+    two more for every order from 3 on, then by how many radians it turns, then how it changes, and
+    at last the standard deviation, in pixels, of what its rim is blurred by: half the radius of the
+    circle of confusion of a lens. Size, area and outline are those in the middle of the exposure.
+
+    What changes is at the exposure fraction t the shape under the map exp((t − ½) G), before it
+    turns, with G = [[g + a, b], [b, g − a]] and the parameters g, a, b, natural logarithms: it comes
+    nearer by g, and is stretched by (a, b) as a thing is that is foreshortened less and less. A disc
+    has only g.
 
     Parameters
     ----------
@@ -63,6 +71,8 @@ class Silhouette:
         It turns evenly during the exposure, in the plane of the picture.
     soft : bool
         Its rim is blurred: by the lens, or by the file.
+    changes : bool
+        Its size, and if it is no disc its proportions, change evenly during the exposure.
 
     Raises
     ------
@@ -73,6 +83,7 @@ class Silhouette:
     order: int = 1
     turns: bool = False
     soft: bool = False
+    changes: bool = False
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -84,12 +95,20 @@ class Silhouette:
     def name(self) -> str:
         """What to call it."""
         kind = {1: "disc", 2: "ellipse"}.get(self.order, f"outline of order {self.order}")
-        return f"turning {kind}" if self.turns else kind
+        if self.order == 1:
+            return f"growing {kind}" if self.changes else kind
+        does = ["turning"] * self.turns + ["changing"] * self.changes
+        return f"{', '.join(does)} {kind}".strip()
 
     @property
     def size(self) -> int:
         """How many parameters."""
-        return 2 * self.order - 1 + self.turns + self.soft
+        return 2 * self.order - 1 + self.turns + self._changing + self.soft
+
+    @property
+    def _changing(self) -> int:
+        """How many parameters tell how it changes."""
+        return self.changes * (1 if self.order == 1 else 3)
 
     def start(self, half_width: float) -> Array:
         """Parameters (m,) of a disc of this radius."""
@@ -102,6 +121,8 @@ class Silhouette:
         mine[1:known] = shape[1:known]
         if self.turns:
             mine[2 * self.order - 1] = other.turn(shape)
+        if self.changes:
+            mine[self._rates] = other.rates(shape)[: self._changing]
         if self.soft:
             mine[-1] = other.softness(shape)
         return mine
@@ -110,15 +131,17 @@ class Silhouette:
         """The nearest shape with a radius within bounds, and a rim that leaves something to see."""
         near = shape.copy()
         near[0] = np.clip(shape[0], *bounds)
+        near[self._rates] = np.clip(shape[self._rates], -_FASTEST, _FASTEST)
         if self.soft:
             near[-1] = np.clip(shape[-1], _SHARP, max(BLUR_OF_FILES, _DEFOCUSED * near[0]))
         return near
 
     def extreme(self, shape: Array) -> bool:
-        """Whether it is so long, or so jagged, that it is no outline of a thing any more."""
+        """Whether it may get so long, or is so jagged, that it is no outline of a thing any more."""
         if self.order == 1:
             return False
-        long, jagged = np.linalg.norm(shape[1:3]), np.linalg.norm(self._coefficients(shape))
+        long = np.linalg.norm(shape[1:3]) + np.linalg.norm(self.rates(shape)[1:]) / 2
+        jagged = np.linalg.norm(self._coefficients(shape))
         return bool(long > _LONGEST or jagged > _JAGGED)
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, data: Observation) -> Swept:
@@ -130,7 +153,7 @@ class Silhouette:
         path : (n,) float
             Its parameters, pixels of the picture.
         shape : (m,) float
-            Pixels of the picture, radians by which it turns, and pixels again.
+            Pixels of the picture, radians by which it turns, logarithms, and pixels again.
         data : Observation
             Where to look.
         """
@@ -142,7 +165,11 @@ class Silhouette:
         J = np.zeros((*alpha.shape, len(path) + self.size))
         way, soft = self._way(family, path, shape, data), self.softness(shape) / data.scale
         if self.order == 1:
-            kernel.disc(way.xy, way.D, way.weights, shape[0] / data.scale, soft, alpha, J)
+            radius, growth = shape[0] / data.scale, shape[1] if self.changes else 0.0
+            late = way.t - _MIDDLE
+            kernel.disc(
+                way.xy, way.D, way.weights, radius, growth, late, self.changes, soft, alpha, J
+            )
             J[..., len(path)] /= data.scale
         else:
             self._cover(way, shape, data.scale, self._stretch(shape)[1], alpha, J)
@@ -152,9 +179,12 @@ class Silhouette:
 
     def _way(self, family: PathFamily, path: Array, shape: Array, data: Observation) -> "_Way":
         """Where it is when, for how long."""
-        turn, soft = self.turn(shape), self.softness(shape) / data.scale
-        spin = abs(turn) * self.reach(shape) if self.turns else 0.0
-        t, weights = moments(family, path, data.scale, spin, soft)
+        soft = self.softness(shape) / data.scale
+        rim_way = 0.0
+        if self.turns or self.changes:
+            rate = abs(self.turn(shape)) + 2 * most_shrinking(self.rates(shape))
+            rim_way = rate * self.reach(shape)
+        t, weights = moments(family, path, data.scale, rim_way, soft)
         xy, D = family.at(path, t)
         return _Way(t, weights, (xy - data.origin) / data.scale, D / data.scale)
 
@@ -169,26 +199,46 @@ class Silhouette:
 
         t, weights, xy, D = way
         A, by_A = self._stretch(shape)[0] / scale, by_A / scale
-        late, coefficients, soft = t - 0.5, self._coefficients(shape), self.softness(shape) / scale
-        rim = rim_kernel.lattice_around(
-            A, coefficients, kernel.variance_of(soft), kernel.reach_of(soft)
-        )
-        turns = self.turn(shape) * late
+        coefficients, soft = self._coefficients(shape), self.softness(shape) / scale
+        reach = kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
+        rim = rim_kernel.lattice_around(A, coefficients, kernel.variance_of(soft), reach)
+        maps, by_maps = self._maps(shape, t)
         kernel.sweep(
-            xy, D, weights, self.turns, turns, late, rim, A, by_A, coefficients, soft, alpha, J
+            xy, D, weights, maps, by_maps, self.changes, rim, A, by_A, coefficients, soft, alpha, J
         )
 
+    def map_at(self, shape: Array, t: Array) -> Array:
+        """(T, 2, 2) linear maps from the shape in the middle of the exposure to that at fractions t."""
+        return self._maps(shape, t)[0]
+
+    def _maps(self, shape: Array, t: Array) -> tuple[Array, Array]:
+        """`map_at` (T, 2, 2), and derivatives (T, 2, 2, l) by how it turns and changes."""
+        late, count = t - _MIDDLE, len(t)
+        maps, by = np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2, 2, 0))
+        if self.changes:
+            maps, by = changed(self.rates(shape), late)
+            by = by[..., : self._changing]
+        if self.turns:
+            maps, by = turned(self.turn(shape), late, maps, by)
+        return np.ascontiguousarray(maps), np.ascontiguousarray(by)
+
     def area(self, shape: Array) -> float:
-        """Area, pixels²."""
+        """Area in the middle of the exposure, pixels²."""
         return float(np.pi * shape[0] ** 2 * np.mean(self._star(shape, _ANGLES) ** 2))
 
     def radius(self, shape: Array) -> float:
-        """Radius of the disc of the same area, pixels."""
+        """Radius of the disc of the same area in the middle of the exposure, pixels."""
         return float(np.sqrt(self.area(shape) / np.pi))
 
     def reach(self, shape: Array) -> float:
-        """How far the rim is from the center at most, pixels."""
-        return float(np.linalg.norm(self.outline(shape, _ANGLES), axis=1).max())
+        """How far the rim is from the center at most, at any moment, pixels.
+
+        Under exp(τ G) with a symmetric G a distance is a convex function of τ: it is largest at an end.
+        """
+        rim = self.outline(shape, _ANGLES)
+        if self.changes:
+            rim = np.concatenate(rim @ self.map_at(shape, _ENDS).transpose(0, 2, 1))
+        return float(np.linalg.norm(rim, axis=1).max())
 
     def left_out(self, shape: Array) -> float:
         """How far the rim may be off by the orders that it cannot have here, pixels."""
@@ -206,6 +256,18 @@ class Silhouette:
         """By how much it turns during the exposure, radians from +x towards +y."""
         return float(shape[2 * self.order - 1]) if self.turns else 0.0
 
+    def rates(self, shape: Array) -> Array:
+        """(3,) logarithms (g, a, b) by which it changes during the exposure; 0 if it does not."""
+        rates = np.zeros(3)
+        rates[: self._changing] = shape[self._rates]
+        return rates
+
+    @property
+    def _rates(self) -> slice:
+        """Which parameters tell how it changes."""
+        first = 2 * self.order - 1 + self.turns
+        return slice(first, first + self._changing)
+
     def softness(self, shape: Array) -> float:
         """Standard deviation by which the rim is blurred, pixels; 0 if it is sharp."""
         return float(shape[-1]) if self.soft else 0.0
@@ -213,7 +275,7 @@ class Silhouette:
     def mapped(self, shape: Array, by: Array) -> Array:
         """Parameters (m,) of the image of a shape under a linear map (2, 2) that mirrors nothing.
 
-        Of a disc only the size changes.
+        Of a disc only the size changes; how it changes stays.
         """
         from scipy.linalg import logm, polar
 
@@ -234,19 +296,12 @@ class Silhouette:
     def _stretch(self, shape: Array) -> tuple[Array, Array]:
         """A (2, 2) and its derivatives (2, 2, 1 or 3) by the radius and the stretch.
 
-        A = r exp S = r (cosh m + S sinh(m)/m), with S = [[a, b], [b, −a]] and m² = a² + b².
+        A = r exp S with S = [[a, b], [b, −a]].
         """
         r, one = shape[0], np.eye(2)
         if self.order == 1:
             return r * one, one[:, :, None]
-        a, b = shape[1:3]
-        S = a * _BY_A + b * _BY_B
-        m = max(float(np.hypot(a, b)), 1e-4)
-        even, odd = np.cosh(m), np.sinh(m) / m
-        more = (even - odd) / m**2  # the derivative of `odd` by m²/2
-        unit = even * one + odd * S
-        by_a = a * (odd * one + more * S) + odd * _BY_A
-        by_b = b * (odd * one + more * S) + odd * _BY_B
+        unit, by_a, by_b = exponential(*shape[1:3])
         return r * unit, np.stack([unit, r * by_a, r * by_b], axis=2)
 
     def _coefficients(self, shape: Array) -> Array:
@@ -276,19 +331,19 @@ class _Way(NamedTuple):
 
 DISC, ELLIPSE = Silhouette(1), Silhouette(2)
 
-_BY_A, _BY_B = np.array([[1.0, 0], [0, -1]]), np.array([[0, 1.0], [1, 0]])
+_ENDS = np.array([0.0, 1.0])  # of the exposure
 
 
 def moments(
-    family: PathFamily, path: Array, scale: float, spin: float = 0, soft: float = 0
+    family: PathFamily, path: Array, scale: float, rim_way: float = 0, soft: float = 0
 ) -> tuple[Array, Array]:
     """Times (T,) in the middles of pieces of the exposure, and how long these are, of sum 1.
 
     Pieces are shorter where the rim is fast. The times stay the same when a path changes a little,
-    so that alpha changes smoothly; as the crow flies is not enough where one part is folded. spin is
-    how far turning moves the rim, pixels of the picture; soft is the softness in units of scale. Of a
-    soft rim on a path without a kink alpha is so smooth in time that two moments of Gauss's do for a
-    piece of two of its standard deviations.
+    so that alpha changes smoothly; as the crow flies is not enough where one part is folded. rim_way
+    is how far a turn or a change moves the rim, pixels of the picture; soft is the softness in units of
+    scale. Of a soft rim on a path without a kink alpha is so smooth in time that two moments of Gauss's
+    do for a piece of two of its standard deviations.
     """
     from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
 
@@ -296,7 +351,7 @@ def moments(
     parts = _SOFT_PARTS if even else _PARTS
     step = 2 * max(float(np.sqrt(_PIXEL + soft**2)), _STEP) if even else _STEP
     xy, _ = family.at(path, _even(parts))
-    t, lengths = path_kernel.pieces(xy, spin / parts, step * scale, _MOST)
+    t, lengths = path_kernel.pieces(xy, rim_way / parts, step * scale, _MOST)
     if not even:
         return t, lengths
     pairs = t[:, None] + _GAUSS * lengths[:, None] * np.array([-1, 1])

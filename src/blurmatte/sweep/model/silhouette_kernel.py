@@ -28,6 +28,7 @@ _PIXEL = 1 / 12  # variance of a box as wide as a pixel
 _TAIL = 3.0  # standard deviations from a soft rim, where all is in or out
 _NORMAL = 0.25  # of them, what of a soft edge is that of a normal distribution, not of a disc
 _NODES = 64  # per standard deviation, so that Taylor's polynomials are exact to 1e-7
+_TINY = 1e-18  # of the square of a normal
 _POINTS = 64  # across a disc: what is that smooth they integrate exactly
 
 
@@ -104,18 +105,23 @@ def reach_of(soft):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def disc(xy, D, weights, radius, soft, alpha, J):  # type: ignore[no-untyped-def]
+def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: ignore[no-untyped-def]
     """What `sweep` does for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
 
-    If J has room for one more, that is for `soft`.
+    The logarithm of the radius is larger by growth times late (T,), for whose factor J has one more if
+    it `grows`. If J has room for yet one more, that is for `soft`.
     """
     h, w = alpha.shape
     n = D.shape[2]
-    r = radius - variance_of(soft) / (2 * radius)
-    wide, curvature = 1 / np.sqrt(variance_of(soft)), 1 / radius
-    outer, inner = r + reach_of(soft), max(r - reach_of(soft), 0.0)
+    of_soft = n + 2 if grows else n + 1
+    variance, reach = variance_of(soft), reach_of(soft)
+    wide = 1 / np.sqrt(variance)
     for k in range(len(xy)):
         cx, cy = xy[k, 0], xy[k, 1]
+        larger = np.exp(growth * late[k]) if grows else 1.0
+        by_growth, curvature = late[k] * larger * radius, 1 / (larger * radius)
+        r = larger * radius - variance / 2 * curvature
+        outer, inner = r + reach, max(r - reach, 0.0)
         first, last = max(int(np.ceil(cy - outer)), 0), min(int(np.floor(cy + outer)), h - 1)
         for j in range(first, last + 1):
             dy = j - cy
@@ -136,22 +142,24 @@ def disc(xy, D, weights, radius, soft, alpha, J):  # type: ignore[no-untyped-def
                 if g > 0:
                     for p in range(n):
                         J[j, i, p] += g * (nx * D[k, 0, p] + ny * D[k, 1, p])
-                    J[j, i, n] += g
-                    if n + 1 < J.shape[2]:
-                        J[j, i, n + 1] += weights[k] * by_soft
+                    J[j, i, n] += g * larger
+                    if grows:
+                        J[j, i, n + 1] += g * by_growth
+                    if of_soft < J.shape[2]:
+                        J[j, i, of_soft] += weights[k] * by_soft
 
 
 @njit(**_COMPILED)
-def spans(polygon, ct, st, cx, cy, left, right):  # type: ignore[no-untyped-def]
-    """First and last column of each row (h,) that a polygon reaches, turned and moved; and the rows."""
+def spans(polygon, L, cx, cy, left, right):  # type: ignore[no-untyped-def]
+    """First and last column of each row (h,) that a polygon reaches, mapped and moved; and the rows."""
     h = len(left)
     left[:], right[:] = np.inf, -np.inf
     x, y = polygon[-1, 0], polygon[-1, 1]
-    x0, y0 = cx + ct * x - st * y, cy + st * x + ct * y
+    x0, y0 = cx + L[0, 0] * x + L[0, 1] * y, cy + L[1, 0] * x + L[1, 1] * y
     top, bottom = y0, y0
     for i in range(len(polygon)):
         x, y = polygon[i, 0], polygon[i, 1]
-        x1, y1 = cx + ct * x - st * y, cy + st * x + ct * y
+        x1, y1 = cx + L[0, 0] * x + L[0, 1] * y, cy + L[1, 0] * x + L[1, 1] * y
         low, high = min(x0, x1), max(x0, x1)
         for j in range(max(math.floor(min(y0, y1)), 0), min(math.ceil(max(y0, y1)), h - 1) + 1):
             left[j], right[j] = min(left[j], low), max(right[j], high)
@@ -168,46 +176,67 @@ def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def sweep(xy, D, weights, spins, turns, by_turning, rim, A, by_A, coefficients, soft, alpha, J):  # type: ignore[no-untyped-def]
-    """Add to alpha (h, w) and J (h, w, n + j + k), zeros, what a shape covers on its way.
+def largest_stretch(L):  # type: ignore[no-untyped-def]
+    """The largest singular value of a linear map (2, 2)."""
+    square = L[0, 0] ** 2 + L[0, 1] ** 2 + L[1, 0] ** 2 + L[1, 1] ** 2
+    area = L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
+    return np.sqrt((square + np.sqrt(max(square * square - 4 * area * area, 0.0))) / 2)
 
-    The rim is told by `rim_kernel.lattice_around`, with the variance and the reach of this softness.
-    xy (T, 2) are the centers in pixels of the maps, D (T, 2, n) their derivatives, weights (T,) parts
-    of the exposure, turns (T,) angles by which the shape is turned, from +x towards +y; by_A
-    (2, 2, j) are the derivatives of A by some parameters, coefficients (k,) are a₃, b₃, a₄, b₄, … If it
-    `spins`, J has one more, for the parameter by which turns have the derivative by_turning (T,). If
-    J has room for yet one more, that is for `soft`.
+
+@njit(**_COMPILED)
+def sweep(xy, D, weights, maps, by_maps, changes, rim, A, by_A, coefficients, soft, alpha, J):  # type: ignore[no-untyped-def]
+    """Add to alpha (h, w) and J (h, w, n + j + k + l), zeros, what a shape covers on its way.
+
+    The rim is told by `rim_kernel.lattice_around`, with the variance and the reach of this softness,
+    the reach as many times larger as the maps shrink at most. xy (T, 2) are the centers in pixels of
+    the data, D (T, 2, n) their derivatives, weights (T,) parts of the exposure; by_A (2, 2, j) are the
+    derivatives of A by some parameters, coefficients (k,) are a₃, b₃, a₄, b₄, … At each moment the
+    shape is mapped by maps (T, 2, 2), whose derivatives are by_maps (T, 2, 2, l). If J has room for
+    one more, that is for `soft`.
+
+    Maps turn the shape and, if it `changes`, do any other thing of positive determinant. With L the
+    map, n the normal of the rim at s inside, N = |L⁻ᵀ n|, the mapped rim has the normal L⁻ᵀ n / N and
+    the curvature κ / (det² L N³), and lies s / N away, to first order.
     """
     height, w = alpha.shape
-    n, m = D.shape[2], by_A.shape[2]
-    reach, wide = reach_of(soft), 1 / np.sqrt(variance_of(soft))
+    n, m, l = D.shape[2], by_A.shape[2], by_maps.shape[3]
+    reach, variance = reach_of(soft), variance_of(soft)
+    wide = 1 / np.sqrt(variance)
     lattice, x0, y0, h, polygon = rim
     rows, columns, of_edge = lattice.shape
     left, right, at = np.empty(height), np.empty(height), np.empty(of_edge)
     for k in range(len(xy)):
-        cx, cy = xy[k, 0], xy[k, 1]
-        ct, st = np.cos(turns[k]), np.sin(turns[k])
-        top, bottom = spans(polygon, ct, st, cx, cy, left, right)
+        cx, cy, L = xy[k, 0], xy[k, 1], maps[k]
+        area = L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
+        a, b, c, d = L[1, 1] / area, -L[0, 1] / area, -L[1, 0] / area, L[0, 0] / area
+        far = reach * largest_stretch(L) / area if changes else reach
+        top, bottom = spans(polygon, L, cx, cy, left, right)
         for j in range(top, bottom + 1):
             dy = j - cy
             for i in range(math.ceil(max(left[j], 0.0)), math.floor(min(right[j], w - 1)) + 1):
                 dx = i - cx
-                u = (ct * dx + st * dy - x0) / h
-                v = (ct * dy - st * dx - y0) / h
+                u = (a * dx + b * dy - x0) / h
+                v = (c * dx + d * dy - y0) / h
                 if not (0 <= u < columns - 1 and 0 <= v < rows - 1):
                     continue
                 p, q = int(u), int(v)
                 u, v = u - p, v - q
                 inside = between(lattice, p, q, u, v, 0)
-                if inside < -reach:
+                if inside < -far:
                     continue
-                if inside > reach:
+                if inside > far:
                     alpha[j, i] += weights[k]
                     continue
                 for e in range(1, of_edge):
                     at[e] = between(lattice, p, q, u, v, e)
-                _, nx, ny, curvature, px, py, c, s = at
-                mx, my = ct * nx - st * ny, ct * ny + st * nx
+                _, nx, ny, curvature, px, py, co, si = at
+                mx, my = a * nx + c * ny, b * nx + d * ny
+                if changes:
+                    N = np.sqrt((mx * mx + my * my) / max(nx * nx + ny * ny, _TINY))
+                    mx, my = mx / N, my / N
+                    bent = curvature / (area * area * N * N * N)
+                    inside = (inside + curvature * variance / 2) / N - bent * variance / 2
+                    nx, ny, curvature = nx / N, ny / N, bent
                 part, gain, by_soft = covered_softly(inside, mx, my, soft, wide, curvature)
                 alpha[j, i] += weights[k] * part
                 g = weights[k] * gain
@@ -222,14 +251,15 @@ def sweep(xy, D, weights, spins, turns, by_turning, rim, A, by_A, coefficients, 
                     J[j, i, n + p] += nx * px + ny * py
                 px, py = A[0, 0] * qx + A[0, 1] * qy, A[1, 0] * qx + A[1, 1] * qy
                 along = nx * px + ny * py
-                ck, sk = c * c - s * s, 2 * c * s
+                ck, sk = co * co - si * si, 2 * co * si
                 for p in range(len(coefficients) // 2):
-                    ck, sk = ck * c - sk * s, sk * c + ck * s
+                    ck, sk = ck * co - sk * si, sk * co + ck * si
                     J[j, i, n + m + 2 * p] += along * ck
                     J[j, i, n + m + 2 * p + 1] += along * sk
                 last = n + m + len(coefficients)
-                if spins:
-                    J[j, i, last] += (ny * px - nx * py) * by_turning[k]
-                    last += 1
-                if last < J.shape[2]:
-                    J[j, i, last] += weights[k] * by_soft
+                for p in range(l):
+                    qx = by_maps[k, 0, 0, p] * px + by_maps[k, 0, 1, p] * py
+                    qy = by_maps[k, 1, 0, p] * px + by_maps[k, 1, 1, p] * py
+                    J[j, i, last + p] += mx * qx + my * qy
+                if last + l < J.shape[2]:
+                    J[j, i, last + l] += weights[k] * by_soft
