@@ -79,3 +79,21 @@ def test_cast_shadow_is_described_and_no_doubt(solution):
 def test_rim_out_of_focus_is_said_where_it_is_seen(solution, softness, said):
     words = "The lens blurs its rim by 3.6 px: it was not in focus as the plate is."
     assert (words in explain(solution(sweep=disc_on_arc(softness=softness)))) == said
+
+
+@pytest.mark.parametrize(
+    ("silhouette", "words"),
+    [
+        (
+            "growing disc",
+            "A disc whose size changes, of radius 18.00 ± 0.03 px in the middle of the ",
+        ),
+        ("changing ellipse", "An ellipse that changes with the area of a disc of radius 18.00"),
+        ("turning ellipse", "An ellipse that turns with the area of a disc of radius 18.00"),
+        ("turning, changing outline of order 6", "A shape that turns and changes with the area"),
+        ("outline of order 6", "A shape with the area of a disc"),
+    ],
+)
+def test_a_shape_is_said_to_turn_and_to_change(solution, silhouette, words):
+    said = explain(solution(sweep=disc_on_arc(silhouette=silhouette)))
+    assert words in " ".join(said)

@@ -16,7 +16,9 @@ FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
 
 
 @pytest.mark.parametrize("name", FAMILIES)
-@pytest.mark.parametrize("silhouette", [DISC, ELLIPSE, Silhouette(4, turns=True)])
+@pytest.mark.parametrize(
+    "silhouette", [DISC, ELLIPSE, Silhouette(4, turns=True), Silhouette(4, changes=True)]
+)
 def test_every_digit_comes_back(name, silhouette):
     """Exact."""
     rng, family = np.random.default_rng(0), path_family(name)

@@ -10,6 +10,7 @@ from blurmatte.matting import Solution
 
 _MIN_SOFTNESS = 1.0  # pixels: a rim that is sharper looks sharp
 _PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
+_VERBS = {"turning": "turns", "changing": "changes"}  # of silhouettes, by their names
 
 
 def shape_is_likeliest(solution: Solution) -> bool:
@@ -80,6 +81,8 @@ def _shape_on_path(sweep: Mapping[str, Any]) -> str:
 def _shape(silhouette: str, radius: str) -> str:
     if silhouette == "disc":
         return f"A disc of radius {radius}"
+    if silhouette == "growing disc":
+        return f"A disc whose size changes, of radius {radius} in the middle of the exposure,"
     kind = "An ellipse" if silhouette.endswith("ellipse") else "A shape"
-    turning = " that turns" if silhouette.startswith("turning") else ""
-    return f"{kind}{turning} with the area of a disc of radius {radius}"
+    does = " and ".join(verb for name, verb in _VERBS.items() if name in silhouette)
+    return f"{kind}{' that ' * bool(does)}{does} with the area of a disc of radius {radius}"

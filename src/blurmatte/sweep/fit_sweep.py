@@ -184,11 +184,9 @@ def fit_hypotheses(
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     if variance_inflation(one_paint[0]) > _EXPLAINED_INFLATION:
         grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied)]
-        candidates += [Candidate(state) for state in grown if state is not None]
-        candidates.append(Candidate(fit_outline(one_paint[0])))
-        shaded = _with_shadow(search, one_paint[0], image, plate, streak)
-        if shaded is not None:
-            candidates.append(Candidate(*shaded))
+        candidates += [Candidate(state) for state in grown if state.silhouette.changes]
+        if variance_inflation(grown[0]) > _EXPLAINED_INFLATION:
+            candidates += _other_shapes(search, one_paint[0], image, plate, streak)
     observation = search.observation
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
@@ -262,6 +260,19 @@ def _refined(
         sweep, evidence = Sweep.of(replace(candidate, state=converged), image), again
     refined = replace(Sweep.of(by_hue, image), model=sweep.model, diagnostics=sweep.diagnostics)
     return refined, evidence
+
+
+def _other_shapes(
+    search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
+) -> list[Candidate]:
+    """An outline, and the disc with its shadow, if there is one, also if it grows in that."""
+    found = [Candidate(fit_outline(disc))]
+    shaded = _with_shadow(search, disc, image, plate, streak)
+    if shaded is not None:
+        state, cast = shaded
+        alike = dict.fromkeys((state, fit_growing(state, search.bounds)))
+        found += [Candidate(each, cast) for each in alike]
+    return found
 
 
 def _distinct(

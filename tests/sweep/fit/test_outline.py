@@ -26,7 +26,7 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball, Change, Scene, Sheet
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.outline import fit_outline
-from blurmatte.sweep.fit.outline_start import outlined, stretched, turning
+from blurmatte.sweep.fit.outline_start import changing, outlined, stretched, turning
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.residuals import variance_inflation
 
@@ -35,6 +35,9 @@ EGG = Scene(WALL, PATH, Ball(12, GREEN, ambient=1.0), Change(squash=(1.5, 1.5), 
 SQUARE = Scene(TILES, PATH, Sheet(24, 24, GREEN), Change(turned=(0.0, 0.0, 1.1)))
 SHEET = Scene(
     WALL, PATH, Sheet(30, 14, GREEN), Change(turned=(0.0, 0.0, 0.4), spin=(0.0, 0.0, 1.0))
+)
+NARROWING = Scene(
+    WALL, PATH, Ball(11, GREEN, ambient=1.0), Change(squash=(1.0, 1.9), squash_angle=0.9)
 )
 
 
@@ -85,6 +88,26 @@ def test_a_turning_sheet_turns():
     assert error(state, SHEET) < 0.05 < error(disc, SHEET)
     assert_allclose(state.silhouette.turn(state.shape), 1, atol=0.15)
     assert_allclose(state.silhouette.area(state.shape), 30 * 14, rtol=0.03)
+
+
+def test_what_is_more_and_more_squashed_changes():
+    """honest: by the ratio of its stretches, 1.9, along its angle."""
+    disc, state = disc_of(NARROWING), outline_of(NARROWING)
+    angle = NARROWING.change.squash_angle
+    expected = np.log(1.9) * np.array([0, np.cos(2 * angle), np.sin(2 * angle)])
+    ahead = np.sign((state.curve[-1] - state.curve[0]) @ (disc.curve[-1] - disc.curve[0]))
+    assert state.silhouette.changes
+    assert_allclose(ahead * state.silhouette.rates(state.shape), expected, atol=0.1)
+    assert error(state, NARROWING) < 0.02 < error(disc, NARROWING)
+
+
+def test_changing_starts_change_either_way_along_three_directions():
+    disc = disc_of(BALL)
+    starts = list(changing(disc, disc.of_kind(outlined(disc))))
+    rates = np.array([start.silhouette.rates(start.shape) for start in starts])
+    assert_allclose(rates.sum(axis=0), 0, atol=1e-12)
+    assert len(np.unique(rates.round(9), axis=0)) == len(starts) == 7
+    assert_allclose(np.hypot(*rates[1:, 1:].T), np.abs(rates[1:, 0]))
 
 
 def test_a_square_gets_the_orders_that_its_corners_need():

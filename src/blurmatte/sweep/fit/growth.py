@@ -18,8 +18,8 @@ _GROWTHS = -0.5, 0.5  # logarithms that fits start from
 _MAX_COARSE_STEPS, _MAX_FINE_STEPS = 15, 15
 
 
-def fit_growing(disc: State, bounds: tuple[float, float]) -> State | None:
-    """The growing disc that explains most, if its Bayesian information criterion is less than a disc's.
+def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
+    """The growing disc of the least Bayesian information criterion; the disc if its own is less.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ def fit_growing(disc: State, bounds: tuple[float, float]) -> State | None:
     fits = [minimize(s, bounds, _MAX_COARSE_STEPS, ROUGH_TOLERANCE) for s in growing(coarse)]
     best = best_of([coarse, *fits])
     if best is coarse:
-        return None
+        return disc
     fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
-    return None if best_of([disc, fine]) is disc else fine
+    return best_of([disc, fine])
 
 
 def growing(disc: State) -> Iterable[State]:

@@ -1,0 +1,88 @@
+"""fit_growing: a disc that grows where the light asks for one."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from tests.sweep.scenes import (
+    BALLS,
+    BOUNDS,
+    FLAT,
+    FLAT_BEFORE_TILES,
+    GREEN,
+    ONE_PAINT,
+    TILES,
+    WALL,
+    along,
+    alpha_error,
+    disc_at,
+    observed,
+    rendered,
+    within,
+)
+
+from blurmatte.rendering import Ball, Change, Scene
+from blurmatte.sweep.fit.growth import fit_growing, growing
+from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
+from blurmatte.sweep.model.residuals import variance_inflation
+
+NEARER = Scene(WALL, along(LINE), Ball(10, GREEN, ambient=1.0), Change(scale=(0.75, 1.35)))
+AWAY = Scene(TILES, along(ARC), Ball(10, GREEN, ambient=1.0), Change(scale=(1.4, 0.8)))
+
+
+@cache
+def disc_of(scene, family, seed=0):
+    """The disc that fits best near the true path."""
+    return minimize(disc_at(observed(scene, seed, color=ONE_PAINT), family), BOUNDS)
+
+
+def error(state, scene):
+    return alpha_error(state.swept.alpha, within(state.observation, rendered(scene).layer.alpha))
+
+
+@pytest.mark.parametrize(("scene", "family"), [(NEARER, LINE), (AWAY, ARC)], ids=["nearer", "away"])
+def test_a_ball_that_comes_nearer_grows(scene, family):
+    """exact but for noise: the logarithm of the sizes' ratio, and the mean size."""
+    disc = disc_of(scene, family)
+    state = fit_growing(disc, BOUNDS)
+    assert state.silhouette.name == "growing disc"
+    first, last = scene.change.scale
+    ahead = np.sign((state.curve[-1] - state.curve[0]) @ (disc.curve[-1] - disc.curve[0]))
+    assert_allclose(ahead * state.shape[1], np.log(last / first), atol=0.06)
+    assert_allclose(state.shape[0], 10 * (first + last) / 2, rtol=0.03)
+    assert error(state, scene) < 0.01 < 0.02 < error(disc, scene)
+    assert variance_inflation(state) < 1.5 < variance_inflation(disc)
+
+
+@pytest.mark.parametrize("family", [LINE, ARC, PARABOLA, CUBIC, BOUNCE], ids=lambda f: f.name)
+@pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
+def test_a_ball_that_keeps_its_size_does_not_grow(scenes, family):
+    """honest: noise asks for no growth, nor does a path that is not even."""
+    for seed in range(3):
+        disc = disc_of(scenes[family], family, seed)
+        assert fit_growing(disc, BOUNDS) is disc
+
+
+@pytest.mark.parametrize("family", [LINE, PARABOLA], ids=lambda f: f.name)
+def test_a_shaded_ball_hardly_grows(family):
+    """honest: shade, which no field of color follows, may ask for a little."""
+    state = fit_growing(disc_of(BALLS[family], family), BOUNDS)
+    assert abs(state.silhouette.rates(state.shape)[0]) < 0.1
+
+
+def test_the_rim_stays_as_soft_as_that_of_the_disc():
+    disc = disc_of(NEARER, LINE)
+    soft = disc.of_kind(replace(disc.silhouette, soft=True))
+    for start in growing(soft.moved(soft.path, np.array([disc.shape[0], 0.8]))):
+        assert start.silhouette.soft
+        assert start.shape[-1] == 0.8
+
+
+def test_starts_grow_towards_either_end():
+    disc = disc_of(NEARER, LINE)
+    rates = [start.silhouette.rates(start.shape)[0] for start in growing(disc)]
+    assert sorted(set(rates)) == [-0.5, 0.5]
+    assert {start.family for start in growing(disc)} == {LINE, PARABOLA}
