@@ -101,13 +101,15 @@ def test_what_is_more_and_more_squashed_changes():
     assert error(state, NARROWING) < 0.02 < error(disc, NARROWING)
 
 
-def test_changing_starts_change_either_way_along_three_directions():
+def test_changing_starts_are_the_best_and_discs():
     disc = disc_of(BALL)
-    starts = list(changing(disc, disc.of_kind(outlined(disc))))
-    rates = np.array([start.silhouette.rates(start.shape) for start in starts])
-    assert_allclose(rates.sum(axis=0), 0, atol=1e-12)
-    assert len(np.unique(rates.round(9), axis=0)) == len(starts) == 7
-    assert_allclose(np.hypot(*rates[1:, 1:].T), np.abs(rates[1:, 0]))
+    best = next(iter(turning(disc, disc)))
+    starts = list(changing(disc, best))
+    assert [start.silhouette.turns for start in starts] == [True, False]
+    for start in starts:
+        assert start.silhouette.changes
+        assert not start.silhouette.rates(start.shape).any()
+        assert_allclose(start.swept.alpha, disc.swept.alpha, atol=1e-4)
 
 
 def test_a_square_gets_the_orders_that_its_corners_need():

@@ -15,8 +15,6 @@ Array = npt.NDArray[np.float64]
 FIRST_ORDER = 6
 _RATIOS = 0.5, 1.7, 3.0  # of an ellipse's radii along and across its path
 _TURNS_RAD = (-1.0, 1.0)  # that fits start from
-_NARROWINGS = (-0.7, 0.7)  # logarithms by which a length changes, that fits start from
-_DIRECTIONS_RAD = np.array([0, 1, 2]) * np.pi / 3  # along which it changes
 
 
 def straighter(disc: State, best: State) -> Iterable[State]:
@@ -77,17 +75,13 @@ def _turned(state: State) -> Iterable[State]:
 
 
 def changing(disc: State, best: State) -> Iterable[State]:
-    """The best found, that gets nearer, or more foreshortened along a direction, or less so."""
-    silhouette = replace(best.silhouette, changes=True)
-    start = best.of_kind(silhouette)
-    yield start
-    first = silhouette.size - silhouette.soft - 3
-    for along in _DIRECTIONS_RAD:
-        for narrowing in _NARROWINGS:
-            shape = start.shape.copy()
-            rates = np.array([1, np.cos(2 * along), np.sin(2 * along)])
-            shape[first : first + 3] = narrowing / 2 * rates
-            yield start.moved(start.path, shape)
+    """The best found, and discs on the same path and on a line, whose proportions may change.
+
+    How they change needs no start: from several rates fits go to the same ones.
+    """
+    yield best.of_kind(replace(best.silhouette, changes=True))
+    for family in dict.fromkeys((best.family, LINE)):
+        yield disc.along(family).of_kind(replace(outlined(disc), changes=True))
 
 
 def outlined(disc: State) -> Silhouette:
