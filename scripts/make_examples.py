@@ -1,4 +1,4 @@
-"""Render the pictures in examples/: one ball before two walls, with the truth beside them.
+"""Render the pictures in examples/: one ball in front of two walls, with the truth.
 
 Run it from anywhere: python scripts/make_examples.py. Same script, same bytes.
 """
@@ -46,7 +46,7 @@ def write_png(path: Path, codes: np.ndarray, color_space: str) -> None:
 
 
 def truth(rendering: Rendering) -> dict[str, object]:
-    """What a user may compare an answer with."""
+    """The true values, to compare an answer with."""
     return {
         "radius": BALL.radius,
         "color": BALL.color.tolist(),

@@ -1,4 +1,4 @@
-"""The documents and the command line agree, and every link leads somewhere."""
+"""Documents, command line and packages agree, and every link leads to a file."""
 
 import re
 import shlex
@@ -73,8 +73,8 @@ def test_documented_options_exist():
 
 
 @pytest.mark.parametrize("name", TEXTS)
-def test_links_lead_somewhere(name):
-    for link in re.findall(r"\]\(([^)\s#]+)\)", TEXTS[name]):
+def test_links_lead_to_files(name):
+    for link in re.findall(r"\]\(([^)\s#]+)(?:#[^)\s]*)?\)", TEXTS[name]):
         if not link.startswith("https://"):
             assert ((ROOT / name).parent / link).exists(), link
 
@@ -87,12 +87,25 @@ def test_named_files_exist(name):
         assert (ROOT / path).exists(), path
 
 
-def test_the_map_of_modules_is_complete():
-    tree = re.findall(r"[├└]── (\w+)", TEXTS["docs/design.md"])
-    modules = (
-        path for path in (ROOT / "src" / "blurmatte").iterdir() if path.name != "__pycache__"
-    )
-    assert sorted(tree) == sorted(path.stem for path in modules if path.name != "py.typed")
+# The map of docs/design.md describes the packages after the moves that are under way.
+MOVING = {"overview"}
+PLANNED = {"calibration", "figures", "jpeg", "statistics"}
+
+
+def test_the_map_of_packages_is_complete():
+    tree = set(re.findall(r"[├└]── (\w+)", TEXTS["docs/design.md"]))
+    paths = (ROOT / "src" / "blurmatte").iterdir()
+    packages = {path.stem for path in paths if path.name not in ("__pycache__", "py.typed")}
+    assert packages - tree <= MOVING
+    assert tree - packages <= PLANNED
+
+
+def test_short_documents_stay_short():
+    limits = {"README.md": 300, **{name: 60 for name in TEXTS if "/decisions/0" in name}}
+    assert len(limits) > 8
+    for name, limit in limits.items():
+        assert len(TEXTS[name].splitlines()) <= limit, name
+    assert len(TEXTS["docs/design.md"].encode()) <= 15_000
 
 
 def test_the_picture_is_small():

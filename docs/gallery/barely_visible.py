@@ -1,9 +1,9 @@
 """
 A barely visible object
 =======================
-Figure 1 of [GC07]. A ball flies through a picture in a fraction of the exposure. What it leaves can
-hardly be seen, and the difference to the plate does not tell what moved: it is large where ball and
-plate have different colors, and nothing where they agree.
+Figure 1 of [GC07]. A ball crosses the picture in a fraction of the exposure. Its streak is barely
+visible, and the difference to the plate does not show its shape: it is large where ball and plate have
+different colors, and zero where they agree.
 """
 
 import sys
@@ -32,10 +32,10 @@ shot = bm.Shot(
 rendering = bm.render(shot.scene)
 image, plate = shot.photograph(rendering)
 
-# **Ordinary background subtraction,** as bright as it can be.
+# **Ordinary background subtraction,** with the largest contrast.
 difference = np.abs(image.rgb - plate.rgb).max(axis=-1)
 
-# **Alpha and color.** No hint is given; the color is that of the streak's own evidence.
+# **Alpha and color.** Nothing else is given; the color is estimated from the streak.
 solution = bm.solve(image, plate)
 error = np.sqrt(np.mean((solution.layer.alpha - rendering.layer.alpha) ** 2))
 print(f"{solution.model.hex[0]}, alpha off by {error:.4f} RMS")

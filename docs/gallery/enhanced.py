@@ -1,9 +1,9 @@
 """
 Enhanced, recolored, removed
 ============================
-The last line of figure 4 of [GC07]: a part of the way of a table tennis ball, with alpha multiplied
-and the color map scaled, so that it is plainly seen with its shading. The same layer in another color,
-and the picture without it.
+The last row of figure 4 of [GC07]: a part of the path of a table tennis ball. Alpha is multiplied and
+the color map is scaled, so that the ball and its shading are visible. Also the same layer in another
+color, and the picture without it.
 """
 
 import sys
@@ -17,7 +17,7 @@ from blurmatte.rendering import colorful_plate
 sys.path.insert(0, str(Path(__file__).parent))
 from figure import color_of, gray, save, shown
 
-# **A ball under a lamp,** thrown before a dark wall.
+# **A ball under a lamp,** thrown in front of a dark wall.
 size = (330, 210)
 plate_light = 0.55 * colorful_plate(size, 3, tile=55)
 shot = bm.Shot(
@@ -35,7 +35,7 @@ image, plate = shot.photograph(rendering)
 solution = bm.solve(image, plate)
 layer = solution.layer
 
-# **Edits of the layer,** put back into the picture: what it does not explain, such as grain, stays.
+# **Edits of the layer,** put back into the picture: grain and shadows of the picture are kept.
 enhanced, _ = bm.retouch(image, layer, layer.amplify(5), plate)
 recolored, _ = bm.retouch(image, layer, layer.recolor("#4060ff").fade(3), plate)
 removed, changed = bm.remove(image, plate, solution.streak)

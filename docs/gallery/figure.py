@@ -1,4 +1,4 @@
-"""Pictures side by side with a title each: how every page of the gallery is printed."""
+"""Pictures in a grid, each with a title: the layout of every page of the gallery."""
 
 import sys
 from pathlib import Path
@@ -23,7 +23,7 @@ def gray(values: np.ndarray, white: float) -> np.ndarray:
 
 
 def color_of(solution: bm.Solution) -> np.ndarray:
-    """The color map where alpha is known to be there; [GC07]: "meaningless outside"."""
+    """The color map where alpha exceeds three standard errors; [GC07]: "meaningless outside"."""
     sure = solution.layer.alpha > 3 * solution.alpha_std
     return np.where(sure[..., None], shown(solution.layer.straight()), np.uint8(128))
 

@@ -1,10 +1,10 @@
 """
-The way of a ball
-=================
+The path of a ball
+==================
 "Visualizing long trajectories of balls in long-exposure photos" ([GC07 §4]). A ball bounces through a
-clip. Each frame is solved by itself with one plate; all layers together show the whole way, as plain as
-in each frame. One exposure that lasts as long as the clip shows nearly nothing, until its layer is made
-plain.
+clip. Each frame is solved alone with one plate. All layers over each other show the whole path with the
+contrast of a single frame. One exposure as long as the clip shows nearly nothing until its layer is
+amplified.
 """
 
 import sys
@@ -22,9 +22,9 @@ from figure import save, shown
 size = (340, 215)
 t = np.linspace(0, 1, 401)
 fall = np.abs(np.cos(2.1 * np.pi * t)) * (1 - 0.45 * t)  # bounces that become lower
-way = bm.Trajectory(np.stack([26 + 290 * t, 185 - 150 * fall], axis=-1), t)
+path = bm.Trajectory(np.stack([26 + 290 * t, 185 - 150 * fall], axis=-1), t)
 scene = bm.Scene(
-    colorful_plate(size, 8, tile=54), way, bm.Ball(11, np.array([0.85, 0.75, 0.05]), ambient=0.3)
+    colorful_plate(size, 8, tile=54), path, bm.Ball(11, np.array([0.85, 0.75, 0.05]), ambient=0.3)
 )
 frames = [bm.render(part) for part in scene.exposures(8, 0.7)]
 photographed = [
@@ -33,12 +33,12 @@ photographed = [
 ]
 plate = photographed[0][1]
 
-# **One color for the whole clip,** from all frames at once; then each frame by itself.
+# **One color for the whole clip,** from several frames at once; then each frame alone.
 model = bm.fit_color([image for image, _ in photographed[2:5]], plate)
 layers = [bm.solve(image, plate, model).layer for image, _ in photographed]
 print(f"{model.hex[0]}, {len(layers)} frames")
 
-# **All of them over the plate,** and as one exposure as long as the clip.
+# **All layers over the plate,** and as one exposure as long as the clip.
 together = bm.stack(layers)
 long = bm.long_exposure(layers)
 save(

@@ -1,9 +1,9 @@
 """
 Paper and paint
 ===============
-The first lines of figure 4 of [GC07]: two tumbling sheets of colored paper and a turning ball of two
-paints, each with its alpha and its color. No outline is asked for: all pixels are solved together from
-the colors that are known, as from a sharp picture of the object.
+The first rows of figure 4 of [GC07]: two tumbling sheets of colored paper and a turning ball of two
+paints, each with its alpha and its color. No shape is used: all pixels are solved together with known
+colors, as from a sharp picture of the object.
 """
 
 import sys
@@ -22,7 +22,7 @@ SIZE = (300, 170)
 GREEN, PINK = np.array([0.12, 0.65, 0.2]), np.array([0.85, 0.2, 0.35])
 BROWN, CREAM = np.array([0.45, 0.2, 0.07]), np.array([0.75, 0.7, 0.5])
 
-# **Three objects,** each turning on its way, before a colorful wall.
+# **Three objects,** each turning while it moves, in front of a colorful wall.
 objects = [
     (
         Sheet(60, 42, GREEN),

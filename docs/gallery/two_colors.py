@@ -1,9 +1,9 @@
 """
 Two colors, over another background
 ===================================
-Figure 3 of [GC07]. A cube of two paints flies and turns. In the middle of its streak it is there during
-the whole exposure; these pixels tell the plane of its colors. The layer goes over another picture, and
-alpha is split into how long each paint was there.
+Figure 3 of [GC07]. A cube of two paints moves and turns. It covers the middle of its streak during the
+whole exposure; these pixels determine the plane of its colors. The layer is put over another picture,
+and alpha is split into the exposure fractions of both paints.
 """
 
 import sys
@@ -37,7 +37,7 @@ still = bm.render(
 )
 moving = bm.render(scene)
 
-# **The plane of colors from the core,** found where the plate's texture is gone; then each pixel alone.
+# **The plane of colors from the core,** where the plate's texture is invisible; then each pixel alone.
 little = bm.NoiseModel(read_std=1e-6)
 image, plate = moving.image.with_noise(little), moving.plate.with_noise(little)
 streak = bm.Streak(moving.layer.alpha > 0)
