@@ -1,4 +1,4 @@
-"""Do the tests pass that are too slow for every change?
+"""Do the slow tests pass?
 
 Runs the tests marked `battery` and records how many passed, when, and of which commit.
 
@@ -52,9 +52,9 @@ def battery_table(junit: Path, ended: datetime) -> Table:
     ]
     return Table(
         name="battery",
-        question="Do the tests pass that are too slow for every change?",
-        notes="The last run of scripts/battery: statistical batteries, tables and gallery, and wrong "
-        "shapes that must be rejected. Time is of the clock, UTC. Failed: "
+        question="Do the slow tests pass?",
+        notes="The last run of scripts/battery: statistics over many scenes, tables, gallery, and "
+        "wrong shapes that must be rejected. Wall-clock time, UTC. Failed: "
         f"{', '.join(failed) or 'none'}.",
         columns=("ended", "passed", "failed", "skipped", "minutes"),
         rows=[

@@ -1,6 +1,6 @@
-"""The drawing of a table: lines over its column x, in panels side by side.
+"""The drawing of a table: lines over its column x, in adjacent panels.
 
-With two columns that tell lines apart, the first has the colors and the last the dashes.
+If two columns distinguish lines, the first sets the colors and the last the dashes.
 """
 
 from collections.abc import Iterable, Sequence
@@ -18,11 +18,11 @@ from matplotlib.ticker import (
 )
 
 Row = tuple[Cell, ...]
-Curve = tuple[tuple[str, ...], list[Cell], list[Cell]]  # what tells it apart, x and y
+Curve = tuple[tuple[str, ...], list[Cell], list[Cell]]  # its labels, x and y
 
 _DASHES = ("-", "--", ":", "-.")
 _PLAIN = "{x:g}"
-_FEW = 4  # lines whose names have room beside them
+_FEW = 4  # lines that are labeled at their ends
 
 
 def draw(table: Table, path: Path) -> None:
@@ -100,7 +100,7 @@ def _label(axes: Any, table: Table, title: str, x: Iterable[Cell]) -> None:
 
 
 def _name_curves(figure: Figure, every: Sequence[Any], title: str) -> None:
-    """One legend for all panels: within the first if there is room, else beside the last."""
+    """One legend for all panels: within the first if there is room, else right of the last."""
     lines = {line.get_label(): line for axes in every for line in axes.get_lines()}
     if len(lines) <= _FEW:
         every[0].legend(lines.values(), lines.keys(), fontsize="small", title=title)

@@ -1,8 +1,8 @@
-"""Numbers that a change of names or structure leaves as they are, to one part in a billion.
+"""Numbers that changes of names and structure must not change, to one part in a billion.
 
-Solves rendered scenes of every kind, as PNG and as JPEG, and the real pairs where they are, and keeps
-what came out as plain numbers in tests/golden/golden.json. A change that is meant to change results
-records them again, and says why.
+Solves rendered scenes of every kind, as PNG and as JPEG, and the real pairs if they are available, and
+stores the results as numbers in tests/golden/golden.json. A change that is meant to change results
+records them again and states the reason.
 
 Run: python -m benchmarks.golden [--record]
 """

@@ -30,8 +30,9 @@ FIRST = (
 TOP = """\
 # Results
 
-Written by `python -m benchmarks` from the tables beside it; never edited by hand. How each table is
-made, `benchmarks/` says. A dash means that there is no answer.
+Written by `python -m benchmarks` from the tables in `docs/results`; not edited by hand. The code of
+each table is in `benchmarks/`. Each table names the commit that made it. A dash means that there is
+no answer.
 """
 
 
@@ -48,7 +49,7 @@ class Result:
 
 
 def write_report(folder: Path = RESULTS) -> Path:
-    """Write `folder`.md, beside a folder of published tables.
+    """Write `folder`.md next to a folder of published tables.
 
     Raises
     ------

@@ -41,8 +41,8 @@ class Table:
         Column along which the others are drawn; empty: not drawn. Rows without a number there are
         left out of the drawing.
     lines : str or tuple of str
-        Column, or several, whose values tell lines of a drawing apart; empty: every other column of
-        numbers is a line.
+        Column, or several, whose values distinguish the lines of a drawing; empty: every other column
+        of numbers is a line.
     y : str
         With `lines`, the column that is drawn.
     log : bool
@@ -82,7 +82,7 @@ class Table:
 
     @property
     def line_columns(self) -> tuple[str, ...]:
-        """The columns that tell lines apart; none if every column of numbers is a line."""
+        """The columns that distinguish lines; none if every column of numbers is a line."""
         return tuple(filter(None, (self.lines,))) if isinstance(self.lines, str) else self.lines
 
     def column(self, name: str) -> list[Cell]:
@@ -223,8 +223,8 @@ def _git(*arguments: str) -> str | None:
 def _processor() -> str:
     cores = os.cpu_count()
     try:
-        told = Path("/proc/cpuinfo").read_text()
-        name = next(line for line in told.splitlines() if line.startswith("model name"))
+        text = Path("/proc/cpuinfo").read_text()
+        name = next(line for line in text.splitlines() if line.startswith("model name"))
         return f"{name.split(':')[1].strip()}, {cores} cores"
     except (OSError, StopIteration):
         return f"{platform.machine()}, {cores} cores"

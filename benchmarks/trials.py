@@ -1,7 +1,7 @@
-"""What the benchmarks of accuracy share: a ball before several plates, solved and compared.
+"""Common parts of the accuracy benchmarks: a ball in front of several plates, solved and compared.
 
 A trial is a setting and a seed. The same seeds are used for every setting of a table, so that its
-curves show the setting and not the luck of the draw.
+curves show the setting and not the draw.
 """
 
 import os
@@ -62,16 +62,16 @@ SCENE = (
 )
 COLUMNS = ("refused", "warned", "known", "alpha RMSE", "sum bias", "false alpha", "spread")
 MEANING = (
-    "Medians over {seeds} seeds, or over those that have an answer. refused (a color or a streak that "
-    "cannot be found) and warned (of the plate): how many of them; known: part of the true alpha "
-    "that was found and can be answered; alpha RMSE and sum bias (of all alpha, 0 is none): of the "
-    "raw estimate where it is known; false alpha: RMS of what is shown where the object never was; "
-    "spread: of (alpha - truth) / alpha_std, 1 is honest and more is boasting."
+    "Medians over {seeds} seeds, or over those that have an answer. refused: number without an answer, "
+    "because color or streak were not found. warned: number with a warning about the plate. known: "
+    "fraction of the true alpha in pixels with an answer. alpha RMSE, sum bias (relative): of the raw "
+    "estimate where it is known. false alpha: RMS of the layer's alpha where the object never was. "
+    "spread: RMS of (alpha - truth) / alpha_std; 1 is correct, more is overconfident."
 )
 
 
 def ball_path(seed: int) -> Trajectory:
-    """A straight way of `LENGTH` pixels about the middle, in a direction of its own."""
+    """A straight path of `LENGTH` pixels about the middle, in a random direction."""
     rng = np.random.default_rng(seed)
     angle, middle = rng.uniform(0, np.pi), np.array(SIZE) / 2 + rng.uniform(-10, 10, 2)
     half = LENGTH / 2 * np.array([np.cos(angle), np.sin(angle)])
@@ -161,7 +161,7 @@ def over_seeds(
     if quick:
         return [[trial(*setting, 0)] for setting in settings]
     cases = [(*setting, seed) for seed in range(seeds) for setting in settings]
-    # Workers use a processor each; threads of the linear algebra within them only get in the way.
+    # Workers use a processor each; threads of linear algebra would only slow them down.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn"), _end_with_parent) as pool:
         results = list(pool.map(_call, repeat(trial), cases, chunksize=4))

@@ -1,8 +1,8 @@
 """How far are blurmatte and other methods from the true alpha and color, on the same pictures?
 
-Photographs the scenes that come with blurmatte and gives image and plate to every method; what a
-method is told beyond that, the column `told` says. Each method runs over all scenes in a process of
-its own, so that the memory it is charged with is its own.
+Photographs the scenes of the package and gives image and plate to every method; the column `given`
+lists what a method gets. Each method runs over all scenes in its own process, so that its memory can be
+measured.
 
 Run: python -m benchmarks.accuracy.against_other_methods [--scenes NAME…]
 """
@@ -39,32 +39,31 @@ SCENES = (
     "fence", "stripes", "coffee", "astronaut", "wide_angle", "wide_filter", "near_wall", "phone",
 )  # fmt: skip
 SEED = 0
-PLATE = "plate"  # all that can be told of a real picture
-OURS, OURS_TOLD = "blurmatte", "blurmatte, colors"
+PLATE = "plate"  # all that is available with a real picture
+OURS, OURS_WITH_COLORS = "blurmatte", "blurmatte, colors"
 NOTES = """
-Each scene that is one shot; the picture and the median plate are what its camera's file holds.
-Errors are those of blurmatte.metrics, over the streak, medians and the worst of the scenes; `false`
-is alpha where the object never was, `light` premultiplied RMSE, `degrees` between average colors,
-`dB` PSNR over another background (worst: least). A miss is scored as an empty layer, which has no
-color. `seconds` is the median of a scene, BLAS in one thread, after a first call that is not timed;
-`MB` the most that the process of the method held, Python and libraries included: compare with
-`empty`. blurmatte finds streak and color itself; with `colors` it is told the true line or plane,
-and is not asked where the colors fill RGB. `published`: color by the formula of 2007, alpha by its
-equations, least squares without weights, in the streak that blurmatte finds. `key`: |C - B| summed
-over channels, linear light, over its 99.5th percentile in the streak; `key, tuned`: gain and
-threshold of the least squared error. `cv`: OpenCV's subtractors trained on 50 noisy copies of the
-plate; they detect, so alpha is 0 or 1. `pm`: PyMatting's solvers with their defaults, color by
-estimate_foreground_ml. They see no plate, but a trimap made from the truth: background from 3
-pixels beside the streak on, foreground where true alpha > 0.99 or, where that is nowhere, the
-ridge; cropped to 24 pixels around it. The picture is sRGB-coded, as their documentation has it.
-`best`: alpha times the true largest alpha, and the better, by the truth, of the sRGB-coded and the
-linear picture (two solves).
+All scenes of one shot; image and median plate are decoded from the camera's files. Errors are those
+of blurmatte.metrics over the streak, median and worst of the scenes. `false`: alpha where the object
+never was; `light`: premultiplied RMSE; `degrees`: angle between mean colors; `dB`: PSNR over another
+background (worst: smallest). A miss is scored as an empty layer, which has no color. `seconds`: median
+of a scene, BLAS in one thread, after an untimed first call. `MB`: peak memory of the process, with
+Python and libraries; compare with `empty`. blurmatte finds streak and color; with `colors` it is given
+the true line or plane, and omits scenes whose colors fill RGB. `published`: color by the formula of
+2007, alpha by its equations, unweighted least squares, in the streak that blurmatte finds. `key`:
+|C - B| summed over channels, linear light, divided by its 99.5th percentile in the streak; `key,
+tuned`: gain and threshold with the least squared error. `cv`: OpenCV's subtractors trained on 50 noisy
+copies of the plate; they detect, so alpha is 0 or 1. `pm`: PyMatting's solvers with their defaults,
+color by estimate_foreground_ml. They get no plate but a trimap made from the truth: background 3
+pixels and more from the streak, foreground where the true alpha exceeds 0.99 or, if that is nowhere,
+on the ridge; cropped to 24 pixels around the streak. The picture is sRGB-coded, as in their
+documentation. `best`: alpha times the true largest alpha, and the better, by the truth, of the
+sRGB-coded and the linear picture (two solves).
 """
 
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """Pictures of a scene, and the truth for methods that are told it; model None: none holds."""
+    """Pictures of a scene, and the truth for methods that get it; model None: rank 3."""
 
     image: LinearImage
     plate: LinearImage
@@ -79,18 +78,18 @@ class Method:
     Parameters
     ----------
     name : str
-    told : str
-        What it knows besides the image.
+    given : str
+        Its inputs besides the image.
     layer : callable
         Case to Layer. BlurmatteError, ValueError and LinAlgError are misses.
     alpha_only : bool
-        It tells no color.
+        It estimates no color.
     needs_model : bool
-        It is not asked where the object's colors are no line or plane.
+        It omits scenes whose colors are no line or plane.
     """
 
     name: str
-    told: str
+    given: str
     layer: Callable[[Case], Layer]
     alpha_only: bool = False
     needs_model: bool = False
@@ -132,7 +131,7 @@ def methods() -> list[Method]:
     ]
     return [
         Method(OURS, PLATE, lambda case: solve(case.image, case.plate).layer),
-        Method(OURS_TOLD, "plate, true colors", _with_true_colors, needs_model=True),
+        Method(OURS_WITH_COLORS, "plate, true colors", _with_true_colors, needs_model=True),
         Method("published", PLATE, lambda case: other.published(case.image, case.plate)),
         Method("key", PLATE, lambda case: other.difference_key(case.image, case.plate)),
         Method("key, tuned", "plate, truth", _tuned_key),
@@ -203,7 +202,7 @@ def _in_own_process(
     method: Method, scenes: list[str], folder: str
 ) -> tuple[dict[str, Outcome], float | None]:
     """Outcomes by scene, and the most memory that the process held, MB."""
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # on a busy machine they wait for each other
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # threads would wait for each other
     fresh = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(1, mp_context=fresh) as process:
         return process.submit(_run, method.name, scenes, folder).result()
@@ -211,9 +210,9 @@ def _in_own_process(
 
 def _run(name: str, scenes: list[str], folder: str) -> tuple[dict[str, Outcome], float | None]:
     (method,) = (method for method in methods() if method.name == name)
-    warnings.simplefilter("ignore")  # what they warn of, the scores tell
+    warnings.simplefilter("ignore")  # the scores show what they warn of
     outcomes = {}
-    for scene in [scenes[0], *scenes]:  # once more the first, which imports and compiles
+    for scene in [scenes[0], *scenes]:  # the first twice: it imports and compiles
         case = pickle.loads((Path(folder) / f"{scene}.pickle").read_bytes())
         if case.model is not None or not method.needs_model:
             outcomes[scene] = _outcome(method, case)
@@ -230,7 +229,7 @@ def _outcome(method: Method, case: Case) -> Outcome:
 
 
 def _most_memory() -> float | None:
-    """MB that this process held at most; None where the system does not tell.
+    """MB that this process held at most; None if the system does not report it.
 
     Not ru_maxrss: there Linux counts in the process that started this one.
     """
@@ -255,7 +254,7 @@ def _over_scenes(results: list[Result], memory: dict[str, float | None]) -> Tabl
         seconds = float(np.median([result.seconds for result in own])) if own else None
         quality = [cell for measure in _MEASURES for cell in _median_and_worst(measure, own)]
         rows.append(
-            (method.name, method.told, len(own), missed, *quality, seconds, memory[method.name])
+            (method.name, method.given, len(own), missed, *quality, seconds, memory[method.name])
         )
     heads = [head for name in _MEASURES.values() for head in (name, f"{name} worst")]
     return Table(
@@ -263,7 +262,7 @@ def _over_scenes(results: list[Result], memory: dict[str, float | None]) -> Tabl
         question="How far are blurmatte and other methods from the true alpha and color, on the "
         "same pictures?",
         notes=NOTES + _misses(results),
-        columns=("method", "told", "scenes", "missed", *heads, "seconds", "MB"),
+        columns=("method", "given", "scenes", "missed", *heads, "seconds", "MB"),
         rows=rows,
     )
 
@@ -297,8 +296,8 @@ def _misses(results: list[Result]) -> str:
 
 def _by_scene(results: list[Result]) -> Table:
     names = [method.name for method in methods()]
-    equals = [method.name for method in methods() if method.told in (PLATE, "")]
-    others = [name for name in names if name != OURS_TOLD]
+    equals = [method.name for method in methods() if method.given in (PLATE, "")]
+    others = [name for name in names if name != OURS_WITH_COLORS]
     rows: list[tuple[Cell, ...]] = []
     for scene in dict.fromkeys(result.scene for result in results):
         alpha = {r.method: r.score.alpha_rmse for r in results if r.scene == scene}
@@ -307,11 +306,11 @@ def _by_scene(results: list[Result]) -> Table:
         rows.append((scene, *nearest, *(alpha.get(name) for name in names)))
     return Table(
         name="against_other_methods_by_scene",
-        question="In which scenes is which method the nearest to the true alpha?",
+        question="Which method has the smallest error of alpha in which scene?",
         notes="RMSE of alpha over the streak; methods and misses as in against_other_methods. "
-        "`nearest, told plate`: of those that are told the plate and nothing else, or `empty`. "
-        f"`nearest`: of all but {OURS_TOLD}. A miss is never the nearest.",
-        columns=("scene", "nearest, told plate", "nearest", *names),
+        "`nearest, given plate`: of those that get the plate and nothing else, or `empty`. "
+        f"`nearest`: of all but {OURS_WITH_COLORS}. Misses are excluded.",
+        columns=("scene", "nearest, given plate", "nearest", *names),
         rows=rows,
     )
 

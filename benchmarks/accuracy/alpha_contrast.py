@@ -1,4 +1,4 @@
-"""How does the error of alpha grow as the plate's hue comes near the object's color?
+"""How does the error of alpha grow as the plate's hue approaches the object's color?
 
 Run: python -m benchmarks.accuracy.alpha_contrast
 """
@@ -54,10 +54,10 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "alpha_contrast",
-            "How does the error of alpha grow as the plate's hue comes near the object's color?",
-            f"{SCENE} The plate is plain: one hue, from the ball's color by so many degrees (contrast) "
+            "How does the error of alpha grow as the plate's hue approaches the object's color?",
+            f"{SCENE} The plate has one hue, at an angle (contrast, degrees) from the ball's color "
             "towards blue or green. 8 bits with noise in code values of 255; the true line is given. "
-            f"In theory the error goes as 1 / sin(contrast). {MEANING.format(seeds=SEEDS)}",
+            f"In theory the error is proportional to 1 / sin(contrast). {MEANING.format(seeds=SEEDS)}",
             ("towards", "noise", "contrast", *COLUMNS),
             rows,
             x="contrast",

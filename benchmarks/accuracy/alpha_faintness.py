@@ -1,4 +1,4 @@
-"""How faint may a streak be?
+"""How faint can a streak be?
 
 Run: python -m benchmarks.accuracy.alpha_faintness
 """
@@ -60,11 +60,11 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "alpha_faintness",
-            "How faint may a streak be?",
+            "How faint can a streak be?",
             f"An orange ball of radius {RADIUS:g} in pictures of {SIZE[0]}x{SIZE[1]}, the plate the "
-            "median of five frames, 8 bits with noise of 1 code value of 255. Its alpha reaches what "
-            "the row says: by speed, it moves that much further; by opacity, the ball lets light "
-            f"through and moves by {2 * RADIUS / OPAQUE:g} pixels. color: the true line is given, or "
+            "median of five frames, 8 bits with noise of 1 code value of 255. Its largest alpha is "
+            "`peak alpha`: by speed, through a longer path; by opacity, through transparency, with a "
+            f"path of {2 * RADIUS / OPAQUE:g} pixels. color: the true line is given, or "
             f"nothing is. {MEANING.format(seeds=SEEDS)}",
             ("plate", "color", "by", "peak alpha", *COLUMNS),
             rows,

@@ -1,4 +1,4 @@
-"""What does it cost to decode pictures with the wrong curve?
+"""How large is the error of alpha if pictures are decoded with the wrong curve?
 
 Run: python -m benchmarks.accuracy.alpha_gamma
 """
@@ -57,9 +57,9 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "alpha_gamma",
-            "What does it cost to decode pictures with the wrong curve?",
+            "How large is the error of alpha if pictures are decoded with the wrong curve?",
             f"{SCENE} 8 bits, coded with one curve, decoded with another, with noise of 1 code value "
-            "of 255. The line that is given is that of the sharp ball's codes, decoded with the same "
+            "of 255. The given line is the color of the sharp ball, decoded with the same "
             f"wrong curve. {MEANING.format(seeds=SEEDS)}",
             ("plate", "coded", "decoded", "gamma", *COLUMNS),
             rows,

@@ -1,4 +1,4 @@
-"""What does JPEG cost?
+"""How does the error of alpha depend on JPEG quality?
 
 Run: python -m benchmarks.accuracy.alpha_jpeg
 """
@@ -40,9 +40,9 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "alpha_jpeg",
-            "What does JPEG cost?",
-            f"{SCENE} Image and every frame of the plate are JPEG files of a quality, or PNG (-), with "
-            "noise of 1 code value of 255 beforehand. chroma 4:2:0: two by two pixels share a color. "
+            "How does the error of alpha depend on JPEG quality?",
+            f"{SCENE} Image and every frame of the plate are JPEG files of a quality, or PNG (-), "
+            "after noise of 1 code value of 255. chroma 4:2:0: two by two pixels share a color. "
             "color: the true line is given, or nothing is. "
             f"{MEANING.format(seeds=SEEDS)}",
             ("plate", "chroma", "quality", "color", *COLUMNS),

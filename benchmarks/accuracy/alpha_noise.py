@@ -32,15 +32,15 @@ def trial(kind: str, noise: float, depth: str, color: str, seed: int) -> Attempt
 
 
 def tables(quick: bool = False) -> list[Table]:
-    ways = [("8 bits", "given"), ("float", "given"), ("8 bits", "found")]
-    settings = [(kind, noise, *way) for kind in KINDS for way in ways for noise in NOISES]
+    inputs = [("8 bits", "given"), ("float", "given"), ("8 bits", "found")]
+    settings = [(kind, noise, *one) for kind in KINDS for one in inputs for noise in NOISES]
     rows = alpha_rows(trial, settings[::14][:2] if quick else settings, quick, SEEDS)
     return [
         Table(
             "alpha_noise",
             "How does the error of alpha grow with noise?",
             f"{SCENE} noise: standard deviation in sRGB code values of 255, of floats and of 8 bits, "
-            "which add rounding (0.29). color: the true line is given, or nothing is. "
+            "which adds rounding (0.29). color: the true line is given, or nothing is. "
             f"{MEANING.format(seeds=SEEDS)}",
             ("plate", "noise", "depth", "color", *COLUMNS),
             rows,

@@ -1,4 +1,4 @@
-"""What does it cost if the plate's picture is shifted against the image?
+"""How large is the error of alpha if the plate is shifted against the image?
 
 Run: python -m benchmarks.accuracy.alpha_shift
 """
@@ -38,8 +38,8 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "alpha_shift",
-            "What does it cost if the plate's picture is shifted against the image?",
-            f"{SCENE} The plate's picture is shifted by so many pixels in a random direction. 8 bits "
+            "How large is the error of alpha if the plate is shifted against the image?",
+            f"{SCENE} The plate is shifted by a number of pixels in a random direction. 8 bits "
             "with noise of 1 code value of 255; color: the true line is given, or nothing is. "
             f"{MEANING.format(seeds=SEEDS)}",
             ("plate", "color", "shift", *COLUMNS),

@@ -1,7 +1,7 @@
-"""Is a ball found as it is, and with something else that moves beside it?
+"""How accurate are path, color and alpha of a ball, alone and near another moving object?
 
-Renders balls of one paint before random plates, half of them with a ball or a sheet of another color
-that moves close by, gives image, plate and the ball's streak to `solve`, and compares with the truth.
+Renders balls of one paint in front of random plates, half of them near a moving ball or sheet of
+another color, gives image, plate and the ball's streak to `solve`, and compares with the truth.
 
 Run: python -m benchmarks.accuracy.balls
 """
@@ -26,7 +26,7 @@ from blurmatte.streaks import Streak, require_streaks
 FIRST = 80000
 SEEDS = 125
 NOISES = (1, 2)  # code values of 255
-COMPANY = ("alone", "beside")
+COMPANY = ("alone", "near another")
 GAP = (2, 30)  # pixels between the two streaks
 TRIES = 2000  # of a place for the second
 CONVERGED = 0.9  # of TIoU
@@ -35,19 +35,19 @@ CLOSE = 3 * CODE  # of color, linear light
 NOTES = f"""
 Pictures of {SIZE[0]}x{SIZE[1]}, 8 bits, noise in code values of 255, plates as the median of five
 frames: plain, of two hues, colorful, textured. Balls of one paint of any hue, shaded, radius
-{RADII[0]} to {RADII[1]} px; ways of {LENGTHS[0]} to {LENGTHS[1]} radii as far as the picture has
-room, {CURVED:.0%} of them curved. beside: a ball or a sheet of another color, 0.3 to 1 times as
-large, goes its own way {GAP[0]} to {GAP[1]} px beside the streak. `solve` is told which streak is
-meant, nothing else. converged: share with a TIoU of {CONVERGED:g} or more and a radius within
-{RADIUS:.0%}, of all scenes, refused ones too. RMSE and sum of alpha over the ball's streak, where
-alpha is told, of those that have an answer; color: share of these within {CLOSE / CODE:g}/255 of
-the truth in the worst channel, linear light, brightness matched; sum: share within 2 %.
+{RADII[0]} to {RADII[1]} px; paths of {LENGTHS[0]} to {LENGTHS[1]} radii, limited by the picture,
+{CURVED:.0%} of them curved. near another: a ball or a sheet of another color, 0.3 to 1 times as large,
+moves at a distance of {GAP[0]} to {GAP[1]} px from the streak. `solve` is given the streak, nothing
+else. converged: fraction with a TIoU of {CONVERGED:g} or more and a radius within {RADIUS:.0%}, of all
+scenes, refused ones included. RMSE and sum of alpha over the ball's streak where alpha is known, of
+scenes with an answer; color: fraction of these within {CLOSE / CODE:g}/255 of the truth in the worst
+channel, linear light, brightness matched; sum: fraction within 2 %.
 """
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one scene; nan where nothing was answered."""
+    """The result of one scene; nan if there is no answer."""
 
     converged: bool = False
     rmse: float = np.nan
@@ -68,19 +68,19 @@ def trial(company: str, noise: int, seed: int) -> Outcome:
 
 
 def scene(company: str, seed: int) -> Rendering:
-    """The ball, alone or with something beside it."""
+    """The ball, alone or near another object."""
     drawn = draw(seed)
     ball = Scene(drawn.plate, drawn.path, Ball(drawn.radius, drawn.color))
     truth = render(ball)
     if company == "alone":
         return truth
-    other = render(beside(truth, seed)).layer
+    other = render(neighbor(truth, seed)).layer
     light = truth.image.rgb + other.premultiplied - other.alpha[..., None] * truth.plate.rgb
     return Rendering(LinearImage(light), truth.plate, truth.layer, truth.shadow, ball, truth.nearby)
 
 
-def beside(truth: Rendering, seed: int) -> Scene:
-    """Something of the second color whose streak comes near that of the ball and leaves it free."""
+def neighbor(truth: Rendering, seed: int) -> Scene:
+    """An object of the second color whose streak is near that of the ball without overlap."""
     drawn, rng = draw(seed), np.random.default_rng([seed, 7])
     away = distance_transform_edt(truth.layer.alpha == 0)
     for _ in range(TRIES):
@@ -99,7 +99,7 @@ def beside(truth: Rendering, seed: int) -> Scene:
         gap = away[nearest[:, 1], nearest[:, 0]].min() - 1.2 * size
         if GAP[0] <= gap <= GAP[1]:
             return Scene(drawn.plate, path, body)
-    raise ValueError(f"no place beside the ball of seed {seed}")
+    raise ValueError(f"no place near the ball of seed {seed}")
 
 
 def streak_of(truth: Rendering, image: LinearImage, plate: LinearImage) -> Streak:
@@ -111,14 +111,14 @@ def streak_of(truth: Rendering, image: LinearImage, plate: LinearImage) -> Strea
 def compared(solution: Solution, truth: Rendering) -> Outcome:
     ball, alpha = truth.scene.body, truth.layer.alpha
     assert isinstance(ball, Ball)
-    told = np.where(solution.known, alpha, 0)
+    known = np.where(solution.known, alpha, 0)
     off = ball.color
     if solution.model.rank == 1:
         off = ball.color - (solution.model.pole @ ball.color) * solution.model.pole
     return Outcome(
         is_converged(solution, truth, ball.radius),
-        alpha_rmse(solution.alpha, told),
-        alpha_sum_bias(solution.alpha, told),
+        alpha_rmse(solution.alpha, known),
+        alpha_sum_bias(solution.alpha, known),
         float(np.abs(off).max()),
     )
 
@@ -154,7 +154,9 @@ def tables(quick: bool = False) -> list[Table]:
         *("company", "noise", "scenes", "refused", "converged"),
         *("alpha RMSE", "75 %", "95 %", "worst", "color", "sum"),
     )
-    question = "Is a ball found as it is, and with something else that moves beside it?"
+    question = (
+        "How accurate are path, color and alpha of a ball, alone and near another moving object?"
+    )
     return [Table("balls", question, NOTES, columns, rows)]
 
 

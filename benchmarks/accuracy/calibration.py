@@ -1,4 +1,4 @@
-"""Are the reported standard deviations honest?
+"""Are the reported standard deviations correct?
 
 Run: python -m benchmarks.accuracy.calibration
 """
@@ -46,20 +46,19 @@ CAMERAS = {
 }
 KINDS = ("colorful", "textured", "two hues")
 SEEDS = 3
-ALL, SPARSE = slice(None), slice(None, None, 7)  # of the pixels beside a streak, some are enough
+ALL, SPARSE = slice(None), slice(None, None, 7)  # a sample of the pixels outside a streak is enough
 PICKS = 6  # sharp pictures in each trial
 SECOND = np.array([0.10, 0.30, 0.60])  # paint of a band around the ball
 NOTES = f"""
 {SCENE} Three plates (colorful tiles, texture, two hues), {SEEDS} seeds each, taken together. z is
-(estimate - truth) / reported standard deviation. spread: root mean square of z about its mean, 1 is
-honest and more is boasting; robust: the same from the median of its size; within 1 and 2: fraction of
-z below that in size, 0.683 and 0.954 for normal errors. Alpha and light are those of known pixels;
-"sum of alpha" is one value for each picture, with the reported error of the color where that is
-found; "color" two directions for each picture that is not refused, or for each of {PICKS} sharp
-pictures of the ball in which it is picked. "noise" compares the measured noise of image and plate
-with their errors; with a Bayer sensor or JPEG, errors that both pictures share are among them. "two
-paints": the ball has a blue band, and the true plane is given; else the true line, unless the color
-is found.
+(estimate - truth) / reported standard deviation. spread: root mean square of z about its mean; 1 is
+correct, more is overconfident. robust: the same from the median of |z|; within 1 and 2: fractions of
+|z|, 0.683 and 0.954 for normal errors. Alpha and light: known pixels. "sum of alpha": one value for
+each picture, with the reported error of the color where that is found. "color": two directions for
+each picture that is not refused, or for each of {PICKS} sharp pictures of the ball in which it is
+picked. "noise": measured noise of image and plate and its errors; with a Bayer sensor or JPEG they
+contain errors common to both pictures. "two paints": the ball has a blue band, and the true plane is
+given; otherwise the true line, unless the color is found.
 """
 
 
@@ -109,7 +108,7 @@ def of_line(job: Job) -> dict[str, Errors]:
     outside = (layer.alpha == 0) & solution.known
     return {
         "alpha": of_alpha(solution, layer, inside),
-        "alpha beside the streak": of_alpha(solution, layer, outside, SPARSE),
+        "alpha outside the streak": of_alpha(solution, layer, outside, SPARSE),
         "light": of_light(solution, layer, inside, 0),
         "sum of alpha": of_sum(solution, layer),
     }
@@ -201,7 +200,7 @@ def tables(quick: bool = False) -> list[Table]:
     order = list(dict.fromkeys(what for what, _ in pooled))
     rows = [(*key, *cells(pooled[key])) for key in sorted(pooled, key=lambda k: order.index(k[0]))]
     columns = ("estimate", "camera", "count", "mean", "spread", "robust", "within 1", "within 2")
-    question = "Are the reported standard deviations honest?"
+    question = "Are the reported standard deviations correct?"
     return [Table("calibration", question, NOTES, columns, rows)]
 
 

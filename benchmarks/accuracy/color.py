@@ -1,4 +1,4 @@
-"""How far is the color that the hues of the plate alone tell from the truth?
+"""How far is the color of the hues alone from the truth?
 
 Renders balls of random paint that move in front of three kinds of plates, takes 8-bit sRGB pictures
 of them with noise in the code values (the plate is the median of five), finds the streak and fits
@@ -43,10 +43,10 @@ NOTES = f"""
 Balls of random paint that move by 1 to 8 radii before three kinds of plates, in pictures of
 {SIZE[0]}x{SIZE[1]}, 8 bits, noise in code values of 255; the plate is the median of five frames. The
 published formula gets the same pixels and never refuses. units: 255 |o - (o.l) l|, linear light, o
-the paint's true color and l the estimated direction: brightness is matched, for the line does not
-know it. degrees: the angle between o and l. Median, 90 % and worst of the scenes that have an answer.
-spread: root mean square of the error in units of its reported standard deviation, per direction; 1
-is honest and more is boasting.
+the true color of the paint and l the estimated direction; brightness is matched, since a line does not
+determine it. degrees: the angle between o and l. Median, 90 % and worst of the scenes with an answer.
+spread: root mean square of the error over its reported standard deviation, for each direction; 1 is
+correct, more is overconfident.
 """
 
 
@@ -142,7 +142,7 @@ def tables(quick: bool = False) -> list[Table]:
         rows.append((*setting, len(group), refused(group), *ours, spread(group), *theirs))
     published = tuple(f"published {name}" for name in ERRORS)
     columns = ("plate", "noise", "scenes", "refused", *ERRORS, "spread", *published)
-    question = "How far is the color that the hues of the plate alone tell from the truth?"
+    question = "How far is the color of the hues alone from the truth?"
     return [Table("color", question, NOTES, columns, rows)]
 
 

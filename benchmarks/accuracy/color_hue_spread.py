@@ -1,4 +1,4 @@
-"""How much must the plate's hue vary for the streak to tell its color?
+"""How much must the hue of the plate vary to determine the color?
 
 Run: python -m benchmarks.accuracy.color_hue_spread
 """
@@ -55,8 +55,8 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "color_hue_spread",
-            "How much must the plate's hue vary for the streak to tell its color?",
-            f"{SCENE} The plate has stripes of {STRIPE:g} pixels in two hues to both sides of gray; "
+            "How much must the hue of the plate vary to determine the color?",
+            f"{SCENE} The plate has stripes of {STRIPE:g} pixels in two hues on both sides of gray; "
             "hue spread is their angle to it, degrees. 8 bits, noise in code values of 255. "
             f"Medians of {SEEDS} seeds, or of those that are not refused; units, degrees and spread as "
             "in the table of colors.",

@@ -1,15 +1,15 @@
-"""How near does the measured motion come to what the noise allows?
+"""How close is the error of the measured motion to the Cramér–Rao bound?
 
-Renders balls before colorful tiles, solves with nothing given, measures the motion, and compares its
-errors with the Cramér–Rao bound.
+Renders balls in front of colorful tiles, solves with nothing given, measures the motion, and compares
+its errors with the bound.
 
-The bound knows nothing of the estimator. In a pixel the image is C = k l + (1 − α) B + noise and the
-plate's picture b = B + noise. Wanted are the two ends of the path and the radius, from which α
-follows; not known besides are the light k of every pixel (any shading), the direction l of the color
-(two turns of it) and every pixel of the plate. Known are the noise, the straight path at constant
-speed and the disc. With k and B eliminated a pixel tells of a change dα what is left of B dα across
-l, in units of the noise s² = σ_C² + (1 − α)² σ_B²; a turn of l looks like k dl. The derivatives of α
-are differences of discs rendered at the true place. Rounding to code values counts as noise of 1/12.
+The bound does not depend on the estimator. In a pixel the image is C = k l + (1 − α) B + noise and
+the plate is b = B + noise. The parameters are the two ends of the path and the radius, which give α.
+Nuisance parameters are the light k of every pixel (any shading), the direction l of the color (two
+angles) and every pixel of the plate. Known are the noise, the straight path at constant speed and the
+disc. After elimination of k and B, the signal of a change dα is the part of B dα perpendicular to l, in
+units of the noise s² = σ_C² + (1 − α)² σ_B²; a rotation of l has the signal k dl. The derivatives of α
+are differences of discs rendered at the true position. Rounding to code values counts as noise of 1/12.
 
 Run: python -m benchmarks.accuracy.motion
 """
@@ -35,7 +35,7 @@ NOISES = (1, 2)  # code values of 255
 RADII = ((6, 12), (12, 24), (24, 40))  # pixels
 LENGTHS = (1, 15)  # radii
 SEEDS = 12
-MOST_LENGTH = 300.0  # pixels: larger pictures tell nothing new, and take long
+MOST_LENGTH = 300.0  # pixels: larger pictures give nothing new and take long
 STEP = 0.05  # pixels, for derivatives of the bound
 CONVERGED = 0.9  # of TIoU
 MEDIAN_SIZE = 0.6745  # of a normal error, in standard deviations
@@ -43,15 +43,15 @@ NAMES = ("x", "y", "length", "angle", "radius")
 NOTES = f"""
 Balls of random paint, shaded, before colorful tiles; straight paths of {LENGTHS[0]} to
 {LENGTHS[1]} radii, at most {MOST_LENGTH:g} px, in all directions; 8 bits, one picture of the plate
-with the same noise, in code values of 255; nothing given. converged: share of the scenes with a TIoU
-of {CONVERGED:g} or more; the other columns are of these. straight: share in which the path was taken
-for a straight even one. ratio: root mean square of the error in units of the Cramer-Rao bound of its
-own scene, which knows the noise, that the path is straight and the ball a disc, but neither color
-nor shading; of the direction times half the length. typical ratio: the same of center and length
-from the median of their sizes, which single failures do not change. spread: root mean square of the
-error in units of the reported standard deviation; 1 is honest. bias: mean error in these units, of
-center, length and radius the largest in size; it scatters by about 1 over the root of the number of
-scenes. bound: median, pixels.
+with the same noise, in code values of 255; nothing given. converged: fraction of the scenes with a
+TIoU of {CONVERGED:g} or more; the other columns are of these. straight: fraction in which the path was
+found to be straight at constant speed. ratio: root mean square of the error over the Cramer-Rao bound
+of its scene, given the noise, a straight path and a disc, but neither color nor shading; direction
+errors are multiplied by half the length. typical ratio: the same of center and length, from medians,
+which single failures do not change. spread: root mean square of the error over the reported standard
+deviation; 1 is correct. bias: mean error in these units, the largest in absolute value of center,
+length and radius; its standard error is about 1 over the root of the number of scenes. bound: median,
+pixels.
 """
 
 
@@ -72,13 +72,13 @@ def random_scene(low: float, high: float, seed: int) -> Rendering:
     radius = np.exp(rng.uniform(np.log(low), np.log(high)))
     length = min(radius * np.exp(rng.uniform(*np.log(LENGTHS))), MOST_LENGTH)
     angle = rng.uniform(0, 2 * np.pi)
-    way = length * np.array([np.cos(angle), np.sin(angle)])
-    room = np.ceil(np.abs(way) + 6 * radius + 30).astype(int)
-    start = (room - way) / 2 + rng.uniform(-3, 3, 2)
+    displacement = length * np.array([np.cos(angle), np.sin(angle)])
+    room = np.ceil(np.abs(displacement) + 6 * radius + 30).astype(int)
+    start = (room - displacement) / 2 + rng.uniform(-3, 3, 2)
     color = random_color(rng, 0.25, 1)
     color *= rng.uniform(0.5, 1) / color.max()
     plate = colorful_plate((int(room[0]), int(room[1])), rng, tile=40)
-    return render(Scene(plate, Trajectory.line(start, start + way), Ball(radius, color)))
+    return render(Scene(plate, Trajectory.line(start, start + displacement), Ball(radius, color)))
 
 
 def trial(noise: int, low: int, high: int, seed: int) -> Outcome:
@@ -202,7 +202,7 @@ def tables(quick: bool = False) -> list[Table]:
         *(f"{name} spread" for name in of),
         *("bias", "least TIoU", "mean TIoU", "center bound", "radius bound"),
     )
-    question = "How near does the measured motion come to what the noise allows?"
+    question = "How close is the error of the measured motion to the Cramer-Rao bound?"
     return [Table("motion", question, NOTES, columns, rows)]
 
 

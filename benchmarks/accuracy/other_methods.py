@@ -1,9 +1,9 @@
-"""Other methods that tell alpha, each a plain function of the pictures and of what it must be told.
+"""Other methods that estimate alpha, each a function of the pictures and its further inputs.
 
 In this file `image` and `plate` are LinearImage of one size, C and B their light, and `truth` is the
-true Layer: a method that takes it is tuned on it, which nobody can do with a real picture. Every
-method gives a Layer of the whole picture, alpha 0…1, but those that only detect: they give a mask.
-Libraries are loaded by the function that needs them, so that the memory of one method holds no other.
+true Layer: a method that takes it is tuned on it, which is impossible with a real picture. Every
+method returns a Layer of the whole picture, alpha 0…1, except detectors, which return a mask. Libraries
+are loaded by the function that needs them, so that the memory of a method contains no other.
 """
 
 import warnings
@@ -24,22 +24,22 @@ from blurmatte.streaks import require_streaks
 Array = npt.NDArray[np.float64]
 Solver = Callable[..., Array]
 
-STRONGEST = 99.5  # percentile of the difference in the streak that a plain key takes for alpha 1
-TRIMAP_RIM = 3  # pixels around the streak that a trimap leaves open
-OPAQUE = 0.99  # true alpha from which on a trimap says foreground
+STRONGEST = 99.5  # percentile of the difference in the streak at which a key has alpha 1
+TRIMAP_RIM = 3  # pixels around the streak that are unknown in a trimap
+OPAQUE = 0.99  # true alpha above which a trimap has foreground
 RIDGE = 0.98  # of the largest alpha nearby: foreground where nothing is opaque
-MARGIN = 24  # pixels of background around the streak that matting gets to see
+MARGIN = 24  # pixels of background around the streak, for matting
 TRAINING_FRAMES = 50
 _EQUAL = NoiseModel(read_std=1.0)
 
 
 def nothing(image: LinearImage) -> Layer:
-    """The empty layer: what a method must beat to be of use."""
+    """The empty layer, the baseline of every method."""
     return Layer(np.zeros(image.valid.shape), np.zeros(image.rgb.shape))
 
 
 def difference_key(image: LinearImage, plate: LinearImage) -> Layer:
-    """Alpha from Σ|C − B| over the channels, scaled so that its strongest in the streak is 1."""
+    """Alpha from Σ|C − B| over the channels, scaled so that its largest value in the streak is 1."""
     difference = _difference(image, plate)
     strongest = np.percentile(difference[require_streaks(image, plate)[0].mask], STRONGEST)
     return _with_light(np.clip(difference / strongest, 0, 1), image, plate)
@@ -68,7 +68,7 @@ def published(image: LinearImage, plate: LinearImage) -> Layer:
 
 
 def trimap_of(truth: Layer) -> Array:
-    """0 where the object never came near, 1 where it is opaque or else on its ridge, 0.5 between.
+    """0 away from the streak, 1 where the object is opaque or else on the ridge, 0.5 between.
 
     The ridge is where alpha is the largest within half the streak's width, the middle of the streak.
     """
@@ -87,7 +87,7 @@ def trimap_of(truth: Layer) -> Array:
 def matting(solver: Solver, image: LinearImage, trimap: Array) -> Layer:
     """Alpha by a PyMatting solver, color by its estimate_foreground_ml: as documented.
 
-    It sees the picture around the streak as files hold it and its documentation feeds it: sRGB-coded.
+    Its input is the picture around the streak, sRGB-coded as in its documentation.
 
     Raises
     ------
@@ -100,8 +100,8 @@ def matting(solver: Solver, image: LinearImage, trimap: Array) -> Layer:
 def best_matting(solver: Solver, image: LinearImage, trimap: Array, truth: Layer) -> Layer:
     """The same times the true largest alpha, of the sRGB-coded or of the linear picture: the better.
 
-    A trimap must call something foreground, and in a faint streak nothing is: alpha comes out too
-    large by a factor that only the truth knows.
+    A trimap must contain foreground, and a faint streak has none: alpha is too large by a factor that
+    only the truth gives.
     """
     peak = float(truth.alpha.max())
     both = [_matted(solver, image, trimap, curve, peak) for curve in (SRGB, LINEAR)]
@@ -111,7 +111,7 @@ def best_matting(solver: Solver, image: LinearImage, trimap: Array, truth: Layer
 def background_subtractor(
     subtractor: Any, image: LinearImage, plate: LinearImage, rng: int
 ) -> Array:
-    """Where an OpenCV background subtractor, trained on noisy copies of the plate, sees something.
+    """Where an OpenCV background subtractor, trained on noisy copies of the plate, detects change.
 
     The copies have the noise of the image, as blurmatte measures it, and 8 bits. 1 inside, 0 outside.
     """

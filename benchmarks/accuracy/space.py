@@ -1,9 +1,9 @@
-"""How well are distance and speed of a ball in space known from one picture of its streak?
+"""How accurate are distance and speed of a ball in space from one picture of its streak?
 
-Renders balls of a known size that fly past a calibrated camera, on straight lines in any direction,
-also towards it, before colorful plates; takes 8-bit sRGB pictures with noise; finds the streak
+Renders balls of a known size that pass a calibrated camera on straight lines in any direction, also
+towards it, in front of colorful plates; takes 8-bit sRGB pictures with noise; finds the streak
 (`fit_sweep`) and fits the flight through space (`fit_ball`). The disc of the sweep alone
-(`measure_ball`) is there to compare with.
+(`measure_ball`) is the comparison.
 
 Run: python -m benchmarks.accuracy.space
 """
@@ -31,12 +31,12 @@ NOISES = (1, 2)
 AHEAD = (0, 30, 60)  # degrees out of the picture's plane
 NOTES = f"""
 Balls of random paint and {1000 * RADIUS:g} mm radius, about {DEPTH:g} m away (20 px), that fly straight
-for 6 to 10 radii, at so many degrees out of the plane of the picture, before colorful plates of
+for 6 to 10 radii, at an angle (degrees) to the plane of the picture, before colorful plates of
 {SIZE[0]}x{SIZE[1]}; 8 bits, noise in code values of 255, the plate the median of five frames; a lens
-that distorts, known exactly. Errors in %, median and worst: of the distance in the middle, of the
-speed; and degrees between the directions. spread: root mean square of (depth - truth) / depth_std, and
-of the speed's; 1 is honest. disc speed: median error of the speed from the disc of one radius, which
-knows nothing of the line of sight.
+with known distortion. Errors in %, median and worst: of the distance in the middle, of the speed; and
+the angle between true and estimated direction, degrees. spread: root mean square of
+(depth - truth) / depth_std, and the same of the speed; 1 is correct. disc speed: median error of the
+speed from a disc of one radius, without motion along the line of sight.
 """
 
 
@@ -53,16 +53,16 @@ class Errors:
 
 
 def flight(degrees: float, seed: int) -> tuple[LinearImage, np.ndarray, np.ndarray]:
-    """The exact picture, the plate, and both ends of the way."""
+    """The exact picture, the plate, and both ends of the path."""
     rng = np.random.default_rng(seed)
     plate = colorful_plate(SIZE, rng, tile=40)
     color = SRGB.decode(rng.uniform(0.25, 1, 3))
     color *= rng.uniform(0.5, 1) / color.max()
     angle, length = rng.uniform(0, 2 * np.pi), rng.uniform(6, 10) * RADIUS
     tilt = np.radians(degrees) * rng.choice([-1, 1])
-    way = [np.cos(tilt) * np.cos(angle), 0.7 * np.cos(tilt) * np.sin(angle), np.sin(tilt)]
+    direction = [np.cos(tilt) * np.cos(angle), 0.7 * np.cos(tilt) * np.sin(angle), np.sin(tilt)]
     middle = np.array([*rng.uniform(-0.03, 0.03, 2), DEPTH])
-    half = length / 2 * np.array(way) / np.linalg.norm(way)
+    half = length / 2 * np.array(direction) / np.linalg.norm(direction)
     t = (np.arange(STEPS)[:, None] + 0.5) / STEPS
     X = middle - half + 2 * t * half
     image, _ = render_flight(plate, LENS, X, RADIUS, color)
@@ -70,9 +70,9 @@ def flight(degrees: float, seed: int) -> tuple[LinearImage, np.ndarray, np.ndarr
 
 
 def errors_of(motion: BallMotion, ends: np.ndarray, disc: float) -> Errors:
-    way = ends[1] - ends[0]
-    length, depth = float(np.linalg.norm(way)), float(ends[:, 2].mean())
-    cosine = abs(motion.displacement @ way) / np.linalg.norm(motion.displacement) / length
+    direction = ends[1] - ends[0]
+    length, depth = float(np.linalg.norm(direction)), float(ends[:, 2].mean())
+    cosine = abs(motion.displacement @ direction) / np.linalg.norm(motion.displacement) / length
     return Errors(
         100 * (motion.depth / depth - 1),
         100 * (motion.length / length - 1),
@@ -133,7 +133,7 @@ def tables(quick: bool = False) -> list[Table]:
         "speed spread",
         "disc speed",
     )
-    question = "How well are distance and speed of a ball in space known from one picture?"
+    question = "How accurate are distance and speed of a ball in space from one picture?"
     return [Table("space", question, NOTES, columns, rows)]
 
 

@@ -1,4 +1,4 @@
-"""What do pixels together know more than each alone?
+"""How much does smoothness of alpha reduce its error?
 
 Run: python -m benchmarks.accuracy.together
 """
@@ -52,11 +52,11 @@ SEEDS = 3
 
 NOTES = f"""
 Objects that move about 85 pixels on an arc in pictures of {SIZE[0]}x{SIZE[1]}; the plate is the
-median of five frames; noise in code values of 255; the true colors are given, or that it may have
-any, and no shape is used. alone: alpha RMSE over the streak of the closed form; together: of all
-pixels at once; sum bias: of all alpha; within 1 and 2: part of the streak's pixels whose alpha is off
-by less than so many of its reported standard deviations, 0.683 and 0.954 for normal errors; outside:
-RMS of alpha where the object never was. Medians over {SEEDS} seeds, or over those that are not refused.
+median of five frames; noise in code values of 255; the true colors are given, or rank 3, and no shape
+is used. alone: alpha RMSE over the streak of the closed form; together: of all pixels at once; sum
+bias: relative, of all alpha; within 1 and 2: fractions of the streak's pixels whose error is below that
+number of reported standard deviations, 0.683 and 0.954 for normal errors; outside: RMS of alpha where
+the object never was. Medians over {SEEDS} seeds, or over those that are not refused.
 """
 
 
@@ -78,9 +78,9 @@ def rendered(name: str, kind: str, seed: int) -> Rendering:
     angle, middle = rng.uniform(0, 2 * np.pi), np.array(SIZE) / 2
     half = 40 * np.array([np.cos(angle), np.sin(angle)])
     aside = 12 * np.array([-half[1], half[0]]) / 40
-    way = Trajectory.arc(middle - half, middle + aside, middle + half)
+    path = Trajectory.arc(middle - half, middle + aside, middle + half)
     body, change = OBJECTS[name]()
-    return render(Scene(PLATES[kind](SIZE, seed), way, body, change), 240)
+    return render(Scene(PLATES[kind](SIZE, seed), path, body, change), 240)
 
 
 def trial(kind: str, name: str, file: str, seed: int) -> Found:
@@ -120,7 +120,7 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "together",
-            "What do pixels together know more than each alone?",
+            "How much does smoothness of alpha reduce its error?",
             NOTES,
             (
                 "plate", "object", "file", "refused",

@@ -1,8 +1,7 @@
-"""Is an answer that is wrong ever given with confidence?
+"""How often is a wrong answer confident?
 
-Renders random objects before random plates, most of them none that a model of blurmatte describes
-exactly, gives image and plate to `solve` and nothing else, and compares alpha with the truth and with
-its own claim. A refusal is an answer that says so; what is counted is the rest.
+Renders random objects in front of random plates, most of which no model of blurmatte describes exactly,
+gives image and plate to `solve` and nothing else, and compares the error of alpha with the claimed one.
 
 Run: python -m benchmarks.accuracy.verdict
 """
@@ -59,22 +58,21 @@ LAMPS = (Lamp((-1, -1, 1), (1, 1, 0.9)), Lamp((1, 0.5, 1), (0.3, 0.5, 1)))
 NOTES = f"""
 Pictures of {SIZE[0]}x{SIZE[1]}, 8 bits, noise of {NOISE / CODE:g} code values, plates as the median of
 five frames: plain, of two hues, colorful, textured; JPEG: quality 90, 4:2:0. Radius {RADII[0]} to
-{RADII[1]} px (squares, sheets, sticks of that size), way {LENGTHS[0]} to {LENGTHS[1]} radii as far as
-the picture has room, some of them curved; paint of any hue, or of {PAINTS[0]}x{PAINTS[1]} patches of
-many colors. Shadows lie {AWAY[0]} to {AWAY[1]} radii
-away in any direction, blurred by {SOFT[0]} to {SOFT[1]}, and take {DARK[0]} to {DARK[1]} of the light.
-Out of focus: circles of confusion of {BLURRED[0]} to {BLURRED[1]} radii, before a sharp plate.
-`solve` is given image and plate, nothing else. refused: no answer, with words why. by shape: answers
-that a sweep explains. RMSE of alpha where the object was and alpha is told, of all answers; of two
-balls that cross that of both or of one counts, whichever is nearer. wrong: answers with more than
-{WRONG:g}. confident and wrong: those of them in which the error is more than {CONFIDENT} times what is
-claimed, root mean squares, the color's part included.
+{RADII[1]} px (squares, sheets, sticks of that size), path {LENGTHS[0]} to {LENGTHS[1]} radii, limited
+by the picture, some curved; paint of any hue, or of {PAINTS[0]}x{PAINTS[1]} patches of many colors.
+Shadows are displaced by {AWAY[0]} to {AWAY[1]} radii in any direction, blurred by {SOFT[0]} to
+{SOFT[1]} radii, and remove {DARK[0]} to {DARK[1]} of the light. Out of focus: circles of confusion of
+{BLURRED[0]} to {BLURRED[1]} radii, in front of a sharp plate. `solve` is given image and plate, nothing
+else. refused: no answer, with a reason. by shape: answers in which a sweep is the likeliest. RMSE of
+alpha where the object was and alpha is known, of all answers; of two balls that cross, the smaller of
+the errors for both and for one. wrong: RMSE above {WRONG:g}. confident and wrong: those whose RMSE
+exceeds {CONFIDENT} times the claimed one, the part of the color included.
 """
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of one scene; rmse and claimed are nan where nothing was answered."""
+    """The result of one scene; rmse and claimed are nan if there is no answer."""
 
     by_shape: bool
     rmse: float
@@ -82,7 +80,7 @@ class Outcome:
 
     @property
     def refused(self) -> bool:
-        """Whether nothing was answered."""
+        """Whether there is no answer."""
         return bool(np.isnan(self.rmse))
 
     @property
@@ -98,7 +96,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Draw:
-    """What chance chose for a scene: radius, half of the way from end to end, paints, the plate."""
+    """The random choices of a scene: radius, half the displacement, paints, the plate."""
 
     radius: float
     half: np.ndarray
@@ -114,7 +112,7 @@ class Draw:
 
     @property
     def path(self) -> Trajectory:
-        """The way of its center."""
+        """The path of its center."""
         return bent(self.middle, self.half, self.bend)
 
 
@@ -226,14 +224,14 @@ def out_of_focus(drawn: Draw) -> Case:
 
 
 def deforming(drawn: Draw) -> Case:
-    """A drop that becomes longer while it goes on."""
+    """A drop that becomes longer while it moves."""
     squash = Change(squash=(1, 1 + abs(drawn.spin)), squash_angle=drawn.spin)
     body = Ball(drawn.radius / 1.5, drawn.color)
     return single(Scene(drawn.plate, drawn.path, body, squash))
 
 
 def crossing(drawn: Draw) -> Case:
-    """Two balls whose ways cross, the first in front where they meet."""
+    """Two balls whose paths cross; the first is in front where they overlap."""
     aside = 0.7 * np.array([-drawn.half[1], drawn.half[0]])
     first, second = (
         Scene(drawn.plate, bent(drawn.middle, half, 0.0), Ball(drawn.radius, color))
@@ -285,11 +283,11 @@ def trial(kind: str, file: str, seed: int) -> Outcome:
 
 
 def compared(solution: Solution, case: Case) -> Outcome:
-    """The error of alpha where it is told, and what is claimed of it there."""
-    told = (case.truth.layer.alpha > 0) & solution.known
+    """The error of alpha where it is known, and the claimed error there."""
+    known = (case.truth.layer.alpha > 0) & solution.known
     std = np.hypot(solution.alpha_std, solution.stats["alpha_scale_std"] * solution.alpha)
-    rmse = min(root_mean_square((solution.alpha - alpha)[told]) for alpha in case.alphas)
-    return Outcome(solution.sweep is not None, rmse, root_mean_square(std[told]))
+    rmse = min(root_mean_square((solution.alpha - alpha)[known]) for alpha in case.alphas)
+    return Outcome(solution.sweep is not None, rmse, root_mean_square(std[known]))
 
 
 def root_mean_square(values: np.ndarray) -> float:
@@ -322,7 +320,7 @@ def tables(quick: bool = False) -> list[Table]:
         *("object", "file", "scenes", "refused", "by shape", "median", "75 %", "90 %", "worst"),
         *("wrong", "confident and wrong"),
     )
-    question = "Is an answer that is wrong ever given with confidence?"
+    question = "How often is a wrong answer confident?"
     return [Table("verdict", question, NOTES, columns, rows)]
 
 

@@ -4,8 +4,8 @@
     python -m benchmarks.cycles score
     python -m benchmarks.cycles tables
 
-All of it lies in the folder that BLURMATTE_CYCLES names. Every command goes on where it was stopped;
-`score` can run while `render` does.
+All of it lies in the folder that BLURMATTE_CYCLES names. Every command resumes where it stopped;
+`score` can run at the same time as `render`.
 """
 
 import argparse

@@ -1,10 +1,10 @@
 """Fit the calibration of alpha's error to the part learn of both renderers.
 
 Pictures are solved, and the terms, the claim and the true error of each are kept in a journal of lines,
-so that a run that is interrupted goes on. The fit is a quantile regression with coefficients of 0 or
+so that an interrupted run can be resumed. The fit is a quantile regression with coefficients of 0 or
 more, one linear program; then a factor for each class of files is the conformal one [Romano, Patterson
-& Candès 2019] with which twice the calibrated error is exceeded by one picture of twenty. Kinds that
-were left out of the fit one by one say how it does on things that it has not seen.
+& Candès 2019] with which twice the calibrated error is exceeded by one picture of twenty. Kinds
+that are left out of the fit in turn show its error on unseen objects.
 """
 
 import json
@@ -142,9 +142,9 @@ def by_kind(samples: Sequence[Sample]) -> Table:
     ]
     return Table(
         "calibration_by_kind",
-        "Does the calibrated error hold for kinds of things that it was not fitted to?",
+        "Does the calibrated error hold for kinds of objects that were not in its fit?",
         "Error of alpha over claimed and calibrated error, root mean squares over the streak. Each "
-        "kind is left out of the fit that is asked about it.",
+        "kind is evaluated with a fit to all other kinds.",
         (
             "kind",
             "pictures",

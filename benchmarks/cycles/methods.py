@@ -49,7 +49,7 @@ def methods() -> dict[str, Method]:
     """All methods by name, in the order of the tables."""
     known = {method.name: method for method in against.methods()}
     others = [
-        Method(name, known[name].told, partial(_with_matched_plate, known[name].layer))
+        Method(name, known[name].given, partial(_with_matched_plate, known[name].layer))
         for name in _OTHERS
     ]
     ours = [

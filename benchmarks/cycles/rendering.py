@@ -37,7 +37,7 @@ def bpy_python() -> Path:
 def render(root: Path, parts: tuple[str, ...] = PARTS, limit: int | None = None) -> int:
     """Render what is missing and photograph it; how many pictures were written.
 
-    Scenes of all parts are mixed, so that any beginning of a run holds all kinds. A stopped run goes on
+    Scenes of all parts are mixed, so that any beginning of a run holds all kinds. A stopped run resumes
     where it was.
     """
     _write_photographs(root / "textures")

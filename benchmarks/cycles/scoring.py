@@ -234,7 +234,7 @@ def _answer(method: Method, case: Case, limit: float) -> tuple[Solution | Layer 
         return None, _out_of_time(limit)
     except (BlurmatteError, ValueError, np.linalg.LinAlgError) as error:
         return None, str(error).split(". ")[0]
-    except Exception as error:  # a defect, which is counted and named; the run goes on
+    except Exception as error:  # a defect, which is counted and named; the run continues
         return None, f"{type(error).__name__}: {error}"
 
 

@@ -27,40 +27,39 @@ and the harder scenes of blurmatte's own renderer through the same cameras (rend
 8 bits with the noise of a sensor; phone: JPEG with chroma subsampling, defocus or sharpening, and a
 plate that moved by a fraction of a pixel; the other cameras are named. The streak is where the true
 alpha is above {MIN_ALPHA:g}. The truth of Cycles has sampling noise; its standard deviation of alpha,
-which the truth.json of each picture holds, is added in quadrature to what is claimed before errors are
-divided by claims. A rejection is a picture for which the method says, in words, why it gives no
-answer.
+in the truth.json of each picture, is added in quadrature to the claim before errors are divided by
+claims. A rejection is a picture for which the method states why it gives no answer.
 """
 _SECOND_TRUTH = f"""
 `blurmatte.solve(image, plate)` is given nothing else. pictures: scenes times cameras of the class;
 answered: those with an answer; out of time: those without one within the limit. The others are
 rejections. RMSE: error of alpha where the streak is known, median and 90 % quantile of the answers.
 error/claim: that RMSE over the root mean square of the claimed standard deviations, the part of the
-color included, median and largest; <= {HONEST}: share of the answers up to there. sum/sigma: size of
-the error of the sum of alpha over its standard deviation, median and largest. degrees: angle between
-the estimated and the true mean color, median. false alpha: root mean square of what is shown where
-the object never was, median. CPU s: seconds of all threads for a picture, answered or not, median and
-largest, after a first call that is not counted.
+color included, median and largest; <= {HONEST}: fraction of the answers up to this value. sum/sigma:
+absolute error of the sum of alpha over its standard deviation, median and largest. degrees: angle
+between the estimated and the true mean color, median. false alpha: root mean square of the layer's
+alpha where the object never was, median. CPU s: seconds of all threads for a picture, answered or not,
+median and largest, after an untimed first call. confirmed, plausible: number of answers of this grade,
+and the 95 % quantile of their RMSE.
 """
 _METHODS = f"""
-All methods get image and plate, and what `given` says; those other than blurmatte get the plate
-matched to the image by blurmatte. RMSE: error of the alpha that is shown, over the streak, median and
-90 % quantile of all pictures; without an answer the empty layer counts, alpha 0. bias: size of the
-relative error of the sum of alpha over the streak, in percent, median. nearer than blurmatte:
-pictures in which the RMSE of the method is less than that of `blurmatte` by more than {MIN_GAIN:g},
-of those that both were asked for (of). first disc: the best disc of one paint of blurmatte's search,
-whether or not it is right; first disc, smooth: `Smooth` with the color of that disc. The other names
-are those of against_other_methods.
+All methods get the image and the inputs in `given`; other methods than blurmatte get the plate as
+matched to the image by blurmatte. RMSE: error of the layer's alpha over the streak, median and 90 %
+quantile of all pictures; a missing answer counts as an empty layer, alpha 0. bias: absolute relative
+error of the sum of alpha over the streak, in percent, median. nearer than blurmatte: pictures in which
+the RMSE of the method is smaller than that of `blurmatte` by more than {MIN_GAIN:g}, of the pictures
+of both (of). first disc: the best disc of one paint of blurmatte's search, correct or not; first disc,
+smooth: `Smooth` with the color of that disc. The other names are those of against_other_methods.
 """
 _DEVIATIONS = """
 z is (estimate - truth) / claimed standard deviation, of the answers of `blurmatte.solve(image,
-plate)`. alpha and light: of all pixels of the known streak, but for those that claim an error of
+plate)`. alpha and light: of all pixels of the known streak, except those that claim an error of
 exactly 0; light in all channels. sum: of the sum of alpha, one value for each answer. color: of the
 mean color, two directions for a line of colors and one for a plane. path (two directions of its mean
-position) and radius: of balls that a sweep explains. spread: root mean square of z, 1 is honest and
-more is overconfident; robust: the same from the median of |z|; within 1 and 2: fractions of |z|, 0.683
-and 0.954 for honest normal errors. picture median, 99 % and worst: of the root mean square of z within
-each picture.
+position) and radius: of balls with a sweep as the likeliest hypothesis. spread: root mean square of z;
+1 is correct, more is overconfident. robust: the same from the median of |z|; within 1 and 2: fractions
+of |z|, 0.683 and 0.954 for normal errors. picture median, 99 % and worst: of the root mean square of z
+within each picture.
 """
 
 
@@ -135,7 +134,7 @@ def second_truth(outcomes: Sequence[Outcome]) -> Table:
     groups = sorted((by_kind | by_part).items(), key=lambda item: _order(item[0]))
     return Table(
         "second_truth",
-        "How good are answers on the scenes of another renderer?",
+        "How accurate are answers on the scenes of another renderer?",
         _SECOND_TRUTH + _NOTES + _circumstances(outcomes),
         (
             *("renderer", "files", "part", "kind", "pictures", "answered", "out of time"),
@@ -160,7 +159,7 @@ def second_truth_methods(outcomes: Sequence[Outcome]) -> Table:
     ]
     return Table(
         "second_truth_methods",
-        "How near are other methods on the scenes of another renderer, and where are they nearer?",
+        "How accurate are other methods on the scenes of another renderer?",
         _METHODS + _NOTES + _circumstances(outcomes),
         (
             *("renderer", "files", "method", "given", "pictures", "answered", "RMSE", "RMSE 90 %"),
@@ -182,7 +181,7 @@ def honest_deviations(outcomes: Sequence[Outcome]) -> Table:
     ]
     return Table(
         "honest_deviations",
-        "Are errors as large as claimed on the scenes of another renderer?",
+        "Are the claimed errors correct on the scenes of another renderer?",
         _DEVIATIONS + _NOTES + _circumstances(outcomes),
         (
             *("renderer", "part", "camera", "quantity", "values", "spread", "robust", "within 1"),
@@ -296,7 +295,7 @@ def _circumstances(outcomes: Sequence[Outcome]) -> str:
     held = "" if SEALED in parts else f"; {SEALED} is held back"
     return (
         f"Parts: {', '.join(parts)}{held}. Limit for a picture: {limits} CPU s. "
-        f"What solved was last changed in commit {commits}."
+        f"The solver was last changed in commit {commits}."
     )
 
 

@@ -1,7 +1,7 @@
 """Jobs in worker processes, each with a limit of CPU time that native code cannot ignore.
 
 A worker arms the system's timer of CPU time (ITIMER_PROF) around what is limited. When it runs out,
-OutOfTime is raised, and the worker goes on with its next job. Where native code does not come back, the
+OutOfTime is raised, and the worker continues with its next job. If native code does not return, the
 system's limit of CPU time (RLIMIT_CPU) ends the process, and another one takes its place. Unix only.
 """
 

@@ -1,10 +1,10 @@
-"""How close is the closed form to the speed of memory?
+"""How close is the closed form to the memory bandwidth?
 
 Solves a 4K picture into reused outputs and divides, in one run, the time of each variant by
 
 * that of the same loop without arithmetic: it reads the same arrays and writes the same outputs,
-* that of two threads of `numpy.copyto` that move as many bytes. Those bypass the cache when they
-  write, which a compiled loop cannot: each of its writes first reads the line it is about to replace.
+* that of two threads of `numpy.copyto` that move as many bytes. These bypass the cache when they
+  write. A compiled loop cannot: each of its writes first reads the cache line.
 
 Run: python -m benchmarks.speed.closed_form
 """
@@ -135,12 +135,12 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "closed_form",
-            "How close is the closed form to the speed of memory?",
+            "How close is the closed form to the memory bandwidth?",
             f"A picture of {width}x{height} is solved into reused outputs, {cpu_count()} processors, "
             f"median of {ROUNDS} interleaved rounds. no arithmetic: the same loop reads the same "
-            "arrays and writes the same outputs. numpy.copyto: threads of it move as many bytes, past "
-            "the cache. plain NumPy: the same fit as anybody would write it, once. Columns: "
-            "milliseconds, time over that of two others, and how many times faster than plain NumPy.",
+            "arrays and writes the same outputs. numpy.copyto: its threads move as many bytes, without "
+            "the cache. plain NumPy: the same fit in plain NumPy, once. Columns: milliseconds, ratios "
+            "to two other times, and speedup over plain NumPy.",
             ("variant", "ms", "/ no arithmetic", "/ numpy.copyto", "plain NumPy /"),
             rows,
         )

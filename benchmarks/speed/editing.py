@@ -1,4 +1,4 @@
-"""How long do edits take as whole processes, files and all, and how much memory do long rows need?
+"""How long do edits take as whole processes, and how much memory do long sequences need?
 
 Run: python -m benchmarks.speed.editing
 """
@@ -20,14 +20,14 @@ LARGE, QUICK_LARGE = (3840, 2160), (384, 216)
 CLIP, FRAMES, QUICK_FRAMES = (640, 480), (24, 240), (2, 4)
 ROUNDS = 3
 NOISE = 1.0  # code values of 255
-# Linux tells the most that a process held; what `resource` tells there may be its parent's.
+# Linux reports the peak memory of a process; that of `resource` may be the parent's there.
 RUN = """
 import sys
 from pathlib import Path
 from blurmatte.cli import app
 app(sys.argv[1:], standalone_mode=False)
-told = Path("/proc/self/status")
-lines = told.read_text().splitlines() if told.exists() else []
+status = Path("/proc/self/status")
+lines = status.read_text().splitlines() if status.exists() else []
 print(*(line.split()[1] for line in lines if line.startswith("VmHWM")), file=sys.stderr)
 """
 
@@ -104,10 +104,10 @@ def tables(quick: bool = False) -> list[Table]:
     return [
         Table(
             "editing",
-            "How long do edits take as whole processes, files and all?",
-            f"8 bits with noise; the least of {ROUNDS} runs, each a process of its own that reads, "
-            "edits and writes. MB: the most memory that a process took, where the system tells. A "
-            "stack holds one layer at a time.",
+            "How long do edits take as whole processes?",
+            f"8 bits with noise; the shortest of {ROUNDS} runs, each a process that reads, edits and "
+            "writes. MB: peak memory of a process, if the system reports it. A stack holds one layer "
+            "at a time.",
             ("edit", "size", "seconds", "MB"),
             rows,
         )

@@ -103,13 +103,12 @@ def tables(quick: bool = False) -> list[Table]:
         Table(
             "image_size",
             "Does the cost of solve grow linearly with the size of the picture?",
-            "One scene in all sizes, 8 bits, in memory already; the streak covers 9 % of it and the "
+            "One scene in all sizes, 8 bits, already in memory; the streak covers 9 % of it and the "
             "true line is given. solve: measures the noise, finds the streak and solves each pixel "
-            "alone; smooth: those of the streak together; kernel: the "
-            f"closed form alone. ms: the least of {ROUNDS} rounds in which all sizes take turns. time: "
-            "per pixel, over that of 1 megapixel; 1 everywhere is linear. bytes: the most that is held "
-            "at a time for each pixel beyond the two pictures (24 bytes), the solution (33 bytes) "
-            "included; memory: over that of 1 megapixel.",
+            "alone; smooth: the pixels of the streak together; kernel: the closed form alone. ms: the "
+            f"shortest of {ROUNDS} interleaved rounds. time: for each pixel, relative to 1 megapixel; "
+            "1 is linear. bytes: peak memory for each pixel beyond the two pictures (24 bytes), with "
+            "the solution (33 bytes); memory: relative to 1 megapixel.",
             ("what", "megapixels", "ms", "time", "bytes", "memory"),
             rows,
             x="megapixels",

@@ -242,7 +242,7 @@ def test_the_report_says_what_the_tables_say(tmp_path):
     report = write_report(folder)
     said = report.read_text(encoding="utf-8")
     assert report == tmp_path / "results.md"
-    assert "never edited by hand" in said
+    assert "not edited by hand" in said
     assert said.index("## First?") < said.index("## Second?") < said.index("## How much is | it?")
     assert f"![Second?](results/{FIRST[1]}.png)" in said
     assert said.count("![") == 1
