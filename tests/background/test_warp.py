@@ -47,7 +47,6 @@ def test_smooth_light_is_read_between_pixels():
     picture = smooth_picture(*np.moveaxis(grid(), -1, 0))
     truth = smooth_picture(*inner.T)
     assert np.allclose(read_at(picture, inner), truth, atol=2e-4)
-    assert np.allclose(read_at(spline_of(picture), inner, filtered=True), truth, atol=2e-4)
 
 
 @pytest.mark.parametrize("step", [0.0, 0.25, 0.5])

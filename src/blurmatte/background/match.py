@@ -45,6 +45,7 @@ _FOREIGN = 0.5  # of the image's own changes of light, and
 _DIFFERENT = 0.1  # of its usual light: pictures of one scene differ by less in most places
 _OVERLAP = 0.5  # of the picture, that the plate must show
 _WITHIN = 0.9733  # variance of a standard normal within three deviations
+_AGREEMENT_PIXELS = 2.5e5  # enough to tell how well the pictures agree
 _EDGES = 0.9  # quantile of the plate's gradients from which on they are edges
 
 
@@ -437,16 +438,24 @@ def agreement(image: LinearImage, plate: LinearImage) -> tuple[float, float]:
     image, plate : LinearImage
         The same size, noise known.
     """
-    rows = slice(None, None, max(1, round(image.valid.size / 1e6)))
-    d = np.asarray(image.rgb[rows] - plate.rgb[rows], float)
-    variance = image.variance[rows] + plate.variance[rows]
-    use = image.valid[rows] & plate.valid[rows]
+    rows = slice(None, None, max(1, round(image.valid.size / _AGREEMENT_PIXELS)))
+    image, plate = (_rows_of(picture, rows) for picture in (image, plate))
+    d = np.asarray(image.rgb - plate.rgb, float)
+    variance = image.variance + plate.variance
+    use = image.valid & plate.valid
     if not use.any():
         return float("nan"), float("nan")
     z = d / np.sqrt(np.maximum(variance, 1e-14))
-    energy = sum(np.sum(np.gradient(plate.rgb[rows], axis=axis) ** 2, axis=-1) for axis in (0, 1))
+    energy = sum(np.sum(np.gradient(plate.rgb, axis=axis) ** 2, axis=-1) for axis in (0, 1))
     edges = use & (energy >= np.quantile(energy[use], _EDGES))
     return _central_spread(z[use]), _central_spread(z[edges])
+
+
+def _rows_of(picture: LinearImage, rows: slice) -> LinearImage:
+    """Some rows of a picture, before anything is made of all."""
+    noise = picture.noise
+    noise = noise[rows] if isinstance(noise, np.ndarray) else noise
+    return LinearImage(picture.rgb[rows], noise, picture.valid[rows], picture.meta)
 
 
 def _central_spread(z: Array) -> float:

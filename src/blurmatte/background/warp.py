@@ -53,18 +53,13 @@ def places(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     return (U - to[:2, 2]) / to[0, 0], slope / to[0, 0]
 
 
-def read_at(picture: Floats, xy: Array, order: int = ORDER, filtered: bool = False) -> Array:
-    """(n, channels) values of a picture (h, w, channels) at points (n, 2), by a spline.
-
-    With `filtered` the picture is the coefficients of the spline already (`spline_of`).
-    """
+def read_at(picture: Floats, xy: Array, order: int = ORDER) -> Array:
+    """(n, channels) values of a picture (h, w, channels) at points (n, 2), by a spline."""
     from scipy.ndimage import map_coordinates
 
     def read(channel: int) -> Array:
         plane = np.ascontiguousarray(picture[..., channel], dtype=float)
-        return np.asarray(
-            map_coordinates(plane, xy.T[::-1], order=order, mode="nearest", prefilter=not filtered)
-        )
+        return np.asarray(map_coordinates(plane, xy.T[::-1], order=order, mode="nearest"))
 
     channels = range(picture.shape[-1])
     if len(xy) < _FEW:

@@ -44,6 +44,28 @@ class PixelMaps(NamedTuple):
             np.empty(three, dtype), np.empty(three, dtype), np.empty(one, np.uint8),
         )  # fmt: skip
 
+    @classmethod
+    def zeros(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
+        """Maps of a size, 0 ± 0; what is never written takes no memory."""
+        one, three = (height, width), (height, width, 3)
+        return cls(
+            np.zeros(one, dtype), np.zeros(one, dtype),
+            np.zeros(three, dtype), np.zeros(three, dtype), np.zeros(one, np.uint8),
+        )  # fmt: skip
+
+    @property
+    def copied(self) -> "PixelMaps":
+        """The same in arrays of its own; views keep those of the whole picture."""
+        return PixelMaps(
+            self.alpha.copy(), self.alpha_std.copy(),
+            self.premultiplied.copy(), self.premultiplied_std.copy(), self.quality.copy(),
+        )  # fmt: skip
+
+    def write(self, box: tuple[int, int, int, int], maps: "PixelMaps") -> None:
+        """Write the maps of a box (x0, y0, x1, y1) there."""
+        for target, values in zip(self.within(box), maps, strict=True):
+            target[...] = values
+
     def within(self, box: tuple[int, int, int, int]) -> "PixelMaps":
         """Views of a box (x0, y0, x1, y1)."""
         x0, y0, x1, y1 = box

@@ -1,11 +1,11 @@
 """solve: image + plate + colors → Solution.
 
-The closed form runs over the whole picture, for the error of alpha outside the streak is worth
-knowing too; everything beyond it looks at the streak's surroundings only.
+All but `Pixelwise` looks at the streak's surroundings only; beyond them alpha is 0 and OUTSIDE.
 """
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,7 +46,7 @@ from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Grade, Quality, Solution
 from blurmatte.matting.swept import Swept
-from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
 from blurmatte.streaks import (
     Streak,
     check_streak,
@@ -148,12 +148,11 @@ def solve(
     warn_if_plate_differs(image, plate, case.streak)
     others = [other for other in found if other is not case.streak]
     only_lost = only_light_lost(image, plate, case.streak)
-    maps = _each_alone(case, out)
-    measures: dict[str, Any] = {}
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
+        maps = _each_alone(case, _box_of(case), out)
         measures = _by_solver(case, maps)
     else:
-        case, measures = _by_hypotheses(case, maps)
+        case, maps, measures = _by_hypotheses(case, out)
         if only_lost:
             reasons = ["shadow", *measures["grade_reasons"]]
             measures = {**measures, "grade": Grade.ASSUMED, "grade_reasons": reasons}
@@ -219,12 +218,12 @@ class _Case:
         """Whether the colors were given, and without an error."""
         return not self.model.covariance.any()
 
-    @property
+    @cached_property
     def image(self) -> LinearImage:
         """With the noise that the sweep found, which codecs hide; see `Diagnostics.noise_inflation`."""
         return _noisier(self.pictures.image, self.hypotheses)
 
-    @property
+    @cached_property
     def plate(self) -> LinearImage:
         """The same of the plate."""
         return _noisier(self.pictures.plate, self.hypotheses)
@@ -258,16 +257,53 @@ def _case_of(
     return _Case(pictures, found[0], model, solver, hypotheses)
 
 
-def _each_alone(case: _Case, out: PixelMaps | None) -> PixelMaps:
-    """The closed form, by two channels where the third is clipped, and at mixed edges of the plate."""
+def _box_of(case: _Case) -> Box:
+    """Where alpha may be other than 0; of `Pixelwise` everywhere."""
+    if isinstance(case.solver, Pixelwise):
+        return (0, 0, *case.pictures.image.size)
+    if isinstance(case.solver, Smooth):
+        return _wide(case).around(_MARGIN)
+    return _box_of_all(case.streak, () if case.hypotheses is None else case.hypotheses.sweeps)
+
+
+def _wide(case: _Case) -> Streak:
+    """The streak, with its faint rims if it was found."""
+    if np.isnan(case.streak.evidence):
+        return case.streak
+    return with_faint_rims(case.streak, case.image, case.plate, case.model)
+
+
+def _each_alone(case: _Case, box: Box, out: PixelMaps | None) -> PixelMaps:
+    """The closed form within a box, by two channels where the third is clipped, and at mixed edges."""
     solver = case.solver if isinstance(case.solver, Pixelwise) else Pixelwise()
-    image, plate, model = case.image, case.plate, case.model
-    flags = _flags(image, plate, case.streak, case.pictures.hidden)
-    maps = solver(image.rgb, plate.rgb, model, _noise(image), _noise(plate), flags=flags, out=out)
-    solve_clipped(maps, image, plate, model, solver.max_alpha_std)
-    box = case.streak.around(_MARGIN)
-    C, B, mixed = case.within(box)
-    solve_mixed_plate(maps.within(box), mixed, C, B, model, solver.max_alpha_std)
+    flags = _flags(case.image, case.plate, case.streak, case.pictures.hidden)
+    image, plate, model = case.image.crop(box), case.plate.crop(box), case.model
+    whole = image.size == case.image.size
+    place = _rows_columns(box, (0, 0, *case.image.size))
+    near = solver(
+        image.rgb, plate.rgb, model, _noise(image), _noise(plate),
+        flags=flags[place], out=out if whole else None,
+    )  # fmt: skip
+    solve_clipped(near, image, plate, model, solver.max_alpha_std)
+    maps = near if whole else _spread(near, box, flags, out)
+    around = case.streak.around(_MARGIN)
+    C, B, mixed = case.within(around)
+    solve_mixed_plate(maps.within(around), mixed, C, B, model, solver.max_alpha_std)
+    return maps
+
+
+def _spread(
+    near: PixelMaps, box: Box, flags: npt.NDArray[np.uint8], out: PixelMaps | None
+) -> PixelMaps:
+    """The maps of a box in those of a picture, 0 elsewhere."""
+    height, width = flags.shape
+    maps = PixelMaps.zeros(height, width, near.alpha.dtype) if out is None else out
+    if out is not None:
+        check_map("out", out.premultiplied, (height, width, 3))
+        for values in out:
+            values[...] = 0
+    maps.quality[...] = flags
+    maps.write(box, near)
     return maps
 
 
@@ -278,13 +314,13 @@ def _by_solver(case: _Case, maps: PixelMaps) -> dict[str, Any]:
     if isinstance(case.solver, Shaded):
         return _with_shadow(case.solver, case, maps)
     assert isinstance(case.solver, Smooth)
-    return _by_all_pixels(case.solver, case, maps)
+    return _by_all_pixels(case.solver, case, maps, _wide(case))
 
 
-def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]:
+def _by_hypotheses(case: _Case, out: PixelMaps | None) -> tuple[_Case, PixelMaps, dict[str, Any]]:
     """Average the sweeps, and alpha without a shape unless `Swept` was asked for.
 
-    Returns the case with solver and colors of the likeliest hypothesis, and measures.
+    Returns the case with solver and colors of the likeliest hypothesis, maps, and measures.
     """
     hypotheses = case.hypotheses
     assert hypotheses is not None
@@ -306,6 +342,7 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
     claim = claimed_error(average)
     average = calibrated(average, estimates, terms, case.image.meta.sharing is not None)
     solver: Solver = Swept() if best < len(sweeps) else Smooth()
+    maps = _each_alone(case, box, out)
     C, B, mixed = case.within(box)
     what: list[Sweep | ColorModel] = [*sweeps, *(one.model for one in free)]
     alternatives = [
@@ -320,39 +357,50 @@ def _by_hypotheses(case: _Case, maps: PixelMaps) -> tuple[_Case, dict[str, Any]]
         model = likeliest.model
         _write(maps, likeliest, average, C, B, box)
     carry_light(maps.within(box), C, B)
-    return replace(case, model=model, solver=solver), {
-        **sweep_measures(sweeps[0]),
-        "sum_alpha_std": average.sum_std,
-        "alpha_scale_std": average.scale_std,
-        "weights": weights.tolist(),
-        "alternatives": tuple(map(asdict, listed(alternatives, hypothesis_scores(evidence)))),
-        "claimed_error": claim,
-        "error_terms": asdict(terms),
-        "grade_reasons": fitted_calibration().reasons(terms),
-        **graded(average),
-    }
+    return (
+        replace(case, model=model, solver=solver),
+        maps,
+        {
+            **sweep_measures(sweeps[0]),
+            "sum_alpha_std": average.sum_std,
+            "alpha_scale_std": average.scale_std,
+            "weights": weights.tolist(),
+            "alternatives": tuple(map(asdict, listed(alternatives, hypothesis_scores(evidence)))),
+            "claimed_error": claim,
+            "error_terms": asdict(terms),
+            "grade_reasons": fitted_calibration().reasons(terms),
+            **graded(average),
+        },
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class _Shapeless:
-    """Alpha by `Smooth` with some colors, and the evidence for it."""
+    """Alpha by `Smooth` with some colors, the maps of its box, and the evidence for it."""
 
     model: ColorModel
     maps: PixelMaps
+    box: Box
     sum_std: float
     scale_std: float
     evidence: Evidence
 
     def within(self, box: Box) -> AlphaEstimate:
         """Its alpha in a box."""
-        near = self.maps.within(box)
-        inside = (near.quality & np.uint8(Quality.OUTSIDE)) == 0
-        return AlphaEstimate(
-            np.where(inside, near.alpha, 0),
-            np.where(inside, near.alpha_std, 0),
-            self.sum_std,
-            self.scale_std,
-        )
+        inside = (self.maps.quality & np.uint8(Quality.OUTSIDE)) == 0
+        both = [max(a, b) for a, b in zip(self.box[:2], box[:2], strict=True)]
+        both += [min(a, b) for a, b in zip(self.box[2:], box[2:], strict=True)]
+        alpha, std = np.zeros((2, box[3] - box[1], box[2] - box[0]))
+        for values, source in ((alpha, self.maps.alpha), (std, self.maps.alpha_std)):
+            own = np.where(inside, source, 0)[_rows_columns(both, self.box)]
+            values[_rows_columns(both, box)] = own
+        return AlphaEstimate(alpha, std, self.sum_std, self.scale_std)
+
+
+def _rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:
+    """Where a part (x0, y0, x1, y1) of the picture is in a box of it."""
+    (x, y), (x0, y0, x1, y1) = box[:2], part
+    return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
 
 
 def _without_shape(case: _Case) -> list[_Shapeless]:
@@ -372,15 +420,20 @@ def _without_shape(case: _Case) -> list[_Shapeless]:
 def _smoothed(case: _Case) -> _Shapeless:
     """Alpha by `Smooth` with the colors of the case."""
     assert case.hypotheses is not None
-    maps = _each_alone(case, None)
-    measures = _by_all_pixels(Smooth(), case, maps)
+    wide = _wide(case)
+    box = wide.around(_MARGIN)
+    maps = _each_alone(case, box, None)
+    measures = _by_all_pixels(Smooth(), case, maps, wide)
     pictures = case.image, case.plate
     scale_std = streak_measures(maps, case.model, *pictures, case.streak)["alpha_scale_std"]
-    std = np.hypot(maps.alpha_std, scale_std * maps.alpha)
-    known = np.isfinite(std) & ((maps.quality & np.uint8(Quality.OUTSIDE)) == 0)
-    alpha, std = (np.where(known, values, 0) for values in (maps.alpha, std))
-    evidence = case.hypotheses.evidence_of(alpha, std)
-    return _Shapeless(case.model, maps, measures["sum_alpha_std"], scale_std, evidence)
+    near = maps.within(box)
+    std = np.hypot(near.alpha_std, scale_std * near.alpha)
+    known = np.isfinite(std) & ((near.quality & np.uint8(Quality.OUTSIDE)) == 0)
+    alpha, alpha_std = (np.zeros(maps.alpha.shape) for _ in range(2))
+    place = _rows_columns(box, (0, 0, *case.image.size))
+    alpha[place], alpha_std[place] = np.where(known, near.alpha, 0), np.where(known, std, 0)
+    evidence = case.hypotheses.evidence_of(alpha, alpha_std)
+    return _Shapeless(case.model, near.copied, box, measures["sum_alpha_std"], scale_std, evidence)
 
 
 def _write(
@@ -392,8 +445,7 @@ def _write(
     box: Box,
 ) -> None:
     """An average in which an alpha without a shape has the largest weight, and the light it leaves."""
-    for target, source in zip(maps, likeliest.maps, strict=True):
-        target[...] = source
+    maps.write(likeliest.box, likeliest.maps)
     near = maps.within(box)
     alpha, std = average.alpha, average.alpha_std
     P, P_std, _ = light_given(alpha, std, likeliest.model, image, plate)
@@ -407,11 +459,8 @@ def _of_sweep(sweep: Sweep, box: Box) -> AlphaEstimate:
     return AlphaEstimate(*sweep.within(box), sweep.area_std())
 
 
-def _by_all_pixels(solver: Smooth, case: _Case, maps: PixelMaps) -> dict[str, Any]:
-    """Alpha of all pixels of the streak together, and of its faint rims if it was found."""
-    wide = case.streak
-    if not np.isnan(wide.evidence):
-        wide = with_faint_rims(wide, case.image, case.plate, case.model)
+def _by_all_pixels(solver: Smooth, case: _Case, maps: PixelMaps, wide: Streak) -> dict[str, Any]:
+    """Alpha of all pixels of a streak with its faint rims together."""
     box = wide.around(_MARGIN)
     inside = wide.mask[box[1] : box[3], box[0] : box[2]]
     C, B, mixed = case.within(box)
@@ -465,8 +514,10 @@ def _box_of_all(streak: Streak, sweeps: Sequence[Sweep]) -> Box:
 
 def _without(image: LinearImage, hidden: Bools) -> LinearImage:
     """The image, not valid where something is in front; nor clipped there, for no channel tells."""
+    if not hidden.any():
+        return image
     rgb = np.where((hidden & ~image.valid)[..., None], image.rgb.dtype.type(0), image.rgb)
-    return replace(image, rgb=rgb, valid=image.valid & ~hidden) if hidden.any() else image
+    return replace(image, rgb=rgb, valid=image.valid & ~hidden)
 
 
 def _noise(picture: LinearImage) -> Any:
@@ -477,7 +528,12 @@ def _noise(picture: LinearImage) -> Any:
 def _noisier(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:
     """With the noise that a sweep found where a codec hides it."""
     by = 1.0 if hypotheses is None else hypotheses.best.diagnostics.noise_inflation
-    return picture if by == 1 else picture.with_noise(by * picture.variance)
+    if by == 1:
+        return picture
+    noise = picture.noise
+    if isinstance(noise, NoiseModel):  # not a variance for each of millions of pixels
+        return picture.with_noise(NoiseModel.from_coefficients(by * noise.coefficients))
+    return picture.with_noise(by * picture.variance)
 
 
 def _flags(

@@ -20,6 +20,8 @@ from blurmatte.radiometry.transfer import LINEAR, Transfer
 if TYPE_CHECKING:
     from blurmatte.radiometry.image import LinearImage
 
+_ENOUGH = 5e5  # pixels to measure noise in
+
 PerChannel = tuple[float, float, float]
 
 
@@ -142,7 +144,7 @@ def fit_noise(
     """
     _check_pictures(image, plate)
     check_same_size("image", image.size, "plate", plate.size)
-    rows = slice(None, None, max(1, round(image.valid.size / 1e6)))
+    rows = slice(None, None, max(1, round(image.valid.size / _ENOUGH)))
     C, B = (picture.rgb[rows].astype(float) for picture in (image, plate))
     usable = image.valid[rows] & plate.valid[rows]
     least = [rounding_noise(picture).coefficients for picture in (image, plate)]

@@ -6,7 +6,7 @@ three degrees of freedom if nothing had moved. Large pictures are looked at in c
 pixels, so that the search costs no more than for a picture of a million pixels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 import numpy.typing as npt
@@ -16,6 +16,7 @@ from blurmatte.radiometry import LinearImage, NoiseModel, cell_means, rounding_n
 
 SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad streaks
 SURE, POSSIBLE = 6.0**2, 3.5**2  # T: something moved here; part of it if it touches a sure place
+_STRIP = 128  # cells, of rows that are looked at together
 _STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
 _MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
 
@@ -71,16 +72,30 @@ def _normalized_difference(
     Where the plate has edges, a shift by a fraction of a pixel makes a difference too. How large
     the shifts are is read off the edges themselves.
     """
-    used = image.valid & plate.valid
-    d = in_cells(np.where(used[..., None], image.rgb - plate.rgb, 0), cell)
-    B = in_cells(plate.rgb, cell)
-    known = in_cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
+    d, B, known = (
+        np.concatenate(parts) for parts in zip(*_cells_of(image, plate, cell), strict=True)
+    )
     variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
     edge = _edge_energy(B)
     variance = variance + 9 * _shift2(d, variance, edge) * edge + 1e-14
     z = np.where(known[..., None], d / np.sqrt(variance), 0)
     rounding = (rounding_noise(image).variance(B) + rounding_noise(plate).variance(B)) / variance
     return tuple(np.asarray(a, dtype=np.float32) for a in (z, known, rounding))  # type: ignore[return-value]
+
+
+def _cells_of(
+    image: LinearImage, plate: LinearImage, cell: int
+) -> Iterator[tuple[Floats, Floats, Bools]]:
+    """The means of difference and plate over cells, and where most of a cell is known, in strips.
+
+    Of a picture of many pixels no copy is made.
+    """
+    for start in range(0, len(image.valid), cell * _STRIP):
+        rows = slice(start, start + cell * _STRIP)
+        used = image.valid[rows] & plate.valid[rows]
+        d = np.where(used[..., None], image.rgb[rows] - plate.rgb[rows], 0)
+        known = in_cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
+        yield in_cells(d, cell), in_cells(plate.rgb[rows], cell), known
 
 
 def shift_variance(image: LinearImage, plate: LinearImage, still: Bools) -> Floats:

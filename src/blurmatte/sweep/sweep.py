@@ -189,7 +189,7 @@ class Sweep:
         """
         swept = self._swept(box, self.shape)
         J = swept.by_parameters
-        variance = np.einsum("hwi,ij,hwj->hw", J, self.covariance, J)
+        variance = np.einsum("hwi,hwi->hw", J @ self.covariance, J)
         left_out = self.silhouette.left_out(self.shape)
         if left_out > 0:
             wider = np.concatenate([[self.shape[0] + left_out], self.shape[1:]])

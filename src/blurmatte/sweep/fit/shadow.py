@@ -26,6 +26,7 @@ _DIRECTIONS = 8
 _DIFFERENCE = 0.02  # of a radius, for numerical derivatives
 _CAUCHY_SCALE = 2.5  # standard deviations
 _MAX_EVALUATIONS = 12
+_COST_TOLERANCE, _PLACE_TOLERANCE = 1e-4, 1e-3  # of both themselves: the next round refines them
 _TINY = 1e-9
 
 
@@ -89,17 +90,22 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     across = np.where((alpha > 0)[..., None, None], np.eye(3) - np.outer(unit, unit), np.eye(3))
     known = across * over_noise[..., None]
     light = (1 - alpha)[..., None] * observation.B - observation.C
-    missing = np.einsum("yxcd,yxd->yxc", known, light).ravel()
+    missing = np.einsum("yxcd,yxd->yxc", known, light).reshape(-1, 3)
+    # S is a factor of each pixel, so all but S of the normal equations is the same in all trials.
+    by_strength = (known * observation.B[..., None, :]).reshape(-1, 3, 3)
+    products = np.matmul(by_strength.swapaxes(1, 2), by_strength).reshape(-1, 9)
+    pulls = np.matmul(missing[:, None, :], by_strength)[:, 0]
 
     def shadow(x: Array, strength: Array) -> CastShadow:
         return CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, strength)
 
     def solved(x: Array) -> tuple[Array, Array]:
         """Residuals with the best strength, and that."""
-        S = shadow(x, np.ones(3)).of(observation, disc)
-        A = (known * (S[..., None] * observation.B)[:, :, None, :]).reshape(-1, 3)
-        t = np.clip(np.linalg.solve(A.T @ A + _TINY * np.eye(3), A.T @ missing), 0, 1)
-        return np.asarray(missing - A @ t), t
+        S = shadow(x, np.ones(3)).of(observation, disc).ravel()
+        normal = ((S * S) @ products).reshape(3, 3) + _TINY * np.eye(3)
+        t = np.clip(np.linalg.solve(normal, S @ pulls), 0, 1)
+        explained = (by_strength.reshape(-1, 3) @ t).reshape(-1, 3)
+        return (missing - S[:, None] * explained).ravel(), t
 
     place = None
     if start is not None:
@@ -144,5 +150,6 @@ def _placed(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     end = least_squares(
         residuals, np.clip(start, *bounds), slopes, bounds,
         loss="cauchy", f_scale=_CAUCHY_SCALE, max_nfev=_MAX_EVALUATIONS,
+        ftol=_COST_TOLERANCE, xtol=_PLACE_TOLERANCE,
     )  # fmt: skip
     return np.asarray(end.x)

@@ -1,0 +1,83 @@
+"""Residuals and slopes of a match, against plates read point by point and against differences."""
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.background.alignment_kernel import compare
+from blurmatte.background.warp import centered, homography, places, read_at, spline_of
+
+SIZE = WIDTH, HEIGHT = 60, 40
+POINTS = np.array([(x, y) for y in range(8, 32, 3) for x in range(8, 52, 3)])
+H = np.array([0.01, -0.02, 0.03, 0.015, -0.01, 0.02, 0.004, -0.003])
+FREE, ROWS = np.arange(8), 7
+
+
+@pytest.fixture(scope="module")
+def plate():
+    """A smooth picture (h, w, 3)."""
+    y, x = np.mgrid[:HEIGHT, :WIDTH]
+    return np.stack([1 + np.sin(x / (5 + c)) * np.cos(y / (6 - c)) for c in range(3)], axis=-1)
+
+
+def compared(plate, h, light, known=None):
+    """Residuals and slopes where the image is black and the noise 0.1, and the polynomials."""
+    u, v = (POINTS * centered(SIZE)[0, 0] + centered(SIZE)[:2, 2]).T
+    basis = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
+    slope_y, slope_x = (np.gradient(plate, axis=axis) for axis in (0, 1))
+    known = np.ones(plate.shape[:2], bool) if known is None else known
+    C, sigma = np.zeros((len(POINTS), 3)), np.full((len(POINTS), 3), 0.1)
+    residuals = np.empty((len(POINTS), 3))
+    slopes = np.empty((len(POINTS), 3, len(FREE) + 3 * ROWS))
+    compare(
+        spline_of(plate), slope_x, slope_y, known, C, sigma, basis, POINTS, homography(h),
+        centered(SIZE), light, FREE, ROWS, residuals, slopes,
+    )  # fmt: skip
+    return residuals, slopes, basis
+
+
+def light(seed=0):
+    """(7, 3) a gain of about 1, an offset and a field."""
+    numbers = 0.1 * np.random.default_rng(seed).standard_normal((7, 3))
+    numbers[0] += 1
+    return numbers
+
+
+def test_residuals_are_those_of_the_plate_read_at_its_places(plate):
+    """oracle: SciPy's splines."""
+    own = light()
+    residuals, _, basis = compared(plate, H, own)
+    B = read_at(plate, places(H, POINTS.astype(float), SIZE)[0])
+    expected = (B * (basis @ own[[0, 2, 3, 4, 5, 6]]) + own[1]) / 0.1
+    assert_allclose(residuals, expected, rtol=1e-5)
+
+
+def test_slopes_by_the_match_are_differences(plate):
+    """oracle: central differences; the plate's slopes are themselves read between pixels."""
+    own, step = light(), 1e-4
+    _, slopes, _ = compared(plate, H, own)
+    for k in range(8):
+        ahead, behind = (compared(plate, H + s * step * (FREE == k), own)[0] for s in (1, -1))
+        assert_allclose(slopes[..., k], (ahead - behind) / (2 * step), rtol=0.05, atol=1.5)
+
+
+def test_slopes_by_light_are_differences(plate):
+    """exact: residuals are linear in light."""
+    own = light()
+    before, slopes, _ = compared(plate, H, own)
+    for c in range(3):
+        for row in range(ROWS):
+            more = own.copy()
+            more[row, c] += 1
+            change = compared(plate, H, more)[0] - before
+            assert_allclose(change[:, c], slopes[:, c, 8 + c * ROWS + row], atol=1e-9)
+            assert_allclose(np.delete(change, c, axis=1), 0, atol=1e-12)
+
+
+def test_points_without_a_plate_have_no_residual(plate):
+    known = np.ones((HEIGHT, WIDTH), bool)
+    known[:, : WIDTH // 2] = False
+    residuals, slopes, _ = compared(plate, np.zeros(8), light(), known)
+    lost = POINTS[:, 0] < WIDTH // 2
+    assert np.isnan(residuals[lost]).all() and np.isfinite(residuals[~lost]).all()
+    assert not slopes[lost].any()
