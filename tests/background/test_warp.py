@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from blurmatte.background.warp import homography, kept_variance, places, read_at, spline_of
+from blurmatte.background.warp import homography, kept_variance, places, read_at
 
 SIZE = (40, 30)
 

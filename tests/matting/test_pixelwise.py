@@ -348,3 +348,15 @@ def test_codes_have_no_variance_per_pixel(noisy):
     table = SRGB.table(256)
     with pytest.raises(TypeError, match="code values need a NoiseModel"):
         Pixelwise()(codes, codes, noisy[2], np.ones((2, 2, 3)), SENSOR, tables=(table, table))
+
+
+def test_maps_of_a_box_are_written_there():
+    """exact"""
+    maps, box = PixelMaps.zeros(6, 8), (2, 1, 5, 4)
+    part = PixelMaps(*(np.full_like(m, 3) for m in maps.within(box)))
+    maps.write(box, part)
+    for values, own, copied in zip(maps, part, maps.within(box).copied, strict=True):
+        assert_array_equal(values[1:4, 2:5], own)
+        assert values.sum() == own.sum()
+        assert_array_equal(copied, own)
+        assert not np.shares_memory(copied, values)

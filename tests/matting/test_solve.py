@@ -76,7 +76,26 @@ def test_nothing_is_left_outside_the_streak(solved):
     layer, streak = solved[0].layer, solved[0].streak
     assert not layer.alpha[~streak].any()
     assert not layer.premultiplied[~streak].any()
-    assert np.isfinite(solved[0].alpha_std[~streak]).all()  # but its error is known there
+    assert np.isfinite(solved[0].alpha_std[~streak]).all()
+
+
+def test_only_the_surroundings_of_the_streak_are_solved(solved):
+    """exact: beyond them alpha is 0 ± 0 and OUTSIDE, also in maps that held something else."""
+    solution, image, plate = solved
+    height, width = solution.alpha.shape
+    maps = PixelMaps(*(np.ones_like(m) for m in PixelMaps.zeros(height, width)))
+    again = solve(image, plate, out=maps)
+    x0, y0, x1, y1 = solution.stats["streak_box"]
+    margin = 20 + min(x1 - x0, y1 - y0)  # and what the shape reaches beyond the streak
+    far = np.ones((height, width), bool)
+    far[max(y0 - margin, 0) : y1 + margin, max(x0 - margin, 0) : x1 + margin] = False
+    assert far.any()
+    for one in (solution, again):
+        assert not one.streak[far].any()
+        for values in (one.alpha, one.alpha_std, one.premultiplied, one.premultiplied_std):
+            assert not values[far].any()
+    assert_array_equal(again.alpha, solution.alpha)
+    assert_array_equal(again.quality, solution.quality)
 
 
 def test_layer_over_the_plate_gives_the_image_back(solved):
