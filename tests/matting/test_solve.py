@@ -85,10 +85,10 @@ def test_only_the_surroundings_of_the_streak_are_solved(solved):
     height, width = solution.alpha.shape
     maps = PixelMaps(*(np.ones_like(m) for m in PixelMaps.zeros(height, width)))
     again = solve(image, plate, out=maps)
-    x0, y0, x1, y1 = solution.stats["streak_box"]
-    margin = 20 + min(x1 - x0, y1 - y0)  # and what the shape reaches beyond the streak
+    boxes = np.array([solution.stats["streak_box"], solution.sweep.box])
+    (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0) - 24, boxes[:, 2:].max(axis=0) + 24
     far = np.ones((height, width), bool)
-    far[max(y0 - margin, 0) : y1 + margin, max(x0 - margin, 0) : x1 + margin] = False
+    far[max(y0, 0) : y1, max(x0, 0) : x1] = False
     assert far.any()
     for one in (solution, again):
         assert not one.streak[far].any()
