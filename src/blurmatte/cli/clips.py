@@ -16,7 +16,7 @@ from blurmatte.cli.printing import complain
 from blurmatte.cli.program import NamedError, about, with_progress
 from blurmatte.cli.space import check_camera
 from blurmatte.cli.targets import check_file
-from blurmatte.motion.shutter import LASTS
+from blurmatte.motion.picture.motion import MAX_READOUT as LASTS
 
 _TABLES = ".csv", ".json", ".parquet"
 _LEAST = 3  # frames of an object, if not told

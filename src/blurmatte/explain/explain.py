@@ -4,22 +4,16 @@ from blurmatte.background import PlateFit
 from blurmatte.color import ColorModel
 from blurmatte.explain.color import color_in_words
 from blurmatte.explain.curve import curve_in_words, response_in_words
+from blurmatte.explain.fall import fall_in_words
+from blurmatte.explain.motion import motion_in_words, scatter_in_words, speed_in_words
 from blurmatte.explain.noise import noise_in_words
 from blurmatte.explain.plate import plate_in_words
 from blurmatte.explain.solution import solution_in_words
+from blurmatte.explain.space import SpaceMotion, space_motion_in_words
 from blurmatte.matting import Solution
-from blurmatte.motion import (
-    FreeFall,
-    Motion,
-    Scatter,
-    SpaceMotion,
-    Speed,
-    fall_in_words,
-    motion_in_words,
-    scatter_in_words,
-    space_motion_in_words,
-    speed_in_words,
-)
+from blurmatte.motion.clip.fall import FreeFall
+from blurmatte.motion.clip.track_outliers import Scatter
+from blurmatte.motion.picture.motion import Motion, Speed
 from blurmatte.radiometry import NoiseFit, ResponseFit, Transfer
 
 Explained = (

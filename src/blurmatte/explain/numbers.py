@@ -9,6 +9,14 @@ def rounded_std(std: float) -> str:
     return f"{std:.0f}" if std >= 1 else f"{std:.1g}"
 
 
+def with_error(value: float, std: float) -> str:
+    """A number and its standard deviation, to two digits of that; four digits without one."""
+    if not math.isfinite(std) or std <= 0:
+        return f"{value:.4g}"
+    digits = max(0, 1 - math.floor(math.log10(std)))
+    return f"{value:.{digits}f} ± {std:.{digits}f}"
+
+
 def channels(values: Any, errors: Any) -> str:
     """Three numbers with their errors."""
     return ", ".join(

@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion import BallPlace, FrameMotion, Sighting
+from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.motion.clip.positions_3d import BallPlace
 from blurmatte.overview.panels import (
     BRIGHT,
     GROUND,

@@ -7,7 +7,7 @@ from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.explain import explain
 from blurmatte.matting import Solution
 from blurmatte.matting.solution import check_solution
-from blurmatte.motion import Motion
+from blurmatte.motion.picture.motion import Motion
 from blurmatte.overview.panels import (
     CIRCLE,
     MARGIN,

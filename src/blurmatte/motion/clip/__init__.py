@@ -1,0 +1,1 @@
+"""Motion through the frames of a clip: detections, tracks, 3-D positions and free fall."""

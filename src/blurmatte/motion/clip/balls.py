@@ -1,0 +1,129 @@
+"""fit_balls: a ball in three dimensions, fitted to each frame of a clip."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain, groupby
+
+import numpy as np
+
+from blurmatte.checks import check_kind
+from blurmatte.color.model import ColorModel
+from blurmatte.errors import BlurmatteError
+from blurmatte.intrinsics import Intrinsics, check_intrinsics
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
+from blurmatte.motion.clip.frames import Noise, noise_of, plate_in_light_of, with_default_noise
+from blurmatte.motion.clip.workers import Workers, shared
+from blurmatte.motion.picture.error_budget import check_with_std
+from blurmatte.motion.space.ball import fit_ball
+from blurmatte.motion.space.ball_motion import BallMotion
+from blurmatte.radiometry import LinearImage, check_picture, with_noise
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
+from blurmatte.sweep.sweep import Sweep
+
+
+def fit_balls(
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    rows: Sequence[FrameMotion],
+    model: ColorModel,
+    intrinsics: Intrinsics,
+    radius: float,
+    radius_std: float = 0.0,
+    *,
+    workers: int | Workers = 1,
+) -> Iterator[BallMotion | None]:
+    """Fit a ball in three dimensions to the detection in each frame of a clip.
+
+    As `fit_ball`, started at the detection. The silhouette is the perspective image of a ball: an
+    ellipse off the center of the picture, which grows as the ball approaches.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+        The measured frames.
+    plate : LinearImage
+        The same scene without it.
+    rows : sequence of FrameMotion
+        From `measure_clip`; for several objects one or more for each frame.
+    model : ColorModel
+        The ball's color; `clip_color` finds it. Nothing is fitted with a model of any colors (rank 3).
+    intrinsics : Intrinsics
+        Of the camera.
+    radius, radius_std : float
+        Of the ball, meters.
+    workers
+        As in `sightings`.
+
+    Yields
+    ------
+    BallMotion or None
+        One for each row, in the direction of time if the row has it; None without a detection, or if
+        no ball explains it.
+
+    Raises
+    ------
+    ValueError
+        If radius is not above 0, its error is negative, or the intrinsics are of another picture size.
+    """
+    check_picture("plate", plate)
+    check_rows(rows)
+    check_kind("model", model, ColorModel, "use blurmatte.clip_color(frames, plate)")
+    check_intrinsics("intrinsics", intrinsics)
+    check_with_std("radius", radius, radius_std)
+    intrinsics.check_size(plate.size)
+    if not frames:
+        raise ValueError("frames must be one or more, got none")
+    first, plate = with_noise(frames[0], plate)
+    fit = _Fit(plate, model, noise_of(first), intrinsics, (radius, radius_std))
+    by_frame = (
+        tuple(row.sighting for row in group) for _, group in groupby(rows, lambda row: row.frame)
+    )
+    with shared(workers) as processes:
+        tasks = zip(frames, by_frame, strict=False)
+        yield from chain.from_iterable(processes.in_order(fit, tasks))
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Fits balls in a frame; holds what all frames share. Radius and its error in meters."""
+
+    plate: LinearImage
+    model: ColorModel
+    noise: Noise
+    intrinsics: Intrinsics
+    radius: tuple[float, float]
+
+    def __call__(
+        self, frame: LinearImage, found: Sequence[Sighting | None]
+    ) -> list[BallMotion | None]:
+        if self.model.rank == 3 or not any(map(_may_be_ball, found)):
+            return [None] * len(found)
+        image = with_default_noise(frame, self.noise)
+        plate = plate_in_light_of(self.plate, image)
+        return [self._fitted(image, plate, one) for one in found]
+
+    def _fitted(
+        self, image: LinearImage, plate: LinearImage, one: Sighting | None
+    ) -> BallMotion | None:
+        if one is None or not _may_be_ball(one):
+            return None
+        radius, std = self.radius
+        start = Sweep(
+            LINE,
+            np.array([one.first_x, one.first_y, one.last_x, one.last_y]),
+            DISC,
+            np.array([one.radius]),
+            self.model,
+            np.zeros((5, 5)),
+            image.size,
+        )
+        try:
+            return fit_ball(image, plate, self.intrinsics, radius, radius_std=std, sweep=start)
+        except BlurmatteError:
+            return None
+
+
+def _may_be_ball(one: Sighting | None) -> bool:
+    """True if a disc explains it: the image of a ball is nearly a disc."""
+    return one is not None and one.source == "sweep"

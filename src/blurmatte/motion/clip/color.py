@@ -1,0 +1,148 @@
+"""clip_color: the color of the moving object in a clip, fused from some of its frames."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.color.model import ColorModel
+from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
+from blurmatte.motion.clip.frames import Noise, noise_of, with_default_noise
+from blurmatte.motion.clip.workers import Workers, shared
+from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.streaks import require_streaks
+from blurmatte.sweep.color_fusion import fuse_colors
+from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
+from blurmatte.sweep.sweep import Sweep
+
+Vote = tuple[ColorModel, float, int]  # a color, its weight, and the number of the frame
+
+
+@dataclass(frozen=True)
+class ColorSettings:
+    """Frames and streaks that vote for the color, and when the vote ends."""
+
+    frames_per_round: int = 6
+    round_starts: tuple[int, ...] = (2, 0, 1, 3)  # quarters of the distance between frames
+    streaks_per_frame: int = 3  # the strongest
+    min_agreeing_frames: int = 4
+    min_lead: float = 2.0  # times the weight of all other colors
+    max_color_angle: float = 0.15  # radians, between shades of one paint in changing light
+    relative_radius_std: float = 0.05  # at which the weight of a vote is halved
+
+
+# Fits in the order in which they are tried until a color is found, each with True for streaks that
+# do not reach the border of the picture, and the number of rounds: arms enter from outside, and a hand
+# is in many frames clearer than the ball.
+_TRIALS = (fit_disc, True, 4), (fit_disc, False, 1), (fit_sweep, True, 1), (fit_sweep, False, 1)
+
+
+def clip_color(
+    frames: Sequence[LinearImage], plate: LinearImage, workers: int | Workers = 1
+) -> ColorModel:
+    """The color of the moving object in a clip, from some of its frames together.
+
+    Every streak that a shape on a path explains votes for its color, in 4 to 24 frames all over the
+    clip, until enough frames agree. The weight of a vote is the evidence of the streak times the square
+    of its length in radii: a fist that holds a string may be as bright as the ball on it, but hardly
+    moves. The largest sum of similar colors wins. Streaks at the border of the picture vote only if no
+    other streak is explained.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+    plate : LinearImage
+        The same scene without it.
+    workers : int or Workers
+        As in `sightings`.
+
+    Returns
+    -------
+    ColorModel
+        Of one paint if any frame shows one.
+
+    Raises
+    ------
+    ColorModelError
+        If no frame determines it.
+    """
+    first, plate = with_noise(next(_spread(frames, 1)), plate)
+    votes: list[Vote] = []
+    with shared(workers) as processes:
+        for fit, inside, rounds in _TRIALS:
+            voter = _Voter(plate, noise_of(first), fit, inside)
+            tasks = ((frame,) for frame in _spread(frames, rounds))
+            for number, colors in enumerate(processes.in_order(voter, tasks, 1)):
+                votes += [(model, weight, number) for model, weight in colors]
+                if _decided(votes):
+                    break
+            if votes:
+                break
+    votes = [vote for vote in votes if vote[0].rank == 1] or votes[:1]
+    if not votes:
+        raise ColorModelError(
+            f"none of {ColorSettings.frames_per_round} frames or more gives the object's color: no "
+            "shape on a path explains what moves; give its color (--color, model=)"
+        )
+    return fuse_colors([model for model, _, _ in _largest_group(votes)])
+
+
+def _spread(frames: Sequence[LinearImage], rounds: int) -> Iterator[LinearImage]:
+    """Frames all over the clip, each round in order and between the frames of the others."""
+    step = -(-len(frames) // ColorSettings.frames_per_round)
+    for first in dict.fromkeys(step * n // 4 for n in ColorSettings.round_starts[:rounds]):
+        yield from frames[first::step]
+
+
+def _largest_group(votes: Sequence[Vote]) -> list[Vote]:
+    """The votes for similar colors with the largest sum of weights."""
+    limit = ColorSettings.max_color_angle
+    groups = [[b for b in votes if _angle(a[0], b[0]) < limit] for a in votes]
+    return max(groups, key=lambda group: sum(weight for _, weight, _ in group))
+
+
+def _decided(votes: Sequence[Vote]) -> bool:
+    """True if more frames are unlikely to change the color."""
+    single = [vote for vote in votes if vote[0].rank == 1]
+    best = _largest_group(single) if single else []
+    weight, total = (sum(weight for _, weight, _ in some) for some in (best, single))
+    enough = len({number for _, _, number in best}) >= ColorSettings.min_agreeing_frames
+    return enough and weight >= ColorSettings.min_lead * (total - weight)
+
+
+def _angle(a: ColorModel, b: ColorModel) -> float:
+    return float(np.arccos(np.clip(abs(a.pole @ b.pole), 0, 1)))
+
+
+@dataclass(frozen=True, eq=False)
+class _Voter:
+    """Votes of a frame: the colors of the streaks that a sweep explains, with their weights.
+
+    Limbs and their shadows may fit a disc too, but with an uncertain radius; and they reach the border:
+    either only streaks `inside` the picture vote, or only the others.
+    """
+
+    plate: LinearImage
+    noise: Noise
+    fit: Callable[..., Sweep]
+    inside: bool
+
+    def __call__(self, frame: LinearImage) -> list[tuple[ColorModel, float]]:
+        image, votes = with_default_noise(frame, self.noise), []
+        try:
+            found = require_streaks(image, self.plate)
+        except BlurmatteError:
+            return []
+        for streak in found[: ColorSettings.streaks_per_frame]:
+            x0, y0, x1, y1 = streak.box
+            if self.inside != (min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0):
+                continue
+            try:
+                sweep = self.fit(image, self.plate, streak)
+            except (ColorModelError, MotionError):
+                continue
+            if not sweep.rejection:
+                uncertainty = sweep.radius_std / (ColorSettings.relative_radius_std * sweep.radius)
+                moved = streak.evidence * (sweep.length / sweep.radius) ** 2
+                votes.append((sweep.model, moved / (1 + uncertainty**2)))
+        return votes

@@ -1,0 +1,195 @@
+"""Detections: what the frames of a clip show of an object, each alone, and after linking."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import check_kind
+from blurmatte.motion.picture.motion import check_line_time
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sighting:
+    """One streak that may be the object's, in pixels, exposures and radians.
+
+    Its direction of time is not known; it is given as going to the right.
+
+    Parameters
+    ----------
+    x, y, x_std, y_std, xy_covariance : float
+        Mean position of the center, with its errors.
+    vx, vy, vx_std, vy_std : float
+        Mean velocity within the exposure, pixels per exposure.
+    length, length_std, angle, angle_std, radius, radius_std : float
+        As in `Motion`.
+    first_x, first_y, last_x, last_y : float
+        The ends of the path.
+    color : str
+        sRGB-coded.
+    evidence : float
+        Signal-to-noise ratio of the object's light, squared.
+    source, path, silhouette : str
+        As in `Motion`.
+    residual_excess : float
+        Of the fitted disc, even if the numbers come from moments; as in `Diagnostics`.
+    at_border, moved : bool
+        As in `Motion`.
+    doubts : str
+        Reasons why the numbers may be wrong.
+    """
+
+    x: float
+    y: float
+    x_std: float
+    y_std: float
+    xy_covariance: float
+    vx: float
+    vy: float
+    vx_std: float
+    vy_std: float
+    length: float
+    length_std: float
+    angle: float
+    angle_std: float
+    radius: float
+    radius_std: float
+    first_x: float
+    first_y: float
+    last_x: float
+    last_y: float
+    color: str
+    evidence: float
+    source: str
+    path: str
+    silhouette: str
+    residual_excess: float
+    at_border: bool
+    moved: bool
+    doubts: str
+
+    @property
+    def place(self) -> Array:
+        """(2,) position of the center, pixels."""
+        return np.array([self.x, self.y])
+
+    @property
+    def covariance(self) -> Array:
+        """(2, 2) covariance of the position, pixels²."""
+        off = self.xy_covariance
+        return np.array([[self.x_std**2, off], [off, self.y_std**2]])
+
+    @property
+    def reversed(self) -> "Sighting":
+        """The motion with the direction of time reversed."""
+        return replace(
+            self,
+            vx=-self.vx,
+            vy=-self.vy,
+            angle=self.angle + (-np.pi if self.angle > 0 else np.pi),
+            first_x=self.last_x,
+            first_y=self.last_y,
+            last_x=self.first_x,
+            last_y=self.first_y,
+        )
+
+
+@dataclass(frozen=True)
+class FrameSightings:
+    """Detections in one frame.
+
+    Parameters
+    ----------
+    frame : int
+        Its number.
+    time : float or None
+        Seconds.
+    found : tuple of Sighting
+        None, one or several.
+    reason : str
+        Why there is none, or why streaks were rejected; "" otherwise.
+    unmeasured : int
+        Number of streaks that are fainter than one that a disc explains, and were not measured.
+    """
+
+    frame: int
+    time: float | None
+    found: tuple[Sighting, ...]
+    reason: str = ""
+    unmeasured: int = 0
+
+
+@dataclass(frozen=True)
+class FrameMotion:
+    """A row of the table of a clip: an object in one frame, or why it is not there.
+
+    Parameters
+    ----------
+    frame : int
+        Its number.
+    time : float or None
+        Seconds.
+    sighting : Sighting or None
+        The detection, in the direction of time if that is known.
+    track : int or None
+        Its track, from 1. A new track begins where the object was lost for more than five frames, or
+        appeared where no track predicted it.
+    directed : bool
+        True if the neighboring frames determine the direction of time; else it is given as going to
+        the right.
+    others : int
+        Number of other streaks of its color, which were ignored.
+    reason : str
+        Why there is no detection; "" if there is one.
+    object : int or None
+        Number of the object, from 1.
+    place_scatter, radius_scatter : float
+        Factors by which the errors of position and path, and of the radius, were multiplied, because
+        the object's frames scatter more than their own errors (`frame_scatter`).
+    """
+
+    frame: int
+    time: float | None
+    sighting: Sighting | None
+    track: int | None = None
+    directed: bool = False
+    others: int = 0
+    reason: str = ""
+    object: int | None = None
+    place_scatter: float = 1.0
+    radius_scatter: float = 1.0
+
+    def numbers(self) -> dict[str, Any]:
+        """All by name, flat, for a row of a table; pixels, radians, exposures, seconds."""
+        row: dict[str, Any] = {"frame": self.frame, "time": self.time}
+        row |= {"object": self.object, "track": self.track}
+        for name in Sighting.__dataclass_fields__:
+            row[name] = None if self.sighting is None else getattr(self.sighting, name)
+        for name in ("directed", "place_scatter", "radius_scatter"):
+            row[name] = None if self.sighting is None else getattr(self, name)
+        return row | {"others": self.others, "reason": self.reason}
+
+
+def main_track(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
+    """The rows of the track with the most frames."""
+    numbers = [row.track for row in rows if row.track is not None]
+    longest = max(sorted(set(numbers)), key=numbers.count, default=None)
+    return [row for row in rows if row.track is not None and row.track == longest]
+
+
+def check_rows(rows: Iterable[object]) -> None:
+    """Raise TypeError unless each is a FrameMotion."""
+    for row in rows:
+        check_kind("each of rows", row, FrameMotion, "use blurmatte.measure_clip(frames)")
+
+
+def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> None:
+    """Raise ValueError unless a rolling shutter can read down to the lowest detection in time."""
+    lowest = max((row.sighting.y for row in rows if row.sighting is not None), default=0.0)
+    times = sorted({row.time for row in rows if row.time is not None})
+    interval = float(np.median(np.diff(times))) if len(times) > 1 else None
+    check_line_time(line_time, lowest, interval)

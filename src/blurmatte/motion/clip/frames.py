@@ -1,0 +1,38 @@
+"""Frames of a clip: their noise, and the plate in their light."""
+
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import LinearImage, NoiseModel
+
+Noise = NoiseModel | npt.NDArray[np.floating]
+
+
+def with_default_noise(frame: LinearImage, noise: Noise) -> LinearImage:
+    """The frame with this noise, unless it has its own."""
+    return frame.with_noise(noise) if frame.noise is None else frame
+
+
+def noise_of(image: LinearImage) -> Noise:
+    """The noise of an image that has one."""
+    assert image.noise is not None
+    return image.noise
+
+
+def plate_in_light_of(plate: LinearImage, image: LinearImage) -> LinearImage:
+    """The plate times the gain of a frame, if lamp or shutter changed it by more than its error."""
+    grid = np.s_[::5, ::5]  # enough pixels for a median
+    B, C = (np.asarray(picture.rgb[grid], float) for picture in (plate, image))
+    use = (plate.valid & image.valid)[grid] & (B.min(axis=-1) > 0.01)  # of white: not too dark
+    if not use.any():
+        return plate
+    ratio = np.ascontiguousarray((C[use] / B[use]).T)  # medians of rows take a third of the time
+    gain = np.median(ratio, axis=1)
+    # 1.4826 median absolute deviations are the standard deviation of normal noise.
+    std = 1.4826 * np.median(np.abs(ratio - gain[:, None]), axis=1)
+    if np.all(np.abs(gain - 1) < 3.0 * std / np.sqrt(ratio.shape[1])):
+        return plate
+    by = np.tile(gain.astype(np.float32), (plate.size[0], 1))  # a row, as in `NoiseModel.variance`
+    return replace(plate, rgb=plate.rgb * by, noise=np.asarray(plate.variance * by**2, np.float32))

@@ -1,0 +1,145 @@
+"""Detection of an object of known color in a frame: a matched filter for its light (`color.light`)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools
+from blurmatte.color import energy, light_reader, only_light_lost
+from blurmatte.color.model import ColorModel
+from blurmatte.radiometry import LinearImage
+from blurmatte.streaks import Streak, find_streaks, widened, without_thin_parts
+
+Array = npt.NDArray[np.floating]
+Place = tuple[slice, ...]
+
+
+@dataclass(frozen=True)
+class DetectionSettings:
+    """Hysteresis thresholds of the filter, and the parts of a frame that are kept."""
+
+    smoothing_px: float = 1.5  # standard deviation of the Gaussian
+    detection_std: float = 6.0  # standard deviations of the smoothed light p: a part exists
+    extent_std: float = 2.5  # the same: a pixel belongs to a part
+    min_strength_fraction: float = 0.1  # of a part's own: less is a reflection, or coding blocks
+    min_energy_fraction: float = 0.1  # of a frame's strongest part: less is not the object
+    min_area_px: int = 25
+    max_parts: int = 3  # of a frame, for one object
+    max_parts_of_several: int = 16  # the same for several objects
+    closing_px: int = 3  # gaps where the plate has the object's own color
+    margin_px: int = 4  # where the edge fades below the noise
+
+
+@dataclass(frozen=True, eq=False)
+class MatchedFilter:
+    """Filter for light of one color before a plate.
+
+    Parameters
+    ----------
+    m : (H, W, 3) float32
+    weight : (H, W) float32
+        As in `color.light`.
+    std : (H, W) float32
+        Of the weighted mean of p over neighbors, times the sum of the weights.
+    """
+
+    m: npt.NDArray[np.float32]
+    weight: npt.NDArray[np.float32]
+    std: npt.NDArray[np.float32]
+
+    @classmethod
+    def of(cls, plate: LinearImage, image: LinearImage, model: ColorModel) -> "MatchedFilter":
+        """For frames with the noise of this image, and a color model of rank 1."""
+        from scipy.ndimage import gaussian_filter
+
+        m, weight = light_reader(image, plate, model)
+        # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
+        scale = DetectionSettings.smoothing_px
+        squares = gaussian_filter(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
+        std = np.where(squares > 0, np.sqrt(squares), np.inf)  # infinite far from known pixels
+        return cls(m, weight, std.astype(np.float32))
+
+    def parts(self, image: LinearImage, several: bool) -> tuple[list[Streak], float]:
+        """Parts of a frame with light of the object's color, and the inflation of errors.
+
+        Returns
+        -------
+        parts : list of Streak
+            Ordered by the energy of the object's light, Σ p², their `evidence`; largest first.
+        inflation : float
+            Ratio of the error of sums over neighbors to that of white noise, at least 1.
+        """
+        from scipy import ndimage
+
+        settings = DetectionSettings
+        p = np.where(image.valid, np.einsum("hwc,hwc->hw", self.m, image.rgb), 0)
+        strength = (
+            ndimage.gaussian_filter(self.weight * p.astype(np.float32), settings.smoothing_px)
+            / self.std
+        )
+        # 0.6745 is the median of |x| for standard normal x; noise of video is correlated.
+        inflation = max(float(np.median(np.abs(strength[::4, ::4]))) / 0.6745, 1.0)
+        strength /= inflation
+        there = without_thin_parts(strength > settings.extent_std)
+        near = widened(there, settings.closing_px)
+        labels, _ = ndimage.label(near, np.ones((3, 3)))
+        places = ndimage.find_objects(labels)
+        parts: list[tuple[float, Place, Bools]] = []
+        for number in np.unique(labels[near & (strength > settings.detection_std)]):
+            place = places[number - 1]
+            inside = np.where((labels[place] == number) & there[place], strength[place], 0)
+            mask = _strong(inside)
+            if mask is not None:
+                place, mask = _within(p.shape, place, mask)
+                parts.append((energy(p[place], self.weight[place], mask), place, mask))
+        parts.sort(key=lambda part: -part[0])
+        least = max(settings.min_energy_fraction * parts[0][0], 0) if parts else 0.0
+        clear = [part for part in parts if part[0] > least][: _max_parts(several)]
+        return [_streak(p.shape, *part) for part in clear], inflation
+
+
+def _max_parts(several: bool) -> int:
+    return DetectionSettings.max_parts_of_several if several else DetectionSettings.max_parts
+
+
+def _strong(strength: Array) -> Bools | None:
+    """Mask of the strong pixels of a part, filled and widened; None if they are too few.
+
+    `_padding()` pixels larger than the part on each side.
+    """
+    from scipy.ndimage import binary_fill_holes
+
+    settings = DetectionSettings
+    usual = float(np.quantile(strength[strength > 0], 0.9))
+    strong = strength > max(settings.extent_std, settings.min_strength_fraction * usual)
+    if np.count_nonzero(strong) < settings.min_area_px:
+        return None
+    filled = binary_fill_holes(widened(np.pad(strong, _padding()), settings.closing_px))
+    return widened(filled, settings.margin_px - settings.closing_px)
+
+
+def _padding() -> int:
+    """Pixels by which closing and margin enlarge a part on each side."""
+    return DetectionSettings.closing_px + DetectionSettings.margin_px
+
+
+def _within(shape: tuple[int, ...], place: Place, mask: Bools) -> tuple[Place, Bools]:
+    """The place of a padded mask in the picture, and the part of the mask inside the picture."""
+    first = [s.start - _padding() for s in place]
+    ends = zip(first, mask.shape, shape, strict=True)
+    inside = tuple(slice(max(at, 0), min(at + n, side)) for at, n, side in ends)
+    cut = tuple(slice(s.start - at, s.stop - at) for s, at in zip(inside, first, strict=True))
+    return inside, mask[cut]
+
+
+def _streak(shape: tuple[int, ...], evidence: float, place: Place, mask: Bools) -> Streak:
+    whole = np.zeros(shape, bool)
+    whole[place] = mask
+    return Streak(whole, evidence=evidence)
+
+
+def moving_parts(image: LinearImage, plate: LinearImage, several: bool) -> list[Streak]:
+    """Streaks that are no shadows, for an object of several colors or of any."""
+    found = find_streaks(image, plate)[: _max_parts(several)]
+    return [streak for streak in found if not only_light_lost(image, plate, streak)]

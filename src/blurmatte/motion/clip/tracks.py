@@ -1,0 +1,178 @@
+"""Tracks: detections in successive frames that belong to one object.
+
+A Kalman filter of constant velocity predicts each track, and the detections of a frame are assigned to
+tracks with the least sum of costs (`linear_sum_assignment`). In this file the state of a track is s =
+(x, y, vx, vy), in pixels and pixels per frame, with the covariance V; z is a measured position, with
+the covariance R. The recursion is that of Kalman (1960), with white acceleration.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.motion.clip.detections import FrameSightings, Sighting
+
+Array = npt.NDArray[np.float64]
+
+_H = np.eye(2, 4)
+
+
+@dataclass(frozen=True)
+class TrackSettings:
+    """Prediction of tracks, and assignment of detections to them."""
+
+    gate_chi2: float = 13.8  # two degrees of freedom: noise exceeds it in 0.1 % of frames
+    max_lost_frames: int = 5  # after which a track ends
+    velocity_change: float = 0.5  # of the speed, from frame to frame: an arc, a bounce
+    position_std_px: float = 2.0  # of the model, added to that of a detection
+    log_radius_std: float = 0.2  # from frame to frame: perspective and shading
+    occluder_area: float = 0.5  # of an occluded object's area, added to the streak in front of it
+    min_direction_std: float = 3.0  # standard deviations of a displacement with a known sign
+
+
+@dataclass
+class Track:
+    """Detections of an object by index of the frame, and its predicted state in the last one."""
+
+    state: Array
+    covariance: Array
+    agility: float
+    seen: dict[int, Sighting] = field(default_factory=dict)
+
+    @property
+    def last(self) -> Sighting:
+        """The latest detection."""
+        return self.seen[max(self.seen)]
+
+    @property
+    def radius(self) -> float:
+        """Median radius, pixels."""
+        return float(np.median([s.radius for s in self.seen.values()]))
+
+    @property
+    def evidence(self) -> float:
+        """Sum over its detections."""
+        return sum(s.evidence for s in self.seen.values())
+
+    def predict(self) -> None:
+        """Predict the state in the next frame."""
+        F = np.eye(4) + np.eye(4, k=2)
+        G = np.vstack([np.eye(2) / 2, np.eye(2)])
+        speed = float(np.linalg.norm(self.state[2:]))
+        a = self.agility + TrackSettings.velocity_change * speed
+        self.state = F @ self.state
+        self.covariance = F @ self.covariance @ F.T + a**2 * G @ G.T
+
+    def cost(self, sighting: Sighting) -> float:
+        """χ² of the position of a detection."""
+        z = sighting.place - self.state[:2]
+        return float(
+            z @ np.linalg.solve(self.covariance[:2, :2] + _position_covariance(sighting), z)
+        )
+
+    def unlikelihood(self, sighting: Sighting) -> float:
+        """−2 ln of the likelihood of a detection, position and radius, up to a constant."""
+        S = self.covariance[:2, :2] + _position_covariance(sighting)
+        growth = np.log(max(sighting.radius, 1e-6) / max(self.radius, 1e-6))
+        growth /= TrackSettings.log_radius_std
+        return self.cost(sighting) + float(np.log(np.linalg.det(S)) + growth**2)
+
+    def take(self, index: int, sighting: Sighting) -> None:
+        """Update the state by the detection in a frame."""
+        S = self.covariance[:2, :2] + _position_covariance(sighting)
+        K = np.linalg.solve(S, _H @ self.covariance).T
+        self.state = self.state + K @ (sighting.place - self.state[:2])
+        self.covariance = (np.eye(4) - K @ _H) @ self.covariance
+        self.agility = sighting.length + sighting.radius
+        self.seen[index] = sighting
+
+
+def _position_covariance(sighting: Sighting) -> Array:
+    """R, (2, 2)."""
+    return np.asarray(sighting.covariance + TrackSettings.position_std_px**2 * np.eye(2))
+
+
+def tracks_of(frames: Sequence[FrameSightings], alike: bool = False) -> list[Track]:
+    """All tracks of the frames.
+
+    Parameters
+    ----------
+    frames : sequence of FrameSightings
+    alike : bool
+        True for several objects that look the same. The streak in the first frame of a track then
+        gives the direction in which the next detection is expected.
+    """
+    places = np.array([s.place for frame in frames for s in frame.found])
+    extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
+    tracks: list[Track] = []
+    for index, frame in enumerate(frames):
+        alive = [
+            track for track in tracks if index - max(track.seen) <= TrackSettings.max_lost_frames
+        ]
+        for track in alive:
+            track.predict()
+        pairs = _pairs(alive, frame.found, alike)
+        lost = [t for n, t in enumerate(alive) if n not in pairs and len(t.seen) > 1]
+        for n, b in pairs.items():
+            if not (alike and _occludes(alive[n], frame.found[b], lost)):
+                alive[n].take(index, frame.found[b])
+        fresh = (s for b, s in enumerate(frame.found) if b not in pairs.values())
+        tracks += [_begun(index, s, extent, alike) for s in fresh]
+    return tracks
+
+
+def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], alike: bool) -> dict[int, int]:
+    """Index of the detection that is assigned to each track, by index."""
+    from scipy.optimize import linear_sum_assignment
+
+    shape = len(tracks), len(found)
+    costs = np.array([[track.cost(s) for s in found] for track in tracks]).reshape(shape)
+    gate = TrackSettings.gate_chi2
+    price = np.minimum(costs, 2 * gate)
+    if alike:
+        likely = np.array([[track.unlikelihood(s) for s in found] for track in tracks])
+        price = np.where(costs < gate, likely.reshape(shape), 1e6)  # more than any −2 ln L
+    assigned = zip(*linear_sum_assignment(price), strict=True)
+    return {int(a): int(b) for a, b in assigned if costs[a, b] < gate}
+
+
+def _occludes(track: Track, sighting: Sighting, lost: Sequence[Track]) -> bool:
+    """True if a streak contains the object of a track and another one that it occludes in part."""
+    for other in lost:
+        reach = (sighting.length + other.last.length) / 2 + sighting.radius + other.radius
+        near = np.linalg.norm(sighting.place - other.state[:2]) < reach
+        added = TrackSettings.occluder_area * other.radius**2
+        if near and sighting.radius**2 > track.radius**2 + added:
+            return True
+    return False
+
+
+def _begun(index: int, sighting: Sighting, extent: float, directed: bool) -> Track:
+    """A new track of unknown velocity, or of one along its streak in an unknown direction."""
+    V = np.diag([0.0, 0.0, 1.0, 1.0]) * (extent / 2 + 1) ** 2
+    V[:2, :2] = _position_covariance(sighting)
+    agility = sighting.length + sighting.radius
+    if directed and sighting.moved:
+        across = np.array([-np.sin(sighting.angle), np.cos(sighting.angle)])
+        V[2:, 2:] -= np.outer(across, across) * max(V[2, 2] - agility**2, 0)
+    state = np.array([sighting.x, sighting.y, 0.0, 0.0])
+    return Track(state, V, agility, {index: sighting})
+
+
+def in_time(index: int, track: Track) -> tuple[Sighting, bool]:
+    """A detection in the direction of time, and True if that is known."""
+    sighting = track.seen[index]
+    before = [i for i in track.seen if i < index]
+    after = [i for i in track.seen if i > index]
+    a = track.seen[max(before)] if before else sighting
+    b = track.seen[min(after)] if after else sighting
+    along = np.array([np.cos(sighting.angle), np.sin(sighting.angle)])
+    moved = float(along @ (b.place - a.place))
+    std = float(np.sqrt(along @ (a.covariance + b.covariance) @ along))
+    # A displacement mostly across the streak does not determine the direction along it.
+    least = max(TrackSettings.min_direction_std * std, float(np.linalg.norm(b.place - a.place)) / 2)
+    if not (abs(moved) > least and sighting.moved):
+        return sighting, False
+    return (sighting if moved > 0 else sighting.reversed), True

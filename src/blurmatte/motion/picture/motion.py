@@ -1,0 +1,555 @@
+"""Motion of one picture, with the error of each number, and its speed in meters per second.
+
+A rolling shutter exposes row y later than row 0 by y τ, τ the line time. The exposure fraction s of
+the row in which the object's center is seen at p(s) is the moment s T + τ y(s), T the exposure time.
+The object's own exposure therefore lasts
+
+    D = T + τ (y(1) − y(0)),
+
+longer than T if it moved down and shorter if it moved up, and its mean speed is length / D. The same
+holds for the whole silhouette: the picture is that of a global shutter, sheared and stretched by
+p → (x − v_x τ y, (1 − v_y τ) y), v in pixels per second. All lengths along the motion are stretched by
+1 / (1 − v_y τ) = D / T, and so is the area of the silhouette. The direction stays. [Ait-Aider et al.,
+"Simultaneous object pose and velocity computation using a single view from a rolling shutter camera",
+ECCV 2006, has the camera model.]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import check_kind
+from blurmatte.errors import MotionError
+from blurmatte.motion.picture.error_budget import check_positive, check_std
+from blurmatte.sweep.sweep import Sweep
+from blurmatte.trajectory import Trajectory
+
+Array = npt.NDArray[np.float64]
+
+QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
+MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact
+USUAL_READOUT_S = 0.02  # of a rolling shutter, from the first row to the last
+_ANGLE = QUANTITIES.index("angle")
+_PER_METER_PER_SECOND = {"m/s": 1.0, "km/h": 3.6, "mph": 3600 / 1609.344}
+
+
+@dataclass(frozen=True)
+class Scale:
+    """Size of a pixel where the object moved, in a plane parallel to the sensor.
+
+    Parameters
+    ----------
+    meters_per_pixel : float
+    std : float
+        Its standard deviation.
+    motion : Motion, optional
+        The motion whose radius gave the scale: the errors of its radius and length are correlated.
+
+    Raises
+    ------
+    ValueError
+        Unless it is positive and its error is not negative.
+    """
+
+    meters_per_pixel: float
+    std: float = 0.0
+    motion: Motion | None = field(default=None, repr=False)
+
+    def __post_init__(self) -> None:
+        check_positive("meters_per_pixel", self.meters_per_pixel)
+        check_std("std", self.std)
+
+    @classmethod
+    def from_radius(cls, motion: Motion, radius: float, std: float = 0.0) -> Scale:
+        """From the true radius of a ball, or of the disc of the silhouette's area, in meters.
+
+        Raises
+        ------
+        ValueError
+            For a radius that is not positive.
+        MotionError
+            If the radius in the picture is not above its own error, or the object reaches the border.
+        """
+        check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")
+        check_positive("radius", radius)
+        check_std("std", std)
+        if motion.radius <= 3 * motion.radius_std:
+            raise MotionError(
+                f"a radius of {motion.radius:.2g} ± {motion.radius_std:.2g} px gives no scale; give "
+                "meters per pixel, or two points of known distance"
+            )
+        if motion.at_border and motion.source == "moments":
+            raise MotionError(
+                "the object reaches the border, so that its radius in the picture is not known; give "
+                "meters per pixel, or two points of known distance"
+            )
+        scale = radius / motion.radius
+        relative = np.hypot(std / radius, motion.radius_std / motion.radius)
+        return cls(scale, float(scale * relative), motion)
+
+    @classmethod
+    def from_points(
+        cls, first: npt.ArrayLike, second: npt.ArrayLike, distance: float, std: float = 0.0
+    ) -> Scale:
+        """From two points (x, y) of the picture, pixels, and the distance between them, meters.
+
+        `std` is the error of the distance and of pointing together, in meters. The points must have
+        the same distance from the camera as the object.
+
+        Raises
+        ------
+        ValueError
+            If the points are one, or the distance is not positive.
+        """
+        a, b = np.asarray(first, float), np.asarray(second, float)
+        if a.shape != (2,) or b.shape != (2,):
+            raise ValueError(f"a point must be (x, y), got the shapes {a.shape} and {b.shape}")
+        check_positive("distance", distance)
+        check_std("std", std)
+        pixels = float(np.linalg.norm(b - a))
+        if not (np.isfinite(pixels) and pixels > 0):
+            raise ValueError(f"the two points must differ, got {a.tolist()} and {b.tolist()}")
+        return cls(distance / pixels, std / pixels)
+
+
+@dataclass(frozen=True)
+class Speed:
+    """Mean speed over the exposure, and the highest speed.
+
+    Parameters
+    ----------
+    mean, mean_std, top, top_std : float
+        With standard deviations, in `unit`.
+    unit : str
+        "m/s"; without a scale "px/s"; without an exposure time "m/exposure" or "px/exposure".
+    parts : mapping of str to float
+        Relative error of the mean that each source alone causes.
+    unknown : float or None
+        Relative change that a usual rolling shutter would cause, if no line time was given; 0 if one
+        was given, None if the exposure time is not known.
+    """
+
+    mean: float
+    mean_std: float
+    top: float
+    top_std: float
+    unit: str
+    parts: Mapping[str, float]
+    unknown: float | None = 0.0
+
+    def __repr__(self) -> str:
+        return f"Speed({self.mean:.4g} ± {self.mean_std:.2g} {self.unit})"
+
+    @property
+    def dominant(self) -> str:
+        """Source of the largest part of the error: "length", "scale", "exposure time", …"""
+        return max(self.parts, key=lambda name: self.parts[name])
+
+    def numbers(self) -> dict[str, float | str | None]:
+        """All numbers by name, flat, for a row of a table."""
+        return {
+            "mean_speed": self.mean,
+            "mean_speed_std": self.mean_std,
+            "highest_speed": self.top,
+            "highest_speed_std": self.top_std,
+            "speed_unit": self.unit,
+            "speed_error_from": self.dominant,
+            "rolling_shutter_may_change": self.unknown,
+        }
+
+    def missing(self) -> list[str]:
+        """Names of what the speed in meters per second needs and was not given."""
+        lacking = {"scale": "px", "exposure time": "exposure"}
+        return [name for name, unit in lacking.items() if unit in self.unit]
+
+    def in_unit(self, unit: str) -> Speed:
+        """The same in "m/s", "km/h" or "mph".
+
+        Raises
+        ------
+        ValueError
+            For another unit.
+        MotionError
+            If the speed is not known in meters per second.
+        """
+        if unit not in _PER_METER_PER_SECOND:
+            raise ValueError(f"unit must be {' or '.join(_PER_METER_PER_SECOND)}, got {unit!r}")
+        if self.unit not in _PER_METER_PER_SECOND:
+            missing = " and ".join(f"{'a' if n == 'scale' else 'an'} {n}" for n in self.missing())
+            raise MotionError(f"the speed is known in {self.unit} only; give {missing}")
+        f = _PER_METER_PER_SECOND[unit] / _PER_METER_PER_SECOND[self.unit]
+        return replace(
+            self,
+            mean=f * self.mean,
+            mean_std=f * self.mean_std,
+            top=f * self.top,
+            top_std=f * self.top_std,
+            unit=unit,
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Motion:
+    """Position, path length, direction and size of an object during the exposure.
+
+    Times are fractions of the exposure. A single picture does not determine the direction of time: the
+    reversed motion gives the same picture, and `reversed` is as valid as this one.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        Of the center of the silhouette, pixels.
+    values, covariance : (8,), (8, 8) float
+        Center x and y, angle, length, width, radius, area and top speed, in this order, and their
+        covariance; see the properties of these names.
+    speeds, speeds_std : (T − 1,) float
+        Mean speed from each point of the trajectory to the next, pixels per exposure.
+    source : str
+        What it was measured from: "sweep", a fitted shape on a path, or "moments" of alpha, which
+        assume a straight path at constant speed.
+    path, silhouette : str
+        Their kinds, such as "parabola" and "disc"; for moments "line" and "".
+    acceleration, acceleration_covariance : (2,), (2, 2) float, optional
+        Change of the velocity from the beginning to the end, pixels per exposure²; None if the model
+        of the path is a straight line, at constant speed or after a rest.
+    resting, resting_std : float
+        Fraction of the exposure before its departure (or after its arrival); 0 for other paths.
+    at_border : bool
+        It reaches the border of the picture, so that `length` and `area` are lower bounds.
+    doubts : tuple of str
+        Reasons why these numbers may be wrong, one sentence each.
+    exposure_time : float, optional
+        Seconds, from the metadata of the image.
+    size : (int, int)
+        (width, height) of the picture.
+    sweep : Sweep, optional
+        The fit that it was measured from, if there is one.
+    backward : bool
+        True if its direction of time is opposite to that of the sweep.
+    """
+
+    trajectory: Trajectory
+    values: Array
+    covariance: Array
+    speeds: Array
+    speeds_std: Array
+    source: str
+    path: str
+    silhouette: str
+    size: tuple[int, int]
+    acceleration: Array | None = None
+    acceleration_covariance: Array | None = None
+    resting: float = 0.0
+    resting_std: float = 0.0
+    at_border: bool = False
+    doubts: tuple[str, ...] = ()
+    exposure_time: float | None = None
+    sweep: Sweep | None = field(default=None, repr=False)
+    backward: bool = False
+
+    def __repr__(self) -> str:
+        x, y = self.center
+        more = "at least " if self.at_border else ""
+        return (
+            f"Motion(around ({x:.2f}, {y:.2f}), {more}{self.length:.2f} ± {self.length_std:.2g} px "
+            f"at {np.degrees(self.angle):.2f} ± {np.degrees(self.angle_std):.2g}°, radius "
+            f"{self.radius:.2f} ± {self.radius_std:.2g} px, from its {self.source})"
+        )
+
+    @property
+    def center(self) -> Array:
+        """(2,) mean position (x, y) of its center over the exposure, pixels."""
+        return self.values[:2]
+
+    @property
+    def angle(self) -> float:
+        """Direction from the first position to the last, radians from +x towards +y, −π to π."""
+        return self._value("angle")
+
+    @property
+    def length(self) -> float:
+        """Length of the path, pixels; also the mean speed in pixels per exposure."""
+        return self._value("length")
+
+    @property
+    def width(self) -> float:
+        """Width of the silhouette across the direction of motion, pixels."""
+        return self._value("width")
+
+    @property
+    def radius(self) -> float:
+        """Radius of the disc with the area of the silhouette, pixels."""
+        return self._value("radius")
+
+    @property
+    def area(self) -> float:
+        """Area of the silhouette, pixels."""
+        return self._value("area")
+
+    @property
+    def top_speed(self) -> float:
+        """The largest speed, pixels per exposure."""
+        return self._value("top_speed")
+
+    @property
+    def center_std(self) -> Array:
+        """(2,) standard deviations of the center, pixels."""
+        return np.array([self._std("x"), self._std("y")])
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of the direction, radians."""
+        return self._std("angle")
+
+    @property
+    def length_std(self) -> float:
+        """Standard deviation of the length, pixels."""
+        return self._std("length")
+
+    @property
+    def width_std(self) -> float:
+        """Standard deviation of the width, pixels."""
+        return self._std("width")
+
+    @property
+    def radius_std(self) -> float:
+        """Standard deviation of the radius, pixels."""
+        return self._std("radius")
+
+    @property
+    def area_std(self) -> float:
+        """Standard deviation of the area, pixels."""
+        return self._std("area")
+
+    @property
+    def top_speed_std(self) -> float:
+        """Standard deviation of the top speed, pixels per exposure."""
+        return self._std("top_speed")
+
+    @property
+    def moved(self) -> bool:
+        """True if the length is significant; else the object may have been at rest.
+
+        Alpha depends on the square of a short length. The square must be 3.5 times its error, and its
+        relative error is twice that of the length. Noise alone exceeds this in 1 of 500 pictures:
+        exp(−3.5² / 2) in two dimensions.
+        """
+        return self.length > 2 * 3.5 * self.length_std
+
+    @property
+    def reversed(self) -> Motion:
+        """The motion with the direction of time reversed, which gives the same picture."""
+        path = self.trajectory
+        values = self.values.copy()
+        values[_ANGLE] += -np.pi if values[_ANGLE] > 0 else np.pi
+        return replace(
+            self,
+            trajectory=Trajectory(path.xy[::-1], 1 - path.t[::-1]),
+            values=values,
+            speeds=self.speeds[::-1],
+            speeds_std=self.speeds_std[::-1],
+            backward=not self.backward,
+        )
+
+    def outline_at(self, t: float) -> Array:
+        """(129, 2) points of the silhouette's outline at exposure fraction t, pixels.
+
+        Raises
+        ------
+        MotionError
+            If it was measured from moments, which give no outline.
+        """
+        if self.sweep is None:
+            raise MotionError(
+                "no rigid outline explains this streak; end_silhouettes finds the first and the last "
+                "silhouette from the derivative of alpha along the motion"
+            )
+        return self.sweep.outline_at(1 - t if self.backward else t)
+
+    def place_covariance(self, t: float) -> Array:
+        """(2, 2) covariance of the center at exposure fraction t, pixels²."""
+        if self.sweep is not None:
+            n = len(self.sweep.path)
+            when = np.array([1 - t if self.backward else t])
+            D = self.sweep.family.at(self.sweep.path, when)[1][0]
+            return np.asarray(D @ self.sweep.covariance[:n, :n] @ D.T)
+        along = np.array([np.cos(self.angle), np.sin(self.angle)])
+        across = np.array([-along[1], along[0]])
+        D = np.column_stack([np.eye(2), (t - 0.5) * self.length * across, (t - 0.5) * along])
+        return np.asarray(D @ self.covariance[:4, :4] @ D.T)
+
+    def speed(
+        self,
+        scale: Scale | None = None,
+        exposure_time: float | None = None,
+        exposure_std: float = 0.0,
+        line_time: float | None = None,
+        downward: bool | None = None,
+    ) -> Speed:
+        """Mean and highest speed, in meters per second if scale and exposure time are known.
+
+        Parameters
+        ----------
+        scale : Scale, optional
+            Meters per pixel. Without it the speed is in pixels per second.
+        exposure_time, exposure_std : float
+            Seconds; that of the image if not given. Without any, the speed is in pixels (or meters)
+            per exposure.
+        line_time : float, optional
+            Delay of a rolling shutter from each row of pixels to the next, seconds; at most 1 s for
+            all rows.
+        downward : bool, optional
+            True if it moved down in the picture, False if up: a rolling shutter changes the two
+            differently. If unknown, the mean of both is given, and half their difference is an error.
+
+        Returns
+        -------
+        Speed
+
+        Raises
+        ------
+        ValueError
+            If a number is out of its range, or a line time is given without an exposure time.
+        """
+        time = self.exposure_time if exposure_time is None else exposure_time
+        check_kind("scale", scale, Scale | None, "use blurmatte.Scale(meters_per_pixel)")
+        check_std("exposure_std", exposure_std)
+        if time is not None:
+            check_positive("exposure_time", time)
+        lags = _possible_lags(self, time, line_time, downward)
+        both = np.array([_mean_and_top(self, scale, time, lag) for lag in lags])
+        mean, top = both.mean(axis=0)
+        parts = _relative_parts(self, scale, time, exposure_std)
+        if lags[0] > 0 and len(lags) == 2:
+            parts["direction of time"] = float(np.ptp(both[:, 0]) / 2 / max(mean, 1e-12))
+        total = sum(part**2 for part in parts.values())
+        of_mean = total + _correlation(self, scale, "length")
+        of_top = (self.top_speed_std / max(self.top_speed, 1e-12)) ** 2
+        of_top += total - parts["length"] ** 2
+        of_top += _correlation(self, scale, "top_speed")
+        return Speed(
+            float(mean),
+            float(mean * np.sqrt(max(of_mean, 0))),
+            float(top),
+            float(top * np.sqrt(max(of_top, 0))),
+            ("px" if scale is None else "m") + ("/exposure" if time is None else "/s"),
+            parts,
+            _shutter_effect(self, time) if line_time is None else 0.0,
+        )
+
+    def numbers(self) -> dict[str, float | str | bool | None]:
+        """All numbers by name, flat, for a row of a table; pixels, radians, exposures."""
+        row: dict[str, float | str | bool | None] = {}
+        for name in QUANTITIES:
+            row[name], row[f"{name}_std"] = self._value(name), self._std(name)
+        row |= {"resting": self.resting, "resting_std": self.resting_std}
+        for i, axis in enumerate("xy"):
+            a, C = self.acceleration, self.acceleration_covariance
+            row[f"acceleration_{axis}"] = None if a is None else float(a[i])
+            row[f"acceleration_{axis}_std"] = None if C is None else float(np.sqrt(C[i, i]))
+        for name, place in (("first", 0), ("last", -1)):
+            row[f"{name}_x"], row[f"{name}_y"] = map(float, self.trajectory.xy[place])
+        row |= {"source": self.source, "path": self.path, "silhouette": self.silhouette}
+        return row | {"at_border": self.at_border, "exposure_time": self.exposure_time}
+
+    def covariance_of(self, first: str, second: str) -> float:
+        """Covariance of two of x, y, angle, length, width, radius, area and top_speed."""
+        return float(self.covariance[QUANTITIES.index(first), QUANTITIES.index(second)])
+
+    def _value(self, name: str) -> float:
+        return float(self.values[QUANTITIES.index(name)])
+
+    def _std(self, name: str) -> float:
+        return float(np.sqrt(max(self.covariance_of(name, name), 0.0)))
+
+
+def check_line_time(line_time: float, rows: float, frame_interval: float | None = None) -> None:
+    """Raise ValueError unless a rolling shutter can read so many rows.
+
+    In 1 s at most, three times as long as the slowest still cameras take, and before the next frame,
+    if the time between frames is given, seconds.
+    """
+    limits = [(1.0, "no camera takes more than {:g} s to read a picture")]
+    if frame_interval is not None:
+        limits.append((MAX_READOUT * frame_interval, "a frame must be read within {:.3g} s"))
+    if not np.isfinite(line_time):
+        raise ValueError(f"line_time must be finite seconds, got {line_time}")
+    readout = abs(line_time) * rows
+    for longest, reason in limits:
+        if readout > longest:
+            raise ValueError(
+                f"a line_time of {line_time:g} s is {readout:.3g} s for {rows:.0f} rows, and "
+                f"{reason.format(longest)}; is it in microseconds, like 15e-6 s (15us)?"
+            )
+
+
+def _possible_lags(
+    motion: Motion, exposure_time: float | None, line_time: float | None, downward: bool | None
+) -> list[float]:
+    """τ (y(1) − y(0)) / T, the relative change of the object's own exposure; of both directions."""
+    lag = 0.0
+    if line_time is not None:
+        check_std("line_time", line_time)
+        check_line_time(line_time, motion.size[1])
+        if exposure_time is None:
+            raise ValueError("line_time needs exposure_time, for its effect is their ratio")
+        lag = line_time * _rows_crossed(motion) / exposure_time
+    signs = (1, -1) if downward is None else (1,) if downward else (-1,)
+    possible = [sign * lag for sign in signs if 1 + sign * lag > 0]
+    if not possible:
+        raise ValueError("an object cannot go up that far within the exposure; check line_time")
+    return possible
+
+
+def _rows_crossed(motion: Motion) -> float:
+    """Rows between the first position and the last."""
+    y = motion.trajectory.xy[:, 1]
+    return abs(float(y[-1] - y[0]))
+
+
+def _mean_and_top(
+    motion: Motion, scale: Scale | None, exposure_time: float | None, lag: float
+) -> tuple[float, float]:
+    """Both speeds, if the last row is exposed later than the first by `lag` exposures."""
+    size = 1.0 if scale is None else scale.meters_per_pixel
+    if scale is not None and scale.motion is not None:
+        size *= np.sqrt(1 + lag)  # the area that gave the radius is stretched by 1 + lag
+    T = 1.0 if exposure_time is None else exposure_time
+    y, t = motion.trajectory.xy[:, 1], motion.trajectory.t
+    rows_crossed = max(_rows_crossed(motion), 1e-12)
+    down = np.diff(y) / np.diff(t) * np.sign(y[-1] - y[0]) / rows_crossed
+    slower = np.maximum(1 + lag * down, 1e-6)
+    fastest = motion.top_speed * np.max(motion.speeds / slower) / max(np.max(motion.speeds), 1e-12)
+    return size * motion.length / (T * (1 + lag)), float(size * fastest / T)
+
+
+def _relative_parts(
+    motion: Motion, scale: Scale | None, exposure_time: float | None, exposure_std: float
+) -> dict[str, float]:
+    """Relative error of the mean speed that each source alone causes."""
+    parts = {"length": motion.length_std / max(motion.length, 1e-12)}
+    if scale is not None:
+        parts["scale"] = scale.std / scale.meters_per_pixel
+    if exposure_time is not None:
+        parts["exposure time"] = exposure_std / exposure_time
+    return parts
+
+
+def _correlation(motion: Motion, scale: Scale | None, name: str) -> float:
+    """Change of the relative variance of a speed by the correlation of the scale's error with it."""
+    if scale is None or scale.motion is None or scale.motion.covariance is not motion.covariance:
+        return 0.0
+    both = motion.covariance_of(name, "radius")
+    value = motion.length if name == "length" else motion.top_speed
+    return -2 * both / (max(value, 1e-12) * motion.radius)
+
+
+def _shutter_effect(motion: Motion, exposure_time: float | None) -> float | None:
+    """Relative change of the speed that a usual rolling shutter would cause; None if not known."""
+    if exposure_time is None:
+        return None
+    return USUAL_READOUT_S / motion.size[1] * _rows_crossed(motion) / exposure_time

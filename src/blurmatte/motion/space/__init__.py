@@ -1,0 +1,1 @@
+"""Motion in three dimensions, on a plane and about a point, measured from one picture."""

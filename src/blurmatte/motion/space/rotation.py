@@ -1,0 +1,275 @@
+"""measure_rotation: the rotation of a fan, a wheel with few spokes, or a stick.
+
+In polar coordinates (ρ, φ) around the center, the rotation of a rigid object by ω blurs its silhouette
+along φ by a box of width ω. Where an edge passed, alpha is a ramp, for any outline: that gives the
+starts (`rotation_start`). The fit gives the most likely center, ω and edges (`rotation_blades`), in the
+ring in which the whole object is visible (`rotation_ring`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools
+from blurmatte.errors import MotionError
+from blurmatte.matting.solution import Solution
+from blurmatte.motion.picture.error_budget import by_axis, check_exposure
+from blurmatte.motion.space.rotation_blades import Blades
+from blurmatte.motion.space.rotation_ring import NO_VARIATION, blades_of, pixels_at, ring_around
+from blurmatte.motion.space.rotation_start import starts
+from blurmatte.radiometry import coherence
+from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RotationSettings:
+    """When a fitted rotation is accepted."""
+
+    min_alpha_fraction: float = 0.5  # of alpha, in the ring
+    min_angle_std: float = 5.0  # standard deviations of an angle that is known
+    max_rounds: int = 3  # fits, each in the ring around the center of the last
+    center_tolerance_px: float = 0.5
+    pixels_per_trial: int = 3000  # with which starts are compared
+    unambiguous_turn: float = 0.85  # angles between blades: beyond, paths of blades may overlap
+    ambiguous_chi2: float = 14.0  # difference of two angles that both explain alpha, at 0.1 %
+    max_misfit: float = 12.0  # mean squared residual over blocks, of a rigid object
+    max_overlap_misfit: float = 2.5  # the same if paths overlap: other angles look alike then
+
+
+@dataclass(frozen=True, eq=False)
+class Rotation:
+    """Angle by which an object turned about a point; its sign is not determined by the picture.
+
+    Parameters
+    ----------
+    center : (2,) float
+        Of the rotation (x, y), pixels; of an object that also moved along a path, its center in the
+        middle of the exposure.
+    angle : float
+        Radians during the exposure.
+    covariance : (3, 3) float
+        Of center and angle, pixels and radians.
+    blades : int
+        Number of blades on a circle around the center; 0 if unknown.
+    exposure_time, exposure_std : float or None, float
+        Seconds.
+    """
+
+    center: Array
+    angle: float
+    covariance: Array
+    blades: int = 0
+    exposure_time: float | None = None
+    exposure_std: float = 0.0
+
+    def __repr__(self) -> str:
+        x, y = self.center
+        speed = ""
+        if self.exposure_time is not None:
+            speed = f", {self.speed:.4g} ± {self.speed_std:.2g} rad/s"
+        return (
+            f"Rotation({np.degrees(self.angle):.2f}° ± {np.degrees(self.angle_std):.2g}° about "
+            f"({x:.1f}, {y:.1f}){speed})"
+        )
+
+    @property
+    def center_std(self) -> Array:
+        """(2,) standard deviations of the center, pixels."""
+        return np.asarray(np.sqrt(np.diag(self.covariance)[:2]))
+
+    @property
+    def angle_std(self) -> float:
+        """Standard deviation of the angle, radians."""
+        return float(np.sqrt(self.covariance[2, 2]))
+
+    @property
+    def speed(self) -> float:
+        """Angular speed, rad/s."""
+        return self.angle / self._seconds
+
+    @property
+    def speed_std(self) -> float:
+        """Standard deviation of the speed, rad/s."""
+        relative = np.hypot(self.angle_std / self.angle, self.exposure_std / self._seconds)
+        return float(self.speed * relative)
+
+    def numbers(self) -> dict[str, float]:
+        """All numbers by name, flat, for a row of a table: pixels, radians, rad/s."""
+        row = by_axis("rotation_center", self.center, self.center_std)
+        row |= {"rotation": self.angle, "rotation_std": self.angle_std, "blades": self.blades}
+        if self.exposure_time is not None:
+            row |= {"rotation_speed": self.speed, "rotation_speed_std": self.speed_std}
+        return row
+
+    @property
+    def _seconds(self) -> float:
+        if self.exposure_time is None:
+            raise MotionError("an angular speed needs the exposure_time, in seconds; give it")
+        return self.exposure_time
+
+
+def measure_rotation(
+    thing: Solution | Sweep,
+    center: npt.ArrayLike | None = None,
+    exposure_time: float | None = None,
+    exposure_std: float = 0.0,
+) -> Rotation:
+    """Angle by which an object turned during the exposure, and the center of the rotation.
+
+    Parameters
+    ----------
+    thing : Solution or Sweep
+        For an object that turns about a fixed point, the solution, best one of `Pixelwise`, in which
+        the errors of pixels are independent. For an object that moves and turns, its sweep.
+    center : (2,) float, optional
+        Of the rotation, if it is known, pixels.
+    exposure_time : float, optional
+        Seconds; without it there is no speed.
+    exposure_std : float
+        Its standard deviation.
+
+    Returns
+    -------
+    Rotation
+
+    Raises
+    ------
+    TypeError, ValueError
+        For something else, or a number out of its range.
+    MotionError
+        If alpha does not vary along circles (full turns, half turns of a stick, 1/n turns of n blades,
+        a disc, no rotation), if no rigid rotation about one point explains it, or if two angles do;
+        the message then names both.
+    """
+    check_exposure(exposure_time, exposure_std)
+    known = None if center is None else np.asarray(center, dtype=float)
+    if known is not None and (known.shape != (2,) or not np.all(np.isfinite(known))):
+        raise ValueError(f"center must be a point (x, y), got {known}")
+    if isinstance(thing, Sweep):
+        found = _of_sweep(thing)
+    elif isinstance(thing, Solution):
+        found = _of_solution(thing, known)
+    else:
+        raise TypeError(f"thing must be a Solution or a Sweep, got {type(thing).__name__}")
+    if not found.angle > RotationSettings.min_angle_std * found.angle_std:
+        raise MotionError(
+            f"the angle, {np.degrees(found.angle):.2g}° ± {np.degrees(found.angle_std):.2g}°, is not "
+            "known: alpha hardly varies along circles, as after full turns or a very small turn"
+        )
+    return replace(found, exposure_time=exposure_time, exposure_std=exposure_std)
+
+
+def _of_sweep(sweep: Sweep) -> Rotation:
+    if not sweep.silhouette.turns:
+        raise MotionError(
+            f"the sweep is of a {sweep.silhouette.name} without rotation; give the solution"
+        )
+    middle, D = sweep.family.at(sweep.path, np.array([0.5]))
+    n = len(sweep.path)
+    J = np.zeros((3, len(sweep.covariance)))
+    turn = sweep.silhouette.turn(sweep.shape)
+    J[:2, :n], J[2, -1] = D[0], 1 if turn >= 0 else -1
+    return Rotation(middle[0], abs(turn), J @ sweep.covariance @ J.T)
+
+
+def _of_solution(solution: Solution, center: Array | None) -> Rotation:
+    """The best fit from all starts; MotionError if it is not acceptable or not the only one."""
+    use = np.asarray(solution.known & (solution.alpha_std > 0))
+    alpha = np.where(use, solution.alpha, 0).astype(float)
+    std = np.where(use, solution.alpha_std, 1).astype(float)
+    trials, error = [], None
+    few, unambiguous = RotationSettings.pixels_per_trial, RotationSettings.unambiguous_turn
+    for c, omega, spacings in starts(alpha, std, use & solution.streak, center):
+        try:
+            trials.append(_fitted(alpha, std, use, c, omega, center, few, spacings))
+        except MotionError as raised:
+            error = error or raised
+            continue
+        misfit, found = trials[-1]
+        if misfit < MAX_RESIDUAL_EXCESS and found.angle * found.blades < unambiguous * 2 * np.pi:
+            break
+    if not trials:
+        raise error or MotionError("alpha is nowhere known; solve with another color")
+    trials.sort(key=lambda trial: trial[0])
+    rough = trials[0][1]
+    misfit, rotation = _fitted(alpha, std, use, rough.center, rough.angle, center, alpha.size)
+    overlaps = rotation.angle * rotation.blades > unambiguous * 2 * np.pi
+    limit = RotationSettings.max_overlap_misfit if overlaps else RotationSettings.max_misfit
+    if misfit > limit:
+        if error is not None and str(error) == NO_VARIATION:
+            raise error
+        raise MotionError(
+            f"no rigid rotation about one point explains alpha: the residuals are {misfit:.0f} times "
+            "the noise; choose a region that contains only this object, or give its center"
+        )
+    for other in trials[1:]:
+        if few * (other[0] / trials[0][0] - 1) < RotationSettings.ambiguous_chi2:
+            _check_same(rotation, other[1])
+    return rotation
+
+
+def _check_same(rotation: Rotation, other: Rotation) -> None:
+    """Raise MotionError if two equally good fits have different angles."""
+    std = float(np.hypot(rotation.angle_std, other.angle_std))
+    if abs(rotation.angle - other.angle) < RotationSettings.min_angle_std * std:
+        return
+    angles = sorted(np.degrees([rotation.angle, other.angle]))
+    raise MotionError(
+        f"it turned by {angles[0]:.1f}° or by {angles[1]:.1f}°: both explain alpha equally well, "
+        "because it nearly reached an orientation that looks the same; expose shorter"
+    )
+
+
+def _fitted(
+    alpha: Array,
+    std: Array,
+    use: Bools,
+    c: Array,
+    omega: float,
+    center: Array | None,
+    max_pixels: int,
+    spacings: float | None = None,
+) -> tuple[float, Rotation]:
+    """Mean squared residual, inflated by its correlation, and the rotation fitted from a start.
+
+    Uses at most `max_pixels` pixels, evenly spread. With `spacings`, the angle starts at that many
+    angles between blades.
+    """
+    for _ in range(RotationSettings.max_rounds):  # another center has other circles
+        ring, mask = ring_around(alpha, use, c)
+        every = -(-np.count_nonzero(mask) // max_pixels)
+        y, x = np.nonzero(mask)
+        blades = blades_of(pixels_at(alpha, std, y, x), c, ring)
+        y, x = y[::every], x[::every]
+        pixels = pixels_at(alpha, std, y, x)
+        apart = 2 * np.pi / len(blades)
+        if spacings is not None:
+            omega, spacings = spacings * apart, None
+        # A blade that passes the next one's start overlaps its path: alpha is largest between them.
+        shift = apart / 2 * np.floor(omega / apart)
+        model = Blades(center, ring, [(middle + shift, width) for middle, width in blades])
+        p, H, e = model.fit(pixels, c, omega)
+        moved = float(np.hypot(*(p[:2] - c)))
+        c, omega = p[:2], float(p[2])
+        if moved < RotationSettings.center_tolerance_px:
+            break
+    if alpha[mask].sum() < RotationSettings.min_alpha_fraction * alpha[use].sum():
+        raise MotionError(
+            "most of the moved object lies outside the ring in which all of it is visible: it does not "
+            "turn about one point alone; choose a region that contains only this object, or give its "
+            "center"
+        )
+    residuals = np.zeros(alpha.shape)
+    residuals[y, x] = e
+    inflation = float(coherence(residuals[..., None], mask).max()) if every == 1 else 1.0
+    misfit = max(inflation, 1.0) * float(np.mean(e**2))
+    covariance = np.linalg.pinv(H, hermitian=True) * max(misfit, 1.0)
+    at = [0, 1, 2] if center is None else [0]
+    total = np.zeros((3, 3))
+    total[3 - len(at) :, 3 - len(at) :] = covariance[np.ix_(at, at)]
+    return misfit, Rotation(c, omega, total, len(model.blades))

@@ -1,0 +1,76 @@
+"""explain: sentences about a Motion and a Speed."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.explain import explain
+from blurmatte.motion import Scale
+from blurmatte.motion.picture.measure import motion_of_sweep
+from blurmatte.sweep import Sweep, path_family
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
+
+LINE = ("line", [20, 30, 70, 42])
+
+
+def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
+    shape = silhouette.start(9.0)
+    covariance = std**2 * np.eye(len(path) + len(shape))
+    family, model = path_family(name), ColorModel.from_hex("#d8ff3c")
+    sweep = Sweep(family, np.array(path, float), silhouette, shape, model, covariance, (96, 72))
+    return replace(motion_of_sweep(sweep, 0.02), at_border=at_border)
+
+
+@pytest.mark.parametrize(
+    ("motion", "said"),
+    [
+        (motion_of(*LINE), "a disc on a straight line at constant speed"),
+        (motion_of(*LINE, ELLIPSE), "an ellipse on a straight line"),
+        (motion_of(*LINE), "or the opposite one: a single picture cannot tell which"),
+        (motion_of(*LINE, at_border=True), "It went at least 51.4"),
+        (motion_of(*LINE, at_border=True), "the length is a lower bound"),
+        (motion_of("from rest", [20, 30, 70, 42, 0.3], std=0.02), "at rest for 30% ± 2.0%"),
+        (motion_of("parabola", [20, 30, 48, 20, 70, 42]), "velocity changed by x -24.0"),
+        (motion_of("parabola", [20, 30, 48, 20, 70, 42]), "Its speed was between"),
+        (
+            motion_of("line", [45, 36, 45.1, 36]),
+            "it may have been at rest; its direction is unknown",
+        ),
+        (replace(motion_of(*LINE), source="moments"), "are not known without a shape"),
+        (replace(motion_of(*LINE), doubts=("It is two things.",)), "It is two things."),
+    ],
+)
+def test_motion_in_words(motion, said):
+    """Exact."""
+    assert said in " ".join(explain(motion))
+
+
+def test_motion_in_words_omits_what_does_not_apply():
+    """Exact: no border, rest or changing speed on a line."""
+    words = " ".join(explain(motion_of(*LINE)))
+    for said in ("lower bound", "at rest", "between", "moments"):
+        assert said not in words
+
+
+@pytest.mark.parametrize(
+    ("speed", "said"),
+    [
+        (motion_of(*LINE).speed(Scale(0.002)), "Mean speed 5.1"),
+        (motion_of(*LINE).speed(Scale(0.002, 0.0002)), "largest first: scale 10 %, length 0."),
+        (motion_of(*LINE).speed(), "the scale is missing for meters per second"),
+        (replace(motion_of(*LINE), exposure_time=None).speed(), "scale and the exposure time are"),
+        (motion_of(*LINE).speed(), "rolling shutter that takes 20 ms"),
+        (motion_of(*LINE).speed(exposure_time=1e-4), "the speed may be entirely different"),
+        (motion_of(*LINE).speed(line_time=1e-5), "direction of time"),
+    ],
+)
+def test_speed_in_words(speed, said):
+    """Exact."""
+    assert said in " ".join(explain(speed))
+
+
+def test_given_line_time_is_not_asked_for():
+    """Exact."""
+    assert "rolling" not in " ".join(explain(motion_of(*LINE).speed(line_time=0)))

@@ -1,0 +1,206 @@
+"""places_in_space, fit_balls: 3-D positions and velocities of a ball in a clip, and their errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import blurmatte as bm
+from blurmatte.motion.picture.error_budget import Source
+from blurmatte.motion.space.ball_motion import ball_motion
+from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
+from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.rendering import colorful_plate, render_flight
+
+LENS = bm.Intrinsics(900, 905, 640, 360, np.array([-0.1, 0.02, 1e-3, 0]))
+RADIUS = 0.03
+FLAT = bm.Intrinsics(900, 905, 640, 360)
+START, VELOCITY = np.array([-0.8, 0.3, 3.0]), np.array([3.0, -4.0, 1.5])
+GRAVITY = np.array([0.5, 9.6, 1.9])
+TIMES = np.array([0, 1, 2, 4, 5, 8]) / 30  # frames may be missing
+
+
+def at(t):
+    return START + t * VELOCITY + t**2 / 2 * GRAVITY
+
+
+def sighting(x, y, radius, std=(0.05, 0.02), doubts=""):
+    return bm.Sighting(
+        float(x), float(y), std[0], std[0], 0.0, 9.0, 0.0, 0.1, 0.1, 9.0, 0.1, 0.0, 0.01,
+        float(radius), std[1], x - 4, y, x + 4, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0,
+        False, True, doubts,
+    )  # fmt: skip
+
+
+def row(k, t, one, track=1):
+    return bm.FrameMotion(k, t, one, track, True, object=1)
+
+
+def fitted(X, true, lens, radius, rng=None, noise=(0.05, 0.02)):
+    """A ball fitted to a picture of the camera `true`, with the assumed camera and radius."""
+    pixels = np.tile(true.project(X[None]), (3, 1))
+    size = RADIUS * true.magnification(pixels)[:1] / np.linalg.norm(X)
+    values = np.concatenate([pixels.ravel(), size])
+    errors = np.concatenate([np.full(6, noise[0]), [noise[1]]])
+    if rng is not None:
+        values = values + errors * rng.standard_normal(7)
+
+    def nodes(p, camera):
+        return positions(lens.with_values(camera), p[:6].reshape(3, 2), np.full(3, p[6]))
+
+    return ball_motion(nodes, Source(values, np.diag(errors**2)), lens, radius, (None, 0), "line")
+
+
+def clip(true=LENS, lens=LENS, radius=(RADIUS, 0.0), rng=None):
+    balls = [fitted(at(t), true, lens, radius, rng) for t in TIMES]
+    rows = [row(k, float(t), sighting(640, 360, 9)) for k, t in enumerate(TIMES)]
+    return bm.places_in_space(rows, lens, *radius, balls=balls)
+
+
+def test_positions_and_velocities_of_flight():
+    """Exact: for constant acceleration and uneven times, also at both ends."""
+    places = clip()
+    assert_allclose([ball.place for ball in places], [at(t) for t in TIMES], atol=1e-9)
+    true = [VELOCITY + t * GRAVITY for t in TIMES]
+    assert_allclose([ball.velocity for ball in places], true, atol=1e-6)
+    assert_allclose([ball.speed for ball in places], np.linalg.norm(true, axis=1))
+    numbers = places[2].numbers()
+    assert tuple(numbers) == bm.BallPlace.names
+    assert numbers["ball_z"] == places[2].place[2]
+    assert numbers["ball_velocity_y_std"] == places[2].velocity_std[1]
+    assert numbers["ball_source"] == "ball"
+
+
+def test_errors_have_unit_z_scores():
+    """Honest: independent noise of pictures, and shared errors of radius and camera."""
+    spread = np.diag([9.0, 9, 16, 16])
+    known = replace(FLAT, covariance=spread)
+    rng, z, of_velocity, of_speed = np.random.default_rng(0), [], [], []
+    for _ in range(14):
+        lens = known.with_values(FLAT.values + np.sqrt(np.diag(spread)) * rng.standard_normal(4))
+        radius = RADIUS * (1 + 0.02 * rng.standard_normal())
+        places = clip(FLAT, lens, (radius, 0.02 * RADIUS), rng)
+        for ball, t in zip(places, TIMES, strict=True):
+            v = VELOCITY + t * GRAVITY
+            z.append((ball.place - at(t)) / ball.place_std)
+            of_velocity.append((ball.velocity - v) / ball.velocity_std)
+            of_speed.append((ball.speed - np.linalg.norm(v)) / ball.speed_std)
+    assert_allclose(np.sqrt(np.mean(np.square(z), axis=0)), 1, atol=0.3)
+    assert_allclose(np.sqrt(np.mean(np.square(of_velocity), axis=0)), 1, atol=0.3)
+    assert np.sqrt(np.mean(np.square(of_speed))) == pytest.approx(1, abs=0.3)
+
+
+def test_position_from_disc_without_fitted_ball():
+    """Oracle: the closed form, its source, and the error of the distance."""
+    places = bm.places_in_space([row(0, 0.0, sighting(700, 300, 9.0))], LENS, RADIUS)
+    X = RADIUS * positions_of_discs(LENS, np.array([[700.0, 300.0]]), 9.0)[0]
+    assert_allclose(places[0].place, X)
+    assert places[0].distance_std / places[0].distance == pytest.approx(0.02 / 9, rel=0.01)
+    assert (places[0].source, places[0].velocity) == ("sweep", None)
+    assert places[0].numbers()["ball_velocity_x"] is None
+    with pytest.raises(bm.MotionError, match="a velocity needs the position in two more frames"):
+        _ = places[0].speed
+
+
+def test_doubtful_positions_do_not_change_velocities():
+    """Exact: a doubtful position, a lost frame and another track do not change velocities."""
+    rows = [row(k, k / 30, sighting(600 + 9 * k, 300, 9.0)) for k in range(6)]
+    sound = bm.places_in_space(rows, LENS, RADIUS)
+    odd = row(6, 0.2, sighting(900, 100, 4.0, doubts="Hidden."))
+    other = row(8, 8 / 30, sighting(300, 300, 9.0), track=2)
+    more = bm.places_in_space([*rows, odd, row(7, 7 / 30, None), other], LENS, RADIUS)
+    assert_allclose([b.velocity for b in more[:6]], [b.velocity for b in sound])
+    assert more[6].doubted
+    assert more[6].velocity is None
+    assert more[7] is None
+    assert more[8].velocity is None
+
+
+def test_rolling_shutter_delays_lower_rows():
+    """Exact: each position at the time of its row."""
+    tau, rows, balls = 2e-5, [], []
+    for k in range(5):
+        t = k / 30
+        for _ in range(9):
+            y = float(FLAT.project(at(t)[None])[0, 1])
+            t = k / 30 + tau * y
+        balls.append(fitted(at(t), FLAT, FLAT, (RADIUS, 0.0)))
+        rows.append(row(k, k / 30, sighting(640, y, 9)))
+    seen = bm.places_in_space(rows, FLAT, RADIUS, balls=balls, line_time=tau)
+    assert_allclose(
+        [b.velocity for b in seen], [VELOCITY + b.time * GRAVITY for b in seen], atol=1e-6
+    )
+    assert_allclose(bm.fit_fall_in_space(seen).acceleration, GRAVITY, atol=1e-5)
+    unknown = bm.fit_fall_in_space(bm.places_in_space(rows, FLAT, RADIUS, balls=balls))
+    assert abs(unknown.size - np.linalg.norm(GRAVITY)) > 0.1
+
+
+def test_fitted_ball_removes_doubts_of_moments():
+    """Exact: doubts of a sweep are kept."""
+    odd = sighting(700, 300, 9.0, doubts="Not all is known.")
+    rows = [row(0, 0.0, replace(odd, source="moments")), row(1, 0.1, odd)]
+    ball = fitted(at(0), LENS, LENS, (RADIUS, 0.0))
+    found = bm.places_in_space(rows, LENS, RADIUS, balls=[ball, ball])
+    assert [place.doubted for place in found] == [False, True]
+    assert bm.places_in_space(rows, LENS, RADIUS)[0].doubted
+
+
+def test_no_velocity_without_times_and_no_position_beyond_the_lens():
+    """Exact: no velocity, and no position where the distortion has no inverse."""
+    rows = [row(k, None, sighting(600 + 9 * k, 300, 9.0)) for k in range(3)]
+    assert [ball.velocity for ball in bm.places_in_space(rows, LENS, RADIUS)] == [None] * 3
+    barrel = bm.Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
+    assert bm.places_in_space(rows, barrel, RADIUS) == [None] * 3
+    assert bm.places_in_space([], LENS, RADIUS) == []
+
+
+def test_fit_balls_in_rendered_frames():
+    """Oracle: two rendered frames, one far off the axis: 2 % of depth, and the direction of time."""
+    size, rng, known = (200, 150), np.random.default_rng(1), NoiseModel(read_std=0.003)
+    lens, color = bm.Intrinsics(400, 400, 99.5, 74.5, size=size), np.array([0.8, 0.35, 0.06])
+    plate = colorful_plate(size, 4, tile=25)
+    ends = np.array([[[-0.08, 0.03, 0.6], [-0.12, 0.02, 0.58]], [[0, 0, 0.6], [0.03, 0, 0.6]]])
+    frames, rows = [], []
+    for k, (a, b) in enumerate(ends):
+        X = a + np.linspace(0.005, 0.995, 100)[:, None] * (b - a)
+        light = render_flight(plate, lens, X, 0.02, color)[0].rgb
+        frames.append(LinearImage(light + 0.003 * rng.standard_normal(light.shape), noise=known))
+        first, last = lens.project(np.array([a, b])) + 0.4
+        middle = (first + last) / 2
+        one = replace(
+            sighting(*middle, 13.5),
+            **dict(zip(("first_x", "first_y", "last_x", "last_y"), [*first, *last], strict=True)),
+        )
+        rows.append(row(k, k / 30, one))
+    frames.append(frames[0])
+    rows += [row(2, 2 / 30, replace(rows[0].sighting, source="moments"))]
+    model = bm.ColorModel.from_samples(color, std=0)
+    empty = LinearImage(plate, noise=known)
+    found = list(bm.fit_balls(frames, empty, rows, model, lens, 0.02))
+    assert found[2] is None
+    for ball, (a, b) in zip(found, ends, strict=False):
+        off = ball.positions - [a, (a + b) / 2, b]
+        assert np.abs(off / ball.positions_std).max() < 4.5
+        assert abs(ball.depth / (a + b)[2] * 2 - 1) < 0.02
+    any_color = bm.fit_balls(frames, empty, rows, bm.ColorModel.any(), lens, 0.02)
+    assert list(any_color) == [None] * 3
+
+
+def test_invalid_input_is_rejected():
+    """Door: no radius, a negative error, intrinsics of another size."""
+    rows = [row(0, 0.0, sighting(700, 300, 9.0))]
+    with pytest.raises(ValueError, match="radius must be finite and above 0, got 0"):
+        bm.places_in_space(rows, LENS, 0)
+    with pytest.raises(ValueError, match="radius_std must be finite and not negative"):
+        bm.places_in_space(rows, LENS, RADIUS, -1)
+    with pytest.raises(ValueError, match="line_time must be finite seconds, got inf"):
+        bm.places_in_space(rows, LENS, RADIUS, line_time=np.inf)
+    with pytest.raises(ValueError, match="is it in microseconds"):
+        bm.places_in_space(rows, LENS, RADIUS, line_time=15e-3)
+    other = replace(LENS, size=(1280, 720))
+    image = LinearImage(np.zeros((4, 6, 3)))
+    with pytest.raises(
+        ValueError, match="calibrated with pictures of 1280x720 pixels, and this has 6x4"
+    ):
+        list(bm.fit_balls([image], image, rows, bm.ColorModel.any(), other, RADIUS))

@@ -1,0 +1,106 @@
+"""frame_scatter: errors of a clip compared with a smooth motion; outliers among its frames."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.explain import explain
+from blurmatte.motion import (
+    FrameMotion,
+    FrameSightings,
+    Scatter,
+    Sighting,
+    frame_scatter,
+    link_sightings,
+)
+
+STD, RADIUS_STD = 0.3, 0.1
+
+
+def clip(rng, count=60, turn=0.3, larger=1.0):
+    """A path around a circle and a growing radius; errors are `larger` times the stated ones."""
+    frames = []
+    for k in range(count):
+        phase = turn * k
+        x, y = 300 + 100 * np.array([np.cos(phase), np.sin(phase)]) + rng.normal(0, larger * STD, 2)
+        radius = 12 + 0.02 * k + rng.normal(0, larger * RADIUS_STD)
+        angle = (phase + np.pi) % np.pi - np.pi / 2
+        sighting = Sighting(
+            x, y, STD, STD, 0.0, 25 * np.cos(angle), 25 * np.sin(angle), 0.5, 0.5, 25.0, 0.5, angle,
+            0.02, radius, RADIUS_STD, x, y, x, y, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0,
+            False, True, "",
+        )  # fmt: skip
+        frames.append(FrameSightings(k, k / 30, (sighting,)))
+    return frames
+
+
+def test_scatter_is_ratio_of_true_to_stated_errors():
+    """Honest: the ratio of the true errors to the stated ones."""
+    for larger in (1, 3):
+        rng = np.random.default_rng(larger)
+        scatters = [frame_scatter(link_sightings(clip(rng, larger=larger))) for _ in range(20)]
+        for name in ("place", "radius"):
+            values = [getattr(one, name) for one in scatters]
+            assert np.mean(values) == pytest.approx(larger, rel=0.15)
+        assert sum(one.too_large for one in scatters) == (20 if larger == 3 else 0)
+    assert "the given errors were increased accordingly" in explain(scatters[0])[0]
+
+
+def test_errors_are_multiplied_by_significant_scatter():
+    """Honest: the true errors, although each frame states smaller ones; else the stated ones."""
+    for larger in (1, 3):
+        rows = [link_sightings(clip(np.random.default_rng(k), larger=larger)) for k in range(8)]
+        for name, std, field in (
+            ("place", STD, "x_std"),
+            ("radius", RADIUS_STD, "radius_std"),
+        ):
+            given = [getattr(some[0].sighting, field) for some in rows]
+            assert np.mean(given) == pytest.approx(larger * std, rel=0.15 if larger > 1 else 1e-12)
+            times = [getattr(some[0], f"{name}_scatter") for some in rows]
+            assert_allclose(np.array(given), np.array(times) * std)
+
+
+def test_curved_path_uses_more_neighbors():
+    """Honest: around a circle of eleven frames the truncation error does not add to the scatter."""
+    rng = np.random.default_rng(4)
+    scatters = [frame_scatter(link_sightings(clip(rng, turn=0.57))) for _ in range(10)]
+    assert np.mean([one.place for one in scatters]) == pytest.approx(1, rel=0.15)
+
+
+@pytest.mark.parametrize(("name", "wrong"), [("position", {"x": 8.0}), ("radius", {"radius": 1.5})])
+def test_outlier_gets_doubt(name, wrong):
+    """Exact: only the frame with the error, whose numbers are kept."""
+    frames = clip(np.random.default_rng(5))
+    (s,) = frames[20].found
+    off = replace(s, **{key: getattr(s, key) + value for key, value in wrong.items()})
+    frames[20] = replace(frames[20], found=(off,))
+    rows = link_sightings(frames)
+    assert [row.frame for row in rows if row.sighting.doubts] == [20]
+    assert rows[20].sighting.doubts.startswith(f"Its {name} is ")
+    assert getattr(rows[20].sighting, next(iter(wrong))) == getattr(off, next(iter(wrong)))
+
+
+def test_no_scatter_for_fast_turns_or_few_frames():
+    """Exact: none for a circle of six frames, and for few frames."""
+    rng = np.random.default_rng(2)
+    for frames in (clip(rng, turn=1.05), clip(rng, count=13)):
+        rows = link_sightings(frames)
+        assert frame_scatter(rows) is None
+        assert not any(row.sighting.doubts for row in rows)
+    assert frame_scatter([FrameMotion(0, None, None, reason="nothing moved")]) is None
+
+
+@pytest.mark.parametrize(
+    ("place", "count", "said"),
+    [
+        (1.1, 16, "as they should."),
+        (2.0, 16, "more than they should, but with so few frames that may be chance."),
+        (2.0, 60, "the given errors were increased accordingly."),
+    ],
+)
+def test_sentence_states_significance_of_scatter(place, count, said):
+    """Exact: errors as stated, a difference by chance, a significant one."""
+    (sentence,) = explain(Scatter(place, 1.0, count))
+    assert sentence.endswith(said)

@@ -1,0 +1,49 @@
+"""Workers: several works in one pool. clip_color: frames that vote, and when the vote ends."""
+
+import operator
+from itertools import islice
+
+import numpy as np
+import pytest
+
+from blurmatte.color import ColorModel
+from blurmatte.motion import Workers
+from blurmatte.motion.clip.color import _decided, _largest_group, _spread
+
+GREEN, SKIN = ColorModel.from_hex("#a0ff50"), ColorModel.from_hex("#ffd0b0")
+
+
+def test_pool_runs_several_works_in_order():
+    """Exact: results in order, from the latest work; pending tasks are dropped."""
+    pairs = [(k, 3) for k in range(7)]
+    with Workers(2) as workers:
+        assert list(workers.in_order(operator.sub, pairs)) == [k - 3 for k in range(7)]
+        assert list(workers.in_order(operator.sub, pairs, 1)) == [k - 3 for k in range(7)]
+        assert list(islice(workers.in_order(operator.add, pairs), 2)) == [3, 4]
+        assert list(workers.in_order(operator.mul, pairs)) == [3 * k for k in range(7)]
+
+
+@pytest.mark.parametrize("count", [0, -1, 1.5])
+def test_invalid_count_is_rejected(count):
+    # door
+    with pytest.raises(ValueError, match=f"workers must be at least 1, got {count}"):
+        Workers(count)
+
+
+@pytest.mark.parametrize("count", [1, 2, 5, 6, 7, 24, 121, 500])
+def test_each_frame_votes_at_most_once(count):
+    """Invariant: 24 frames at most, spread over the clip in the first round."""
+    frames = list(_spread(range(count), 4))
+    assert len(set(frames)) == len(frames) <= 24
+    assert len(frames) >= min(count, 6)
+    first = list(_spread(range(count), 1))
+    assert np.diff([-1, *sorted(first), count]).max() <= -(-count // 6) + 1
+
+
+def test_four_frames_decide_the_color():
+    """Exact: four frames, not four streaks, with two thirds of the weight."""
+    votes = [(GREEN, 1.0, k) for k in range(3)] + [(SKIN, 1.0, 0), (GREEN, 1.0, 2)]
+    assert not _decided(votes)
+    assert _decided([*votes, (GREEN, 1.0, 3)])
+    assert not _decided([*votes, (GREEN, 1.0, 3), (SKIN, 2.0, 4)])
+    assert {model for model, _, _ in _largest_group(votes)} == {GREEN}

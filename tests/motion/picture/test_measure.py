@@ -1,0 +1,291 @@
+"""measure_motion from sweeps and from moments: values and errors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import MotionError
+from blurmatte.files import read_solution, write
+from blurmatte.matting import Quality, Solution, solve
+from blurmatte.motion import measure_motion
+from blurmatte.motion.picture.measure import motion_of_sweep
+from blurmatte.motion.picture.motion import QUANTITIES
+from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.assess.diagnostics import Diagnostics
+from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
+from blurmatte.trajectory import Trajectory
+
+MODEL = ColorModel.from_hex("#d8ff3c")
+SIZE = (96, 72)
+PATHS = [
+    (LINE, [20, 30, 70, 42]),
+    (PARABOLA, [20, 30, 48, 20, 70, 42]),
+    (CUBIC, [20, 30, 34, 22, 52, 24, 70, 42]),
+    (ARC, [20, 30, 70, 42, 8]),
+    (BOUNCE, [20, 30, 45, 55, 70, 42, 0.4]),
+    (FROM_REST, [20, 30, 70, 42, 0.3]),
+]
+
+
+def sweep_of(family, path, silhouette=DISC, shape=(9.0,), std=0.05, residual_excess=1.0, size=SIZE):
+    n = len(path) + len(shape)
+    mixed = np.eye(n) + 0.3 * np.sin(np.arange(n * n)).reshape(n, n)
+    covariance = std**2 * mixed @ mixed.T
+    return Sweep(
+        family,
+        np.array(path, float),
+        silhouette,
+        np.array(shape, float),
+        MODEL,
+        covariance,
+        size,
+        Diagnostics(residual_excess=residual_excess),
+    )
+
+
+def solution_of(alpha, std=0.01, streak=None, sweep=None, **stats):
+    """A Solution with this alpha, known everywhere."""
+    quality = np.zeros(alpha.shape, np.uint8)
+    if streak is not None:
+        quality[~streak] = Quality.OUTSIDE
+    light = alpha[..., None] * MODEL.rgb[0]
+    stds = np.broadcast_to(np.asarray(std, float), alpha.shape).copy()
+    return Solution(
+        alpha, stds, light, np.ones_like(light), quality, MODEL, "made up", stats, sweep
+    )
+
+
+def of_sweep(sweep):
+    return measure_motion(solution_of(sweep.alpha, sweep=sweep))
+
+
+def drawn(angle=0.3, length=30.0, radius=7.0, size=SIZE, at=(48.2, 35.7)):
+    """Exact alpha of a disc on a line."""
+    shift = length * np.array([np.cos(angle), np.sin(angle)])
+    path = np.concatenate([np.array(at) - shift / 2, np.array(at) + shift / 2])
+    return sweep_of(LINE, path, shape=(radius,), size=size).alpha
+
+
+def values(motion):
+    return dict(zip(QUANTITIES, motion.values, strict=True))
+
+
+def test_line_has_the_quantities_of_its_parameters():
+    """Exact."""
+    motion = of_sweep(sweep_of(*PATHS[0]))
+    assert_allclose(motion.center, [45, 36], atol=1e-9)
+    assert motion.length == pytest.approx(np.hypot(50, 12), abs=1e-9)
+    assert motion.angle == pytest.approx(np.arctan2(12, 50), abs=1e-9)
+    assert motion.radius == pytest.approx(9, abs=1e-9)
+    assert motion.width == pytest.approx(18, abs=1e-3)
+    assert motion.area == pytest.approx(np.pi * 81, rel=1e-9)
+    assert motion.top_speed == pytest.approx(motion.length, rel=1e-6)
+    assert_allclose(motion.speeds, motion.length, rtol=1e-9)
+    assert motion.acceleration is None
+    assert (motion.source, motion.path, motion.silhouette) == ("sweep", "line", "disc")
+
+
+def test_parabola_has_its_acceleration():
+    """Exact: x(t) = a + v t + g t²/2."""
+    a, v, g = np.array([15.0, 40]), np.array([60.0, -50]), np.array([5.0, 90])
+    nodes = np.array([a + t * v + t * t * g / 2 for t in (0, 0.5, 1)])
+    motion = of_sweep(sweep_of(PARABOLA, nodes.ravel()))
+    assert_allclose(motion.acceleration, g, atol=1e-5)
+    t = (motion.trajectory.t[1:] + motion.trajectory.t[:-1]) / 2
+    assert_allclose(motion.speeds, np.hypot(*(v + t[:, None] * g).T), rtol=1e-3)
+
+
+def test_path_from_rest_has_its_rest():
+    """Exact: at rest for 0.3 of the exposure, then faster by 1/0.7."""
+    motion = of_sweep(sweep_of(*PATHS[5]))
+    assert motion.resting == pytest.approx(0.3)
+    assert motion.resting_std > 0
+    assert motion.top_speed == pytest.approx(motion.length / 0.7, rel=1e-6)
+    assert motion.center[0] == pytest.approx(20 + 25 * 0.7, abs=0.1)  # it was longer at the start
+
+
+@pytest.mark.parametrize(("family", "path"), PATHS, ids=[p[0].name for p in PATHS])
+def test_covariance_matches_draws(family, path):
+    """Oracle: parameters drawn from the sweep's covariance, measured one by one."""
+    sweep, rng = sweep_of(family, path, std=0.02), np.random.default_rng(1)
+    motion = of_sweep(sweep)
+    n = len(sweep.path)
+    draws = rng.multivariate_normal(
+        np.concatenate([sweep.path, sweep.shape]), sweep.covariance, 200
+    )
+    drawn = (motion_of_sweep(replace(sweep, path=d[:n], shape=d[n:]), None) for d in draws)
+    seen = np.array([one.values for one in drawn])
+    assert_allclose(seen.std(axis=0), np.sqrt(np.diag(motion.covariance)), rtol=0.2)
+
+
+def test_center_is_centroid_of_outline():
+    """Oracle: the mean of alpha itself, for an outline of order 3 that turns."""
+    shape = (12.0, 0.1, 0.05, 0.25, 0.1, 0.8)
+    sweep = sweep_of(LINE, [30, 30, 60, 40], Silhouette(3, turns=True), shape)
+    alpha = sweep.alpha
+    y, x = np.indices(alpha.shape)
+    mean = np.array([np.sum(alpha * x), np.sum(alpha * y)]) / alpha.sum()
+    assert_allclose(of_sweep(sweep).center, mean, atol=0.02)
+    assert of_sweep(sweep).area == pytest.approx(alpha.sum(), rel=1e-3)
+
+
+@pytest.mark.parametrize("angle", [0.3, -1.2, 1.5])
+def test_moments_of_exact_alpha(angle):
+    """Exact, but for pixels: the moments of a disc on a line."""
+    motion = measure_motion(solution_of(drawn(angle)))
+    assert motion.source == "moments"
+    assert_allclose(motion.center, [48.2, 35.7], atol=5e-3)
+    assert motion.length == pytest.approx(30, abs=0.03)
+    assert motion.angle == pytest.approx(angle, abs=1e-3)
+    assert motion.radius == pytest.approx(7, abs=5e-3)
+    assert motion.width == pytest.approx(14, abs=0.03)
+
+
+@pytest.mark.parametrize("softness", [0, 1.5])
+def test_errors_of_moments_match_scatter(softness):
+    """Honest: with independent and, as in `Smooth`, with correlated errors of pixels."""
+    from scipy.ndimage import gaussian_filter
+
+    rng, alpha, std = np.random.default_rng(3), drawn(), 0.02
+    streak = gaussian_filter((alpha > 0).astype(float), 2) > 0.05
+    z = []
+    for _ in range(120):
+        noise = rng.normal(size=alpha.shape)
+        if softness:
+            noise = gaussian_filter(noise, softness) * np.sqrt(4 * np.pi) * softness
+        together = max(4 * np.pi * softness**2, 1) * streak.sum() * std**2
+        solution = solution_of(alpha + std * noise, std, streak, sum_alpha_std=np.sqrt(together))
+        motion = measure_motion(solution)
+        true = np.array([48.2, 35.7, 0.3, 30, 14, 7, np.pi * 49, 30])
+        z.append((motion.values - true) / np.sqrt(np.diag(motion.covariance)))
+    z = np.array(z)
+    assert np.abs(z.mean(axis=0)).max() < 0.4
+    assert_allclose(z.std(axis=0), 1, atol=0.25)
+
+
+def test_errors_of_sweeps_match_scatter():
+    """Honest: small balls, from the pictures to the motion."""
+    z = []
+    for seed in range(8):
+        rng = np.random.default_rng(seed)
+        start, radius = rng.uniform(14, 22, 2), rng.uniform(5, 8)
+        path = Trajectory.line(start, start + rng.uniform(10, 26, 2))
+        ball = Ball(radius, np.array([0.8, 0.35, 0.06]))
+        truth = render(Scene(colorful_plate((64, 64), seed, tile=14), path, ball))
+        image, plate = Shot(truth.scene, Camera(code_std=1 / 255), seed=seed).photograph(truth)
+        image = replace(image, meta=replace(image.meta, exposure_time=0.02))
+        motion = measure_motion(solve(image, plate))
+        assert (motion.source, motion.exposure_time) == ("sweep", 0.02)
+        true = np.array([*path.at(0.5), path.length, radius])
+        found = np.array([*motion.center, motion.length, motion.radius])
+        std = np.array([*motion.center_std, motion.length_std, motion.radius_std])
+        z.append((found - true) / std)
+    assert 0.7 < np.sqrt(np.mean(np.square(z))) < 1.35  # of 32 slightly correlated numbers
+
+
+def test_rotated_picture_rotates_the_angle():
+    """Invariant: a quarter turn, from +x towards +y."""
+    alpha = drawn(0.3)
+    first = measure_motion(solution_of(alpha))
+    turned = measure_motion(solution_of(np.rot90(alpha, -1).copy()))  # (x, y) → (71 − y, x)
+    assert turned.angle == pytest.approx(first.angle + np.pi / 2 - np.pi, abs=1e-9) or (
+        turned.angle == pytest.approx(first.angle + np.pi / 2, abs=1e-9)
+    )
+    assert_allclose(turned.center, [71 - first.center[1], first.center[0]], atol=1e-9)
+    for name in ("length", "width", "radius", "length_std", "angle_std"):
+        assert getattr(turned, name) == pytest.approx(getattr(first, name), rel=1e-9)
+
+
+@pytest.mark.parametrize(("family", "path"), PATHS, ids=[p[0].name for p in PATHS])
+def test_reversed_twice_is_the_identity(family, path):
+    """Invariant: reversed twice; the outlines at both ends are exchanged."""
+    motion = of_sweep(sweep_of(family, path))
+    back = motion.reversed
+    assert abs(abs(back.angle - motion.angle) - np.pi) < 1e-9
+    assert_allclose(back.outline_at(0), motion.outline_at(1))
+    assert_allclose(back.trajectory.at(0.25), motion.trajectory.at(0.75), atol=1e-9)
+    again = back.reversed
+    assert_allclose(again.values, motion.values)
+    assert_allclose(again.trajectory.xy, motion.trajectory.xy)
+
+
+def test_motion_is_given_to_the_right():
+    """Invariant: for both directions of the fitted path."""
+    there, back = (of_sweep(sweep_of(LINE, p)) for p in ([20, 30, 70, 42], [70, 42, 20, 30]))
+    assert there.angle == pytest.approx(back.angle)
+    assert_allclose(there.outline_at(0), back.outline_at(0))
+    assert_allclose(there.place_covariance(0).shape, (2, 2))
+
+
+def test_motion_from_file_is_identical(tmp_path):
+    """Exact: measured from the file, to the last digit."""
+    sweep = sweep_of(ARC, PATHS[3][1], ELLIPSE, (9.0, 0.1, -0.05))
+    solution = solution_of(sweep.alpha, sweep=sweep, exposure_time=0.02)
+    write(tmp_path / "layer.exr", solution)
+    back = measure_motion(read_solution(tmp_path / "layer.exr"))
+    assert back.numbers() == measure_motion(solution).numbers()
+    assert back.exposure_time == 0.02
+
+
+def test_position_covariance_at_ends_and_middle():
+    """Exact: the ends of a line are parameters, and the middle of moments is the center."""
+    sweep = sweep_of(*PATHS[0])
+    motion = of_sweep(sweep)
+    assert_allclose(motion.place_covariance(0), sweep.covariance[:2, :2])
+    moments = measure_motion(solution_of(drawn()))
+    assert_allclose(moments.place_covariance(0.5), moments.covariance[:2, :2])
+    assert np.trace(moments.place_covariance(0)) > np.trace(moments.place_covariance(0.5))
+
+
+def test_unmeasurable_solution_is_rejected():
+    """Door."""
+    rng = np.random.default_rng(0)
+    with pytest.raises(MotionError, match="which is not above its error: no motion can be"):
+        measure_motion(solution_of(0.01 * rng.normal(size=(40, 40)), 0.01))
+    with pytest.raises(MotionError, match="no pixel of the streak has a known alpha"):
+        measure_motion(solution_of(drawn(), np.inf))
+    with pytest.raises(TypeError, match="solution must be a Solution, got ndarray"):
+        measure_motion(drawn())
+
+
+def test_moments_have_no_outline():
+    """Door."""
+    with pytest.raises(MotionError, match="no rigid outline explains this streak"):
+        measure_motion(solution_of(drawn())).outline_at(0)
+
+
+def test_object_at_rest_has_not_moved():
+    """Exact: a disc that stays."""
+    rng = np.random.default_rng(1)
+    alpha = drawn(length=1e-6) + 0.02 * rng.normal(size=(72, 96))
+    streak = drawn(length=1e-6, radius=10) > 0
+    assert not measure_motion(solution_of(alpha, 0.02, streak)).moved
+
+
+@pytest.mark.parametrize("at", [(12.0, 35.7), (48.2, 35.7)])
+def test_at_border_is_true_for_cut_streaks(at):
+    """Exact: from sweeps and from moments."""
+    alpha = drawn(at=at)
+    sweep = sweep_of(LINE, [at[0] - 14, 32, at[0] + 14, 40], shape=(7.0,))
+    for motion in (measure_motion(solution_of(alpha)), of_sweep(sweep)):
+        assert motion.at_border == (at[0] < 20)
+
+
+def test_separate_parts_and_large_residuals_give_doubts():
+    """Exact: two separate discs, and a sweep with a large residual."""
+    alpha = drawn(0.3, 8, 5, at=(20, 30)) + drawn(0.3, 8, 5, at=(70, 30))
+    assert "has 2 separate parts" in measure_motion(solution_of(alpha)).doubts[0]
+    assert measure_motion(solution_of(drawn())).doubts == ()
+    doubted = of_sweep(sweep_of(*PATHS[0], residual_excess=2.5))
+    assert "residuals correlated 2.5 times as much as noise" in doubted.doubts[0]
+
+
+def test_curved_path_gives_doubt_in_moments():
+    """Exact: half a circle is wider than a disc of its area."""
+    bent = sweep_of(ARC, [20, 20, 76, 20, 25], shape=(6.0,))
+    assert "the path bends" in measure_motion(solution_of(bent.alpha)).doubts[0]

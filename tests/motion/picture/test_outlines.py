@@ -1,0 +1,109 @@
+"""end_silhouettes: first and last silhouette from the derivative of alpha along the motion."""
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+
+from blurmatte.color import ColorModel
+from blurmatte.errors import MotionError
+from blurmatte.matting import Quality, Solution
+from blurmatte.motion import end_silhouettes, measure_motion
+
+RED = ColorModel(np.array([[1.0], [0], [0]]))
+SHAPE = (60, 110)
+START, SHIFT = np.array([28.0, 24.0]), np.array([50.0, 12.0])
+
+
+def silhouette(at, x, y):
+    """A rounded cross, as long as it is wide."""
+    dx, dy = x - at[0], y - at[1]
+    return np.clip(10.5 - np.hypot(dx, dy) - 2 * np.cos(4 * np.arctan2(dy, dx)), 0, 1)
+
+
+def streak(shift=SHIFT, moments=400):
+    """Alpha of the cross along a straight path, and its first and last silhouette."""
+    y, x = np.indices(SHAPE).astype(float)
+    places = [START + shift * t for t in (np.arange(moments) + 0.5) / moments]
+    alpha = np.mean([silhouette(place, x, y) for place in places], axis=0)
+    return alpha, silhouette(START, x, y), silhouette(START + shift, x, y)
+
+
+def solution_of(alpha, std, **stats):
+    light = np.repeat(alpha[..., None], 3, axis=-1)
+    quality = np.zeros(SHAPE, np.uint8)
+    quality[gaussian_filter(alpha, 2) < 0.002] = Quality.OUTSIDE
+    return Solution(
+        alpha, np.full(SHAPE, std), light, np.ones_like(light), quality, RED, "made up", stats
+    )
+
+
+def test_change_is_first_minus_last_silhouette():
+    """Oracle: both silhouettes drawn and smoothed by the same Gaussian."""
+    alpha, first, last = streak()
+    solution = solution_of(alpha, 1e-4)
+    motion = measure_motion(solution)
+    ends = end_silhouettes(solution, motion)
+    assert ends.scale == 1
+    soft_first, soft_last = (gaussian_filter(s, ends.scale) for s in (first, last))
+    assert motion.length == pytest.approx(np.hypot(*SHIFT), rel=0.002)
+    for found, true in ((ends.first, soft_first), (ends.last, soft_last)):
+        assert np.abs(found - true).max() < 0.12  # at edges, because of the pixel grid
+        assert np.sqrt(np.mean((found - true)[true > 0.01] ** 2)) < 0.03
+
+
+def test_change_is_zero_in_overlap():
+    """Exact: a shift by less than its size leaves 0 in the middle."""
+    alpha, first, last = streak(np.array([8.0, 2.0]))
+    ends = end_silhouettes(*_measured(alpha))
+    both = (gaussian_filter(first, 1) > 0.99) & (gaussian_filter(last, 1) > 0.99)
+    assert both.sum() > 20
+    assert np.abs(ends.change[both]).max() < 0.03
+    assert ends.change.max() > 0.5
+
+
+def _measured(alpha):
+    solution = solution_of(alpha, 1e-4)
+    return solution, measure_motion(solution)
+
+
+@pytest.mark.parametrize("softness", [0, 2.0])
+def test_error_matches_scatter(softness):
+    """Honest: independent and correlated noise of pixels."""
+    rng, std = np.random.default_rng(0), 0.01
+    alpha, _, _ = streak()
+    motion = measure_motion(solution_of(alpha, 1e-4))
+    exact = end_silhouettes(solution_of(alpha, 1e-4), motion)
+    z = []
+    for _ in range(20):
+        noise = rng.normal(size=SHAPE)
+        if softness:
+            noise = gaussian_filter(noise, softness) * np.sqrt(4 * np.pi) * softness
+        inside = solution_of(alpha, std).streak
+        together = max(4 * np.pi * softness**2, 1) * inside.sum() * std**2
+        noisy = solution_of(alpha, std, sum_alpha_std=np.sqrt(together))
+        noisy = solution_of(alpha + np.where(inside, std * noise, 0), std, **noisy.stats)
+        ends = end_silhouettes(noisy, motion)
+        smooth = gaussian_filter(exact.change, np.sqrt(ends.scale**2 - 1))
+        middle = gaussian_filter(inside.astype(float), 4) > 0.99
+        z.append((ends.change - smooth)[middle] / ends.change_std[middle])
+    assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.2)
+
+
+def test_error_is_infinite_where_alpha_is_unknown():
+    """Exact: infinite errors where alpha is not known."""
+    alpha, _, _ = streak()
+    solution = solution_of(alpha, 0.001)
+    motion = measure_motion(solution)
+    solution.alpha_std[30, 50] = np.inf
+    ends = end_silhouettes(solution, motion)
+    assert np.isinf(ends.change_std[30, 50])
+    assert np.isfinite(ends.change_std).sum() == alpha.size - 1
+    assert "EndSilhouettes(110x60, ± " in repr(ends)
+
+
+def test_object_at_rest_is_rejected():
+    """Door."""
+    y, x = np.indices(SHAPE).astype(float)
+    solution = solution_of(np.clip(10.5 - np.hypot(x - 50.3, y - 30.1), 0, 1), 0.02)
+    with pytest.raises(MotionError, match="the first and the last silhouette are one"):
+        end_silhouettes(solution, measure_motion(solution))
