@@ -2,7 +2,6 @@
 
 from blurmatte.motion.clip.balls import fit_balls as fit_balls
 from blurmatte.motion.clip.color import clip_color as clip_color
-from blurmatte.motion.clip.detect import sightings as sightings
 from blurmatte.motion.clip.detections import FrameMotion as FrameMotion
 from blurmatte.motion.clip.detections import FrameSightings as FrameSightings
 from blurmatte.motion.clip.detections import Sighting as Sighting
@@ -13,6 +12,7 @@ from blurmatte.motion.clip.linking import frame_scatter as frame_scatter
 from blurmatte.motion.clip.linking import link_objects as link_objects
 from blurmatte.motion.clip.linking import link_sightings as link_sightings
 from blurmatte.motion.clip.measure import measure_clip as measure_clip
+from blurmatte.motion.clip.measure import sightings as sightings
 from blurmatte.motion.clip.positions_3d import BallPlace as BallPlace
 from blurmatte.motion.clip.positions_3d import places_in_space as places_in_space
 from blurmatte.motion.clip.track_outliers import Scatter as Scatter

@@ -8,7 +8,6 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import check_kind
-from blurmatte.motion.picture.motion import check_line_time
 
 Array = npt.NDArray[np.float64]
 
@@ -185,11 +184,3 @@ def check_rows(rows: Iterable[object]) -> None:
     """Raise TypeError unless each is a FrameMotion."""
     for row in rows:
         check_kind("each of rows", row, FrameMotion, "use blurmatte.measure_clip(frames)")
-
-
-def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> None:
-    """Raise ValueError unless a rolling shutter can read down to the lowest detection in time."""
-    lowest = max((row.sighting.y for row in rows if row.sighting is not None), default=0.0)
-    times = sorted({row.time for row in rows if row.time is not None})
-    interval = float(np.median(np.diff(times))) if len(times) > 1 else None
-    check_line_time(line_time, lowest, interval)

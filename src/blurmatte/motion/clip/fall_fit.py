@@ -19,14 +19,9 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
-from blurmatte.motion.clip.detections import (
-    FrameMotion,
-    check_line_time_of_clip,
-    check_rows,
-    main_track,
-)
+from blurmatte.motion.clip.detections import FrameMotion, check_rows, main_track
 from blurmatte.motion.clip.fall import FallSettings, FreeFall
-from blurmatte.motion.clip.positions_3d import BallPlace
+from blurmatte.motion.clip.positions_3d import BallPlace, check_line_time_of_clip
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.motion.space.ball_motion import BallMotion
 

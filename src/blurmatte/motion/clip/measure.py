@@ -1,16 +1,47 @@
-"""measure_clip: frames → the motion of an object, or of several, in each of them."""
+"""measure_clip: frames → the motion of an object, or of several, in each of them.
 
-from collections.abc import Sequence
+`sightings` measures each frame alone, so that frames can be measured in any order, and an interrupted
+clip can be resumed. `link_sightings` joins the detections to tracks.
+"""
 
-from blurmatte.background import make_plate
-from blurmatte.checks import check_kind
+import warnings
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import count
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.background import Matching, make_plate
+from blurmatte.checks import check_kind, check_same_size
 from blurmatte.color.model import ColorModel
+from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
+from blurmatte.matting.pixelwise import Pixelwise
+from blurmatte.matting.solve import solve
 from blurmatte.motion.clip.color import clip_color
-from blurmatte.motion.clip.detect import sightings
-from blurmatte.motion.clip.detections import FrameMotion
+from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
+from blurmatte.motion.clip.frames import Noise, noise_of, plate_in_light_of, with_default_noise
 from blurmatte.motion.clip.linking import link_objects, link_sightings
+from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.workers import Workers, shared
-from blurmatte.radiometry import LinearImage
+from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
+from blurmatte.motion.picture.motion import Motion
+from blurmatte.radiometry import LinearImage, check_picture, with_noise
+from blurmatte.streaks import Streak
+from blurmatte.sweep.fit_sweep import fit_disc
+from blurmatte.sweep.shadow_mask import shadow_around
+from blurmatte.sweep.sweep import Sweep
+from blurmatte.trajectory import Trajectory
+
+Array = npt.NDArray[np.float64]
+
+_MARGIN = 24  # pixels around a streak whose alpha is solved
+_MIN_PLATE_FRACTION = 0.5  # of a streak's pixels; a disc is not determined by fewer
+_NO_COLOR = (
+    "nothing of the object's color moved: it is out of the picture, at rest in the plate too, or "
+    "hidden"
+)
 
 
 def measure_clip(
@@ -66,3 +97,195 @@ def measure_clip(
             model = clip_color(frames, plate, processes)
         seen = sightings(frames, plate, model, several=several, rate=rate, workers=processes)
         return link_objects(seen) if several else link_sightings(seen)
+
+
+def sightings(
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    model: ColorModel,
+    *,
+    several: bool = False,
+    numbers: Iterable[int] | None = None,
+    rate: float | None = None,
+    skip: int = 0,
+    workers: int | Workers = 1,
+) -> Iterator[FrameSightings]:
+    """Detect an object in each frame of a clip.
+
+    For an object of one paint, the streaks are the parts of a frame in which light of its color shows;
+    for others, all parts that changed and did not only become darker. Each is measured by a fit of a
+    disc on a parabola if that explains it, else by the moments of alpha. For a single object of one
+    paint, streaks fainter than one that a disc explains are not measured. Frames share only the noise,
+    which is measured in the first one if none is given.
+
+    Parameters
+    ----------
+    frames : sequence of LinearImage
+        From `read_frames`, or a list.
+    plate : LinearImage
+        The same scene without it, of the same size.
+    model : ColorModel
+        Its color; `clip_color` finds it.
+    several : bool
+        True if several objects have the color: up to 16 streaks of a frame are measured instead of 3.
+        Streaks with less than a tenth of the strongest one's light are always ignored.
+    numbers : iterable of int, optional
+        The frames' numbers; 0, 1, … if not given.
+    rate : float, optional
+        Frames per second; replaces the times in the frames.
+    skip : int
+        Number of frames that were done before.
+    workers : int or Workers
+        Number of processes, or the processes; the results do not depend on it. Programs that use more
+        than one need the usual `if __name__ == "__main__":`.
+
+    Yields
+    ------
+    FrameSightings
+        One for each frame, in order.
+
+    Raises
+    ------
+    ValueError
+        If a frame and the plate differ in size, or rate or workers are not positive.
+    """
+    _check_clip(frames, plate, model, rate)
+    first, plate = with_noise(frames[0], plate)
+    model = replace(model, to_srgb=first.meta.to_srgb)
+    color = MatchedFilter.of(plate, first, model) if model.rank == 1 else None
+    detect = _Detector(plate, model, color, noise_of(first), rate, several)
+    where = list(numbers)[skip:] if numbers is not None else count(skip)
+    with shared(workers) as processes:
+        yield from processes.in_order(detect, zip(where, frames[skip:], strict=False))
+
+
+def _check_clip(
+    frames: Sequence[LinearImage], plate: LinearImage, model: ColorModel, rate: float | None
+) -> None:
+    check_picture("plate", plate)
+    check_kind("model", model, ColorModel, "use blurmatte.clip_color(frames, plate)")
+    if rate is not None and not (np.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be frames per second, above 0, got {rate}")
+    if not frames:
+        raise ValueError("frames must be one or more, got none")
+    check_picture("a frame", frames[0])
+    check_same_size("a frame", frames[0].size, "plate", plate.size)
+
+
+@dataclass(frozen=True, eq=False)
+class _Detector:
+    """Detects and measures the object in a frame; holds what all frames share."""
+
+    plate: LinearImage
+    model: ColorModel
+    color: MatchedFilter | None
+    noise: Noise
+    rate: float | None
+    several: bool
+
+    def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
+        check_picture("a frame", frame)
+        check_same_size("a frame", frame.size, "plate", self.plate.size)
+        image = with_default_noise(frame, self.noise)
+        time = frame.meta.time if self.rate is None else number / self.rate
+        plate = plate_in_light_of(self.plate, image)
+        if self.color is None:
+            streaks, inflation = moving_parts(image, plate, self.several), 1.0
+        else:
+            streaks, inflation = self.color.parts(image, self.several)
+        found, reasons, rest = [], [], deque(streaks)
+        single = self.color is not None and not self.several
+        while rest:
+            try:
+                found.append(_measured(image, plate, rest.popleft(), self.model, inflation))
+            except BlurmatteError as error:
+                reasons.append(str(error))
+            if single and found and found[-1].source == "sweep":
+                break
+        if not streaks:
+            reasons = ["nothing moved" if self.color is None else _NO_COLOR]
+        return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
+
+
+def _measured(
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel, inflation: float
+) -> Sighting:
+    """Detection from a fitted disc, or from moments, whose errors are multiplied by `inflation`."""
+    known = plate.valid[streak.rows_columns][streak.mask[streak.rows_columns]]
+    if np.mean(known) < _MIN_PLATE_FRACTION:
+        raise MotionError("most of the streak lies where the plate is not known")
+    if model.rank == 1:
+        shadow = shadow_around(image, plate, streak, model.pole)
+        image = replace(image, valid=image.valid & ~shadow)
+        streak = replace(streak, mask=streak.mask & ~shadow)
+    sweep = fit_disc(image, plate, streak, model)
+    if not sweep.rejection:
+        return _sighting(motion_of_sweep(sweep, image.meta.exposure_time), streak, model, sweep)
+    if model.rank == 3:
+        raise MotionError(
+            "no disc on a path explains the streak, and without a color nothing else can be measured"
+        )
+    motion = _motion_of_pixels(image, plate, streak, model)
+    motion = replace(motion, covariance=inflation**2 * motion.covariance)
+    return _sighting(motion, streak, model, sweep)
+
+
+def _motion_of_pixels(
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel
+) -> Motion:
+    """Motion from the moments of alpha around a streak, in coordinates of the whole picture."""
+    x0, y0, x1, y1 = box = streak.around(_MARGIN)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", BlurmatteWarning)
+        solution = solve(
+            image.crop(box),
+            plate.crop(box),
+            model,
+            Pixelwise(),
+            streak=Streak(streak.mask[y0:y1, x0:x1]),
+            matching=Matching.NONE,
+        )
+    motion = motion_of_alpha(solution)
+    corner, values = np.array([x0, y0], float), motion.values.copy()
+    values[:2] += corner
+    return replace(
+        motion,
+        trajectory=Trajectory(motion.trajectory.xy + corner, motion.trajectory.t),
+        values=values,
+        size=image.size,
+        doubts=motion.doubts + tuple(str(warning.message) for warning in caught),
+    )
+
+
+def _sighting(motion: Motion, streak: Streak, model: ColorModel, sweep: Sweep) -> Sighting:
+    if abs(motion.angle) > np.pi / 2:
+        motion = motion.reversed
+    c, s, L = np.cos(motion.angle), np.sin(motion.angle), motion.length
+    J = np.array([[c, -L * s], [s, L * c]])
+    names = ("length", "angle")
+    V = J @ np.array([[motion.covariance_of(a, b) for b in names] for a in names]) @ J.T
+    (x, y), (x_std, y_std) = motion.center.tolist(), motion.center_std.tolist()
+    vx_std, vy_std = np.sqrt(np.maximum(np.diag(V), 0)).tolist()
+    (first_x, first_y), (last_x, last_y) = motion.trajectory.xy[[0, -1]].tolist()
+    same = "length", "length_std", "angle", "angle_std", "radius", "radius_std"
+    also = "source", "path", "silhouette", "at_border", "moved"
+    return Sighting(
+        x=x,
+        y=y,
+        x_std=x_std,
+        y_std=y_std,
+        xy_covariance=motion.covariance_of("x", "y"),
+        vx=float(L * c),
+        vy=float(L * s),
+        vx_std=vx_std,
+        vy_std=vy_std,
+        first_x=first_x,
+        first_y=first_y,
+        last_x=last_x,
+        last_y=last_y,
+        color="" if model.rank == 3 else " + ".join(model.hex),
+        evidence=float(streak.evidence),
+        residual_excess=sweep.diagnostics.residual_excess,
+        doubts=" ".join(motion.doubts),
+        **{name: getattr(motion, name) for name in (*same, *also)},
+    )

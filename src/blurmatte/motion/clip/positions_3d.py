@@ -19,18 +19,14 @@ import numpy.typing as npt
 from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
-from blurmatte.motion.clip.detections import (
-    FrameMotion,
-    Sighting,
-    check_line_time_of_clip,
-    check_rows,
-)
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, check_rows
 from blurmatte.motion.picture.error_budget import (
     DIFFERENCE_STEP,
     by_axis,
     check_with_std,
     propagated,
 )
+from blurmatte.motion.picture.motion import check_line_time
 from blurmatte.motion.space.ball_motion import BallMotion
 from blurmatte.motion.space.perspective_ball import positions, positions_of_discs
 
@@ -201,27 +197,45 @@ def places_in_space(
     check_intrinsics("intrinsics", intrinsics)
     check_with_std("radius", radius, radius_std)
     check_line_time_of_clip(line_time, rows)
-    places: list[BallPlace | None] = [None] * len(rows)
-    shared: dict[int, Array] = {}
     fitted = [None] * len(rows) if balls is None else balls
     for ball in fitted:
         check_kind("each of balls", ball, BallMotion | None, "use blurmatte.fit_balls")
+    places: list[BallPlace | None] = [None] * len(rows)
+    shared: dict[int, Array] = {}
     for k, (row, ball) in enumerate(zip(rows, fitted, strict=True)):
-        if row.sighting is None:
-            continue
-        seen = row.sighting
-        place = _of_disc(row, seen, intrinsics, radius)
-        if ball is not None:
-            place = replace(BallPlace.of(ball, row.frame, row.time), track=place.track)
-        if np.all(np.isfinite(place.place)):
-            S = _shared(place.place, intrinsics, radius, radius_std)
-            time = None if row.time is None else row.time + line_time * seen.y
-            doubted = bool(seen.doubts) and (ball is None or seen.source == "sweep")
-            places[k] = replace(_with_shared_errors(place, S), time=time, doubted=doubted)
-            shared[k] = S
+        place = _place(row, ball, intrinsics, radius)
+        if place is not None and np.all(np.isfinite(place.place)):
+            S = shared[k] = _shared(place.place, intrinsics, radius, radius_std)
+            time, seen = row.time, row.sighting
+            if time is not None and seen is not None:
+                time += line_time * seen.y
+            places[k] = replace(_with_shared_errors(place, S), time=time)
     for track in _tracks(rows, places):
         _set_velocities(places, track, shared)
     return places
+
+
+def check_line_time_of_clip(line_time: float, rows: Sequence[FrameMotion]) -> None:
+    """Raise ValueError unless a rolling shutter can read down to the lowest detection in time."""
+    lowest = max((row.sighting.y for row in rows if row.sighting is not None), default=0.0)
+    times = sorted({row.time for row in rows if row.time is not None})
+    interval = float(np.median(np.diff(times))) if len(times) > 1 else None
+    check_line_time(line_time, lowest, interval)
+
+
+def _place(
+    row: FrameMotion, ball: BallMotion | None, intrinsics: Intrinsics, radius: float
+) -> BallPlace | None:
+    """Position from a fitted ball, else from the disc of a detection, with the errors of the frame."""
+    seen = row.sighting
+    if seen is None:
+        return None
+    if ball is None:
+        place = _of_disc(row, seen, intrinsics, radius)
+    else:
+        place = replace(BallPlace.of(ball, row.frame, row.time), track=row.track or 1)
+    doubted = bool(seen.doubts) and (ball is None or seen.source == "sweep")
+    return replace(place, doubted=doubted)
 
 
 def _of_disc(row: FrameMotion, seen: Sighting, intrinsics: Intrinsics, radius: float) -> BallPlace:

@@ -182,14 +182,10 @@ class Speed:
             missing = " and ".join(f"{'a' if n == 'scale' else 'an'} {n}" for n in self.missing())
             raise MotionError(f"the speed is known in {self.unit} only; give {missing}")
         f = _PER_METER_PER_SECOND[unit] / _PER_METER_PER_SECOND[self.unit]
-        return replace(
-            self,
-            mean=f * self.mean,
-            mean_std=f * self.mean_std,
-            top=f * self.top,
-            top_std=f * self.top_std,
-            unit=unit,
+        mean, mean_std, top, top_std = (
+            f * v for v in (self.mean, self.mean_std, self.top, self.top_std)
         )
+        return Speed(mean, mean_std, top, top_std, unit, self.parts, self.unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -405,10 +401,6 @@ class Motion:
         downward : bool, optional
             True if it moved down in the picture, False if up: a rolling shutter changes the two
             differently. If unknown, the mean of both is given, and half their difference is an error.
-
-        Returns
-        -------
-        Speed
 
         Raises
         ------

@@ -21,7 +21,7 @@ import numpy.typing as npt
 from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
-from blurmatte.motion.picture.moments import variance_inflation
+from blurmatte.motion.picture.measure import variance_inflation
 from blurmatte.motion.picture.motion import Motion
 
 Array = npt.NDArray[np.float64]
@@ -83,10 +83,6 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
     solution : Solution
     motion : Motion
         From `measure_motion(solution)`.
-
-    Returns
-    -------
-    EndSilhouettes
 
     Raises
     ------

@@ -72,10 +72,6 @@ def measure_ball(
     radius_std, exposure_std : float
         Standard deviations of the two.
 
-    Returns
-    -------
-    BallMotion
-
     Raises
     ------
     TypeError, ValueError
@@ -126,10 +122,6 @@ def fit_ball(
     sweep : Sweep, optional
         The start, with the rank of the color; found by `fit_sweep` if not given.
 
-    Returns
-    -------
-    BallMotion
-
     Raises
     ------
     ColorModelError, ValueError
@@ -145,7 +137,7 @@ def fit_ball(
     if sweep is None:
         sweep = fit_sweep(image, plate)
     best = _best_fit(intrinsics, sweep, image, plate)
-    n = len(best.path)
+    family, n = best.family, len(best.path)
     H, _ = best.information()
     covariance = np.linalg.pinv(H, hermitian=True) * variance_inflation(best) * VARIANCE
     picture = Source(np.concatenate([best.path, best.shape]), np.asarray(covariance))
@@ -157,17 +149,11 @@ def fit_ball(
 
     def nodes(parameters: Array, values: Array) -> Array:
         X, _ = at_nodes(intrinsics.with_values(values), parameters[:n], parameters[n:])
-        assert isinstance(best.family, Polynomial)
-        return np.asarray(best.family.weights(np.array([0, 0.5, 1])) @ X)
+        assert isinstance(family, Polynomial)
+        return np.asarray(family.weights(np.array([0, 0.5, 1])) @ X)
 
-    return ball_motion(
-        nodes,
-        picture,
-        intrinsics,
-        (radius, radius_std),
-        (exposure_time, exposure_std),
-        best.family.name,
-    )
+    sizes, times = (radius, radius_std), (exposure_time, exposure_std)
+    return ball_motion(nodes, picture, intrinsics, sizes, times, family.name)
 
 
 def _check_accepted(sweep: Sweep, what: str) -> None:

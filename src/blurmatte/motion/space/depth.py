@@ -20,8 +20,8 @@ from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
     Source,
-    check_exposure,
     check_positive,
+    check_std,
     check_with_std,
     covariances,
     path_source,
@@ -110,10 +110,6 @@ def depth_from_blur(
     speed_std, exposure_std, path_std : float
         Standard deviations; the last of each coordinate of both ends of a Trajectory, pixels.
 
-    Returns
-    -------
-    BlurDepth
-
     Raises
     ------
     TypeError, ValueError
@@ -123,10 +119,8 @@ def depth_from_blur(
     """
     check_with_std("speed", speed, speed_std)
     check_positive("exposure_time", exposure_time)
-    check_exposure(exposure_time, exposure_std)
-    along = None if direction is None else np.asarray(direction, dtype=float)
-    if along is not None and (along.shape != (3,) or not np.linalg.norm(along) > 0):
-        raise ValueError(f"direction must be (x, y, z), not all 0, got {along}")
+    check_std("exposure_std", exposure_std)
+    along = _checked_direction(direction)
     picture, points = path_source(path, path_std)
     sources = {
         "picture": picture,
@@ -145,14 +139,15 @@ def depth_from_blur(
             "no motion in this direction before the camera leaves this streak; check "
             "direction, or measure a streak that has a length"
         )
-    total = sum(parts.values(), np.zeros((4, 4)))
-    return BlurDepth(
-        float(values[0]),
-        float(values[1]),
-        total[:2, :2],
-        float(values[3]),
-        relative_errors(parts, 2, float(values[2])),
-    )
+    (start, end, mean, off), total = map(float, values), sum(parts.values(), np.zeros((4, 4)))
+    return BlurDepth(start, end, total[:2, :2], off, relative_errors(parts, 2, mean))
+
+
+def _checked_direction(direction: npt.ArrayLike | None) -> Array | None:
+    along = None if direction is None else np.asarray(direction, dtype=float)
+    if along is not None and (along.shape != (3,) or not np.linalg.norm(along) > 0):
+        raise ValueError(f"direction must be (x, y, z), not all 0, got {along}")
+    return along
 
 
 def _depths(ends: Array, shift: float, direction: Array | None) -> Array:

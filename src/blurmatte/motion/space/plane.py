@@ -270,10 +270,6 @@ def measure_on_plane(
     path_std : float
         Standard deviation of each coordinate of both ends of a Trajectory, pixels.
 
-    Returns
-    -------
-    PlaneMotion
-
     Raises
     ------
     TypeError, ValueError
@@ -302,16 +298,10 @@ def measure_on_plane(
     if not values[4] > 0:
         raise MotionError("nothing moved: start and end of the path are one point")
     total = sum(parts.values(), np.zeros((5, 5)))
-    return PlaneMotion(
-        values[:2],
-        values[2:4],
-        total[:4, :4],
-        float(values[4]),
-        float(np.sqrt(total[4, 4])),
-        relative_errors(parts, 4, float(values[4]), exposure_time, exposure_std),
-        exposure_time,
-        exposure_std,
-    )
+    length, length_std, time = float(values[4]), float(np.sqrt(total[4, 4])), exposure_time
+    relative = relative_errors(parts, 4, length, time, exposure_std)
+    start, end, V = values[:2], values[2:4], total[:4, :4]
+    return PlaneMotion(start, end, V, length, length_std, relative, time, exposure_std)
 
 
 def _raised(H: Array, height: float) -> Array:

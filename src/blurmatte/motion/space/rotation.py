@@ -133,10 +133,6 @@ def measure_rotation(
     exposure_std : float
         Its standard deviation.
 
-    Returns
-    -------
-    Rotation
-
     Raises
     ------
     TypeError, ValueError
