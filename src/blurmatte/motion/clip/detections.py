@@ -31,7 +31,7 @@ class Sighting:
     color : str
         sRGB-coded.
     evidence : float
-        Signal-to-noise ratio of the object's light, squared.
+        Strength of its light, as in `Streak`.
     source, path, silhouette : str
         As in `Motion`.
     residual_excess : float

@@ -18,10 +18,8 @@ _NO_TRACK = "{} streak{} of the color ignored: of several objects at once, or in
 class LinkSettings:
     """Which tracks are the object, and which detections are doubtful."""
 
-    min_evidence_fraction: float = (
-        0.1  # of the strongest track's in a frame: less is another object
-    )
-    min_peak_fraction: float = 0.003  # of the strongest streak's: less is a coding artifact
+    min_evidence_fraction: float = 0.1  # of the strongest track's: less is another object
+    min_peak_fraction: float = 0.003  # of the strongest streak's evidence: a coding artifact
     max_size_ratio: float = 2.0  # to the median radius: larger or smaller is doubtful
 
 
@@ -44,7 +42,7 @@ def link_sightings(frames: Iterable[FrameSightings]) -> list[FrameMotion]:
         is an outlier among the frames around it gets a doubt. If all scatter by more than their
         errors, the errors are multiplied accordingly.
     """
-    all_frames = _without_specks(frames)
+    all_frames = _without_artifacts(frames)
     chosen = _chosen(tracks_of(all_frames))
     radius = _median_radius(chosen)
     rows = []
@@ -84,8 +82,8 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> list[Frame
     """
     if least < 1:
         raise ValueError(f"least must be at least 1, got {least}")
-    all_frames = _without_specks(frames)
-    found = [track for track in tracks_of(all_frames, alike=True) if len(track.seen) >= least]
+    all_frames = _without_artifacts(frames)
+    found = [track for track in tracks_of(all_frames, similar=True) if len(track.seen) >= least]
     radii = [_median_radius([track]) for track in found]
     rows = []
     for index, frame in enumerate(all_frames):
@@ -118,7 +116,7 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
     return scatter_of([row.frame for row, _ in seen], own)
 
 
-def _without_specks(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
+def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
     """The frames, without artifacts of video coding where nothing moves."""
     all_frames = list(frames)
     for frame in all_frames:

@@ -20,9 +20,8 @@ Array = npt.NDArray[np.float64]
 
 # Medians of √χ² of two degrees of freedom, a position, and of one, a radius.
 _MEDIANS = np.sqrt([2 * np.log(2), 0.4549])
-_POSITION_FACTOR = np.array(
-    [1.12, 1.0]
-)  # quantile of √χ² of two over that of one, at the threshold
+# Thresholds of equal probability: for √χ² of two degrees of freedom over that of one, and 1.
+_THRESHOLD_RATIOS = np.array([1.12, 1.0])
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def doubted(frames: Sequence[int], seen: Sequence[Sighting]) -> list[Sighting]:
         scatter = _scatter(errors, unsteady)
         if scatter is None:
             break
-        usual = np.maximum([scatter.place, scatter.radius], 1) * _POSITION_FACTOR
+        usual = np.maximum([scatter.place, scatter.radius], 1) * _THRESHOLD_RATIOS
         times = np.nan_to_num(errors / usual)
         k, what = np.unravel_index(np.argmax(times), times.shape)
         if times[k, what] < OutlierSettings.max_deviation:

@@ -34,11 +34,21 @@ class TrackSettings:
 
 @dataclass
 class Track:
-    """Detections of an object by index of the frame, and its predicted state in the last one."""
+    """Detections of an object, and its state.
+
+    Parameters
+    ----------
+    state, covariance : (4,), (4, 4) float
+        s and V in the latest frame, predicted or updated.
+    blur : float
+        Length and radius of the latest streak together, pixels: scale of the next acceleration.
+    seen : dict of int to Sighting
+        Detections by index of the frame.
+    """
 
     state: Array
     covariance: Array
-    agility: float
+    blur: float
     seen: dict[int, Sighting] = field(default_factory=dict)
 
     @property
@@ -53,40 +63,42 @@ class Track:
 
     @property
     def evidence(self) -> float:
-        """Sum over its detections."""
+        """Sum of the evidence of its detections."""
         return sum(s.evidence for s in self.seen.values())
 
     def predict(self) -> None:
-        """Predict the state in the next frame."""
+        """Predict the state in the next frame; a is the standard deviation of the acceleration."""
         F = np.eye(4) + np.eye(4, k=2)
         G = np.vstack([np.eye(2) / 2, np.eye(2)])
         speed = float(np.linalg.norm(self.state[2:]))
-        a = self.agility + TrackSettings.velocity_change * speed
+        a = self.blur + TrackSettings.velocity_change * speed
         self.state = F @ self.state
         self.covariance = F @ self.covariance @ F.T + a**2 * G @ G.T
 
     def cost(self, sighting: Sighting) -> float:
         """χ² of the position of a detection."""
         z = sighting.place - self.state[:2]
-        return float(
-            z @ np.linalg.solve(self.covariance[:2, :2] + _position_covariance(sighting), z)
-        )
+        return float(z @ np.linalg.solve(self._innovation_covariance(sighting), z))
 
     def unlikelihood(self, sighting: Sighting) -> float:
         """−2 ln of the likelihood of a detection, position and radius, up to a constant."""
-        S = self.covariance[:2, :2] + _position_covariance(sighting)
+        S = self._innovation_covariance(sighting)
         growth = np.log(max(sighting.radius, 1e-6) / max(self.radius, 1e-6))
         growth /= TrackSettings.log_radius_std
         return self.cost(sighting) + float(np.log(np.linalg.det(S)) + growth**2)
 
     def take(self, index: int, sighting: Sighting) -> None:
         """Update the state by the detection in a frame."""
-        S = self.covariance[:2, :2] + _position_covariance(sighting)
+        S = self._innovation_covariance(sighting)
         K = np.linalg.solve(S, _H @ self.covariance).T
         self.state = self.state + K @ (sighting.place - self.state[:2])
         self.covariance = (np.eye(4) - K @ _H) @ self.covariance
-        self.agility = sighting.length + sighting.radius
+        self.blur = sighting.length + sighting.radius
         self.seen[index] = sighting
+
+    def _innovation_covariance(self, sighting: Sighting) -> Array:
+        """(2, 2) covariance of a measured position minus the predicted one."""
+        return np.asarray(self.covariance[:2, :2] + _position_covariance(sighting))
 
 
 def _position_covariance(sighting: Sighting) -> Array:
@@ -94,13 +106,13 @@ def _position_covariance(sighting: Sighting) -> Array:
     return np.asarray(sighting.covariance + TrackSettings.position_std_px**2 * np.eye(2))
 
 
-def tracks_of(frames: Sequence[FrameSightings], alike: bool = False) -> list[Track]:
+def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[Track]:
     """All tracks of the frames.
 
     Parameters
     ----------
     frames : sequence of FrameSightings
-    alike : bool
+    similar : bool
         True for several objects that look the same. The streak in the first frame of a track then
         gives the direction in which the next detection is expected.
     """
@@ -113,17 +125,17 @@ def tracks_of(frames: Sequence[FrameSightings], alike: bool = False) -> list[Tra
         ]
         for track in alive:
             track.predict()
-        pairs = _pairs(alive, frame.found, alike)
+        pairs = _pairs(alive, frame.found, similar)
         lost = [t for n, t in enumerate(alive) if n not in pairs and len(t.seen) > 1]
         for n, b in pairs.items():
-            if not (alike and _occludes(alive[n], frame.found[b], lost)):
+            if not (similar and _occludes(alive[n], frame.found[b], lost)):
                 alive[n].take(index, frame.found[b])
         fresh = (s for b, s in enumerate(frame.found) if b not in pairs.values())
-        tracks += [_begun(index, s, extent, alike) for s in fresh]
+        tracks += [_new_track(index, s, extent, similar) for s in fresh]
     return tracks
 
 
-def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], alike: bool) -> dict[int, int]:
+def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], similar: bool) -> dict[int, int]:
     """Index of the detection that is assigned to each track, by index."""
     from scipy.optimize import linear_sum_assignment
 
@@ -131,7 +143,7 @@ def _pairs(tracks: Sequence[Track], found: Sequence[Sighting], alike: bool) -> d
     costs = np.array([[track.cost(s) for s in found] for track in tracks]).reshape(shape)
     gate = TrackSettings.gate_chi2
     price = np.minimum(costs, 2 * gate)
-    if alike:
+    if similar:
         likely = np.array([[track.unlikelihood(s) for s in found] for track in tracks])
         price = np.where(costs < gate, likely.reshape(shape), 1e6)  # more than any −2 ln L
     assigned = zip(*linear_sum_assignment(price), strict=True)
@@ -149,16 +161,16 @@ def _occludes(track: Track, sighting: Sighting, lost: Sequence[Track]) -> bool:
     return False
 
 
-def _begun(index: int, sighting: Sighting, extent: float, directed: bool) -> Track:
+def _new_track(index: int, sighting: Sighting, extent: float, directed: bool) -> Track:
     """A new track of unknown velocity, or of one along its streak in an unknown direction."""
     V = np.diag([0.0, 0.0, 1.0, 1.0]) * (extent / 2 + 1) ** 2
     V[:2, :2] = _position_covariance(sighting)
-    agility = sighting.length + sighting.radius
+    blur = sighting.length + sighting.radius
     if directed and sighting.moved:
         across = np.array([-np.sin(sighting.angle), np.cos(sighting.angle)])
-        V[2:, 2:] -= np.outer(across, across) * max(V[2, 2] - agility**2, 0)
+        V[2:, 2:] -= np.outer(across, across) * max(V[2, 2] - blur**2, 0)
     state = np.array([sighting.x, sighting.y, 0.0, 0.0])
-    return Track(state, V, agility, {index: sighting})
+    return Track(state, V, blur, {index: sighting})
 
 
 def in_time(index: int, track: Track) -> tuple[Sighting, bool]:

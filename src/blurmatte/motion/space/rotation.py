@@ -38,7 +38,7 @@ class RotationSettings:
     unambiguous_turn: float = 0.85  # angles between blades: beyond, paths of blades may overlap
     ambiguous_chi2: float = 14.0  # difference of two angles that both explain alpha, at 0.1 %
     max_misfit: float = 12.0  # mean squared residual over blocks, of a rigid object
-    max_overlap_misfit: float = 2.5  # the same if paths overlap: other angles look alike then
+    max_overlap_misfit: float = 2.5  # the same if paths overlap: other angles fit nearly as well
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,7 @@ class StartSettings:
     samples: int = 400  # of three pixels each
     tolerance: float = 0.25  # of 1/ω, for (1) in a pixel that agrees
     min_gradient_std: float = 4.0  # standard deviations of the gradient of a pixel on a ramp
-    spacings: tuple[float, ...] = (0.85, 1.15, 1.7, 2.2)  # angles between blades, for blades that
-    # overlap the paths of others
+    spacings: tuple[float, ...] = (0.85, 1.15, 1.7, 2.2)  # angles between blades: paths overlap
 
 
 def starts(
