@@ -45,7 +45,7 @@ class Workers:
 
     def __enter__(self) -> Workers:
         for _ in range(self.count if self.count > 1 else 0):
-            self._started().submit(_ready)
+            self._started().submit(int)  # a process starts with its first task
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -117,10 +117,6 @@ def _ignore_interrupts() -> None:
     # An interrupt reaches all processes of a terminal. A worker that dies with a lock of the pool would
     # block the main process; the main process ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-
-def _ready() -> None:
-    """Do nothing: a process starts with its first task."""
 
 
 def _do(path: Path, *task: Any) -> Any:

@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, check_kind
+from blurmatte.checks import Bools
 from blurmatte.errors import MotionError
-from blurmatte.matting.solution import Solution
+from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
 from blurmatte.motion.picture.motion import QUANTITIES, Motion
 from blurmatte.sweep.model.path import FROM_REST, LINE
@@ -67,7 +67,7 @@ def measure_motion(solution: Solution) -> Motion:
     MotionError
         If there is no streak, or the sum of alpha is not above its error.
     """
-    check_kind("solution", solution, Solution, "use blurmatte.solve or blurmatte.read_solution")
+    check_solution("solution", solution)
     if not np.any(solution.streak & solution.known):
         raise MotionError(
             "no pixel of the streak has a known alpha, so that nothing can be measured; solve with "
