@@ -34,7 +34,7 @@ from blurmatte.errors import PlateWarning as PlateWarning
 from blurmatte.errors import ResponseError as ResponseError
 from blurmatte.errors import TransferWarning as TransferWarning
 from blurmatte.explain import explain as explain
-from blurmatte.files import MAX_PIXELS as MAX_PIXELS
+from blurmatte.checks import MAX_PIXELS as MAX_PIXELS
 from blurmatte.files import Frames as Frames
 from blurmatte.files import read as read
 from blurmatte.files import read_color_model as read_color_model

@@ -13,6 +13,7 @@ import numpy.typing as npt
 Floats = npt.NDArray[np.floating[Any]]
 Bools = npt.NDArray[np.bool_]
 Box = tuple[int, int, int, int]  # (x0, y0, x1, y1) pixels; x1 and y1 are one past the last
+MAX_PIXELS = 200_000_000  # default limit of pictures that are read
 
 
 def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> None:

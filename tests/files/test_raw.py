@@ -421,13 +421,13 @@ def test_what_is_no_raw_is_refused(tmp_path, capfd, name):
     path.write_bytes(b"")
     assert "is empty" in refusal(path)
     path.write_text("I am not a picture.\n" * 100)
-    assert "of a camera that LibRaw does not know; convert it to DNG" in refusal(path)
+    assert "TIFF; LibRaw does not know its camera, or it is no camera RAW" in refusal(path)
     assert capfd.readouterr() == ("", "")
 
 
 def test_the_extra_may_be_missing(good, monkeypatch):
     monkeypatch.setitem(sys.modules, "rawpy", None)
-    assert refusal(good) == 'camera RAW needs an extra; pip install "blurmatte[raw]"'
+    assert refusal(good) == 'pip install "blurmatte[raw]"; camera RAW needs rawpy'
 
 
 def test_a_picture_called_raw_is_read_as_what_it_is(tmp_path, ramp, make_png):

@@ -10,9 +10,8 @@ from PIL import Image, ImageOps
 
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
-from blurmatte.files.jpeg import read_jpeg
-from blurmatte.files.jpeg_writing import jpeg_bytes
 from blurmatte.files.raster import as_stored
+from blurmatte.jpeg import jpeg_bytes, read_jpeg
 from blurmatte.radiometry import SRGB
 
 EXR = {"compression": OpenEXR.ZIP_COMPRESSION, "type": OpenEXR.scanlineimage}
@@ -161,7 +160,7 @@ def test_exr_layer_is_taken_as_it_is(tmp_path, ramp):
 
 def test_a_picture_without_alpha_is_no_layer(tmp_path, ramp, make_png):
     (tmp_path / "a.png").write_bytes(make_png(ramp))
-    with pytest.raises(FileError, match=r"a\.png: has no alpha"):
+    with pytest.raises(FileError, match=r"a\.png: give .* has no alpha"):
         read_layer(tmp_path / "a.png", transfer=SRGB)
 
 

@@ -112,13 +112,18 @@ def test_grade_and_calibrated_errors_come_back(tmp_path, solution):
 
 def test_solution_with_a_sweep_of_an_older_version_is_refused(path):
     rewritten(path, "blurmatte:sweep", '{"bulges": 0, "size": [32, 24]}')
-    with pytest.raises(FileError, match=r"s\.exr: holds a sweep of an older blurmatte"):
+    with pytest.raises(
+        FileError, match=r"s\.exr: solve its picture again; the sweep of an older blurmatte"
+    ):
         read_solution(path)
 
 
 def test_a_changed_header_is_refused(path, solution):
     rewritten(path, "blurmatte:model", "{}")
-    with pytest.raises(FileError, match="another program has changed its header"):
+    with pytest.raises(
+        FileError,
+        match="give the EXR as blurmatte.write made it; another program has changed its header",
+    ):
         read_solution(path)
 
 

@@ -191,8 +191,8 @@ def _facts(
     transfer: str | None,
     guessed: bool,
 ) -> Iterator[str]:
+    from blurmatte.files.errors import kind_of
     from blurmatte.files.raster import load
-    from blurmatte.files.refusals import kind_of
 
     meta = picture.meta
     bits = "float" if meta.levels is None else f"{math.ceil(np.log2(meta.levels))} bit"

@@ -30,7 +30,7 @@ def check_file(path: Path | None, what: str, *endings: str) -> None:
 
 def check_ending(path: Path, what: str, *endings: str) -> None:
     """Refuse a name with another ending than these; raises FileError."""
-    from blurmatte.files.replacing import extension_of
+    from blurmatte.files.atomic import extension_of
 
     if extension_of(path) not in endings:
         raise bm.FileError(

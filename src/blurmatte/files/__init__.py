@@ -1,20 +1,19 @@
-"""The only place that knows file formats: pictures, layers, solutions, models, noise, curves."""
+"""Reading and writing of all file formats: pictures, layers, solutions, models and calibrations."""
 
+from blurmatte.files.calibration import holds_transfer as holds_transfer
+from blurmatte.files.calibration import read_intrinsics as read_intrinsics
+from blurmatte.files.calibration import read_noise as read_noise
+from blurmatte.files.calibration import read_transfer as read_transfer
 from blurmatte.files.frames import Frames as Frames
 from blurmatte.files.frames import read_frames as read_frames
 from blurmatte.files.frames import read_layers as read_layers
-from blurmatte.files.intrinsics import read_intrinsics as read_intrinsics
+from blurmatte.files.frames import write_frames as write_frames
+from blurmatte.files.inplace import write_changed as write_changed
+from blurmatte.files.models import path_to_mapping as path_to_mapping
 from blurmatte.files.models import read_color_model as read_color_model
-from blurmatte.files.noise import read_noise as read_noise
-from blurmatte.files.originals import write_changed as write_changed
-from blurmatte.files.paths import path_to_mapping as path_to_mapping
-from blurmatte.files.paths import read_path as read_path
-from blurmatte.files.raster import MAX_PIXELS as MAX_PIXELS
+from blurmatte.files.models import read_path as read_path
 from blurmatte.files.reading import read as read
 from blurmatte.files.reading import read_layer as read_layer
-from blurmatte.files.rows import write_frames as write_frames
 from blurmatte.files.solutions import read_solution as read_solution
-from blurmatte.files.together import write_together as write_together
-from blurmatte.files.transfers import holds_transfer as holds_transfer
-from blurmatte.files.transfers import read_transfer as read_transfer
 from blurmatte.files.writing import write as write
+from blurmatte.files.writing import write_together as write_together

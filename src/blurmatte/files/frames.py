@@ -1,49 +1,61 @@
-"""Frames of a clip, or a row of pictures or layers, one after another, as often as they are asked for.
+"""Frames of a clip or of an image sequence, read and written one at a time.
 
-Nothing is held in memory: each run through reads the files again. clips.py decodes the clips.
+Frames are not held in memory: each iteration reads the files again.
 """
 
-import re
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from glob import glob, has_magic
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, overload
 
-from blurmatte.checks import check_kind
-from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files.clips import Clip, decode_frames, decode_layers, open_clip
-from blurmatte.files.numbering import numbering
-from blurmatte.files.raster import MAX_PIXELS
-from blurmatte.files.reading import read, read_layer
-from blurmatte.files.refusals import EXTENSIONS
-from blurmatte.layer import Layer
-from blurmatte.radiometry import LinearImage, Transfer
+import numpy as np
+import numpy.typing as npt
 
-Source = str | Path | Sequence[str | Path]
+from blurmatte.checks import MAX_PIXELS, check_kind
+from blurmatte.errors import FileError, TransferWarning
+from blurmatte.files.atomic import moved_together, replacing
+from blurmatte.files.clip_reading import Clip, decode_frames, decode_layers, open_clip
+from blurmatte.files.clip_writing import save_animation, save_h264, save_prores
+from blurmatte.files.errors import EXTENSIONS
+from blurmatte.files.reading import read, read_layer
+from blurmatte.files.sequences import Source, numbering, source_paths
+from blurmatte.files.writing import write
+from blurmatte.layer import Layer
+from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.transfer import Transfer
+
 Frame = TypeVar("Frame", LinearImage, Layer)
+Codes = npt.NDArray[np.uint8]
+Thing = Layer | LinearImage | Codes
+
+_CLIP_WRITERS: dict[str, Callable[[Path, Iterable[Thing], float], None]] = {
+    ".mov": save_prores,
+    ".mp4": save_h264,
+    ".gif": save_animation,
+    ".webp": save_animation,
+}
 
 
 @dataclass(frozen=True)
 class Frames(Sequence[Frame]):
-    """Frames that are read when they are run through, again each time.
+    """Frames that are read when they are iterated over, again each time.
 
-    `frames[100:400:3]` are Frames too, `frames[17]` is one LinearImage or Layer, len(frames) how many
-    there are: of some clips only an estimate. `meta.time` of a LinearImage is in seconds, where it is
-    known.
+    `frames[100:400:3]` are Frames, `frames[17]` is one LinearImage or Layer, len(frames) is the number
+    of frames, for some clips an estimate. `meta.time` of a LinearImage is in seconds, if known.
 
     Parameters
     ----------
     numbers : range
-        Which frames of the source, counted from 0.
+        Indices of the frames in the source, from 0.
     size : (width, height)
-        Of each, pixels.
+        Of each frame, pixels.
     rate : float or None
         Frames of the source per second, on average; None for pictures.
     load : callable
-        Reads the frames of a range of numbers, in order.
+        Reads the frames of a range of indices, in order.
     """
 
     numbers: range
@@ -53,7 +65,7 @@ class Frames(Sequence[Frame]):
 
     def __post_init__(self) -> None:
         if self.numbers.step < 1:
-            raise ValueError(f"frames only run forwards, got steps of {self.numbers.step}")
+            raise ValueError(f"steps must be 1 or more, got {self.numbers.step}")
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -61,7 +73,7 @@ class Frames(Sequence[Frame]):
     def __iter__(self) -> Iterator[Frame]:
         return self.load(self.numbers)
 
-    # The registry of `overload` would keep this module, and all it imports, beyond the end.
+    # The registry of `overload` would keep this module alive at interpreter shutdown.
     if TYPE_CHECKING:
 
         @overload
@@ -75,28 +87,28 @@ class Frames(Sequence[Frame]):
         number = self.numbers[which]
         for frame in self.load(range(number, number + 1)):
             return frame
-        raise IndexError(f"frame {number} cannot be read; there are fewer than the file claims")
+        raise IndexError(f"frame {number} cannot be read; the clip has fewer than it states")
 
 
 def read_frames(
     source: Source, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
 ) -> Frames[LinearImage]:
-    """The frames of a clip, or pictures in their order, as linear light.
+    """The frames of a clip, or the pictures of a sequence, as linear light.
 
-    Clips are read by FFmpeg (the `video` extra). Their tags say how code values encode light, what
-    their primaries are, and whether they are to be turned; more than 8 bits stay more than 8 bits.
+    Clips are read by FFmpeg (the `video` extra). Their curve, primaries and rotation are applied, and
+    more than 8 bits are kept.
 
     Parameters
     ----------
     source : str, Path or a sequence of them
-        A clip; or pictures: a folder of them, a pattern like "plates/*.png", a name with a place for
-        the number like "plate.####.exr" or "plate.%04d.exr", or their names. Those of a folder or a
-        pattern are sorted, with numbers in their names as numbers; numbers may be missing.
+        A clip; or pictures: a folder of them, a pattern like "plates/*.png", a name with a number
+        like "plate.####.exr" or "plate.%04d.exr", or their names. Those of a folder or a pattern are
+        sorted, with numbers in their names as numbers; numbers may be missing.
     transfer : Transfer, optional
-        The curve of the code values, if you know better than the file. The EXRs of a row hold light
-        already, and are read as they are.
+        The curve of the code values; it replaces the one that the file states. EXRs of a sequence
+        hold linear light and are read unchanged.
     max_pixels : int
-        Larger frames are refused.
+        Larger frames are rejected.
 
     Returns
     -------
@@ -105,25 +117,25 @@ def read_frames(
     Raises
     ------
     FileError
-        If there is nothing to read; if pictures differ in size, when they are run through.
+        If there is nothing to read; during iteration, if pictures differ in size.
 
     Warns
     -----
     BlurmatteWarning
-        If a clip was cut short; the frames that are there are read.
+        If a clip is truncated; the existing frames are read.
     TransferWarning
-        If nothing says how code values encode light: clips are taken as Rec. 709, pictures as sRGB.
+        If the curve is not stated: clips are taken as Rec. 709, pictures as sRGB.
     """
-    return _frames(_paths(source), transfer, max_pixels, read, decode_frames)
+    return _frames(source_paths(source), transfer, max_pixels, read, decode_frames)
 
 
 def read_layers(
     source: Source, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
 ) -> Frames[Layer]:
-    """The layers of a clip with alpha, or of a row of pictures with alpha, premultiplied.
+    """The layers of a clip with alpha, or of a sequence of pictures with alpha, premultiplied.
 
-    What `write_frames` wrote, or other programs: ProRes 4444, and other codecs with alpha, whose
-    colors are taken as straight, for nothing in a clip tells; EXR, PNG, TIFF as in `read_layer`.
+    Files from `write_frames` or other programs: ProRes 4444 and other codecs with alpha, whose colors
+    are taken as straight because clips do not state it; EXR, PNG, TIFF as in `read_layer`.
 
     Parameters
     ----------
@@ -138,9 +150,83 @@ def read_layers(
     Raises
     ------
     FileError
-        As in `read_frames` and `read_layer`; if there is no alpha.
+        As in `read_frames`, and if there is no alpha.
+
+    Warns
+    -----
+    BlurmatteWarning, TransferWarning
+        As in `read_frames`.
     """
-    return _frames(_paths(source), transfer, max_pixels, read_layer, decode_layers)
+    return _frames(source_paths(source), transfer, max_pixels, read_layer, decode_layers)
+
+
+def write_frames(
+    path: str | Path,
+    things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes],
+    rate: float = 25.0,
+    start: int = 1,
+) -> list[Path]:
+    """Write layers or pictures as a sequence of files or as a clip, by the extension.
+
+    =====================  =============================================================
+    ball.####.exr          one file each, as written by `write`: .exr .png .tif of layers; .jpg
+                           of pictures, too. The number has at least as many digits as there are #;
+                           ball.%04d.exr is the same
+    .mov                   layers: ProRes 4444 with alpha, straight colors; pictures: ProRes 4444
+    .mp4                   pictures: H.264 (4:2:0, 8 bit) for viewing; the last row or column of odd
+                           sizes is repeated
+    .gif .webp             pictures: short animations, all of which are held in memory
+    =====================  =============================================================
+
+    .mov and .mp4 (the `video` extra) have the curve, primaries and limited range of Rec. 709, and state
+    them. ProRes has 10 bits here: alpha loses only its rounding, colors also what is brighter than
+    white. A .mov does not state that its colors are straight: set that in the program that reads it (in
+    Nuke, a Premult after the Read). Unclipped linear light needs .exr.
+
+    Parameters
+    ----------
+    path : str or Path
+        The target. Existing files of the same names are replaced when all frames are written; other
+        files of an older sequence are kept.
+    things : iterable
+        Layers, LinearImages, or (H, W, 3) uint8 arrays of sRGB; all of one kind and size. One at a
+        time is needed, so a generator is enough.
+    rate : float
+        Frames per second of a clip.
+    start : int
+        The number of the first file.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    FileError
+        If the extension does not fit, PyAV is missing, or the disk is full. No files are written
+        then, nor if `things` raises.
+    TypeError, ValueError
+        If there are no frames, they differ in kind or size, or an argument is invalid.
+    """
+    target = Path(path)
+    if not (np.isfinite(rate) and rate > 0):
+        raise ValueError(f"rate must be a positive number of frames per second, got {rate}")
+    if start < 0:
+        raise ValueError(f"start must be 0 or more, got {start}")
+    extension = target.suffix.lower()
+    frames = _checked(things)
+    if extension not in _CLIP_WRITERS:
+        return _write_sequence(target, frames, start)
+    first = next(frames)
+    if isinstance(first, Layer) and extension != ".mov":
+        raise FileError(
+            f"{path}: write layers as .mov (ProRes 4444) or as a sequence like ball.####.exr, "
+            f"or put them over a picture first; {extension} cannot hold alpha"
+        )
+    with replacing(target, extension) as temporary:
+        _CLIP_WRITERS[extension](temporary, chain([first], frames), rate)
+    return [target]
 
 
 def _frames(
@@ -155,17 +241,25 @@ def _frames(
         clip = open_clip(paths[0], transfer, max_pixels, stacklevel=3)
         if decode is decode_layers and not clip.alpha:
             raise FileError(
-                f"{clip.path}: has no alpha, so it holds no layers; "
-                "give a .mov of ProRes 4444 with alpha, or a row of EXR or PNG"
+                f"{clip.path}: give a .mov of ProRes 4444 with alpha, or a sequence of EXR or PNG; "
+                "the clip has no alpha and holds no layers"
             )
         return Frames(range(clip.count), clip.size, clip.rate, partial(decode, clip))
-    told: list[Warning | str] = []  # what is assumed of one is told, and so it is of all
-    size = _read(read_one, paths[0], transfer, max_pixels, told).size
+    warned: list[Warning | str] = []
+    size = _read(read_one, paths[0], transfer, max_pixels, warned).size
 
     def load(numbers: range) -> Iterator[Frame]:
         for number in numbers:
-            frame = _read(read_one, paths[number], transfer, max_pixels, told)
-            _check_size(paths[number], frame.size, paths[0], size)
+            path, frame = (
+                paths[number],
+                _read(read_one, paths[number], transfer, max_pixels, warned),
+            )
+            if frame.size != size:
+                raise FileError(
+                    "{}: give frames of one size; it has {}x{} pixels, but {} has {}x{}".format(
+                        path, *frame.size, paths[0].name, *size
+                    )
+                )
             yield frame
 
     return Frames(range(len(paths)), size, None, load)
@@ -176,60 +270,82 @@ def _read(
     path: Path,
     transfer: Transfer | None,
     max_pixels: int,
-    told: list[Warning | str],
+    warned: list[Warning | str],
 ) -> Frame:
-    """One picture of a row; that its curve is assumed is only told if nothing was `told` before."""
-    with warnings.catch_warnings(record=True) as said:
+    """One picture of a sequence; an assumed curve is warned of once, then `warned` is not empty."""
+    curve = None if path.suffix.lower() == ".exr" else transfer  # EXRs hold light
+    with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        frame = read_one(path, _curve_of(path, transfer), max_pixels)
-    for one in said:
-        if not issubclass(one.category, TransferWarning):
+        frame = read_one(path, curve, max_pixels)
+    for one in caught:
+        if not (issubclass(one.category, TransferWarning) and warned):
             warnings.warn(one.message, one.category, stacklevel=4)
-        elif not told:
-            told.append(one.message)
-            warnings.warn(one.message, one.category, stacklevel=4)
+        if issubclass(one.category, TransferWarning):
+            warned.append(one.message)
     return frame
 
 
-def _curve_of(path: Path, transfer: Transfer | None) -> Transfer | None:
-    """The curve that was given for a row, which may hold code values and light side by side."""
-    return None if path.suffix.lower() == ".exr" else transfer
+def _write_sequence(target: Path, frames: Iterator[Thing], start: int) -> list[Path]:
+    numbers = numbering(target)
+    if target.suffix.lower() not in EXTENSIONS:
+        raise FileError(
+            f"{target}: change the extension; frames are written as {', '.join(_CLIP_WRITERS)}, or as "
+            f"numbered {', '.join(EXTENSIONS)}"
+        )
+    if numbers is None:
+        raise FileError(
+            f"{target}: name it like {target.stem}.####{target.suffix}, or write .mov; "
+            "the name has no frame number"
+        )
+    names = []
+    with moved_together(target.parent) as temporary:
+        for number, thing in enumerate(frames, start):
+            names.append(numbers.name(number))
+            write(temporary / names[-1], thing)
+    return [target.parent / name for name in names]
 
 
-def _paths(source: Source) -> list[Path]:
-    if not isinstance(source, str | Path):
-        paths = [Path(path) for path in source]
-        if not paths:
-            raise FileError("there are no frames to read; name a clip or pictures")
-        return paths
-    path = Path(source)
-    numbers = None if path.exists() else numbering(path)
-    if numbers is not None:
-        return _sorted(numbers.files(), f"{source}: no file fits")
-    if path.is_dir():
-        inside = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS]
-        return _sorted(inside, f"{path}: the folder holds no {', '.join(EXTENSIONS)}")
-    if has_magic(str(source)) and not path.exists():
-        return _sorted([Path(p) for p in glob(str(source))], f"{source}: no file fits")
-    return [path]
+def _checked(things: Iterable[Thing]) -> Iterator[Thing]:
+    """The frames, checked to be of one kind and size.
+
+    Raises
+    ------
+    TypeError, ValueError
+        At the first that differs, and if there are none.
+    """
+    kind, size = "", (0, 0)
+    for number, thing in enumerate(things):
+        if number == 0:
+            kind, size = _kind(thing), _size(thing)
+        if _kind(thing) != kind:
+            raise TypeError(f"things must be of one kind: 0 is {kind}, {number} is {_kind(thing)}")
+        if _size(thing) != size:
+            raise ValueError(
+                "things must be of one size: 0 is {}x{}, {} is {}x{}".format(
+                    *size, number, *_size(thing)
+                )
+            )
+        yield thing
+    if not kind:
+        raise ValueError("things must hold one frame or more, got none")
 
 
-def _sorted(paths: list[Path], complaint: str) -> list[Path]:
-    """By name, 10 after 9."""
-    if not paths:
-        raise FileError(f"{complaint}; name a clip or pictures")
-    return sorted(
-        paths,
-        key=lambda path: [
-            (int(part), "") if part.isdigit() else (-1, part)
-            for part in re.split(r"(\d+)", str(path))
-        ],
+def _kind(thing: object) -> str:
+    match thing:
+        case Layer() | LinearImage():
+            return f"a {type(thing).__name__}"
+        case np.ndarray() if thing.dtype == np.uint8 and thing.ndim == 3 and thing.shape[2] == 3:
+            return "a uint8 array"
+        case np.ndarray():
+            raise TypeError(
+                f"arrays must be (height, width, 3) uint8, got {thing.shape} {thing.dtype}"
+            )
+    raise TypeError(
+        f"things must be Layers, LinearImages or uint8 arrays, got a {type(thing).__name__}"
     )
 
 
-def _check_size(path: Path, size: tuple[int, int], first: Path, wanted: tuple[int, int]) -> None:
-    if size != wanted:
-        raise FileError(
-            f"{path}: is {size[0]}x{size[1]} pixels, but {first.name} {wanted[0]}x{wanted[1]}; "
-            "frames must be of one size"
-        )
+def _size(thing: Thing) -> tuple[int, int]:
+    if isinstance(thing, np.ndarray):
+        return thing.shape[1], thing.shape[0]
+    return thing.size

@@ -1,8 +1,8 @@
-"""ICC profiles that are a curve per channel and a matrix: what their code values mean as light.
+"""ICC profiles with a curve per channel and a matrix: from code values to linear light.
 
-In this file `v` is a code value (0…1), `light` linear, and XYZ is relative to D50, the white of
-the profile connection space [ICC.1:2022]. Profiles that need look-up tables (printers, Lab) are
-refused: converting those is a color management system's job.
+`v` is a code value (0…1), `light` is linear, and XYZ is relative to D50, the white of the profile
+connection space [ICC.1:2022]. Profiles with look-up tables (printers, Lab) need a color management
+system and are rejected.
 """
 
 import struct
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import LINEAR, SRGB, Transfer, gamma
+from blurmatte.radiometry.transfer import LINEAR, SRGB, Transfer, gamma
 
 Matrix = npt.NDArray[np.float64]
 
@@ -26,13 +26,10 @@ _SRGB_TO_XYZ = np.array(
         [0.0139322, 0.0971045, 0.7141733],
     ]
 )
-_CURVE_TOLERANCE = 1e-3  # of white: sRGB profiles round their curve to a table or to 16 bits
-_STEP = 1e-4  # a measured or rounded curve may fall by so much from one value to the next
-_MATRIX_TOLERANCE = 3e-3  # sRGB profiles differ by this much in how they adapt to D50
 
 
 class ProfileError(ValueError):
-    """The profile cannot be used; the message says why."""
+    """The profile cannot be used; the message is a predicate that gives the reason."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,23 +39,23 @@ class Profile:
     Parameters
     ----------
     curves : three Transfer
-        Of red, green and blue.
+        Curves of red, green and blue.
     matrix : (3, 3) float or None
-        Linear light in the profile's primaries to linear light in sRGB's; None: they are the same.
+        From linear light with the profile's primaries to sRGB primaries; None if they are equal.
     """
 
     curves: tuple[Transfer, Transfer, Transfer]
     matrix: Matrix | None
 
 
-@lru_cache(maxsize=8)  # the pictures of one camera share one profile, and then one Transfer
+@lru_cache(maxsize=8)  # pictures of one camera share one profile, and hence one Transfer
 def parse_profile(data: bytes) -> Profile:
     """Read an ICC profile.
 
     Raises
     ------
     ProfileError
-        If the profile is damaged, or is no matrix profile for RGB or gray.
+        If the profile is damaged, or is not a matrix profile of RGB or gray.
     """
     try:
         space, connection = data[16:20], data[20:24]
@@ -67,7 +64,7 @@ def parse_profile(data: bytes) -> Profile:
         tags = _tags(data)
         needed = {b"kTRC"} if space == b"GRAY" else {b"rTRC", b"gTRC", b"bTRC", b"rXYZ", b"gXYZ"}
         if connection != b"XYZ " or not needed <= tags.keys():
-            raise ProfileError("is made of look-up tables")
+            raise ProfileError("uses look-up tables")
         return _gray(tags) if space == b"GRAY" else _rgb(tags)
     except (struct.error, KeyError, IndexError) as error:
         raise ProfileError("is damaged") from error
@@ -95,7 +92,8 @@ def _rgb(tags: Mapping[bytes, bytes]) -> Profile:
     red, green, blue = (_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC"))
     to_xyz = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
     matrix = np.linalg.solve(_SRGB_TO_XYZ, to_xyz)
-    same = bool(np.all(np.abs(matrix - np.eye(3)) < _MATRIX_TOLERANCE))
+    # sRGB profiles differ by up to 0.003 in their adaptation to D50.
+    same = bool(np.all(np.abs(matrix - np.eye(3)) < 3e-3))
     return Profile((red, green, blue), None if same else matrix)
 
 
@@ -104,18 +102,19 @@ def _xyz(tag: bytes) -> Matrix:
 
 
 def _curve(tag: bytes) -> Transfer:
-    """The tone curve of a tag; sRGB itself where the profile only rounded it."""
+    """The curve of a tag; SRGB if it equals sRGB up to rounding to a table or to 16 bits."""
     if tag[:4] == b"curv":
         curve = _sampled(tag)
     elif tag[:4] == b"para":
         curve = _parametric(tag)
     else:
-        raise ProfileError(f"has a curve of another kind ({_text(tag[:4])})")
+        raise ProfileError(f"has a curve of an unknown kind ({_text(tag[:4])})")
     v = np.linspace(0, 1, 1025)
     light = curve.decode(v)
-    if not np.all(np.isfinite(light)) or np.any(np.diff(light) < -_STEP) or light[-1] <= light[0]:
+    # Measured or rounded curves may decrease slightly between neighboring values.
+    if not np.all(np.isfinite(light)) or np.any(np.diff(light) < -1e-4) or light[-1] <= light[0]:
         raise ProfileError("has a curve that does not rise")
-    if np.abs(light - SRGB.decode(v)).max() < _CURVE_TOLERANCE:
+    if np.abs(light - SRGB.decode(v)).max() < 1e-3:
         return SRGB
     return curve
 
@@ -142,7 +141,7 @@ def _power(exponent: float) -> Transfer:
 
 @dataclass(frozen=True, eq=False)
 class _Polyline:
-    """Straight lines between points, oddly below zero, in proportion above the last point."""
+    """Linear interpolation; an odd function, and proportional above the last point."""
 
     x: Matrix
     y: Matrix
@@ -153,15 +152,12 @@ class _Polyline:
         return np.asarray(np.copysign(np.interp(size, self.x, self.y) * above, value))
 
 
-_PARAMETERS = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}  # by function type [ICC.1 table 68]
-
-
 def _parametric(tag: bytes) -> Transfer:
-    """Every function type is light = (a v + b)^g + e from v = d on, and c v + f below."""
+    """Every function type is light = (a v + b)^g + e for v ≥ d, and c v + f below."""
     (kind,) = struct.unpack_from(">H", tag, 8)
-    if kind not in _PARAMETERS:
+    count = {0: 1, 1: 3, 2: 4, 3: 5, 4: 7}.get(kind)  # parameters [ICC.1 table 68]
+    if count is None:
         raise ProfileError(f"has a curve of the unknown type {kind}")
-    count = _PARAMETERS[kind]
     g, *rest = (p / 65536 for p in struct.unpack_from(f">{count}i", tag, 12))
     if kind == 0:
         return _power(g)
@@ -180,7 +176,7 @@ def _parametric(tag: bytes) -> Transfer:
 
 @dataclass(frozen=True)
 class _PowerWithFoot:
-    """light = (a v + b)^g + e from v = d on, c v + f below; oddly below zero."""
+    """light = (a v + b)^g + e for v ≥ d, c v + f below; an odd function."""
 
     g: float
     a: float

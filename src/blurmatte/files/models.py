@@ -1,23 +1,28 @@
-"""JSON: a ColorModel, in a file of its own and in the header of a Solution; reports; rows of CSV."""
+"""JSON of fitted models: color model, path and sweep, with every digit of their numbers."""
 
-import csv
-import io
 import json
 import math
-from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
+from blurmatte.files.json_text import parsing, read_json
+from blurmatte.sweep import Diagnostics, Sweep, path_family
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.silhouette import Silhouette
+from blurmatte.trajectory import Trajectory
+
+_SILHOUETTE_FLAGS = "turns", "soft", "changes"  # in the order of the fields
 
 
 def model_to_json(model: ColorModel) -> str:
-    """Every digit of the model, and its colors for people to read.
+    """All fields of the model, and its colors as hexadecimal for readers.
 
-    JSON has no infinity: evidence that leaves everything open is null.
+    JSON has no infinity; infinite evidence becomes null.
     """
     fields: dict[str, Any] = {
         "rank": model.rank,
@@ -32,115 +37,18 @@ def model_to_json(model: ColorModel) -> str:
     return "{\n" + ",\n".join(lines) + "\n}"
 
 
-def mapping_to_json(mapping: Mapping[str, Any]) -> str:
-    """A report; NumPy's arrays as lists, numbers that are not finite as null.
-
-    Raises
-    ------
-    TypeError
-        If it holds something that JSON has no word for.
-    """
-    return _indented(_plain(mapping), "")
-
-
-def mapping_to_csv(mapping: Mapping[str, Any]) -> str:
-    """A line of names and a line of values; what is missing is empty.
-
-    Raises
-    ------
-    TypeError
-        If a value is no number and no text.
-    """
-    return rows_to_csv([mapping])
-
-
-def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A line of names and a line of values for each row; what is missing is empty.
-
-    Raises
-    ------
-    TypeError
-        If a value is no number and no text.
-    """
-    lines = io.StringIO(newline="")
-    writer = csv.writer(lines, lineterminator="\n")
-    flat = flat_rows(rows)
-    writer.writerows([flat[0].keys(), *(row.values() for row in flat)])
-    return lines.getvalue()
-
-
-def rows_to_json(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A list, a line for each row.
-
-    Raises
-    ------
-    TypeError
-        If a value is no number and no text.
-    """
-    return "[\n" + ",\n".join("  " + _dumped(row) for row in flat_rows(rows)) + "\n]"
-
-
-def flat_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of one table, of numbers, text and None.
-
-    Raises
-    ------
-    TypeError
-        If a value is something else.
-    ValueError
-        If rows have other names than the first.
-    """
-    flat: list[dict[str, Any]] = [_plain(row) for row in rows]
-    for row in flat:
-        if row.keys() != flat[0].keys():
-            raise ValueError(f"rows of a table have the same names, got {list(row)}")
-        for name, value in row.items():
-            if isinstance(value, list | dict):
-                raise TypeError(f"a row of a table holds numbers and text, {name} is {value!r}")
-    return flat
-
-
-def _indented(value: Any, margin: str) -> str:
-    """A line for each name and each text; numbers side by side."""
-    inner = margin + "  "
-    if isinstance(value, dict) and value:
-        lines = [f"{inner}{_dumped(k)}: {_indented(v, inner)}" for k, v in value.items()]
-        return "{\n" + ",\n".join(lines) + f"\n{margin}}}"
-    if isinstance(value, list) and value and all(isinstance(part, str) for part in value):
-        return "[\n" + ",\n".join(inner + _dumped(part) for part in value) + f"\n{margin}]"
-    return _dumped(value)
-
-
-def _dumped(value: Any) -> str:
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
-
-
-def _plain(value: Any) -> Any:
-    match value:
-        case np.generic() | np.ndarray():
-            return _plain(value.tolist())
-        case Mapping():
-            return {str(name): _plain(part) for name, part in value.items()}
-        case list() | tuple():
-            return [_plain(part) for part in value]
-        case float() if not math.isfinite(value):
-            return None
-        case str():  # the name of a file may hold bytes that are no text
-            return value.encode("utf-8", "backslashreplace").decode()
-        case int() | float() | None:
-            return value
-    raise TypeError(f"a report must hold numbers, text, and lists of them, got {value!r}")
-
-
 def model_from_json(text: str) -> ColorModel:
     """The model of `model_to_json`.
 
     Raises
     ------
-    KeyError, TypeError, ValueError
+    AttributeError, KeyError, TypeError, ValueError
         If the text is something else.
     """
-    fields: Any = json.loads(text)
+    return _model(json.loads(text))
+
+
+def _model(fields: Any) -> ColorModel:
     evidence = {k: math.inf if v is None else float(v) for k, v in fields["evidence"].items()}
     rows = fields.get("to_srgb")
     to_srgb = None if rows is None else tuple(tuple(map(float, row)) for row in rows)
@@ -155,32 +63,82 @@ def read_color_model(path: str | Path) -> ColorModel:
     FileError
         If the file cannot be read or holds no color model.
     """
-    text = read_json_text(path, _HINT)
-    try:
-        return model_from_json(text)
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        found = "holds a transfer curve" if '"light"' in text else "is no color model"
-        raise FileError(f"{path}: {found}; {_HINT}") from error
+    hint = "give a file that blurmatte wrote, e.g. with blurmatte color"
+    fields = read_json(path, hint)
+    curve = isinstance(fields, dict) and "light" in fields
+    with parsing(path, hint, "color model but a transfer curve" if curve else "color model"):
+        return _model(fields)
 
 
-def read_json_text(path: str | Path, hint: str) -> str:
-    """What is in a JSON file.
+def path_to_mapping(path: Trajectory, radius: float | None = None) -> dict[str, Any]:
+    """The content of a file of a path; `read_path` reads it from JSON. The radius is in pixels."""
+    size = {} if radius is None else {"radius": radius}
+    return size | {"t": path.t, "xy": path.xy}
+
+
+def read_path(path: str | Path) -> tuple[Trajectory, float | None]:
+    """Read a path and the radius of the object in pixels, None if not given.
 
     Raises
     ------
     FileError
-        If it cannot be read, or is no JSON; the message ends with `hint`.
+        If the file cannot be read or holds no path.
     """
-    try:
-        text = Path(path).read_text(encoding="utf-8")
-        json.loads(text)
-    except json.JSONDecodeError as error:
-        raise FileError(f"{path}: is no JSON (line {error.lineno}: {error.msg}); {hint}") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: is no JSON text; {hint}") from error
-    except OSError as error:
-        raise FileError(f"{path}: cannot be read ({error.strerror}); check the path") from error
-    return text
+    hint = 'give {"xy": [[x, y], …], "t": [0, …, 1]}, in pixels and fractions of the exposure'
+    fields = read_json(path, hint)
+    with parsing(path, hint, "path"):
+        radius = fields.get("radius")
+        return Trajectory(fields["xy"], fields["t"]), None if radius is None else float(radius)
 
 
-_HINT = "give a file that blurmatte wrote, e.g. with blurmatte color"
+def sweep_to_json(sweep: Sweep) -> str:
+    """All fields of a sweep."""
+    fields: dict[str, Any] = {
+        "family": sweep.family.name,
+        "path": sweep.path.tolist(),
+        "order": sweep.silhouette.order,
+        "turns": sweep.silhouette.turns,
+        "soft": sweep.silhouette.soft,
+        "changes": sweep.silhouette.changes,
+        "shape": sweep.shape.tolist(),
+        "model": model_to_json(sweep.model),
+        "covariance": sweep.covariance.tolist(),
+        "size": list(sweep.size),
+        "cast": None if sweep.cast is None else sweep.cast.numbers,
+        "diagnostics": asdict(sweep.diagnostics),
+    }
+    return json.dumps(fields)
+
+
+def sweep_from_json(text: str) -> Sweep:
+    """The sweep of `sweep_to_json`.
+
+    Raises
+    ------
+    FileError
+        If an older version wrote it, with other shapes and without diagnostics.
+    KeyError, TypeError, ValueError
+        If the text is something else.
+    """
+    fields: Any = json.loads(text)
+    if "bulges" in fields or "stats" in fields:
+        raise FileError("solve its picture again; the sweep of an older blurmatte cannot be read")
+    width, height = fields["size"]
+    return Sweep(
+        path_family(fields["family"]),
+        np.array(fields["path"], float),
+        Silhouette(int(fields["order"]), *(bool(fields.get(name)) for name in _SILHOUETTE_FLAGS)),
+        np.array(fields["shape"], float),
+        model_from_json(fields["model"]),
+        np.array(fields["covariance"], float),
+        (int(width), int(height)),
+        Diagnostics(**fields["diagnostics"]),
+        _cast_from_json(fields.get("cast")),
+    )
+
+
+def _cast_from_json(fields: Any) -> CastShadow | None:
+    if fields is None:
+        return None
+    offset, strength = (np.array(fields[name], float) for name in ("offset", "strength"))
+    return CastShadow(offset, float(fields["softness"]), strength)

@@ -1,7 +1,7 @@
-"""What a PNG file says about itself and OpenImageIO does not pass on.
+"""Chunks of PNG files, which OpenImageIO does not give access to.
 
-A PNG is a signature and chunks: length, type, data, CRC. Chunks that do not add up are refused
-here, before libpng sees them, for it prints its complaints to stderr.
+A PNG is a signature and chunks: length, type, data, CRC. Damaged chunks are rejected here, because
+libpng prints its complaints to stderr.
 """
 
 import struct
@@ -11,25 +11,23 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blurmatte.errors import FileError
-
-SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_PALETTE = 3  # PNG color type
+from blurmatte.files.errors import PNG_SIGNATURE
 
 
 @dataclass(frozen=True)
-class PngFacts:
-    """The header of a PNG, and how it says its code values encode light.
+class PngHeader:
+    """The header of a PNG, and its chunks that state how code values encode light.
 
     Parameters
     ----------
     size : (int, int)
-        Width and height.
+        Width and height, pixels.
     bits : int
         Per channel.
     palette : bool
-        The pixels are numbers of colors in a table.
+        True if pixels are indices into a table of colors.
     srgb : bool
-        There is an sRGB chunk.
+        True if there is an sRGB chunk.
     gamma : float or None
         Code value = light ** gamma, from the gAMA chunk.
     """
@@ -41,22 +39,32 @@ class PngFacts:
     gamma: float | None
 
 
-def inspect_png(path: Path) -> PngFacts:
-    """Check that a PNG is whole, and read its header.
+def inspect_png(path: Path) -> PngHeader:
+    """Check that a PNG is complete, and read its header.
 
     Raises
     ------
     FileError
-        If it is cut short or damaged.
+        If it is truncated or damaged.
     """
     chunks: dict[bytes, bytes] = {}
     for kind, data in _chunks(path, path.read_bytes()):
         chunks.setdefault(kind, bytes(data) if kind != b"IDAT" else b"")
     if len(chunks.get(b"IHDR", b"")) != 13 or b"IDAT" not in chunks:
-        raise FileError(f"{path}: the PNG has no picture in it; export it again")
+        raise FileError(f"{path}: export it again; the PNG has no picture")
     width, height, bits, color = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
     gamma = int.from_bytes(chunks.get(b"gAMA", b"")) / 100_000
-    return PngFacts((width, height), bits, color == _PALETTE, b"sRGB" in chunks, gamma or None)
+    return PngHeader((width, height), bits, color == 3, b"sRGB" in chunks, gamma or None)
+
+
+def check_png(path: Path, header: PngHeader) -> None:
+    """Raise FileError for palettes and fewer than 8 bits; OpenImageIO would expand both to 8 bits."""
+    if header.palette:
+        raise FileError(f"{path}: export it as RGB; a palette rounds the colors of a PNG")
+    if header.bits < 8:
+        raise FileError(
+            f"{path}: export 8 or 16 bits; it has fewer than 8 bits per channel ({header.bits})"
+        )
 
 
 def png_chunks(path: Path) -> list[tuple[bytes, bytes]]:
@@ -65,7 +73,7 @@ def png_chunks(path: Path) -> list[tuple[bytes, bytes]]:
     Raises
     ------
     FileError
-        If it is cut short or damaged.
+        If it is truncated or damaged.
     """
     return [(kind, bytes(data)) for kind, data in _chunks(path, path.read_bytes())]
 
@@ -73,24 +81,24 @@ def png_chunks(path: Path) -> list[tuple[bytes, bytes]]:
 def save_chunks(path: Path, chunks: Iterable[tuple[bytes, bytes]]) -> None:
     """Write a PNG of chunks, from the header to IEND."""
     with path.open("wb") as file:
-        file.write(SIGNATURE)
+        file.write(PNG_SIGNATURE)
         for kind, data in chunks:
             checksum = zlib.crc32(data, zlib.crc32(kind))
             file.writelines((struct.pack(">I", len(data)), kind, data, struct.pack(">I", checksum)))
 
 
 def _chunks(path: Path, content: bytes) -> Iterator[tuple[bytes, memoryview]]:
-    """Type and data of every chunk to IEND; whatever follows that belongs to somebody else."""
+    """Type and data of every chunk to IEND; bytes after that are ignored."""
     view = memoryview(content)
-    at, kind = len(SIGNATURE), b""
+    at, kind = len(PNG_SIGNATURE), b""
     while kind != b"IEND":
-        if at + 12 > len(view):
-            raise FileError(f"{path}: the PNG is cut short; copy or export it again")
-        length, kind = struct.unpack(">I4s", view[at : at + 8])
-        end = at + 8 + length
+        end = at + 8
+        if at + 12 <= len(view):
+            length, kind = struct.unpack(">I4s", view[at : at + 8])
+            end += length
         if end + 4 > len(view):
-            raise FileError(f"{path}: the PNG is cut short; copy or export it again")
+            raise FileError(f"{path}: copy or export it again; the PNG is truncated")
         if zlib.crc32(view[at + 4 : end]) != int.from_bytes(view[end : end + 4]):
-            raise FileError(f"{path}: the PNG is damaged (checksum); copy or export it again")
+            raise FileError(f"{path}: copy or export it again; the PNG is damaged (checksum)")
         yield kind, view[at + 8 : end]
         at = end + 4

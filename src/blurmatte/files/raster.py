@@ -1,33 +1,33 @@
-"""A picture file as it lies on disk: numbers, channel names and tags, nothing decoded.
+"""Picture files as stored: numbers, channel names and tags, read and written without conversion.
 
-Sizes and formats are judged before memory is taken. See refusals.py for what is turned away.
+OpenImageIO reads and writes PNG, TIFF and EXR; Pillow writes JPEG. Sizes and formats are checked
+before memory is allocated. Failures to write are OSError, as for any file.
 """
 
+import io
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-import OpenImageIO as oiio
 
-from blurmatte.checks import Bools
+from blurmatte.checks import MAX_PIXELS, Bools
 from blurmatte.errors import FileError
-from blurmatte.files.png import PngFacts, inspect_png
-from blurmatte.files.refusals import (
+from blurmatte.files.errors import (
     RAW,
     check_format,
-    check_png,
     check_size,
     damaged,
     kind_of,
     wanted_channels,
 )
+from blurmatte.files.exif import TiffTag
+from blurmatte.files.png import PngHeader, check_png, inspect_png
 
-MAX_PIXELS = 200_000_000
-# Only these are asked for: others may hold text in who knows what encoding.
+# Other attributes are not read: they may hold text in an unknown encoding.
 _TAGS = (
     *("ICCProfile", "CICP", "Orientation", "ExposureTime", "Exif:ColorSpace"),
     *("oiio:UnassociatedAlpha", "oiio:BitsPerSample", "tiff:PhotometricInterpretation"),
@@ -35,8 +35,9 @@ _TAGS = (
     *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
 )
-# Some cameras pad the end of a JPEG; every other complaint of libjpeg costs pixels.
+# Some cameras pad the end of a JPEG; every other complaint of libjpeg means lost pixels.
 _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")
+IS_SRGB = 1  # value of the EXIF tag ColorSpace
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +47,17 @@ class Raster:
     Parameters
     ----------
     path : Path
-        Where it came from.
+        The file.
     pixels : (H, W, n) uint8, uint16 or float32
         As stored.
     names : tuple of str
-        Of the channels.
+        Names of the channels.
     inside : (H, W) bool
-        False where the file holds no pixels: an EXR's data may cover a part of its picture.
+        False where the file holds no pixels: the data window of an EXR may be smaller than its picture.
     tags : mapping
-        What the file says beside its pixels, by OpenImageIO's names.
-    png : PngFacts or None
-        More about a PNG.
+        Attributes of the file, by OpenImageIO's names.
+    png : PngHeader or None
+        The header of a PNG.
     """
 
     path: Path
@@ -64,32 +65,32 @@ class Raster:
     names: tuple[str, ...]
     inside: Bools
     tags: Mapping[str, Any]
-    png: PngFacts | None
+    png: PngHeader | None
 
     @property
     def levels(self) -> int | None:
-        """How many code values the numbers can take; None for floats."""
+        """Number of code values; None for floats."""
         dtype = self.pixels.dtype
         return None if dtype.kind == "f" else int(np.iinfo(dtype).max) + 1
 
     @property
     def gray(self) -> bool:
-        """One channel of light is all there is."""
+        """True if there is one channel of light."""
         return "R" not in self.names
 
     @property
     def associated(self) -> bool:
-        """The colors are multiplied by alpha."""
+        """True if the colors are multiplied by alpha."""
         return not self.tags.get("oiio:UnassociatedAlpha", 0)
 
     @property
     def orientation(self) -> int:
-        """The EXIF tag: how the stored pixels were turned to be upright; 1: not at all."""
+        """The EXIF orientation of the stored pixels; 1 is upright."""
         return int(self.tags.get("Orientation", 1))
 
     @property
     def colors(self) -> npt.NDArray[Any]:
-        """(H, W, 3) numbers of red, green and blue; gray three times."""
+        """(H, W, 3) numbers of red, green and blue; gray is repeated."""
         return self.channels("YYY" if self.gray else "RGB")
 
     @property
@@ -97,17 +98,17 @@ class Raster:
         """(H, W) 0…1, or None if there is no such channel."""
         if "A" not in self.names:
             return None
-        alpha = self.seen("A")[..., 0]
+        alpha = self.view("A")[..., 0]
         if self.levels is None:
             return alpha
         return np.asarray(alpha / np.float32(self.levels - 1), dtype=np.float32)
 
     def channels(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
-        """(H, W, n) numbers of the channels that are called `names`."""
-        return np.ascontiguousarray(self.seen(names))
+        """(H, W, n) contiguous numbers of the named channels."""
+        return np.ascontiguousarray(self.view(names))
 
-    def seen(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
-        """The same without a copy, where the channels lie side by side."""
+    def view(self, names: str | tuple[str, ...]) -> npt.NDArray[Any]:
+        """(H, W, n) numbers of the named channels; a view if they are adjacent."""
         at = [self.names.index(name) for name in names]
         if at == list(range(at[0], at[0] + len(at))):
             return self.pixels[..., at[0] : at[0] + len(at)]
@@ -115,26 +116,25 @@ class Raster:
 
 
 def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None = None) -> Raster:
-    """Read a picture file as it is.
+    """Read the numbers of a picture file.
 
     Parameters
     ----------
     path : Path
         PNG, JPEG, TIFF or OpenEXR.
     max_pixels : int
-        More are refused before memory is taken.
+        Larger pictures are rejected before memory is allocated.
     names : tuple of str, optional
-        The channels to keep, a Solution's; without it the picture's own: R, G, B or Y, A, and what
-        plates.py puts beside them.
+        The channels to read; by default those of the picture, see `wanted_channels`.
 
     Raises
     ------
     FileError
-        If the file is missing, is damaged, or is of a kind that cannot hold light.
+        If the file is missing, damaged, or of an unsupported kind.
     """
     kind = kind_of(path)
     if kind == RAW:
-        raise FileError(f"{path}: a camera RAW holds no layer; give an EXR, PNG or TIFF with alpha")
+        raise FileError(f"{path}: give an EXR, PNG or TIFF with alpha; a camera RAW holds no layer")
     png = inspect_png(path) if kind == "PNG" else None
     if png is not None:
         check_size(path, png.size, max_pixels)
@@ -142,19 +142,20 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
     try:
         pixels, kept, tags, spec = _stored(path, kind, max_pixels, names)
     except UnicodeDecodeError as error:
-        raise damaged(path, kind, ["a name in it is no text"]) from error
-    pixels, inside = _whole(pixels, spec)
-    turn = int(tags.get("Orientation", 1))
-    return Raster(path, upright(pixels, turn), kept, upright(inside, turn), tags, png)
+        raise damaged(path, kind, ["a name is not text"]) from error
+    pixels, inside = _full_picture(pixels, spec)
+    orientation = int(tags.get("Orientation", 1))
+    pixels, inside = upright(pixels, orientation), upright(inside, orientation)
+    return Raster(path, pixels, kept, inside, tags, png)
 
 
 def _stored(
     path: Path, kind: str, max_pixels: int, names: tuple[str, ...] | None
-) -> tuple[npt.NDArray[Any], tuple[str, ...], dict[str, Any], oiio.ImageSpec]:
-    """Pixels, the names of their channels, the file's tags, and its header."""
+) -> tuple[npt.NDArray[Any], tuple[str, ...], dict[str, Any], Any]:
+    """Pixels, channel names, tags, and OpenImageIO's ImageSpec."""
     source, spec = _open(path, kind, max_pixels)
     try:
-        if kind != "EXR":  # elsewhere an offset is the place on a page, and nothing is missing
+        if kind != "EXR":  # in other formats an offset is a position on a page
             spec.x, spec.y, spec.full_x, spec.full_y = 0, 0, 0, 0
             spec.full_width, spec.full_height = spec.width, spec.height
         for size in ((spec.width, spec.height), (spec.full_width, spec.full_height)):
@@ -166,13 +167,16 @@ def _stored(
         return _pixels(path, kind, source, spec, kept), kept, tags, spec
     finally:
         source.close()
-        if source.has_error:  # an error nobody asked for is printed when `source` is deleted
+        if source.has_error:  # an error that is not fetched is printed when `source` is deleted
             source.geterror()
 
 
-def _open(path: Path, kind: str, max_pixels: int) -> tuple[oiio.ImageInput, oiio.ImageSpec]:
+def _open(path: Path, kind: str, max_pixels: int) -> tuple[Any, Any]:
+    """OpenImageIO's ImageInput and ImageSpec."""
+    import OpenImageIO as oiio
+
     wish = oiio.ImageSpec()
-    wish["oiio:UnassociatedAlpha"] = 1  # else straight colors come multiplied, in code values
+    wish["oiio:UnassociatedAlpha"] = 1  # else straight code values are multiplied by alpha
     source = oiio.ImageInput.open(str(path), wish)
     if source is not None:
         return source, source.spec()
@@ -184,10 +188,10 @@ def _open(path: Path, kind: str, max_pixels: int) -> tuple[oiio.ImageInput, oiio
 
 
 def _pixels(
-    path: Path, kind: str, source: oiio.ImageInput, spec: oiio.ImageSpec, names: tuple[str, ...]
+    path: Path, kind: str, source: Any, spec: Any, names: tuple[str, ...]
 ) -> npt.NDArray[Any]:
     at = [spec.channelnames.index(name) for name in names]
-    form = spec.format if str(spec.format).startswith("uint") else oiio.FLOAT
+    form = str(spec.format) if str(spec.format).startswith("uint") else "float"
     pixels = source.read_image(0, 0, min(at), max(at) + 1, form)
     complaints = [line for line in source.geterror().splitlines() if not _HARMLESS.search(line)]
     if pixels is None or complaints:
@@ -197,8 +201,8 @@ def _pixels(
     return np.asarray(pixels)
 
 
-def _whole(pixels: npt.NDArray[Any], spec: oiio.ImageSpec) -> tuple[npt.NDArray[Any], Bools]:
-    """The full picture of which the file holds a window, and where that is."""
+def _full_picture(pixels: npt.NDArray[Any], spec: Any) -> tuple[npt.NDArray[Any], Bools]:
+    """The display window, of which the file may hold a part, and a mask of that part."""
     data = (spec.x, spec.y, spec.width, spec.height)
     full = (spec.full_x, spec.full_y, spec.full_width, spec.full_height)
     if data == full:
@@ -214,7 +218,7 @@ def _whole(pixels: npt.NDArray[Any], spec: oiio.ImageSpec) -> tuple[npt.NDArray[
 
 
 def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Turn and mirror as the EXIF tag says: 2 mirrored, 3 upside down, 6 and 8 on a side, …"""
+    """Rotate and mirror stored pixels by their EXIF orientation."""
     turns = {3: 2, 4: 2, 5: 3, 6: 3, 7: 1, 8: 1}.get(orientation, 0)
     turned = np.rot90(pixels, turns)
     if orientation in (2, 4, 5, 7):
@@ -223,5 +227,93 @@ def upright(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
 
 
 def as_stored(pixels: npt.NDArray[Any], orientation: int) -> npt.NDArray[Any]:
-    """Turn what is upright back to how a file with this EXIF tag stores it."""
+    """Rotate and mirror upright pixels for a file with this EXIF orientation."""
     return upright(pixels, {6: 8, 8: 6}.get(orientation, orientation))
+
+
+def save_pixels(
+    path: Path,
+    parts: Sequence[npt.NDArray[Any]],
+    names: Sequence[str],
+    tags: Mapping[str, Any],
+) -> None:
+    """Write numbers losslessly: integers as integers, all floats as float32.
+
+    Parameters
+    ----------
+    path : Path
+        The extension determines the format.
+    parts : sequence of (H, W) or (H, W, n) arrays
+        The channels, one part after another; the type of the first is the type of all.
+    names : sequence of str
+        Names of the channels.
+    tags : mapping
+        Attributes of the file, by OpenImageIO's names.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written completely.
+    """
+    import OpenImageIO as oiio
+
+    dtype = np.dtype(np.float32) if parts[0].dtype.kind == "f" else parts[0].dtype
+    form = "float" if dtype.kind == "f" else dtype.name
+    height, width = parts[0].shape[:2]
+    spec = oiio.ImageSpec(width, height, len(names), form)
+    spec.channelnames = tuple(names)
+    if path.suffix == ".png":
+        spec["png:compressionLevel"] = 4  # a quarter of the time of level 6, 5 % larger files
+    spec.alpha_channel = names.index("A") if "A" in names else -1
+    if path.suffix in (".tif", ".exr"):
+        spec["compression"] = "zip"
+        spec["DateTime"] = "1970:01:01 00:00:00"  # the same picture gives the same bytes
+    for name, value in tags.items():
+        spec[name] = value
+    target = oiio.ImageOutput.create(str(path))
+    if target is None:
+        raise OSError(_first_line(oiio.geterror()))
+    written = target.open(str(path), spec) and _write_strips(target, parts, dtype)
+    complaint = target.geterror()  # PNG reports a full disk only here
+    closed = target.close()
+    complaint += target.geterror()
+    if complaint or not (written and closed):
+        raise OSError(_first_line(complaint))
+
+
+def _write_strips(target: Any, parts: Sequence[npt.NDArray[Any]], dtype: np.dtype[Any]) -> bool:
+    """Interleave the parts strip by strip, without a second copy of the picture."""
+    height, rows = len(parts[0]), 256  # a multiple of the compressed blocks of EXR and TIFF
+    for row in range(0, height, rows):
+        end = min(row + rows, height)
+        strip = np.dstack([part[row:end] for part in parts]).astype(dtype, copy=False)
+        if not target.write_scanlines(row, end, 0, np.ascontiguousarray(strip)):
+            return False
+    return True
+
+
+def save_jpeg(path: Path, codes: npt.NDArray[np.uint8], exposure_time: float | None = None) -> None:
+    """Write (H, W, 3) sRGB code values at quality 95 without chroma subsampling.
+
+    Pillow writes it: on a full disk OpenImageIO's JPEG library terminates the process.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written completely.
+    """
+    from PIL import Image
+    from PIL.TiffImagePlugin import IFDRational
+
+    exif = Image.Exif()
+    ifd = exif.get_ifd(TiffTag.EXIF)
+    ifd[TiffTag.COLOR_SPACE] = IS_SRGB
+    if exposure_time:
+        ifd[TiffTag.EXPOSURE_TIME] = IFDRational(round(exposure_time * 1e6), 1_000_000)
+    content = io.BytesIO()  # if it wrote to the file, Pillow would not notice a full disk
+    Image.fromarray(codes).save(content, "JPEG", quality=95, subsampling=0, exif=exif)
+    path.write_bytes(content.getbuffer())
+
+
+def _first_line(text: str) -> str:
+    return next((line.strip() for line in text.splitlines() if line.strip()), "no reason given")

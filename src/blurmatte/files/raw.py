@@ -1,14 +1,12 @@
-"""Camera RAW to the light that the sensor saw, in the colors of the camera.
+"""Camera RAW to linear light in the colors of the camera.
 
-LibRaw decodes the file (rawpy, the extra `raw`); the light is made here. A sensor sees one color in
-each pixel. In this file `mosaic` is what it saw, (H, W), and `pattern` the colors, a tile that repeats:
-0 red, 1 green, 2 blue. Light is (mosaic − black) / (white − black), nothing else: no gamma, no white
-balance, no color matrix, no repair, and noise below black stays negative.
+LibRaw decodes the file (rawpy, the extra `raw`). `mosaic` (H, W) is the sensor's data, one color per
+pixel, and `pattern` the repeating tile of colors: 0 red, 1 green, 2 blue. Light is (mosaic − black) /
+(white − black), without gamma, white balance, color matrix or repair; noise below black stays negative.
 
-The other two colors of a pixel are interpolated linearly (`demosaic` says why), so a pixel's noise is
-known, and a clipped pixel spoils only its neighbors. LibRaw's own development is not used: its linear
-interpolation is the same, but it cuts off below black, which makes dark light brighter than it was,
-and rounds.
+The other two colors of a pixel are interpolated linearly (see `demosaic`), so that the noise of a pixel
+is known and a clipped pixel affects only its neighbors. LibRaw's own linear interpolation is not used:
+it clips below black, which biases dark light, and rounds.
 """
 
 import math
@@ -24,26 +22,23 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import MAX_PIXELS, Bools, Floats
 from blurmatte.errors import FileError
-from blurmatte.files.raster import MAX_PIXELS, upright
-from blurmatte.files.refusals import check_size
-from blurmatte.radiometry import LinearImage, Matrix3, Meta, NoiseModel
+from blurmatte.files.errors import check_size
+from blurmatte.files.exif import TiffTag
+from blurmatte.files.raster import upright
+from blurmatte.radiometry.image import LinearImage, Matrix3, Meta
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
+from blurmatte.radiometry.noise import NoiseModel
 
 Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]
 
-_PHOTOMETRIC, _MAKE, _MODEL, _SUB_FILES, _SAMPLE_FORMAT = 262, 271, 272, 330, 339
-_DNG_VERSION, _UNIQUE_MODEL, _BLACK, _NOISE_PROFILE = 50706, 50708, 50714, 51041
-_WANTED = (
-    *(_PHOTOMETRIC, _MAKE, _MODEL, _SAMPLE_FORMAT),
-    *(_DNG_VERSION, _UNIQUE_MODEL, _BLACK, _NOISE_PROFILE),
+_USED_TAGS = (
+    *(TiffTag.PHOTOMETRIC, TiffTag.MAKE, TiffTag.MODEL, TiffTag.SAMPLE_FORMAT),
+    *(TiffTag.DNG_VERSION, TiffTag.UNIQUE_MODEL, TiffTag.BLACK_LEVEL, TiffTag.NOISE_PROFILE),
 )
-_SENSOR = (32803, 34892)  # photometric: a mosaic, or linear RAW
-_FLOATS = (3, (3,), (3, 3, 3))  # sample formats
-_MOST_DIRECTORIES = 16  # a RAW and its previews; more are a damaged file
-# LibRaw's flip is a sum: 1 mirrored, 2 upside down, 4 rows and columns swapped. What EXIF calls it:
+# EXIF orientation of LibRaw's flip: 1 mirrored + 2 upside down + 4 transposed.
 _ORIENTATION = {0: 1, 1: 2, 2: 4, 3: 3, 4: 5, 5: 8, 6: 6, 7: 7}
 # Columns: X, Y and Z (white D65) of the primaries of sRGB [IEC 61966-2-1].
 _SRGB_TO_XYZ = np.array(
@@ -53,7 +48,7 @@ _SRGB_TO_XYZ = np.array(
         [0.0193339, 0.1191920, 0.9503041],
     ]
 )
-_ONE_AT_A_TIME = Lock()  # else the standard error of one thread is restored to another's silence
+_STDERR_LOCK = Lock()  # two threads that silence stderr would restore the wrong descriptor
 _CONVERT = "convert it to DNG (e.g. with Adobe's free DNG Converter) or to 16-bit linear TIFF"
 
 
@@ -68,24 +63,27 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
     path : Path
         The file.
     max_pixels : int
-        More are refused before memory is taken.
+        Larger pictures are rejected before memory is allocated.
 
     Returns
     -------
     LinearImage
-        float32. `valid` is False where a pixel that went into it was saturated. The noise is that of
-        a DNG's NoiseProfile as it is after interpolation, averaged over the pattern; else not known.
+        float32. `valid` is False where a contributing sensor pixel is saturated. The noise is that of
+        a DNG's NoiseProfile after interpolation, averaged over the pattern; None for other files.
 
     Raises
     ------
     FileError
-        If the extra is not installed, or there is no light to be had from the file.
+        If the extra is not installed, or the file holds no usable light.
     """
     rawpy = _library(path)
     directories = _directories(path)
     for tags in directories:
-        if tags.get(_PHOTOMETRIC) in _SENSOR and tags.get(_SAMPLE_FORMAT) in _FLOATS:
-            raise FileError(f"{path}: holds floats, not the sensor's numbers; export it as EXR")
+        # A mosaic or linear RAW, whose sample format is floating point.
+        if tags.get(TiffTag.PHOTOMETRIC) in (32803, 34892) and (
+            tags.get(TiffTag.SAMPLE_FORMAT) in (3, (3,), (3, 3, 3))
+        ):
+            raise FileError(f"{path}: export it as EXR; it holds floats, not sensor data")
     try:
         with path.open("rb") as file, _silent():
             raw = rawpy.imread(file)
@@ -95,11 +93,12 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
             return _developed(path, raw, directories)
     except rawpy.LibRawFileUnsupportedError as error:
         raise FileError(
-            f"{path}: is no camera RAW, or of a camera that LibRaw does not know; {_CONVERT}"
+            f"{path}: {_CONVERT}; LibRaw does not know its camera, or it is no camera RAW"
         ) from error
     except rawpy.LibRawError as error:
         raise FileError(
-            f"{path}: the RAW is damaged or cut short ({_told(error)}); copy it again, or {_CONVERT}"
+            f"{path}: copy it again, or {_CONVERT}; the RAW is damaged or truncated "
+            f"({_reason(error)})"
         ) from error
 
 
@@ -107,24 +106,22 @@ def _library(path: Path) -> Any:
     try:
         import rawpy
     except ImportError as error:
-        raise FileError(
-            f'{path}: camera RAW needs an extra; pip install "blurmatte[raw]"'
-        ) from error
+        raise FileError(f'{path}: pip install "blurmatte[raw]"; camera RAW needs rawpy') from error
     return rawpy
 
 
-def _told(error: Exception) -> str:
+def _reason(error: Exception) -> str:
     reason = error.args[0] if error.args else "no reason given"
     return reason.decode() if isinstance(reason, bytes) else str(reason)
 
 
 @contextmanager
 def _silent() -> Iterator[None]:
-    """LibRaw prints what it then also raises; only the file descriptor can stop it."""
-    with _ONE_AT_A_TIME:
+    """Silence stderr: LibRaw prints the errors that it raises, past sys.stderr."""
+    with _STDERR_LOCK:
         try:
             kept = os.dup(2)
-        except OSError:  # a program without a terminal has none
+        except OSError:  # a program without a terminal has no stderr
             yield
             return
         try:
@@ -137,7 +134,7 @@ def _silent() -> Iterator[None]:
 
 
 def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage:
-    """Light, validity, noise and facts of an unpacked file."""
+    """Light, validity, noise and metadata of an unpacked file."""
     black, white = _levels(path, raw, directories)
     if raw.raw_type.name == "Stack":
         light, valid, shares = _of_three(path, raw, directories, black, white)
@@ -150,31 +147,31 @@ def _developed(path: Path, raw: Any, directories: Sequence[Tags]) -> LinearImage
 
 
 def _levels(path: Path, raw: Any, directories: Sequence[Tags]) -> tuple[Floats, float]:
-    """Black of each color of LibRaw's, and white."""
+    """(4,) black level of each of LibRaw's colors, and the white level."""
     black = np.array(raw.black_level_per_channel, dtype=np.float32)
-    told = _black_fractions(raw, directories)
-    black = np.where(np.abs(told - black) < 1, told, black).astype(np.float32)
+    exact = _exact_black(raw, directories)
+    black = np.where(np.abs(exact - black) < 1, exact, black).astype(np.float32)
     white = float(raw.white_level)
     if not white > black.max():
         raise FileError(
-            f"{path}: its white level {white:g} is not above its black level; {_CONVERT}"
+            f"{path}: {_CONVERT}; its white level {white:g} is not above its black level"
         )
     return black, white
 
 
-def _black_fractions(raw: Any, directories: Sequence[Tags]) -> Floats:
-    """(4,) black of each color of LibRaw's as a DNG tells it, for LibRaw cuts off fractions; or NaN."""
-    told = _numbers(directories, _BLACK)
+def _exact_black(raw: Any, directories: Sequence[Tags]) -> Floats:
+    """(4,) black level of each of LibRaw's colors in a DNG, or NaN; LibRaw truncates fractions."""
+    stated = _numbers(directories, TiffTag.BLACK_LEVEL)
     black = np.full(4, np.nan, np.float32)
-    if told.size == 1:
-        black[:] = told
-    elif told.size == 4 and raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):
-        black[raw.raw_colors_visible[:2, :2].ravel()] = told
+    if stated.size == 1:
+        black[:] = stated
+    elif stated.size == 4 and raw.raw_pattern is not None and raw.raw_pattern.shape == (2, 2):
+        black[raw.raw_colors_visible[:2, :2].ravel()] = stated
     return black
 
 
 def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Floats, Bools, Floats]:
-    """Light of a sensor that sees one color in each pixel; and the shares of its noise."""
+    """Light and validity of a mosaic, and the factors of its noise variance."""
     mosaic: Mosaic = raw.raw_image_visible
     if raw.num_colors == 1:
         light = (mosaic - black[0]) / np.float32(white - black[0])
@@ -195,11 +192,11 @@ def _of_mosaic(path: Path, raw: Any, black: Floats, white: float) -> tuple[Float
 def _of_three(
     path: Path, raw: Any, directories: Sequence[Tags], black: Floats, white: float
 ) -> tuple[Floats, Bools, Floats]:
-    """Light of a DNG that was interpolated already."""
-    if _first(directories, _DNG_VERSION) is None or raw.num_colors != 3:
+    """Light and validity of an interpolated DNG, and the factors of its noise variance."""
+    if _first(directories, TiffTag.DNG_VERSION) is None or raw.num_colors != 3:
         raise FileError(
-            f"{path}: holds no plain mosaic of red, green and blue (a Foveon sensor, or a small RAW); "
-            "develop it to 16-bit linear TIFF"
+            f"{path}: develop it to 16-bit linear TIFF; it holds no mosaic of red, green and blue "
+            "(a Foveon sensor, or a reduced RAW)"
         )
     codes = raw.raw_image_visible[..., :3]
     light = (codes - black[:3]) * np.float32(1 / (white - black.max()))
@@ -207,7 +204,7 @@ def _of_three(
 
 
 def _pattern(path: Path, raw: Any) -> Pattern:
-    """The tile of LibRaw's colors, 0 to 3, that the visible mosaic begins with."""
+    """The tile of LibRaw's colors, 0 to 3, at the origin of the visible mosaic."""
     try:
         period = raw.raw_pattern
     except NotImplementedError:  # patterns of other periods
@@ -218,40 +215,40 @@ def _pattern(path: Path, raw: Any) -> Pattern:
         if sees_all_colors(_with_one_green(colors)):
             return colors
     raise FileError(
-        f"{path}: its pixels form no plain pattern of red, green and blue; "
-        "develop it to 16-bit linear TIFF"
+        f"{path}: develop it to 16-bit linear TIFF; "
+        "its pixels form no plain pattern of red, green and blue"
     )
 
 
 def _with_one_green(colors: Pattern) -> Pattern:
-    """LibRaw tells the greens beside blue, 3, from those beside red."""
+    """The pattern with 1 for both greens; LibRaw numbers those in blue rows 3."""
     return np.where(colors == 3, 1, colors)
 
 
 def _clipping(raw: Any, black: Floats, white: float) -> Floats:
-    """(4,) code values from which on a color is saturated: the camera's own word, or white."""
-    told = np.array(raw.camera_white_level_per_channel or (0,) * 4, dtype=float)
-    return np.where(told > black, np.minimum(told, white), white)
+    """(4,) code values at which a color saturates: as the camera states, or white."""
+    stated = np.array(raw.camera_white_level_per_channel or (0,) * 4, dtype=float)
+    return np.where(stated > black, np.minimum(stated, white), white)
 
 
 def _raise_to_white(rgb: Floats, clipped: Bools, pattern: Pattern) -> None:
-    """Mark what a clipped pixel went into as white at least: the mean of it and others is no light."""
+    """Raise the values that a clipped pixel contributes to, to white or more."""
     for c in range(3):
-        seen = tiled(pattern == c, clipped.shape)
-        spoiled = np.where(seen, clipped, _around(clipped & seen))
-        rgb[..., c][spoiled] = np.maximum(rgb[..., c][spoiled], 1)
+        measured = tiled(pattern == c, clipped.shape)
+        affected = np.where(measured, clipped, _around(clipped & measured))
+        rgb[..., c][affected] = np.maximum(rgb[..., c][affected], 1)
 
 
 def _around(pixels: Bools) -> Bools:
-    """True in the 3 x 3 around each pixel, which is as far as interpolation reaches."""
+    """True in the 3 x 3 neighborhoods of pixels, the reach of the interpolation."""
     from scipy.ndimage import binary_dilation
 
     return np.asarray(binary_dilation(pixels, np.ones((3, 3))))
 
 
 def _noise(directories: Sequence[Tags], shares: Floats) -> NoiseModel | None:
-    """Of a DNG's NoiseProfile: variance S · light + O of what was seen [DNG 1.4, tag 51041]."""
-    profile = _numbers(directories, _NOISE_PROFILE)
+    """The noise of a DNG's NoiseProfile: variance S · light + O of a sensor pixel [DNG 1.4]."""
+    profile = _numbers(directories, TiffTag.NOISE_PROFILE)
     if profile.size not in (2, 6) or not (np.isfinite(profile) & (profile >= 0)).all():
         return None
     S, O = (np.broadcast_to(column, 3) * shares for column in profile.reshape(-1, 2).T)
@@ -275,23 +272,24 @@ def _meta(path: Path, raw: Any, directories: Sequence[Tags], levels: int) -> Met
 
 def _camera(directories: Sequence[Tags]) -> str:
     make, model, unique = (
-        str(_first(directories, tag) or "").strip("\0 ") for tag in (_MAKE, _MODEL, _UNIQUE_MODEL)
+        str(_first(directories, tag) or "").strip("\0 ")
+        for tag in (TiffTag.MAKE, TiffTag.MODEL, TiffTag.UNIQUE_MODEL)
     )
     name = model if model.lower().startswith(make.lower()) else f"{make} {model}"
     return name.strip() or unique
 
 
 def _white_balance(raw: Any) -> tuple[float, float, float] | None:
-    """As shot, green 1; None if the file does not tell."""
+    """Factors as shot, green 1; None if the file states none."""
     red, green, blue = (float(value) for value in raw.camera_whitebalance[:3])
-    told = all(math.isfinite(value) and value > 0 for value in (red, green, blue))
-    return (red / green, 1.0, blue / green) if told else None
+    stated = all(math.isfinite(value) and value > 0 for value in (red, green, blue))
+    return (red / green, 1.0, blue / green) if stated else None
 
 
 def _to_srgb(raw: Any, balance: tuple[float, float, float] | None) -> Matrix3 | None:
-    """White balance, then what LibRaw knows of the camera's colors, if anything.
+    """The white balance followed by LibRaw's matrix of the camera, if there is one.
 
-    The rows of either matrix add up to 1, so that white stays white.
+    The rows of LibRaw's matrices sum to 1, so that white stays white.
     """
     if raw.num_colors == 1:
         return None
@@ -307,9 +305,9 @@ def _to_srgb(raw: Any, balance: tuple[float, float, float] | None) -> Matrix3 | 
 
 
 def _directories(path: Path) -> list[Tags]:
-    """The TIFF tags of the file's first directory and of those below it; none if it is no TIFF.
+    """TIFF tags of the first directory and its subdirectories; empty for other files.
 
-    LibRaw knows them, but rawpy does not pass them on.
+    rawpy does not give access to them.
     """
     from PIL.TiffImagePlugin import ImageFileDirectory_v2
 
@@ -318,23 +316,23 @@ def _directories(path: Path) -> list[Tags]:
         with path.open("rb") as file, warnings.catch_warnings():
             warnings.simplefilter("ignore")
             head = file.read(8)
-            # Olympus and Panasonic put letters of their own after the byte order.
+            # Olympus and Panasonic use other letters after the byte order.
             head = {b"II": b"II*\0", b"MM": b"MM\0*"}.get(head[:2], b"") + head[4:]
-            places = [ImageFileDirectory_v2(head).next]
-            while places and len(found) < _MOST_DIRECTORIES:
+            offsets = [ImageFileDirectory_v2(head).next]
+            while offsets and len(found) < 16:  # a RAW and its previews; more are damage
                 directory = ImageFileDirectory_v2(head)
-                file.seek(places.pop(0))
+                file.seek(offsets.pop(0))
                 directory.load(file)
-                found.append({tag: directory[tag] for tag in _WANTED if tag in directory})
-                below = directory.get(_SUB_FILES, ())
-                places += below if isinstance(below, tuple) else (below,)
+                found.append({tag: directory[tag] for tag in _USED_TAGS if tag in directory})
+                below = directory.get(TiffTag.SUB_DIRECTORIES, ())
+                offsets += below if isinstance(below, tuple) else (below,)
     except (OSError, SyntaxError, ValueError, TypeError, KeyError, OverflowError, struct.error):
-        return found  # what is damaged, LibRaw will tell
+        return found  # LibRaw reports the damage
     return found
 
 
 def _numbers(directories: Sequence[Tags], tag: int) -> npt.NDArray[np.float64]:
-    """(n,) the numbers of a tag; none if it is nowhere, or damaged."""
+    """(n,) numbers of a tag; empty if it is missing or damaged."""
     try:
         return np.ravel(np.array(_first(directories, tag) or (), dtype=float))
     except (TypeError, ValueError):
@@ -342,5 +340,5 @@ def _numbers(directories: Sequence[Tags], tag: int) -> npt.NDArray[np.float64]:
 
 
 def _first(directories: Sequence[Tags], tag: int) -> Any:
-    """The value of a tag where it comes first; None if it is nowhere."""
+    """The first value of a tag; None if it is missing."""
     return next((tags[tag] for tags in directories if tag in tags), None)

@@ -1,7 +1,7 @@
 """Picture files to linear light with the primaries of sRGB: images, and layers with alpha.
 
-Light is decoded once, here. Integers are decoded by table; code values at the top of their range
-are saturated. Straight and premultiplied files both end premultiplied.
+Integers are decoded by table; the highest code value is saturated. Straight and premultiplied files
+both give premultiplied layers.
 """
 
 import math
@@ -10,18 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
-from blurmatte.checks import Bools, Floats, check_kind
+from blurmatte.checks import MAX_PIXELS, Bools, Floats, check_kind
 from blurmatte.errors import FileError
-from blurmatte.files.camera import CAMERA_TAG, in_camera_colors
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
+from blurmatte.files.errors import RAW, check_premultiplied, kind_of
+from blurmatte.files.exr import with_exr_parts
 from blurmatte.files.icc import Profile
-from blurmatte.files.jpeg import compression_of
-from blurmatte.files.plates import with_layers
-from blurmatte.files.raster import MAX_PIXELS, Raster, load
+from blurmatte.files.raster import Raster, load
 from blurmatte.files.raw import read_raw
-from blurmatte.files.refusals import RAW, check_premultiplied, kind_of
+from blurmatte.jpeg import compression_of
 from blurmatte.layer import Layer
-from blurmatte.radiometry import LINEAR, Compression, LinearImage, Meta, Transfer, decode
+from blurmatte.radiometry.compression import Compression
+from blurmatte.radiometry.image import LinearImage, Meta, decode
+from blurmatte.radiometry.transfer import LINEAR, Transfer
 
 
 def read(
@@ -29,63 +30,66 @@ def read(
 ) -> LinearImage:
     """Read a picture as linear light.
 
-    PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR, with the primaries of sRGB; ICC profile and
-    EXIF orientation are honored; EXR and float TIFF are linear unless a profile says otherwise. The
-    variance and the valid pixels that `write` puts into an EXR come back.
-    And camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, with
-    the extra `raw`; see blurmatte.files.raw.
+    PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR, with the primaries of sRGB. ICC profile and
+    EXIF orientation are applied; EXR and float TIFF are linear unless a profile states otherwise. The
+    variance and the valid pixels that `write` stores in an EXR are restored.
+    Camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, needs the
+    extra `raw`.
 
     Parameters
     ----------
     path : str or Path
         The file.
     transfer : Transfer, optional
-        The curve of its code values, if you know better than the file.
+        The curve of its code values; it replaces the one that the file states.
     max_pixels : int
-        Larger pictures are refused before memory is taken.
+        Larger pictures are rejected before memory is allocated.
 
     Returns
     -------
     LinearImage
-        float32. `valid` is False where a channel is saturated or alpha is below 1. `meta` says
-        what else the file told: `color_space`, `camera`, `white_balance` …
+        float32. `valid` is False where a channel is saturated or alpha is below 1. `meta` holds the
+        other properties of the file: `color_space`, `camera`, `white_balance` …
 
     Raises
     ------
     TypeError
-        If the transfer is none.
+        If `transfer` is not a Transfer.
     FileError
-        If there is no light to be had from the file; the message says what to do.
+        If the file holds no usable light; the message says what to do.
 
     Warns
     -----
     TransferWarning
-        If nothing says how code values encode light, and they are taken as sRGB.
+        If the file does not state how code values encode light, and they are taken as sRGB.
     """
     path = Path(path)
     check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
     if kind_of(path) == RAW:
-        _check_linear(path, transfer)
+        if transfer not in (None, LINEAR):
+            raise FileError(
+                f"{path}: omit transfer= (--transfer); the light of a camera RAW is linear, "
+                f"not {transfer.name}"
+            )
         return read_raw(path, max_pixels)
     return light_of(load(path, max_pixels), transfer, stacklevel=2)
 
 
 def light_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> LinearImage:
-    """The linear light of what a file holds; see `read`."""
+    """The linear light of the numbers of a file; see `read`."""
     encoding = encoding_of(raster, transfer, stacklevel + 1)
     image = _decoded(raster, encoding)
     valid = image.valid & raster.inside
     if raster.alpha is not None:
         valid &= raster.alpha >= 1
-    image = with_layers(replace(image, valid=valid, meta=_meta(raster, encoding)), raster)
-    header = raster.tags.get(CAMERA_TAG)
-    return image if header is None else in_camera_colors(raster.path, image, str(header))
+    image = replace(image, valid=valid, meta=_meta(raster, encoding))
+    return with_exr_parts(image, raster)
 
 
 def read_layer(
     path: str | Path, transfer: Transfer | None = None, max_pixels: int = MAX_PIXELS
 ) -> Layer:
-    """Read a picture with alpha: EXR (a Solution's too), PNG, TIFF.
+    """Read a picture with alpha: EXR (also of a Solution), PNG, TIFF.
 
     Parameters
     ----------
@@ -95,19 +99,19 @@ def read_layer(
     Returns
     -------
     Layer
-        float32, premultiplied whatever the file is.
+        float32, premultiplied.
 
     Raises
     ------
     FileError
-        As in `read`, if there is no alpha, and if the colors of an EXR look straight.
+        As in `read`; also if there is no alpha, or the colors of an EXR look straight.
     """
     check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
     raster = load(Path(path), max_pixels)
     alpha = raster.alpha
     if alpha is None:
         raise FileError(
-            f"{path}: has no alpha, so it is no layer; give an EXR, PNG or TIFF with alpha"
+            f"{path}: give an EXR, PNG or TIFF with alpha; the file has no alpha and is no layer"
         )
     encoding = encoding_of(raster, transfer, stacklevel=2)
     light = _premultiplied(raster, alpha, encoding)
@@ -115,14 +119,6 @@ def read_layer(
     if encoding is None and raster.associated:
         check_premultiplied(raster.path, light, alpha)
     return Layer(alpha, light)
-
-
-def _check_linear(path: Path, transfer: Transfer | None) -> None:
-    if transfer not in (None, LINEAR):
-        raise FileError(
-            f"{path}: the light of a camera RAW is linear, not {transfer.name}; leave transfer= "
-            "(--transfer) out"
-        )
 
 
 def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
@@ -142,15 +138,15 @@ def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
 
 
 def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> Floats:
-    """Light times alpha. Curves are meant for straight colors, so those come first."""
-    cover = alpha[..., None]
+    """Light times alpha. Curves apply to straight colors, so these are computed first."""
+    alpha = alpha[..., None]
     if not raster.associated:
-        return np.asarray(_decoded(raster, encoding).rgb * cover)
-    if encoding is None:  # gray or in color: nothing is copied, for layers are large
-        return to_light(raster.seen("YYY" if raster.gray else "RGB"), None)
+        return np.asarray(_decoded(raster, encoding).rgb * alpha)
+    if encoding is None:  # without a copy, because layers are large
+        return to_light(raster.view("YYY" if raster.gray else "RGB"), None)
     codes = raster.colors / np.float32((raster.levels or 2) - 1)
-    straight = np.divide(codes, cover, out=np.zeros_like(codes), where=cover > 0)
-    return np.asarray(to_light(straight, encoding) * cover)
+    straight = np.divide(codes, alpha, out=np.zeros_like(codes), where=alpha > 0)
+    return np.asarray(to_light(straight, encoding) * alpha)
 
 
 def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> None:
@@ -162,14 +158,14 @@ def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> Non
         finite = finite & np.isfinite(alpha)
     bad = finite.size - int(np.count_nonzero(finite))
     raise FileError(
-        f"{path}: {bad} of {finite.size} pixels are NaN or infinite; "
-        "repair them in the program that wrote the file"
+        f"{path}: repair it in the program that wrote it; "
+        f"{bad} of {finite.size} pixels are NaN or infinite"
     )
 
 
 def _meta(raster: Raster, encoding: Profile | None) -> Meta:
-    told = raster.tags.get("ExposureTime", 0)
-    seconds = float(told) if isinstance(told, int | float) else 0.0  # some programs write pairs
+    stated = raster.tags.get("ExposureTime", 0)
+    seconds = float(stated) if isinstance(stated, int | float) else 0.0  # some programs write pairs
     return Meta(
         source=raster.path.name,
         transfer=encoding.curves[1] if encoding else None,
@@ -183,7 +179,7 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
 
 
 def _compression(raster: Raster, encoding: Profile | None) -> Compression | None:
-    """Of a JPEG whose code values are those that its light is encoded as."""
+    """The compression of a JPEG, if its light has the primaries of its code values."""
     if kind_of(raster.path) != "JPEG" or encoding is None or encoding.matrix is not None:
         return None
     return compression_of(raster.path.read_bytes(), raster.orientation)

@@ -1,8 +1,8 @@
-"""A Solution as one EXR, and back.
+"""A Solution as one EXR.
 
-R, G, B, A without a name in front are the picture, premultiplied, as every program expects it.
-Beside them, untouched: alpha.raw, alpha.std, premultiplied.R …, premultiplied_std.R …,
-quality.flags. Model, solver, stats and sweep are text in the header. All channels are float32.
+R, G, B, A hold the premultiplied picture. Further float32 channels: alpha.raw, alpha.std,
+premultiplied.R …, premultiplied_std.R …, quality.flags. Model, solver, statistics and sweep are text
+attributes.
 """
 
 import json
@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import MAX_PIXELS
 from blurmatte.errors import FileError
-from blurmatte.files.models import model_from_json, model_to_json
-from blurmatte.files.raster import MAX_PIXELS, Raster, load
-from blurmatte.files.sweeps import sweep_from_json, sweep_to_json
-from blurmatte.matting import Solution
+from blurmatte.files.exr import changed_header
+from blurmatte.files.models import model_from_json, model_to_json, sweep_from_json, sweep_to_json
+from blurmatte.files.raster import Raster, load
+from blurmatte.matting.solution import Solution
 
 CHANNELS = (
     *("R", "G", "B", "A", "alpha.raw", "alpha.std"),
@@ -27,7 +28,7 @@ CHANNELS = (
 
 
 def solution_parts(solution: Solution) -> tuple[npt.NDArray[Any], ...]:
-    """Arrays whose channels are `CHANNELS`."""
+    """Arrays of the channels `CHANNELS`."""
     layer = solution.layer
     return (
         *(layer.premultiplied, layer.alpha, solution.alpha, solution.alpha_std),
@@ -36,27 +37,27 @@ def solution_parts(solution: Solution) -> tuple[npt.NDArray[Any], ...]:
 
 
 def solution_header(solution: Solution) -> dict[str, str]:
-    """What is no pixel, as text."""
-    swept = {} if solution.sweep is None else {"blurmatte:sweep": sweep_to_json(solution.sweep)}
+    """Attributes of the EXR."""
+    sweep = {} if solution.sweep is None else {"blurmatte:sweep": sweep_to_json(solution.sweep)}
     return {
         "blurmatte:model": model_to_json(solution.model),
         "blurmatte:solver": solution.solver,
         "blurmatte:stats": json.dumps(dict(solution.stats), default=_plain),
-        **swept,
+        **sweep,
     }
 
 
 def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     """Read a Solution that `write` wrote.
 
-    Arrays come back as float32, sequences in `stats` as tuples, the sweep with every digit.
+    Arrays are float32, sequences in `stats` are tuples, and the sweep has all its digits.
 
     Parameters
     ----------
     path : str or Path
         The EXR.
     max_pixels : int
-        Larger pictures are refused before memory is taken.
+        Larger pictures are rejected before memory is allocated.
 
     Returns
     -------
@@ -65,22 +66,18 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     Raises
     ------
     FileError
-        If the file cannot be read or holds no Solution, or one of an older version with a sweep.
+        If the file cannot be read, holds no Solution, or has the sweep of an older version.
     """
     raster = load(Path(path), max_pixels, CHANNELS[4:])
     try:
-        header = {name: str(raster.tags[f"blurmatte:{name}"]) for name in ("model", "stats")}
-        model = model_from_json(header["model"])
-        stats = _frozen(json.loads(header["stats"]))
+        model = model_from_json(str(raster.tags["blurmatte:model"]))
+        stats = _frozen(json.loads(str(raster.tags["blurmatte:stats"])))
         text = raster.tags.get("blurmatte:sweep")
         sweep = None if text is None else sweep_from_json(str(text))
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
     except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise FileError(
-            f"{path}: another program has changed its header; "
-            "give the EXR as blurmatte.write made it"
-        ) from error
+        raise changed_header(path) from error
     solver = str(raster.tags.get("blurmatte:solver", ""))
     return Solution(**_arrays(raster), model=model, solver=solver, stats=stats, sweep=sweep)
 
@@ -102,14 +99,14 @@ def _arrays(raster: Raster) -> Mapping[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """NumPy's numbers and arrays for JSON."""
+    """Lists of NumPy numbers and arrays, for JSON."""
     if isinstance(value, np.generic | np.ndarray):
         return value.tolist()
     raise TypeError(f"stats must hold numbers, text, and lists of them, got {value!r}")
 
 
 def _frozen(value: Any) -> Any:
-    """The same with every list a tuple."""
+    """The value with tuples instead of lists."""
     if isinstance(value, dict):
         return {name: _frozen(part) for name, part in value.items()}
     return tuple(map(_frozen, value)) if isinstance(value, list) else value

@@ -1,8 +1,6 @@
-"""Pictures, layers, solutions, color models and curves to files that other programs open.
+"""Pictures, layers, solutions, fitted models and tables to files, atomically.
 
-Light is encoded once, here, and clipped only for integers. A file is there whole or not at all: it
-is written beside its target under another name and then renamed. The same input gives the same
-bytes.
+Light is clipped only for integer formats. The same input gives the same bytes.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -13,42 +11,31 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files.camera import camera_header
-from blurmatte.files.intrinsics import intrinsics_to_mapping
-from blurmatte.files.models import (
-    flat_rows,
-    mapping_to_csv,
-    mapping_to_json,
-    model_to_json,
-    rows_to_csv,
-    rows_to_json,
+from blurmatte.files.atomic import extension_of, moved_together, replacing
+from blurmatte.files.calibration import (
+    intrinsics_to_mapping,
+    noise_to_mapping,
+    transfer_to_mapping,
 )
-from blurmatte.files.noise import noise_to_mapping
-from blurmatte.files.pixels import save_jpeg, save_pixels
-from blurmatte.files.plates import light_parts
-from blurmatte.files.replacing import extension_of, replacing
+from blurmatte.files.exr import exr_parts
+from blurmatte.files.json_text import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
+from blurmatte.files.models import model_to_json
+from blurmatte.files.raster import save_jpeg, save_pixels
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
-from blurmatte.files.transfers import transfer_to_json
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution
-from blurmatte.radiometry import (
-    SRGB,
-    LinearImage,
-    NoiseFit,
-    NoiseModel,
-    ResponseFit,
-    Transfer,
-)
+from blurmatte.matting.solution import Solution
+from blurmatte.radiometry import NoiseFit, NoiseModel, ResponseFit
+from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.transfer import SRGB, Transfer
 
-Way = Callable[[Path], None]
+Writer = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
 _SRGB = {"oiio:ColorSpace": "srgb_rec709_scene"}
 _LINEAR = {"oiio:ColorSpace": "lin_rec709_scene"}
-_TOP = 65535
 
 
 def write(
@@ -68,75 +55,109 @@ def write(
     | Floats
     | npt.NDArray[np.uint8],
 ) -> None:
-    """Write to a file whose ending says how.
+    """Write to a file in the format of its extension.
 
     ================  ================================================================
-    LinearImage       .png .tif (16 bit sRGB), .jpg (8 bit sRGB), .exr (linear float); the
-                      EXR alone keeps its variance and which pixels are valid
+    LinearImage       .png .tif (16 bit sRGB), .jpg (8 bit sRGB), .exr (linear float); only
+                      the EXR keeps the variance and the valid pixels
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
-    Solution          .exr, everything in it
+    Solution          .exr, with all fields
     ColorModel        .json
     Intrinsics        .json
     NoiseModel        .json, and so is a NoiseFit
     Transfer          .json, as a table
-    ResponseFit       .json: its transfer, the error of it, and what was found
+    ResponseFit       .json: its transfer, the error, and the diagnostics
     mapping           .json, numbers that are not finite become null; .csv, one row, if it is flat
     mappings          .csv, .json, or .parquet (needs the `tables` extra): rows of one table, all with
                       the same names
-    str               .toml, as is
+    str               .toml, unchanged
     (H, W) float      .png (16 bit gray, 0…1, not encoded), e.g. alpha
-    (H, W, 3) uint8   .png .jpg, as is: already sRGB
+    (H, W, 3) uint8   .png .jpg, unchanged: code values of sRGB
     ================  ================================================================
 
-    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot; an EXR notes how to
-    get back to the camera's colors, and `read` does. The numbers of a Solution stay in these.
+    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot. An EXR stores the
+    inverse conversion, and `read` applies it. The numbers of a Solution stay in camera colors.
 
     Parameters
     ----------
     path : str or Path
-        The target. What is there is replaced, but only by a whole file.
+        The target. An existing file is replaced by a complete file only.
     thing
-        What to write.
+        The object to write.
 
     Raises
     ------
     FileError
-        If the ending does not fit, or the file cannot be written.
+        If the extension does not fit, or the file cannot be written.
     TypeError, ValueError
-        If there is no way to write such a thing at all.
+        If the object cannot be written in any format.
     """
     target = Path(path)
-    ways = _ways(thing)
+    writers = _writers(thing)
     extension = extension_of(target)
-    if extension not in ways:
+    if extension not in writers:
+        kind = f"an array of {thing.dtype}" if isinstance(thing, np.ndarray) else _kind(thing)
         raise FileError(
-            f"{path}: {_called(thing)} is written as {' or '.join(ways)}; change the ending"
+            f"{path}: change the extension; {kind} is written as {' or '.join(writers)}"
         )
     with replacing(target, extension) as temporary:
-        ways[extension](temporary)
+        writers[extension](temporary)
 
 
-def _ways(thing: object) -> Mapping[str, Way]:
-    """What can be made of `thing`, by extension."""
+def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
+    """Write objects into a folder, all or none of them.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Created if it does not exist.
+    things : mapping
+        From file names, which may contain folders, to objects that `write` accepts.
+
+    Returns
+    -------
+    list of Path
+        The files.
+
+    Raises
+    ------
+    FileError
+        If one of them cannot be written. Files that existed before are not changed then.
+    """
+    folder = Path(folder)
+    with moved_together(folder) as temporary:
+        for name, thing in things.items():
+            (temporary / name).parent.mkdir(parents=True, exist_ok=True)
+            write(temporary / name, thing)
+    return [folder / name for name in things]
+
+
+def _kind(thing: object) -> str:
+    return f"a {type(thing).__name__}"
+
+
+def _writers(thing: object) -> Mapping[str, Writer]:
+    """The formats of an object, by extension."""
     match thing:
         case LinearImage():
-            return _image_ways(thing)
+            return _image_writers(thing)
         case Layer():
-            return _layer_ways(thing)
+            return _layer_writers(thing)
         case Solution():
-            return {".exr": lambda path: _save_solution(path, thing)}
+            tags = _LINEAR | solution_header(thing)
+            return {".exr": lambda path: save_pixels(path, solution_parts(thing), CHANNELS, tags)}
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
         case Intrinsics():
-            return _ways(intrinsics_to_mapping(thing))
+            return _writers(intrinsics_to_mapping(thing))
         case NoiseModel() | NoiseFit():
-            return _ways(noise_to_mapping(thing))
+            return _writers(noise_to_mapping(thing))
         case Transfer() | ResponseFit():
-            return {".json": lambda path: _save_text(path, transfer_to_json(thing) + "\n")}
+            return {".json": _writers(transfer_to_mapping(thing))[".json"]}
         case Mapping():
             return {
                 ".json": lambda path: _save_text(path, mapping_to_json(thing) + "\n"),
-                ".csv": lambda path: _save_text(path, mapping_to_csv(thing)),
+                ".csv": lambda path: _save_text(path, rows_to_csv([thing])),
             }
         case [Mapping(), *_]:
             rows: Sequence[Mapping[str, Any]] = thing  # type: ignore[assignment]
@@ -148,7 +169,7 @@ def _ways(thing: object) -> Mapping[str, Way]:
         case str():
             return {".toml": lambda path: _save_text(path, thing)}
         case np.ndarray() if thing.ndim == 2 and thing.dtype.kind == "f":
-            return {".png": lambda path: _save_map(path, thing)}
+            return {".png": lambda path: save_pixels(path, [_stored(thing)], "Y", _LINEAR)}
         case np.ndarray() if thing.ndim == 3 and thing.shape[2] == 3 and thing.dtype == np.uint8:
             return {
                 ".png": lambda path: save_pixels(path, [thing], "RGB", _SRGB),
@@ -159,52 +180,36 @@ def _ways(thing: object) -> Mapping[str, Way]:
                 "an array must be (height, width) floats or (height, width, 3) uint8, "
                 f"got {thing.shape} {thing.dtype}"
             )
-    raise TypeError(f"cannot write a {type(thing).__name__}")
+    raise TypeError(f"{_kind(thing)} cannot be written")
 
 
-def _called(thing: object) -> str:
-    if isinstance(thing, np.ndarray):
-        return f"an array of {thing.dtype}"
-    return f"a {type(thing).__name__}"
-
-
-def _image_ways(image: LinearImage) -> Mapping[str, Way]:
+def _image_writers(image: LinearImage) -> Mapping[str, Writer]:
     time = image.meta.exposure_time
     tags = {"ExposureTime": time} if time else {}
-    seen, camera = image.in_srgb().rgb, camera_header(image.meta)
+    light = image.in_srgb().rgb
 
-    def coded(path: Path) -> None:
-        save_pixels(path, [_encoded(seen)], "RGB", _SRGB | tags)
+    def save_codes(path: Path) -> None:
+        save_pixels(path, [_encoded(light)], "RGB", _SRGB | tags)
+
+    def save_light(path: Path) -> None:
+        parts, names, attributes = exr_parts(image)
+        save_pixels(path, parts, names, {**_LINEAR, **tags, **attributes})
 
     return {
-        ".png": coded,
-        ".tif": coded,
-        ".jpg": lambda path: save_jpeg(path, _encoded(seen, np.uint8), time),
-        ".exr": lambda path: _save_light(path, image, _LINEAR | tags | camera),
+        ".png": save_codes,
+        ".tif": save_codes,
+        ".jpg": lambda path: save_jpeg(path, _encoded(light, np.uint8), time),
+        ".exr": save_light,
     }
 
 
-def _save_light(path: Path, image: LinearImage, tags: Mapping[str, Any]) -> None:
-    parts, names, mark = light_parts(image)
-    save_pixels(path, parts, names, {**tags, **mark})
-
-
-def _layer_ways(layer: Layer) -> Mapping[str, Way]:
+def _layer_writers(layer: Layer) -> Mapping[str, Writer]:
     straight = {"oiio:UnassociatedAlpha": 1}
     return {
         ".png": lambda path: save_pixels(path, _straight(layer), "RGBA", _SRGB | straight),
         ".tif": lambda path: save_pixels(path, _associated(layer), "RGBA", _SRGB),
         ".exr": lambda path: save_pixels(path, [layer.premultiplied, layer.alpha], "RGBA", _LINEAR),
     }
-
-
-def _save_solution(path: Path, solution: Solution) -> None:
-    tags = _LINEAR | solution_header(solution)
-    save_pixels(path, solution_parts(solution), CHANNELS, tags)
-
-
-def _save_map(path: Path, values: Floats) -> None:
-    save_pixels(path, [_stored(values)], "Y", _LINEAR)
 
 
 def _save_text(path: Path, text: str) -> None:
@@ -216,12 +221,12 @@ def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
         from pyarrow import Table
         from pyarrow.parquet import write_table
     except ImportError as error:
-        raise FileError('.parquet needs pyarrow: pip install "blurmatte[tables]"') from error
+        raise FileError('pip install "blurmatte[tables]"; .parquet needs pyarrow') from error
     write_table(Table.from_pylist(flat_rows(rows)), path)
 
 
 def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> npt.NDArray[Any]:
-    """Integer sRGB codes of linear light; row by row, for the curve needs room for its floats."""
+    """Integer sRGB code values of linear light; strip by strip, to save memory."""
     codes = np.empty(light.shape, dtype)
     for row in range(0, len(light), 64):
         strip = np.s_[row : row + 64]
@@ -232,7 +237,7 @@ def _encoded(light: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) ->
 def _stored(values: Floats, dtype: type[np.unsignedinteger[Any]] = np.uint16) -> npt.NDArray[Any]:
     """0…1 as integers, clipped and rounded."""
     if np.isnan(values).any():
-        raise ValueError("NaN cannot be written to an integer file; use .exr or fill it")
+        raise ValueError("use .exr or replace NaN; an integer file cannot hold it")
     top = np.iinfo(dtype).max
     return np.rint(np.clip(values, 0, 1) * top).astype(dtype)
 
@@ -242,6 +247,6 @@ def _straight(layer: Layer) -> Parts:
 
 
 def _associated(layer: Layer) -> Parts:
-    """TIFF multiplies code values, not light, by alpha."""
+    """In a TIFF code values, not light, are multiplied by alpha."""
     straight, alpha = _straight(layer)
-    return np.rint(straight * (alpha[..., None] / _TOP)).astype(np.uint16), alpha
+    return np.rint(straight * (alpha[..., None] / 65535)).astype(np.uint16), alpha

@@ -1,0 +1,46 @@
+"""Filter graphs of FFmpeg for the position of subsampled chroma in a video frame."""
+
+from fractions import Fraction
+from typing import Any
+
+# 4:2:0 shares the chroma of two columns at the left one: players and cameras assume this where it is
+# not stated (ITU-T H.264, figure E-1). FFmpeg alone would put it between the columns.
+_TO_BT709 = (
+    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
+)
+
+
+def filter_graph(frame: Any, *filters: tuple[str, str]) -> Any:
+    """A graph of named filters with their options for frames like this `VideoFrame`."""
+    from av.filter import Graph
+
+    graph = Graph()
+    source = graph.add_buffer(
+        width=frame.width, height=frame.height, format=frame.format, time_base=Fraction(1)
+    )
+    parts = (source, *(graph.add(*one) for one in filters), graph.add("buffersink"))
+    graph.link_nodes(*parts).configure()
+    return graph
+
+
+def rec709_converter(frame: Any, pixels: str) -> Any:
+    """A graph that converts R'G'B' frames like this one to Y'CbCr of Rec. 709."""
+    return filter_graph(frame, ("scale", _TO_BT709), ("format", pixels))
+
+
+def left_sited(frame: Any) -> Any:
+    """The frame, marked as having its chroma at the left column if it is 4:2:2 [BT.601].
+
+    Decoders of MPEG and JPEG state the position, and FFmpeg uses it. Those of ProRes, DNxHD and
+    uncompressed video do not, and FFmpeg would assume a position between the columns. JPEG's chroma,
+    of full range, is between them.
+    """
+    from av.video.reformatter import ColorRange
+
+    width, height = frame.width, frame.height
+    half = frame.format.chroma_width(width) < width, frame.format.chroma_height(height) < height
+    if half != (True, False) or frame.color_range == ColorRange.JPEG:
+        return frame
+    graph = filter_graph(frame, ("setparams", "chroma_location=left"))
+    graph.push(frame)
+    return graph.pull()

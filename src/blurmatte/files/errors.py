@@ -1,0 +1,197 @@
+"""Kinds of picture files, and the errors for files that hold no usable picture."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurmatte.checks import Floats
+from blurmatte.errors import FileError
+
+EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
+RAW = "camera RAW"
+_RAW_NAMES = (
+    "3fr arw cr2 cr3 crw dcr dng erf fff iiq k25 kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 "
+    "srf srw x3f"
+)
+RAW_EXTENSIONS = tuple(f".{name}" for name in _RAW_NAMES.split())
+_CLIPS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mts")
+VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # extra channels of an EXR
+PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
+_SIGNATURES = {
+    PNG_SIGNATURE: "PNG",
+    b"\xff\xd8\xff": "JPEG",
+    b"II*\0": "TIFF",
+    b"MM\0*": "TIFF",
+    b"II+\0": "TIFF",  # BigTIFF
+    b"MM\0+": "TIFF",
+    b"\x76\x2f\x31\x01": "EXR",
+}
+_BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
+
+
+@dataclass(frozen=True)
+class StraightColorTest:
+    """Bounds of the test for colors that are not premultiplied, see `check_premultiplied`."""
+
+    low_alpha: float = 1 / 8  # relative to the 95 % quantile of alpha
+    middle_alpha: float = 1 / 4
+    high_alpha: float = 1 / 2
+    brightness_ratio: float = 1.0  # noise gives at most 0.8, straight colors 1.1 to 20
+    min_fraction: float = 0.005  # of the pixels with alpha, that must have a low alpha
+    min_pixels: int = 32
+
+
+def kind_of(path: Path) -> str:
+    """PNG, JPEG, TIFF, EXR or camera RAW, by the first bytes of the file.
+
+    Most RAW files begin like a TIFF, so for them the extension decides.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or is none of these.
+    """
+    check_exists(path, "give a picture file")
+    try:
+        with path.open("rb") as file:
+            start = file.read(8)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    named_raw = path.suffix.lower() in RAW_EXTENSIONS
+    if path.suffix.lower() in _CLIPS:
+        raise FileError(
+            f"{path}: extract one frame of the clip, because one picture is needed; or use "
+            "blurmatte measure or blurmatte plate (read_frames), which read clips"
+        )
+    if path.suffix.lower() not in EXTENSIONS and not named_raw:
+        raise FileError(
+            f"{path}: convert it to {', '.join(EXTENSIONS)}, or a camera RAW to .dng; "
+            "this kind of file is not supported"
+        )
+    for signature, kind in _SIGNATURES.items():
+        if start.startswith(signature) and not (named_raw and kind == "TIFF"):
+            return kind
+    if named_raw:
+        return RAW
+    raise FileError(
+        f"{path}: export it again; the file holds no PNG, JPEG, TIFF or OpenEXR picture"
+    )
+
+
+def check_exists(path: Path, instead_of_folder: str) -> None:
+    """Raise FileError unless `path` is a file that is not empty."""
+    try:
+        if path.is_dir():
+            raise FileError(f"{path}: {instead_of_folder}; this is a folder")
+        if path.stat().st_size == 0:
+            raise FileError(f"{path}: copy or export it again; the file is empty")
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+def unreadable(path: str | Path, error: OSError) -> FileError:
+    """The error for a file that the operating system does not open."""
+    if isinstance(error, FileNotFoundError):
+        return FileError(f"{path}: check the name; there is no such file")
+    return FileError(f"{path}: check the path; the file cannot be read ({error.strerror})")
+
+
+def damaged(path: Path, kind: str, complaints: list[str]) -> FileError:
+    """The error for a file that a library could not decode, with the library's first complaint."""
+    line = next((text.strip() for text in complaints if text.strip()), "")
+    for name in (f' ("{path}")', f"({path})", f"{path}: "):
+        line = line.replace(name, "")
+    line = "".join(c if c.isprintable() else "?" for c in line.replace(f'"{path}"', "it"))
+    reason = f" ({line})" if line else ""
+    return FileError(f"{path}: copy or export it again; the {kind} is damaged or truncated{reason}")
+
+
+def check_size(path: Path, size: tuple[int, int], max_pixels: int) -> None:
+    """Raise FileError if a (width, height) exceeds the limit."""
+    width, height = size
+    if width * height > max_pixels:
+        raise FileError(
+            f"{path}: raise the limit with max_pixels= (--max-pixels) if the size is right; "
+            f"{width} x {height} pixels are more than the limit of {max_pixels}"
+        )
+
+
+def check_format(path: Path, kind: str, spec: Any, tags: Mapping[str, Any]) -> None:
+    """Raise FileError for CMYK, palettes, Lab, deep pictures and unsupported bit depths.
+
+    `spec` is the ImageSpec of OpenImageIO.
+    """
+    color = str(tags.get(f"{kind.lower()}:ColorSpace", ""))
+    if color in ("CMYK", "YCbCrK") or color.startswith("YCCK"):
+        raise FileError(f"{path}: convert it to sRGB; the {kind} has CMYK colors for printing")
+    # TIFF: gray, inverted gray, RGB, or YCbCr, which libtiff converts to RGB.
+    if tags.get("tiff:PhotometricInterpretation", 2) not in (0, 1, 2, 6):
+        raise FileError(f"{path}: convert it to RGB; its colors are {color or 'not supported'}")
+    if spec.deep:
+        raise FileError(f"{path}: flatten it; a deep EXR has several values per pixel")
+    form = str(spec.format)
+    bits = int(tags.get("oiio:BitsPerSample", _BITS.get(form, 0)))
+    if bits != _BITS.get(form) or (kind == "JPEG" and form != "uint8"):
+        raise FileError(
+            f"{path}: export 8 or 16 bits, or float; {bits or ''} bits per channel ({form}) "
+            "are not supported"
+        )
+
+
+def check_premultiplied(path: Path, light: Floats, alpha: Floats) -> None:
+    """Raise FileError if the colors of a layer look straight.
+
+    Straight pixels of low alpha are as bright as those of high alpha, and would exceed white after
+    division by alpha. The statistic is the fraction of bright pixels of low alpha times the median
+    brightness / alpha of middle alpha. Most pixels without alpha being lit also counts. A glow
+    around an opaque object passes, as do lamps brighter than white. Very dark colors pass unnoticed.
+    """
+    test, visible = StraightColorTest(), alpha > 0
+    brightest = np.maximum(np.maximum(light[..., 0], light[..., 1]), light[..., 2])
+    if not visible.any():
+        return
+    top = np.quantile(alpha[visible], 0.95)
+    bright = brightest > np.quantile(brightest[alpha >= test.high_alpha * top], 0.25) / 2
+    low, none = visible & (alpha < test.low_alpha * top), ~visible
+    middle = (alpha >= test.low_alpha * top) & (alpha < test.middle_alpha * top)
+    enough = max(test.min_pixels, test.min_fraction * np.count_nonzero(visible))
+    straight = (
+        min(np.count_nonzero(low), np.count_nonzero(middle)) >= enough
+        and bright[low].mean() * np.median(brightest[middle] / alpha[middle])
+        > test.brightness_ratio
+    )
+    if straight or (np.count_nonzero(none) >= enough and bright[none].mean() > 0.5):
+        raise FileError(
+            f"{path}: multiply its colors by alpha in the program that wrote it (Premult in Nuke, "
+            "oiiotool --premult); its colors look straight, and those of an EXR are premultiplied"
+        )
+
+
+def wanted_channels(
+    path: Path, present: tuple[str, ...], names: tuple[str, ...] | None
+) -> tuple[str, ...]:
+    """The channels `names` of a file, or by default those of its picture: light, alpha, noise.
+
+    Raises
+    ------
+    FileError
+        If some of them are not `present`.
+    """
+    listed = ", ".join(present[:12])
+    if names is not None:
+        missing = [name for name in names if name not in present]
+        if missing:
+            raise FileError(
+                f"{path}: give the layer.exr of blurmatte solve, or an EXR that blurmatte.write made "
+                f"of a Solution; this file holds no Solution (no channel {missing[0]}, but {listed})"
+            )
+        return tuple(name for name in present if name in names)
+    colors = next((p for p in ({"R", "G", "B"}, {"Y"}) if p <= set(present)), None)
+    if colors is None or {"RY", "BY"} & set(present):
+        raise FileError(
+            f"{path}: export an RGB picture; the file has no channels R, G, B or Y, but {listed}"
+        )
+    return tuple(name for name in present if name in colors | {"A", VALID, *VARIANCE})

@@ -1,0 +1,203 @@
+"""Tags of TIFF and EXIF, copied from file to file byte by byte [TIFF 6.0, EXIF 2.32].
+
+EXIF is a TIFF without a picture: a header and a directory of tags. Values are not interpreted, so
+that none changes, and neither do the notes of camera makers.
+"""
+
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Union
+
+import numpy as np
+
+
+class TiffTag(IntEnum):
+    """Numbers of tags [TIFF 6.0, EXIF 2.32, DNG 1.4]."""
+
+    PHOTOMETRIC = 262
+    MAKE = 271
+    MODEL = 272
+    STRIP_OFFSETS = 273
+    STRIP_LENGTHS = 279
+    X_RESOLUTION = 282
+    Y_RESOLUTION = 283
+    RESOLUTION_UNIT = 296
+    SUB_DIRECTORIES = 330
+    SAMPLE_FORMAT = 339
+    THUMBNAIL = 513
+    THUMBNAIL_LENGTH = 514
+    XMP = 700
+    EXPOSURE_TIME = 33434
+    IPTC = 33723
+    PHOTOSHOP = 34377
+    EXIF = 34665
+    ICC = 34675
+    GPS = 34853
+    COLOR_SPACE = 40961
+    INTEROPERABILITY = 40965
+    DNG_VERSION = 50706
+    UNIQUE_MODEL = 50708
+    BLACK_LEVEL = 50714
+    NOISE_PROFILE = 51041
+
+
+# Bytes of a number of each type; types 5 and 10 are fractions of two numbers.
+_BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12: 8, 13: 4, 16: 8}
+_DIRECTORIES = (TiffTag.EXIF, TiffTag.GPS, TiffTag.INTEROPERABILITY)
+
+
+@dataclass(frozen=True)
+class Tag:
+    """A value: its type by number, the count, and its bytes, most significant first."""
+
+    form: int
+    count: int
+    data: bytes
+
+
+Tags = Mapping[int, Union[Tag, "Tags"]]
+
+
+def shorts(*values: int) -> Tag:
+    """A tag of 16-bit numbers."""
+    return Tag(3, len(values), struct.pack(f">{len(values)}H", *values))
+
+
+def longs(*values: int) -> Tag:
+    """A tag of 32-bit numbers."""
+    return Tag(4, len(values), struct.pack(f">{len(values)}L", *values))
+
+
+def rational(value: float) -> Tag:
+    """A tag of one fraction, in thousandths."""
+    return Tag(5, 1, struct.pack(">2L", round(value * 1000), 1000))
+
+
+def raw_bytes(data: bytes) -> Tag:
+    """A tag of the type UNDEFINED."""
+    return Tag(7, len(data), data)
+
+
+def numbers(tag: Union[Tag, "Tags"]) -> list[int]:
+    """The integers of a tag; none of a directory."""
+    if not isinstance(tag, Tag):
+        return []
+    return [int(n) for n in np.frombuffer(tag.data, f">u{_BYTES[tag.form]}")]
+
+
+def parse_tags(block: bytes) -> Tags:
+    """The tags of the first directory of a TIFF or an EXIF block, with nested directories.
+
+    Tags whose values lie outside the block are omitted.
+
+    Raises
+    ------
+    ValueError
+        If it is no such block.
+    """
+    order, big, at = _header(block)
+    return _directory(block, order, big, at, depth=0)[0]
+
+
+def tags_block(tags: Tags, order: str = ">") -> bytes:
+    """A block of tags; `order` is ">" for big-endian or "<" for little-endian bytes."""
+    mark = b"MM" if order == ">" else b"II"
+    return mark + struct.pack(order + "HL", 42, 8) + _packed(tags, 8, order)
+
+
+def without_thumbnail(block: bytes) -> bytes:
+    """An EXIF block without its thumbnail; all other values keep their offsets."""
+    try:
+        order, big, at = _header(block)
+        _, end, following = _directory(block, order, big, at, depth=1)
+        if not following or big:
+            return block
+        small, _, _ = _directory(block, order, big, following, depth=1)
+    except ValueError:
+        return block  # other programs cannot find a thumbnail in it either
+    result = bytearray(block)
+    result[end - 4 : end] = b"\0" * 4
+    start, length = (
+        numbers(small.get(tag, {}))[:1] for tag in (TiffTag.THUMBNAIL, TiffTag.THUMBNAIL_LENGTH)
+    )
+    if start and length and start[0] + length[0] <= len(block):
+        result[start[0] : start[0] + length[0]] = b"\0" * length[0]
+    return bytes(result)
+
+
+def _header(block: bytes) -> tuple[str, bool, int]:
+    """Byte order, True for 64-bit offsets, and the offset of the first directory."""
+    order = {b"II": "<", b"MM": ">"}.get(block[:2])
+    if order is None or len(block) < 8:
+        raise ValueError("no TIFF")
+    (version,) = struct.unpack(order + "H", block[2:4])
+    big = version == 43
+    if version not in (42, 43) or (big and len(block) < 16):
+        raise ValueError("no TIFF")
+    (at,) = struct.unpack_from(order + ("Q" if big else "L"), block, 8 if big else 4)
+    return order, big, at
+
+
+def _directory(
+    block: bytes, order: str, big: bool, at: int, depth: int
+) -> tuple[dict[int, Union[Tag, "Tags"]], int, int]:
+    """The tags of the directory at `at`, its end, and the offset of the next directory or 0."""
+    offset, length = (order + "Q", 20) if big else (order + "L", 12)
+    first = at + (8 if big else 2)
+    width = struct.calcsize(offset)
+    if first > len(block):
+        raise ValueError("truncated")
+    (count,) = struct.unpack(order + ("Q" if big else "H"), block[at:first])
+    end = first + length * count + width
+    if count > 4096 or end > len(block):  # more tags are damage
+        raise ValueError("truncated")
+    found: dict[int, Tag | Tags] = {}
+    remaining = len(block)  # values do not overlap, except in files made to exhaust memory
+    for entry in range(first, end - width, length):
+        name, form, many = struct.unpack_from(order + "HH" + offset[1], block, entry)
+        size = _BYTES.get(form, 0) * many * (2 if form in (5, 10) else 1)
+        value = entry + length - width
+        (start,) = (value,) if size <= width else struct.unpack_from(offset, block, value)
+        data = block[start : start + size]
+        remaining -= size
+        if remaining < 0:
+            raise ValueError("damaged")
+        if not size or len(data) < size:
+            continue
+        tag = Tag(form, many, _swapped(data, form, order))
+        if name in _DIRECTORIES and depth < 2:
+            try:
+                found[name] = _directory(block, order, big, numbers(tag)[0], depth + 1)[0]
+            except ValueError:
+                continue
+        else:
+            found[name] = tag
+    return found, end, struct.unpack_from(offset, block, end - width)[0]
+
+
+def _swapped(data: bytes, form: int, order: str) -> bytes:
+    unit = _BYTES[form]
+    if order == ">" or unit == 1:
+        return data
+    return np.frombuffer(data, f"<u{unit}").astype(f">u{unit}").tobytes()
+
+
+def _packed(tags: Tags, at: int, order: str) -> bytes:
+    """The directory of `tags` at `at`, followed by its values."""
+    entries, values = struct.pack(order + "H", len(tags)), b""
+    behind = at + 2 + 12 * len(tags) + 4
+    for name in sorted(tags):
+        tag, start = tags[name], struct.pack(order + "L", behind + len(values))
+        if not isinstance(tag, Tag):
+            data = _packed(tag, behind + len(values), order)
+            entries += struct.pack(order + "HHL", name, 4, 1) + start
+        else:
+            data = _swapped(tag.data, tag.form, order)
+            inside = len(data) <= 4
+            entries += struct.pack(order + "HHL", name, tag.form, tag.count)
+            entries += data.ljust(4, b"\0") if inside else start
+            data = b"" if inside else data
+        values += data + b"\0" * (len(data) % 2)
+    return entries + b"\0" * 4 + values

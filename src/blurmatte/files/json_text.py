@@ -1,0 +1,140 @@
+"""JSON and CSV text of reports and tables, and JSON files read with clear errors."""
+
+import csv
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from blurmatte.errors import FileError
+from blurmatte.files.errors import unreadable
+
+
+def read_json(path: str | Path, hint: str) -> Any:
+    """The value in a JSON file.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or is not JSON; the message begins with `hint`.
+    """
+    try:
+        return json.loads(Path(path).read_text(encoding="utf-8"))
+    except json.JSONDecodeError as error:
+        line = f"line {error.lineno}: {error.msg}"
+        raise FileError(f"{path}: {hint}; the file is no JSON ({line})") from error
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: {hint}; the file is no JSON text") from error
+    except OSError as error:
+        raise unreadable(path, error) from error
+
+
+@contextmanager
+def parsing(path: str | Path, hint: str, what: str) -> Iterator[None]:
+    """Turn errors about the fields of a file into a FileError: it holds no `what`."""
+    try:
+        yield
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
+        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
+        raise FileError(f"{path}: {hint}; the file holds no {what} ({reason})") from error
+
+
+def mapping_to_json(mapping: Mapping[str, Any]) -> str:
+    """A report; NumPy arrays become lists, and numbers that are not finite become null.
+
+    Raises
+    ------
+    TypeError
+        If a value has no JSON equivalent.
+    """
+    return _indented(plain(mapping), "")
+
+
+def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A line of names and a line of values for each row; missing values are empty.
+
+    Raises
+    ------
+    TypeError
+        If a value is neither a number nor text.
+    """
+    lines = io.StringIO(newline="")
+    writer = csv.writer(lines, lineterminator="\n")
+    flat = flat_rows(rows)
+    writer.writerows([flat[0].keys(), *(row.values() for row in flat)])
+    return lines.getvalue()
+
+
+def rows_to_json(rows: Sequence[Mapping[str, Any]]) -> str:
+    """A list with one line per row.
+
+    Raises
+    ------
+    TypeError
+        If a value is neither a number nor text.
+    """
+    return "[\n" + ",\n".join("  " + _dumped(row) for row in flat_rows(rows)) + "\n]"
+
+
+def flat_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """Rows of one table, of numbers, text and None.
+
+    Raises
+    ------
+    TypeError
+        If a value is something else.
+    ValueError
+        If rows have other names than the first.
+    """
+    flat: list[dict[str, Any]] = [plain(row) for row in rows]
+    for row in flat:
+        if row.keys() != flat[0].keys():
+            raise ValueError(f"rows of a table must have the same names, got {list(row)}")
+        for name, value in row.items():
+            if isinstance(value, list | dict):
+                raise TypeError(f"a table must hold numbers and text, {name} is {value!r}")
+    return flat
+
+
+def plain(value: Any) -> Any:
+    """The value in the types of JSON.
+
+    Raises
+    ------
+    TypeError
+        If there is none.
+    """
+    match value:
+        case np.generic() | np.ndarray():
+            return plain(value.tolist())
+        case Mapping():
+            return {str(name): plain(part) for name, part in value.items()}
+        case list() | tuple():
+            return [plain(part) for part in value]
+        case float() if not math.isfinite(value):
+            return None
+        case str():  # file names may hold bytes that are not text
+            return value.encode("utf-8", "backslashreplace").decode()
+        case int() | float() | None:
+            return value
+    raise TypeError(f"a report must hold numbers, text, and lists of them, got {value!r}")
+
+
+def _indented(value: Any, margin: str) -> str:
+    """One line per name and per text of a list; numbers share a line."""
+    inner = margin + "  "
+    if isinstance(value, dict) and value:
+        lines = [f"{inner}{_dumped(k)}: {_indented(v, inner)}" for k, v in value.items()]
+        return "{\n" + ",\n".join(lines) + f"\n{margin}}}"
+    if isinstance(value, list) and value and all(isinstance(part, str) for part in value):
+        return "[\n" + ",\n".join(inner + _dumped(part) for part in value) + f"\n{margin}]"
+    return _dumped(value)
+
+
+def _dumped(value: Any) -> str:
+    return json.dumps(value, allow_nan=False, ensure_ascii=False)

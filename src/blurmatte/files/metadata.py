@@ -1,0 +1,309 @@
+"""Metadata of picture files: EXIF, color profile, XMP and resolution, copied between formats.
+
+PNG, JPEG and TIFF store them differently. A PNG written from a PNG keeps its chunks unchanged.
+"""
+
+import io
+import struct
+import zlib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.errors import FileError
+from blurmatte.files.encoding import icc_profile, png_encoding
+from blurmatte.files.errors import damaged, kind_of
+from blurmatte.files.exif import (
+    Tag,
+    Tags,
+    TiffTag,
+    longs,
+    numbers,
+    parse_tags,
+    rational,
+    raw_bytes,
+    shorts,
+    tags_block,
+    without_thumbnail,
+)
+from blurmatte.files.png import png_chunks, save_chunks
+from blurmatte.files.raster import IS_SRGB, Raster, save_pixels
+from blurmatte.jpeg import metadata_segments
+from blurmatte.radiometry.transfer import SRGB
+
+_EXIF_MARK, _XMP_MARK = b"Exif\0\0", b"http://ns.adobe.com/xap/1.0/\0"
+_PNG_XMP = b"XML:com.adobe.xmp\0"  # keyword of an iTXt chunk
+_INCH, _CENTIMETER = 2, 3  # values of RESOLUTION_UNIT
+_INCH_METERS = 0.0254
+# TIFF tags of the layout of pixels.
+_LAYOUT = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 317, 338, 339)
+# TIFF tags that are not copied: layout, other pages, thumbnails, Photoshop's layers; XMP and ICC.
+_NOT_COPIED = (
+    *_LAYOUT,
+    *(254, 255, 280, 281, 330, 332, 333, 334, 336, 340, 341, 347, 37724, TiffTag.XMP, TiffTag.ICC),
+    *(*range(263, 267), *range(288, 294), *range(320, 326), *range(512, 522), *range(529, 533)),
+)
+# PNG chunks of pixels and of animations, and those that describe the channels.
+_PIXEL_CHUNKS = (b"IHDR", b"IDAT", b"IEND", b"acTL", b"fcTL", b"fdAT")
+_CHANNEL_CHUNKS = (b"tRNS", b"sBIT")
+
+
+@dataclass(frozen=True)
+class Metadata:
+    """Metadata of a picture file.
+
+    Parameters
+    ----------
+    profile : bytes or None
+        The ICC profile.
+    exif : bytes
+        A block of tags, see exif.py; empty if there is none.
+    xmp : bytes
+        An XMP packet; empty if there is none.
+    dpi : (float, float) or None
+        Pixels per inch, where stated outside EXIF.
+    """
+
+    profile: bytes | None
+    exif: bytes
+    xmp: bytes
+    dpi: tuple[float, float] | None
+
+
+def read_metadata(raster: Raster) -> Metadata:
+    """The metadata of the PNG, JPEG or TIFF file of a raster."""
+    readers = {"PNG": _read_png, "JPEG": _read_jpeg, "TIFF": _read_tiff}
+    return readers[kind_of(raster.path)](raster)
+
+
+def current_segments(segments: tuple[bytes, ...]) -> tuple[bytes, ...]:
+    """The metadata segments of a JPEG without thumbnails and the index of further pictures."""
+    current = []
+    for segment in segments:
+        head, body = segment[:4], segment[4:]
+        if head[1] == 0xE1 and body.startswith(_EXIF_MARK):
+            segment = head + _EXIF_MARK + without_thumbnail(body[len(_EXIF_MARK) :])
+        if not (head[1] == 0xE2 and body.startswith(b"MPF\0")):
+            current.append(segment)
+    return tuple(current)
+
+
+def save_png(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
+    """Write pixels with the metadata of the file of `raster`; of a PNG every chunk as stored.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written completely.
+    """
+    save_pixels(path, [pixels], raster.names, {"oiio:UnassociatedAlpha": 1})
+    new = png_chunks(path)
+    header = new[0][1]
+    if raster.png is not None:
+        own = png_chunks(raster.path)
+        same_color_type = own[0][1][9] == header[9]
+        omitted = _PIXEL_CHUNKS if same_color_type else _PIXEL_CHUNKS + _CHANNEL_CHUNKS
+        others = [(kind, data) for kind, data in own if kind not in omitted]
+        others = [(k, without_thumbnail(d) if k == b"eXIf" else d) for k, d in others]
+    else:
+        others = _png_chunks_of(read_metadata(raster), raster)
+    data = [(kind, data) for kind, data in new if kind == b"IDAT"]
+    save_chunks(path, [(b"IHDR", header), *others, *data, (b"IEND", b"")])
+
+
+def save_tiff(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
+    """Write pixels with the metadata of the file of `raster`.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written completely.
+    """
+    alpha = 0 if raster.associated else 1
+    # OpenImageIO 3.2 fails to write a TIFF without a color space; the tag is not copied.
+    options = {"oiio:ColorSpace": "srgb_rec709_scene", "oiio:UnassociatedAlpha": alpha}
+    save_pixels(path, [pixels], raster.names, options)
+    written = path.read_bytes()
+    layout = {name: tag for name, tag in parse_tags(written).items() if name in _LAYOUT}
+    offsets, lengths = (
+        numbers(layout[tag]) for tag in (TiffTag.STRIP_OFFSETS, TiffTag.STRIP_LENGTHS)
+    )
+    tags = _tiff_tags_of(read_metadata(raster), raster) | layout
+    tags |= {TiffTag.STRIP_OFFSETS: longs(*offsets), TiffTag.STRIP_LENGTHS: longs(*lengths)}
+    start = len(tags_block(tags, "<"))
+    ends = np.cumsum(lengths).tolist()
+    new_offsets = (start + end - length for end, length in zip(ends, lengths, strict=True))
+    tags[TiffTag.STRIP_OFFSETS] = longs(*new_offsets)
+    with path.open("wb") as file:
+        file.write(tags_block(tags, "<"))
+        for offset, length in zip(offsets, lengths, strict=True):
+            file.write(memoryview(written)[offset : offset + length])
+
+
+def save_new_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
+    """Compress all pixels at quality 95, 4:4:4, with the metadata of the file of `raster`.
+
+    Raises
+    ------
+    FileError
+        If a JPEG cannot hold them.
+    OSError
+        If the file cannot be written completely.
+    """
+    from PIL import Image
+
+    if raster.alpha is not None and raster.alpha.min() < 1:
+        raise FileError(f"{raster.path}: write .png or .tif; a JPEG cannot hold its alpha")
+    metadata = read_metadata(raster)
+    exif = _exif_with_color_space(metadata, raster)
+    if len(exif) > 65533 - 2 - len(_EXIF_MARK):  # one segment
+        raise FileError(f"{raster.path}: write .png or .tif; its EXIF is too long for a JPEG")
+    codes = raster_colors(raster, pixels)
+    if codes.dtype == np.uint16:
+        codes = np.rint(codes / 257).astype(np.uint8)
+    options: dict[str, Any] = {"exif": _EXIF_MARK + exif} if exif else {}
+    options |= {"icc_profile": metadata.profile} if metadata.profile else {}
+    options |= {"xmp": metadata.xmp} if metadata.xmp else {}
+    options |= {"dpi": metadata.dpi} if metadata.dpi else {}
+    file = io.BytesIO()
+    Image.fromarray(codes).save(file, "JPEG", quality=95, subsampling=0, **options)
+    path.write_bytes(file.getbuffer())
+
+
+def raster_colors(raster: Raster, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
+    """(H, W, 3) red, green and blue of pixels with the channels of `raster`, or (H, W) gray."""
+    if raster.gray:
+        return np.ascontiguousarray(pixels[..., raster.names.index("Y")])
+    return np.ascontiguousarray(pixels[..., [raster.names.index(name) for name in "RGB"]])
+
+
+def _read_png(raster: Raster) -> Metadata:
+    exif, xmp, dpi = b"", b"", None
+    for kind, data in png_chunks(raster.path):
+        if kind == b"eXIf":
+            exif = without_thumbnail(data.removeprefix(_EXIF_MARK))
+        elif kind == b"iTXt" and data.startswith(_PNG_XMP):
+            xmp = _png_text(data) or xmp
+        elif kind == b"pHYs" and len(data) == 9 and data[8] == 1:
+            x, y = struct.unpack(">2L", data[:8])
+            dpi = x * _INCH_METERS, y * _INCH_METERS
+    return Metadata(icc_profile(raster), exif, xmp, dpi)
+
+
+def _png_text(data: bytes) -> bytes:
+    """The text of an iTXt chunk; empty if it is invalid."""
+    try:
+        compressed, text = data[len(_PNG_XMP)], data[len(_PNG_XMP) + 2 :].split(b"\0", 2)[2]
+        return zlib.decompress(text) if compressed else text
+    except (IndexError, zlib.error):
+        return b""
+
+
+def _read_jpeg(raster: Raster) -> Metadata:
+    exif, xmp, dpi = b"", b"", None
+    for segment in metadata_segments(raster.path.read_bytes()):
+        kind, body = segment[1], segment[4:]
+        if kind == 0xE1 and body.startswith(_EXIF_MARK) and not exif:
+            exif = without_thumbnail(body[len(_EXIF_MARK) :])
+        elif kind == 0xE1 and body.startswith(_XMP_MARK):
+            xmp = body[len(_XMP_MARK) :]
+        elif kind == 0xE0 and body.startswith(b"JFIF\0") and body[7:8] in (b"\1", b"\2"):
+            x, y = struct.unpack(">2H", body[8:12])
+            unit = 1 if body[7] == 1 else 2.54
+            dpi = (x * unit, y * unit) if x and y else None
+    return Metadata(icc_profile(raster), exif, xmp, dpi)
+
+
+def _read_tiff(raster: Raster) -> Metadata:
+    try:
+        tags = parse_tags(raster.path.read_bytes())
+    except ValueError as error:
+        raise damaged(raster.path, "TIFF", [f"its tags: {error}"]) from error
+    xmp = tags.get(TiffTag.XMP)
+    kept = {name: tag for name, tag in tags.items() if name not in _NOT_COPIED}
+    exif = tags_block(kept) if kept else b""
+    return Metadata(
+        icc_profile(raster), exif, xmp.data if isinstance(xmp, Tag) else b"", _dpi(kept)
+    )
+
+
+def _dpi(tags: Tags) -> tuple[float, float] | None:
+    (unit,) = numbers(tags.get(TiffTag.RESOLUTION_UNIT, shorts(_INCH)))[:1] or [_INCH]
+    x, y = (
+        numbers(tags[tag]) if tag in tags else []
+        for tag in (TiffTag.X_RESOLUTION, TiffTag.Y_RESOLUTION)
+    )
+    if unit not in (_INCH, _CENTIMETER) or len(x) != 2 or len(y) != 2 or not x[1] * y[1]:
+        return None
+    scale = 1 if unit == _INCH else 2.54
+    return scale * x[0] / x[1], scale * y[0] / y[1]
+
+
+def _tags_of(metadata: Metadata, omitted: tuple[int, ...]) -> dict[int, Any]:
+    """The EXIF tags, without those omitted; none if the block is invalid."""
+    try:
+        tags = parse_tags(metadata.exif)
+    except ValueError:  # some cameras and programs write invalid EXIF
+        return {}
+    return {name: tag for name, tag in tags.items() if name not in omitted}
+
+
+def _with_srgb(tags: dict[int, Any]) -> dict[int, Any]:
+    inner = tags.get(TiffTag.EXIF, {})
+    return tags | {TiffTag.EXIF: {**inner, TiffTag.COLOR_SPACE: shorts(IS_SRGB)}}
+
+
+def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
+    """The EXIF for a PNG or JPEG; it states sRGB where the chunks of a PNG did."""
+    stated = raster.tags.get("Exif:ColorSpace") == IS_SRGB or not _png_states_srgb(raster)
+    if kind_of(raster.path) != "TIFF" and stated:
+        return metadata.exif
+    tags = _tags_of(metadata, (TiffTag.IPTC, TiffTag.PHOTOSHOP))  # which only a TIFF may hold
+    tags = tags if stated else _with_srgb(tags)
+    return tags_block(tags) if tags else b""
+
+
+def _png_states_srgb(raster: Raster) -> bool:
+    """True if the chunks of a PNG state sRGB, and it has no ICC profile."""
+    stated = png_encoding(raster) if icc_profile(raster) is None else None
+    if stated is not None and stated.curves[0] is not SRGB:
+        raise FileError(f"{raster.path}: write .png; only a PNG can state its encoding of light")
+    return stated is not None
+
+
+def _tiff_tags_of(metadata: Metadata, raster: Raster) -> dict[int, Any]:
+    """All metadata as tags of a TIFF."""
+    tags = _tags_of(metadata, _NOT_COPIED)
+    if _png_states_srgb(raster):
+        tags = _with_srgb(tags)
+    if metadata.dpi and TiffTag.X_RESOLUTION not in tags:
+        x, y = map(rational, metadata.dpi)
+        tags |= {TiffTag.X_RESOLUTION: x, TiffTag.Y_RESOLUTION: y}
+        tags |= {TiffTag.RESOLUTION_UNIT: shorts(_INCH)}
+    if metadata.profile:
+        tags[TiffTag.ICC] = raw_bytes(metadata.profile)
+    if metadata.xmp:
+        tags[TiffTag.XMP] = Tag(1, len(metadata.xmp), metadata.xmp)
+    return tags
+
+
+def _png_chunks_of(metadata: Metadata, raster: Raster) -> list[tuple[bytes, bytes]]:
+    """All metadata as chunks of a PNG, in the required order."""
+    chunks = []
+    if metadata.profile:
+        chunks.append((b"iCCP", b"icc\0\0" + zlib.compress(metadata.profile)))
+    elif raster.tags.get("Exif:ColorSpace") == IS_SRGB:
+        chunks.append((b"sRGB", b"\0"))  # rendering intent: perceptual
+    if metadata.dpi:
+        x, y = (round(value / _INCH_METERS) for value in metadata.dpi)
+        chunks.append((b"pHYs", struct.pack(">2LB", x, y, 1)))
+    exif = _exif_with_color_space(metadata, raster)
+    if exif:
+        chunks.append((b"eXIf", exif))
+    if metadata.xmp:
+        # Not compressed (two bytes), no language, no translated keyword.
+        chunks.append((b"iTXt", _PNG_XMP + b"\0\0\0\0" + metadata.xmp))
+    return chunks

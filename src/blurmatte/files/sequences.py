@@ -1,0 +1,107 @@
+"""Names of image sequences: files with a number in their names, folders and patterns.
+
+layer.####.exr and layer.%04d.exr have a number of at least four digits; layer.#.exr and layer.%d.exr
+have one without leading zeros.
+"""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from glob import glob, has_magic
+from pathlib import Path
+
+from blurmatte.errors import FileError
+from blurmatte.files.errors import EXTENSIONS
+
+Source = str | Path | Sequence[str | Path]
+_NUMBER = re.compile(r"#+|%(?:0(\d))?d")
+
+
+@dataclass(frozen=True)
+class Numbering:
+    """File names of a sequence.
+
+    Parameters
+    ----------
+    folder : Path
+    before, after : str
+        The name around the number.
+    digits : int
+        Minimum number of digits.
+    """
+
+    folder: Path
+    before: str
+    digits: int
+    after: str
+
+    def name(self, number: int) -> str:
+        """The name of one file."""
+        return f"{self.before}{number:0{self.digits}d}{self.after}"
+
+    def files(self) -> list[Path]:
+        """The existing files, sorted by number."""
+        pattern = re.compile(rf"{re.escape(self.before)}(\d+){re.escape(self.after)}")
+        inside = self.folder.iterdir() if self.folder.is_dir() else ()
+        numbers = (int(found[1]) for path in inside if (found := pattern.fullmatch(path.name)))
+        paths = (self.folder / self.name(number) for number in sorted(set(numbers)))
+        return [path for path in paths if path.is_file()]
+
+
+def numbering(path: Path) -> Numbering | None:
+    """The numbering that a file name stands for; None if it has no number.
+
+    Raises
+    ------
+    FileError
+        If there are several numbers.
+    """
+    places = list(_NUMBER.finditer(path.name))
+    if not places:
+        return None
+    if len(places) > 1:
+        raise FileError(
+            f"{path}: keep one number in the name, like ball.####.exr; it has {len(places)}"
+        )
+    (place,) = places
+    digits = len(place[0]) if place[0].startswith("#") else int(place[1] or 1)
+    return Numbering(path.parent, path.name[: place.start()], digits, path.name[place.end() :])
+
+
+def source_paths(source: Source) -> list[Path]:
+    """The files of a sequence, see `read_frames`; or the path of a single file.
+
+    Raises
+    ------
+    FileError
+        If there are none.
+    """
+    if not isinstance(source, str | Path):
+        paths = [Path(path) for path in source]
+        if not paths:
+            raise FileError("name a clip or pictures; there are no frames to read")
+        return paths
+    path = Path(source)
+    numbers = None if path.exists() else numbering(path)
+    if numbers is not None:
+        found = numbers.files()
+    elif path.is_dir():
+        found = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS]
+        if not found:
+            raise FileError(
+                f"{path}: name a clip or pictures; the folder holds no {', '.join(EXTENSIONS)}"
+            )
+    elif has_magic(str(source)) and not path.exists():
+        found = [Path(p) for p in glob(str(source))]
+    else:
+        return [path]
+    if not found:
+        raise FileError(f"{source}: name a clip or pictures; no file matches")
+    return sorted(found, key=_natural_order)
+
+
+def _natural_order(path: Path) -> list[tuple[int, str]]:
+    """A sort key that puts 10 after 9."""
+    return [
+        (int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", str(path))
+    ]

@@ -1,0 +1,92 @@
+"""Coefficients to a sequential JPEG with one scan and optimal Huffman codes [ITU-T T.81]."""
+
+import struct
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.jpeg.coefficients import Jpeg, JpegError, scan_order
+from blurmatte.jpeg.huffman import Codes, Lengths, huffman_codes, table_bytes
+from blurmatte.jpeg.segments import Marker
+
+
+def jpeg_bytes(jpeg: Jpeg) -> bytes:
+    """The file of a JPEG: sequential, without restart markers.
+
+    Raises
+    ------
+    JpegError
+        If the coefficients or the chroma sampling do not fit a sequential JPEG.
+    """
+    from blurmatte.jpeg.entropy import pack, tokenize
+
+    if sum(c.across * c.down for c in jpeg.components) > 10:  # blocks per MCU [T.81 B.2.3]
+        raise JpegError("the sampling factors of the JPEG are too large for one scan")
+    order, slots = scan_order(jpeg.size, jpeg.components, range(len(jpeg.components)))
+    blocks = jpeg.coefficients
+    # Besides nonzero coefficients, a block has at most: DC, three long zero runs, end of block.
+    tokens = np.empty(np.count_nonzero(blocks) + 5 * len(blocks), np.uint32)
+    counts = np.zeros((4, 256), np.int64)
+    used = tokenize(blocks, order, slots, tokens, counts)
+    if used < 0:
+        raise JpegError("the JPEG is damaged (a coefficient is too large)")
+    codes, lengths, tables = _huffman_tables(counts)
+    bits = int((counts * (lengths + np.arange(256) % 16)).sum())
+    packed = np.empty(2 * (bits // 8 + 1), np.uint8)
+    length = pack(tokens[:used], codes, lengths, packed)
+    return b"".join(
+        [
+            struct.pack(">BB", 0xFF, Marker.SOI),
+            *jpeg.metadata,
+            _quantization_segment(jpeg),
+            _frame_segment(jpeg),
+            _segment(Marker.DHT, tables),
+            _scan_segment(jpeg),
+            packed[:length].tobytes(),
+            struct.pack(">BB", 0xFF, Marker.EOI),
+        ]
+    )
+
+
+def _huffman_tables(counts: npt.NDArray[np.int64]) -> tuple[Codes, Lengths, bytes]:
+    """(4, 256) code and length of every symbol, and the body of the DHT segment."""
+    codes, lengths = np.zeros((4, 256), np.uint32), np.zeros((4, 256), np.uint8)
+    body = b""
+    for i, name in enumerate((0x00, 0x01, 0x10, 0x11)):
+        if counts[i].any():
+            symbols, codes[i], lengths[i] = huffman_codes(counts[i])
+            body += table_bytes(name, symbols, lengths[i])
+    return codes, lengths, body
+
+
+def _segment(marker: int, body: bytes) -> bytes:
+    return struct.pack(">BBH", 0xFF, marker, len(body) + 2) + body
+
+
+def _table_indices(jpeg: Jpeg) -> list[int]:
+    """The quantization table of each component; equal tables are written once."""
+    tables = [table.tobytes() for table in jpeg.quantization]
+    different = list(dict.fromkeys(tables))
+    return [different.index(table) for table in tables]
+
+
+def _quantization_segment(jpeg: Jpeg) -> bytes:
+    body = b""
+    for name, table in dict(zip(_table_indices(jpeg), jpeg.quantization, strict=True)).items():
+        wide = int(table.max() > 255)
+        body += bytes([wide << 4 | name]) + table.astype(">u2" if wide else "u1").tobytes()
+    return _segment(Marker.DQT, body)
+
+
+def _frame_segment(jpeg: Jpeg) -> bytes:
+    width, height = jpeg.size
+    body = struct.pack(">BHHB", 8, height, width, len(jpeg.components))
+    for c, table in zip(jpeg.components, _table_indices(jpeg), strict=True):
+        body += bytes([c.number, c.across << 4 | c.down, table])
+    wide = any(table.max() > 255 for table in jpeg.quantization)  # baseline has 8-bit tables only
+    return _segment(Marker.SOF1 if wide else Marker.SOF0, body)
+
+
+def _scan_segment(jpeg: Jpeg) -> bytes:
+    parts = [bytes([c.number, 0x11 if i else 0x00]) for i, c in enumerate(jpeg.components)]
+    return _segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")

@@ -1,0 +1,101 @@
+"""Tags of TIFF and EXIF are moved, not interpreted; Pillow reads what becomes of them."""
+
+import numpy as np
+import pytest
+from PIL import Image
+from PIL.TiffImagePlugin import IFDRational
+
+from blurmatte.files.exif import (
+    Tag,
+    longs,
+    numbers,
+    parse_tags,
+    rational,
+    shorts,
+    tags_block,
+    without_thumbnail,
+)
+
+EXIF, GPS = 0x8769, 0x8825
+
+
+def block():
+    """An EXIF block as Pillow writes it."""
+    exif = Image.Exif()
+    exif[0x010F], exif[0x0112] = "Example", 6
+    exif.get_ifd(EXIF)[0x829A] = IFDRational(1, 60)
+    exif.get_ifd(EXIF)[0x9204] = IFDRational(-1, 3)
+    exif.get_ifd(EXIF)[0x927C] = b"\0\1\2\3 notes"
+    exif.get_ifd(GPS)[2] = (IFDRational(52), IFDRational(30), IFDRational(3, 2))
+    return exif.tobytes().removeprefix(b"Exif\0\0")
+
+
+def by_pillow(data):
+    exif = Image.Exif()
+    exif.load(b"Exif\0\0" + data)
+    own = {tag: value for tag, value in exif.items() if tag not in (EXIF, GPS)}
+    return own, dict(exif.get_ifd(EXIF)), dict(exif.get_ifd(GPS))
+
+
+@pytest.mark.parametrize("order", ["<", ">"])
+def test_tags_come_back_in_both_orders_of_bytes(order):
+    """Exact: types and values, and so for Pillow."""
+    tags = parse_tags(block())
+    packed = tags_block(tags, order)
+    assert packed[:2] == {"<": b"II", ">": b"MM"}[order]
+    assert parse_tags(packed) == tags
+    assert by_pillow(packed) == by_pillow(block())
+
+
+def test_values_of_every_type():
+    """Exact: as Pillow understands them, and the same again when they are moved once more."""
+    tags = {
+        0x0112: shorts(6),
+        0x0100: longs(70_000),
+        0x011A: rational(299.5),
+        0xC001: Tag(12, 2, np.array([0.1, -2.5]).astype(">f8").tobytes()),
+        0xC002: Tag(8, 3, np.array([-1, 2, -3]).astype(">i2").tobytes()),
+    }
+    for order in "<>":
+        own, _, _ = by_pillow(tags_block(tags, order))
+        assert own[0x0112] == 6
+        assert own[0x0100] == 70_000
+        assert float(own[0x011A]) == 299.5
+        assert own[0xC001] == (0.1, -2.5)
+        assert own[0xC002] == (-1, 2, -3)
+    assert numbers(tags[0x011A]) == [299_500, 1000]
+
+
+def test_what_has_no_small_picture_stays_as_it_is():
+    """Exact: so does what is no EXIF."""
+    for data in (block(), b"", b"nothing of the kind at all", block()[:20]):
+        assert without_thumbnail(data) == data
+
+
+def test_damage_is_an_error_or_leaves_tags_out():
+    """Door: never anything else, and what is left can be written."""
+    rng = np.random.default_rng(8)
+    refused = 0
+    for _ in range(1000):
+        data = bytearray(block())
+        for place in rng.integers(0, len(data), 3):
+            data[place] = rng.integers(256)
+        data = bytes(data[: rng.integers(10, 2 * len(data))])
+        assert len(without_thumbnail(data)) == len(data)
+        try:
+            tags = parse_tags(data)
+        except ValueError:
+            refused += 1
+            continue
+        assert parse_tags(tags_block(tags)) == tags
+    assert 50 < refused < 950
+
+
+def test_values_that_overlap_do_not_fill_the_memory():
+    """Door: each tag may claim the whole block, all together not."""
+    entries = b"".join(
+        tag.to_bytes(2) + b"\0\x01" + (4000).to_bytes(4) + (8).to_bytes(4) for tag in range(300)
+    )
+    data = b"MM\0*\0\0\0\x08" + (300).to_bytes(2) + entries + b"\0" * 1000
+    with pytest.raises(ValueError, match="damaged"):
+        parse_tags(data)

@@ -1,0 +1,48 @@
+from pathlib import Path
+
+import pytest
+
+from blurmatte.errors import FileError
+from blurmatte.files.sequences import numbering
+
+
+@pytest.mark.parametrize(
+    ("pattern", "names"),
+    [
+        ("ball.####.exr", ["ball.0000.exr", "ball.0017.exr", "ball.12345.exr"]),
+        ("ball.%04d.exr", ["ball.0000.exr", "ball.0017.exr", "ball.12345.exr"]),
+        ("#_ball.png", ["0_ball.png", "17_ball.png", "12345_ball.png"]),
+        ("%d.tif", ["0.tif", "17.tif", "12345.tif"]),
+    ],
+)
+def test_names(pattern, names):
+    # exact
+    found = numbering(Path("out") / pattern)
+    assert [found.name(number) for number in (0, 17, 12345)] == names
+    assert found.folder == Path("out")
+
+
+def test_files_in_the_order_of_their_numbers(tmp_path):
+    # exact: only those that the pattern itself would write
+    names = ["a.9998.exr", "a.10000.exr", "a.0003.exr"]
+    for name in (*names, "a.3.exr", "a.00003.exr", "b.0001.exr", "a.0001.png", "a.x.exr"):
+        (tmp_path / name).touch()
+    (tmp_path / "a.0007.exr").mkdir()
+    found = numbering(tmp_path / "a.####.exr").files()
+    assert [path.name for path in found] == ["a.0003.exr", "a.9998.exr", "a.10000.exr"]
+    assert numbering(tmp_path / "nowhere" / "a.#.exr").files() == []
+
+
+def test_special_letters_are_letters(tmp_path):
+    for name in ("a+b (1)[x].01.exr", "aab (1)x.01.exr"):
+        (tmp_path / name).touch()
+    found = numbering(tmp_path / "a+b (1)[x].##.exr").files()
+    assert [path.name for path in found] == ["a+b (1)[x].01.exr"]
+
+
+def test_names_without_a_number():
+    # door: a folder's name does not count; two numbers are one too many
+    assert numbering(Path("out.####") / "ball.exr") is None
+    assert numbering(Path("100%.exr")) is None
+    with pytest.raises(FileError, match="keep one number in the name, .* it has 2"):
+        numbering(Path("shot##_####.exr"))
