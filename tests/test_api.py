@@ -12,9 +12,9 @@ import blurmatte as bm
 
 LIST = Path(__file__).parent / "public_names.txt"
 PUBLIC = {
-    name: thing
-    for name, thing in vars(bm).items()
-    if not name.startswith("_") and not inspect.ismodule(thing)
+    name: getattr(bm, name)
+    for name in dir(bm)
+    if not name.startswith("_") and not inspect.ismodule(getattr(bm, name))
 }
 
 

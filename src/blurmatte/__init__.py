@@ -1,152 +1,41 @@
 """blurmatte: alpha and color of motion-blurred objects over a known background.
 
-The public API, on one screen. Linear light in, linear light out; see each name's docstring.
+Linear light in, linear light out; see the docstring of each name. The stub `__init__.pyi` lists the
+public names. Each is imported when it is first used, so that `import blurmatte` is fast.
 """
 
-from blurmatte.background import Match as Match
-from blurmatte.background import Matching as Matching
-from blurmatte.background import fit_match as fit_match
-from blurmatte.background import match_plate as match_plate
-from blurmatte.background import PlateFit as PlateFit
-from blurmatte.background import make_plate as make_plate
-from blurmatte.color import ColorModel as ColorModel
-from blurmatte.color import core_colors as core_colors
-from blurmatte.color import pick_colors as pick_colors
-from blurmatte.color import published_color_line as published_color_line
-from blurmatte.compositing import Exposures as Exposures
-from blurmatte.compositing import cover as cover
-from blurmatte.compositing import fade_between as fade_between
-from blurmatte.compositing import light_gain as light_gain
-from blurmatte.compositing import long_exposure as long_exposure
-from blurmatte.compositing import remove as remove
-from blurmatte.compositing import retouch as retouch
-from blurmatte.compositing import split_exposure as split_exposure
-from blurmatte.compositing import stack as stack
-from blurmatte.errors import BlurmatteError as BlurmatteError
-from blurmatte.errors import BlurmatteWarning as BlurmatteWarning
-from blurmatte.errors import ColorModelError as ColorModelError
-from blurmatte.errors import ConvergenceWarning as ConvergenceWarning
-from blurmatte.errors import FileError as FileError
-from blurmatte.errors import MotionError as MotionError
-from blurmatte.errors import NoiseError as NoiseError
-from blurmatte.errors import PlateError as PlateError
-from blurmatte.errors import PlateWarning as PlateWarning
-from blurmatte.errors import ResponseError as ResponseError
-from blurmatte.errors import TransferWarning as TransferWarning
-from blurmatte.explain import explain as explain
-from blurmatte.checks import MAX_PIXELS as MAX_PIXELS
-from blurmatte.files import Frames as Frames
-from blurmatte.files import read as read
-from blurmatte.files import read_color_model as read_color_model
-from blurmatte.files import read_frames as read_frames
-from blurmatte.files import read_intrinsics as read_intrinsics
-from blurmatte.files import read_layer as read_layer
-from blurmatte.files import read_layers as read_layers
-from blurmatte.files import read_noise as read_noise
-from blurmatte.files import read_solution as read_solution
-from blurmatte.files import read_transfer as read_transfer
-from blurmatte.files import write as write
-from blurmatte.files import write_changed as write_changed
-from blurmatte.files import write_frames as write_frames
-from blurmatte.intrinsics import Intrinsics as Intrinsics
-from blurmatte.layer import Layer as Layer
-from blurmatte.matting import PixelMaps as PixelMaps
-from blurmatte.matting import Pixelwise as Pixelwise
-from blurmatte.matting import Grade as Grade
-from blurmatte.matting import Quality as Quality
-from blurmatte.matting import Shaded as Shaded
-from blurmatte.matting import Solution as Solution
-from blurmatte.matting import Smooth as Smooth
-from blurmatte.matting import Swept as Swept
-from blurmatte.matting import solve as solve
-from blurmatte.motion import BallMotion as BallMotion
-from blurmatte.motion import BallPlace as BallPlace
-from blurmatte.motion import BlurDepth as BlurDepth
-from blurmatte.motion import EndSilhouettes as EndSilhouettes
-from blurmatte.motion import FrameMotion as FrameMotion
-from blurmatte.motion import FrameSightings as FrameSightings
-from blurmatte.motion import FreeFall as FreeFall
-from blurmatte.motion import Motion as Motion
-from blurmatte.motion import Plane as Plane
-from blurmatte.motion import PlaneMotion as PlaneMotion
-from blurmatte.motion import Rotation as Rotation
-from blurmatte.motion import Scale as Scale
-from blurmatte.motion import Scatter as Scatter
-from blurmatte.motion import Sighting as Sighting
-from blurmatte.motion import Speed as Speed
-from blurmatte.motion import Workers as Workers
-from blurmatte.motion import clip_color as clip_color
-from blurmatte.motion import depth_from_blur as depth_from_blur
-from blurmatte.motion import end_silhouettes as end_silhouettes
-from blurmatte.motion import fit_ball as fit_ball
-from blurmatte.motion import fit_balls as fit_balls
-from blurmatte.motion import fit_fall as fit_fall
-from blurmatte.motion import fit_fall_in_space as fit_fall_in_space
-from blurmatte.motion import frame_scatter as frame_scatter
-from blurmatte.motion import link_objects as link_objects
-from blurmatte.motion import link_sightings as link_sightings
-from blurmatte.motion import measure_ball as measure_ball
-from blurmatte.motion import measure_clip as measure_clip
-from blurmatte.motion import measure_motion as measure_motion
-from blurmatte.motion import measure_on_plane as measure_on_plane
-from blurmatte.motion import measure_rotation as measure_rotation
-from blurmatte.motion import places_in_space as places_in_space
-from blurmatte.motion import sightings as sightings
-from blurmatte.overview import draw_clip as draw_clip
-from blurmatte.overview import draw_edit as draw_edit
-from blurmatte.overview import draw_exposures as draw_exposures
-from blurmatte.overview import draw_look as draw_look
-from blurmatte.overview import draw_motion as draw_motion
-from blurmatte.overview import draw_overview as draw_overview
-from blurmatte.overview import draw_plate as draw_plate
-from blurmatte.radiometry import LINEAR as LINEAR
-from blurmatte.radiometry import REC709 as REC709
-from blurmatte.radiometry import SRGB as SRGB
-from blurmatte.radiometry import LinearImage as LinearImage
-from blurmatte.radiometry import NoiseFit as NoiseFit
-from blurmatte.radiometry import NoiseModel as NoiseModel
-from blurmatte.radiometry import ResponseFit as ResponseFit
-from blurmatte.radiometry import Transfer as Transfer
-from blurmatte.radiometry import decode as decode
-from blurmatte.radiometry import draw_noise as draw_noise
-from blurmatte.radiometry import draw_response as draw_response
-from blurmatte.radiometry import fit_noise as fit_noise
-from blurmatte.radiometry import fit_response as fit_response
-from blurmatte.radiometry import gamma as gamma
-from blurmatte.radiometry import measure_noise as measure_noise
-from blurmatte.radiometry import measure_noise_against as measure_noise_against
-from blurmatte.radiometry import measure_noise_within as measure_noise_within
-from blurmatte.radiometry import named_transfer as named_transfer
-from blurmatte.radiometry import nearest_transfer as nearest_transfer
-from blurmatte.rendering import Ball as Ball
-from blurmatte.rendering import Camera as Camera
-from blurmatte.rendering import Rendering as Rendering
-from blurmatte.rendering import Scene as Scene
-from blurmatte.rendering import Shot as Shot
-from blurmatte.rendering import render as render
-from blurmatte.results import save_exposures as save_exposures
-from blurmatte.results import save_plate as save_plate
-from blurmatte.results import save_results as save_results
-from blurmatte.scenes import Score as Score
-from blurmatte.scenes import find_scenes as find_scenes
-from blurmatte.scenes import mean_score as mean_score
-from blurmatte.scenes import read_answer as read_answer
-from blurmatte.scenes import read_shots as read_shots
-from blurmatte.scenes import read_truth as read_truth
-from blurmatte.scenes import save_shot as save_shot
-from blurmatte.scenes import scene_names as scene_names
-from blurmatte.scenes import scene_text as scene_text
-from blurmatte.scenes import scene_title as scene_title
-from blurmatte.scenes import score as score
-from blurmatte.scenes import score_table as score_table
-from blurmatte.streaks import Streak as Streak
-from blurmatte.streaks import find_streak_within as find_streak_within
-from blurmatte.streaks import find_streaks as find_streaks
-from blurmatte.sweep import Sweep as Sweep
-from blurmatte.sweep import TransferFit as TransferFit
-from blurmatte.sweep import fit_color as fit_color
-from blurmatte.sweep import fit_sweep as fit_sweep
-from blurmatte.sweep import fit_transfer as fit_transfer
-from blurmatte.trajectory import Trajectory as Trajectory
+import re
+import sys
+from importlib import import_module
+from pathlib import Path
+from types import ModuleType
 
 __version__ = "0.1.0"
+
+_STUB = Path(__file__).with_suffix(".pyi").read_text(encoding="utf-8")
+_PACKAGES = {
+    name: package for package, name in re.findall(r"(?m)^from (\S+) import (\w+) as", _STUB)
+}
+
+
+def __getattr__(name: str) -> object:
+    """A public name, imported from its package."""
+    if name not in _PACKAGES:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    value = globals()[name] = getattr(import_module(_PACKAGES[name]), name)
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*_PACKAGES, *globals()})
+
+
+class _Package(ModuleType):
+    """Keeps a public name when the import system binds a subpackage of the same name."""
+
+    def __setattr__(self, name: str, value: object) -> None:
+        if name not in _PACKAGES or not isinstance(value, ModuleType):
+            super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Package

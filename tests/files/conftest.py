@@ -1,4 +1,4 @@
-"""Small files made by hand or by other programs, for what blurmatte.files must read."""
+"""Small files, written here or by other programs, that blurmatte.files must read."""
 
 import resource
 import struct

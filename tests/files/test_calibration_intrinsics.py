@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 import blurmatte as bm
 
 
-def test_what_is_written_is_read(tmp_path):
+def test_intrinsics_round_trip(tmp_path):
     """exact: every digit."""
     lens = bm.Intrinsics(
         801.25, 799.1, 320, 240, np.array([0.1, 0.2, 0, 0]), True, 0.3 * np.eye(8), (640, 480)
@@ -22,7 +22,7 @@ def test_what_is_written_is_read(tmp_path):
     assert again.size == (640, 480)
 
 
-def test_errors_may_be_given_one_by_one(tmp_path):
+def test_std_alone_gives_a_diagonal_covariance(tmp_path):
     """exact: standard deviations, and nothing else but the first four numbers."""
     path = tmp_path / "cam.json"
     path.write_text(json.dumps({"fx": 800, "fy": 801, "cx": 3, "cy": 4, "std": [1, 2, 3, 4]}))
@@ -66,7 +66,7 @@ def test_a_calibration_of_opencv(tmp_path, storage):
         ("cam.json", '{"K": [[1,2,0],[0,1,0],[0,0,1]]}', "K must not be skewed"),
     ],
 )
-def test_door(tmp_path, name, text, says):
+def test_invalid_intrinsics_raise_file_error(tmp_path, name, text, says):
     """door: a FileError that says what to give."""
     (tmp_path / name).write_text(text)
     with pytest.raises(bm.FileError, match=says):

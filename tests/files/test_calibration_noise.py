@@ -20,13 +20,13 @@ def fit():
     return NoiseFit(NOISE, rounding, covariance, (), (), (), coherence, 0.25)
 
 
-def test_every_digit_comes_back(tmp_path):
+def test_noise_model_round_trips_exactly(tmp_path):
     """Exact."""
     write(tmp_path / "noise.json", NOISE)
     assert read_noise(tmp_path / "noise.json") == NOISE
 
 
-def test_what_was_measured_comes_back_with_its_rounding(tmp_path):
+def test_noise_fit_round_trips_with_its_rounding(tmp_path):
     """Exact; its errors are there for people."""
     write(tmp_path / "noise.json", fit())
     assert read_noise(str(tmp_path / "noise.json")) == fit().noise
@@ -43,7 +43,7 @@ def test_what_was_measured_comes_back_with_its_rounding(tmp_path):
      '{"gain": [-1, 2, 3], "read_std": [0, 0, 0], "relative_std": [0, 0, 0]}',
      '{"gain": "abc", "read_std": [0, 0, 0], "relative_std": [0, 0, 0]}'],
 )  # fmt: skip
-def test_what_is_no_noise_is_refused(tmp_path, text):
+def test_other_json_is_rejected(tmp_path, text):
     """Door."""
     (tmp_path / "noise.json").write_text(text)
     with pytest.raises(
@@ -52,7 +52,7 @@ def test_what_is_no_noise_is_refused(tmp_path, text):
         read_noise(tmp_path / "noise.json")
 
 
-def test_other_files_are_refused(tmp_path):
+def test_other_files_are_rejected(tmp_path):
     """Door."""
     write(tmp_path / "model.json", ColorModel.from_hex("#ff8000"))
     with pytest.raises(FileError, match=r"model.json: .* holds no noise of a camera"):

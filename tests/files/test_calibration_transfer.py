@@ -1,4 +1,4 @@
-"""Transfer curves as files: every digit comes back, other content is refused in one line."""
+"""Transfer curves as files: exact round trips, and one-line errors for other content."""
 
 import dataclasses
 import json
@@ -23,7 +23,7 @@ FIT = bm.ResponseFit(
 
 
 @pytest.mark.parametrize("thing", [FIT, FIT.transfer])
-def test_a_table_comes_back(tmp_path, thing):
+def test_transfer_table_round_trips(tmp_path, thing):
     """Exact: a table of our own length has every digit."""
     bm.write(tmp_path / "c.json", thing)
     back = bm.read_transfer(tmp_path / "c.json")
@@ -41,7 +41,7 @@ def test_any_curve_can_be_written(tmp_path):
     assert_allclose(back.decode(v), v**2.2, atol=1e-6)
 
 
-def test_no_field_of_a_fit_is_forgotten(tmp_path):
+def test_every_field_of_a_response_fit_is_written(tmp_path):
     """Exact: what was found is in the file for people and programs."""
     bm.write(tmp_path / "c.json", FIT)
     fields = json.loads((tmp_path / "c.json").read_text(), parse_constant=pytest.fail)
@@ -68,7 +68,7 @@ def test_no_field_of_a_fit_is_forgotten(tmp_path):
         (b'{"name": "x", "light": [0, NaN]}', "holds no valid transfer curve"),
     ],
 )
-def test_other_content_is_refused(tmp_path, content, says):
+def test_other_content_is_rejected(tmp_path, content, says):
     """Door: one line that begins with the file."""
     path = tmp_path / "c.json"
     path.write_bytes(content)
@@ -81,20 +81,20 @@ def test_other_content_is_refused(tmp_path, content, says):
     assert "\n" not in str(caught.value)
 
 
-def test_curves_and_color_models_are_not_mixed_up(tmp_path):
+def test_curves_and_color_models_are_distinguished(tmp_path):
     """Door: each reader says what the other's file is."""
     curve, model = tmp_path / "curve.json", tmp_path / "model.json"
     bm.write(curve, bm.SRGB)
     bm.write(model, bm.ColorModel.from_hex("#d8ff3c"))
     with pytest.raises(
-        bm.FileError, match="give a file that blurmatte calibrate .* holds a color model"
+        bm.FileError, match=r"give a file that blurmatte calibrate .* holds a color model"
     ):
         bm.read_transfer(model)
-    with pytest.raises(bm.FileError, match="give a file .* but a transfer curve"):
+    with pytest.raises(bm.FileError, match=r"give a file .* but a transfer curve"):
         bm.read_color_model(curve)
 
 
-def test_other_endings_are_refused(tmp_path):
+def test_other_extensions_are_rejected(tmp_path):
     """Door: a curve is no picture."""
     with pytest.raises(bm.FileError, match=r"a Transfer is written as \.json"):
         bm.write(tmp_path / "c.png", bm.SRGB)

@@ -24,7 +24,7 @@ def save(tmp_path, ramp, make_png):
     return save
 
 
-def test_a_file_that_says_nothing_is_srgb_with_a_warning(save, ramp):
+def test_untagged_file_is_srgb_with_a_warning(save, ramp):
     with pytest.warns(TransferWarning, match=r"a\.png.*transfer=.*--transfer srgb") as caught:
         image = read(save({}))
     assert caught[0].filename == __file__  # the warning points at the caller
@@ -60,7 +60,7 @@ def test_a_layer_warns_at_its_caller(tmp_path, ramp, make_png):
         ({b"cICP": bytes([1, 1, 0, 1])}, REC709),
     ],
 )
-def test_png_chunks_are_believed(save, chunks, transfer):
+def test_png_chunks_state_the_curve(save, chunks, transfer):
     assert read(save(chunks)).meta.transfer is transfer
 
 
@@ -69,13 +69,13 @@ def test_gamma_chunk_is_the_exponent_of_encoding(save, ramp):
     assert_allclose(image.rgb, (ramp / 255) ** 2, atol=1e-6)
 
 
-def test_hdr_colors_are_refused(save):
+def test_hdr_colors_are_rejected(save):
     with pytest.raises(FileError, match="convert the picture to sRGB; its cICP chunk"):
         read(save({b"cICP": bytes([9, 16, 0, 1])}))
 
 
 @pytest.mark.parametrize("extension", ["jpg", "png"])
-def test_exif_may_say_srgb(tmp_path, ramp, extension):
+def test_exif_states_srgb(tmp_path, ramp, extension):
     exif = Image.Exif()
     exif[0x0112] = 1  # Pillow leaves out EXIF that has nothing but what follows
     exif.get_ifd(0x8769)[0xA001] = 1
@@ -95,9 +95,7 @@ def test_an_srgb_profile_is_srgb_to_the_bit(tmp_path, ramp, extension):
 
 
 @pytest.mark.parametrize("extension", ["png", "tif"])
-def test_a_wide_profile_gives_the_light_little_cms_gives(
-    tmp_path, ramp, make_profile, curve, extension
-):
+def test_wide_gamut_profile_agrees_with_little_cms(tmp_path, ramp, make_profile, curve, extension):
     data = make_profile(
         {"r": curve["curv"](563), "g": curve["curv"](512), "b": curve["para"](0, 1.8)}
     )
@@ -123,7 +121,7 @@ def test_gray_profile(tmp_path, ramp, make_profile, curve):
     assert_allclose(image.rgb[..., 1], (gray / 255) ** 2, atol=1e-6)
 
 
-def test_a_profile_of_tables_is_refused(tmp_path, ramp, make_profile, curve):
+def test_profile_with_look_up_tables_is_rejected(tmp_path, ramp, make_profile, curve):
     data = make_profile(curve["curv"](512), connection=b"Lab ")
     path = tmp_path / "a.jpg"
     Image.fromarray(ramp).save(path, icc_profile=data)
@@ -134,7 +132,7 @@ def test_a_profile_of_tables_is_refused(tmp_path, ramp, make_profile, curve):
     assert read(path, transfer=SRGB).meta.transfer is SRGB
 
 
-def test_transfer_overrules_the_curve_but_not_the_primaries(tmp_path, ramp, make_profile, curve):
+def test_transfer_replaces_the_curve_and_keeps_the_primaries(tmp_path, ramp, make_profile, curve):
     path = tmp_path / "a.png"
     Image.fromarray(ramp).save(path, icc_profile=make_profile(curve["curv"](512)))
     square = gamma(2.0)
@@ -144,7 +142,7 @@ def test_transfer_overrules_the_curve_but_not_the_primaries(tmp_path, ramp, make
     assert np.abs(read(path, transfer=LINEAR).rgb - by_profile.rgb).max() > 0.1
 
 
-def test_floats_are_light_unless_told_otherwise(tmp_path, ramp):
+def test_floats_are_linear_without_a_profile(tmp_path, ramp):
     codes = (ramp / 255).astype(np.float32)
     for extension in ("exr", "tif"):
         path = str(tmp_path / f"a.{extension}")
@@ -157,7 +155,7 @@ def test_floats_are_light_unless_told_otherwise(tmp_path, ramp):
         assert_allclose(read(path, transfer=SRGB).rgb, SRGB.decode(codes), atol=1e-6)
 
 
-def test_what_we_write_needs_no_guess(tmp_path, ramp):
+def test_written_files_state_their_encoding(tmp_path, ramp):
     """Warnings are errors in these tests."""
     for name in ("a.png", "a.jpg"):
         write(tmp_path / name, ramp)

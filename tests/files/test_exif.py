@@ -1,4 +1,4 @@
-"""Tags of TIFF and EXIF are moved, not interpreted; Pillow reads what becomes of them."""
+"""Tags of TIFF and EXIF are copied without interpretation; Pillow is the oracle."""
 
 import numpy as np
 import pytest
@@ -38,7 +38,7 @@ def by_pillow(data):
 
 
 @pytest.mark.parametrize("order", ["<", ">"])
-def test_tags_come_back_in_both_orders_of_bytes(order):
+def test_tags_round_trip_in_both_byte_orders(order):
     """Exact: types and values, and so for Pillow."""
     tags = parse_tags(block())
     packed = tags_block(tags, order)
@@ -66,14 +66,14 @@ def test_values_of_every_type():
     assert numbers(tags[0x011A]) == [299_500, 1000]
 
 
-def test_what_has_no_small_picture_stays_as_it_is():
+def test_block_without_thumbnail_is_unchanged():
     """Exact: so does what is no EXIF."""
     for data in (block(), b"", b"nothing of the kind at all", block()[:20]):
         assert without_thumbnail(data) == data
 
 
-def test_damage_is_an_error_or_leaves_tags_out():
-    """Door: never anything else, and what is left can be written."""
+def test_damaged_block_raises_value_error_or_omits_tags():
+    """Door: no other exception, and the remaining tags can be written."""
     rng = np.random.default_rng(8)
     refused = 0
     for _ in range(1000):
@@ -91,7 +91,7 @@ def test_damage_is_an_error_or_leaves_tags_out():
     assert 50 < refused < 950
 
 
-def test_values_that_overlap_do_not_fill_the_memory():
+def test_overlapping_values_do_not_exhaust_memory():
     """Door: each tag may claim the whole block, all together not."""
     entries = b"".join(
         tag.to_bytes(2) + b"\0\x01" + (4000).to_bytes(4) + (8).to_bytes(4) for tag in range(300)

@@ -26,7 +26,7 @@ def picture():
     return LinearImage(rgb, meta=META)
 
 
-def test_an_exr_gives_the_light_of_the_camera_back(tmp_path, picture):
+def test_camera_colors_round_trip_in_an_exr(tmp_path, picture):
     """Exact, to the rounding of float32."""
     write(tmp_path / "a.exr", picture)
     back = read(tmp_path / "a.exr")
@@ -45,7 +45,7 @@ def test_other_programs_see_srgb(tmp_path, picture):
     assert_allclose(seen.rgb, picture.in_srgb().rgb, atol=1e-6)
 
 
-def test_a_picture_without_a_camera_is_none_afterwards(tmp_path, picture):
+def test_exr_without_camera_stays_srgb(tmp_path, picture):
     plain = replace(picture, meta=Meta())
     write(tmp_path / "a.exr", plain)
     back = read(tmp_path / "a.exr")
@@ -53,7 +53,7 @@ def test_a_picture_without_a_camera_is_none_afterwards(tmp_path, picture):
     assert np.array_equal(back.rgb, plain.rgb)
 
 
-def test_a_foreign_header_is_refused(tmp_path, picture):
+def test_changed_header_is_rejected(tmp_path, picture):
     """Door."""
     path = tmp_path / "a.exr"
     write(path, picture)

@@ -19,7 +19,7 @@ def plate(ramp):
     return LinearImage(light, variance, valid)
 
 
-def test_variance_and_valid_come_back(tmp_path, plate):
+def test_variance_and_valid_round_trip(tmp_path, plate):
     # exact
     write(tmp_path / "a.exr", plate)
     back = read(tmp_path / "a.exr")
@@ -28,7 +28,7 @@ def test_variance_and_valid_come_back(tmp_path, plate):
     assert np.array_equal(back.valid, plate.valid)
 
 
-def test_a_noise_model_comes_back_as_its_variance(tmp_path, plate):
+def test_noise_model_is_stored_as_variance(tmp_path, plate):
     # exact
     noise = NoiseModel(gain=1e-4, read_std=1e-3)
     write(tmp_path / "a.exr", LinearImage(plate.rgb, noise))
@@ -37,7 +37,7 @@ def test_a_noise_model_comes_back_as_its_variance(tmp_path, plate):
     assert back.valid.all()
 
 
-def test_noise_that_is_not_known_stays_so(tmp_path, plate):
+def test_unknown_noise_stays_unknown(tmp_path, plate):
     write(tmp_path / "a.exr", LinearImage(plate.rgb, valid=plate.valid))
     back = read(tmp_path / "a.exr")
     assert back.noise is None
@@ -52,14 +52,14 @@ def test_other_programs_see_plain_rgb(tmp_path, plate):
     assert set(channels) == {"RGB", "variance", "valid"} or "variance.R" in channels
 
 
-def test_a_picture_is_only_light(tmp_path, plate):
+def test_picture_without_noise_has_no_extra_channels(tmp_path, plate):
     write(tmp_path / "a.png", plate)
     back = read(tmp_path / "a.png")
     assert back.noise is None
     assert back.valid.all()
 
 
-def test_channels_of_that_name_from_elsewhere_mean_nothing(tmp_path, plate):
+def test_variance_channels_of_other_programs_are_ignored(tmp_path, plate):
     # door: a renderer's variance is of another kind
     names = [*"RGB", "variance.R", "variance.G", "variance.B", "valid"]
     save_pixels(tmp_path / "a.exr", [plate.rgb, plate.variance, plate.valid * 0.0], names, {})
@@ -70,7 +70,7 @@ def test_channels_of_that_name_from_elsewhere_mean_nothing(tmp_path, plate):
         read_layer(tmp_path / "a.exr")
 
 
-def test_a_variance_that_was_changed_is_refused(tmp_path, plate):
+def test_invalid_variance_is_rejected(tmp_path, plate):
     # door
     names = [*"RGB", "variance.R", "variance.G", "variance.B"]
     marked = {"blurmatte:light": "variance.R variance.G variance.B"}

@@ -18,7 +18,7 @@ def light_of(profile, codes):
     return light if profile.matrix is None else light @ profile.matrix.T
 
 
-def test_srgb_of_another_maker_is_exactly_srgb():
+def test_foreign_srgb_profile_gives_srgb():
     made = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
     profile = parse_profile(made)
     assert profile.curves == (SRGB, SRGB, SRGB)
@@ -68,7 +68,7 @@ def test_encode_inverts_decode_beyond_black_and_white(make_profile, curve, kind,
     assert_allclose(green.decode(green.encode(light)), light, atol=1e-9)
 
 
-def test_a_table_is_joined_by_straight_lines(make_profile, curve):
+def test_table_is_interpolated_linearly(make_profile, curve):
     green = parse_profile(make_profile(curve["curv"](0, 13107, 65535))).curves[1]
     assert_allclose(green.decode(np.array([0.25, 0.5, 0.75])), [0.1, 0.2, 0.6])
 
@@ -125,7 +125,7 @@ def test_gray_profile_has_a_curve_and_no_matrix(make_profile, curve):
         ({"curves": {"r": b"", "g": b""}}, "look-up tables"),
     ],
 )
-def test_other_profiles_are_refused(make_profile, curve, changes, says):
+def test_unsupported_profiles_are_rejected(make_profile, curve, changes, says):
     with pytest.raises(ProfileError, match=says):
         parse_profile(make_profile(**{"curves": curve["curv"](563), **changes}))
 
@@ -140,13 +140,13 @@ def test_other_profiles_are_refused(make_profile, curve, changes, says):
         ("para", 1, -1, 1, 0),
     ],
 )
-def test_impossible_curves_are_refused(make_profile, curve, tag):
+def test_invalid_curves_are_rejected(make_profile, curve, tag):
     kind, *values = tag
     with pytest.raises(ProfileError):
         parse_profile(make_profile(curve[kind](*values)))
 
 
 @pytest.mark.parametrize("keep", [0, 20, 130, 140, 230])
-def test_a_profile_cut_short_is_refused(make_profile, curve, keep):
+def test_truncated_profile_is_rejected(make_profile, curve, keep):
     with pytest.raises(ProfileError):
         parse_profile(make_profile(curve["curv"](563))[:keep])

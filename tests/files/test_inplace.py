@@ -1,4 +1,4 @@
-"""Edited pictures in the files they came from, read back by Pillow, OpenCV, tifffile and blurmatte."""
+"""In-place edits, read by Pillow, OpenCV, tifffile and blurmatte."""
 
 import io
 import struct
@@ -48,7 +48,7 @@ def camera_exif(orientation=1):
     return exif
 
 
-def told(path):
+def tags_by_pillow(path):
     """The tags of a file by Pillow, without where its pixels are; EXIF and GPS apart."""
     with Image.open(path) as file:
         exif = file.getexif()
@@ -105,14 +105,14 @@ def codes_of(path):
 
 @pytest.mark.parametrize("target", EXTENSIONS)
 @pytest.mark.parametrize("source", EXTENSIONS)
-def test_what_is_beside_the_pixels_is_kept(tmp_path, source, target):
+def test_metadata_is_kept(tmp_path, source, target):
     """Exact: EXIF with a camera's notes, GPS, orientation, profile, XMP, resolution; by Pillow."""
     original = make(tmp_path / f"o.{source}", orientation=6)
     path = tmp_path / f"new.{target}"
     write_changed(path, original, *edited(original))
-    assert told(path) == told(tmp_path / f"o.{source}")
-    assert told(path)[1][MAKER_NOTE].startswith(b"Example\0\1\2\3")
-    assert told(path)[2][1] == "N"
+    assert tags_by_pillow(path) == tags_by_pillow(tmp_path / f"o.{source}")
+    assert tags_by_pillow(path)[1][MAKER_NOTE].startswith(b"Example\0\1\2\3")
+    assert tags_by_pillow(path)[2][1] == "N"
     assert codes_of(path).shape == codes_of(original).shape
     with Image.open(original) as before, Image.open(path) as after:
         assert after.info["icc_profile"] == before.info["icc_profile"]
@@ -123,7 +123,7 @@ def test_what_is_beside_the_pixels_is_kept(tmp_path, source, target):
 @pytest.mark.parametrize("target", ["png", "tif"])
 @pytest.mark.parametrize("source", EXTENSIONS)
 @pytest.mark.parametrize("orientation", [1, 5, 6, 8])
-def test_pixels_outside_are_bit_identical(tmp_path, source, target, orientation):
+def test_unchanged_pixels_are_bit_identical(tmp_path, source, target, orientation):
     """Exact: decoded code values; inside, what was asked to half a code value."""
     original = make(tmp_path / f"o.{source}", orientation)
     picture, changed = edited(original)
@@ -138,7 +138,7 @@ def test_pixels_outside_are_bit_identical(tmp_path, source, target, orientation)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_pictures_are_turned_back_as_pillow_turns_them(tmp_path, orientation):
+def test_orientation_agrees_with_pillow(tmp_path, orientation):
     """Oracle: one changed pixel lands where Pillow finds it."""
     original = make(tmp_path / "o.png", orientation)
     image = read(original)
@@ -154,9 +154,7 @@ def test_pictures_are_turned_back_as_pillow_turns_them(tmp_path, orientation):
 @pytest.mark.parametrize("progressive", [False, True])
 @pytest.mark.parametrize("subsampling", [0, 1, 2])
 @pytest.mark.parametrize("orientation", [1, 6])
-def test_jpeg_blocks_that_are_not_touched_decode_identically(
-    tmp_path, subsampling, progressive, orientation
-):
+def test_unchanged_jpeg_blocks_decode_identically(tmp_path, subsampling, progressive, orientation):
     """Exact: in Pillow, OpenCV and here; but for one pixel where chroma is interpolated."""
     more = {"subsampling": subsampling, "progressive": progressive}
     original = make(tmp_path / "o.jpg", orientation, **more)
@@ -190,7 +188,7 @@ def reached(stored, subsampling):
     return mask
 
 
-def test_jpeg_light_inside_is_what_was_asked(tmp_path):
+def test_changed_jpeg_blocks_have_the_given_light(tmp_path):
     """Exact, to half a step of the mean of an even block."""
     original = make(tmp_path / "o.jpg", quality=98, subsampling=0)
     picture, changed = edited(original)
@@ -203,7 +201,7 @@ def test_jpeg_light_inside_is_what_was_asked(tmp_path):
     assert np.sqrt(np.mean((edges - 255 * SRGB.encode(picture.rgb[changed])) ** 2)) < 2
 
 
-def test_a_picture_as_it_was_keeps_every_coefficient(tmp_path):
+def test_unchanged_picture_keeps_every_coefficient(tmp_path):
     """Invariant: all of it changed to what it was is one more compression; none of it is none."""
     original = make(tmp_path / "o.jpg", subsampling=2)
     image = read(original)
@@ -211,7 +209,7 @@ def test_a_picture_as_it_was_keeps_every_coefficient(tmp_path):
     assert np.array_equal(pillow_codes(tmp_path / "n.jpg"), pillow_codes(original))
 
 
-def test_bits_and_alpha_stay(tmp_path, make_png):
+def test_bit_depth_and_alpha_are_kept(tmp_path, make_png):
     """Exact: 16 bits with alpha, gray and in color, to both kinds of file."""
     rng = np.random.default_rng(2)
     for channels in (1, 2, 3, 4):
@@ -255,7 +253,7 @@ def test_gray_with_alpha_is_kept_by_another_program(tmp_path, make_png):
 
 
 def test_premultiplied_tiff_stays_so(tmp_path):
-    """Exact: the numbers beside the changed ones, and what alpha means."""
+    """Exact: unchanged numbers and the meaning of alpha are kept."""
     codes = np.full((16, 16, 4), 100, np.uint8)
     tifffile.imwrite(tmp_path / "o.tif", codes, photometric="rgb", extrasamples=["assocalpha"])
     image = read(tmp_path / "o.tif", SRGB)
@@ -417,14 +415,14 @@ def test_the_small_picture_of_the_old_one_is_gone(tmp_path, source, target):
     path = tmp_path / f"n.{target}"
     write_changed(path, original, *edited(original))
     assert small[20:] not in path.read_bytes()
-    assert told(path) == told(original)
+    assert tags_by_pillow(path) == told(original)
     with Image.open(original) as before, Image.open(path) as after:
         assert before.getexif().get_ifd(ExifTags.IFD.IFD1)
         assert not after.getexif().get_ifd(ExifTags.IFD.IFD1)
 
 
 def test_an_index_of_more_pictures_is_gone(tmp_path):
-    """Exact: pictures behind the first show the old one; segments beside the index stay."""
+    """Exact: further pictures are removed; other segments are kept."""
     data = make(tmp_path / "a.jpg").read_bytes()
     index = b"\xff\xe2\x00\x0aMPF\0\1\2\3\4"
     original = tmp_path / "o.jpg"
@@ -447,7 +445,7 @@ def test_the_original_itself_may_be_written(tmp_path, source):
 
 
 def test_a_file_that_does_not_tell_its_curve_is_taken_as_read_takes_it(tmp_path):
-    """Exact: with a warning, or as told."""
+    """Exact: with a warning, or with the given transfer."""
     Image.fromarray(scene()).save(tmp_path / "o.png")
     image = read(tmp_path / "o.png", LINEAR)
     changed = np.ones(image.valid.shape, bool)
@@ -490,7 +488,7 @@ def test_gray_stays_gray(tmp_path):
             write_changed(path, original, replace(image, rgb=light), changed, SRGB)
 
 
-def test_wrong_requests_are_told_in_one_line(tmp_path, make_png):
+def test_invalid_requests_raise_one_line_errors(tmp_path, make_png):
     """Door: and what was there is there still."""
     original = make(tmp_path / "o.png")
     picture, changed = edited(original)
@@ -524,7 +522,7 @@ def test_wrong_requests_are_told_in_one_line(tmp_path, make_png):
     refused(FileError, "is a folder", target=tmp_path / "folder.jpg")
 
 
-def test_a_jpeg_that_pillow_cannot_compress_names_the_way_out(tmp_path):
+def test_error_for_unsupported_jpeg_recommends_png(tmp_path):
     """Door: a JPEG of red, green and blue. Into a PNG it goes."""
     original = tmp_path / "o.jpg"
     Image.fromarray(scene()).save(original, keep_rgb=True)

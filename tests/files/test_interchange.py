@@ -313,7 +313,7 @@ def save_exr(path, colors, alpha):
     OpenEXR.File(header, {"RGBA": np.ascontiguousarray(rgba)}).write(str(path))
 
 
-def test_straight_exrs_are_told(tmp_path, scenes):
+def test_straight_exr_colors_are_rejected(tmp_path, scenes):
     """Door: and what to do then helps."""
     path = tmp_path / "a.exr"
     for name, (layer, plate) in scenes.items():

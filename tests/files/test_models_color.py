@@ -10,7 +10,7 @@ from blurmatte.files import read_color_model, write
 
 
 @pytest.mark.parametrize("colors", [("#d8ff3c",), ("#d8ff3c", "#3c10ff")])
-def test_every_digit_comes_back(tmp_path, colors):
+def test_noise_model_round_trips_exactly(tmp_path, colors):
     basis = ColorModel.from_hex(*colors).basis
     covariance = np.random.default_rng(0).random((3, 3)) / 7
     to_srgb = ((1.7, -0.5, 0.1), (-0.2, 1.1, 0.1), (0.0, -0.3, 1 / 3))
@@ -51,7 +51,7 @@ def test_the_file_is_json_for_people_and_programs(tmp_path):
         ),
     ],
 )
-def test_other_content_is_refused(tmp_path, content, says):
+def test_other_content_is_rejected(tmp_path, content, says):
     path = tmp_path / "m.json"
     path.write_bytes(content)
     with pytest.raises(FileError) as caught:

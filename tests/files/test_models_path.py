@@ -19,12 +19,12 @@ def test_a_path_comes_back(tmp_path, radius):
 
 
 @pytest.mark.parametrize("text", ["[]", "{}", "nothing", '{"xy": [[1, 2]], "t": [0]}'])
-def test_what_is_no_path_is_refused(tmp_path, text):
+def test_other_json_is_rejected(tmp_path, text):
     (tmp_path / "path.json").write_text(text)
     with pytest.raises(FileError, match=r"path.json: give .*; the file (holds no path|is no JSON)"):
         read_path(tmp_path / "path.json")
 
 
-def test_a_missing_file_is_named(tmp_path):
+def test_missing_file_is_named(tmp_path):
     with pytest.raises(FileError, match=r"nowhere.json: check the name; there is no such file"):
         read_path(tmp_path / "nowhere.json")

@@ -1,4 +1,4 @@
-"""A Sweep in the header of an EXR: every digit comes back."""
+"""A Sweep as JSON: exact round trips."""
 
 import json
 
@@ -19,7 +19,7 @@ FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
 @pytest.mark.parametrize(
     "silhouette", [DISC, ELLIPSE, Silhouette(4, turns=True), Silhouette(4, changes=True)]
 )
-def test_every_digit_comes_back(name, silhouette):
+def test_sweep_round_trips_exactly(name, silhouette):
     """Exact."""
     rng, family = np.random.default_rng(0), path_family(name)
     n = family.size + silhouette.size
@@ -49,7 +49,7 @@ def test_every_digit_comes_back(name, silhouette):
         assert back.cast.softness == sweep.cast.softness
 
 
-def test_an_unknown_path_is_refused():
+def test_unknown_path_family_is_rejected():
     """Door."""
     with pytest.raises(ValueError, match="a path is one of line, parabola"):
         path_family("spiral")
@@ -58,7 +58,7 @@ def test_an_unknown_path_is_refused():
 
 
 @pytest.mark.parametrize("old", [{"bulges": 0}, {"stats": {"misfit": 1.1}}])
-def test_sweep_of_an_older_version_is_refused(old):
+def test_sweep_of_an_older_version_is_rejected(old):
     """Door."""
     with pytest.raises(FileError, match="solve its picture again; the sweep of an older blurmatte"):
         sweep_from_json(json.dumps({"size": [1, 2], **old}))

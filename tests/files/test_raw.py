@@ -163,7 +163,7 @@ def test_pixels_are_turned_as_libraw_turns_them(tmp_path, make_dng, orientation)
 
 
 def test_the_matrix_to_srgb_is_that_of_libraw(tmp_path, make_dng):
-    """LibRaw tells it for a DNG; of other files only what it is made of, here put in its place."""
+    """LibRaw gives it for a DNG; for other files its parts, which are substituted here."""
     path = make_dng(tmp_path / "a.dng", np.full((24, 24), 5000, np.uint16), neutral=(1, 1, 1))
     told = SimpleNamespace(num_colors=3, color_matrix=np.zeros((3, 4)))
     told.rgb_xyz_matrix = np.concatenate([CAMERA_FROM_XYZ, np.zeros((1, 3))])
@@ -408,7 +408,7 @@ def good(tmp_path, make_dng):
 
 
 @pytest.mark.parametrize("cut", [0.98, 0.5, 0.05, 0.002])
-def test_a_truncated_raw_is_refused_in_silence(good, capfd, cut):
+def test_truncated_raw_is_rejected_without_output(good, capfd, cut):
     whole = good.read_bytes()
     good.write_bytes(whole[: int(cut * len(whole))])
     assert "convert it to DNG" in refusal(good)
@@ -416,7 +416,7 @@ def test_a_truncated_raw_is_refused_in_silence(good, capfd, cut):
 
 
 @pytest.mark.parametrize("name", ["a.dng", "a.NEF", "a.cr3", "a.raf"])
-def test_what_is_no_raw_is_refused(tmp_path, capfd, name):
+def test_other_content_is_rejected(tmp_path, capfd, name):
     path = tmp_path / name
     path.write_bytes(b"")
     assert "is empty" in refusal(path)
@@ -425,17 +425,17 @@ def test_what_is_no_raw_is_refused(tmp_path, capfd, name):
     assert capfd.readouterr() == ("", "")
 
 
-def test_the_extra_may_be_missing(good, monkeypatch):
+def test_missing_extra_is_named(good, monkeypatch):
     monkeypatch.setitem(sys.modules, "rawpy", None)
     assert refusal(good) == 'pip install "blurmatte[raw]"; camera RAW needs rawpy'
 
 
-def test_a_picture_called_raw_is_read_as_what_it_is(tmp_path, ramp, make_png):
+def test_png_with_a_raw_extension_is_read_as_png(tmp_path, ramp, make_png):
     (tmp_path / "a.dng").write_bytes(make_png(ramp))
     assert read(tmp_path / "a.dng", SRGB).meta.color_space == "sRGB"
 
 
-def test_raw_is_linear_whatever_a_caller_says(good):
+def test_transfer_is_rejected_for_raw(good):
     assert np.array_equal(read(good, LINEAR).rgb, read(good).rgb)
     assert "is linear, not srgb" in refusal(good, SRGB)
 

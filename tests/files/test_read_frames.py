@@ -52,7 +52,7 @@ def save_clip(
     return path
 
 
-def test_a_lossless_clip_comes_back_exactly(tmp_path):
+def test_lossless_clip_round_trips_exactly(tmp_path):
     # exact
     codes = pictures()
     frames = read_frames(save_clip(tmp_path / "a.mkv", codes))
@@ -105,7 +105,7 @@ def test_ranges_and_matrices_of_y_cb_cr(tmp_path, matrix, full, pixels):
         ("mjpeg", "yuv422p", (0.5, 0)),
     ],
 )
-def test_color_of_several_pixels_is_where_standards_have_it(tmp_path, codec, pixels, at):
+def test_chroma_siting_follows_the_standards(tmp_path, codec, pixels, at):
     # oracle: how far right, and how far down, BT.601 and JFIF say, by a ramp of the red chroma
     for axis, (size, place) in enumerate(zip((96, 64), at, strict=True)):
         step = 1 if axis == 1 and "422" in pixels else 2
@@ -167,19 +167,19 @@ def test_ten_bits_stay_ten_bits(tmp_path, full):
 @pytest.mark.parametrize(
     ("number", "curve"), [(1, REC709), (4, gamma(2.2)), (13, SRGB), (14, REC709)]
 )
-def test_tags_say_the_curve(tmp_path, number, curve):
+def test_clip_tags_state_the_curve(tmp_path, number, curve):
     codes = pictures(1)
     frame = read_frames(save_clip(tmp_path / "a.mkv", codes, curve=number))[0]
     assert_allclose(frame.rgb, curve.decode(codes[0] / 255), rtol=1e-5)
     assert frame.meta.transfer.name == curve.name
 
 
-def test_without_a_tag_rec_709_is_assumed_and_told(tmp_path):
+def test_untagged_clip_is_rec_709_with_a_warning(tmp_path):
     codes = pictures(1)
     path = save_clip(tmp_path / "a.mkv", codes, curve=2)
-    with pytest.warns(TransferWarning, match="transfer=REC709") as told:
+    with pytest.warns(TransferWarning, match="transfer=REC709") as caught:
         frames = read_frames(path)
-    assert told[0].filename == __file__
+    assert caught[0].filename == __file__
     assert_allclose(frames[0].rgb, REC709.decode(codes[0] / 255), rtol=1e-5)
     assert_allclose(read_frames(path, SRGB)[0].rgb, SRGB.decode(codes[0] / 255), rtol=1e-5)
 
@@ -194,7 +194,7 @@ def test_primaries_become_those_of_srgb(tmp_path):
 
 
 @pytest.mark.parametrize("number", [16, 18])
-def test_hdr_is_refused_unless_the_caller_knows(tmp_path, number):
+def test_hdr_clip_is_rejected_without_transfer(tmp_path, number):
     # door
     path = save_clip(tmp_path / "a.mkv", pictures(1), curve=number)
     with pytest.raises(FileError, match=f"pass transfer=.*number {number} of H.273"):
@@ -202,7 +202,7 @@ def test_hdr_is_refused_unless_the_caller_knows(tmp_path, number):
     assert len(read_frames(path, REC709)) == 1
 
 
-def test_pictures_are_sorted_as_people_count(tmp_path):
+def test_pictures_are_sorted_in_natural_order(tmp_path):
     for number in (10, 9, 1):
         light = np.full((4, 5, 3), number / 20, np.float32)
         write(tmp_path / f"shot{number}.exr", LinearImage(light))
@@ -215,16 +215,16 @@ def test_pictures_are_sorted_as_people_count(tmp_path):
     assert frames.rate is None
 
 
-def test_what_is_assumed_of_pictures_is_told_once(tmp_path, make_png):
+def test_assumed_curve_is_warned_of_once(tmp_path, make_png):
     for name in "abc":
         (tmp_path / f"{name}.png").write_bytes(make_png(pictures(1)[0]))
-    with pytest.warns(TransferWarning) as told:
+    with pytest.warns(TransferWarning) as caught:
         list(read_frames(tmp_path))
-    assert len(told) == 1
-    assert told[0].filename == __file__
+    assert len(caught) == 1
+    assert caught[0].filename == __file__
 
 
-def test_what_is_assumed_of_later_pictures_is_told_too(tmp_path, make_png):
+def test_assumed_curve_of_later_pictures_is_warned_of(tmp_path, make_png):
     """Exact: of the first untagged one behind an EXR, once, however often they are run through."""
     write(tmp_path / "a.exr", LinearImage(np.zeros((4, 5, 3), np.float32)))
     for name in "bc":
@@ -232,13 +232,13 @@ def test_what_is_assumed_of_later_pictures_is_told_too(tmp_path, make_png):
     frames = read_frames(tmp_path)
     with pytest.warns(
         TransferWarning, match=r"b\.png: pass transfer=SRGB .*has no color profile"
-    ) as told:
+    ) as caught:
         assert len([*frames, *frames, frames[2]]) == 7
-    assert len(told) == 1
+    assert len(caught) == 1
     list(read_frames(tmp_path, SRGB))
 
 
-def test_pictures_of_other_sizes_are_refused(tmp_path):
+def test_pictures_of_different_sizes_are_rejected(tmp_path):
     # door
     for name, width in (("a", 5), ("b", 6)):
         write(tmp_path / f"{name}.exr", LinearImage(np.zeros((4, width, 3), np.float32)))
@@ -264,7 +264,7 @@ def save_sound(path):
         ("sound.wav", "sound", "holds no video"),
     ],
 )
-def test_what_is_no_clip_is_refused_in_one_line(tmp_path, name, content, complaint):
+def test_invalid_clip_raises_a_one_line_error(tmp_path, name, content, complaint):
     # door
     path = tmp_path / name
     if content == "sound":
@@ -280,7 +280,7 @@ def test_what_is_no_clip_is_refused_in_one_line(tmp_path, name, content, complai
     assert "\n" not in str(caught.value)
 
 
-def test_a_clip_that_was_cut_short_is_told(tmp_path):
+def test_truncated_clip_is_warned_of(tmp_path):
     # door: an AVI says at its beginning how many frames there are
     path = save_clip(tmp_path / "cut.avi", 8 * pictures(), "ffv1", "bgr0")
     count = len(read_frames(path, REC709))
@@ -292,21 +292,21 @@ def test_a_clip_that_was_cut_short_is_told(tmp_path):
     assert 0 < len(list(frames)) <= len(frames) < count
 
 
-def test_nothing_to_read_is_refused(tmp_path):
+def test_empty_source_is_rejected(tmp_path):
     # door
     for source in ([], tmp_path, str(tmp_path / "*.png")):
         with pytest.raises(FileError, match="name a clip or pictures"):
             read_frames(source)
 
 
-def test_large_frames_are_refused(tmp_path):
+def test_large_frames_are_rejected(tmp_path):
     # door
     path = save_clip(tmp_path / "a.mkv", pictures(1))
     with pytest.raises(FileError, match="96 x 64 pixels are more than the limit of 5000"):
         read_frames(path, max_pixels=5000)
 
 
-def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+def test_missing_extra_is_named(tmp_path, monkeypatch):
     # door
     path = save_clip(tmp_path / "a.mkv", pictures(1))
     monkeypatch.setitem(sys.modules, "av", None)
@@ -314,8 +314,8 @@ def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
         read_frames(path)
 
 
-def test_a_curve_is_not_for_light(tmp_path, make_png):
-    """Exact: EXRs of a row stay as they are, beside PNGs that the curve decodes; layers, too."""
+def test_transfer_does_not_apply_to_exr_frames(tmp_path, make_png):
+    """Exact: EXRs of a sequence are read unchanged, PNGs are decoded by the curve; layers too."""
     light = np.full((4, 5, 3), 0.25, np.float32)
     write(tmp_path / "a0.exr", LinearImage(light))
     (tmp_path / "a1.png").write_bytes(make_png(np.full((4, 5, 3), 51, np.uint8)))

@@ -149,7 +149,7 @@ def test_premultiplied_tiff_is_divided_before_its_curve(tmp_path):
     assert_allclose(layer.alpha, 128 / 255)
 
 
-def test_exr_layer_is_taken_as_it_is(tmp_path, ramp):
+def test_exr_layer_is_read_unchanged(tmp_path, ramp):
     alpha = ramp[..., :1] / 255
     rgba = np.dstack([ramp / 300 * alpha, alpha]).astype(np.float32)
     OpenEXR.File(dict(EXR), {"RGBA": rgba}).write(str(tmp_path / "a.exr"))
@@ -158,13 +158,13 @@ def test_exr_layer_is_taken_as_it_is(tmp_path, ramp):
     assert np.array_equal(layer.alpha, rgba[..., 3])
 
 
-def test_a_picture_without_alpha_is_no_layer(tmp_path, ramp, make_png):
+def test_picture_without_alpha_is_rejected_as_layer(tmp_path, ramp, make_png):
     (tmp_path / "a.png").write_bytes(make_png(ramp))
     with pytest.raises(FileError, match=r"a\.png: give .* has no alpha"):
         read_layer(tmp_path / "a.png", transfer=SRGB)
 
 
-def test_a_data_window_is_put_in_its_place(tmp_path, ramp):
+def test_data_window_is_placed_in_the_display_window(tmp_path, ramp):
     """Compositing programs store only the part of a picture that is not empty."""
     rgb = (ramp / 255).astype(np.float32)
     window = (np.array([-2, 5], np.int32), np.array([29, 28], np.int32))
@@ -178,7 +178,7 @@ def test_a_data_window_is_put_in_its_place(tmp_path, ramp):
     assert image.valid.sum() == 22 * 30
 
 
-def test_channels_of_others_do_not_disturb(tmp_path, ramp):
+def test_unknown_channels_are_ignored(tmp_path, ramp):
     light = (ramp / 255).astype(np.float32)
     extra = {"B.depth": light[..., 0].copy(), "RGB": light, "beauty.R": light[..., 1].copy()}
     OpenEXR.File(dict(EXR), extra).write(str(tmp_path / "a.exr"))
@@ -186,7 +186,7 @@ def test_channels_of_others_do_not_disturb(tmp_path, ramp):
 
 
 @pytest.mark.parametrize("name", ["white room.png", "Übung 猫.png", "ÅÄÖ é/x y.png"])
-def test_any_name_will_do(tmp_path, ramp, make_png, name):
+def test_unusual_file_names_are_supported(tmp_path, ramp, make_png, name):
     path = tmp_path / name
     path.parent.mkdir(exist_ok=True)
     path.write_bytes(make_png(ramp))
@@ -198,7 +198,7 @@ def test_one_pixel(tmp_path, make_png):
     assert read(tmp_path / "a.png", transfer=SRGB).size == (1, 1)
 
 
-def test_an_exposure_time_that_is_no_number_is_not_told(tmp_path):
+def test_invalid_exposure_time_is_ignored(tmp_path):
     """Door: EXIF as some programs write it, two numbers instead of their ratio."""
     exif = Image.Exif()
     exif[0x829A] = (1, 50)
@@ -208,7 +208,7 @@ def test_an_exposure_time_that_is_no_number_is_not_told(tmp_path):
 
 @pytest.mark.parametrize("chroma", ["4:4:4", "4:2:2", "4:2:0"])
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_a_jpeg_says_how_it_was_compressed_however_it_lies(tmp_path, orientation, chroma):
+def test_jpeg_compression_is_read_in_every_orientation(tmp_path, orientation, chroma):
     """Oracle: what it expects of the picture before is what is read, but for a few codes."""
     y, x = np.mgrid[:75, :83] / 80
     before = np.stack([0.3 + 0.4 * x, 0.5 + 0.2 * np.sin(9 * y), 0.4 + 0.3 * x * y], axis=-1)
@@ -225,9 +225,7 @@ def test_a_jpeg_says_how_it_was_compressed_however_it_lies(tmp_path, orientation
     assert off < 0.3 * changed
 
 
-def test_of_other_files_nobody_knows_how_they_were_compressed(
-    tmp_path, ramp, make_png, make_profile, curve
-):
+def test_compression_of_other_files_is_unknown(tmp_path, ramp, make_png, make_profile, curve):
     """PNG; gray; red, green and blue that are no luma; other primaries."""
     (tmp_path / "a.png").write_bytes(make_png(ramp))
     Image.fromarray(ramp[..., 0]).save(tmp_path / "gray.jpg")
@@ -239,7 +237,7 @@ def test_of_other_files_nobody_knows_how_they_were_compressed(
 
 
 @pytest.mark.parametrize("orientation", [0, 9])
-def test_an_orientation_that_means_nothing_turns_nothing(tmp_path, ramp, orientation):
+def test_invalid_orientation_is_ignored(tmp_path, ramp, orientation):
     """Door: some programs write 0."""
     exif = Image.Exif()
     exif[0x0112] = orientation

@@ -44,5 +44,5 @@ def test_names_without_a_number():
     # door: a folder's name does not count; two numbers are one too many
     assert numbering(Path("out.####") / "ball.exr") is None
     assert numbering(Path("100%.exr")) is None
-    with pytest.raises(FileError, match="keep one number in the name, .* it has 2"):
+    with pytest.raises(FileError, match=r"keep one number in the name, .* it has 2"):
         numbering(Path("shot##_####.exr"))

@@ -41,7 +41,7 @@ def path(tmp_path, solution):
     return tmp_path / "s.exr"
 
 
-def test_a_solution_comes_back(path, solution):
+def test_solution_round_trips(path, solution):
     back = read_solution(path)
     for name in ARRAYS:
         assert np.array_equal(getattr(back, name), getattr(solution, name)), name
@@ -55,7 +55,7 @@ def test_a_solution_comes_back(path, solution):
     }
 
 
-def test_double_precision_comes_back_as_float32(tmp_path, solution):
+def test_double_precision_is_stored_as_float32(tmp_path, solution):
     doubled = Solution(
         *(getattr(solution, name).astype(float) / 3 for name in ARRAYS[:4]),
         solution.quality,
@@ -66,14 +66,14 @@ def test_double_precision_comes_back_as_float32(tmp_path, solution):
     assert np.array_equal(read_solution(tmp_path / "s.exr").alpha, doubled.alpha.astype(np.float32))
 
 
-def test_its_picture_is_the_layer(path, solution):
+def test_rgba_channels_are_the_layer(path, solution):
     layer = read_layer(path)
     assert np.array_equal(layer.alpha, solution.layer.alpha)
     assert np.array_equal(layer.premultiplied, solution.layer.premultiplied)
     assert np.array_equal(read(path).rgb, solution.layer.premultiplied)
 
 
-def test_another_library_sees_every_channel(path, solution):
+def test_openexr_reads_every_channel(path, solution):
     file = OpenEXR.File(str(path), separate_channels=True)
     seen = {name: channel.pixels for name, channel in file.channels().items()}
     expected = {"A": solution.layer.alpha, "alpha.raw": solution.alpha}
@@ -101,7 +101,7 @@ def rewritten(path, name, text):
     target.close()
 
 
-def test_grade_and_calibrated_errors_come_back(tmp_path, solution):
+def test_grade_and_calibrated_errors_round_trip(tmp_path, solution):
     graded = {"grade": str(Grade.PLAUSIBLE), "grade_reasons": ["color", "noise"]}
     graded |= {"alpha_error": 0.031, "alpha_scale_std": 0.043, "weights": [0.9, 0.1]}
     write(tmp_path / "s.exr", replace(solution, stats=graded))
@@ -110,7 +110,7 @@ def test_grade_and_calibrated_errors_come_back(tmp_path, solution):
     assert back.stats == {**graded, "grade_reasons": ("color", "noise"), "weights": (0.9, 0.1)}
 
 
-def test_solution_with_a_sweep_of_an_older_version_is_refused(path):
+def test_solution_with_a_sweep_of_an_older_version_is_rejected(path):
     rewritten(path, "blurmatte:sweep", '{"bulges": 0, "size": [32, 24]}')
     with pytest.raises(
         FileError, match=r"s\.exr: solve its picture again; the sweep of an older blurmatte"
@@ -118,21 +118,21 @@ def test_solution_with_a_sweep_of_an_older_version_is_refused(path):
         read_solution(path)
 
 
-def test_a_changed_header_is_refused(path, solution):
+def test_changed_header_is_rejected(path, solution):
     rewritten(path, "blurmatte:model", "{}")
     with pytest.raises(
         FileError,
-        match="give the EXR as blurmatte.write made it; another program has changed its header",
+        match=r"give the EXR as blurmatte.write made it; another program has changed its header",
     ):
         read_solution(path)
 
 
-def test_a_solution_is_an_exr(tmp_path, solution):
+def test_solution_is_written_as_exr_only(tmp_path, solution):
     with pytest.raises(FileError, match=r"a Solution is written as \.exr"):
         write(tmp_path / "s.png", solution)
 
 
-def test_stats_that_are_no_data_are_a_mistake(tmp_path, solution):
+def test_stats_that_are_not_data_raise_type_error(tmp_path, solution):
     odd = Solution(
         *(getattr(solution, name) for name in ARRAYS), solution.model, "", {"f": object()}
     )

@@ -1,4 +1,4 @@
-"""Rows of layers and pictures; test_interchange.py looks at them as other programs do."""
+"""Sequences and clips of layers and pictures; test_interchange.py reads them by other programs."""
 
 import resource
 import sys
@@ -47,7 +47,7 @@ def room_for(size):
 
 
 @pytest.mark.parametrize("pattern", ["ball.####.exr", "ball.%04d.png", "ball.##.tif"])
-def test_numbered_layers_come_back(tmp_path, pattern):
+def test_numbered_layers_round_trip(tmp_path, pattern):
     # exact, to 16 bits; in a folder that is not there yet
     target = tmp_path / "new" / pattern
     paths = write_frames(target, layers(), start=99)
@@ -74,7 +74,7 @@ def test_numbers_begin_at_1(tmp_path):
 
 @pytest.mark.parametrize(("name", "pixels"), [("a.mov", "yuv444p"), ("a.mp4", "yuv420p")])
 @pytest.mark.parametrize("coded", [False, True])
-def test_clips_of_pictures_come_back(tmp_path, name, pixels, coded):
+def test_clips_of_pictures_round_trip(tmp_path, name, pixels, coded):
     """Oracle: the light that went in, as near as the codec holds it."""
     there = pictures(6)
     codes = [np.rint(255 * SRGB.encode(p.rgb)).astype(np.uint8) for p in there]
@@ -95,8 +95,8 @@ def test_clips_of_pictures_come_back(tmp_path, name, pixels, coded):
 
 
 @pytest.mark.parametrize("name", ["a.mov", "a.mp4"])
-def test_color_stays_where_it_was(tmp_path, name):
-    """Honest: a green bump on gray; shared by two columns, color must not come back half one beside."""
+def test_chroma_is_not_shifted(tmp_path, name):
+    """Honest: a green bump on gray; subsampled chroma must not shift by half a column."""
     x = np.arange(64)
     bump = np.exp(-((x - 31.3) ** 2) / 50)[:, None] * np.array([-0.1, 0.15, -0.05])
     picture = LinearImage(np.tile((0.2 + bump).astype(np.float32), (48, 1, 1)))
@@ -126,7 +126,7 @@ def test_other_codecs_with_alpha(tmp_path, codec):
     assert_allclose(layer.premultiplied, light, atol=1e-6)
 
 
-def test_odd_sizes_of_h264_are_filled_up(tmp_path):
+def test_odd_sizes_of_h264_are_padded(tmp_path):
     odd = pictures(2, size=(47, 63))
     write_frames(tmp_path / "a.mp4", odd)
     frame = read_frames(tmp_path / "a.mp4")[0]
@@ -195,7 +195,7 @@ def test_same_input_same_bytes(tmp_path, ending):
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_what_is_broken_off_leaves_nothing(tmp_path, ending):
+def test_interrupted_write_leaves_no_files(tmp_path, ending):
     # door: the old file stays as it was, and no part of the new one
     def row():
         yield from pictures(3)
@@ -214,7 +214,7 @@ def test_what_is_broken_off_leaves_nothing(tmp_path, ending):
 
 
 @pytest.mark.parametrize("ending", ENDINGS)
-def test_a_full_disk_leaves_nothing(tmp_path, ending, capfd):
+def test_full_disk_leaves_no_files(tmp_path, ending, capfd):
     # door
     noise = np.random.default_rng(0).random((3, 120, 160, 3)).astype(np.float32)
     with room_for(5000), pytest.raises(FileError, match="cannot be written") as caught:
@@ -246,7 +246,7 @@ def test_a_full_disk_leaves_nothing(tmp_path, ending, capfd):
         ("b.#.exr", pictures, r"b\.2\.exr: move or rename this folder"),
     ],
 )
-def test_wrong_names_are_told_in_one_line(tmp_path, name, things, complaint):
+def test_invalid_names_raise_one_line_errors(tmp_path, name, things, complaint):
     # door
     for folder in ("folder.mov", "b.2.exr"):
         (tmp_path / folder).mkdir()
@@ -272,7 +272,7 @@ def test_wrong_names_are_told_in_one_line(tmp_path, name, things, complaint):
         ),
     ],
 )
-def test_wrong_things_are_told(tmp_path, things, error, complaint):
+def test_invalid_frames_are_rejected(tmp_path, things, error, complaint):
     # door
     with pytest.raises(error, match=complaint):
         write_frames(tmp_path / "a.mov", things)
@@ -282,13 +282,13 @@ def test_wrong_things_are_told(tmp_path, things, error, complaint):
 @pytest.mark.parametrize(
     ("argument", "complaint"), [({"rate": 0}, "rate must be"), ({"start": -1}, "start must be")]
 )
-def test_wrong_numbers_are_told(tmp_path, argument, complaint):
+def test_invalid_rate_and_start_are_rejected(tmp_path, argument, complaint):
     # door
     with pytest.raises(ValueError, match=complaint):
         write_frames(tmp_path / "a.mov", pictures(1), **argument)
 
 
-def test_clips_without_alpha_are_no_layers(tmp_path):
+def test_clips_without_alpha_are_rejected_as_layers(tmp_path):
     # door
     for name in ("a.mov", "a.mp4"):
         write_frames(tmp_path / name, pictures(2))
@@ -299,7 +299,7 @@ def test_clips_without_alpha_are_no_layers(tmp_path):
         read_layers(tmp_path / "a.##.png")
 
 
-def test_layers_of_other_sizes_are_refused(tmp_path):
+def test_layers_of_different_sizes_are_rejected(tmp_path):
     # door
     for name, width in (("a.1.exr", 5), ("a.2.exr", 6)):
         write(tmp_path / name, Layer(np.zeros((4, width)), np.zeros((4, width, 3))))
@@ -307,7 +307,7 @@ def test_layers_of_other_sizes_are_refused(tmp_path):
         list(read_layers(tmp_path / "a.#.exr"))
 
 
-def test_a_pattern_that_is_a_file_is_that_file(tmp_path):
+def test_existing_file_takes_precedence_over_a_pattern(tmp_path):
     write(tmp_path / "#1.exr", pictures(1)[0])
     assert len(read_frames(tmp_path / "#1.exr")) == 1
     assert read(tmp_path / "#1.exr").size == (64, 48)
@@ -315,7 +315,7 @@ def test_a_pattern_that_is_a_file_is_that_file(tmp_path):
         read_frames(tmp_path / "b.####.exr")
 
 
-def test_without_the_extra_it_says_what_to_install(tmp_path, monkeypatch):
+def test_missing_extra_is_named(tmp_path, monkeypatch):
     # door
     monkeypatch.setitem(sys.modules, "av", None)
     with pytest.raises(FileError, match=r'a\.mov: .*pip install "blurmatte\[video\]"'):

@@ -31,7 +31,7 @@ def layer(light):
 
 
 @pytest.mark.parametrize("extension", ["png", "tif", "TIFF"])
-def test_an_image_comes_back_to_16_bit(tmp_path, light, extension):
+def test_image_round_trips_to_16_bit(tmp_path, light, extension):
     path = tmp_path / f"a.{extension}"
     write(path, LinearImage(light))
     image = read(path)
@@ -40,7 +40,7 @@ def test_an_image_comes_back_to_16_bit(tmp_path, light, extension):
     assert image.meta.transfer is SRGB
 
 
-def test_an_exr_is_the_light_itself(tmp_path, light):
+def test_exr_holds_unchanged_light(tmp_path, light):
     light = light * 4 - 0.5  # brighter than white, darker than black
     write(tmp_path / "a.exr", LinearImage(light))
     assert np.array_equal(read(tmp_path / "a.exr").rgb, light)
@@ -61,7 +61,7 @@ def test_other_programs_see_srgb(tmp_path, light, extension):
     assert_allclose(seen, 255 * SRGB.encode(light), atol=1 if extension == "png" else 12)
 
 
-def test_files_say_that_they_are_srgb(tmp_path, light):
+def test_files_state_srgb(tmp_path, light):
     for extension in ("png", "jpg", "tif"):
         write(tmp_path / f"a.{extension}", LinearImage(light))
     with Image.open(tmp_path / "a.png") as file:
@@ -86,7 +86,7 @@ def test_layer_png_is_straight(tmp_path, layer, light):
     assert_allclose(seen[there][:, :3], 255 * SRGB.encode(light)[there], atol=1)
 
 
-def test_layer_tiff_is_premultiplied_and_says_so(tmp_path, layer, light):
+def test_layer_tiff_is_premultiplied_and_states_it(tmp_path, layer, light):
     write(tmp_path / "a.tif", layer)
     with tifffile.TiffFile(tmp_path / "a.tif") as file:
         assert file.pages[0].extrasamples == (tifffile.EXTRASAMPLE.ASSOCALPHA,)
@@ -103,14 +103,14 @@ def test_layer_exr_is_premultiplied_light(tmp_path, layer):
 
 
 @pytest.mark.parametrize(("extension", "atol"), [("png", 3e-5), ("tif", 1e-4), ("exr", 0)])
-def test_a_layer_comes_back(tmp_path, layer, extension, atol):
+def test_layer_round_trips(tmp_path, layer, extension, atol):
     write(tmp_path / f"a.{extension}", layer)
     back = read_layer(tmp_path / f"a.{extension}")
     assert_allclose(back.alpha, layer.alpha, atol=min(atol, HALF_STEP + 1e-7))
     assert_allclose(back.premultiplied, layer.premultiplied, atol=atol)
 
 
-def test_alpha_is_written_as_it_is(tmp_path):
+def test_alpha_is_written_unchanged(tmp_path):
     alpha = np.linspace(-0.1, 1.1, 60).reshape(6, 10)
     write(tmp_path / "alpha.png", alpha)
     seen = np.asarray(Image.open(tmp_path / "alpha.png"))
@@ -121,7 +121,7 @@ def test_alpha_is_written_as_it_is(tmp_path):
     )
 
 
-def test_coded_pictures_are_written_as_they_are(tmp_path, ramp):
+def test_code_values_are_written_unchanged(tmp_path, ramp):
     write(tmp_path / "a.png", ramp)
     assert np.array_equal(np.asarray(Image.open(tmp_path / "a.png")), ramp)
     write(tmp_path / "a.jpg", ramp)
@@ -152,7 +152,9 @@ def test_same_input_same_bytes(tmp_path, light, layer):
         ("a.exr", "alpha", ".png"),
     ],
 )
-def test_a_wrong_ending_names_the_right_ones(tmp_path, light, layer, ramp, name, kind, says):
+def test_error_for_wrong_extension_lists_the_supported(
+    tmp_path, light, layer, ramp, name, kind, says
+):
     thing = {
         "image": LinearImage(light),
         "layer": layer,
@@ -169,13 +171,13 @@ def test_a_wrong_ending_names_the_right_ones(tmp_path, light, layer, ramp, name,
 @pytest.mark.parametrize(
     "thing", [{1, 2}, None, np.zeros((2, 2), int), np.zeros((2, 2, 4), np.uint8)]
 )
-def test_other_things_cannot_be_written(tmp_path, thing):
+def test_other_types_are_rejected(tmp_path, thing):
     with pytest.raises(TypeError):
         write(tmp_path / "a.png", thing)
 
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "tif", "exr"])
-def test_a_full_disk_leaves_the_old_file(tmp_path, extension, capfd, room_for):
+def test_full_disk_keeps_the_old_file(tmp_path, extension, capfd, room_for):
     noise = np.random.default_rng(0).random((120, 160, 3)).astype(np.float32)
     path = tmp_path / f"a.{extension}"
     write(path, LinearImage(noise[:8, :8]))
@@ -190,14 +192,14 @@ def test_a_full_disk_leaves_the_old_file(tmp_path, extension, capfd, room_for):
     assert capfd.readouterr() == ("", "")
 
 
-def test_a_full_disk_is_noticed_by_json_too(tmp_path, room_for):
+def test_full_disk_is_noticed_for_json(tmp_path, room_for):
     path = tmp_path / "a.json"
     with room_for(20), pytest.raises(FileError):
         write(path, ColorModel.from_hex("#d8ff3c"))
     assert not list(tmp_path.iterdir())
 
 
-def test_nan_never_becomes_an_integer(tmp_path, layer):
+def test_nan_is_rejected_in_integer_files(tmp_path, layer):
     path = tmp_path / "a.png"
     write(path, layer.alpha)
     before = path.read_bytes()
@@ -207,7 +209,7 @@ def test_nan_never_becomes_an_integer(tmp_path, layer):
     assert list(tmp_path.iterdir()) == [path]
 
 
-def test_places_that_take_no_file(tmp_path, layer):
+def test_unwritable_targets_raise_one_line_errors(tmp_path, layer):
     (tmp_path / "file").write_text("")
     (tmp_path / "folder.png").mkdir()
     for name, says in (
@@ -223,7 +225,7 @@ def test_places_that_take_no_file(tmp_path, layer):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_closed_folder(tmp_path, layer):
+def test_read_only_folder_raises_file_error(tmp_path, layer):
     (tmp_path / "closed").mkdir(mode=0o500)
     with pytest.raises(FileError, match="Permission denied"):
         write(tmp_path / "closed" / "a.png", layer)
@@ -231,7 +233,7 @@ def test_a_closed_folder(tmp_path, layer):
 
 @pytest.mark.parametrize("extension", ["png", "jpg", "tif", "exr"])
 @pytest.mark.parametrize("stem", ["with space", "Übung 猫", "what? a=b&c", "#1 %04d (copy)"])
-def test_any_name_will_do(tmp_path, light, stem, extension):
+def test_unusual_file_names_are_supported(tmp_path, light, stem, extension):
     path = tmp_path / f"{stem}.{extension}"
     write(str(path), LinearImage(light))
     assert read(path).size == (32, 24)
@@ -244,7 +246,7 @@ def test_files_have_the_usual_permissions(tmp_path, layer):
     assert stat.S_IMODE(ours) == stat.S_IMODE(usual)
 
 
-def test_a_link_stays_a_link(tmp_path, layer):
+def test_symbolic_link_is_kept(tmp_path, layer):
     (tmp_path / "real").mkdir()
     (tmp_path / "link.png").symlink_to(tmp_path / "real" / "a.png")
     write(tmp_path / "link.png", layer)
@@ -252,7 +254,7 @@ def test_a_link_stays_a_link(tmp_path, layer):
     assert read_layer(tmp_path / "real" / "a.png").size == layer.size
 
 
-def test_color_model_comes_back(tmp_path):
+def test_color_model_round_trips(tmp_path):
     model = ColorModel.from_hex("#d8ff3c", "#3c10ff")
     write(tmp_path / "m.json", model)
     assert np.array_equal(read_color_model(tmp_path / "m.json").basis, model.basis)
