@@ -61,13 +61,32 @@ def test_documented_arguments_are_the_real_ones(thing):
     assert [name.lstrip("*") for head in heads for name in head.split(", ")] == names
 
 
-def test_import_is_cheap():
-    code = (
-        "import sys, blurmatte; "
-        "print(*({'numba', 'scipy', 'PIL', 'matplotlib', 'rich', 'av'} & set(sys.modules)))"
-    )
+def printed(code):
+    """The output of a new interpreter."""
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == ""
+    return done.stdout.strip()
+
+
+def test_import_loads_no_other_package():
+    names = "{'numpy', 'numba', 'scipy', 'PIL', 'OpenImageIO', 'matplotlib', 'rich', 'av'}"
+    assert printed(f"import sys, blurmatte; print(*({names} & set(sys.modules)))") == ""
+
+
+def test_import_of_all_public_names_loads_no_heavy_package():
+    names = "{'numba', 'scipy', 'PIL', 'OpenImageIO', 'matplotlib', 'rich', 'av'}"
+    code = "import sys, blurmatte as bm; [getattr(bm, name) for name in dir(bm)]; "
+    code += f"print(*({names} & set(sys.modules)))"
+    assert printed(code) == ""
+
+
+def test_public_function_is_not_hidden_by_the_package_of_its_name():
+    code = "import blurmatte.explain.color, blurmatte; print(callable(blurmatte.explain))"
+    assert printed(code) == "True"
+
+
+def test_unknown_name_raises_attribute_error():
+    with pytest.raises(AttributeError, match="module 'blurmatte' has no attribute 'solver'"):
+        bm.solver  # noqa: B018
 
 
 PICTURE = bm.LinearImage(np.full((9, 12, 3), 0.5))

@@ -336,7 +336,7 @@ def test_several_images_get_a_folder_each_and_one_may_fail(here, tmp_path):
     out = tmp_path / "out"
     files = (here / "throw*.png", "--plate", here / "plate.png", "--color", COLOR)
     result = run("solve", *files, *FAST, "--out", out)
-    assert "throw3.png: holds no PNG" in complaint(result)
+    assert "throw3.png: export it again; the file holds no PNG" in complaint(result)
     assert sorted(path.name for path in out.iterdir()) == ["throw1", "throw2"]
     assert len(result.stdout.splitlines()) == 6
     assert sorted(content(out / "throw2")) == NAMES
@@ -432,7 +432,7 @@ def test_a_name_that_no_file_can_have(arguments):
         (("compose", "layer.exr", "--over", "sea.png", "--out", "at.sea"), "a picture is written"),
         (("stack", "a.exr", "--over", "sea.png", "--out", "at.sea"), "a picture is written as"),
         (("paints", "layer.exr", "--color", "#ff0000", "--out", __file__), "name of a folder"),
-        (("info", "nowhere.json"), "nowhere.json: cannot be read (No such file or directory)"),
+        (("info", "nowhere.json"), "nowhere.json: check the name; there is no such file"),
     ],
 )
 def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
@@ -521,7 +521,7 @@ def _truncated(path, here):
     else:
         picture.save(path)
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    return "cut short"
+    return "truncated"
 
 
 def _other_size(path, here):
@@ -763,7 +763,7 @@ def test_other_commands_complain_alike(scene, tmp_path, command):
     (tmp_path / "bad.exr").write_bytes(b"")
     options = ("--over", scene / "plate.png", "--out", tmp_path / "c.png")
     line = complaint(run(command, tmp_path / "bad.exr", *(options if command == "compose" else ())))
-    assert "bad.exr: the file is empty" in line
+    assert "bad.exr: copy or export it again; the file is empty" in line
     assert not (tmp_path / "c.png").exists()
 
 
@@ -791,7 +791,7 @@ def test_the_program_ends_with_one_line(tmp_path):
     assert done.returncode == 2
     assert done.stdout == ""
     assert (
-        done.stderr == f"blurmatte: {tmp_path / 'Ä b.png'}: there is no such file; check the name\n"
+        done.stderr == f"blurmatte: {tmp_path / 'Ä b.png'}: check the name; there is no such file\n"
     )
 
 

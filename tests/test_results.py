@@ -172,14 +172,14 @@ def test_a_path_through_a_file_is_one_line(tmp_path, solved):
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(bm.FileError) as caught:
             bm.save_results(folder, *solved)
-        assert str(caught.value).startswith(f"{folder}: cannot be written")
+        assert str(caught.value).startswith(f"{folder}: check the folder")
         assert "\n" not in str(caught.value)
     assert (tmp_path / "file").read_text() == "mine"
 
 
 def test_a_folder_in_the_way_is_named(tmp_path, solved):
     (tmp_path / "layer.exr").mkdir()
-    with pytest.raises(bm.FileError, match=r"layer\.exr: is a folder"):
+    with pytest.raises(bm.FileError, match=r"layer\.exr: move or rename this folder"):
         bm.save_results(tmp_path, *solved)
     assert sorted(os.listdir(tmp_path)) == ["layer.exr"]
 

@@ -27,7 +27,7 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return sorted({*_PACKAGES, *globals()})
+    return [*sorted(_PACKAGES), "__version__"]
 
 
 class _Package(ModuleType):

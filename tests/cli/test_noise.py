@@ -155,7 +155,7 @@ def test_info_of_another_json(tmp_path):
     (tmp_path / "a.json").write_text("{}")
     result = run("info", tmp_path / "a.json")
     assert result.exit_code == 2
-    assert "is no color model" in result.stderr
+    assert "holds no color model" in result.stderr
     assert "nor is it noise or a curve" in result.stderr
 
 
@@ -165,4 +165,4 @@ def test_what_is_no_noise_is_refused(scene, tmp_path):
                  "--noise", scene / "model.json")  # fmt: skip
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
-    assert "model.json: is no noise of a camera" in line
+    assert "holds no noise of a camera" in line

@@ -110,7 +110,7 @@ def test_files_of_another_kind_are_told(bracket, tmp_path):
     broken.write_text('{"name": "x", "light": [1, 0]}')
     picture = bracket / "1.png"
     assert "holds a color model" in complaint("info", picture, "--transfer", model)
-    assert "cannot be read" in complaint("info", picture, "--transfer", tmp_path / "none.json")
+    assert "no such file" in complaint("info", picture, "--transfer", tmp_path / "none.json")
     files = (picture, "--plate", bracket / "2.png", "--transfer", "srgb")
     assert "holds a transfer curve" in complaint("color", *files, "--color", curve)
     assert "light must rise" in complaint("info", broken)

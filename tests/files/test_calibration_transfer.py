@@ -90,7 +90,7 @@ def test_curves_and_color_models_are_distinguished(tmp_path):
         bm.FileError, match=r"give a file that blurmatte calibrate .* holds a color model"
     ):
         bm.read_transfer(model)
-    with pytest.raises(bm.FileError, match=r"give a file .* but a transfer curve"):
+    with pytest.raises(bm.FileError, match=r"give a file .* holds a transfer curve"):
         bm.read_color_model(curve)
 
 

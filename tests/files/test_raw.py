@@ -165,9 +165,9 @@ def test_pixels_are_turned_as_libraw_turns_them(tmp_path, make_dng, orientation)
 def test_the_matrix_to_srgb_is_that_of_libraw(tmp_path, make_dng):
     """LibRaw gives it for a DNG; for other files its parts, which are substituted here."""
     path = make_dng(tmp_path / "a.dng", np.full((24, 24), 5000, np.uint16), neutral=(1, 1, 1))
-    told = SimpleNamespace(num_colors=3, color_matrix=np.zeros((3, 4)))
-    told.rgb_xyz_matrix = np.concatenate([CAMERA_FROM_XYZ, np.zeros((1, 3))])
-    assert_allclose(_to_srgb(told, (1, 1, 1)), read(path).meta.to_srgb, atol=2e-3)
+    raw = SimpleNamespace(num_colors=3, color_matrix=np.zeros((3, 4)))
+    raw.rgb_xyz_matrix = np.concatenate([CAMERA_FROM_XYZ, np.zeros((1, 3))])
+    assert_allclose(_to_srgb(raw, (1, 1, 1)), read(path).meta.to_srgb, atol=2e-3)
 
 
 # Saturation
@@ -262,7 +262,7 @@ def test_one_profile_may_stand_for_all_colors(tmp_path, make_dng, profile):
 
 
 @pytest.mark.parametrize("profile", [(), (-1e-4, 1e-6), (np.nan, 1e-6), (1e-4, 1e-6) * 2])
-def test_noise_that_is_not_told_stays_unknown(tmp_path, make_dng, profile):
+def test_noise_without_a_profile_is_unknown(tmp_path, make_dng, profile):
     path = make_dng(tmp_path / "a.dng", np.full((24, 24), 5000, np.uint16), noise=profile)
     assert read(path).noise is None
 
@@ -488,6 +488,6 @@ def test_light_of_two_kinds_is_not_compared(plate, says, verb):
         verb(flat(), plate)
 
 
-def test_what_is_not_told_is_no_reason_to_refuse():
+def test_pictures_of_unknown_colors_are_accepted():
     check_same_colors("the image", flat(), "the plate", flat(camera="", levels=15870))
     check_same_colors("the image", flat(), "the plate", flat(space=None))

@@ -196,7 +196,7 @@ def test_door(truth, tmp_path):
         read_answer(tmp_path / "layer.exr")
     (tmp_path / "path.json").write_text("{}")
     write(tmp_path / "layer.exr", truth.layer)
-    with pytest.raises(FileError, match=r"path.json: is no path .* it must be"):
+    with pytest.raises(FileError, match=r"path.json: give .* holds no path"):
         read_answer(tmp_path)
     small = Layer(truth.layer.alpha[1:], truth.layer.premultiplied[1:])
     with pytest.raises(TypeError, match="a score must be a Score, got float"):

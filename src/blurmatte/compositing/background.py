@@ -4,7 +4,6 @@ import math
 
 import numpy as np
 import numpy.typing as npt
-import OpenImageIO as oiio
 
 from blurmatte.radiometry import LinearImage, check_picture
 
@@ -30,6 +29,8 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
     ValueError
         If a side is less than 1.
     """
+    import OpenImageIO as oiio
+
     check_picture("picture", picture)
     width, height = size
     if min(size) < 1:

@@ -65,8 +65,9 @@ def read_color_model(path: str | Path) -> ColorModel:
     """
     hint = "give a file that blurmatte wrote, e.g. with blurmatte color"
     fields = read_json(path, hint)
-    curve = isinstance(fields, dict) and "light" in fields
-    with parsing(path, hint, "color model but a transfer curve" if curve else "color model"):
+    if isinstance(fields, dict) and "light" in fields:
+        raise FileError(f"{path}: {hint}; the file holds a transfer curve")
+    with parsing(path, hint, "color model"):
         return _model(fields)
 
 
