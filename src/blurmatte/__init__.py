@@ -18,6 +18,9 @@ _PACKAGES = {
 }
 
 
+__all__ = sorted(_PACKAGES)
+
+
 def __getattr__(name: str) -> object:
     """A public name, imported from its package."""
     if name not in _PACKAGES:
@@ -27,7 +30,7 @@ def __getattr__(name: str) -> object:
 
 
 def __dir__() -> list[str]:
-    return [*sorted(_PACKAGES), "__version__"]
+    return [*__all__, "__version__"]
 
 
 class _Package(ModuleType):

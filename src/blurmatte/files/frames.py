@@ -214,19 +214,9 @@ def write_frames(
         raise ValueError(f"rate must be a positive number of frames per second, got {rate}")
     if start < 0:
         raise ValueError(f"start must be 0 or more, got {start}")
-    extension = target.suffix.lower()
-    frames = _checked(things)
-    if extension not in _CLIP_WRITERS:
-        return _write_sequence(target, frames, start)
-    first = next(frames)
-    if isinstance(first, Layer) and extension != ".mov":
-        raise FileError(
-            f"{path}: write layers as .mov (ProRes 4444) or as a sequence like ball.####.exr, "
-            f"or put them over a picture first; {extension} cannot hold alpha"
-        )
-    with replacing(target, extension) as temporary:
-        _CLIP_WRITERS[extension](temporary, chain([first], frames), rate)
-    return [target]
+    if target.suffix.lower() in _CLIP_WRITERS:
+        return _write_clip(target, _checked(things), rate)
+    return _write_sequence(target, _checked(things), start)
 
 
 def _frames(
@@ -283,6 +273,18 @@ def _read(
         if issubclass(one.category, TransferWarning):
             warned.append(one.message)
     return frame
+
+
+def _write_clip(target: Path, frames: Iterator[Thing], rate: float) -> list[Path]:
+    extension, first = target.suffix.lower(), next(frames)
+    if isinstance(first, Layer) and extension != ".mov":
+        raise FileError(
+            f"{target}: write layers as .mov (ProRes 4444) or as a sequence like ball.####.exr, "
+            f"or put them over a picture first; {extension} cannot hold alpha"
+        )
+    with replacing(target, extension) as temporary:
+        _CLIP_WRITERS[extension](temporary, chain([first], frames), rate)
+    return [target]
 
 
 def _write_sequence(target: Path, frames: Iterator[Thing], start: int) -> list[Path]:

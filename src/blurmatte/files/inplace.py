@@ -5,9 +5,7 @@ In a JPEG all code values would change with each compression, so its unchanged b
 coefficients instead.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +26,7 @@ from blurmatte.files.metadata import (
 )
 from blurmatte.files.raster import Raster, as_stored, load
 from blurmatte.files.reading import light_of
-from blurmatte.files.writing import Writer, write
+from blurmatte.files.writing import write
 from blurmatte.jpeg import JpegError, jpeg_bytes, read_jpeg, replace_blocks
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
@@ -55,17 +53,14 @@ def write_changed(
     .exr          The light of the whole picture, as written by `write`.
     ============  ============================================================================
 
-    Parts that would show the old picture are removed: the EXIF thumbnail, further pictures or pages,
-    further channels, and Photoshop's layers. Other previews stay: in the notes of a camera maker,
-    in XMP, in Photoshop's additions to a JPEG. A progressive JPEG becomes a sequential one, without
-    restart markers. Light that the file cannot hold is clipped.
+    The EXIF thumbnail, further pictures, pages and channels, and Photoshop's layers are removed, as
+    they would show the old picture; previews in maker notes, in XMP and in Photoshop's additions to a
+    JPEG are kept. A progressive JPEG becomes sequential. Light that the file cannot hold is clipped.
 
     Parameters
     ----------
-    path : str or Path
-        The target; it may be `original`. An existing file is replaced by a complete file only.
-    original : str or Path
-        PNG, JPEG, TIFF or OpenEXR.
+    path, original : str or Path
+        The target, and a PNG, JPEG, TIFF or OpenEXR; they may be the same file.
     picture : LinearImage
         Upright, as from `read`, with the size of the original.
     changed : (H, W) bool
@@ -86,43 +81,48 @@ def write_changed(
         If the original does not state how its code values encode light.
     """
     target, source = Path(path), Path(original)
-    extension, kind = extension_of(target), kind_of(source)
-    if extension not in (".png", ".tif", ".jpg", ".exr"):
-        raise FileError(
-            f"{path}: change the extension; a picture is written as .png, .tif, .jpg or .exr"
-        )
-    if kind == RAW:
-        raise FileError(
-            f"{original}: give a developed picture as the original, or none and write .exr or .tif; "
-            "a camera RAW cannot be edited in place"
-        )
+    _check_formats(target, source)
     raster = load(source, max_pixels)
     height, width = raster.pixels.shape[:2]
     check_same_size("picture", picture.size, source.name, (width, height))
     check_map("changed", changed, (height, width), kinds="b")
-    if extension == ".exr":
+    if extension_of(target) == ".exr":
         write(target, _light(raster, picture, changed, transfer))
-        return
-    _check_holds(raster, kind, extension)
-    pixels = as_stored(_pixels(raster, picture, changed, transfer), raster.orientation)
-    writers: Mapping[str, Writer] = {
-        ".png": partial(save_png, raster=raster, pixels=pixels),
-        ".tif": partial(save_tiff, raster=raster, pixels=pixels),
-        ".jpg": partial(save_new_jpeg, raster=raster, pixels=pixels),
-    }
-    if kind == "JPEG":
-        stored = as_stored(changed, raster.orientation)
-        same = partial(_save_same_jpeg, raster=raster, pixels=pixels, changed=stored)
-        writers = {**writers, ".jpg": same}
-    with replacing(target, extension) as temporary:
-        writers[extension](temporary)
+    else:
+        _check_holds(raster, extension_of(target))
+        _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
 
 
-def _check_holds(raster: Raster, kind: str, extension: str) -> None:
-    if kind == "EXR":
+def _check_formats(target: Path, source: Path) -> None:
+    if extension_of(target) not in (".png", ".tif", ".jpg", ".exr"):
+        raise FileError(
+            f"{target}: change the extension; a picture is written as .png, .tif, .jpg or .exr"
+        )
+    if kind_of(source) == RAW:
+        raise FileError(
+            f"{source}: give a developed picture as the original, or none and write .exr or .tif; "
+            "a camera RAW cannot be edited in place"
+        )
+
+
+def _check_holds(raster: Raster, extension: str) -> None:
+    if kind_of(raster.path) == "EXR":
         raise FileError(f"{raster.path}: write .exr; the file holds light, not code values")
     if raster.levels is None and extension != ".tif":
         raise FileError(f"{raster.path}: write .tif or .exr; a {extension} file holds no floats")
+
+
+def _save_pixels(target: Path, raster: Raster, upright: npt.NDArray[Any], changed: Bools) -> None:
+    pixels, extension = as_stored(upright, raster.orientation), extension_of(target)
+    with replacing(target, extension) as temporary:
+        if extension == ".png":
+            save_png(temporary, raster, pixels)
+        elif extension == ".tif":
+            save_tiff(temporary, raster, pixels)
+        elif kind_of(raster.path) == "JPEG":
+            _save_same_jpeg(temporary, raster, pixels, as_stored(changed, raster.orientation))
+        else:
+            save_new_jpeg(temporary, raster, pixels)
 
 
 def _light(

@@ -31,7 +31,7 @@ from blurmatte.radiometry import NoiseFit, NoiseModel, ResponseFit
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import SRGB, Transfer
 
-Writer = Callable[[Path], None]
+_Writer = Callable[[Path], None]
 Parts = tuple[npt.NDArray[Any], npt.NDArray[Any]]
 
 _SRGB = {"oiio:ColorSpace": "srgb_rec709_scene"}
@@ -63,10 +63,8 @@ def write(
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, with all fields
     ColorModel        .json
-    Intrinsics        .json
-    NoiseModel        .json, and so is a NoiseFit
-    Transfer          .json, as a table
-    ResponseFit       .json: its transfer, the error, and the diagnostics
+    Intrinsics        .json; NoiseModel and NoiseFit as well
+    Transfer          .json, as a table; of a ResponseFit with errors and diagnostics
     mapping           .json, numbers that are not finite become null; .csv, one row, if it is flat
     mappings          .csv, .json, or .parquet (needs the `tables` extra): rows of one table, all with
                       the same names
@@ -83,7 +81,7 @@ def write(
     path : str or Path
         The target. An existing file is replaced by a complete file only.
     thing
-        The object to write.
+        One of these.
 
     Raises
     ------
@@ -92,14 +90,11 @@ def write(
     TypeError, ValueError
         If the object cannot be written in any format.
     """
-    target = Path(path)
-    writers = _writers(thing)
+    target, writers = Path(path), _writers(thing)
     extension = extension_of(target)
     if extension not in writers:
-        kind = f"an array of {thing.dtype}" if isinstance(thing, np.ndarray) else _kind(thing)
-        raise FileError(
-            f"{path}: change the extension; {kind} is written as {' or '.join(writers)}"
-        )
+        formats = " or ".join(writers)
+        raise FileError(f"{path}: change the extension; {_kind(thing)} is written as {formats}")
     with replacing(target, extension) as temporary:
         writers[extension](temporary)
 
@@ -133,10 +128,12 @@ def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
 
 
 def _kind(thing: object) -> str:
+    if isinstance(thing, np.ndarray):
+        return f"an array of {thing.dtype}"
     return f"a {type(thing).__name__}"
 
 
-def _writers(thing: object) -> Mapping[str, Writer]:
+def _writers(thing: object) -> Mapping[str, _Writer]:
     """The formats of an object, by extension."""
     match thing:
         case LinearImage():
@@ -183,7 +180,7 @@ def _writers(thing: object) -> Mapping[str, Writer]:
     raise TypeError(f"{_kind(thing)} cannot be written")
 
 
-def _image_writers(image: LinearImage) -> Mapping[str, Writer]:
+def _image_writers(image: LinearImage) -> Mapping[str, _Writer]:
     time = image.meta.exposure_time
     tags = {"ExposureTime": time} if time else {}
     light = image.in_srgb().rgb
@@ -203,7 +200,7 @@ def _image_writers(image: LinearImage) -> Mapping[str, Writer]:
     }
 
 
-def _layer_writers(layer: Layer) -> Mapping[str, Writer]:
+def _layer_writers(layer: Layer) -> Mapping[str, _Writer]:
     straight = {"oiio:UnassociatedAlpha": 1}
     return {
         ".png": lambda path: save_pixels(path, _straight(layer), "RGBA", _SRGB | straight),

@@ -160,7 +160,8 @@ def _ac_refined(bits, at, table, block, state, first, last, low):  # type: ignor
 
 
 @njit(**_COMPILED)
-def _block(bits, at, mode, dc, ac, block, state, slot, first, last, low):  # type: ignore[no-untyped-def]
+def _block(bits, at, mode, dc, ac, block, state, slot, band):  # type: ignore[no-untyped-def]
+    first, last, low = band
     if mode == SEQUENTIAL:
         at = _difference(bits, at, dc, state, slot)
         if at < 0:
@@ -184,8 +185,11 @@ def _block(bits, at, mode, dc, ac, block, state, slot, first, last, low):  # typ
 
 
 @njit(**_COMPILED)
-def decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, first, last, low, out):  # type: ignore[no-untyped-def]
-    """Decode a scan into the blocks `out` (n, 64); return False if the data are invalid."""
+def decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, band, out):  # type: ignore[no-untyped-def]
+    """Decode a scan into the blocks `out` (n, 64); return False if the data are invalid.
+
+    `band` is the first and the last coefficient, and the lowest bit in the scan.
+    """
     state = np.zeros(_RUN + 1, np.int64)
     for part in range(bounds.shape[0] - 1):
         state[:] = 0
@@ -194,9 +198,7 @@ def decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, first, last,
             for j in range(slots.shape[0]):
                 slot = slots[j]
                 block = out[order[unit, j]]
-                at = _block(
-                    bits, at, mode, dc[slot], ac[slot], block, state, slot, first, last, low
-                )
+                at = _block(bits, at, mode, dc[slot], ac[slot], block, state, slot, band)
                 if at < 0 or at > limit:
                     return False
     return True

@@ -102,15 +102,13 @@ def _decode(segments: Segments, scan: Scan, out: npt.NDArray[np.int16]) -> int:
         np.stack([table if len(table) else invalid for table in tables])
         for tables in (scan.dc, scan.ac)
     )
-    first, last = scan.band
     if not segments.progressive:
         mode = entropy.SEQUENTIAL
-    elif first == 0:
+    elif scan.band[0] == 0:
         mode = entropy.DC_REFINED if scan.high else entropy.DC_FIRST
     else:
         mode = entropy.AC_REFINED if scan.high else entropy.AC_FIRST
-    if not entropy.decode_scan(
-        bits, bounds, interval, order, slots, mode, dc, ac, first, last, scan.low, out
-    ):
+    band = (*scan.band, scan.low)
+    if not entropy.decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, band, out):
         raise JpegError("the JPEG is damaged or truncated")
     return end
