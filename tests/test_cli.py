@@ -653,7 +653,7 @@ def test_a_guess_is_told_once(here, tmp_path):
         Image.fromarray(codes).save(here / f"plain {name}.png")
     files = (here / "plain image.png", "--plate", here / "plain plate.png", "--color", COLOR)
     result = good("solve", *files, *FAST, "--out", tmp_path / "o")
-    assert [line.split(": has")[0] for line in result.stderr.splitlines()] == [
+    assert [line.split(": pass")[0] for line in result.stderr.splitlines()] == [
         f"blurmatte: warning: {here / f'plain {name}.png'}" for name in ("plate", "image")
     ]
     again = good("solve", *files, *FAST, "--out", tmp_path / "o", "--transfer", "srgb")
