@@ -42,6 +42,7 @@ BODIES = {
     "ball": (Ball(18, ORANGE), Change()),
     "two paints": (Ball(18, ORANGE, second_color=BLUE), Change(spin=(1, 0.5, 0))),
     "growing": (Ball(18, ORANGE), Change(scale=(0.5, 1.5))),
+    "tumbling sheet": (Sheet(40, 30, ORANGE), Change(spin=(2.6, 0, 0))),
     "turning star": (star_sprite(40, ORANGE), Change(spin=(0, 0, 2))),
     "turning stick": (Sheet(50, 8, ORANGE), Change(spin=(0, 0, 2))),
     "spotted": (Ball(18, np.ones(3), texture=SPOTS), Change(spin=(0.6, 0.3, 0))),
@@ -227,7 +228,7 @@ def test_a_region_that_was_given_is_solved_exactly():
 
 
 def test_has_the_largest_weight_where_no_shape_explains_the_streak():
-    truth, image, plate = taken("growing", "textured")
+    truth, image, plate = taken("tumbling sheet", "textured")
     solution = solve(image, plate, ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None]))
     assert solution.solver == repr(Smooth())
     assert solution.stats["weights"][-1] > 0.99
