@@ -145,9 +145,9 @@ def solve(
     found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
     pictures = _Pictures(image, plate, match, hidden)
     case = _case_of(pictures, found, _of_light(solver, model), solver, start)
-    warn_if_plate_differs(image, plate, case.streak)
-    others = [other for other in found if other is not case.streak]
-    only_lost = only_light_lost(image, plate, case.streak)
+    warn_if_plate_differs(image, plate, case.found)
+    others = [other for other in found if other is not case.found]
+    only_lost = only_light_lost(image, plate, case.found)
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         maps = _each_alone(case, _box_of(case), out)
         measures = _by_solver(case, maps)
@@ -200,7 +200,8 @@ class _Case:
     Parameters
     ----------
     pictures : _Pictures
-    streak : Streak
+    found : Streak
+        What moved before the plate as it is.
     model : ColorModel
     solver : Solver or None
         None averages all hypotheses.
@@ -208,7 +209,7 @@ class _Case:
     """
 
     pictures: _Pictures
-    streak: Streak
+    found: Streak
     model: ColorModel
     solver: Solver | None
     hypotheses: Hypotheses | None
@@ -225,8 +226,14 @@ class _Case:
 
     @cached_property
     def plate(self) -> LinearImage:
-        """The same of the plate."""
-        return _noisier(self.pictures.plate, self.hypotheses)
+        """The same of the plate, in the light that the object left it if sweeps were fitted."""
+        plate = self.pictures.plate if self.hypotheses is None else self.hypotheses.plate
+        return _noisier(plate, self.hypotheses)
+
+    @property
+    def streak(self) -> Streak:
+        """What moved before that plate."""
+        return self.found if self.hypotheses is None else self.hypotheses.streak
 
     def within(self, box: Box) -> tuple[LinearImage, LinearImage, MixedPlate]:
         """Both within a box, and where the plate's edges fit badly, as they do around the streak."""

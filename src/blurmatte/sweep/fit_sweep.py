@@ -32,6 +32,7 @@ from blurmatte.sweep.fit.multistart import (
     with_varied_colors,
 )
 from blurmatte.sweep.fit.outline import fit_outline
+from blurmatte.sweep.fit.relighting import lighting_of
 from blurmatte.sweep.fit.shadow import fit_with_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_prior import ColorPrior
@@ -50,6 +51,7 @@ Array = npt.NDArray[np.float64]
 _FREE = ColorPrior(np.eye(3))
 _MAX_STREAKS, _MIN_EVIDENCE_RATIO = 5, 0.01  # that are fitted; of the strongest
 _EXPLAINED_INFLATION = 1.2  # of variance, of residuals that no other shape improves
+_DECISIVE_WEIGHT = 0.993  # of other light on the plate: 150 to 1
 _MIN_WEIGHT = 1e-3  # of a hypothesis that is refined
 _SAME_ALPHA = 0.01  # root mean square difference of two fits that are one
 _MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
@@ -68,11 +70,17 @@ class Hypotheses:
         The likeliest first.
     evidence : tuple of Evidence
         Of each sweep.
+    plate : LinearImage
+        In the light that the object left it, with its error.
+    streak : Streak
+        What moved before that plate.
     """
 
     observation: Observation
     sweeps: tuple[Sweep, ...]
     evidence: tuple[Evidence, ...]
+    plate: LinearImage
+    streak: Streak
 
     @property
     def best(self) -> Sweep:
@@ -83,6 +91,15 @@ class Hypotheses:
     def weights(self) -> Array:
         """(n,) of the sweeps; they sum to 1."""
         return hypothesis_weights(list(self.evidence))
+
+    def best_evidence(self, observation: Observation) -> Evidence:
+        """The evidence for the likeliest in another observation."""
+        sweep = self.best
+        alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, observation).alpha
+        if sweep.cast is not None:
+            S = sweep.cast.missing(sweep.family, sweep.path, float(sweep.shape[0]), observation)
+            observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
+        return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
 
     def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
         """The evidence for an alpha (H, W) of the whole picture that has no shape."""
@@ -179,7 +196,48 @@ def fit_hypotheses(
     model: ColorModel | None = None,
     start: Sweep | None = None,
 ) -> Hypotheses:
-    """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep`."""
+    """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep`.
+
+    Before the plate as it is, or in the light that the object left it if that is decisively likelier.
+    """
+    found = _fit_before(image, plate, streak, model, start)
+    found = _in_likelier_light(found, image, model, start)
+    if model is None and not _is_solid(found.best):
+        refuse_shade(image, plate, streak)
+    return found
+
+
+def _in_likelier_light(
+    found: Hypotheses, image: LinearImage, model: ColorModel | None, start: Sweep | None
+) -> Hypotheses:
+    """Hypotheses before the plate in the light that the object left it, if they are likelier.
+
+    Both are compared in the noise that was measured: light that changed is no noise.
+    """
+    if found.best.diagnostics.variance_inflation < _EXPLAINED_INFLATION:
+        return found
+    observation = found.observation.raised(1 / found.observation.noise_inflation)
+    lit = lighting_of(image, found.plate, found.streak, observation)
+    if lit is None:
+        return found
+    lighting, rest = lit
+    other = _fit_before(image, lighting.on(found.plate), rest, model, start)
+    if not lighting.is_possible(other.best.alpha):
+        return found
+    before = found.best_evidence(observation)
+    after = other.best_evidence(lighting.lit(observation))
+    after = replace(after, cost=after.cost + lighting.cost)
+    return other if hypothesis_weights([before, after])[1] > _DECISIVE_WEIGHT else found
+
+
+def _fit_before(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    model: ColorModel | None,
+    start: Sweep | None = None,
+) -> Hypotheses:
+    """All hypotheses before one plate."""
     search, one_paint, varied = _discs(image, plate, streak, model, start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     if variance_inflation(one_paint[0]) > _EXPLAINED_INFLATION:
@@ -198,10 +256,8 @@ def fit_hypotheses(
             compared.append((Sweep.of(candidate, image), known))
     order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
     kept = _distinct([compared[i] for i in order])
-    found = Hypotheses(observation, *(tuple(column) for column in zip(*kept, strict=True)))
-    if model is None and not _is_solid(found.best):
-        refuse_shade(image, plate, streak)
-    return found
+    sweeps, evidences = zip(*kept, strict=True)
+    return Hypotheses(observation, sweeps, evidences, plate, streak)
 
 
 def fit_disc(

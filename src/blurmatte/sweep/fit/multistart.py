@@ -76,8 +76,7 @@ class Multistart:
     ) -> "Multistart":
         """For what left a streak, from discs of these parts of its half width."""
         x0, y0, x1, y1 = streak.box
-        depth = depth_of(streak.mask[y0:y1, x0:x1])
-        wider = min((streak.cell - 1) / 2, _MASK_MARGIN * float(depth.max()))
+        depth, wider = _depth_in(streak)
         half_width = float(depth.max()) - wider
         observation = observation_around(streak, int(_MARGIN * half_width) + 4, image, plate, color)
         observation = replace(observation, grain=half_width / NODES_PER_RADIUS)
@@ -180,6 +179,19 @@ class Multistart:
         """A fit on small pixels that starts there."""
         start = with_principal_axes(state.on(self.observation))
         return minimize(start, self.bounds, _FINE_STEPS, ROUGH_TOLERANCE)
+
+
+def half_width_of(streak: Streak) -> float:
+    """Half the width of a streak, pixels."""
+    depth, wider = _depth_in(streak)
+    return float(depth.max()) - wider
+
+
+def _depth_in(streak: Streak) -> tuple[Array, float]:
+    """Depth of the pixels in a streak's box, and by how much its mask is widened, pixels."""
+    x0, y0, x1, y1 = streak.box
+    depth = depth_of(streak.mask[y0:y1, x0:x1])
+    return depth, min((streak.cell - 1) / 2, _MASK_MARGIN * float(depth.max()))
 
 
 def start_along(observation: Observation, family: PathFamily, path: Array, radius: float) -> State:

@@ -24,7 +24,7 @@ def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def _hats(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
+def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
     """Write the four nodes around a pixel, and their hats there."""
     j, i = int(y / pitch), int(x / pitch)
     v, u = y / pitch - j, x / pitch - i
@@ -50,7 +50,7 @@ def seen(C, B, V_C, V_B, alpha, pitch, number):  # type: ignore[no-untyped-def]
             if a == 0:
                 continue
             at[k, 0], at[k, 1] = y, x
-            _hats(y, x, pitch, number, nodes[k], hats[k])
+            corners(y, x, pitch, number, nodes[k], hats[k])
             for i in range(4):
                 hats[k, i] *= a
             for c in range(3):
@@ -107,7 +107,7 @@ def residuals(C, B, V_C, V_B, alpha, pitch, number, colors, e):  # type: ignore[
                     V = V_C[y, x, c] + V_B[y, x, c]
                     e[c, y, x] = (C[y, x, c] - B[y, x, c]) / np.sqrt(V)
                 continue
-            _hats(y, x, pitch, number, nodes, hats)
+            corners(y, x, pitch, number, nodes, hats)
             for c in range(3):
                 k = _color(a, nodes, hats, colors, c)
                 V = V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c]
@@ -122,7 +122,7 @@ def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
         for x in range(alpha.shape[1]):
             a = alpha[y, x]
             if a > 0:
-                _hats(y, x, pitch, number, nodes, hats)
+                corners(y, x, pitch, number, nodes, hats)
                 for c in range(3):
                     P[y, x, c] = a * _color(a, nodes, hats, colors, c)
 
@@ -152,7 +152,7 @@ def by_alpha(J, C, B, V_C, V_B, alpha, weight, pitch, number, colors, e, cross):
             if weight[y, x] == 0 or not _any(J, y, x):
                 continue
             if a > 0:
-                _hats(y, x, pitch, number, nodes, hats)
+                corners(y, x, pitch, number, nodes, hats)
             dd, de = 0.0, 0.0
             for c in range(3):
                 s = np.sqrt(V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c])
