@@ -20,8 +20,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.cli.printing import swatches
-from blurmatte.cli.solving import LESSER_GRADE
+from blurmatte.cli.console import ExitCode, swatches
 from blurmatte.explain import grade_in_words
 from blurmatte.rendering import add_noise, colorful_plate
 
@@ -157,7 +156,7 @@ def test_lesser_grade_than_required_has_an_exit_code_and_files(
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
     result = run("solve", *files, "--out", tmp_path / "o", "--require", required)
     lesser = list(bm.Grade).index(grade) > list(bm.Grade).index(required)
-    assert result.exit_code == (LESSER_GRADE if lesser else 0)
+    assert result.exit_code == (ExitCode.LOW_GRADE if lesser else 0)
     assert sorted(content(tmp_path / "o")) == NAMES
     said = f"image.png: its grade is {grade}, --require asks for {required}; its files were written"
     assert (said in result.stderr) == lesser
@@ -166,7 +165,7 @@ def test_lesser_grade_than_required_has_an_exit_code_and_files(
 def test_answer_without_a_grade_meets_no_requirement(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
     result = run("solve", *files, "--out", tmp_path / "o", "--require", "plausible")
-    assert result.exit_code == LESSER_GRADE
+    assert result.exit_code == ExitCode.LOW_GRADE
     assert "image.png: it has no grade, --require asks for plausible" in result.stderr
 
 
@@ -208,7 +207,7 @@ def test_nothing_lies_outside_the_streak(scene, tmp_path):
         (["--color", "60,40", "--color", "62,41,3"], 1, {"samples"}),
         (["--color", "4,4", "--color-from", "SHARP"], 1, {"samples"}),
         (["--max-brightness", "2"], 1, {"shape", "hue variation"}),
-        (["--mask", "MASK"], 1, {"shape", "hue variation"}),
+        (["--region", "MASK"], 1, {"shape", "hue variation"}),
     ],
 )
 def test_every_way_to_say_the_color(scene, tmp_path, options, rank, evidence):
@@ -236,7 +235,7 @@ def test_a_mask_and_a_region_say_where(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png")
     base = ("solve", *files, "--color", COLOR, *FAST)
     good(*base, "--out", tmp_path / "r", "--region", "20,20,70,60")
-    good(*base, "--out", tmp_path / "m", "--mask", scene / "mask.png")
+    good(*base, "--out", tmp_path / "m", "--region", scene / "mask.png")
     region = bm.read_solution(tmp_path / "r" / "layer.exr")
     image, plate = (bm.read(scene / f"{name}.png") for name in ("image", "plate"))
     found = bm.find_streaks(image, plate)[0].mask
@@ -267,7 +266,7 @@ def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
     base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
     told = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
     first, line = told.stderr.splitlines()
-    assert "nothing is found to move in --region 90,0,120,20; all of it is taken" in first
+    assert "no motion is found in --region 90,0,120,20; all of it is taken" in first
     assert line.startswith(f"blurmatte: warning: {scene / 'image.png'}: Alpha adds up to ")
     assert bm.read_solution(tmp_path / "layer.exr").stats["streak_box"] == (90, 0, 120, 20)
     report = json.loads((tmp_path / "report.json").read_text("utf-8"))
@@ -347,7 +346,7 @@ def test_two_images_of_one_name_are_not_mixed_up(here, tmp_path):
     shutil.copy(here / "image.png", tmp_path / "b")
     images = here / "image.png", tmp_path / "b" / "image.png"
     line = complaint(run("solve", *images, "--plate", here / "plate.png", "--out", tmp_path / "o"))
-    assert "2 images are called image" in line
+    assert "2 files are called image" in line
     assert not (tmp_path / "o").exists()
 
 
@@ -448,7 +447,7 @@ def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
         (("edit", "l.exr", "--image", "i.png", "--fade", 2, "--out", "i.png"), "i.png"),
         (
             (
-                "edit",
+                "compose",
                 "l.exr",
                 "--over",
                 "i.png",
@@ -465,6 +464,7 @@ def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
         (("stack", "l.exr", "--over", "p.png", "--out", "l.exr"), "l.exr"),
         (("show", "i.png", "--out", "i.png"), "i.png"),
         (("measure", "l.exr", "--image", "i.png", "--overlay", "i.png"), "i.png"),
+        (("remove", "l.exr", "--image", "i.png", "--plate", "p.png", "--out", "p.png"), "p.png"),
         (("calibrate", "noise", "i.png", "p.png", "--plot", "i.png"), "i.png"),
         (("calibrate", "response", "i.png", "p.png", "--plot", "p.png"), "p.png"),
         (("plate", "*.png", "--out", "i.png"), "i.png"),
@@ -701,14 +701,13 @@ def test_any_name_will_do(here, tmp_path):
         (["--transfer", "rec2020"], "no transfer is called"),
         (["--region", "0,0,9"], "x0,y0,x1,y1"),
         (["--region", "0,0,999,50"], "must lie in the picture"),
-        (["--mask", "nowhere.png"], "nowhere.png"),
-        (["--mask", "SHARP"], "the mask"),
+        (["--region", "nowhere.png"], "nowhere.png"),
+        (["--region", "SHARP"], "the mask"),
         (["--occluder", "SHARP", "--color", "#ff0000"], "the occluder"),
-        (["--mask", "SHARP", "--region", "0,0,9,9"], "not both"),
         (["--max-brightness", "-1"], "--max-brightness must be above 0, got -1"),
-        (["--solver", "smooth", "--smoothness", "0"], "--smoothness must be above 0, got 0"),
+        (["--solver", "smooth:0"], "must have a number F above 0, got '0'"),
         (["--require", "assumed"], "--require must be confirmed or plausible, got 'assumed'"),
-        (["--mask", "BLACK"], "is white nowhere"),
+        (["--region", "BLACK"], "is white nowhere"),
         (["--occluder", "WHITE", "--color", "#ff0000"], "is white everywhere"),
         (["--max-pixels", "100"], "more than the limit of 100"),
     ],
@@ -885,7 +884,7 @@ def test_render_lists_its_scenes():
     ("args", "says"),
     [
         ((), "give a SCENE, or --all, or --list"),
-        (("easy",), "--out is missing"),
+        (("easy",), "give --out, the folder"),
         (("nowhere", "--out", "x"), "nowhere: cannot be read"),
     ],
 )
@@ -1003,21 +1002,21 @@ def test_pictures_with_different_curves_are_solved_without_a_word_on_them(scene,
 def test_a_shadow_is_solved_with_the_object(scene, tmp_path):
     shade = bm.read(scene / "plate.png").rgb * np.array([0.4, 0.55, 0.8], np.float32)
     bm.write(tmp_path / "shade.png", bm.LinearImage(shade))
-    files = (scene / "image.png", "--plate", scene / "plate.png", "--solver", "shaded")
+    files = (scene / "image.png", "--plate", scene / "plate.png", "--solver")
     out = ("--out", tmp_path / "a", "--color", COLOR)
-    good("solve", *files, "--shaded-plate", tmp_path / "shade.png", *out)
+    good("solve", *files, f"shaded:{tmp_path / 'shade.png'}", *out)
     solution = bm.read_solution(tmp_path / "a" / "layer.exr")
     assert solution.solver == "Shaded(plate in shadow)"
     assert "sum_shadow" in solution.stats
-    good("solve", *files, "--out", tmp_path / "b", "--color", COLOR)
+    good("solve", *files, "shaded", "--out", tmp_path / "b", "--color", COLOR)
     assert "light=" in bm.read_solution(tmp_path / "b" / "layer.exr").solver
 
 
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        (("--solver", "shaded"), "--solver shaded needs --shaded-plate FILE"),
-        (("--shaded-plate", "x.png"), "--shaded-plate is for --solver shaded"),
+        (("--solver", "shaded"), "--solver shaded needs the plate in shadow, shaded:FILE"),
+        (("--solver", "swept:2"), "--solver swept takes no value"),
         (("--solver", "fast"), "--solver must be auto, swept, smooth, pixelwise or shaded"),
         (("--match", "much"), "--match must be auto, none, exposure, shift or full, got 'much'"),
     ],

@@ -11,6 +11,7 @@ from PIL import Image
 
 import blurmatte as bm
 from blurmatte.cli import app
+from blurmatte.cli.console import GENERAL, ExitCode
 
 ROOT = Path(__file__).parents[1]
 DOCUMENTS = [ROOT / "README.md", *ROOT.glob("C*.md"), *sorted((ROOT / "docs").rglob("*.md"))]
@@ -29,6 +30,7 @@ def commands(group, before=""):
 
 
 COMMANDS = dict(commands(GROUP))
+OPTIONS = {name for parameter in GROUP.params for name in parameter.opts}
 
 
 def calls():
@@ -43,7 +45,7 @@ def calls():
 def test_calls_are_understood(call):
     name, *arguments = shlex.split(call)
     if name.startswith("--") or arguments == ["--help"]:
-        assert name in {"--help", "--version", *GROUP.commands}
+        assert name in {"--help", *OPTIONS, *GROUP.commands}
         return
     if name not in COMMANDS:
         name = f"{name} {arguments.pop(0)}"
@@ -60,16 +62,23 @@ def test_commands_are_documented(name):
     summary = COMMANDS[name].help.splitlines()[0]
     assert summary.rstrip(".") in section.replace("\n", " ")
     for parameter in COMMANDS[name].params:
-        if parameter.param_type_name == "option":
+        if getattr(parameter, "rich_help_panel", None) == GENERAL:
+            assert parameter.opts[0] in CLI.split("\n## General options\n")[1].split("\n## ")[0]
+        elif parameter.param_type_name == "option":
             assert parameter.opts[0] in section
         else:
             assert parameter.metavar in section
 
 
+def test_exit_codes_are_documented():
+    table = CLI.split("| exit code |")[1].split("\n\n")[0]
+    assert re.findall(r"^\| (\d+) \|", table, re.MULTILINE) == [str(int(c)) for c in ExitCode]
+
+
 def test_documented_options_exist():
     real = {o for c in COMMANDS.values() for p in c.params for o in p.opts}
     documented = re.findall(r"(?<![\w-])--[a-z][a-z-]*", CLI)
-    assert set(documented) <= real | {"--help", "--version"}
+    assert set(documented) <= real | OPTIONS | {"--help"}
 
 
 @pytest.mark.parametrize("name", TEXTS)

@@ -1,4 +1,4 @@
-"""blurmatte edit, stack, paints, compose and show: layers in, pictures and layers out, or one line."""
+"""blurmatte edit, remove, compose, stack, paints and show: layers in, pictures and layers out."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app, pictures
-from blurmatte.cli.inputs import is_row
+from blurmatte.cli.selection import is_row
 from blurmatte.rendering import colorful_plate
 
 SIZE = (96, 64)
@@ -106,13 +106,13 @@ def codes_of(path):
 def test_removed_is_the_plate_inside_and_the_file_outside(scene, own, tmp_path):
     streak = bm.read_solution(scene / "solved.exr").streak
     for layer in ("solved.exr", "layer.exr"):
-        good("edit", scene / layer, *own, "--remove", "--out", tmp_path / "out.png")
+        good("remove", scene / layer, *own, "--out", tmp_path / "out.png")
         out, image, plate = (
             codes_of(p) for p in (tmp_path / "out.png", scene / "image.png", scene / "plate.png")
         )
         assert_array_equal(out[~streak], image[~streak])
         assert_array_equal(out[streak], plate[streak])
-    good("edit", scene / "layer.exr", *own, "--remove", "--grow", 2, "--out", tmp_path / "o.png")
+    good("remove", scene / "layer.exr", *own, "--grow", 2, "--out", tmp_path / "o.png")
     grown = (codes_of(tmp_path / "o.png") == plate).all(axis=-1)
     assert grown.sum() > streak.sum() + 2 * 30
 
@@ -173,10 +173,9 @@ def test_over_another_picture(scene, tmp_path):
         (("--scale", 0.5), layer.place((150, 100), None, 0.5).over(beach)),
         (("--fit", "cover"), layer.over(bm.cover(beach, SIZE))),
     ]:
-        for command in ("compose", "edit"):
-            out = tmp_path / "at_sea.exr"
-            good(command, scene / "layer.exr", *over, *options, "--out", out)
-            assert_allclose(bm.read(out).rgb, expected.rgb, atol=1e-6)
+        out = tmp_path / "at_sea.exr"
+        good("compose", scene / "layer.exr", *over, *options, "--out", out)
+        assert_allclose(bm.read(out).rgb, expected.rgb, atol=1e-6)
 
 
 def test_light_is_matched(scene, tmp_path):
@@ -199,9 +198,9 @@ def test_sheets_and_previews(scene, own, tmp_path):
     assert np.abs(first - middle).max() > 30  # nothing there, and all of it
     good("edit", scene / "layer.exr", "--fade", 2, "--sheet", sheet, "--out", tmp_path / "a.exr")
     moved = "--over", scene / "beach.png", "--place", "90,40", "--sheet", sheet
-    good("edit", scene / "layer.exr", *moved, "--out", tmp_path / "m.png")
-    options = "--plate", scene / "plate.png", "--preview", tmp_path / "p.gif"
-    good("edit", scene / "layer.exr", *options, "--out", tmp_path / "b.png")
+    good("compose", scene / "layer.exr", *moved, "--out", tmp_path / "m.png")
+    options = "--over", scene / "plate.png", "--preview", tmp_path / "p.gif"
+    good("compose", scene / "layer.exr", *options, "--out", tmp_path / "b.png")
     none = run(
         "edit", scene / "layer.exr", "--fade", 2, "--preview", preview, "--out", tmp_path / "c.exr"
     )
@@ -219,14 +218,14 @@ def test_rows(scene, tmp_path):
     for number in (1, 2, 3):
         bm.write(tmp_path / f"in.{number:04d}.exr", layer.fade(number / 4))
     row = tmp_path / "in.####.exr"
-    good("edit", row, "--fade", 0.5, "--start", 7, "--out", tmp_path / "out.%03d.exr")
+    good("edit", row, "--fade", 0.5, "--first", 7, "--out", tmp_path / "out.%03d.exr")
     written = sorted(path.name for path in tmp_path.glob("out*"))
     assert written == ["out.007.exr", "out.008.exr", "out.009.exr"]
     assert_allclose(
         bm.read_layer(tmp_path / "out.009.exr").alpha, layer.fade(0.375).alpha, atol=1e-6
     )
-    over = "--plate", scene / "plate.png"
-    good("edit", row, *over, "--rate", 10, "--out", tmp_path / "out.mp4")
+    over = "--over", scene / "plate.png"
+    good("compose", row, *over, "--rate", 10, "--out", tmp_path / "out.mp4")
     assert len(bm.read_frames(tmp_path / "out.mp4", bm.REC709)) == 3
     single = run("edit", row, "--fade", 0.5, "--out", tmp_path / "x.exr")
     assert "x.####.exr" in complaint(single)
@@ -281,26 +280,17 @@ def test_show(scene, tmp_path, monkeypatch, name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ((), "nothing to do"),
-        (("--image", "image.png"), "nothing to do"),
+        ((), "there is nothing to do"),
+        (("--image", "image.png"), "there is nothing to do"),
         (("--fade", "much"), "--fade must be a factor, got 'much'"),
         (("--fade", "-1"), "factor must be 0 or more"),
         (("--expose", "10000"), "--expose must lie between -100 and 100, got '10000'"),
         (("--recolor", "blue"), "--recolor must be a color like #d8ff3c"),
         (("--gain", "1,2"), "--gain must be a factor or red,green,blue"),
-        (("--remove",), "--remove needs --image and --plate"),
-        (
-            ("--remove", "--fade", "2", "--image", "image.png", "--plate", "plate.png"),
-            "nothing is left",
-        ),
         (("--fade", "2", "--image", "image.png"), "give the plate"),
-        (("--fade", "2", "--image", "image.png", "--over", "beach.png"), "its own picture"),
+        (("--fade", "2", "--image", "image.png", "--over", "beach.png"), "No such option: --over"),
+        (("--fade", "2", "--image", "image.png", "--place", "1,2"), "No such option: --place"),
         (("--fade", "2", "--image", "beach.png"), "96x64 pixels and the image 150x100"),
-        (("--fade", "2", "--place", "1,2"), "need --over"),
-        (("--over", "beach.png"), "--fit cover"),
-        (("--over", "beach.png", "--place", "1"), "--place must be x,y"),
-        (("--over", "beach.png", "--place", "900,2"), "beside the picture"),
-        (("--over", "beach.png", "--fit", "cover", "--scale", "2"), "give one"),
         (("--fade", "2", "--image", "image.png", "--plate", "nothing.png"), "nothing.png"),
     ],
 )
@@ -309,6 +299,28 @@ def test_edit_door(scene, tmp_path, options, words):
     out = tmp_path / "out.png"
     out.write_bytes(b"precious")
     assert words in complaint(run("edit", scene / "layer.exr", *options, "--out", out))
+    assert out.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize(
+    ("command", "options", "words"),
+    [
+        ("compose", (), "Missing option '--over'"),
+        ("compose", ("--over", "beach.png"), "--fit cover"),
+        ("compose", ("--over", "beach.png", "--place", "1"), "--place must be x,y"),
+        ("compose", ("--over", "beach.png", "--place", "900,2"), "beside the picture"),
+        ("compose", ("--over", "beach.png", "--fit", "cover", "--scale", "2"), "give one"),
+        ("remove", (), "Missing option '--image'"),
+        ("remove", ("--image", "image.png"), "Missing option '--plate'"),
+        ("remove", ("--image", "image.png", "--plate", "beach.png"), "150x100"),
+    ],
+)
+def test_compose_and_remove_refuse_in_one_line(scene, tmp_path, command, options, words):
+    """Door."""
+    options = [scene / o if o.endswith(".png") else o for o in options]
+    out = tmp_path / "out.png"
+    out.write_bytes(b"precious")
+    assert words in complaint(run(command, scene / "layer.exr", *options, "--out", out))
     assert out.read_bytes() == b"precious"
 
 

@@ -32,11 +32,17 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def measure(folder):
     """Run `blurmatte measure` on the layer."""
+    return lambda *options: run("measure", folder / "layer.exr", *options)
 
-    def run(*options):
-        return CliRunner().invoke(app, ["measure", str(folder / "layer.exr"), *map(str, options)])
 
-    return run
+@pytest.fixture
+def locate(folder):
+    """Run `blurmatte locate` on the layer."""
+    return lambda *options: run("locate", folder / "layer.exr", *options)
+
+
+def run(*arguments):
+    return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
 def test_it_says_what_it_found(measure):
@@ -75,7 +81,7 @@ def test_a_row_of_a_table(measure, tmp_path):
     ("options", "meters"),
     [
         (("--scale", "1mm"), 0.001),
-        (("--points", "0,0,30,40,5cm+-1mm"), 0.001),
+        (("--scale", "0,0,30,40=5cm+-1mm"), 0.001),
         (("--radius", "9e-3"), 0.001),
     ],
 )
@@ -117,22 +123,18 @@ def test_the_picture(measure, folder, tmp_path):
         (("--radius", "0"), "--radius must be above 0, got '0'"),
         (("--radius", "1cm±-1mm"), "--radius must have an error of 0 or more"),
         (("--scale", "-1mm"), "--scale must be above 0, got '-1mm'"),
-        (("--points", "1,2,3,4,0m"), "--points must be above 0"),
+        (("--scale", "1,2,3,4=0m"), "--scale must be above 0"),
         (("--exposure", "1//60"), "--exposure must be a time like 1/60"),
         (("--exposure", "-4ms"), "--exposure must be above 0, got '-4ms'"),
         (("--line-time", "-1us"), "--line-time must be 0 or more, got '-1us'"),
-        (("--points", "1,2,3,1m"), "--points must be x0,y0,x1,y1,length"),
-        (("--points", "1,2,1,2,1m"), "the two points must differ"),
+        (("--scale", "1,2,3=1m"), "--scale must be x0,y0,x1,y1=length"),
+        (("--scale", "1,2,1,2=1m"), "the two points must differ"),
         (("--scale", "1mm", "--radius", "1cm"), "give one of --radius, --diameter"),
         (("--overlay", "a.png"), "--overlay needs --image"),
-        (("--image", "a.png"), "--image is for --overlay, or for --plate"),
-        (("--going", "up"), "--going is for --line-time"),
-        (("--step", "2"), "--step, --rate, --gravity, --resume and --workers are for a clip"),
-        (("--speed", "12"), "--speed needs --camera"),
-        (("--height", "1m"), "--height needs --on-plane"),
-        (("--on-plane", "1,2=3"), "--on-plane must be like 120,300=0,1.5m"),
-        (("--on-plane", "1,2=3,4"), "needed for 4 points or more, got 1"),
-        (("--line-time", "1us"), "line_time needs exposure_time"),
+        (("--image", "a.png"), "--image needs --overlay"),
+        (("--going", "up"), "--going needs --line-time"),
+        (("--rate", "2"), "No such option: --rate"),
+        (("--line-time", "1us"), "--line-time needs --exposure"),
         (("--line-time", "15ms", "--exposure", "4ms"), "is 1.08 s for 72 rows"),
         (("--going", "left"), "--going must be down or up, got 'left'"),
         (("--out", "m.txt"), "is written as .json or .csv"),
@@ -146,11 +148,9 @@ def test_mistakes_are_one_line(measure, options, said):
     assert result.stderr.count("\n") == 1
 
 
-def test_the_folder_of_a_solution_is_told_from_one_of_frames(folder):
-    """Door."""
-    result = CliRunner().invoke(app, ["measure", str(folder)])
-    assert (result.exit_code, result.stdout) == (2, "")
-    assert f"{folder} holds a solution: give {folder / 'layer.exr'}" in result.stderr
+def test_measures_layer_in_folder_of_results(folder, measure):
+    """Exact: the same answer."""
+    assert run("measure", folder).stdout == measure().stdout
 
 
 def test_what_holds_no_solution_is_refused(folder):
@@ -160,51 +160,51 @@ def test_what_holds_no_solution_is_refused(folder):
     assert "image.png" in result.stderr
 
 
-def test_a_camera_says_where_the_ball_was(measure, tmp_path):
+def test_a_camera_says_where_the_ball_was(locate, tmp_path):
     """Oracle: a ball of 18 px that is 20 mm wide, 900 px of focal length; not without a radius."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
-    told = measure(
+    told = locate(
         "--diameter", "20mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
     ).stdout
     depth = float(told.split("It was ")[1].split(" ")[0])
     assert depth == pytest.approx(900 * 0.01 / RADIUS, rel=0.02)
     assert "nothing of speed along the line of sight" in told
-    refused = measure("--camera", tmp_path / "lens.json")
+    refused = locate("--camera", tmp_path / "lens.json")
     assert refused.exit_code == 2
     assert "--camera needs --radius or --diameter" in refused.stderr
     bm.write(tmp_path / "other.json", bm.Intrinsics(900, 900, 47.5, 35.5, size=(192, 144)))
-    refused = measure("--radius", "10mm", "--camera", tmp_path / "other.json")
+    refused = locate("--radius", "10mm", "--camera", tmp_path / "other.json")
     assert "calibrated with pictures of 192x144 pixels, and this has 96x72" in refused.stderr
 
 
-def test_the_flight_is_fitted_to_the_pictures(folder, measure, tmp_path):
+def test_the_flight_is_fitted_to_the_pictures(folder, locate, tmp_path):
     """Oracle: with the plate the depth is that of the disc, and the line of sight is measured too."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     asked = "--radius", "10mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
     pictures = "--image", folder / "image.png", "--plate", folder / "plate.png"
-    fitted = json.loads(measure(*asked, *pictures, "--json").stdout)
+    fitted = json.loads(locate(*asked, *pictures, "--json").stdout)
     assert fitted["ball_path"] == "line"
     assert abs(fitted["ball_depth"] - 900 * 0.01 / RADIUS) < 4 * fitted["ball_depth_std"]
     across = LENGTH / RADIUS * 0.01 * 50
     found, std = fitted["ball_velocity_x"], fitted["ball_velocity_x_std"]
     assert abs(abs(found) - across * 44 / LENGTH) < 4 * std
-    assert "--plate needs" in measure("--plate", folder / "plate.png").stderr
+    assert "--plate needs" in locate(*asked, "--plate", folder / "plate.png").stderr
 
 
-def test_a_speed_tells_the_depth(measure, tmp_path):
+def test_a_speed_tells_the_depth(locate, tmp_path):
     """Oracle: speed × time × focal length over the length in pixels."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     lens = "--camera", tmp_path / "lens.json"
-    told = json.loads(measure("--speed", "36km/h", "--exposure", "10ms", *lens, "--json").stdout)
+    told = json.loads(locate("--speed", "36km/h", "--exposure", "10ms", *lens, "--json").stdout)
     assert abs(told["blur_depth"] - 0.1 * 900 / LENGTH) < 4 * told["blur_depth_std"]
-    assert "needs --exposure" in measure("--speed", "10", *lens).stderr
+    assert "needs --exposure" in locate("--speed", "10", *lens).stderr
 
 
-def test_four_points_make_a_plane(measure):
+def test_four_points_make_a_plane(locate):
     """Oracle: a square seen from straight above, 1 cm for a pixel."""
     corners = [("0,0", "0,0"), ("90,0", "90cm,0"), ("90,70", "90cm,0.7"), ("0,70", "0,70cm")]
     plane = [word for at, is_at in corners for word in ("--on-plane", f"{at}={is_at}")]
-    told = json.loads(measure(*plane, "--exposure", "10ms", "--json").stdout)
+    told = json.loads(locate(*plane, "--exposure", "10ms", "--json").stdout)
     assert abs(told["plane_length"] - LENGTH / 100) < 4 * told["plane_length_std"]
     assert told["plane_speed"] == pytest.approx(told["plane_length"] * 100)
 
@@ -214,3 +214,21 @@ def test_a_disc_has_no_rotation(measure):
     refused = measure("--rotation")
     assert refused.exit_code == 2
     assert "Traceback" not in refused.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ((), "give --camera with --diameter, --radius or --speed; or --on-plane"),
+        (("--speed", "12"), "--speed needs --camera"),
+        (("--height", "1m"), "--height needs --on-plane"),
+        (("--on-plane", "1,2=3"), "--on-plane must be like 120,300=0,1.5m"),
+        (("--on-plane", "1,2=3,4"), "needed for 4 points or more, got 1"),
+    ],
+)
+def test_mistakes_of_locate_are_one_line(locate, options, said):
+    """Door."""
+    result = locate(*options)
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in result.stderr
+    assert result.stderr.count("\n") == 1

@@ -68,9 +68,9 @@ def test_a_clip_becomes_a_plate(tmp_path, clip, scene):
 def test_a_part_of_a_clip(tmp_path, clip):
     out = tmp_path / "plate.exr"
     for window, count in (
-        (("--start", 10, "--stop", 20), 10),
-        (("--start", "1s", "--stop", "2.5s"), 15),
-        (("--step", 4), 8),
+        (("--frames", "10:20"), 10),
+        (("--frames", "1s:2.5s"), 15),
+        (("--frames", "::4"), 8),
     ):
         result = run("plate", clip, "--out", out, *window)
         assert result.stdout.startswith(f"plate of {count} frames"), result.stderr
@@ -90,9 +90,9 @@ def test_pictures_become_a_plate(tmp_path, scene):
 @pytest.mark.parametrize(
     ("arguments", "complaint"),
     [
-        (["--stop", "2"], "at least 3 frames, got 2"),
-        (["--start", "late"], "seconds like 4.5s, got 'late'"),
-        (["--step", "0"], "--step must be at least 1, got 0"),
+        (["--frames", ":2"], "at least 3 frames, got 2"),
+        (["--frames", "late:"], "seconds like 4.5s, got 'late'"),
+        (["--frames", "::0"], "--frames must have a step of at least 1"),
         (["--transfer", "auto"], "no transfer is called 'auto'"),
     ],
 )

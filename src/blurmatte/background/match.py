@@ -5,6 +5,7 @@ geometry (as it is, shifted, any homography) and light (as it is, a gain per cha
 smooth field) the simplest is taken that the data do not clearly contradict.
 """
 
+import logging
 from dataclasses import dataclass, replace
 from enum import Enum
 from itertools import product
@@ -325,6 +326,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     gray = image.meta.gray or plate.meta.gray  # `solve` refuses these, and says why
     if gray or matching is Matching.NONE or min(image.size) < _SMALLEST:
         return Match.nothing(image.size)
+    logging.getLogger("blurmatte").info("matching the plate")
     pyramid = levels(image, plate)
     fine = next(pyramid)
     if len(fine.xy) < _FEWEST or (matching is None and not _worth(fine, plate)):

@@ -1,48 +1,31 @@
-"""What the frames of a clip say together: the rows of its table, words, a fall, meters."""
+"""All frames of a clip together: the rows of its table, sentences, a fall, the scale."""
 
 import math
+import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import blurmatte as bm
-from blurmatte.cli.flights import KnownBall, Places, in_space_words
-from blurmatte.cli.printing import in_degrees
-from blurmatte.cli.quantities import acceleration
 
 Rows = Sequence[bm.FrameMotion]
-Scaling = Callable[[Rows], bm.Scale]
+Places = Sequence[bm.BallPlace | None]
+Length = tuple[float, float]  # meters or pixels, and its error
 Gravity = tuple[float | list[float], float]
 
 
-def gravity_of(text: str | None, in_space: bool) -> Gravity | None:
-    """Of one number, straight down or in space wherever it points, of more a vector; and its error."""
-    if text is None:
-        return None
-    vector, std = acceleration("--gravity", text)
-    if in_space and len(vector) == 2:
-        raise ValueError(
-            "--gravity with --camera must be its size, 9.81, or x,y,z as the camera sees it (right, "
-            f"down, away from it), like 0,9.81,0; got two numbers, {text!r}"
-        )
-    if not any(vector) or (len(vector) == 1 and vector[0] < 0):
-        raise ValueError(
-            "--gravity must be above 0, or a vector like 0,9.81,0 (right, down, away from the camera), "
-            f"got {text!r}"
-        )
-    return (vector if len(vector) > 1 else vector[0]), std
-
-
 @dataclass(frozen=True)
-class Given:
-    """What is known beside the pictures.
+class Known:
+    """What is known besides the pictures.
 
     Parameters
     ----------
-    scaled : callable or None
-        How meters per pixel follow from the frames of an object.
-    ball : KnownBall or None
-        Then they follow from how far away it was, in each frame by itself.
+    scale_of : callable
+        Meters per pixel of an object with this radius and its error in pixels; None if not known.
+    by_size : bool
+        Whether that needs the radius.
+    moved_in_space : callable or None
+        Path length within an exposure, meters, of a ball in space; None without a camera.
     gravity : tuple or None
         A number or a vector, m/s², and the error of its size.
     time : (float, float) or None
@@ -51,16 +34,23 @@ class Given:
         Of a rolling shutter, seconds.
     """
 
-    scaled: Scaling | None
-    ball: KnownBall | None
+    scale_of: Callable[[float, float], bm.Scale | None]
+    by_size: bool
+    moved_in_space: Callable[[bm.BallPlace | None, bm.Sighting | None], Length | None] | None
     gravity: Gravity | None
-    time: tuple[float, float] | None
+    time: Length | None
     line_time: float
+
+    def scale(self, rows: Rows) -> bm.Scale | None:
+        """Meters per pixel of the object in these rows."""
+        if self.moved_in_space is not None:
+            return None
+        return self.scale_of(*(median_radius(rows) if self.by_size else (1.0, 0.0)))
 
 
 @dataclass(frozen=True, eq=False)
-class Told:
-    """What the frames of one object say of it, together.
+class Summary:
+    """What all frames of one object say.
 
     Parameters
     ----------
@@ -78,83 +68,86 @@ class Told:
     scale: bm.Scale | None
 
 
-def told_of(rows: Rows, places: Places | None, several: bool, given: Given) -> list[Told]:
-    """Of the one object of a clip, or of each that was found; the scale is that of its own place.
+def summaries(rows: Rows, places: Places | None, several: bool, known: Known) -> list[Summary]:
+    """Of the one object of a clip, or of each; the scale is that of its own place.
 
     Raises
     ------
     MotionError
-        If there is one object alone, and its size, that is to give the scale, does not.
+        If the scale should follow from the radius of the only object, and it was not found.
     """
     if not several:
-        return [_told(1, rows, places, given)]
-    told = []
+        return [_summary(1, rows, places, known)]
+    found = []
     for number in sorted({row.object for row in rows if row.object is not None}):
         of = [k for k, row in enumerate(rows) if row.object == number]
         mine, there = [rows[k] for k in of], None if places is None else [places[k] for k in of]
         try:
-            one = _told(number, mine, there, given)
+            one = _summary(number, mine, there, known)
         except bm.MotionError as error:
-            unscaled = replace(given, scaled=None, gravity=None)
-            one = replace(_told(number, mine, there, unscaled), words=[f"No scale: {error}."])
+            unscaled = replace(known, scale_of=_no_scale, by_size=False, gravity=None)
+            one = replace(_summary(number, mine, there, unscaled), words=[f"No scale: {error}."])
         frames = f"Object {number}: in {len(mine)} frames, {mine[0].frame} to {mine[-1].frame}."
-        told.append(replace(one, words=[frames, *one.words]))
-    return told
+        found.append(replace(one, words=[frames, *one.words]))
+    return found
 
 
-def _told(number: int, rows: Rows, places: Places | None, given: Given) -> Told:
-    scale = None if given.scaled is None else given.scaled(rows)
-    found = _sound(rows)
+def _no_scale(*_: float) -> None:
+    return None
+
+
+def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Summary:
+    scale = known.scale(rows)
+    found = _reliable(rows)
     words = [_radius(found)] if found and places is None else []
     scatter = bm.frame_scatter(rows)
     words += [] if scatter is None else bm.explain(scatter)
-    words += [] if places is None else in_space_words(rows, places)
+    words += [] if places is None else _in_space(rows, places)
     try:
-        fall = _fall(rows, places, scale, given)
+        fall = _fall(rows, places, scale, known)
     except bm.MotionError as error:
-        if given.gravity is None:
-            return Told(number, [*words, f"No fall to check: {error}."], None, scale)
-        without = _told(number, rows, places, replace(given, gravity=None))
+        if known.gravity is None:
+            return Summary(number, [*words, f"No fall to check: {error}."], None, scale)
+        without = _summary(number, rows, places, replace(known, gravity=None))
         return replace(without, words=[*without.words, f"Gravity was not used: {error}."])
     words += bm.explain(fall)
-    return Told(number, words, fall, fall.scale if places is None else None)
+    return Summary(number, words, fall, fall.scale if places is None else None)
 
 
-def _fall(rows: Rows, places: Places | None, scale: bm.Scale | None, given: Given) -> bm.FreeFall:
+def _fall(rows: Rows, places: Places | None, scale: bm.Scale | None, known: Known) -> bm.FreeFall:
     """In space if places there are known, else in the picture."""
-    gravity, std = given.gravity or (None, 0.0)
+    gravity, std = known.gravity or (None, 0.0)
     if places is None:
-        return bm.fit_fall(rows, scale, gravity, std, given.line_time)
+        return bm.fit_fall(rows, scale, gravity, std, known.line_time)
     return bm.fit_fall_in_space(places, None, gravity, std)
 
 
 def table(
-    rows: Rows, places: Places | None, told: Sequence[Told], given: Given
+    rows: Rows, places: Places | None, found: Sequence[Summary], known: Known
 ) -> list[dict[str, Any]]:
-    """All numbers of each frame, with the speed as well as it is known."""
-    scales = {one.number: one.scale for one in told}
-    if given.ball is None or places is None:
-        lines = []
-        for row in rows:
-            scale = scales.get(row.object or 1)
-            unit = "px" if scale is None else "m"
-            lines.append(row.numbers() | _speed(_moved(row.sighting, scale), unit, given, row))
-        return lines
+    """All numbers of each frame, with the speed in the best unit that is known."""
+    scales = {one.number: one.scale for one in found}
     lines = []
-    for row, ball in zip(rows, places, strict=True):
-        there = dict.fromkeys(bm.BallPlace.names) if ball is None else ball.numbers()
-        moved = given.ball.moved(ball, row.sighting)
-        lines.append(row.numbers() | there | _speed(moved, "m", given, row))
+    for k, row in enumerate(rows):
+        place: dict[str, Any] = {}
+        if places is None or known.moved_in_space is None:
+            scale = scales.get(row.object or 1)
+            unit, moved = "px" if scale is None else "m", _moved(row.sighting, scale)
+        else:
+            ball = places[k]
+            unit, moved = "m", known.moved_in_space(ball, row.sighting)
+            place = dict.fromkeys(bm.BallPlace.names) if ball is None else ball.numbers()
+        lines.append(row.numbers() | place | _speed(moved, unit, known, row))
     return lines
 
 
-def words(rows: Rows, model: bm.ColorModel, several: bool) -> list[str]:
+def words(rows: Rows, color: str, several: bool) -> list[str]:
     """What was found, in sentences."""
     found = [row.sighting for row in rows if row.sighting is not None]
     frames, of = len({row.frame for row in rows if row.sighting}), len({row.frame for row in rows})
-    told = [f"Color: {in_degrees(model)}.", f"Found in {frames} of {of} frames"]
+    said = [f"Color: {color}.", f"Found in {frames} of {of} frames"]
     if not found:
-        return [told[0], f"{told[1]}."]
+        return [said[0], f"{said[1]}."]
     swept = sum(one.source == "sweep" for one in found)
     directed = sum(row.directed for row in rows)
     count = len({row.track for row in rows if row.track is not None})
@@ -165,51 +158,51 @@ def words(rows: Rows, model: bm.ColorModel, several: bool) -> list[str]:
         f"{directed} the direction of time is known, and {doubted} "
         f"{'is' if doubted == 1 else 'are'} doubtful."
     )
-    return [told[0], f"{told[1]}, {tracks if several else f'in {tracks}'}: {how}"]
+    return [said[0], f"{said[1]}, {tracks if several else f'in {tracks}'}: {how}"]
 
 
-def usual_radius(rows: Rows) -> tuple[float, float]:
-    """Median of the radii, pixels, and its error, from how they scatter."""
-    found = _sound(rows)
+def median_radius(rows: Rows) -> Length:
+    """Median of the radii, pixels, and its error from their scatter."""
+    found = _reliable(rows)
     if not found:
         raise bm.MotionError("the object was found in no frame, so that its size gives no scale")
-    middle, scatter = _middle(found)
-    # Of normal numbers a median scatters by √(π/2) times as much as a mean.
-    return middle, max(1.2533 * scatter / len(found) ** 0.5, min(one.radius_std for one in found))
+    middle, scatter = _median_and_scatter(found)
+    # The median of normal numbers scatters by √(π/2) times as much as their mean.
+    std = math.sqrt(math.pi / 2 / len(found)) * scatter
+    return middle, max(std, min(one.radius_std for one in found))
 
 
-def _sound(rows: Rows) -> list[bm.Sighting]:
-    """What was found without doubts, or all if there is nothing else."""
+def _reliable(rows: Rows) -> list[bm.Sighting]:
+    """The detections without doubts, or all if there are no others."""
     found = [row.sighting for row in rows if row.sighting is not None]
     return [one for one in found if not one.doubts] or found
 
 
 def _radius(found: Sequence[bm.Sighting]) -> str:
-    middle, scatter = _middle(found)
+    middle, scatter = _median_and_scatter(found)
     return (
         f"Radius {middle:.2f} px in the middle of all; they vary by {scatter / middle:.1%} "
         "(1.48 times the median of the differences)."
     )
 
 
-def _middle(found: Sequence[bm.Sighting]) -> tuple[float, float]:
-    """Median of the radii, and how they scatter about it: the standard deviation of normal numbers."""
-    radii = sorted(one.radius for one in found)
-    middle = radii[len(radii) // 2]
-    return middle, 1.4826 * sorted(abs(radius - middle) for radius in radii)[len(radii) // 2]
+def _median_and_scatter(found: Sequence[bm.Sighting]) -> Length:
+    """Median of the radii, and their standard deviation if they are normal, by the median deviation."""
+    radii = [one.radius for one in found]
+    middle = statistics.median_high(radii)
+    deviation = statistics.median_high([abs(radius - middle) for radius in radii])
+    return middle, deviation / statistics.NormalDist().inv_cdf(0.75)
 
 
-def _speed(
-    moved: tuple[float, float] | None, unit: str, given: Given, row: bm.FrameMotion
-) -> dict[str, Any]:
-    """Mean speed within the exposure, and its error, of how far it moved.
+def _speed(moved: Length | None, unit: str, known: Known, row: bm.FrameMotion) -> dict[str, Any]:
+    """Mean speed within the exposure and its error, from the path length.
 
-    A rolling shutter shows what moves down for longer than the exposure, what moves up for less; where
-    it is not known which way it went, half of the difference is an error.
+    A rolling shutter shows what moves down for longer than the exposure, and what moves up for less. If
+    the direction is not known, half of the difference is an error.
     """
-    unit += "/exposure" if given.time is None else "/s"
-    T, T_std = given.time or (1.0, 0.0)
-    shares = [T / D for D in _durations(row, given) if D > 0]
+    unit += "/exposure" if known.time is None else "/s"
+    T, T_std = known.time or (1.0, 0.0)
+    shares = [T / D for D in _durations(row, known) if D > 0]
     if moved is None or not shares:
         return {"speed": None, "speed_std": None, "speed_unit": unit}
     length, std = moved
@@ -218,19 +211,74 @@ def _speed(
     return {"speed": length * share / T, "speed_std": error / T, "speed_unit": unit}
 
 
-def _durations(row: bm.FrameMotion, given: Given) -> list[float]:
-    """How long it may have been seen for, in seconds, or exposures if their time is not known."""
-    if given.time is None or row.sighting is None:
+def _durations(row: bm.FrameMotion, known: Known) -> list[float]:
+    """How long it may have been seen, in seconds, or exposures if their time is not known."""
+    if known.time is None or row.sighting is None:
         return [1.0]
-    later = given.line_time * (row.sighting.last_y - row.sighting.first_y)
-    return [given.time[0] + way * later for way in ((1,) if row.directed else (1, -1))]
+    later = known.line_time * (row.sighting.last_y - row.sighting.first_y)
+    return [known.time[0] + sign * later for sign in ((1,) if row.directed else (1, -1))]
 
 
-def _moved(one: bm.Sighting | None, scale: bm.Scale | None) -> tuple[float, float] | None:
-    """How far within the exposure, pixels or meters, and its error."""
+def _moved(one: bm.Sighting | None, scale: bm.Scale | None) -> Length | None:
+    """Path length within the exposure, pixels or meters, and its error."""
     if one is None:
         return None
     if scale is None:
         return one.length, one.length_std
     by = scale.meters_per_pixel
     return by * one.length, math.hypot(by * one.length_std, scale.std * one.length)
+
+
+def _in_space(rows: Rows, places: Places) -> list[str]:
+    """Where it was in space and how fast, in sentences."""
+    found = sum(row.sighting is not None for row in rows)
+    balls = [ball for ball in places if ball is not None]
+    reliable = [ball for ball in balls if not ball.doubted]
+    said = [f"In space in {len(balls)} of {found} frames: {_sources(balls)}."]
+    if not reliable:
+        return said
+    first, last = (
+        f"({', '.join(f'{value:.4g}' for value in ball.place)}) m"
+        for ball in (reliable[0], reliable[-1])
+    )
+    axes = "x is right, y down, z forward from the camera."
+    return [*said, f"From {first} to {last}; {axes} {_errors(reliable)}", _speeds(reliable)]
+
+
+def _sources(balls: Sequence[bm.BallPlace]) -> str:
+    """What places were measured from."""
+    fitted = sum(ball.source == "ball" for ball in balls)
+    discs = sum(ball.source == "sweep" for ball in balls)
+    moments, doubted = len(balls) - fitted - discs, sum(ball.doubted for ball in balls)
+    said = [f"{fitted} by a ball that was fitted to the picture"]
+    if discs:
+        said.append(f"{discs} by a disc")
+    if moments:
+        said.append(f"{moments} by moments of alpha, whose errors ignore shading and codec")
+    if doubted:
+        said.append(f"the {doubted} in doubt are not used any further")
+    return ", ".join(said)
+
+
+def _errors(balls: Sequence[bm.BallPlace]) -> str:
+    """The error of the distance and its sources."""
+    shapes = [ball for ball in balls if ball.source != "moments"]
+    if not shapes:
+        return "The error of the distance is not known from moments of alpha."
+    picture = max(float(ball.picture_covariance[2, 2]) ** 0.5 / ball.distance for ball in shapes)
+    shared = max(ball.shared for ball in balls)
+    single = f"Single pictures give the distance to {picture:.2%} or better"
+    if shared == 0:
+        return f"{single}; the errors of radius and camera, which all share, were not given."
+    return f"{single}, radius and camera all of them to {shared:.1%}."
+
+
+def _speeds(balls: Sequence[bm.BallPlace]) -> str:
+    fast = sorted((b for b in balls if b.velocity is not None), key=lambda ball: ball.speed)
+    if not fast:
+        return (
+            "How fast in space is not known: that needs three frames of a track, and their times "
+            "(--rate, for pictures)."
+        )
+    low, high = (f"{ball.speed:.3g} ± {ball.speed_std:.2g} m/s" for ball in (fast[0], fast[-1]))
+    return f"Its speed in space, from frame to frame, was between {low} and {high}."

@@ -1,4 +1,4 @@
-"""What `measure` does with a clip: the object in every frame, and going on after a break."""
+"""The object in every frame of a clip, and how an interrupted run is resumed."""
 
 import json
 import math
@@ -9,73 +9,106 @@ from pathlib import Path
 from typing import Any
 
 import blurmatte as bm
-from blurmatte.cli.flights import KnownBall, Places
-from blurmatte.cli.inputs import Files
-from blurmatte.cli.plates import frame_number
-from blurmatte.cli.printing import complain
-from blurmatte.cli.program import NamedError, about, with_progress
-from blurmatte.cli.space import check_camera
-from blurmatte.cli.targets import check_file
-from blurmatte.motion.picture.motion import MAX_READOUT as LASTS
+from blurmatte.cli.console import NamedError, about, complain, waiting, with_progress
 
-_TABLES = ".csv", ".json", ".parquet"
-_LEAST = 3  # frames of an object, if not told
-_FEW = 16  # frames for which more processes do not pay
+Places = Sequence[bm.BallPlace | None]
+
+_MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than they save
+
+
+@dataclass(frozen=True, eq=False)
+class KnownBall:
+    """A ball of known radius before a calibrated camera.
+
+    Parameters
+    ----------
+    lens : Intrinsics
+    radius : (float, float)
+        True radius and its error, meters.
+    line_time : float
+        Of a rolling shutter, seconds.
+    """
+
+    lens: bm.Intrinsics
+    radius: tuple[float, float]
+    line_time: float
+
+    def places(
+        self,
+        frames: bm.Frames[bm.LinearImage],
+        plate: bm.LinearImage,
+        rows: Sequence[bm.FrameMotion],
+        model: bm.ColorModel,
+        workers: bm.Workers,
+    ) -> Places:
+        """Where it was in space in each row."""
+        fits = bm.fit_balls(frames, plate, rows, model, self.lens, *self.radius, workers=workers)
+        balls = list(with_progress(fits, "fitting the ball in space", len(rows)))
+        return bm.places_in_space(
+            rows, self.lens, *self.radius, balls=balls, line_time=self.line_time
+        )
+
+    def moved(
+        self, ball: bm.BallPlace | None, seen: bm.Sighting | None
+    ) -> tuple[float, float] | None:
+        """Path length within the exposure and its error, meters; of a disc parallel to the picture."""
+        if ball is None or seen is None:
+            return None
+        if ball.length is not None and ball.length_std is not None:
+            return ball.length, ball.length_std
+        pixel = ball.distance / float(self.lens.magnification(seen.place))
+        from_distance = seen.length * ball.distance_std / ball.distance
+        return pixel * seen.length, pixel * math.hypot(seen.length_std, from_distance)
 
 
 @dataclass(frozen=True)
 class ClipTask:
-    """What the options of `measure` say about a clip."""
+    """What is measured in the frames of a clip.
+
+    Parameters
+    ----------
+    source : Path
+        The clip, for messages.
+    color : str or None
+        HEX, FILE.json or any; None: found in some of the frames.
+    several : bool
+        Whether all objects of the color are followed.
+    min_frames : int
+        Of these objects: in how many frames each is seen at least.
+    rate : float or None
+        Frames per second, if the clip does not say.
+    workers : int or None
+        Number of processes; None: one for each core.
+    out : Path or None
+        The table, beside which finished frames are kept.
+    resume : bool
+        Whether an interrupted run is continued.
+    same : dict
+        Settings that must be equal to resume.
+    ball : KnownBall or None
+    """
 
     source: Path
-    files: Files
-    plate: Path | None
     color: str | None
     several: bool
-    least: int | None
-    start: str | None
-    stop: str | None
-    step: int
+    min_frames: int
     rate: float | None
     workers: int | None
     out: Path | None
     resume: bool
+    same: dict[str, Any]
     ball: KnownBall | None = None
-    exposure: float | None = None  # seconds
-    line_time: float = 0.0  # seconds
-
-    def __post_init__(self) -> None:
-        if self.step < 1:
-            raise ValueError(f"--step must be at least 1, got {self.step}")
-        if self.least is not None and not self.several:
-            raise ValueError("--least is for --several objects")
-        if self.least is not None and self.least < 1:
-            raise ValueError(f"--least must be at least 1, got {self.least}")
-        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
-            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
-        if self.workers is not None and self.workers < 1:
-            raise ValueError(f"--workers must be at least 1, got {self.workers}")
-        check_file(self.out, "a table", *_TABLES)
-        if self.resume and self.out is None:
-            raise ValueError("--resume goes on with the table that --out names")
 
     @property
-    def begun(self) -> Path | None:
-        """Where the frames that are done are kept until the table is whole."""
+    def unfinished(self) -> Path | None:
+        """Where finished frames are kept until the table is whole."""
         return None if self.out is None else self.out.with_name(f"{self.out.name}.unfinished")
 
     @property
-    def asked(self) -> dict[str, Any]:
-        """What must be the same to go on."""
-        return {
-            "blurmatte": bm.__version__,
-            "clip": str(self.source),
-            "plate": None if self.plate is None else str(self.plate),
-            "color": self.color,
-            "several": self.several,
-            "frames": [self.start, self.stop, self.step, self.rate],
-            "transfer": self.files.transfer,
-        }
+    def head(self) -> dict[str, Any]:
+        """First line of that file."""
+        kept = {"blurmatte": bm.__version__, "clip": str(self.source), "color": self.color}
+        return {**kept, "several": self.several, **self.same}
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,46 +121,27 @@ class Measured:
     places: Places | None
 
 
-def measure_frames(task: ClipTask) -> Measured:
-    """The object in each frame."""
-    given, done = _given_color(task.color), _done(task)
-    with about(task.source):
-        frames = bm.read_frames(str(task.source), task.files.curve, task.files.max_pixels)
-        first, last = (frame_number(text, frames.rate) for text in (task.start, task.stop))
-        frames = frames[first : last : task.step]
-        if len(frames) == 0:
-            raise ValueError("there are no such frames; look at --start and --stop")
-        _check_times(task, frames.rate, frames.size[1])
-        if task.ball is not None:
-            check_camera(task.ball.lens, frames.size)
-    plate = _plate(task, frames)
+def measure_frames(
+    task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
+) -> Measured:
+    """The object in each frame; the plate is made of them if none is given."""
+    model, finished = _given_color(task.color), _finished(task)
     count = task.workers
     if count is None:
-        count = 1 if len(frames) < _FEW else os.cpu_count() or 1
-    with about(task.source), bm.Workers(min(count, len(frames))) as workers:
-        model = given or bm.clip_color(frames, plate, workers)
-        rows = _rows(task, frames, plate, model, done, workers)
-        if task.ball is None:
-            return Measured(plate, model, rows, None)
-        return Measured(plate, model, rows, task.ball.places(frames, plate, rows, model, workers))
-
-
-def _check_times(task: ClipTask, rate: float | None, rows: int) -> None:
-    """ValueError if exposing a frame, or reading its rows, would take longer than it lasts."""
-    rate = task.rate or rate
-    if rate is None:
-        return
-    if task.line_time * rows * rate > LASTS:
-        raise ValueError(
-            f"a line time of {task.line_time:g} s is {task.line_time * rows:.3g} s for {rows} rows, "
-            f"and a frame lasts {1 / rate:.3g} s: give --line-time with its unit, like 15us, or the "
-            "true --rate of the frames"
-        )
-    if task.exposure is not None and task.exposure * rate > LASTS:
-        raise ValueError(
-            f"an exposure of {task.exposure:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
-            "--exposure with its unit, like 4ms, or the true --rate of the frames"
-        )
+        count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
+    with about(task.source):
+        if plate is None:
+            with waiting("making the plate"):
+                plate = bm.make_plate(frames).plate
+        with bm.Workers(min(count, len(frames))) as workers:
+            if model is None:
+                with waiting("finding the color"):
+                    model = bm.clip_color(frames, plate, workers)
+            rows = _rows(task, frames, plate, model, finished, workers)
+            if task.ball is None:
+                return Measured(plate, model, rows, None)
+            places = task.ball.places(frames, plate, rows, model, workers)
+    return Measured(plate, model, rows, places)
 
 
 def _rows(
@@ -135,10 +149,10 @@ def _rows(
     frames: bm.Frames[bm.LinearImage],
     plate: bm.LinearImage,
     model: bm.ColorModel,
-    done: Sequence[bm.FrameSightings],
+    finished: Sequence[bm.FrameSightings],
     workers: bm.Workers,
 ) -> list[bm.FrameMotion]:
-    """Each frame by itself, as far as that is not done, then all of them joined."""
+    """The object in each frame that is not finished, then all of them joined to tracks."""
     seen = bm.sightings(
         frames,
         plate,
@@ -146,30 +160,24 @@ def _rows(
         several=task.several,
         numbers=frames.numbers,
         rate=task.rate,
-        skip=len(done),
+        skip=len(finished),
         workers=workers,
     )
-    kept = _kept(task, done, with_progress(seen, "measuring", len(frames) - len(done)))
+    left = len(frames) - len(finished)
+    kept = _kept(task, finished, with_progress(seen, "measuring", left))
     if task.several:
-        return bm.link_objects(kept, task.least or _LEAST)
+        return bm.link_objects(kept, task.min_frames)
     return bm.link_sightings(kept)
 
 
-def finish(task: ClipTask) -> None:
-    """The table is written; what it was made of is not needed any more."""
-    if task.begun is not None:
-        task.begun.unlink(missing_ok=True)
-
-
-def _plate(task: ClipTask, frames: bm.Frames[bm.LinearImage]) -> bm.LinearImage:
-    if task.plate is not None:
-        return task.files.read(task.plate)[0]
-    with about(task.source):
-        return bm.make_plate(frames).plate
+def remove_unfinished(task: ClipTask) -> None:
+    """Remove the kept frames; the table is written."""
+    if task.unfinished is not None:
+        task.unfinished.unlink(missing_ok=True)
 
 
 def _given_color(text: str | None) -> bm.ColorModel | None:
-    """What --color says; None: the frames must tell."""
+    """The color model of --color; None: it is to be found."""
     if text is None:
         return None
     if text.lower().endswith(".json"):
@@ -179,45 +187,45 @@ def _given_color(text: str | None) -> bm.ColorModel | None:
     return bm.ColorModel.from_hex(text)
 
 
-def _done(task: ClipTask) -> list[bm.FrameSightings]:
-    """The frames that an interrupted run has left."""
-    path = task.begun
+def _finished(task: ClipTask) -> list[bm.FrameSightings]:
+    """The frames of an interrupted run."""
+    path = task.unfinished
     if path is None or not path.exists():
         return []
     if not task.resume:
-        raise NamedError(f"{path}: an interrupted run left it; go on with --resume, or delete it")
+        raise NamedError(f"{path}: add --resume to continue the interrupted run, or delete it")
     try:
         # The last line may have been cut off.
         lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
         head, *frames = map(json.loads, lines)
     except (OSError, ValueError) as error:
-        raise NamedError(f"{path}: cannot be gone on with ({error}); delete it") from error
-    if head != task.asked:
+        raise NamedError(f"{path}: delete it, for it cannot be resumed ({error})") from error
+    if head != json.loads(json.dumps(task.head)):
         raise NamedError(f"{path}: was begun with other options; give the same, or delete it")
     return [_frame(frame) for frame in frames]
 
 
-def _frame(told: dict[str, Any]) -> bm.FrameSightings:
-    found = tuple(bm.Sighting(**one) for one in told.pop("found"))
-    return bm.FrameSightings(found=found, **told)
+def _frame(saved: dict[str, Any]) -> bm.FrameSightings:
+    found = tuple(bm.Sighting(**one) for one in saved.pop("found"))
+    return bm.FrameSightings(found=found, **saved)
 
 
 def _kept(
-    task: ClipTask, done: Sequence[bm.FrameSightings], new: Iterator[bm.FrameSightings]
+    task: ClipTask, finished: Sequence[bm.FrameSightings], new: Iterator[bm.FrameSightings]
 ) -> Iterator[bm.FrameSightings]:
-    """All frames, each written down as soon as it is done."""
-    if task.begun is None:
+    """All frames, each written to the file of unfinished runs at once."""
+    if task.unfinished is None:
         yield from new
         return
-    with task.begun.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(json.dumps(task.asked) + "\n")
-        file.writelines(json.dumps(asdict(frame)) + "\n" for frame in done)
-        yield from done
+    with task.unfinished.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(json.dumps(task.head) + "\n")
+        file.writelines(json.dumps(asdict(frame)) + "\n" for frame in finished)
+        yield from finished
         try:
             for frame in new:
                 file.write(json.dumps(asdict(frame)) + "\n")
                 file.flush()
                 yield frame
         except KeyboardInterrupt:
-            complain(f"{task.begun}: keeps the frames that are done; go on with --resume")
+            complain(f"{task.unfinished}: keeps the finished frames; add --resume to continue")
             raise

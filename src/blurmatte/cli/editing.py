@@ -1,8 +1,6 @@
-"""The command that changes a layer, or a picture by it: edit."""
+"""The commands that change an object: edit and remove in its own picture, compose over another."""
 
-import math
-import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib import import_module
@@ -10,38 +8,34 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
-from typer.core import TyperCommand
 
 import blurmatte as bm
-from blurmatte.cli.backgrounds import Behind, Fit, MatchLight, Place, Scale, read_behind
-from blurmatte.cli.inputs import Files, is_row, matching_of, numbers
-from blurmatte.cli.options import MatchName, MaxPixels, TransferName
-from blurmatte.cli.program import about, app, told, with_progress
-from blurmatte.cli.targets import SHEET, check_file, check_other
+from blurmatte.cli.app import ORDER, command
+from blurmatte.cli.changes import (
+    Behind,
+    Change,
+    Changes,
+    LayerOrRow,
+    Looks,
+    Placement,
+    RowOptions,
+    change_of,
+    changed,
+)
+from blurmatte.cli.console import about, waiting, with_progress
+from blurmatte.cli.output_checks import PICTURE, check_file, check_other
+from blurmatte.cli.selection import Out, PlateOptions, Reading, is_row, matching_of
 
-_ORDER = "blurmatte.order"
-_CHANGES = ("--fade", "--amplify", "--recolor", "--expose", "--gain")
-_HEX = "#?[0-9a-fA-F]{6}"
-_LOOK = 640, 0.3  # pixels at most, and the rim around the object, of a preview
-_RATE = 25.0
-_PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
-_STOPS = 100  # light of 32 bits ends at 128
+OWN = "In its own picture"
 
-Change = Callable[[bm.Layer], bm.Layer]
-
-
-class _InOrder(TyperCommand):
-    """Remembers in which order the changes were asked for; options themselves forget."""
-
-    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        names = (word.split("=")[0] for word in args)
-        ctx.meta[_ORDER] = [name for name in names if name in _CHANGES]
-        return super().parse_args(ctx, args)
+_RATE = 25.0  # frames per second
+_PREVIEW_SIZE = 640  # pixels at most
+_PREVIEW_RIM = 0.3  # around the object, of its size
 
 
 @dataclass(frozen=True)
 class _Edit:
-    """One layer before and after, the pictures with either, and what is behind, as far as there are."""
+    """One layer before and after, the pictures with either, and what is behind, where known."""
 
     before: bm.Layer
     after: bm.Layer
@@ -50,257 +44,223 @@ class _Edit:
     plate: bm.LinearImage | None = None
 
 
-@app.command(cls=_InOrder)
-@told
-def edit(
-    ctx: typer.Context,
-    layer: Annotated[
-        str,
-        typer.Argument(
-            metavar="LAYER",
-            help="A layer with alpha: EXR, PNG, TIFF; or a row of them: layer.####.exr, a .mov.",
-        ),
-    ],
-    out: Annotated[
-        Path, typer.Option(help="Where to write: a picture, or a layer if nothing is behind it.")
-    ],
+@dataclass(frozen=True)
+class Own:
+    """The picture that a layer is from."""
+
     image: Annotated[
         Path | None,
-        typer.Option(help="The picture the layer is from: it is kept wherever nothing changes."),
-    ] = None,
+        typer.Option(metavar="FILE", help="It, kept where nothing changes.", rich_help_panel=OWN),
+    ] = None
     plate: Annotated[
-        Path | None, typer.Option(help="The scene without the object, to come out behind it.")
-    ] = None,
-    over: Annotated[Path | None, typer.Option(help="Another picture to put it over.")] = None,
-    fade: Annotated[
-        list[str] | None,
-        typer.Option(metavar="F", help="F times as opaque: 0.5 is half, 3 three times."),
-    ] = None,
-    amplify: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="G[,BRIGHTNESS]",
-            help="G times as opaque, and as bright as can be: for faint objects.",
-        ),
-    ] = None,
-    recolor: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="HEX|OLD=NEW[,OLD=NEW]", help="Another color, or others for its paints."
-        ),
-    ] = None,
-    expose: Annotated[
-        list[str] | None,
-        typer.Option(metavar="STOPS", help="The object brighter by so many stops: 1 is twice."),
-    ] = None,
-    gain: Annotated[
-        list[str] | None,
-        typer.Option(metavar="R,G,B", help="The object's light times these, channel by channel."),
-    ] = None,
-    remove: Annotated[
-        bool, typer.Option("--remove", help="Put the plate where the object was.")
-    ] = False,
-    grow: Annotated[
-        int, typer.Option(help="With --remove: so many pixels more on every side.")
-    ] = 0,
-    fit: Fit = None,
-    place: Place = None,
-    scale: Scale = None,
-    match_light: MatchLight = None,
-    match: MatchName = "auto",
-    sheet: Annotated[
-        Path | None, typer.Option(help="A sheet to look at, before and after: .png or .jpg.")
-    ] = None,
-    preview: Annotated[
         Path | None,
-        typer.Option(help="The object coming and going: a .webp, .gif or .mp4 to look at."),
-    ] = None,
-    rate: Annotated[
-        float | None, typer.Option(help="Of a row: frames per second of the clip.")
-    ] = None,
-    start: Annotated[int, typer.Option(help="Of a row: the first number of its files.")] = 1,
-    transfer: TransferName = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
-) -> None:
-    """Fade, amplify, recolor, expose or remove an object, in its own picture or another.
+        typer.Option(metavar="FILE", help="The scene without the object.", rich_help_panel=OWN),
+    ] = None
+    match: Annotated[
+        str,
+        typer.Option(
+            metavar="MODE",
+            help="How it may be changed: auto, none, exposure, shift, full.",
+            show_default=False,
+            rich_help_panel=OWN,
+        ),
+    ] = "auto"
 
-    Changes are made in the order in which they are given, in linear light.
+    def __post_init__(self) -> None:
+        matching_of(self.match)
+        if self.plate is not None and self.image is None:
+            raise ValueError("--plate needs --image; to put the object over it use compose --over")
+
+
+@command(
+    'edit out/layer.exr --image throw.jpg --plate empty_room.jpg --recolor "#2040ff" -o blue.jpg',
+    'edit "layers/ball.####.exr" --fade 0.5 -o ball.mov',
+)
+def edit(
+    ctx: typer.Context,
+    layer: LayerOrRow,
+    changes: Changes,
+    own: Own,
+    looks: Looks,
+    row: RowOptions,
+    reading: Reading,
+    out: Out,
+) -> None:
+    """Change an object: fade, amplify, recolor or expose it, in its own picture.
+
+    Without --image the changed layer is written. See also remove, and compose for another picture.
     """
-    given = {"--fade": fade, "--amplify": amplify, "--recolor": recolor, "--expose": expose}
-    asked = list(_in_order(ctx.meta[_ORDER], {**given, "--gain": gain}))
-    _check(image, plate, over, asked, remove, bool(fit or place or scale or match_light))
-    if rate is not None and not (math.isfinite(rate) and rate > 0):
-        raise ValueError(f"--rate must be frames per second, above 0, got {rate:g}")
-    check_file(sheet, "a sheet", *SHEET)
-    check_file(preview, "a preview", *_PREVIEWS)
-    for written in (out, sheet, preview):
-        check_other(written, layer, image, plate, over, match_light)
-    if preview is not None and image is None and over is None and plate is None:
-        raise ValueError("a preview needs something behind it; give --plate, --over or --image")
-    changes = [_change(name, text) for name, text in asked]
-    files = Files(transfer, max_pixels)
-    behind = None
-    scene = over or plate
-    if image is None and scene is not None:
-        behind = read_behind(files, scene, fit, place, scale, match_light)
-    path = Path(layer)
-    if is_row(path):
-        if image or sheet or preview:
-            raise ValueError(
-                f"{layer}: --image, --sheet and --preview go with one layer, not a row"
-            )
-        _edit_row(files, layer, out, changes, behind, rate, start)
-        return
-    own = [] if image is None else [name for name in (image, plate) if name is not None]
-    (before, streak), pictures = _read(files, path, own, remove)
-    with about(path):
-        after = before.fade(0) if remove else _changed(before, changes)
-    if image is None:
-        done = _put(_Edit(before, after), behind)
-        with about(out):
-            bm.write(out, done.after if done.result is None else done.result)
-    else:
-        picture, matched = pictures[0], None
-        if plate is not None:
-            with about(plate):
-                matched = bm.match_plate(pictures[1], picture, matching_of(match))
-        with about(path):
-            if streak is not None and matched is not None:
-                result, touched = bm.remove(picture, matched, streak, grow)
-            else:
-                result, touched = bm.retouch(picture, before, after, matched)
-        done = _Edit(before, after, picture, result, matched)
-        with about(out):
-            bm.write_changed(out, image, result, touched, files.curve_of(image), max_pixels)
-    if sheet is not None:
-        names = ["remove"] * remove + [f"{name[2:]} {text}" for name, text in asked]
-        with about(sheet):
-            drawn = bm.draw_edit(
-                done.before, done.after, done.picture, done.result, ", ".join(names)
-            )
-            bm.write(sheet, drawn)
-    if preview is not None:
-        with about(preview):
-            _write_preview(preview, done)
-
-
-def _check(
-    image: Path | None,
-    plate: Path | None,
-    over: Path | None,
-    asked: Sequence[tuple[str, str]],
-    remove: bool,
-    placed: bool,
-) -> None:
-    """Refuse what does not go together, before anything is read."""
-    if image is not None and over is not None:
-        raise ValueError("--image keeps the object in its own picture, --over puts it in another")
-    if placed and over is None:
-        raise ValueError("--fit, --place, --scale and --match-light need --over, another picture")
-    if remove and (image is None or plate is None):
-        raise ValueError("--remove needs --image and --plate: what it was in, and what was behind")
-    if remove and asked:
-        raise ValueError(f"after --remove nothing is left to {asked[0][0][2:]}; give one of them")
-    if not (remove or asked or over or (plate and image is None)):
-        raise ValueError(f"nothing to do; give {', '.join(_CHANGES)}, --remove or --over")
-
-
-def _in_order(
-    order: Sequence[str], given: Mapping[str, list[str] | None]
-) -> Iterator[tuple[str, str]]:
-    """The options that change something and their values, as they stand on the command line."""
-    values = {name: iter(texts or ()) for name, texts in given.items()}
-    for name in order:
-        yield name, next(values[name])
-
-
-def _change(name: str, text: str) -> Change:
-    """What an option and its value do to a layer."""
-    match name:
-        case "--fade":
-            (factor,) = numbers(name, text, "a factor")
-            return lambda layer: layer.fade(factor)
-        case "--amplify":
-            amounts = numbers(name, text, "a factor", "factor,brightness")
-            return lambda layer: layer.amplify(*amounts)
-        case "--expose":
-            (stops,) = numbers(name, text, "a number of stops")
-            if abs(stops) > _STOPS:
-                raise ValueError(f"{name} must lie between -{_STOPS} and {_STOPS}, got {text!r}")
-            return lambda layer: layer.relight(2.0**stops)
-        case "--gain":
-            gains = numbers(name, text, "a factor", "red,green,blue")
-            return lambda layer: layer.relight(gains)
-    old, new = _colors(text)
-    return lambda layer: layer.recolor(*new, paints=old)
-
-
-def _colors(text: str) -> tuple[list[str] | None, list[str]]:
-    """Paints and their new colors; or one new color for all."""
-    if re.fullmatch(_HEX, text):
-        return None, [text]
-    pairs = [pair.split("=") for pair in text.split(",")]
-    if any(len(pair) != 2 or not all(re.fullmatch(_HEX, c) for c in pair) for pair in pairs):
+    asked = changes.in_order(ctx.meta[ORDER])
+    if not asked:
         raise ValueError(
-            f"--recolor must be a color like #d8ff3c, or OLD=NEW for each paint, got {text!r}"
+            "give --fade, --amplify, --recolor, --expose or --gain: there is nothing to do"
         )
-    return [old for old, _ in pairs], [new for _, new in pairs]
+    for written in (out, looks.sheet, looks.preview):
+        check_other(written, layer, own.image, own.plate)
+    wanted = [change_of(name, text) for name, text in asked]
+    if is_row(Path(layer)):
+        _check_one_layer(layer, own.image, looks)
+        _edit_row(reading, layer, out, wanted, None, row)
+        return
+    if own.image is None and looks.preview is not None:
+        raise ValueError("--preview needs something behind the object: --image, or compose --over")
+    names = ", ".join(f"{name[2:]} {text}" for name, text in asked)
+    with waiting("editing"):
+        if own.image is None:
+            before = _layer(layer, reading)
+            with about(Path(layer)):
+                done = _Edit(before, changed(before, wanted))
+            with about(out):
+                bm.write(out, done.after)
+        else:
+            pictures = [own.image, *filter(None, [own.plate])]
+            before, read = _read(reading, _reader(layer, reading), Path(layer), pictures)
+            with about(Path(layer)):
+                after = changed(before, wanted)
+            matched = _matched(own.plate, own.match, read)
+            with about(Path(layer)):
+                result, touched = bm.retouch(read[0], before, after, matched)
+            done = _Edit(before, after, read[0], result, matched)
+            _write_in_place(out, own.image, done, touched, reading)
+        _write_looks(looks, done, names)
 
 
-def _changed(layer: bm.Layer, changes: Sequence[Change]) -> bm.Layer:
-    """The layer after all changes, one after another."""
-    for change in changes:
-        layer = change(layer)
-    return layer
+@command(
+    "remove out/layer.exr --image throw.jpg --plate empty_room.jpg -o gone.jpg",
+    "remove out/layer.exr --image throw.jpg --plate empty_room.jpg --grow 3 -o gone.jpg",
+)
+def remove(
+    layer: Annotated[
+        Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote, or a layer.")
+    ],
+    image: Annotated[Path, typer.Option(metavar="FILE", help="The picture that LAYER is from.")],
+    plate: PlateOptions,
+    looks: Looks,
+    reading: Reading,
+    out: Out,
+    grow: Annotated[
+        int, typer.Option(metavar="N", help="N pixels more on every side.", show_default=False)
+    ] = 0,
+) -> None:
+    """Remove an object from its picture: the plate is put where it was."""
+    for written in (out, looks.sheet, looks.preview):
+        check_other(written, layer, image, plate.plate)
+    if is_row(layer):
+        raise ValueError(f"{layer}: give one layer, not a row")
+    with waiting("removing"):
+        (before, streak), read = _read(
+            reading, lambda: _layer_and_streak(layer, reading), layer, [image, plate.plate]
+        )
+        matched = _matched(plate.plate, plate.match, read)
+        assert matched is not None
+        with about(layer):
+            result, touched = bm.remove(read[0], matched, streak, grow)
+        done = _Edit(before, before.fade(0), read[0], result, matched)
+        _write_in_place(out, image, done, touched, reading)
+        _write_looks(looks, done, "remove")
+
+
+@command(
+    "compose out/layer.exr --over beach.jpg --place 300,200 --scale 2 -o at_sea.jpg",
+    "compose ball.mov --over empty_room.png --fade 0.5 -o ball.mp4",
+)
+def compose(
+    ctx: typer.Context,
+    layer: LayerOrRow,
+    over: Annotated[Path, typer.Option(metavar="FILE", help="The picture behind it.")],
+    out: Out,
+    placement: Placement,
+    changes: Changes,
+    looks: Looks,
+    row: RowOptions,
+    reading: Reading,
+) -> None:
+    """Put LAYER over another picture, in linear light."""
+    for written in (out, looks.sheet, looks.preview):
+        check_other(written, layer, over, placement.match_light)
+    asked = changes.in_order(ctx.meta[ORDER])
+    wanted = [change_of(name, text) for name, text in asked]
+    if is_row(Path(layer)):
+        _check_one_layer(layer, None, looks)
+        _edit_row(reading, layer, out, wanted, _behind(reading, over, placement), row)
+        return
+    check_file(out, "a picture", *PICTURE)
+    with waiting("composing"):
+        before = _layer(layer, reading)
+        behind = _behind(reading, over, placement)
+        with about(Path(layer)):
+            after = changed(before, wanted)
+        before, _ = behind.under(before)
+        after, picture = behind.under(after)
+        result = after.over(picture)
+        done = _Edit(before, after, before.over(picture), result, picture)
+        with about(out):
+            bm.write(out, result)
+        _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
+
+
+def _check_one_layer(layer: str, image: Path | None, looks: Looks) -> None:
+    if image or looks.sheet or looks.preview:
+        raise ValueError(f"{layer}: --image, --sheet and --preview go with one layer, not a row")
+
+
+def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
+    """The picture to put layers over, with the change of their light."""
+    picture, _ = reading.read(over)
+    if placement.match_light is None:
+        return Behind(over, picture, placement)
+    plate, _ = reading.read(placement.match_light)
+    with about(placement.match_light):
+        return Behind(over, picture, placement, bm.light_gain(picture, plate))
 
 
 def _edit_row(
-    files: Files,
+    reading: Reading,
     source: str,
     out: Path,
     changes: Sequence[Change],
     behind: Behind | None,
-    rate: float | None,
-    start: int,
+    options: RowOptions,
 ) -> None:
     """Change layers one after another; only one of them is in memory at a time."""
     with about(Path(source)):
-        row = bm.read_layers(source, max_pixels=files.max_pixels)
-    seconds = rate or row.rate or _RATE
+        row = bm.read_layers(source, max_pixels=reading.max_pixels)
+    seconds = options.rate or row.rate or _RATE
 
-    def changed() -> Iterator[bm.Layer]:
+    def edited() -> Iterator[bm.Layer]:
         for layer in with_progress(row, "editing"):
-            yield _changed(layer, changes)
+            yield changed(layer, changes)
 
     with about(out):
         if behind is None:
-            bm.write_frames(out, changed(), seconds, start)
+            bm.write_frames(out, edited(), seconds, options.first)
             return
-        pictures = (above.over(below) for above, below in map(behind.under, changed()))
-        bm.write_frames(out, pictures, seconds, start)
+        pictures = (above.over(below) for above, below in map(behind.under, edited()))
+        bm.write_frames(out, pictures, seconds, options.first)
 
 
-def _put(done: _Edit, behind: Behind | None) -> _Edit:
-    """Over another picture, if there is one."""
-    if behind is None:
-        return done
-    before, _ = behind.under(done.before)
-    after, picture = behind.under(done.after)
-    return _Edit(before, after, before.over(picture), after.over(picture), picture)
+def _layer(layer: str, reading: Reading) -> bm.Layer:
+    with about(Path(layer)):
+        return bm.read_layer(layer, max_pixels=reading.max_pixels)
+
+
+def _reader(layer: str, reading: Reading) -> Callable[[], bm.Layer]:
+    return lambda: bm.read_layer(layer, max_pixels=reading.max_pixels)
 
 
 def _read(
-    files: Files, path: Path, pictures: Sequence[Path], remove: bool
-) -> tuple[tuple[bm.Layer, Any], list[bm.LinearImage]]:
-    """The layer with its streak, and pictures, at the same time: of large ones this takes longest."""
+    reading: Reading, layer: Callable[[], Any], path: Path, pictures: Sequence[Path]
+) -> tuple[Any, list[bm.LinearImage]]:
+    """The layer and pictures, read at the same time: of large ones this takes longest."""
     with about(path), ThreadPoolExecutor() as pool:
         for package in _needed(pictures):
             pool.submit(import_module, package)
-        layer = pool.submit(_layer_and_streak, path, files.max_pixels, remove)
+        first = pool.submit(layer)
         others = [
-            pool.submit(bm.read, name, files.curve_of(name), files.max_pixels) for name in pictures
+            pool.submit(bm.read, name, reading.curve_of(name), reading.max_pixels)
+            for name in pictures
         ]
-        return layer.result(), [other.result() for other in others]
+        return first.result(), [other.result() for other in others]
 
 
 def _needed(pictures: Sequence[Path]) -> Iterator[str]:
@@ -311,18 +271,46 @@ def _needed(pictures: Sequence[Path]) -> Iterator[str]:
         yield "scipy.optimize"  # to match them
 
 
-def _layer_and_streak(path: Path, max_pixels: int, remove: bool) -> tuple[bm.Layer, Any]:
-    """The layer, and what is to go: (H, W) bool, where the solution says that something moved, of a
-    mere layer where it is; None if it is to stay.
+def _layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Any]:
+    """The layer, and (H, W) bool: what is to go.
+
+    That is where the solution says that something moved, or of a mere layer where it is.
     """
-    if not remove:
-        return bm.read_layer(path, max_pixels=max_pixels), None
     try:
-        solution = bm.read_solution(path, max_pixels)
-    except bm.FileError:  # no solution: a layer, or what reading it as one will tell
-        layer = bm.read_layer(path, max_pixels=max_pixels)
+        solution = bm.read_solution(path, reading.max_pixels)
+    except bm.FileError:  # no solution: a layer, or reading it as one says what is wrong
+        layer = bm.read_layer(path, max_pixels=reading.max_pixels)
         return layer, layer.alpha > 0
     return solution.layer, solution.streak
+
+
+def _matched(
+    plate: Path | None, match: str, read: Sequence[bm.LinearImage]
+) -> bm.LinearImage | None:
+    """The plate as it matches the image, of both as they were read."""
+    if plate is None:
+        return None
+    with about(plate):
+        return bm.match_plate(read[1], read[0], matching_of(match))
+
+
+def _write_in_place(out: Path, image: Path, done: _Edit, touched: Any, reading: Reading) -> None:
+    """Write the image's file with other pixels where it was touched."""
+    assert done.result is not None
+    with about(out):
+        curve = reading.curve_of(image)
+        bm.write_changed(out, image, done.result, touched, curve, reading.max_pixels)
+
+
+def _write_looks(looks: Looks, done: _Edit, names: str) -> None:
+    """Write the sheet and the preview."""
+    if looks.sheet is not None:
+        with about(looks.sheet):
+            drawn = bm.draw_edit(done.before, done.after, done.picture, done.result, names)
+            bm.write(looks.sheet, drawn)
+    if looks.preview is not None:
+        with about(looks.preview):
+            _write_preview(looks.preview, done)
 
 
 def _write_preview(path: Path, done: _Edit) -> None:
@@ -334,11 +322,11 @@ def _write_preview(path: Path, done: _Edit) -> None:
         without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)
     shown = done.before if done.after.empty else done.after
     x0, y0, x1, y1 = shown.box
-    most, rim = _LOOK[0], int(_LOOK[1] * max(x1 - x0, y1 - y0))
+    rim = int(_PREVIEW_RIM * max(x1 - x0, y1 - y0))
     width, height = shown.size
     box = max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)
     first, second = without.crop(box), done.result.crop(box)
-    scale = min(1.0, most / max(first.size))
+    scale = min(1.0, _PREVIEW_SIZE / max(first.size))
     size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
     frames = bm.fade_between(bm.cover(first, size), bm.cover(second, size))
     bm.write_frames(path, frames, _RATE)

@@ -1,4 +1,4 @@
-"""The commands for many layers, and for what one is made of: stack and paints."""
+"""The commands for many layers, and for the paints of one: stack and paints."""
 
 from pathlib import Path
 from typing import Annotated
@@ -6,69 +6,68 @@ from typing import Annotated
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.inputs import Files
-from blurmatte.cli.options import MaxPixels, TransferName
-from blurmatte.cli.printing import say
-from blurmatte.cli.program import about, app, told, with_progress
-from blurmatte.cli.targets import PICTURE, check_file, check_folder, check_kept, check_other
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.console import about, say, say_json, with_progress
+from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_kept, check_other
+from blurmatte.cli.selection import ROWS, Layer, Out, OutFolder, Reading
 
 
-@app.command()
-@told
+@command(
+    "stack 'out/*/layer.exr' --over plate.exr -o path.png",
+    "stack layers/ball.mov -o path.exr",
+)
 def stack(
     layers: Annotated[
         list[str],
-        typer.Argument(
-            metavar="LAYER", help="Layers in their order, a pattern, a folder, or a .mov."
-        ),
+        typer.Argument(metavar="LAYER", help=f"Layers in their order, or a .mov: {ROWS}."),
     ],
-    out: Annotated[
-        Path, typer.Option(help="Where to write: a picture, or a layer without --over.")
-    ],
+    out: Out,
+    reading: Reading,
     over: Annotated[
-        Path | None, typer.Option(help="The picture behind all of them, usually the plate.")
+        Path | None,
+        typer.Option(metavar="FILE", help="The picture behind all of them, usually the plate."),
     ] = None,
     long: Annotated[
         bool, typer.Option("--long", help="As one exposure as long as all together.")
     ] = False,
-    transfer: TransferName = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
-    """Put many layers into one: the whole way of an object through a clip.
+    """Put many layers into one: the whole path of an object through a clip.
 
     Only one of them is in memory at a time.
     """
     check_other(out, *layers, over)
     if over is not None:
         check_file(out, "a picture", *PICTURE)
-    files = Files(transfer, max_pixels)
     with about(Path(layers[0])):
         source = layers[0] if len(layers) == 1 else layers
-        row = bm.read_layers(source, max_pixels=max_pixels)
+        row = bm.read_layers(source, max_pixels=reading.max_pixels)
         watched = with_progress(row, "stacking")
         whole = bm.long_exposure(watched) if long else bm.stack(watched)
     if over is None:
         with about(out):
             bm.write(out, whole)
         return
-    picture, _ = files.read(over)
+    picture, _ = reading.read(over)
     with about(over):
         together = whole.over(picture)
     with about(out):
         bm.write(out, together)
 
 
-@app.command()
-@told
+@command(
+    'paints out/layer.exr --color "#d02020" --color "#2040d0" -o paints/',
+)
 def paints(
-    layer: Annotated[
-        Path, typer.Argument(metavar="LAYER", help="A layer.exr that solve wrote, of two colors.")
-    ],
+    layer: Layer,
     color: Annotated[
         list[str], typer.Option(metavar="HEX", help="The color of a paint; repeat for each.")
     ],
-    out: Annotated[Path, typer.Option(help="Folder for the maps, made if it is not there.")],
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
+    out: OutFolder,
+    max_pixels: Annotated[
+        int,
+        typer.Option(metavar="N", help="Refuse larger pictures; 200 million.", show_default=False),
+    ] = bm.MAX_PIXELS,
+    as_json: AsJson = False,
 ) -> None:
     """Say how long each paint of an object of several colors was at each pixel.
 
@@ -81,8 +80,11 @@ def paints(
         solution = bm.read_solution(layer, max_pixels)
         exposures = bm.split_exposure(solution, *color)
     written = bm.save_exposures(out, solution.layer, exposures)
-    for hex_color, total in zip(
-        color, exposures.fraction.sum(axis=(0, 1), dtype=float), strict=True
-    ):
+    sums = exposures.fraction.sum(axis=(0, 1), dtype=float)
+    if as_json:
+        areas = dict(zip(color, sums, strict=True))
+        say_json({"pixels_times_exposure": areas, "files": written})
+        return
+    for hex_color, total in zip(color, sums, strict=True):
         say(f"{hex_color}: {total:.6g} pixels times exposure")
     say("\n".join(map(str, written)))

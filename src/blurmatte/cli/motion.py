@@ -1,253 +1,259 @@
-"""The command that measures motion: measure."""
+"""The commands that measure motion in one picture: measure, and locate for a known camera."""
 
-import json
-import math
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.clip_table import Given, gravity_of, table, told_of, words
-from blurmatte.cli.clips import ClipTask, finish, measure_frames
-from blurmatte.cli.flights import known_ball
-from blurmatte.cli.inputs import Files, is_row
-from blurmatte.cli.options import MaxPixels, TransferName
-from blurmatte.cli.plates import When
-from blurmatte.cli.printing import say
-from blurmatte.cli.program import about, app, told
-from blurmatte.cli.quantities import time_of_exposure, time_of_line
-from blurmatte.cli.scales import clip_scaling, scaling
-from blurmatte.cli.space import (
-    Before,
-    Camera,
-    Found,
-    Height,
-    OnPlane,
-    Plate,
-    Rotation,
-    SpeedKnown,
-    in_space,
-    known_of,
-    true_radius,
-    turned,
-)
-from blurmatte.cli.targets import SHEET, check_file, check_other
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.console import about, say, say_json
+from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
+from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
+from blurmatte.cli.selection import Layer, Reading
 
-_LENGTH = "LENGTH[±ERROR]"
+PLANE = "A plane"
+DRAWING = "Drawing"
+
+_POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
+_MIN_POINTS = 4  # that determine a plane
+
+Located = bm.BallMotion | bm.PlaneMotion | bm.BlurDepth
+
+Numbers = Annotated[
+    Path | None,
+    typer.Option("--out", "-o", metavar="FILE", help="Write all numbers: .json, or .csv of a row."),
+]
+ExposureTime = Annotated[
+    str | None,
+    typer.Option(
+        "--exposure",
+        metavar="TIME[±ERROR]",
+        help="Exposure time: 1/60, 4ms; else the file's.",
+        rich_help_panel=SIZE,
+    ),
+]
 
 
-@app.command()
-@told
-def measure(
-    layer: Annotated[
-        Path,
-        typer.Argument(
-            metavar="LAYER|CLIP",
-            help="The layer.exr that solve wrote; or a clip, a folder or a pattern of pictures.",
-        ),
-    ],
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print all numbers as JSON instead of words.")
-    ] = False,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            help="Where to write all numbers: a .json, or a .csv of one row; of a clip a row for each "
-            "frame, .parquet too."
-        ),
-    ] = None,
-    radius: Annotated[
-        str | None, typer.Option(metavar=_LENGTH, help="True radius of the ball: 20mm, 2cm±0.1mm.")
-    ] = None,
-    diameter: Annotated[
-        str | None, typer.Option(metavar=_LENGTH, help="True diameter of the ball.")
-    ] = None,
-    scale: Annotated[
-        str | None, typer.Option(metavar=_LENGTH, help="How large a pixel is there: 1.4mm.")
-    ] = None,
-    points: Annotated[
-        str | None,
-        typer.Option(
-            metavar="X0,Y0,X1,Y1,LENGTH[±ERROR]",
-            help="Two points of the picture and how far they are apart, as near as the object.",
-        ),
-    ] = None,
-    exposure: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME[±ERROR]", help="Exposure time, 1/60 or 4ms, if not in the file."
-        ),
-    ] = None,
+@dataclass(frozen=True)
+class Timing:
+    """When the pixels were exposed."""
+
+    exposure: ExposureTime = None
     line_time: Annotated[
         str | None,
         typer.Option(
-            metavar="TIME", help="From row to row of a rolling shutter: 15us; 0 for none."
+            metavar="TIME",
+            help="From row to row of a rolling shutter: 15us.",
+            rich_help_panel=SIZE,
         ),
-    ] = None,
+    ] = None
     going: Annotated[
         str | None,
-        typer.Option(metavar="down|up", help="Which way it moved, if you know, for --line-time."),
-    ] = None,
-    camera: Camera = None,
-    plate: Plate = None,
-    on_plane: OnPlane = None,
-    height: Height = None,
-    speed: SpeedKnown = None,
-    rotation: Rotation = False,
+        typer.Option(metavar="down|up", help="With --line-time, if known.", rich_help_panel=SIZE),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.going not in (None, "down", "up"):
+            raise ValueError(f"--going must be down or up, got {self.going!r}")
+        if self.going is not None and self.line_time is None:
+            raise ValueError("--going needs --line-time, that of a rolling shutter")
+
+
+@dataclass(frozen=True)
+class Drawing:
+    """The picture of the path."""
+
     overlay: Annotated[
         Path | None,
         typer.Option(
-            help="Draw path and outlines over --image, or a clip's over its plate: a .png or .jpg."
+            metavar="FILE", help="Draw path and outlines: .png, .jpg.", rich_help_panel=DRAWING
         ),
-    ] = None,
-    image: Annotated[Path | None, typer.Option(help="The picture that was solved.")] = None,
-    color: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HEX|FILE.json|any",
-            help="Of a clip: the object's color; found in some of its frames if not given.",
-        ),
-    ] = None,
-    several: Annotated[
-        bool,
-        typer.Option(
-            "--several", help="Of a clip: follow every object of the color, with numbers."
-        ),
+    ] = None
+    image: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The picture to draw on.", rich_help_panel=DRAWING),
+    ] = None
+
+    def __post_init__(self) -> None:
+        check_file(self.overlay, "a sheet", *SHEET)
+        if self.overlay is not None and self.image is None:
+            raise ValueError("--overlay needs --image, the picture to draw on")
+        if self.image is not None and self.overlay is None:
+            raise ValueError("--image needs --overlay, the file to draw to")
+
+
+@command(
+    "measure out/layer.exr --diameter 4cm --exposure 1/60",
+    "measure out/layer.exr --json",
+)
+def measure(
+    layer: Layer,
+    scale: ScaleOptions,
+    timing: Timing,
+    drawing: Drawing,
+    reading: Reading,
+    rotation: Annotated[
+        bool, typer.Option("--rotation", help="Also how far it turned, and about which point.")
     ] = False,
-    least: Annotated[
-        int | None,
-        typer.Option(help="With --several: in how many frames an object is seen at least; 3."),
-    ] = None,
-    start: When = None,
-    stop: When = None,
-    step: Annotated[int, typer.Option(help="Of a clip: use every frame of that many.")] = 1,
-    rate: Annotated[
-        float | None, typer.Option(help="Of a clip: frames per second, if its frames do not tell.")
-    ] = None,
-    gravity: Annotated[
-        str | None,
-        typer.Option(
-            metavar="G|X,Y|X,Y,Z[±ERROR]",
-            help="Of a clip of a free fall: gravity in m/s², straight down in the picture or as the "
-            "camera sees it. Gives the scale, or checks the one that was given. With --camera its "
-            "size, or X,Y,Z.",
-        ),
-    ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Of a clip: go on where an interrupted run stopped.")
-    ] = False,
-    workers: Annotated[
-        int | None,
-        typer.Option(help="Of a clip: how many processes; one for each core if not given."),
-    ] = None,
-    transfer: TransferName = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
+    out: Numbers = None,
+    as_json: AsJson = False,
 ) -> None:
-    """Measure the motion in LAYER, or in each frame of CLIP: where, how far, how fast, how large."""
-    check_file(overlay, "a sheet", *SHEET)
-    check_other(overlay, layer, image, plate)
-    if going not in (None, "down", "up"):
-        raise ValueError(f"--going must be down or up, got {going!r}")
-    time, time_std = (None, 0.0) if exposure is None else time_of_exposure("--exposure", exposure)
-    line = None if line_time is None else time_of_line("--line-time", line_time)
-    files = Files(transfer, max_pixels)
-    if (layer / "layer.exr").is_file():
-        raise ValueError(f"{layer} holds a solution: give {layer / 'layer.exr'}")
-    if is_row(layer):
-        if any((image, going, on_plane, height, speed, rotation)):
-            raise ValueError(
-                "--image, --going, --on-plane, --height, --speed and --rotation are for a layer, not "
-                "for a clip"
-            )
-        ball = known_ball(camera, radius, diameter, (scale, points), line or 0.0)
-        by_size = None if ball is not None else clip_scaling(radius, diameter, scale, points)
-        timed = None if time is None else (time, time_std)
-        given = Given(by_size, ball, gravity_of(gravity, ball is not None), timed, line or 0.0)
-        task = ClipTask(
-            layer,
-            files,
-            plate,
-            color,
-            several,
-            least,
-            start,
-            stop,
-            step,
-            rate,
-            workers,
-            out,
-            resume,
-            ball,
-            time,
-            line or 0.0,
-        )
-        _measure_clip(task, given, overlay, as_json)
-        return
-    of_clip = color, least, start, stop, rate, workers, gravity
-    if any(given is not None for given in of_clip) or several or resume or step != 1:
-        raise ValueError(
-            "--color, --several, --least, --start, --stop, --step, --rate, --gravity, --resume and "
-            "--workers are for a clip"
-        )
+    """Measure the motion in LAYER: where, how far, how fast, how large.
+
+    For a clip see track, for places in space locate.
+    """
     check_file(out, "a motion", ".json", ".csv")
-    if overlay is not None and image is None:
-        raise ValueError("--overlay needs --image, the picture to draw on")
-    if image is not None and overlay is None and plate is None:
-        raise ValueError("--image is for --overlay, or for --plate with --camera")
-    if going is not None and line_time is None:
-        raise ValueError("--going is for --line-time, that of a rolling shutter")
-    scaled = scaling(radius, diameter, scale, points)
-    known = known_of(camera, true_radius(radius, diameter), speed, on_plane or [], height)
-    downward = None if going is None else going == "down"
-    picture = None if image is None else files.read(image)[0]
-    before = None
-    if plate is not None:
-        before = Before(picture, files.read(plate)[0])
+    check_other(drawing.overlay, layer, drawing.image)
+    time, time_std = _time(timing.exposure)
+    line = None if timing.line_time is None else time_of_line("--line-time", timing.line_time)
+    downward = None if timing.going is None else timing.going == "down"
+    solution, motion = _read(layer, reading)
     with about(layer):
-        solution = bm.read_solution(layer, max_pixels)
-        motion = bm.measure_motion(solution)
-        size = None if scaled is None else scaled(motion)
-        exposed = (motion.exposure_time if time is None else time, time_std)
-        told_speed = motion.speed(size, time, time_std, line, downward)
-        more: list[Found] = list(in_space(solution, known, exposed, before))
+        speed = motion.speed(scale.of_motion(motion), time, time_std, line, downward)
+        found: list[Any] = [motion, speed]
         if rotation:
-            more.append(turned(solution, exposed))
-    words = [words for thing in (motion, told_speed, *more) for words in bm.explain(thing)]
-    row = {**motion.numbers(), **told_speed.numbers()}
-    for thing in more:
-        row |= thing.numbers()
+            exposed = (motion.exposure_time if time is None else time, time_std)
+            found.append(_rotation(solution, exposed))
+    if drawing.overlay is not None and drawing.image is not None:
+        picture = reading.read(drawing.image)[0]
+        with about(drawing.overlay):
+            bm.write(drawing.overlay, bm.draw_motion(picture, solution, motion))
+    _answer(motion, found, out, as_json)
+
+
+@dataclass(frozen=True)
+class SpaceOptions(BallSize):
+    """What is known of the space that a picture shows."""
+
+    speed: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SPEED[±ERROR]",
+            help="Or its true speed: 12m/s, 43km/h.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None
+    camera: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="JSON of the calibrated camera.", rich_help_panel=SIZE),
+    ] = None
+    on_plane: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="X,Y=U,V",
+            help="Pixel X,Y shows the point U,V of the plane; 4 or more.",
+            rich_help_panel=PLANE,
+        ),
+    ] = None
+    height: Annotated[
+        str | None,
+        typer.Option(metavar=LENGTH, help="Of its middle above the plane.", rich_help_panel=PLANE),
+    ] = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.speed is not None and self.camera is None:
+            raise ValueError("--speed needs --camera, the calibrated camera")
+        if self.height is not None and not self.on_plane:
+            raise ValueError("--height needs --on-plane, the plane that it is above")
+        if not (self.camera or self.on_plane):
+            raise ValueError(
+                "give --camera with --diameter, --radius or --speed; or --on-plane for a plane"
+            )
+        if self.camera and not (self.radius or self.diameter or self.speed or self.on_plane):
+            raise ValueError(
+                "--camera needs --radius or --diameter, the true size of the ball, or --speed"
+            )
+
+
+@command(
+    "locate out/layer.exr --camera lens.json --diameter 4cm --exposure 1/60",
+    "locate out/layer.exr --on-plane 102,300=0,0 --on-plane 540,310=5m,0 \\",
+    "    --on-plane 420,180=5m,8m --on-plane 180,178=0,8m --exposure 1/60",
+)
+def locate(
+    layer: Layer,
+    space: SpaceOptions,
+    reading: Reading,
+    exposure: ExposureTime = None,
+    image: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="With --plate: fit the flight to the picture, in depth."),
+    ] = None,
+    plate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The scene without the object.")
+    ] = None,
+    out: Numbers = None,
+    as_json: AsJson = False,
+) -> None:
+    """Locate the object of LAYER in space: before a known camera, or on a plane.
+
+    Of a clip, track does so in each frame.
+    """
+    check_file(out, "a motion", ".json", ".csv")
+    if (image is None) != (plate is None) or (plate and not (space.camera and space.true_radius)):
+        raise ValueError("--plate needs --image, --camera and --radius, to fit a flight in space")
+    lens = None if space.camera is None else bm.read_intrinsics(space.camera)
+    plane = _plane(space.on_plane, lens) if space.on_plane else None
+    height = (0.0, 0.0) if space.height is None else meters("--height", space.height)
+    speed = None if space.speed is None else meters_per_second("--speed", space.speed)
+    time, time_std = _time(exposure)
+    solution, motion = _read(layer, reading)
+    exposed = (motion.exposure_time if time is None else time, time_std)
+    found: list[Located] = []
+    with about(layer):
+        if lens is not None:
+            check_camera(lens, solution.size)
+        if lens is not None and space.true_radius is not None:
+            if image is None or plate is None:
+                (radius, std), (time, time_std) = space.true_radius, exposed
+                path = _sweep(solution, "--camera")
+                found.append(bm.measure_ball(path, lens, radius, time, std, time_std))
+            else:
+                pictures = reading.read(image)[0], reading.read(plate)[0]
+                found.append(_fitted(solution, pictures, lens, space.true_radius, exposed))
+        if lens is not None and speed is not None:
+            found.append(_depth(solution, lens, speed, exposed))
+        if plane is not None:
+            path = _sweep(solution, "--on-plane")
+            found.append(bm.measure_on_plane(path, plane, *exposed, *height))
+    _answer(motion, [motion, *found], out, as_json)
+
+
+def _time(text: str | None) -> tuple[float | None, float]:
+    """Exposure time, if it was given, and its error, seconds."""
+    return (None, 0.0) if text is None else time_of_exposure("--exposure", text)
+
+
+def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.Motion]:
+    """The solution and its motion; a folder of results holds one."""
+    inside = layer / "layer.exr"
+    path = inside if inside.is_file() else layer
+    with about(path):
+        solution = bm.read_solution(path, reading.max_pixels)
+        return solution, bm.measure_motion(solution)
+
+
+def _answer(motion: bm.Motion, found: Sequence[Any], out: Path | None, as_json: bool) -> None:
+    """Print what was found, and write all numbers."""
+    words = [words for thing in found for words in bm.explain(thing)]
+    row = {name: value for thing in found for name, value in thing.numbers().items()}
     numbers = {**row, **_over_time(motion), "in_words": words}
-    if overlay is not None and picture is not None:
-        with about(overlay):
-            bm.write(overlay, bm.draw_motion(picture, solution, motion))
     if out is not None:
         bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
-    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join([str(motion), *words]))
-
-
-def _measure_clip(task: ClipTask, given: Given, overlay: Path | None, as_json: bool) -> None:
-    """The table of a clip, its sheet, and what both say."""
-    measured = measure_frames(task)
-    rows, places = measured.rows, measured.places
-    with about(task.source):
-        found = told_of(rows, places, task.several, given)
-    said = words(rows, measured.model, task.several)
-    said += [word for one in found for word in one.words]
-    lines = table(rows, places, found, given)
-    if task.out is not None:
-        bm.write(task.out, lines)
-    if overlay is not None:
-        bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
-    finish(task)
-    falls = [None if one.fall is None else one.fall.numbers() for one in found]
-    of_falls = {"falls": falls} if task.several else {"fall": falls[0]}
-    numbers = {"rows": lines, **of_falls, "in_words": said}
-    say(json.dumps(_finite(numbers), indent=2) if as_json else "\n".join(said))
+    if as_json:
+        say_json(numbers)
+    else:
+        say("\n".join([str(motion), *words]))
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:
-    """Where it was at each exposure fraction, and how fast between them."""
+    """Place at each exposure fraction, and speed between them."""
     path = motion.trajectory
     return {
         "trajectory": {"t": path.t.tolist(), "xy": path.xy.tolist()},
@@ -257,10 +263,55 @@ def _over_time(motion: bm.Motion) -> dict[str, Any]:
     }
 
 
-def _finite(value: Any) -> Any:
-    """JSON has no infinity: null."""
-    if isinstance(value, dict):
-        return {name: _finite(part) for name, part in value.items()}
-    if isinstance(value, list):
-        return [_finite(part) for part in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
+def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.Rotation:
+    """From the outline of what flies and turns, else from alpha."""
+    sweep = solution.sweep
+    turns = sweep is not None and sweep.silhouette.turns
+    return bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
+
+
+def _fitted(
+    solution: bm.Solution,
+    pictures: tuple[bm.LinearImage, bm.LinearImage],
+    lens: bm.Intrinsics,
+    size: Quantity,
+    exposed: tuple[float | None, float],
+) -> bm.BallMotion:
+    """The flight in space, fitted to image and plate."""
+    (image, plate), (radius, std), (time, time_std) = pictures, size, exposed
+    matched = bm.match_plate(plate, image)
+    return bm.fit_ball(image, matched, lens, radius, time, std, time_std, solution.sweep)
+
+
+def _depth(
+    solution: bm.Solution,
+    lens: bm.Intrinsics,
+    speed: Quantity,
+    exposed: tuple[float | None, float],
+) -> bm.BlurDepth:
+    (time, time_std), (value, std) = exposed, speed
+    if time is None:
+        raise ValueError("--speed needs --exposure, for the image's file does not say the time")
+    path = _sweep(solution, "--speed")
+    return bm.depth_from_blur(path, lens, value, time, None, std, time_std)
+
+
+def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
+    pixels, places = [], []
+    for text in points:
+        found = re.fullmatch(_POINT, text)
+        if found is None:
+            raise ValueError(f"--on-plane must be like 120,300=0,1.5m, got {text!r}")
+        pixels.append((float(found[1]), float(found[2])))
+        places.append([meters("--on-plane", part.strip())[0] for part in found.groups()[2:]])
+    if len(pixels) < _MIN_POINTS:
+        raise ValueError(
+            f"--on-plane is needed for {_MIN_POINTS} points or more, got {len(pixels)}"
+        )
+    return bm.Plane.from_points(pixels, places, lens)
+
+
+def _sweep(solution: bm.Solution, name: str) -> bm.Sweep:
+    if solution.sweep is None:
+        raise bm.MotionError(f"no shape on a path explains the streak; {name} needs one")
+    return solution.sweep

@@ -1,4 +1,4 @@
-"""The commands for picture files: compose, show and info."""
+"""The commands that look at files: show and info."""
 
 import json
 import math
@@ -12,71 +12,41 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.backgrounds import Fit, MatchLight, Place, Scale, read_behind
-from blurmatte.cli.inputs import Files
-from blurmatte.cli.options import MaxPixels, TransferName
-from blurmatte.cli.printing import by, complain, in_degrees, say
-from blurmatte.cli.program import about, app, told
-from blurmatte.cli.targets import PICTURE, SHEET, check_file, check_other
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.console import about, by, color_numbers, complain, in_degrees, say, say_json
+from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.selection import Reading
 
 
-@app.command()
-@told
-def compose(
-    layer: Annotated[
-        Path, typer.Argument(metavar="LAYER", help="A layer with alpha: EXR, PNG, TIFF.")
-    ],
-    over: Annotated[Path, typer.Option(help="The picture to put it over.")],
-    out: Annotated[Path, typer.Option(help="Where to write: .png, .tif, .jpg or .exr.")],
-    fit: Fit = None,
-    place: Place = None,
-    scale: Scale = None,
-    match_light: MatchLight = None,
-    transfer: TransferName = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
-) -> None:
-    """Put LAYER over another picture, in linear light."""
-    check_file(out, "a picture", *PICTURE)
-    check_other(out, layer, over, match_light)
-    files = Files(transfer, max_pixels)
-    with about(layer):
-        top = bm.read_layer(layer, max_pixels=max_pixels)
-    top, picture = read_behind(files, over, fit, place, scale, match_light).under(top)
-    with about(out):
-        bm.write(out, top.over(picture))
-
-
-@app.command()
-@told
+@command("show out/layer.exr", "show throw.tif --transfer linear -o look.png")
 def show(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="A picture, a layer or a solution.")],
+    reading: Reading,
     out: Annotated[
         Path | None,
-        typer.Option(help="Write the sheet there instead of opening it: .png or .jpg."),
+        typer.Option(
+            "--out", "-o", metavar="SHEET", help="Write the sheet, open nothing: .png or .jpg."
+        ),
     ] = None,
-    transfer: TransferName = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
 ) -> None:
     """Show FILE on a sheet: for a quick look."""
     check_file(out, "a sheet", *SHEET)
     check_other(out, file)
-    files = Files(transfer, max_pixels)
     with about(file):
-        thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, max_pixels)
+        thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, reading.max_pixels)
         if thing is None:
-            picture, _ = files.read(file)
-            thing = _layer(file, files.curve_of(file), max_pixels) or picture
+            picture, _ = reading.read(file)
+            thing = _layer(file, reading) or picture
         sheet = bm.draw_look(thing)
     target = out or Path(tempfile.mkdtemp(prefix="blurmatte-")) / f"{file.stem}.png"
     with about(target):
         bm.write(target, sheet)
     say(str(target))
     if out is None and typer.launch(str(target)) != 0:
-        complain("no program was found to show it with; open the file that is named above")
+        complain("open the file that is named above; no program was found to show it with")
 
 
-@app.command()
-@told
+@command("info throw.png", "info out/layer.exr --json")
 def info(
     file: Annotated[
         Path,
@@ -84,52 +54,75 @@ def info(
             metavar="FILE", help="A picture, a layer, a solution, a model, noise or a curve."
         ),
     ],
-    transfer: TransferName = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
+    reading: Reading,
+    as_json: AsJson = False,
 ) -> None:
-    """Say what is in FILE."""
-    files = Files(transfer, max_pixels)
+    """Say what is in FILE.
+
+    A picture, a layer, a solution, a color model, a report, noise or a transfer curve.
+    """
     with about(file) as said:
         if file.suffix.lower() == ".json":
-            lines = _told_by_json(file)
-        elif (solution := _solution(file, max_pixels)) is not None:
-            lines = [str(solution), f"solver: {solution.solver}"]
-            lines += [in_degrees(solution.model), *bm.explain(solution), *_named(solution.stats)]
-            lines.append("every digit, and the points: stats in report.json")
+            lines, numbers = _of_json(file)
+        elif (solution := _solution(file, reading.max_pixels)) is not None:
+            lines, numbers = _of_solution(solution)
         else:
-            picture, _ = files.read(file, said)
-            layer = _layer(file, files.curve_of(file), max_pixels)
-            lines = list(_facts(file, picture, layer, transfer, guessed=bool(said)))
-    say("\n".join(lines))
+            picture, _ = reading.read(file, said)
+            lines, numbers = _of_picture(file, picture, reading, guessed=bool(said))
+    if as_json:
+        say_json({"file": file, **numbers})
+    else:
+        say("\n".join(lines))
 
 
-def _told_by_json(path: Path) -> list[str]:
+Answer = tuple[list[str], dict[str, Any]]  # lines for people, and the same as values
+
+
+def _of_json(path: Path) -> Answer:
     from blurmatte.files import holds_transfer
 
     if holds_transfer(path):
         curve = bm.read_transfer(path)
-        return [f"{path}: transfer curve {curve.name}", *bm.explain(curve)]
+        words = bm.explain(curve)
+        numbers = {"kind": "transfer curve", "name": curve.name, "in_words": words}
+        return [f"{path}: transfer curve {curve.name}", *words], numbers
     try:
         noise = bm.read_noise(path)
-    except bm.FileError:  # whatever is wrong, reading it as a model will tell
-        try:
-            model = bm.read_color_model(path)
-        except bm.FileError as error:
-            if not path.is_file():
-                raise
-            if (words := _words_of(path)) is not None:
-                return [f"{path}: a report, text that holds all numbers", *words]
+    except bm.FileError:  # reading it as a model says whatever is wrong
+        return _of_model_or_report(path)
+    rows = {"gain": noise.gain, "read_std": noise.read_std, "relative_std": noise.relative_std}
+    names = "gain", "read noise", "of the light"
+    said = (
+        f"{name}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}"
+        for name, row in zip(names, rows.values(), strict=True)
+    )
+    return [str(noise), *said], {"kind": "noise", **rows}
+
+
+def _of_model_or_report(path: Path) -> Answer:
+    try:
+        model = bm.read_color_model(path)
+    except bm.FileError as error:
+        if not path.is_file():
+            raise
+        words = _words_of(path)
+        if words is None:
             raise bm.FileError(
                 f"{error}; nor is it noise or a curve of blurmatte calibrate"
             ) from error
-        return [in_degrees(model), *bm.explain(model)]
-    rows = (
-        ("gain", noise.gain),
-        ("read noise", noise.read_std),
-        ("of the light", noise.relative_std),
-    )
-    said = (f"{name}: {', '.join(f'{x:.3g}' for x in np.ravel(row))}" for name, row in rows)
-    return [str(noise), *said]
+        lines = [f"{path}: a report, text that holds all numbers", *words]
+        return lines, {"kind": "report", "in_words": words}
+    return [in_degrees(model), *bm.explain(model)], {"kind": "color model", **color_numbers(model)}
+
+
+def _of_solution(solution: bm.Solution) -> Answer:
+    words = bm.explain(solution)
+    lines = [str(solution), f"solver: {solution.solver}", in_degrees(solution.model), *words]
+    lines += _named(solution.stats)
+    lines.append("every digit, and the points: stats in report.json")
+    numbers = {"size": solution.size, "solver": solution.solver, "stats": solution.stats}
+    model = color_numbers(solution.model)
+    return lines, {"kind": "solution", **numbers, "model": model, "in_words": words}
 
 
 def _words_of(path: Path) -> list[str] | None:
@@ -143,7 +136,7 @@ def _words_of(path: Path) -> list[str] | None:
 
 
 def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
-    """Numbers about a solution, each in a line; those that belong together under one name."""
+    """Numbers about a solution, each in a line; nested ones as OUTER.INNER."""
     for name, value in stats.items():
         if isinstance(value, Mapping):
             yield from _named(value, f"{of}{name}.")
@@ -169,72 +162,107 @@ def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
         return None
     try:
         return bm.read_solution(path, max_pixels)
-    except bm.FileError:  # whatever is wrong, reading it as a picture will tell
+    except bm.FileError:  # reading it as a picture says what is wrong
         return None
 
 
-def _layer(path: Path, curve: bm.Transfer | None, max_pixels: int) -> bm.Layer | None:
+def _layer(path: Path, reading: Reading) -> bm.Layer | None:
     """The layer in a picture file, if it has an alpha that is not 1 everywhere."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", bm.TransferWarning)  # reading the picture told it
-            layer = bm.read_layer(path, curve, max_pixels)
+            warnings.simplefilter("ignore", bm.TransferWarning)  # reading the picture said it
+            layer = bm.read_layer(path, reading.curve_of(path), reading.max_pixels)
     except bm.FileError:
         return None
     return layer if layer.alpha.min() < 1 else None
 
 
-def _facts(
-    path: Path,
-    picture: bm.LinearImage,
-    layer: bm.Layer | None,
-    transfer: str | None,
-    guessed: bool,
-) -> Iterator[str]:
-    from blurmatte.files.errors import kind_of
+def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool) -> Answer:
     from blurmatte.files.raster import load
+    from blurmatte.files.refusals import kind_of
 
-    meta = picture.meta
-    bits = "float" if meta.levels is None else f"{math.ceil(np.log2(meta.levels))} bit"
-    colors = "gray" if meta.gray else "RGB"
-    what = ""
-    if layer is not None:
-        way = "premultiplied" if load(path, max(1, layer.alpha.size)).associated else "straight"
-        what = f" and {way} alpha: a layer"
-    yield f"{path}: {kind_of(path)}, {by(picture.size)} pixels, {bits} {colors}{what}"
-    source = "as you said" if transfer else "a guess: nothing in the file says"
-    if not (transfer or guessed):
+    meta, layer = picture.meta, _layer(path, reading)
+    bits = None if meta.levels is None else math.ceil(np.log2(meta.levels))
+    associated = layer is not None and load(path, max(1, layer.alpha.size)).associated
+    source = "as you said" if reading.transfer else "a guess: nothing in the file says"
+    if not (reading.transfer or guessed):
         source = "its ICC profile says" if meta.icc_profile else "its tags or its kind say"
-    yield f"transfer: {meta.transfer.name if meta.transfer else 'linear'} ({source})"
-    yield f"colors: {_colors(meta)}"
-    if meta.camera:
-        yield f"camera: {meta.camera}"
-    time = f"{meta.exposure_time:.6g} s" if meta.exposure_time else "not told"
-    yield f"exposure time: {time}"
-    profile = f"{len(meta.icc_profile)} bytes" if meta.icc_profile else "none"
-    yield f"ICC profile: {profile}"
-    if layer is None:
-        yield f"valid (not clipped, opaque): {np.mean(picture.valid):.2%}"
-        yield f"light: {picture.rgb.min():.4g} to {picture.rgb.max():.4g}, 1 is white"
-        if picture.noise is not None:
-            std = float(np.median(np.sqrt(picture.variance)))
+    numbers = {
+        "kind": "picture" if layer is None else "layer",
+        "format": kind_of(path),
+        "size": picture.size,
+        "bits": "float" if bits is None else bits,
+        "gray": meta.gray,
+        "alpha": None if layer is None else ("premultiplied" if associated else "straight"),
+        "transfer": meta.transfer.name if meta.transfer else "linear",
+        "transfer_from": source,
+        "color_space": meta.color_space,
+        "white_balance": meta.white_balance,
+        "camera": meta.camera,
+        "exposure_time": meta.exposure_time,
+        "icc_profile_bytes": len(meta.icc_profile or b""),
+    }
+    values = _light(picture) if layer is None else _alpha(layer)
+    return [*_header(path, numbers), *_in_words(values)], {**numbers, **values}
+
+
+def _light(picture: bm.LinearImage) -> dict[str, Any]:
+    std = None if picture.noise is None else float(np.median(np.sqrt(picture.variance)))
+    light = float(picture.rgb.min()), float(picture.rgb.max())
+    return {"valid_share": float(np.mean(picture.valid)), "light": light, "median_std": std}
+
+
+def _alpha(layer: bm.Layer) -> dict[str, Any]:
+    alpha, light = layer.alpha, layer.premultiplied
+    return {
+        "alpha_max": float(alpha.max()),
+        "alpha_share": float(np.mean(alpha > 0)),
+        "alpha_sum": float(alpha.sum(dtype=float)),
+        "premultiplied": (float(light.min()), float(light.max())),
+    }
+
+
+def _header(path: Path, about: Mapping[str, Any]) -> Iterator[str]:
+    """What the file says of itself, in lines."""
+    bits = about["bits"] if about["bits"] == "float" else f"{about['bits']} bit"
+    what = f" and {about['alpha']} alpha: a layer" if about["alpha"] else ""
+    colors = "gray" if about["gray"] else "RGB"
+    yield f"{path}: {about['format']}, {by(about['size'])} pixels, {bits} {colors}{what}"
+    yield f"transfer: {about['transfer']} ({about['transfer_from']})"
+    yield f"colors: {_colors(about['color_space'], about['white_balance'])}"
+    if about["camera"]:
+        yield f"camera: {about['camera']}"
+    time = about["exposure_time"]
+    yield f"exposure time: {f'{time:.6g} s' if time else 'not in the file'}"
+    profile = about["icc_profile_bytes"]
+    yield f"ICC profile: {f'{profile} bytes' if profile else 'none'}"
+
+
+def _in_words(values: Mapping[str, Any]) -> Iterator[str]:
+    """The light of a picture or the alpha of a layer, in lines."""
+    if "light" in values:
+        least, most = values["light"]
+        yield f"valid (not clipped, opaque): {values['valid_share']:.2%}"
+        yield f"light: {least:.4g} to {most:.4g}, 1 is white"
+        if values["median_std"] is not None:
+            std = values["median_std"]
             yield f"error of the light, of each pixel: {std:.2g} in the middle, 1 is white"
         return
-    alpha, light = layer.alpha, layer.premultiplied
+    least, most = values["premultiplied"]
     yield (
-        f"alpha: up to {alpha.max():.4g}, above 0 in {np.mean(alpha > 0):.2%} of the pixels, "
-        f"sum {alpha.sum(dtype=float):.6g}"
+        f"alpha: up to {values['alpha_max']:.4g}, above 0 in {values['alpha_share']:.2%} of the "
+        f"pixels, sum {values['alpha_sum']:.6g}"
     )
-    yield f"light times alpha: {light.min():.4g} to {light.max():.4g}, 1 is white"
+    yield f"light times alpha: {least:.4g} to {most:.4g}, 1 is white"
 
 
-def _colors(meta: Any) -> str:
-    """Whose red, green and blue the light is, and what would make white of it."""
-    if meta.color_space != "camera":
+def _colors(space: str, white_balance: tuple[float, float, float] | None) -> str:
+    """Which primaries the light has, and what would make white of it."""
+    if space != "camera":
         return "sRGB's primaries"
-    if meta.white_balance is None:
-        return "the camera's own; its white balance is not told"
-    red, _, blue = meta.white_balance
+    if white_balance is None:
+        return "the camera's own; its white balance is not known"
+    red, _, blue = white_balance
     return (
         f"the camera's own; white balance as shot (not applied): red x{red:.4g}, blue x{blue:.4g}"
     )

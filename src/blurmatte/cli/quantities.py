@@ -1,9 +1,11 @@
-"""Lengths, times and speeds as people type them: a number or fraction, a unit, and an error."""
+"""Values as people type them: numbers, boxes, frames, and quantities with a unit and an error."""
 
 import math
 import re
 from collections.abc import Mapping
 
+_PLAIN = r"\s*[-+]?(\d+\.?\d*|\.\d+)\s*"
+_FRAME = r"\d*|\d+(\.\d*)?s"
 _METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
 _METERS_PER_SECOND = {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
@@ -11,6 +13,67 @@ _METERS_PER_SECOND2 = {"": 1.0, "m/s2": 1.0, "m/s²": 1.0}
 _LENGTH = "a length like 0.02, 2cm or 2cm±0.1mm"
 _TIME = "a time like 1/60, 0.004, 4ms or 15us"
 _NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)"
+
+
+def numbers(name: str, text: str, *forms: str) -> list[float]:
+    """Numbers with commas between them, as many as one of `forms` has, like "x,y,radius"."""
+    parts = text.split(",")
+    counts = [form.count(",") + 1 for form in forms]
+    if len(parts) not in counts or not all(re.fullmatch(_PLAIN, part) for part in parts):
+        raise ValueError(f"{name} must be {' or '.join(forms)}, got {text!r}")
+    return [float(part) for part in parts]
+
+
+def is_box(text: str) -> bool:
+    """Whether this is x0,y0,x1,y1 in whole pixels."""
+    return re.fullmatch(r"(\s*-?\d+\s*,){3}\s*-?\d+\s*", text) is not None
+
+
+def box(name: str, text: str) -> tuple[int, int, int, int]:
+    """A box of pixels; its last column and row are excluded."""
+    if not is_box(text):
+        raise ValueError(f"{name} must be x0,y0,x1,y1 in whole pixels, got {text!r}")
+    x0, y0, x1, y1 = (int(part) for part in text.split(","))
+    return x0, y0, x1, y1
+
+
+def frame_range(name: str, text: str | None, rate: float | None) -> slice:
+    """Frames from START to STOP (excluded), every STEP-th: numbers, or seconds like 2.5s.
+
+    Parameters
+    ----------
+    name : str
+        Of the option.
+    text : str or None
+        START:STOP or START:STOP:STEP; parts may be left out.
+    rate : float or None
+        Frames per second.
+    """
+    if text is None:
+        return slice(None)
+    start, *more = text.split(":")
+    stop, step = (*more, "", "")[:2]
+    if not more or len(more) > 2 or not re.fullmatch(r"\d*", step):
+        raise ValueError(
+            f"{name} must be START:STOP or START:STOP:STEP, like 40:52 or 2.5s:4s, got {text!r}"
+        )
+    if step and int(step) < 1:
+        raise ValueError(f"{name} must have a step of at least 1, got {text!r}")
+    first, last = (_frame(name, part, rate) for part in (start, stop))
+    return slice(first, last, int(step) if step else None)
+
+
+def _frame(name: str, text: str, rate: float | None) -> int | None:
+    """A frame's number, of what counts frames or, with an s behind it, seconds."""
+    if not re.fullmatch(_FRAME, text):
+        raise ValueError(
+            f"{name} must have frames as a number like 120, or seconds like 4.5s, got {text!r}"
+        )
+    if not text.endswith("s"):
+        return int(text) if text else None
+    if rate is None:
+        raise ValueError(f"{name} {text}: pictures have no time; count them")
+    return round(float(text[:-1]) * rate)
 
 
 def number(text: str) -> float:

@@ -1,53 +1,117 @@
-"""How meters per pixel follow from the size of a ball, a scale or two points, as options say them."""
+"""How large things are: meters per pixel, the true radius of a ball, the camera that saw them."""
 
 import math
-from collections.abc import Callable
+import warnings
+from dataclasses import dataclass
+from typing import Annotated
+
+import typer
 
 import blurmatte as bm
-from blurmatte.cli.clip_table import Rows, Scaling, usual_radius
-from blurmatte.cli.quantities import length
+from blurmatte.cli.quantities import length, numbers
+
+SIZE = "True size and time"
+LENGTH = "LENGTH[±ERROR]"
+Quantity = tuple[float, float]  # a value and its error
+
+_FAR_OFF_AXIS = 0.1  # of width and height, from the middle: no lens is mounted so
 
 
-def scaling(
-    radius: str | None, diameter: str | None, scale: str | None, points: str | None
-) -> Callable[[bm.Motion], bm.Scale] | None:
-    """How meters per pixel follow from a motion, by the one option that was given."""
-    given = [text for text in (radius, diameter, scale, points) if text is not None]
-    if len(given) > 1:
-        raise ValueError("give one of --radius, --diameter, --scale and --points")
-    if radius is not None:
-        half, std = length("--radius", radius)
-        return lambda motion: bm.Scale.from_radius(motion, half, std)
-    if diameter is not None:
-        whole, std = length("--diameter", diameter)
-        return lambda motion: bm.Scale.from_radius(motion, whole / 2, std / 2)
-    if scale is not None:
-        told = bm.Scale(*length("--scale", scale))
-        return lambda _: told
-    if points is None:
-        return None
-    *place, distance = points.split(",")
-    try:
-        x0, y0, x1, y1 = map(float, place)
-    except ValueError:
-        raise ValueError(f"--points must be x0,y0,x1,y1,length, got {points!r}") from None
-    between = bm.Scale.from_points((x0, y0), (x1, y1), *length("--points", distance))
-    return lambda _: between
+@dataclass(frozen=True)
+class BallSize:
+    """The true size of the object."""
+
+    diameter: Annotated[
+        str | None,
+        typer.Option(metavar=LENGTH, help="True diameter: 4cm, 40mm±0.2mm.", rich_help_panel=SIZE),
+    ] = None
+    radius: Annotated[
+        str | None, typer.Option(metavar=LENGTH, help="Or its radius.", rich_help_panel=SIZE)
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.radius is not None and self.diameter is not None:
+            raise ValueError("give one of --radius and --diameter, not both")
+        self.true_radius  # noqa: B018  # refuses what is no length
+
+    @property
+    def true_radius(self) -> Quantity | None:
+        """Radius and its error, meters; None if no size was given."""
+        if self.radius is not None:
+            return length("--radius", self.radius)
+        if self.diameter is None:
+            return None
+        value, std = length("--diameter", self.diameter)
+        return value / 2, std / 2
 
 
-def clip_scaling(
-    radius: str | None, diameter: str | None, scale: str | None, points: str | None
-) -> Scaling | None:
-    """How meters per pixel follow from the frames of a clip; of the ball's size, from its usual one."""
-    scaled = scaling(radius, diameter, scale, points)
-    if radius is None and diameter is None:
-        return None if scaled is None else lambda _: scaled(None)  # type: ignore[arg-type]
-    true, std = length("--radius", radius) if radius else length("--diameter", diameter or "")
-    half = 1.0 if radius else 0.5
+@dataclass(frozen=True)
+class ScaleOptions(BallSize):
+    """How large a pixel is where the object moved."""
 
-    def told(rows: Rows) -> bm.Scale:
-        seen, seen_std = usual_radius(rows)
-        relative = math.hypot(std / true, seen_std / seen)
-        return bm.Scale(half * true / seen, half * true / seen * relative)
+    scale: Annotated[
+        str | None,
+        typer.Option(
+            metavar="LENGTH|X0,Y0,X1,Y1=LENGTH",
+            help="Or that of a pixel, or between two points.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None
 
-    return told
+    def __post_init__(self) -> None:
+        if sum(text is not None for text in (self.radius, self.diameter, self.scale)) > 1:
+            raise ValueError("give one of --radius, --diameter and --scale")
+        super().__post_init__()
+        self.constant  # noqa: B018
+
+    @property
+    def constant(self) -> bm.Scale | None:
+        """The scale that does not depend on what is measured."""
+        if self.scale is None:
+            return None
+        place, equals, distance = self.scale.rpartition("=")
+        if not equals:
+            return bm.Scale(*length("--scale", self.scale))
+        x0, y0, x1, y1 = numbers("--scale", place, "x0,y0,x1,y1=length")
+        return bm.Scale.from_points((x0, y0), (x1, y1), *length("--scale", distance))
+
+    def of_motion(self, motion: bm.Motion) -> bm.Scale | None:
+        """Meters per pixel of what moved like that."""
+        size = self.true_radius
+        return self.constant if size is None else bm.Scale.from_radius(motion, *size)
+
+    def of_radius(self, pixels: float, std: float) -> bm.Scale | None:
+        """Meters per pixel of an object with this radius and its error in pixels."""
+        size = self.true_radius
+        if size is None:
+            return self.constant
+        true, true_std = size
+        return bm.Scale(true / pixels, true / pixels * math.hypot(true_std / true, std / pixels))
+
+
+def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
+    """Check that it may be the camera of pictures of a size.
+
+    Raises
+    ------
+    ValueError
+        If it was calibrated with pictures of another size.
+
+    Warns
+    -----
+    BlurmatteWarning
+        If that is not known, and its axis is far from their middle.
+    """
+    lens.check_size(size)
+    (x, y), axis = ((n - 1) / 2 for n in size), (lens.cx, lens.cy)
+    off = abs(axis[0] - x) / size[0], abs(axis[1] - y) / size[1]
+    if lens.size is None and max(off) > _FAR_OFF_AXIS:
+        warnings.warn(
+            "the camera's axis meets the picture at ({:.0f}, {:.0f}), far from its middle, ({:.0f}, "
+            "{:.0f}): if it was calibrated with pictures of another size than {}x{}, all of space is "
+            'wrong; calibrate with such, and say "size": [{}, {}] in its file'.format(
+                *axis, x, y, *size, *size
+            ),
+            bm.BlurmatteWarning,
+            stacklevel=2,
+        )

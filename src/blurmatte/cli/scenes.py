@@ -7,53 +7,65 @@ from typing import Annotated
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.inputs import places
-from blurmatte.cli.printing import complain, say
-from blurmatte.cli.program import about, app, told, with_progress
-from blurmatte.cli.targets import check_file, check_folder
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.console import ExitCode, about, complain, say, say_json, with_progress
+from blurmatte.cli.output_checks import check_file, check_folder
+from blurmatte.cli.selection import with_folders
 
 
-@app.command()
-@told
+@command("render easy -o scenes/easy", "render --list")
 def render(
     scenes: Annotated[
         list[str] | None,
-        typer.Argument(metavar="SCENE", help="Scene files (TOML), or names that --list tells."),
+        typer.Argument(metavar="SCENE", help="Scene files (TOML), or names of --list."),
     ] = None,
-    out: Annotated[Path | None, typer.Option(help="Folder for the pictures and the truth.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FOLDER", help="For the pictures and the truth."),
+    ] = None,
     all_scenes: Annotated[
         bool, typer.Option("--all", help="All scenes that come with blurmatte.")
     ] = False,
     list_scenes: Annotated[
         bool, typer.Option("--list", help="Print the names of the scenes that come with it.")
     ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Render a scene whose alpha, color and path are known: pictures to solve, and the truth.
 
     Several scenes, and the frames of a clip, each get a folder of their own.
     """
     if list_scenes:
-        say("\n".join(f"{name:12} {bm.scene_title(name)}" for name in bm.scene_names()))
+        titles = {name: bm.scene_title(name) for name in bm.scene_names()}
+        if as_json:
+            say_json(titles)
+        else:
+            say("\n".join(f"{name:12} {title}" for name, title in titles.items()))
         return
     names = [*(scenes or ()), *(bm.scene_names() if all_scenes else ())]
     if not names:
         raise ValueError("give a SCENE, or --all, or --list to see what there is")
     if out is None:
-        raise ValueError("--out is missing: the folder for the pictures and the truth")
+        raise ValueError("give --out, the folder for the pictures and the truth")
     check_folder(out)
     shots = [
         (shot, bm.scene_text(name), folder)
-        for name, place in places(names, out)
+        for name, place in with_folders(names, out)
         for shot, folder in _numbered(bm.read_shots(name), place)
     ]
     for shot, text, folder in with_progress(shots, "rendering"):
         with about(folder):
             bm.save_shot(folder, shot, text)
-        say(str(folder / "overview.png"))
+        if not as_json:
+            say(str(folder / "overview.png"))
+    if as_json:
+        say_json({"folders": [folder for _, _, folder in shots]})
 
 
-@app.command()
-@told
+@command(
+    "score out/layer.exr --truth scenes/easy",
+    "score results/ --truth scenes/ -o scores.json",
+)
 def score(
     result: Annotated[
         Path,
@@ -61,8 +73,14 @@ def score(
             metavar="RESULT", help="A layer file, a folder with one, or a folder of such folders."
         ),
     ],
-    truth: Annotated[Path, typer.Option(help="What blurmatte render wrote: a scene, or many.")],
-    out: Annotated[Path | None, typer.Option(help="Write the scores to a .json, too.")] = None,
+    truth: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="What render wrote: a scene, or many.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the scores: .json or .csv."),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Say how far a RESULT of any program is from the truth.
 
@@ -84,11 +102,15 @@ def score(
             broken |= not missing
             complain(f"{name}: no result, a miss" if missing else f"{error}; a miss")
             scores[name] = bm.score(None, bm.read_truth(place))
-    say(bm.score_table(scores))
+    numbers = {name: asdict(score) for name, score in scores.items()}
+    if as_json:
+        say_json(numbers)
+    else:
+        say(bm.score_table(scores))
     if out is not None:
-        bm.write(out, {name: asdict(score) for name, score in scores.items()})
+        bm.write(out, numbers)
     if broken:
-        raise typer.Exit(2)
+        raise typer.Exit(ExitCode.REFUSED)
 
 
 def _numbered(shots: list[bm.Shot], folder: Path) -> list[tuple[bm.Shot, Path]]:

@@ -1,11 +1,13 @@
 """The commands that separate an object from its background: solve and color."""
 
+import json
+import logging
 import math
 import shlex
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated
 
@@ -13,215 +15,266 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.asked import Asked, Task, kind
-from blurmatte.cli.inputs import Files, matching_of, places
-from blurmatte.cli.options import (
-    ColorFrom,
-    Colors,
-    Image,
-    Images,
-    Mask,
-    MatchName,
-    MaxBrightness,
-    MaxPixels,
-    NoiseFile,
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.console import (
+    ExitCode,
+    about,
+    color_numbers,
+    complain,
+    in_degrees,
+    say,
+    say_json,
+    swatches,
+    waiting,
+    warn,
+    with_progress,
+)
+from blurmatte.cli.output_checks import check_file, check_folder, check_kept
+from blurmatte.cli.selection import (
+    ROWS,
+    CameraReading,
+    ColorOptions,
     Occluder,
-    Plate,
-    Rank,
+    OutFolder,
+    PlateOptions,
     Region,
-    Require,
-    ShadedPlate,
-    Smoothness,
-    SolverName,
-    TransferName,
-)  # fmt: skip
-from blurmatte.cli.printing import complain, in_degrees, say, swatches
-from blurmatte.cli.program import about, app, told, waiting, with_progress
-from blurmatte.cli.targets import check_file, check_folder, check_kept
+    Selection,
+    expanded,
+    kind_of_color,
+    matching_of,
+    with_folders,
+)
 
-LESSER_GRADE = 3  # exit code: written, but with a lesser grade than --require asks for
-_TOLD = 5  # other things that moved
+Solver = bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded
+
+_SHOWN_BOXES = 5  # of other things that moved
 
 
-@app.command()
-@told
+@dataclass(frozen=True, eq=False)
+class _Task:
+    """What all images share."""
+
+    reading: CameraReading
+    plate: bm.LinearImage
+    notes: list[str]  # warnings of reading the plate
+    selection: Selection
+    occluder: Path | None
+    solver: Solver | None
+    matching: bm.Matching | None
+
+
+@command(
+    "solve throw.png --plate empty_room.png -o out/",
+    'solve "throws/*.png" --plate empty_room.png -o out/ --color "#d8ff3c" --json',
+)
 def solve(
-    images: Images,
-    plate: Plate,
-    out: Annotated[Path, typer.Option(help="Folder for the results, made if it is not there.")],
-    color: Colors = None,
-    color_from: ColorFrom = None,
-    rank: Rank = 1,
+    images: Annotated[
+        list[str], typer.Argument(metavar="IMAGE", help=f"Pictures with a streak: {ROWS}.")
+    ],
+    plate: PlateOptions,
+    out: OutFolder,
+    colors: ColorOptions,
+    reading: CameraReading,
     region: Region = None,
-    mask: Mask = None,
     occluder: Occluder = None,
-    transfer: TransferName = None,
-    noise: NoiseFile = None,
-    max_brightness: MaxBrightness = None,
-    solver: SolverName = "auto",
-    smoothness: Smoothness = None,
-    shaded_plate: ShadedPlate = None,
-    match: MatchName = "auto",
-    require: Require = None,
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
+    solver: Annotated[
+        str,
+        typer.Option(
+            metavar="NAME[:VALUE]",
+            help="auto, swept, smooth[:F], pixelwise, shaded[:FILE].",
+            show_default=False,
+        ),
+    ] = "auto",
+    require: Annotated[
+        str | None,
+        typer.Option(metavar="confirmed|plausible", help="Exit code 3 if a grade is lower."),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
 
-    Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json into
-    the folder; for several images, each into a folder of its own in there.
+    Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json; of
+    several images, each into a folder of its own.
     """
     required = _required(require)
+    method = _solver(solver, colors)
     check_folder(out)
-    inputs = [plate, *filter(None, (color_from, mask, occluder, shaded_plate, noise))]
-    for path, folder in places(images, out):
+    pairs = with_folders(images, out)
+    inputs = [plate.plate, *filter(None, (colors.color_from, occluder, reading.noise))]
+    for path, folder in pairs:
         check_kept([path, *inputs], folder)
-    way, matching = _solver(solver, smoothness), matching_of(match)
-    asked = Asked(tuple(color or ()), color_from, rank, region, mask, max_brightness)
-    files = _settled(_files(transfer, max_pixels, noise), places(images, out)[0][0], plate)
-    B, notes = files.read(plate)
-    if solver == "shaded":
-        way = _shaded(files, shaded_plate, color or [], B)
-    elif shaded_plate is not None:
-        raise ValueError(f"--shaded-plate is for --solver shaded, the solver is {solver}")
-    task = Task(files, asked)
-    failed, lesser = 0, 0
-    for path, folder in with_progress(places(images, out)):
+    selection = Selection(reading, colors, region)
+    reading = _with_curve(reading, pairs[0][0], plate.plate)
+    B, notes = reading.read(plate.plate)
+    method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
+    selection = replace(selection, reading=reading)
+    matching = matching_of(plate.match)
+    task = _Task(reading, B, notes, selection, occluder, method, matching)
+    failed, lower = 0, 0
+    for path, folder in with_progress(pairs, "solving"):
         try:
-            with about(path) as said:
-                C, _ = files.read(path, said)
-                found = bm.fit_match(C, B, matching)
-                matched = found.apply(B)
-                streak = task.streak(C, matched)
-                hidden = None if occluder is None else task.hidden(occluder, C)
-                with _telling_where(streak, C, matched):
-                    solution = bm.solve(
-                        C,
-                        matched,
-                        task.model(C, matched, streak),
-                        _beside(way, found),
-                        streak=streak,
-                        matching=bm.Matching.NONE,
-                        occluder=hidden,
-                    )
-                solution = _with_match(solution, found)
-                said += _doubted(path, solution)
-                said += _curve_doubted(path, C, matched, solution, files)
-                called = shlex.join(["blurmatte", *sys.argv[1:]])
-                bm.save_results(folder, C, matched, solution, called, notes + said)
+            solution, match = _solve_one(task, path, folder)
         except bm.BlurmatteError as error:
             complain(str(error))
             failed += 1
         else:
-            _say_answer(solution, found, folder)
-            lesser += _is_lesser(path, solution, required)
-    if failed or lesser:
-        raise typer.Exit(2 if failed else LESSER_GRADE)
+            if as_json:
+                report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+                say_json({"folder": folder, **report}, indent=2 if len(pairs) == 1 else None)
+            else:
+                _print_answer(solution, match, folder)
+            lower += _is_lower(path, solution, required)
+    if failed or lower:
+        raise typer.Exit(ExitCode.REFUSED if failed else ExitCode.LOW_GRADE)
 
 
-@app.command()
-@told
+def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
+    """Solve one image and write its results."""
+    with about(path) as said:
+        C, _ = task.reading.read(path, said)
+        match = bm.fit_match(C, task.plate, task.matching)
+        matched = match.apply(task.plate)
+        streak = task.selection.streak(C, matched)
+        hidden = None if task.occluder is None else task.selection.hidden(task.occluder, C)
+        with _naming_streaks(streak, C, matched):
+            solution = bm.solve(
+                C,
+                matched,
+                task.selection.model(C, matched, streak),
+                _matched(task.solver, match),
+                streak=streak,
+                matching=bm.Matching.NONE,
+                occluder=hidden,
+            )
+        agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
+        stats = {**solution.stats, "match": {**match.facts, **agreed}}
+        solution = replace(solution, stats=stats)
+        said += _warnings(path, solution)
+        said += _curve_warnings(path, C, matched, solution, task.reading)
+        logging.getLogger("blurmatte").info("writing the results")
+        called = shlex.join(["blurmatte", *sys.argv[1:]])
+        bm.save_results(folder, C, matched, solution, called, task.notes + said)
+    return solution, match
+
+
+@command(
+    "color throw.png --plate empty_room.png",
+    "color throw.png --plate empty_room.png --color 96,70,5 --color-from sharp.png -o ball.json",
+)
 def color(
-    image: Image,
-    plate: Plate,
-    out: Annotated[Path | None, typer.Option(help="Where to write the model: a .json.")] = None,
-    color: Colors = None,
-    color_from: ColorFrom = None,
-    rank: Rank = 1,
+    image: Annotated[str, typer.Argument(metavar="IMAGE", help="The picture with the streak.")],
+    plate: PlateOptions,
+    colors: ColorOptions,
+    reading: CameraReading,
     region: Region = None,
-    mask: Mask = None,
-    transfer: TransferName = None,
-    noise: NoiseFile = None,
-    max_brightness: MaxBrightness = None,
-    match: MatchName = "auto",
-    max_pixels: MaxPixels = bm.MAX_PIXELS,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="Write the color model: .json."),
+    ] = None,
+    as_json: AsJson = False,
 ) -> None:
     """Find the color of the moving object, and say how sure that is."""
     check_file(out, "a color model", ".json")
-    asked = Asked(tuple(color or ()), color_from, rank, region, mask, max_brightness)
-    files = _settled(_files(transfer, max_pixels, noise), image, plate)
-    B, _ = files.read(plate)
-    task = Task(files, asked)
-    with about(image) as said:
-        C, _ = files.read(image, said)
-        B = bm.match_plate(B, C, matching_of(match))
-        streak = task.streak(C, B)
-        with _telling_where(streak, C, B), waiting("finding its color"):
-            model = task.model(C, B, streak) or bm.fit_color(C, B, streak)
+    path = expanded([image])[0]
+    selection = Selection(reading, colors, region)
+    reading = _with_curve(reading, path, plate.plate)
+    selection = replace(selection, reading=reading)
+    B, _ = reading.read(plate.plate)
+    with about(path) as said, waiting("finding the color"):
+        C, _ = reading.read(path, said)
+        B = bm.match_plate(B, C, matching_of(plate.match))
+        streak = selection.streak(C, B)
+        with _naming_streaks(streak, C, B):
+            model = selection.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
+    if as_json:
+        say_json(color_numbers(model))
+        return
     say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
 
 
-def _files(transfer: str | None, max_pixels: int, noise: Path | None) -> Files:
-    return Files(transfer, max_pixels, None if noise is None else bm.read_noise(noise))
-
-
-def _settled(files: Files, image: Path, plate: Path) -> Files:
-    """With the curve that the streak allows, if that is asked for."""
-    if files.transfer != "auto":
-        return files
-    files = replace(files, transfer=None)
-    with about(image), waiting("finding its curve"):
-        fit = bm.fit_transfer(files.read(image)[0], files.read(plate)[0])
+def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReading:
+    """With the transfer curve that explains the streak, if `auto` was asked for."""
+    if reading.transfer != "auto":
+        return reading
+    reading = replace(reading, transfer=None)
+    with about(image), waiting("finding the transfer curve"):
+        fit = bm.fit_transfer(reading.read(image)[0], reading.read(plate)[0])
     also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
     say(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))
-    return files if fit.best is fit.curves[0] else replace(files, transfer=fit.best.name)
+    return reading if fit.best is fit.curves[0] else replace(reading, transfer=fit.best.name)
 
 
-Solver = bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded
-
-
-def _shaded(
-    files: Files, shaded_plate: Path | None, colors: list[str], plate: bm.LinearImage
-) -> bm.Shaded:
-    """The solver that knows the plate in shadow, or the object's own light."""
-    if shaded_plate is not None:
-        return bm.Shaded(plate=files.read(shaded_plate)[0])
-    if len(colors) != 1 or kind(colors[0]) != "hex" or plate.meta.to_srgb is not None:
-        raise ValueError(
-            "--solver shaded needs --shaded-plate FILE; or, of pictures that are not camera RAW, one "
-            "hex --color that is the object's own light, brightness included"
-        )
-    bm.ColorModel.from_hex(colors[0])  # refuses what is no color
-    codes = np.array(list(bytes.fromhex(colors[0].removeprefix("#"))))
-    r, g, b = bm.SRGB.decode(codes / 255)
-    return bm.Shaded(light=(float(r), float(g), float(b)))
-
-
-def _beside(way: Solver | None, match: bm.Match) -> Solver | None:
-    """The solver, its plate in shadow matched like the other plate."""
-    if isinstance(way, bm.Shaded) and way.plate is not None:
-        return replace(way, plate=match.apply(way.plate))
-    return way
-
-
-def _solver(name: str, smoothness: float | None) -> Solver | None:
-    """The solver of a name; None: what suits, or is known later."""
-    if smoothness is not None and name != "smooth":
-        raise ValueError(f"--smoothness is for --solver smooth, the solver is {name}")
-    if smoothness is not None and not (math.isfinite(smoothness) and smoothness > 0):
-        raise ValueError(f"--smoothness must be above 0, got {smoothness:g}")
+def _solver(text: str, colors: ColorOptions) -> Solver | None:
+    """The solver of NAME or NAME:VALUE; None: all hypotheses, or it needs pictures."""
+    name, colon, value = text.partition(":")
+    if name not in ("smooth", "shaded") and colon:
+        raise ValueError(f"--solver {name} takes no value, got {text!r}")
     match name:
-        case "auto" | "shaded":
+        case "auto":
+            return None
+        case "shaded":
+            if not value and (len(colors.color or ()) != 1 or colors.kinds != {"hex"}):
+                raise ValueError(_SHADED)
             return None
         case "swept":
             return bm.Swept()
         case "smooth":
-            return bm.Smooth() if smoothness is None else bm.Smooth(smoothness)
+            return bm.Smooth(_smoothness(value)) if colon else bm.Smooth()
         case "pixelwise":
             return bm.Pixelwise()
-    raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {name!r}")
+    raise ValueError(f"--solver must be auto, swept, smooth, pixelwise or shaded, got {text!r}")
+
+
+def _smoothness(text: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not (math.isfinite(value) and value > 0):
+        raise ValueError(f"--solver smooth:F must have a number F above 0, got {text!r}")
+    return value
+
+
+_SHADED = (
+    "--solver shaded needs the plate in shadow, shaded:FILE; or, of pictures that are not camera RAW, "
+    "one hex --color that is the object's own light, brightness included"
+)
+
+
+def _shaded(
+    reading: CameraReading, solver: str, colors: ColorOptions, plate: bm.LinearImage
+) -> bm.Shaded:
+    """The solver that knows the plate in shadow, or the object's own light."""
+    path = solver.partition(":")[2]
+    if path:
+        return bm.Shaded(plate=reading.read(Path(path))[0])
+    (text,) = colors.color or ("",)
+    if kind_of_color(text) != "hex" or plate.meta.to_srgb is not None:
+        raise ValueError(_SHADED)
+    bm.ColorModel.from_hex(text)  # refuses what is no color
+    codes = np.array(list(bytes.fromhex(text.removeprefix("#"))))
+    r, g, b = bm.SRGB.decode(codes / 255)
+    return bm.Shaded(light=(float(r), float(g), float(b)))
+
+
+def _matched(solver: Solver | None, match: bm.Match) -> Solver | None:
+    """The solver, its plate in shadow matched like the other plate."""
+    if isinstance(solver, bm.Shaded) and solver.plate is not None:
+        return replace(solver, plate=match.apply(solver.plate))
+    return solver
 
 
 def _required(name: str | None) -> bm.Grade | None:
-    """The least grade of a name; None: any will do."""
+    """The lowest grade of a name; None: any will do."""
     if name not in (None, bm.Grade.CONFIRMED, bm.Grade.PLAUSIBLE):
         raise ValueError(f"--require must be confirmed or plausible, got {name!r}")
     return None if name is None else bm.Grade(name)
 
 
-def _is_lesser(path: Path, solution: bm.Solution, required: bm.Grade | None) -> bool:
-    """Whether a solution has a lesser grade than required, or none; complains if so."""
+def _is_lower(path: Path, solution: bm.Solution, required: bm.Grade | None) -> bool:
+    """Whether a solution has a lower grade than required, or none; complains if so."""
     grades = list(bm.Grade)  # the best first
     if required is None or grades.index(solution.grade) <= grades.index(required):
         return False
@@ -230,17 +283,11 @@ def _is_lesser(path: Path, solution: bm.Solution, required: bm.Grade | None) -> 
     return True
 
 
-def _with_match(solution: bm.Solution, match: bm.Match) -> bm.Solution:
-    """The solution of a matched plate, with what was done to the plate before."""
-    agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
-    return replace(solution, stats={**solution.stats, "match": {**match.facts, **agreed}})
-
-
 @contextmanager
-def _telling_where(
+def _naming_streaks(
     streak: bm.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
 ) -> Iterator[None]:
-    """Add to a refusal what moved, if nobody chose one."""
+    """Add to a refusal what moved, if nobody chose a region."""
     try:
         yield
     except (bm.ColorModelError, bm.MotionError) as error:
@@ -254,27 +301,31 @@ def _telling_where(
 
 
 def _some(boxes: list[str]) -> str:
-    more = f" and {len(boxes) - _TOLD} more" if len(boxes) > _TOLD else ""
-    return " ".join(boxes[:_TOLD]) + more
+    more = f" and {len(boxes) - _SHOWN_BOXES} more" if len(boxes) > _SHOWN_BOXES else ""
+    return " ".join(boxes[:_SHOWN_BOXES]) + more
 
 
-def _doubted(path: Path, solution: bm.Solution) -> list[str]:
-    """Warn of what cannot be true in a solution; returns the warnings."""
+def _warnings(path: Path, solution: bm.Solution) -> list[str]:
+    """Print what cannot be true in a solution; returns the warnings."""
     from blurmatte.explain import doubts
 
     lines = [f"{path}: {doubt.rstrip('.')}" for doubt in doubts(solution)]
     for line in lines:
-        complain(f"warning: {line}")
+        warn(line)
     return lines
 
 
-def _curve_doubted(
-    path: Path, image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, files: Files
+def _curve_warnings(
+    path: Path,
+    image: bm.LinearImage,
+    plate: bm.LinearImage,
+    solution: bm.Solution,
+    reading: CameraReading,
 ) -> list[str]:
-    """Warn if another curve lets a disc of one color explain what is not one now."""
+    """Print a warning if only another transfer curve lets a disc of one color explain the streak."""
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if _is_explained_by_disc(solution) or files.transfer is not None or not alike:
+    if _is_explained_by_disc(solution) or reading.transfer is not None or not alike:
         return []
     fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
@@ -283,7 +334,7 @@ def _curve_doubted(
         f"{path}: light looks bent: with --transfer {fit.best.name} a disc of one color explains "
         f"the streak, with {fit.curves[0].name} none does"
     )
-    complain(f"warning: {line}")
+    warn(line)
     return [line]
 
 
@@ -295,19 +346,15 @@ def _is_explained_by_disc(solution: bm.Solution) -> bool:
     return sweep.silhouette.name == "disc" and sweep.model.rank == 1
 
 
-def _say_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
-    """The grade and what it means, the colors, the plate, what else moved, and the sheet."""
+def _print_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
+    """The grade and its meaning, the colors, the plate, what else moved, and the sheet."""
     from blurmatte.explain import also_fits, grade_in_words
 
     graded = *grade_in_words(solution), *also_fits(solution)
     lines = [*graded, str(solution), in_degrees(solution.model)]
     if match.moves or match.changes_light:
         lines.append(f"plate: {match.in_words}")
-    say("\n".join([*lines, *_others(solution), str(folder / "overview.png")]))
-
-
-def _others(solution: bm.Solution) -> Iterator[str]:
-    """What else moved, as regions to copy."""
     boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
     if boxes:
-        yield f"also moved, choose with --region: {_some(boxes)}"
+        lines.append(f"also moved, choose with --region: {_some(boxes)}")
+    say("\n".join([*lines, str(folder / "overview.png")]))

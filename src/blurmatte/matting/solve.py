@@ -3,6 +3,7 @@
 All but `Pixelwise` looks at the streak's surroundings only; beyond them alpha is 0 and OUTSIDE.
 """
 
+import logging
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
@@ -64,6 +65,7 @@ from blurmatte.sweep.assess.model_selection import (
 Solver = Pixelwise | Smooth | Swept | Shaded
 Box = tuple[int, int, int, int]
 
+_LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 _MARGIN = 16  # pixels around a streak: of surroundings that stand still
 
 
@@ -142,12 +144,14 @@ def solve(
     hidden = np.zeros(image.valid.shape, bool) if occluder is None else occluder
     check_map("occluder", hidden, image.valid.shape, kinds="b")
     image = _without(image, hidden)
+    _LOG.info("finding the streak")
     found = [streak] if streak is not None else joined_behind(require_streaks(image, plate), hidden)
     pictures = _Pictures(image, plate, match, hidden)
     case = _case_of(pictures, found, _of_light(solver, model), solver, start)
     warn_if_plate_differs(image, plate, case.found)
     others = [other for other in found if other is not case.found]
     only_lost = only_light_lost(image, plate, case.found)
+    _LOG.info("solving alpha")
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         maps = _each_alone(case, _box_of(case), out)
         measures = _by_solver(case, maps)
@@ -257,6 +261,7 @@ def _case_of(
             return _Case(pictures, found[0], model, solver, None)
     else:
         found = [likeliest_streak(image, plate, found)]
+    _LOG.info("fitting the sweep")
     hypotheses = fit_hypotheses(image, plate, found[0], model, start)
     sweep = hypotheses.best
     if model is None or model.covariance.any():
@@ -332,6 +337,8 @@ def _by_hypotheses(case: _Case, out: PixelMaps | None) -> tuple[_Case, PixelMaps
     hypotheses = case.hypotheses
     assert hypotheses is not None
     sweeps = hypotheses.sweeps
+    if case.solver is None:
+        _LOG.info("solving alpha without a shape")
     free = [] if case.solver is not None else _without_shape(case)
     evidence = [*hypotheses.evidence, *(one.evidence for one in free)]
     weights = hypothesis_weights(evidence)

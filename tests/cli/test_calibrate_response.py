@@ -85,10 +85,10 @@ def test_curves_work_where_transfers_do(bracket, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "does not tell its exposure time; give exposure_times (--exposures"),
+        ([], "exposure time; give --exposures 1/60,1/15"),
         (["--exposures", "1/60,x"], "--exposures must be seconds like 1/60,1/15,0.5, got '1/60,x'"),
         (["--exposures", "1/0,1,2"], "--exposures must be seconds"),
-        (["--exposures", "1,2"], "exposure_times must be 3 numbers, got 2"),
+        (["--exposures", "1,2"], "--exposures must be 3 numbers, got 2"),
         (["--exposures", "1,1,1"], "the exposure times are all about 1 s"),
         (["--exposures", "4,2,1"], "are equally bright, or the second darker"),
         (["--exposures", "1,2,4", "--out", "curve.png"], "is written as .json"),

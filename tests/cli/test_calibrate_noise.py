@@ -73,7 +73,7 @@ def test_one_picture(folder, way):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["f0.png"], "f0.png: one picture does not tell noise from scene: give several frames"),
+        (["f0.png"], "f0.png: give several frames of a still scene, or --plate"),
         (["f0.png", "--region", "5,5,9,9"], "there are 16 pixels to measure noise in"),
         (["f0.png", "--region", "5,5,900,9"], "region 5,5,900,9 must lie in the picture"),
         (["f0.png", "--region", "5,5"], "--region must be x0,y0,x1,y1"),

@@ -1,4 +1,4 @@
-"""blurmatte measure of a clip: the table, the sheet, going on, one line where something is wrong."""
+"""blurmatte track: the table, the sheet, going on, one line where something is wrong."""
 
 import csv
 import json
@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
-from blurmatte.cli.clip_table import Given, table
+from blurmatte.cli.clip_table import Known, table
 from blurmatte.motion import Workers
 from blurmatte.rendering import colorful_plate
 
@@ -35,12 +35,12 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture
-def measure(folder):
-    """Run `blurmatte measure` on the pictures."""
+def track(folder):
+    """Run `blurmatte track` on the pictures."""
 
     def run(*options):
         given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb", *options]
-        return CliRunner().invoke(app, ["measure", str(folder / "f*.png"), *map(str, given)])
+        return CliRunner().invoke(app, ["track", str(folder / "f*.png"), *map(str, given)])
 
     return run
 
@@ -50,9 +50,9 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_the_table_is_right(measure, tmp_path):
+def test_the_table_is_right(track, tmp_path):
     """Oracle: the places that were rendered, all frames, the direction of time, meters per second."""
-    result = measure(
+    result = track(
         "--out", tmp_path / "t.csv", "--rate", 25, "--diameter", "16mm", "--exposure", "1/100"
     )
     assert (result.exit_code, result.stderr) == (0, "")
@@ -76,37 +76,37 @@ def test_a_rolling_shutter_shows_what_falls_for_longer():
     )  # fmt: skip
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
     rows = [bm.FrameMotion(k, None, s, 1, way) for k, (s, way) in enumerate(seen)]
-    given = Given(None, None, None, (0.01, 0.0), 2e-5)
-    lines = table(rows, None, [], given)
+    known = Known(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
+    lines = table(rows, None, [], known)
     fast = 100 / 0.0084
     slow = 100 / 0.0116
     assert [line["speed"] for line in lines] == pytest.approx([slow, fast, (slow + fast) / 2, None])
     stds = [line["speed_std"] for line in lines[:3]]
     assert stds == pytest.approx([0, 0, (fast - slow) / 2], abs=1e-9)
-    per_exposure = table(rows, None, [], replace(given, time=None))
+    per_exposure = table(rows, None, [], replace(known, time=None))
     assert [line["speed"] for line in per_exposure[:3]] == [100.0] * 3
-    impossible = table(rows, None, [], replace(given, line_time=2e-4))
+    impossible = table(rows, None, [], replace(known, line_time=2e-4))
     assert impossible[1]["speed"] is None
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
 
 
-def test_all_forms_say_the_same(measure, tmp_path):
+def test_all_forms_say_the_same(track, tmp_path):
     """Exact: CSV, JSON, Parquet and the output."""
     from pyarrow.parquet import read_table
 
-    printed = json.loads(measure("--json", "--out", tmp_path / "t.json").stdout)["rows"]
-    measure("--out", tmp_path / "t.csv")
-    measure("--out", tmp_path / "t.parquet")
+    printed = json.loads(track("--json", "--out", tmp_path / "t.json").stdout)["rows"]
+    track("--out", tmp_path / "t.csv")
+    track("--out", tmp_path / "t.parquet")
     assert json.loads((tmp_path / "t.json").read_text()) == printed
     assert read_table(tmp_path / "t.parquet").to_pylist() == printed
     as_text = [{k: "" if v is None else str(v) for k, v in row.items()} for row in printed]
     assert rows_of(tmp_path / "t.csv") == as_text
 
 
-def test_it_goes_on_after_a_break(measure, tmp_path, monkeypatch):
+def test_it_goes_on_after_a_break(track, tmp_path, monkeypatch):
     """Exact: interrupted after two frames, cut within a line, gone on with: the same table."""
     out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
-    measure("--out", out)
+    track("--out", out)
     whole = out.read_bytes()
     out.unlink()
     real = bm.sightings
@@ -118,39 +118,39 @@ def test_it_goes_on_after_a_break(measure, tmp_path, monkeypatch):
             yield seen
 
     monkeypatch.setattr(bm, "sightings", interrupted)
-    stopped = measure("--out", out)
+    stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
-    assert f"{begun}: keeps the frames that are done; go on with --resume" in stopped.stderr
+    assert f"{begun}: keeps the finished frames; add --resume to continue" in stopped.stderr
     assert not out.exists()
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
-    refused = measure("--out", out)
+    refused = track("--out", out)
     assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
-    assert "go on with --resume, or delete it" in refused.stderr
-    other = measure("--out", out, "--resume", "--step", 2)
+    assert "add --resume to continue the interrupted run, or delete it" in refused.stderr
+    other = track("--out", out, "--resume", "--frames", "::2")
     assert "was begun with other options" in other.stderr
     skipped = []
     monkeypatch.setattr(bm, "sightings", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o))
-    assert measure("--out", out, "--resume").exit_code == 0
+    assert track("--out", out, "--resume").exit_code == 0
     assert skipped == [2]
     assert out.read_bytes() == whole
     assert not begun.exists()
 
 
-def test_the_sheet(measure, tmp_path, folder):
+def test_the_sheet(track, tmp_path, folder):
     """Exact: it is there, with a color from a file."""
     path = tmp_path / "path.png"
-    result = measure("--overlay", path, "--color", folder / "color.json", "--stop", 2)
+    result = track("--overlay", path, "--color", folder / "color.json", "--frames", ":2")
     assert "Found in 2 of 2 frames" in result.stdout
     assert "No fall to check" in result.stdout
     with Image.open(path) as sheet:
         assert sheet.width == 1800
 
 
-def test_of_several_objects(measure, tmp_path):
+def test_of_several_objects(track, tmp_path):
     """Exact: where there is one, the same table; each has its words and its fall."""
-    measure("--out", tmp_path / "one.csv", "--rate", 25)
-    told = json.loads(measure("--several", "--json", "--rate", 25, "--gravity", 9.81).stdout)
-    measure("--out", tmp_path / "all.csv", "--rate", 25, "--several")
+    track("--out", tmp_path / "one.csv", "--rate", 25)
+    told = json.loads(track("--several", "--json", "--rate", 25, "--gravity", 9.81).stdout)
+    track("--out", tmp_path / "all.csv", "--rate", 25, "--several")
     assert (tmp_path / "all.csv").read_bytes() == (tmp_path / "one.csv").read_bytes()
     assert [row["object"] for row in told["rows"]] == [1] * FRAMES
     assert told["falls"][0]["fits"]
@@ -160,26 +160,26 @@ def test_of_several_objects(measure, tmp_path):
     assert "Object 1: in 5 frames, 0 to 4. Radius" in words
     assert "Gravity was not used: no free fall that gravity" in words
     none = json.loads(
-        measure("--several", "--least", 6, "--json", "--overlay", tmp_path / "a.png").stdout
+        track("--several", "--least", 6, "--json", "--overlay", tmp_path / "a.png").stdout
     )
     assert none["falls"] == []
     assert {row["object"] for row in none["rows"]} == {None}
 
 
-def test_gravity_gives_the_scale(measure, tmp_path):
+def test_gravity_gives_the_scale(track, tmp_path):
     """Oracle: of a camera on its side; a scale that was given is checked; down it does not fall."""
     asked = "--rate", 25, "--gravity", "-9.81,0±0.01", "--json"
-    told = json.loads(measure(*asked, "--exposure", "1/100").stdout)
+    told = json.loads(track(*asked, "--exposure", "1/100").stdout)
     scale, std = (told["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
     assert abs(scale - 9.81 / (4 * 25**2)) < 4 * std
     assert told["rows"][0]["speed"] == pytest.approx(10 * scale * 100, rel=0.05)
-    fall = json.loads(measure(*asked, "--scale", "1mm").stdout)["fall"]
+    fall = json.loads(track(*asked, "--scale", "1mm").stdout)["fall"]
     assert fall["lengths_by_gravity"] == pytest.approx(1000 * scale)
-    unused = measure("--rate", 25, "--gravity", "9.81m/s²", "--out", tmp_path / "t.csv")
+    unused = track("--rate", 25, "--gravity", "9.81m/s²", "--out", tmp_path / "t.csv")
     assert unused.exit_code == 0
     (line,) = (line for line in unused.stdout.splitlines() if "Gravity was not used" in line)
     assert "points 90° off gravity" in line
-    measure("--rate", 25, "--out", tmp_path / "same.csv")
+    track("--rate", 25, "--out", tmp_path / "same.csv")
     assert (tmp_path / "t.csv").read_bytes() == (tmp_path / "same.csv").read_bytes()
 
 
@@ -188,14 +188,14 @@ def test_gravity_gives_the_scale(measure, tmp_path):
     [
         (("--gravity", "1,2,3,4"), "--gravity must be 9.81, x,y or x,y,z in m/s²"),
         (("--gravity", "9.81km"), "--gravity must be 9.81, x,y or x,y,z in m/s²"),
-        (("--step", 0), "--step must be at least 1"),
-        (("--start", 9), "there are no such frames"),
-        (("--start", "x"), "a frame must be a number"),
+        (("--frames", "0:9:0"), "--frames must have a step of at least 1"),
+        (("--frames", "9:"), "there are no such frames"),
+        (("--frames", "x:"), "--frames must have frames as a number"),
         (("--out", "t.txt"), "a table is written as .csv or .json or .parquet"),
-        (("--least", 2), "--least is for --several objects"),
+        (("--least", 2), "--least needs --several"),
         (("--several", "--least", 0), "--least must be at least 1, got 0"),
-        (("--resume",), "--resume goes on with the table that --out names"),
-        (("--going", "up"), "are for a layer, not for a clip"),
+        (("--resume",), "--resume needs --out"),
+        (("--going", "up"), "No such option: --going"),
         (("--line-time", "fast"), "--line-time must be a time like"),
         (("--line-time", "15ms", "--rate", 25), "a frame lasts 0.04 s: give --line-time with its"),
         (("--color", "greenish"), "greenish"),
@@ -207,28 +207,21 @@ def test_gravity_gives_the_scale(measure, tmp_path):
         (("--exposure", "0"), "--exposure must be above 0, got '0'"),
         (("--exposure", "-1/60"), "--exposure must be above 0, got '-1/60'"),
         (("--plate", "nowhere.exr"), "nowhere.exr"),
-        (("--overlay", "sheet.txt", "--stop", 1), "change the ending"),
+        (("--overlay", "sheet.txt", "--frames", ":1"), "change the ending"),
     ],
 )
-def test_wrong_options_are_one_line(measure, options, complaint, tmp_path, monkeypatch):
+def test_wrong_options_are_one_line(track, options, complaint, tmp_path, monkeypatch):
     """Door."""
     monkeypatch.chdir(tmp_path)
-    result = measure(*options)
+    result = track(*options)
     assert result.exit_code == 2
     assert result.stderr.count("\n") == 1
     assert complaint in result.stderr
 
 
-def test_no_more_processes_than_frames_are_started(measure, monkeypatch):
+def test_no_more_processes_than_frames_are_started(track, monkeypatch):
     """Exact: a thousand were, whatever there was for them to do."""
     asked = []
     monkeypatch.setattr(bm, "Workers", lambda count: asked.append(count) or Workers(1))
-    measure("--workers", 1000, "--stop", 2)
+    track("--workers", 1000, "--frames", ":2")
     assert asked == [2]
-
-
-def test_options_of_a_clip_are_not_for_a_layer():
-    """Door."""
-    result = CliRunner().invoke(app, ["measure", "layer.exr", "--rate", "25"])
-    assert result.exit_code == 2
-    assert "are for a clip" in result.stderr

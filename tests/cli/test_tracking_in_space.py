@@ -1,4 +1,4 @@
-"""blurmatte measure of a clip with a camera: places in space, their fall, wrong options in one line."""
+"""blurmatte track with a camera: places in space, their fall, wrong options in one line."""
 
 import csv
 import json
@@ -40,23 +40,23 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def measure(folder):
-    """Run `blurmatte measure` on the pictures."""
+def track(folder):
+    """Run `blurmatte track` on the pictures."""
 
     def run(*options, camera="cam.json"):
         given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb"]
         given += ["--camera", folder / camera, *options]
-        return CliRunner().invoke(app, ["measure", str(folder / "f*.png"), *map(str, given)])
+        return CliRunner().invoke(app, ["track", str(folder / "f*.png"), *map(str, given)])
 
     return run
 
 
 @pytest.fixture(scope="module")
-def told(measure, folder):
+def told(track, folder):
     """All that is said of the flight, its table and its sheet."""
     options = "--rate", RATE, "--radius", "20mm±0.1mm", "--exposure", "1/120", "--gravity", 9.80665
     table = "--out", folder / "t.csv", "--overlay", folder / "sheet.png"
-    result = measure(*options, *table, "--json")
+    result = track(*options, *table, "--json")
     assert (result.exit_code, result.stderr) == (0, "")
     return json.loads(result.stdout)
 
@@ -101,10 +101,10 @@ def test_the_table_and_the_sheet(told, folder):
         assert sheet.width == 1800
 
 
-def test_a_wrong_radius_shows_in_the_fall(measure):
+def test_a_wrong_radius_shows_in_the_fall(track):
     """Exact: the diameter as radius; the words of each object say what to look at."""
     said = " ".join(
-        measure("--rate", RATE, "--radius", "40mm", "--several", "--stop", 4).stdout.splitlines()
+        track("--rate", RATE, "--radius", "40mm", "--several", "--frames", ":4").stdout.splitlines()
     )
     assert "Object 1: in 4 frames, 0 to 3." in said
     assert "In space in 4 of 4 frames" in said
@@ -113,15 +113,15 @@ def test_a_wrong_radius_shows_in_the_fall(measure):
     assert "is it the radius that was given, not the diameter?" in said
 
 
-def test_a_camera_of_other_pictures(measure, folder):
+def test_a_camera_of_other_pictures(track, folder):
     """Door: of a known size it is refused, of an unknown one it is warned of; times are missing."""
     fields = json.loads((folder / "cam.json").read_text())
     (folder / "other.json").write_text(json.dumps({**fields, "size": [480, 360]}))
-    refused = measure("--radius", "2cm", camera="other.json")
+    refused = track("--radius", "2cm", camera="other.json")
     assert refused.exit_code == 2
     assert "calibrated with pictures of 480x360 pixels, and this has 240x180" in refused.stderr
     (folder / "far.json").write_text(json.dumps({**fields, "size": None, "cx": 236, "cy": 182}))
-    warned = measure("--radius", "2cm", "--stop", 1, camera="far.json")
+    warned = track("--radius", "2cm", "--frames", ":1", camera="far.json")
     assert warned.exit_code == 0
     assert "axis meets the picture at (236, 182), far from its middle" in warned.stderr
     assert warned.stderr.count("\n") == 1
@@ -138,18 +138,18 @@ def test_a_camera_of_other_pictures(measure, folder):
         ),
         (("--radius", "0"), "--radius must be above 0, got '0'"),
         (("--diameter", "-4cm"), "--diameter must be above 0, got '-4cm'"),
-        (("--radius", "2cm", "--diameter", "4cm"), "needs the ball's true size alone"),
-        (("--radius", "2cm", "--scale", "1mm"), "needs the ball's true size alone"),
+        (("--radius", "2cm", "--diameter", "4cm"), "give one of --radius, --diameter"),
+        (("--radius", "2cm", "--scale", "1mm"), "give the ball's true size alone"),
         (("--radius", "2cm", "--gravity", "0,9.81"), "like 0,9.81,0; got two numbers, '0,9.81'"),
         (("--radius", "2cm", "--gravity", "-9.81"), "--gravity must be above 0, or a vector"),
         (("--radius", "2cm", "--gravity", "0,0,0"), "--gravity must be above 0, or a vector"),
-        (("--radius", "2cm", "--speed", "3"), "are for a layer, not for a clip"),
+        (("--radius", "2cm", "--speed", "3"), "No such option: --speed"),
         (("--radius", "2cm", "--line-time", "fast"), "--line-time must be a time like"),
     ],
 )
-def test_wrong_options_are_one_line(measure, options, complaint):
+def test_wrong_options_are_one_line(track, options, complaint):
     """Door: before anything is measured."""
-    result = measure(*options)
+    result = track(*options)
     assert (result.exit_code, result.stdout) == (2, "")
     assert result.stderr.count("\n") == 1
     assert complaint in result.stderr

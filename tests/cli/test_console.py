@@ -4,7 +4,7 @@ import io
 
 import pytest
 
-from blurmatte.cli.program import waiting, with_progress
+from blurmatte.cli.console import waiting, with_progress
 
 
 class Screen(io.StringIO):
@@ -42,6 +42,6 @@ def test_who_waits_for_one_thing_sees_what_it_is(monkeypatch):
 def test_a_file_holds_no_bars(capsys):
     with waiting("finding its color"):
         pass
-    assert list(with_progress([1, 2])) == [1, 2]
+    assert list(with_progress([1, 2], "solving")) == [1, 2]
     assert capsys.readouterr().err == ""
-    assert list(with_progress(iter("ab"), count=2)) == ["a", "b"]
+    assert list(with_progress(iter("ab"), "solving", count=2)) == ["a", "b"]

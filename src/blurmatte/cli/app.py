@@ -1,0 +1,287 @@
+"""The program: its commands and their help, the options that all have, and how a command ends."""
+
+import inspect
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import MISSING, fields, is_dataclass
+from typing import Annotated, Any, TypeVar
+
+import typer
+from typer.core import TyperCommand, TyperGroup
+
+import blurmatte as bm
+from blurmatte.cli.console import (
+    GENERAL,
+    ExitCode,
+    Verbosity,
+    complain,
+    explain_failure,
+    printing,
+    say,
+    warn,
+)
+from blurmatte.cli.old_spellings import modern
+
+F = TypeVar("F", bound=Callable[..., None])
+
+ORDER = "blurmatte.order"  # where a context keeps the options in the order in which they were typed
+_MAIN = "Arguments and options"
+_WIDTH = 100  # columns of help at most
+_SECTIONS = {
+    "Commands": ("solve", "measure", "track", "edit"),
+    "More on color and motion": ("color", "paints", "locate"),
+    "Layers and pictures": ("remove", "compose", "stack", "show", "info"),
+    "Before you start": ("plate", "calibrate"),
+    "Scenes with a known truth": ("render", "score"),
+}
+
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the answer as JSON.", rich_help_panel=GENERAL)
+]
+_Quiet = Annotated[
+    bool,
+    typer.Option("--quiet", "-q", help="No progress, no warnings.", rich_help_panel=GENERAL),
+]
+_Verbose = Annotated[
+    bool,
+    typer.Option(
+        "--verbose", "-v", help="Stages with their times; tracebacks.", rich_help_panel=GENERAL
+    ),
+]
+
+
+class Command(TyperCommand):
+    """A command whose help begins with an example and shows options in groups."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse; also keep the order of the options, which their values do not show."""
+        ctx.meta[ORDER] = [word.split("=")[0] for word in args if word.startswith("--")]
+        return super().parse_args(ctx, args)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """Examples, usage, text, and a section for each group of options."""
+        _format_examples(self.epilog or "", formatter)
+        self.format_usage(ctx, formatter)
+        self.format_help_text(ctx, formatter)
+        groups: dict[str, list[tuple[str, str]]] = {_MAIN: []}
+        for param in self.get_params(ctx):
+            group = getattr(param, "rich_help_panel", None)
+            if param.name == "help":
+                group = GENERAL
+            if (record := param.get_help_record(ctx)) is not None:
+                names, text = record
+                if param.param_type_name == "argument":
+                    names = names.split(" <")[0]
+                groups.setdefault(group or _MAIN, []).append((names, text))
+        general = groups.pop(GENERAL)
+        for title, records in [*groups.items(), (GENERAL, general)]:
+            with formatter.section(title):
+                formatter.write_dl(records, col_max=34)
+
+
+def _format_examples(lines: str, formatter: Any) -> None:
+    """Command lines; a line that begins with spaces continues the one before."""
+    for line in lines.splitlines():
+        formatter.write(f"  {line}\n" if line.startswith(" ") else f"$ blurmatte {line}\n")
+    formatter.write("\n")
+
+
+class _Group(TyperGroup):
+    """Prints what is wrong with the options as one line, and lists commands in sections."""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], *more: Any, **kwargs: Any
+    ) -> Any:
+        """Parse; an empty argument would be the current folder if it were taken as a path."""
+        with _usage_in_one_line():
+            if "" in args:
+                raise typer.BadParameter(
+                    "an argument is empty; a variable of the shell may not be set"
+                )
+            return super().make_context(info_name, args, *more, **kwargs)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command that was named."""
+        with _usage_in_one_line():
+            return super().invoke(ctx)
+
+    def format_help(self, ctx: Any, formatter: Any) -> None:
+        """An example, the commands, and the few options."""
+        _format_examples(self.epilog or "", formatter)
+        self.format_help_text(ctx, formatter)
+        self.format_commands(ctx, formatter)
+        records = [one.get_help_record(ctx) for one in self.get_params(ctx)]
+        with formatter.section("Options"):
+            formatter.write_dl([record for record in records if record is not None])
+        formatter.write("\n  COMMAND --help shows examples and the options of a command.\n")
+
+    def format_commands(self, ctx: Any, formatter: Any) -> None:
+        """One section for each group of commands."""
+        commands = dict(self.commands)
+        sections = _SECTIONS if "solve" in commands else {"Commands": tuple(commands)}
+        for title, names in sections.items():
+            with formatter.section(title):
+                limit = formatter.width - 13
+                formatter.write_dl([(n, commands[n].get_short_help_str(limit)) for n in names])
+
+
+class _Program(_Group):
+    """Understands the spellings of the version before, and says what they are now."""
+
+    def make_context(
+        self, info_name: str | None, args: list[str], *more: Any, **kwargs: Any
+    ) -> Any:
+        """Parse the arguments in today's spelling."""
+        today, changed = modern(args)
+        if changed and "-q" not in args and "--quiet" not in args:
+            warn(f"an old spelling, which the next version will refuse; now: {_typed(today)}")
+        return super().make_context(info_name, today, *more, **kwargs)
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of the commands in the order of the help."""
+        return [name for names in _SECTIONS.values() for name in names]
+
+
+def _typed(args: list[str]) -> str:
+    import shlex
+
+    return shlex.join(["blurmatte", *args])
+
+
+@contextmanager
+def _usage_in_one_line() -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:
+        message = error.format_message().strip() if hasattr(error, "format_message") else "\n"
+        if "\n" not in message:  # else it is the help, or nothing about usage
+            where = getattr(getattr(error, "ctx", None), "command_path", "blurmatte")
+            line = f"{message.rstrip('.')}; see {where} --help"
+            error.show = lambda file=None: complain(line)  # type: ignore[attr-defined]
+        raise
+
+
+_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": _WIDTH + 2}
+
+app = typer.Typer(
+    cls=_Program,
+    help="Alpha and color of motion-blurred objects over a known background.",
+    epilog="solve throw.png --plate empty_room.png -o out/",
+    no_args_is_help=True,
+    rich_markup_mode=None,  # rich takes longer to import than everything else
+    pretty_exceptions_enable=False,
+    context_settings=_HELP,
+)
+
+calibrate = typer.Typer(
+    cls=_Group,
+    help="Measure a camera: its noise, or its response curve.",
+    epilog="calibrate noise 'still/*.png' -o camera.json",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+    context_settings=_HELP,
+)
+app.add_typer(calibrate, name="calibrate")
+
+
+def command(*examples: str, group: typer.Typer = app) -> Callable[[F], F]:
+    """Make a function a command of the program.
+
+    A parameter whose type is a dataclass stands for one option for each of its fields. Every command
+    also has --quiet and --verbose. `examples` are shown at the beginning of its help.
+    """
+
+    def register(function: F) -> F:
+        group.command(cls=Command, epilog="\n".join(examples), context_settings=_HELP)(
+            _with_options(function)
+        )
+        return function
+
+    return register
+
+
+def _with_options(function: Callable[..., None]) -> Callable[..., None]:
+    """The function with an option for each field, and with one line for each error."""
+    groups, parameters = _options_of(function)
+
+    def run(**values: Any) -> None:
+        with _ending(values.pop("quiet"), values.pop("verbose")):
+            for name, kind in groups.items():
+                values[name] = kind(**{f.name: values.pop(f.name) for f in fields(kind)})
+            function(**values)
+
+    run.__name__, run.__doc__, run.__module__ = (
+        function.__name__,
+        function.__doc__,
+        function.__module__,
+    )
+    run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {one.name: one.annotation for one in parameters}
+    return run
+
+
+def _options_of(
+    function: Callable[..., None],
+) -> tuple[Mapping[str, Any], list[inspect.Parameter]]:
+    """The dataclasses among the parameters of a function, and one parameter for each option."""
+    groups, parameters = {}, []
+    for one in inspect.signature(function).parameters.values():
+        if is_dataclass(one.annotation):
+            groups[one.name] = one.annotation
+            parameters += [
+                (f.name, f.type, one.empty if f.default is MISSING else f.default)
+                for f in fields(one.annotation)
+            ]
+        else:
+            parameters.append((one.name, one.annotation, one.default))
+    parameters += [("quiet", _Quiet, False), ("verbose", _Verbose, False)]
+    keyword = inspect.Parameter.KEYWORD_ONLY
+    return groups, [
+        inspect.Parameter(name, keyword, default=default, annotation=kind)
+        for name, kind, default in parameters
+    ]
+
+
+@contextmanager
+def _ending(quiet: bool, verbose: bool) -> Iterator[None]:
+    """One line and an exit code instead of a traceback."""
+    try:
+        with printing(Verbosity(quiet, verbose)):
+            try:
+                yield
+            except (BrokenPipeError, typer.Exit, KeyboardInterrupt):
+                raise  # nobody listens any more, or it is no error
+            except (bm.BlurmatteError, ValueError, TypeError, OSError) as error:
+                explain_failure(error)
+                complain(str(error))
+                raise typer.Exit(ExitCode.REFUSED) from None
+            except Exception as error:
+                explain_failure(error)
+                complain(
+                    f"a defect of blurmatte, {type(error).__name__}: {error}; please report it with "
+                    "what the same command prints with -v"
+                )
+                raise typer.Exit(ExitCode.UNEXPECTED) from None
+    except KeyboardInterrupt:
+        raise typer.Exit(ExitCode.INTERRUPTED) from None
+    except ValueError as error:
+        complain(str(error))
+        raise typer.Exit(ExitCode.REFUSED) from None
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        say(f"blurmatte {bm.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _blurmatte(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", is_eager=True, callback=_print_version
+        ),
+    ] = False,
+) -> None:
+    pass

@@ -1,0 +1,147 @@
+"""The commands that measure a camera: calibrate noise and calibrate response."""
+
+from dataclasses import replace
+from itertools import chain
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.app import AsJson, calibrate, command
+from blurmatte.cli.console import about, say, say_json, waiting
+from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.quantities import box, number
+from blurmatte.cli.selection import ROWS, Reading, expanded
+
+Pictures = Annotated[
+    list[str], typer.Argument(metavar="PICTURE", help=f"Of one still scene: {ROWS}.")
+]
+Plot = Annotated[
+    Path | None, typer.Option(metavar="FILE", help="Draw what was measured: .png or .jpg.")
+]
+
+
+@command(
+    "calibrate noise 'still/*.png' -o camera.json",
+    "calibrate noise throw.png --plate empty_room.png -o camera.json",
+    group=calibrate,
+)
+def noise(
+    pictures: Pictures,
+    reading: Reading,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the noise: .json.")
+    ] = None,
+    region: Annotated[
+        str | None,
+        typer.Option(metavar="X0,Y0,X1,Y1", help="Look only there; of one picture, an even part."),
+    ] = None,
+    plate: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="For one picture: the scene without the object."),
+    ] = None,
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the gain and the read noise of a camera, and how its noise is correlated."""
+    check_file(out, "noise", ".json")
+    check_file(plot, "a plot", *SHEET)
+    paths = expanded(pictures)
+    check_other(plot, *paths, plate)
+    with about(paths[0]), waiting("measuring the noise"):
+        fit = _measured(paths, plate, region, reading)
+    if plot is not None:
+        bm.write(plot, bm.draw_noise(fit))
+    if out is not None:
+        bm.write(out, fit)
+    words = bm.explain(fit)
+    if as_json:
+        parts = "gain", "read_std", "relative_std"
+        errors = {f"{name}_std": getattr(fit, f"{name}_std") for name in parts}
+        sensor = {name: getattr(fit.sensor, name) for name in parts}
+        say_json({"sensor": {**sensor, **errors}, "changed": fit.changed, "in_words": words})
+    else:
+        say("\n".join([str(fit), *words]))
+
+
+@command(
+    "calibrate response 'bracket/*.jpg' -o mycam.json",
+    "calibrate response a.png b.png c.png --exposures 1/60,1/15,0.25 -o mycam.json",
+    group=calibrate,
+)
+def response(
+    pictures: Pictures,
+    out: Annotated[
+        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the curve: .json.")
+    ] = None,
+    exposures: Annotated[
+        str | None,
+        typer.Option(metavar="T,T,…", help="Exposure times, 1/60 or 0.5; else the files'."),
+    ] = None,
+    plot: Plot = None,
+    max_pixels: Annotated[
+        int,
+        typer.Option(metavar="N", help="Refuse larger pictures; 200 million.", show_default=False),
+    ] = bm.MAX_PIXELS,
+    as_json: AsJson = False,
+) -> None:
+    """Measure the curve of a camera from pictures of a still scene with different exposures."""
+    check_file(out, "a curve", ".json")
+    check_file(plot, "a plot", *SHEET)
+    reading = Reading("linear", max_pixels)
+    paths = expanded(pictures)
+    check_other(plot, *paths)
+    times = None if exposures is None else _seconds(exposures)
+    with waiting("measuring the curve"):
+        fit = bm.fit_response([reading.read(path)[0] for path in paths], times)
+    if out is not None:
+        fit = replace(fit, transfer=replace(fit.transfer, name=out.stem))
+    if plot is not None:
+        with about(plot):
+            bm.write(plot, bm.draw_response(fit))
+    if out is not None:
+        bm.write(out, fit)
+    words = bm.explain(fit)
+    if as_json:
+        seen = {"exposure_times": fit.exposure_times, "agreement": fit.agreement}
+        say_json({**seen, "std": float(np.max(fit.std)), "in_words": words})
+    else:
+        say("\n".join([str(fit), *words]))
+
+
+def _measured(
+    paths: list[Path], plate: Path | None, region: str | None, reading: Reading
+) -> bm.NoiseFit:
+    if plate is not None and len(paths) > 1:
+        raise ValueError(f"--plate is for one picture, got {len(paths)}; frames need none")
+    first, guessed = reading.read(paths[0])
+    if guessed and first.meta.transfer is not None:  # one warning will do
+        reading = replace(reading, transfer=first.meta.transfer.name)
+    inside = None if region is None else _inside(region, first)
+    if plate is not None:
+        return bm.measure_noise_against(first, reading.read(plate)[0], inside)
+    if len(paths) > 1:
+        others = (reading.read(path)[0] for path in paths[1:])
+        return bm.measure_noise(chain([first], others), inside)
+    if inside is None:
+        raise ValueError(
+            "give several frames of a still scene, or --plate, or an even part with --region: one "
+            "picture does not separate noise from scene"
+        )
+    return bm.measure_noise_within(first, inside)
+
+
+def _inside(
+    region: str, picture: bm.LinearImage
+) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
+    return bm.Streak.from_box(box("--region", region), picture.size).mask
+
+
+def _seconds(text: str) -> list[float]:
+    """Numbers with commas between them, each whole, decimal or a fraction."""
+    try:
+        return [number(part) for part in text.split(",")]
+    except ValueError:
+        raise ValueError(f"--exposures must be seconds like 1/60,1/15,0.5, got {text!r}") from None

@@ -1,0 +1,239 @@
+"""What may be done to a layer: changes in the order given, and a place in another picture."""
+
+import math
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+import numpy.typing as npt
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.console import about
+from blurmatte.cli.output_checks import SHEET, check_file
+from blurmatte.cli.quantities import numbers
+
+CHANGES = "Changes, made in the order given"
+PLACE = "Where it goes"
+LOOKS = "To look at"
+ROW = "Rows of layers"
+
+_HEX = "#?[0-9a-fA-F]{6}"
+_MAX_STOPS = 100  # light of 32 bits ends at 128
+_PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
+
+Change = Callable[[bm.Layer], bm.Layer]
+
+LayerOrRow = Annotated[
+    str,
+    typer.Argument(
+        metavar="LAYER",
+        help="EXR, PNG, TIFF; or a row: layer.####.exr, a folder, '*', .mov.",
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Changes of a layer; their order is that of the command line."""
+
+    fade: Annotated[
+        list[str] | None,
+        typer.Option(metavar="F", help="F times as opaque: 0.5 is half.", rich_help_panel=CHANGES),
+    ] = None
+    amplify: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="G[,BRIGHTNESS]", help="G times as opaque, and bright.", rich_help_panel=CHANGES
+        ),
+    ] = None
+    recolor: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="HEX|OLD=NEW,…",
+            help="Another color, or new ones for its paints.",
+            rich_help_panel=CHANGES,
+        ),
+    ] = None
+    expose: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="STOPS", help="Brighter by so many stops: 1 is twice.", rich_help_panel=CHANGES
+        ),
+    ] = None
+    gain: Annotated[
+        list[str] | None,
+        typer.Option(metavar="R,G,B", help="Its light times these.", rich_help_panel=CHANGES),
+    ] = None
+
+    def in_order(self, order: Sequence[str]) -> list[tuple[str, str]]:
+        """Names of options and their values, in the order in which the names were typed."""
+        given = {
+            "--fade": self.fade,
+            "--amplify": self.amplify,
+            "--recolor": self.recolor,
+            "--expose": self.expose,
+            "--gain": self.gain,
+        }
+        values = {name: iter(texts or ()) for name, texts in given.items()}
+        return [(name, next(values[name])) for name in order if name in values]
+
+
+@dataclass(frozen=True)
+class Looks:
+    """Files to look at, beside the result."""
+
+    sheet: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Before and after: .png, .jpg.", rich_help_panel=LOOKS),
+    ] = None
+    preview: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="It comes and goes: .webp, .gif, .mp4.", rich_help_panel=LOOKS
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        check_file(self.sheet, "a sheet", *SHEET)
+        check_file(self.preview, "a preview", *_PREVIEWS)
+
+
+@dataclass(frozen=True)
+class RowOptions:
+    """How a row of layers is written."""
+
+    rate: Annotated[
+        float | None,
+        typer.Option(metavar="R", help="Frames per second of a clip.", rich_help_panel=ROW),
+    ] = None
+    first: Annotated[
+        int,
+        typer.Option(
+            metavar="N", help="First number of its files; 1.", show_default=False,
+            rich_help_panel=ROW,
+        ),
+    ] = 1  # fmt: skip
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
+            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+
+
+@dataclass(frozen=True)
+class Placement:
+    """Where in a picture a layer goes, how large, and in which light."""
+
+    fit: Annotated[
+        str | None,
+        typer.Option(
+            metavar="cover", help="Scale and crop the picture to the layer.", rich_help_panel=PLACE
+        ),
+    ] = None
+    place: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y", help="The middle of the object.", rich_help_panel=PLACE),
+    ] = None
+    scale: Annotated[
+        float | None,
+        typer.Option(metavar="S", help="S times as large.", rich_help_panel=PLACE),
+    ] = None
+    match_light: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PLATE",
+            help="From the light of its own plate to the picture's.",
+            rich_help_panel=PLACE,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.fit not in (None, "cover"):
+            raise ValueError(f"--fit {self.fit}: there is only one fit, cover")
+        if self.fit and (self.place or self.scale):
+            raise ValueError("--fit changes the picture, --place and --scale the layer; give one")
+        if self.place is not None:
+            numbers("--place", self.place, "x,y")
+
+    @property
+    def center(self) -> tuple[float, float] | None:
+        """Where the middle of the object goes; None: the middle of the picture."""
+        if self.place is None:
+            return None
+        x, y = numbers("--place", self.place, "x,y")
+        return x, y
+
+
+@dataclass(frozen=True)
+class Behind:
+    """A picture to put layers over, where they go, and by how much their light is changed."""
+
+    path: Path
+    picture: bm.LinearImage
+    placement: Placement = Placement()
+    gain: npt.NDArray[np.float64] | None = None
+
+    def under(self, layer: bm.Layer) -> tuple[bm.Layer, bm.LinearImage]:
+        """The layer as it goes over the picture, and the picture, now of one size."""
+        picture, placement = self.picture, self.placement
+        with about(self.path):
+            if self.gain is not None:
+                layer = layer.relight(self.gain)
+            if placement.fit == "cover":
+                picture = bm.cover(picture, layer.size)
+            elif placement.center is not None or placement.scale is not None:
+                scale = 1.0 if placement.scale is None else placement.scale
+                layer = layer.place(picture.size, placement.center, scale)
+            if picture.size != layer.size:
+                raise ValueError(
+                    "add --fit cover to scale and crop the picture, or --place X,Y to put the object "
+                    "in it: the picture is {}x{} pixels, the layer {}x{}".format(
+                        *picture.size, *layer.size
+                    )
+                )
+        return layer, picture
+
+
+def changed(layer: bm.Layer, changes: Sequence[Change]) -> bm.Layer:
+    """The layer after all changes, one after another."""
+    for change in changes:
+        layer = change(layer)
+    return layer
+
+
+def change_of(name: str, text: str) -> Change:
+    """What an option and its value do to a layer."""
+    match name:
+        case "--fade":
+            (factor,) = numbers(name, text, "a factor")
+            return lambda layer: layer.fade(factor)
+        case "--amplify":
+            amounts = numbers(name, text, "a factor", "factor,brightness")
+            return lambda layer: layer.amplify(*amounts)
+        case "--expose":
+            (stops,) = numbers(name, text, "a number of stops")
+            if abs(stops) > _MAX_STOPS:
+                raise ValueError(
+                    f"{name} must lie between -{_MAX_STOPS} and {_MAX_STOPS}, got {text!r}"
+                )
+            return lambda layer: layer.relight(2.0**stops)
+        case "--gain":
+            gains = numbers(name, text, "a factor", "red,green,blue")
+            return lambda layer: layer.relight(gains)
+    old, new = _colors(text)
+    return lambda layer: layer.recolor(*new, paints=old)
+
+
+def _colors(text: str) -> tuple[list[str] | None, list[str]]:
+    """Paints and their new colors; or one new color for all."""
+    if re.fullmatch(_HEX, text):
+        return None, [text]
+    pairs = [pair.split("=") for pair in text.split(",")]
+    if any(len(pair) != 2 or not all(re.fullmatch(_HEX, c) for c in pair) for pair in pairs):
+        raise ValueError(
+            f"--recolor must be a color like #d8ff3c, or OLD=NEW for each paint, got {text!r}"
+        )
+    return [old for old, _ in pairs], [new for _, new in pairs]

@@ -1,0 +1,299 @@
+"""What the command line prints: answers to stdout; progress, warnings and errors to stderr.
+
+An error or a warning is one line that begins with the name of the program and of the file. On a
+terminal it is wrapped, and cut after three lines unless details are asked for (`-v`).
+"""
+
+import json
+import logging
+import math
+import re
+import shutil
+import sys
+import textwrap
+import time
+import traceback
+import warnings
+from collections.abc import Iterable, Iterator, Sized
+from contextlib import contextmanager
+from contextvars import ContextVar
+from dataclasses import dataclass
+from enum import IntEnum
+from pathlib import Path
+from typing import Any, TextIO, TypeVar
+
+import numpy as np
+import typer
+
+import blurmatte as bm
+
+T = TypeVar("T")
+
+GENERAL = "General"  # the group of options that all commands have
+
+_IN_OPTIONS = (  # Python's names in messages of the library, and what the command line calls them
+    (r"\w+=\w* \((--[^)]*)\)", r"\1"),
+    (r"\b[a-z]+_[a-z_]+ \((--[^)]*)\)", r"\1"),
+    (r", (\w+=|ColorModel\.any\(\))", ""),
+    (r"\(--start, --stop\)", "(--frames)"),
+    (r"\bexposure_times\b", "--exposures"),
+    (r"\b(the )?exposure_time\b", "--exposure"),
+    (r"\b(a |the )?line[_ ]time\b(?= (needs|of))|(?<=check )line_time\b", "--line-time"),
+)
+
+
+class ExitCode(IntEnum):
+    """How a command ends; the table in docs/cli.md."""
+
+    DONE = 0
+    UNEXPECTED = 1
+    REFUSED = 2
+    LOW_GRADE = 3
+    INTERRUPTED = 130
+
+
+@dataclass(frozen=True)
+class Verbosity:
+    """How much is printed on stderr: `quiet` errors only, `verbose` also stages and tracebacks."""
+
+    quiet: bool = False
+    verbose: bool = False
+
+    def __post_init__(self) -> None:
+        if self.quiet and self.verbose:
+            raise ValueError("give --quiet or --verbose, not both")
+
+
+_verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity())  # noqa: B039
+
+
+@contextmanager
+def printing(verbosity: Verbosity) -> Iterator[None]:
+    """Print that much within this context, and show the stages that the library logs."""
+    token = _verbosity.set(verbosity)
+    logger, stages = logging.getLogger("blurmatte"), _Stages()
+    level = logger.level
+    logger.addHandler(stages)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(stages)
+        logger.setLevel(level)
+        _verbosity.reset(token)
+
+
+class _Stages(logging.Handler):
+    """Shows what the library does: behind the spinner, or one line each if details are asked for."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.INFO)
+        self.begun = time.monotonic()
+
+    def emit(self, record: logging.LogRecord) -> None:
+        _shown.get().stage(record.getMessage())
+        if _verbosity.get().verbose:
+            _write(
+                f"blurmatte: {time.monotonic() - self.begun:.1f} s: {record.getMessage()}",
+                sys.stderr,
+            )
+
+
+def say(text: str) -> None:
+    """Print an answer, whatever bytes the names of files hold."""
+    _write(text.encode("utf-8", "backslashreplace").decode(), sys.stdout)
+
+
+def say_json(value: Any, indent: int | None = 2) -> None:
+    """Print an answer as JSON; null stands for what is not finite."""
+    say(json.dumps(_plain(value), indent=indent, ensure_ascii=False))
+
+
+def _plain(value: Any) -> Any:
+    """The same in JSON's types."""
+    if isinstance(value, dict):
+        return {str(name): _plain(part) for name, part in value.items()}
+    if isinstance(value, np.ndarray | np.generic):
+        return _plain(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_plain(part) for part in value]
+    if isinstance(value, Path):
+        return str(value)
+    return None if isinstance(value, float) and not math.isfinite(value) else value
+
+
+def swatches(model: bm.ColorModel) -> list[str]:
+    """The possible colors as blocks of color, the likeliest first, on a terminal only."""
+    if model.rank == 3 or not sys.stdout.isatty():
+        return []
+    blocks = [[_block(*bytes.fromhex(color[1:])) for color in one.hex] for one in model.possible]
+    return [" ".join(row) for row in zip(*blocks, strict=True)]
+
+
+def _block(red: int, green: int, blue: int) -> str:
+    return typer.style("    ", bg=(red, green, blue))
+
+
+def in_degrees(model: bm.ColorModel) -> str:
+    """A model in one line: its colors, rank, and how sure they are."""
+    if model.rank == 3:
+        return "any colors  rank 3"
+    sure = f"± {model.angle_std:.2g}°" if model.evidence else "given"
+    return f"{' + '.join(model.hex)}  rank {model.rank}, {sure}"
+
+
+def color_numbers(model: bm.ColorModel) -> dict[str, Any]:
+    """The numbers of a color model, as in report.json, and sentences."""
+    return {
+        "rank": model.rank,
+        "hex": model.hex,
+        "rgb": model.rgb,
+        "basis": model.basis,
+        "covariance": model.covariance,
+        "angle_std_degrees": model.angle_std,
+        "evidence_degrees": model.evidence,
+        "in_words": bm.explain(model),
+    }
+
+
+def by(size: tuple[int, int]) -> str:
+    """A size in words: 640x480."""
+    return f"{size[0]}x{size[1]}"
+
+
+def warn(text: str) -> None:
+    """Print a warning, unless `--quiet` was given."""
+    if not _verbosity.get().quiet:
+        complain(f"warning: {text}")
+
+
+def complain(text: str) -> None:
+    """Print one line to stderr, in the language of the command line."""
+    line = " ".join(f"blurmatte: {in_options(text)}".split())
+    if sys.stderr.isatty():
+        width = max(shutil.get_terminal_size().columns - 1, 40)
+        most = None if _verbosity.get().verbose else 3
+        line = textwrap.fill(
+            line, width, subsequent_indent="  ", max_lines=most, placeholder=" … (all of it: -v)",
+            break_long_words=False, break_on_hyphens=False,
+        )  # fmt: skip
+    _write(line, sys.stderr)
+
+
+def in_options(text: str) -> str:
+    """A message of the library in the language of the command line: --color instead of model=."""
+    for names, option in _IN_OPTIONS:
+        text = re.sub(names, option, text)
+    return text
+
+
+def explain_failure(error: BaseException) -> None:
+    """Print the traceback of an error if details are asked for."""
+    if _verbosity.get().verbose:
+        _write("".join(traceback.format_exception(error)).rstrip(), sys.stderr)
+
+
+def _write(text: str, stream: TextIO) -> None:
+    """To a screen as it is now: what is drawn there meanwhile makes room."""
+    typer.echo(text, file=stream if stream.isatty() else None, err=stream is sys.stderr)
+
+
+class NamedError(bm.BlurmatteError):
+    """Its message begins with the name of the file, as that of every FileError does."""
+
+
+@contextmanager
+def about(path: Path) -> Iterator[list[str]]:
+    """Name the file in every error and warning within; the list grows by the warnings."""
+    said: list[str] = []
+    with warnings.catch_warnings():
+        usual = warnings.showwarning
+
+        def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            if not issubclass(category, bm.BlurmatteWarning):
+                usual(message, category, *place)
+                return
+            named = issubclass(category, bm.TransferWarning) or str(message).startswith(f"{path}: ")
+            line = in_options(str(message) if named else f"{path}: {message}")
+            if line not in said:
+                said.append(line)
+                warn(line)
+
+        warnings.simplefilter("always", bm.BlurmatteWarning)
+        warnings.showwarning = show  # type: ignore[assignment]
+        try:
+            yield said
+        except (bm.FileError, NamedError):
+            raise
+        except MemoryError as error:
+            raise NamedError(f"{path}: too large for the memory; reduce it") from error
+        except (bm.BlurmatteError, ValueError, TypeError, OSError) as error:
+            raise NamedError(f"{path}: {error}") from error
+
+
+@dataclass
+class _Shown:
+    """The bar on the screen, if there is one, and what the current task is called."""
+
+    bar: Any = None  # a rich.progress.Progress; rich is imported only for a terminal
+    task: Any = None
+    title: str = ""
+
+    def stage(self, name: str) -> None:
+        """Show what is done now."""
+        if self.bar is not None:
+            self.bar.update(self.task, description=f"{self.title}: {name}" if self.title else name)
+
+
+_shown: ContextVar[_Shown] = ContextVar("shown", default=_Shown())  # noqa: B039
+
+
+def with_progress(things: Iterable[T], doing: str, count: int | None = None) -> Iterator[T]:
+    """Iterate, and show on a terminal what is done, for how long and, of several things, how far.
+
+    `count` is needed if `things` has no length.
+    """
+    if count is None:
+        assert isinstance(things, Sized)
+        count = len(things)
+    with _bar(doing, count if count > 1 else None) as shown:
+        for thing in things:
+            yield thing
+            if shown.bar is not None:
+                shown.bar.advance(shown.task)
+
+
+@contextmanager
+def waiting(doing: str) -> Iterator[None]:
+    """Show on a terminal what is done and for how long."""
+    with _bar(doing, None):
+        yield
+
+
+@contextmanager
+def _bar(doing: str, count: int | None) -> Iterator[_Shown]:
+    """A spinner, or a bar if there is a count; nothing unless stderr is a terminal."""
+    if not sys.stderr.isatty() or _verbosity.get().quiet or _shown.get().bar is not None:
+        _shown.get().stage(doing)
+        yield _Shown()
+        return
+    from rich import progress
+    from rich.console import Console
+
+    far = (progress.BarColumn(), progress.TaskProgressColumn(), progress.TimeRemainingColumn())
+    bar = progress.Progress(
+        progress.SpinnerColumn(),
+        progress.TextColumn("{task.description}", markup=False),
+        *(() if count is None else far),
+        progress.TimeElapsedColumn(),
+        console=Console(stderr=True, soft_wrap=True),
+        transient=True,
+        redirect_stdout=sys.stdout.isatty(),  # what goes to a file must not come here
+    )
+    with bar:
+        shown = _Shown(bar, bar.add_task(doing, total=count), doing)
+        token = _shown.set(shown)
+        try:
+            yield shown
+        finally:
+            _shown.reset(token)

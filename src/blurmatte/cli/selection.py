@@ -1,0 +1,372 @@
+"""Which pictures are read and how, and where in them the object is and which color it has."""
+
+import re
+import warnings
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from glob import glob
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.console import GENERAL, about
+from blurmatte.cli.quantities import box, is_box, numbers
+
+OBJECT = "The object"
+ROWS = "a folder, ####, %04d or '*' too"
+
+_PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
+_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
+
+Out = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where to write.")]
+OutFolder = Annotated[
+    Path, typer.Option("--out", "-o", metavar="FOLDER", help="For the results; made if needed.")
+]
+Layer = Annotated[Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote.")]
+Clip = Annotated[
+    list[str],
+    typer.Argument(metavar="CLIP", help=f"A clip; or pictures: {ROWS}."),
+]
+FrameRange = Annotated[
+    str | None,
+    typer.Option(
+        "--frames", metavar="START:STOP[:STEP]", help="Frames from 0, or seconds: 40:52, 2.5s:4s."
+    ),
+]
+Region = Annotated[
+    str | None,
+    typer.Option(
+        metavar="X0,Y0,X1,Y1|FILE",
+        help="Where it moved: a box (X1, Y1 excluded) or a white mask.",
+        rich_help_panel=OBJECT,
+    ),
+]
+Occluder = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FILE", help="A mask, white where something is in front.", rich_help_panel=OBJECT
+    ),
+]
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How picture files are read."""
+
+    transfer: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME|FILE.json",
+            help="Encoding of light: srgb, rec709, linear, gamma2.2, slog3 …",
+            rich_help_panel=GENERAL,
+        ),
+    ] = None
+    max_pixels: Annotated[
+        int,
+        typer.Option(
+            metavar="N", help="Refuse larger pictures; 200 million.", show_default=False,
+            rich_help_panel=GENERAL,
+        ),
+    ] = bm.MAX_PIXELS  # fmt: skip
+
+    @property
+    def camera_noise(self) -> bm.NoiseModel | None:
+        """The noise of the camera, if it was given."""
+        return None
+
+    @property
+    def curve(self) -> bm.Transfer | None:
+        """The transfer curve that was asked for; None: what the file says."""
+        if self.transfer is None:
+            return None
+        if self.transfer.lower().endswith(".json"):
+            return bm.read_transfer(self.transfer)
+        return bm.named_transfer(self.transfer)
+
+    def curve_of(self, path: Path | str) -> bm.Transfer | None:
+        """The curve of one file; an EXR holds linear light whatever was asked for."""
+        return None if str(path).lower().endswith(".exr") else self.curve
+
+    def read(self, path: Path, said: list[str] | None = None) -> tuple[bm.LinearImage, list[str]]:
+        """The picture, and the warnings (also added to `said`)."""
+        with about(path) as notes:
+            picture = bm.read(path, self.curve_of(path), self.max_pixels)
+        noise = self.camera_noise
+        if noise is not None and picture.noise is None:
+            picture = picture.with_noise(noise)
+        if said is not None:
+            said += notes
+        return picture, notes
+
+    def mask(self, name: str, path: Path, size: tuple[int, int]) -> Any:
+        """(H, W) bool: where a picture of a size is more than half white."""
+        picture = bm.read(path, bm.LINEAR, self.max_pixels)
+        if picture.size != size:
+            raise ValueError(
+                "the {} {} is {}x{} pixels, the image {}x{}".format(
+                    name, path, *picture.size, *size
+                )
+            )
+        return np.asarray(picture.rgb.max(axis=-1) > 0.5)
+
+
+@dataclass(frozen=True)
+class CameraReading(Reading):
+    """How picture files of a camera with known noise are read."""
+
+    noise: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.json",
+            help="The camera's, from calibrate noise; else measured.",
+        ),
+    ] = None
+
+    @property
+    def camera_noise(self) -> bm.NoiseModel | None:
+        """The noise in the file that was named."""
+        return None if self.noise is None else bm.read_noise(self.noise)
+
+
+@dataclass(frozen=True)
+class PlateOptions:
+    """The plate, and how it may be changed to match the image."""
+
+    plate: Annotated[Path, typer.Option(metavar="FILE", help="The same scene without the object.")]
+    match: Annotated[
+        str,
+        typer.Option(
+            metavar="MODE",
+            help="How it may be changed: auto, none, exposure, shift, full.",
+            show_default=False,
+        ),
+    ] = "auto"
+
+    def __post_init__(self) -> None:
+        matching_of(self.match)
+
+
+@dataclass(frozen=True)
+class ColorOptions:
+    """What the options say of the object's color.
+
+    Raises
+    ------
+    ValueError
+        If they contradict each other, whatever the pictures show.
+    """
+
+    color: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="HEX|X,Y[,R]|FILE|core",
+            help="Its color: #d8ff3c, pixels of it, a model; repeatable.",
+            rich_help_panel=OBJECT,
+        ),
+    ] = None
+    color_from: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="A sharp picture in which X,Y are picked.", rich_help_panel=OBJECT
+        ),
+    ] = None
+    rank: Annotated[
+        int,
+        typer.Option(
+            metavar="1|2|3", help="1: shades of one color, 2: of two, 3: any.",
+            show_default=False, rich_help_panel=OBJECT,
+        ),
+    ] = 1  # fmt: skip
+    max_brightness: Annotated[
+        float | None,
+        typer.Option(metavar="L", help="Its light at most; white is 1.", rich_help_panel=OBJECT),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.rank not in (1, 2, 3):
+            raise ValueError(f"--rank must be 1, 2 or 3, got {self.rank}")
+        if self.max_brightness is not None and not self.max_brightness > 0:
+            raise ValueError(f"--max-brightness must be above 0, got {self.max_brightness:g}")
+        kinds = self.kinds
+        if self.color_from is not None and "point" not in kinds:
+            raise ValueError("--color-from needs points to pick: add --color X,Y")
+        if not kinds and self.rank == 2:
+            raise ValueError("--rank 2 needs colors: give two with --color, hex or points")
+        if kinds and self.rank == 3:
+            raise ValueError("--rank 3 is for objects of any colors: leave --color out")
+        if len(kinds & {"hex", "file"}) and len(kinds) > 1:
+            raise ValueError("give hex colors, or a model file, or points and core: not a mixture")
+        self._check_count()
+
+    def _check_count(self) -> None:
+        count = len(self.color or ())
+        if self.kinds == {"file"} and count > 1:
+            raise ValueError("give one model file, not several")
+        if self.kinds == {"hex"} and count != self.rank:
+            raise ValueError(
+                f"--rank {self.rank} takes {self.rank} hex color{'s' * (self.rank - 1)}, got "
+                f"{count}: one color is --rank 1, two colors are --rank 2"
+            )
+
+    @property
+    def kinds(self) -> set[str]:
+        """What the colors are: hex, file, point, core."""
+        return {kind_of_color(color) for color in self.color or ()}
+
+
+@dataclass(frozen=True)
+class Selection:
+    """Where the object is in the pictures, and which color it has."""
+
+    reading: Reading
+    colors: ColorOptions
+    region: str | None
+
+    def __post_init__(self) -> None:
+        if self.region is not None and not is_mask(self.region):
+            box("--region", self.region)
+
+    def streak(self, image: bm.LinearImage, plate: bm.LinearImage) -> bm.Streak | None:
+        """The pixels to solve; None: wherever something moved."""
+        if self.region is None:
+            return None
+        if is_mask(self.region):
+            inside = self.reading.mask("mask", Path(self.region), image.size)
+            if not inside.any():
+                raise ValueError(
+                    f"the mask {self.region} is white nowhere; it must be where the object moved"
+                )
+            return bm.Streak(inside)
+        within = bm.Streak.from_box(box("--region", self.region), image.size)
+        found = bm.find_streak_within(within, image, plate)
+        if found is within:
+            warnings.warn(
+                f"no motion is found in --region {self.region}; all of it is taken for the streak",
+                bm.BlurmatteWarning,
+                stacklevel=2,
+            )
+        return found
+
+    def hidden(self, path: Path, image: bm.LinearImage) -> Any:
+        """(H, W) bool: where something still is in front."""
+        white = self.reading.mask("occluder", path, image.size)
+        if white.all():
+            raise ValueError(
+                f"the occluder {path} is white everywhere; it must be black where nothing is in front"
+            )
+        return white
+
+    def model(
+        self, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+    ) -> bm.ColorModel | None:
+        """The color model of the options; None: it is to be found from the streak."""
+        colors, kinds, rank = self.colors.color or [], self.colors.kinds, self.colors.rank
+        if not kinds and rank == 3:
+            return bm.ColorModel.any()
+        if not kinds:
+            bound = self.colors.max_brightness
+            return None if bound is None else bm.fit_color(image, plate, streak, bound)
+        if kinds == {"file"}:
+            return self._from_file(image)
+        if kinds == {"hex"}:
+            return bm.ColorModel.from_hex(*colors, to_srgb=image.meta.to_srgb)
+        samples = np.concatenate([self._samples(c, image, plate, streak) for c in colors])
+        model = bm.ColorModel.from_samples(samples, rank, robust="core" in kinds)
+        return replace(model, to_srgb=image.meta.to_srgb)
+
+    def _from_file(self, image: bm.LinearImage) -> bm.ColorModel:
+        (path,) = self.colors.color or [""]
+        model = bm.read_color_model(path)
+        if (model.to_srgb is None) != (image.meta.to_srgb is None):
+            raise bm.ColorModelError(
+                f"{path} was found in a picture of another kind: a camera RAW has the "
+                "camera's own colors; find the color in a picture like IMAGE"
+            )
+        return model
+
+    def _samples(
+        self, color: str, image: bm.LinearImage, plate: bm.LinearImage, streak: bm.Streak | None
+    ) -> Any:
+        from blurmatte.radiometry import check_same_colors
+
+        if color == "core":
+            return bm.core_colors(image, plate, streak)
+        x, y, *radius = numbers("--color", color, "x,y", "x,y,radius")
+        if self.colors.color_from is None:
+            return bm.pick_colors(image, x, y, *radius)
+        sharp = self.reading.read(self.colors.color_from)[0]
+        check_same_colors("the image", image, "the picture of --color-from", sharp)
+        return bm.pick_colors(sharp, x, y, *radius)
+
+
+def kind_of_color(color: str) -> str:
+    """What a value of --color is: hex, file, point or core."""
+    if color == "core":
+        return "core"
+    if color.lower().endswith(".json"):
+        return "file"
+    return "point" if "," in color else "hex"
+
+
+def is_mask(region: str) -> bool:
+    """Whether a value of --region names a picture."""
+    return not is_box(region) and (
+        Path(region).suffix.lower() in _PICTURES or Path(region).is_file()
+    )
+
+
+def matching_of(name: str) -> bm.Matching | None:
+    """The matching of a name; None: what the pictures ask for."""
+    names = ["auto", *(matching.value for matching in bm.Matching)]
+    if name not in names:
+        raise ValueError(f"--match must be {', '.join(names[:-1])} or {names[-1]}, got {name!r}")
+    return None if name == "auto" else bm.Matching(name)
+
+
+def with_folders(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
+    """Each file and the folder for its results: `out` itself if there is but one."""
+    paths = expanded(images)
+    if len(paths) == 1:
+        return [(paths[0], out)]
+    stems = [path.stem for path in paths]
+    for stem in stems:
+        if stems.count(stem) > 1:
+            raise ValueError(f"{stems.count(stem)} files are called {stem}; take them one by one")
+    return [(path, out / path.stem) for path in paths]
+
+
+def files_of(source: Iterable[str]) -> list[Path]:
+    """What a clip is read from: it, or the pictures that a pattern or a folder holds."""
+    return [path for text in source for path in (Path(text), *_expanded(text))]
+
+
+def expanded(texts: Iterable[str]) -> list[Path]:
+    """The files of these names, patterns (*, ####, %04d) and folders, each in the order of names."""
+    return [path for text in texts for path in _expanded(text)]
+
+
+def _expanded(text: str) -> list[Path]:
+    path = Path(text)
+    if path.is_dir():
+        found = [p for p in path.iterdir() if p.suffix.lower() in _PICTURES]
+    elif path.exists() or not _is_pattern(path):
+        return [path]
+    else:
+        numbered = re.sub(r"#+|%\d*d", "[0-9]*", path.name)
+        found = [Path(name) for name in glob(str(path.parent / numbered), recursive=True)]
+    if not found:
+        raise bm.FileError(f"{text}: there are no such files; check the name or the pattern")
+    return sorted(found, key=lambda p: [(int(n or 0), t) for n, t in _PARTS.findall(str(p))])
+
+
+def is_row(source: Path) -> bool:
+    """Whether a clip or a row of files is meant, and not one picture or layer."""
+    several = source.is_dir() or (_is_pattern(source) and not source.is_file())
+    return several or source.suffix.lower() not in _PICTURES
+
+
+def _is_pattern(path: Path) -> bool:
+    return re.search(r"[#*?\[]|%\d*d", path.name) is not None or "*" in str(path)

@@ -1,0 +1,281 @@
+"""The command that measures the motion in each frame of a clip: track."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.clip_table import Gravity, Known, summaries, table, words
+from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
+from blurmatte.cli.console import about, in_degrees, say, say_json
+from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
+from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
+from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
+from blurmatte.motion.shutter import LASTS
+
+RUN = "The run"
+
+_TABLES = ".csv", ".json", ".parquet"
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Which objects of a clip are followed."""
+
+    color: Annotated[
+        str | None,
+        typer.Option(
+            metavar="HEX|FILE.json|any",
+            help="Its color; else found in some frames.",
+            rich_help_panel=OBJECT,
+        ),
+    ] = None
+    several: Annotated[
+        bool,
+        typer.Option("--several", help="Follow all of that color.", rich_help_panel=OBJECT),
+    ] = False
+    least: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N", help="Of these: seen in N frames or more; 3.", rich_help_panel=OBJECT
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.least is not None and not self.several:
+            raise ValueError("--least needs --several: it is for several objects")
+        if self.least is not None and self.least < 1:
+            raise ValueError(f"--least must be at least 1, got {self.least}")
+
+
+@dataclass(frozen=True)
+class Run:
+    """How the frames are worked through."""
+
+    resume: Annotated[
+        bool,
+        typer.Option("--resume", help="Continue an interrupted run.", rich_help_panel=RUN),
+    ] = False
+    workers: Annotated[
+        int | None,
+        typer.Option(metavar="N", help="Processes; one for each core.", rich_help_panel=RUN),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+
+
+@dataclass(frozen=True)
+class Physics(ScaleOptions):
+    """What is known of the world: sizes, times, the camera, gravity."""
+
+    camera: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="JSON of the calibrated camera: places in space.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None
+    exposure: Annotated[
+        str | None,
+        typer.Option(metavar="TIME[±ERROR]", help="Exposure time.", rich_help_panel=SIZE),
+    ] = None
+    line_time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="TIME", help="From row to row of a rolling shutter.", rich_help_panel=SIZE
+        ),
+    ] = None
+    gravity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="G|X,Y|X,Y,Z[±ERROR]",
+            help="Of a free fall, m/s²: gives or checks the scale.",
+            rich_help_panel=SIZE,
+        ),
+    ] = None
+
+    def __post_init__(self) -> None:
+        if self.camera is not None and self.scale is not None:
+            raise ValueError(
+                "with --camera give the ball's true size alone, --radius or --diameter; how large a "
+                "pixel is follows in each frame from how far away the ball was"
+            )
+        super().__post_init__()
+        if self.camera is not None and self.true_radius is None:
+            raise ValueError(
+                "--camera needs --radius or --diameter, the ball's true size; if nobody knows it, "
+                "guess, and give --gravity: the fall says by how much all lengths must be multiplied"
+            )
+        self.gravity_vector, self.line_seconds, self.exposure_seconds  # noqa: B018
+
+    @property
+    def exposure_seconds(self) -> tuple[float, float] | None:
+        """Exposure time and its error."""
+        return None if self.exposure is None else time_of_exposure("--exposure", self.exposure)
+
+    @property
+    def line_seconds(self) -> float:
+        """Time from row to row; 0 for none."""
+        return 0.0 if self.line_time is None else time_of_line("--line-time", self.line_time)
+
+    @property
+    def gravity_vector(self) -> Gravity | None:
+        """A number (down; in space its size) or a vector, m/s², and the error of its size."""
+        if self.gravity is None:
+            return None
+        vector, std = acceleration("--gravity", self.gravity)
+        if self.camera is not None and len(vector) == 2:
+            raise ValueError(
+                "--gravity with --camera must be its size, 9.81, or x,y,z as the camera sees it "
+                f"(right, down, away from it), like 0,9.81,0; got two numbers, {self.gravity!r}"
+            )
+        if not any(vector) or (len(vector) == 1 and vector[0] < 0):
+            raise ValueError(
+                "--gravity must be above 0, or a vector like 0,9.81,0 (right, down, away from the "
+                f"camera), got {self.gravity!r}"
+            )
+        return (vector if len(vector) > 1 else vector[0]), std
+
+    @property
+    def ball(self) -> KnownBall | None:
+        """The ball in space, if the camera is known."""
+        if self.camera is None or self.true_radius is None:
+            return None
+        return KnownBall(bm.read_intrinsics(self.camera), self.true_radius, self.line_seconds)
+
+
+@command(
+    "track rally.mp4 -o rally.csv",
+    'track rally.mp4 --plate plate.exr --color "#d8ff3c" --diameter 67mm --overlay rally.png',
+    "track throw.mp4 --frames 40:52 --camera lens.json --radius 20mm --gravity 9.81",
+)
+def track(
+    clip: Clip,
+    followed: Followed,
+    physics: Physics,
+    run: Run,
+    reading: Reading,
+    plate: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The scene without it; else made of the clip."),
+    ] = None,
+    frames: FrameRange = None,
+    rate: Annotated[
+        float | None, typer.Option(metavar="R", help="Frames per second, for pictures.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("--out", "-o", metavar="FILE", help="The table: .csv, .json or .parquet."),
+    ] = None,
+    overlay: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw the paths: .png or .jpg.")
+    ] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Track the object through CLIP: its place, speed and size in each frame.
+
+    For one picture see measure.
+    """
+    check_file(out, "a table", *_TABLES)
+    check_file(overlay, "a sheet", *SHEET)
+    check_other(overlay, *clip, plate)
+    if run.resume and out is None:
+        raise ValueError("--resume needs --out, the table of the interrupted run")
+    if rate is not None and not (math.isfinite(rate) and rate > 0):
+        raise ValueError(f"--rate must be frames per second, above 0, got {rate:g}")
+    frame_range("--frames", frames, 1.0)
+    source, ball = Path(clip[0]), physics.ball
+    task = ClipTask(
+        source,
+        followed.color,
+        followed.several,
+        3 if followed.least is None else followed.least,
+        rate,
+        run.workers,
+        out,
+        run.resume,
+        {
+            "clip": list(clip),
+            "plate": None if plate is None else str(plate),
+            "frames": [frames, rate],
+            "transfer": reading.transfer,
+        },
+        ball,
+    )
+    chosen = _frames(clip, frames, rate, reading, physics)
+    given = None if plate is None else reading.read(plate)[0]
+    measured = measure_frames(task, chosen, given)
+    _answer(task, measured, physics, overlay, as_json)
+
+
+def _frames(
+    clip: list[str], chosen: str | None, rate: float | None, reading: Reading, physics: Physics
+) -> bm.Frames[bm.LinearImage]:
+    """The frames to measure; their times and the camera are checked."""
+    with about(Path(clip[0])):
+        source = clip[0] if len(clip) == 1 else clip
+        frames = bm.read_frames(source, reading.curve, reading.max_pixels)
+        frames = frames[frame_range("--frames", chosen, frames.rate)]
+        if len(frames) == 0:
+            raise ValueError("look at --frames: there are no such frames")
+        _check_times(physics, rate or frames.rate, frames.size[1])
+        if physics.ball is not None:
+            check_camera(physics.ball.lens, frames.size)
+    return frames
+
+
+def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
+    """ValueError if exposing a frame, or reading its rows, would take longer than it lasts."""
+    if rate is None:
+        return
+    line_time, exposure = physics.line_seconds, physics.exposure_seconds
+    if line_time * rows * rate > LASTS:
+        raise ValueError(
+            f"a line time of {line_time:g} s is {line_time * rows:.3g} s for {rows} rows, "
+            f"and a frame lasts {1 / rate:.3g} s: give --line-time with its unit, like 15us, or the "
+            "true --rate of the frames"
+        )
+    if exposure is not None and exposure[0] * rate > LASTS:
+        raise ValueError(
+            f"an exposure of {exposure[0]:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
+            "--exposure with its unit, like 4ms, or the true --rate of the frames"
+        )
+
+
+def _answer(
+    task: ClipTask, measured: Measured, physics: Physics, overlay: Path | None, as_json: bool
+) -> None:
+    """Write the table and the sheet, and print what both say."""
+    rows, places = measured.rows, measured.places
+    known = Known(
+        physics.of_radius,
+        physics.true_radius is not None,
+        None if task.ball is None else task.ball.moved,
+        physics.gravity_vector,
+        physics.exposure_seconds,
+        physics.line_seconds,
+    )
+    with about(task.source):
+        found = summaries(rows, places, task.several, known)
+    said = words(rows, in_degrees(measured.model), task.several)
+    said += [word for one in found for word in one.words]
+    lines = table(rows, places, found, known)
+    if task.out is not None:
+        bm.write(task.out, lines)
+    if overlay is not None:
+        bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
+    remove_unfinished(task)
+    falls = [None if one.fall is None else one.fall.numbers() for one in found]
+    of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}
+    if as_json:
+        say_json({"rows": lines, **of_falls, "in_words": said})
+    else:
+        say("\n".join(said))

@@ -1,0 +1,176 @@
+"""Help, exit codes, and the options that every command has."""
+
+import json
+import logging
+
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.cli.console import ExitCode, in_options
+from blurmatte.rendering import colorful_plate
+
+SCREEN = 45  # lines
+
+
+def commands(group, before=()):
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*before, name))
+        else:
+            yield (*before, name), command
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+def run(*arguments, width=100):
+    return CliRunner().invoke(
+        app, [str(one) for one in arguments], terminal_width=width, env={"COLUMNS": str(width)}
+    )
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Image and plate of a ball, and its layer with its solution."""
+    folder = tmp_path_factory.mktemp("app")
+    path = bm.Trajectory.line((26, 28), (70, 42))
+    truth = bm.render(bm.Scene(colorful_plate((96, 72), 2, tile=18), path, bm.Ball(9)))
+    image, plate = bm.Shot(truth.scene, bm.Camera(code_std=1 / 255)).photograph(truth)
+    bm.write(folder / "image.png", image)
+    bm.write(folder / "plate.png", plate)
+    bm.write(folder / "layer.exr", bm.solve(image, plate, truth.model, bm.Pixelwise()))
+    return folder
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_help_fits_one_screen_and_begins_with_an_example(words):
+    for option in ("--help", "-h"):
+        result = run(*words, option)
+        lines = result.stdout.splitlines()
+        assert result.exit_code == 0
+        assert len(lines) <= SCREEN
+        assert max(map(len, lines)) <= 104
+        assert lines[0].startswith(f"$ blurmatte {' '.join(words)} ")
+
+
+@pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
+def test_every_option_has_help_and_common_options_their_names(words):
+    options = {name: p for p in COMMANDS[words].params for name in p.opts}
+    assert {"-q", "--quiet", "-v", "--verbose"} <= set(options)
+    assert ("--out" in options) == ("-o" in options)
+    for parameter in COMMANDS[words].params:
+        assert parameter.help, parameter.name
+
+
+def test_commands_used_most_come_first():
+    listed = run("--help").stdout.split("Commands:\n")[1].split()
+    assert run("-h").exit_code == 0
+    places = [listed.index(name) for name in ("solve", "measure", "track", "edit", "color")]
+    assert places == sorted(places)
+
+
+def test_every_command_is_listed():
+    listed = run("--help").stdout
+    for words in COMMANDS:
+        assert f"  {words[0]} " in listed
+
+
+def test_completion_can_be_installed():
+    assert "--install-completion" in run("--help").stdout
+
+
+def test_exit_codes_are_those_of_the_version_before():
+    assert [int(code) for code in ExitCode] == [0, 1, 2, 3, 130]
+
+
+def test_defect_is_one_line_and_has_a_traceback_only_with_v(folder, monkeypatch):
+    def broken(*args, **kwargs):
+        raise KeyError("width")
+
+    monkeypatch.setattr(bm, "measure_motion", broken)
+    result = run("measure", folder / "layer.exr")
+    assert result.exit_code == ExitCode.UNEXPECTED
+    (line,) = result.stderr.splitlines()
+    assert line.startswith("blurmatte: a defect of blurmatte, KeyError: 'width'; please report it")
+    assert "Traceback" in run("measure", folder / "layer.exr", "-v").stderr
+
+
+def test_refusal_has_a_traceback_only_with_v():
+    assert len(run("info", "nowhere.png").stderr.splitlines()) == 1
+    assert "Traceback" in run("info", "nowhere.png", "-v").stderr
+
+
+def test_quiet_and_verbose_exclude_each_other(folder):
+    result = run("info", folder / "image.png", "-q", "-v")
+    assert result.exit_code == ExitCode.REFUSED
+    assert result.stderr == "blurmatte: give --quiet or --verbose, not both\n"
+
+
+def test_verbose_prints_the_stages_and_quiet_no_warnings(folder, tmp_path):
+    asked = "solve", folder / "image.png", "--plate", folder / "plate.png", "--out", tmp_path
+    said = run(*asked, "--color", "#3040ff", "--solver", "pixelwise", "-v").stderr
+    for stage in ("matching the plate", "finding the streak", "solving alpha", "writing"):
+        assert f" s: {stage}" in said
+    assert "warning" in said
+    quiet = run(*asked, "--color", "#3040ff", "--solver", "pixelwise", "-q")
+    assert (quiet.exit_code, quiet.stderr) == (0, "")
+    assert quiet.stdout
+    assert logging.getLogger("blurmatte").handlers == []
+
+
+@pytest.mark.parametrize(
+    ("arguments", "names"),
+    [
+        (("info", "image.png"), {"file", "size", "transfer", "valid_share", "light"}),
+        (("info", "layer.exr"), {"solver", "stats", "model", "in_words"}),
+        (("measure", "layer.exr"), {"length", "length_std", "trajectory", "in_words"}),
+        (("color", "image.png", "--plate", "plate.png", "--color", "#ffbc43"), {"hex", "rank"}),
+        (("paints", "layer.exr", "--color", "#dca059", "--color", "#2030ff", "-o", "p"), {"files"}),
+        (
+            ("solve", "image.png", "--plate", "plate.png", "-o", "o", "--color", "#ffbc43"),
+            {"folder", "grade", "model", "stats"},
+        ),
+        (("calibrate", "noise", "plate.png", "--region", "0,0,96,72"), {"sensor", "in_words"}),
+        (("render", "--list"), {"easy"}),
+    ],
+)
+def test_answers_as_json(folder, arguments, names, monkeypatch, tmp_path):
+    """Exact: an object with these names, and nothing else on the output."""
+    monkeypatch.chdir(tmp_path)
+    arguments = [folder / a if (folder / a).is_file() else a for a in arguments]
+    result = run(*arguments, "--json")
+    assert result.exit_code == 0, result.stderr
+    assert names <= json.loads(result.stdout).keys()
+
+
+def test_rows_of_pictures_have_one_form_everywhere(folder, tmp_path):
+    """Exact: a pattern, numbers and a folder are the same pictures."""
+    for k in (1, 2, 10):
+        (tmp_path / f"f.{k:04d}.png").write_bytes((folder / "image.png").read_bytes())
+    options = "--plate", folder / "plate.png", "--solver", "pixelwise", "--color", "#ffbc43"
+    answers = []
+    for k, name in enumerate(("f.*.png", "f.####.png", "f.%04d.png", ".")):
+        out = tmp_path.parent / f"{tmp_path.name}-{k}"
+        result = run("solve", tmp_path / name, *options, "--out", out)
+        assert result.exit_code == 0, result.stderr
+        answers.append(sorted(path.name for path in out.iterdir()))
+    assert answers == [["f.0001", "f.0002", "f.0010"]] * 4
+
+
+@pytest.mark.parametrize(
+    ("python", "shell"),
+    [
+        ("give its color (--color, model=)", "give its color (--color)"),
+        ("pass transfer=SRGB (--transfer srgb) to", "pass --transfer srgb to"),
+        ("the limit with max_pixels= (--max-pixels)", "the limit with --max-pixels"),
+        ("allow any (--rank 3, ColorModel.any())", "allow any (--rank 3)"),
+        ("give exposure_times (--exposures 1/60), one", "give --exposures 1/60, one"),
+        ("the part after it (--start, --stop)", "the part after it (--frames)"),
+        ("line_time needs exposure_time, for", "--line-time needs --exposure, for"),
+    ],
+)
+def test_messages_speak_of_options(python, shell):
+    assert in_options(python) == shell
