@@ -284,7 +284,7 @@ def test_show(scene, tmp_path, monkeypatch, name):
         (("--image", "image.png"), "there is nothing to do"),
         (("--fade", "much"), "--fade must be a factor, got 'much'"),
         (("--fade", "-1"), "factor must be 0 or more"),
-        (("--expose", "10000"), "--expose must lie between -100 and 100, got '10000'"),
+        (("--expose", "10000"), "--expose must lie between -128 and 128, got '10000'"),
         (("--recolor", "blue"), "--recolor must be a color like #d8ff3c"),
         (("--gain", "1,2"), "--gain must be a factor or red,green,blue"),
         (("--fade", "2", "--image", "image.png"), "give the plate"),

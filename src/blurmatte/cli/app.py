@@ -26,7 +26,6 @@ F = TypeVar("F", bound=Callable[..., None])
 
 ORDER = "blurmatte.order"  # where a context keeps the options in the order in which they were typed
 _MAIN = "Arguments and options"
-_WIDTH = 100  # columns of help at most
 _SECTIONS = {
     "Commands": ("solve", "measure", "track", "edit"),
     "More on color and motion": ("color", "paints", "locate"),
@@ -161,7 +160,7 @@ def _usage_in_one_line() -> Iterator[None]:
         raise
 
 
-_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": _WIDTH + 2}
+_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 102}  # columns, with a rim
 
 app = typer.Typer(
     cls=_Program,

@@ -10,7 +10,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
-from blurmatte.cli.console import about, say, say_json, waiting
+from blurmatte.cli.console import about, option, say, say_json, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import box, number
 from blurmatte.cli.selection import ROWS, Reading, expanded
@@ -18,9 +18,7 @@ from blurmatte.cli.selection import ROWS, Reading, expanded
 Pictures = Annotated[
     list[str], typer.Argument(metavar="PICTURE", help=f"Of one still scene: {ROWS}.")
 ]
-Plot = Annotated[
-    Path | None, typer.Option(metavar="FILE", help="Draw what was measured: .png or .jpg.")
-]
+Plot = Annotated[Path | None, option("FILE", "Draw what was measured: .png or .jpg.")]
 
 
 @command(
@@ -32,15 +30,13 @@ def noise(
     pictures: Pictures,
     reading: Reading,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the noise: .json.")
+        Path | None, option("FILE", "Write the noise: .json.", None, "--out", "-o")
     ] = None,
     region: Annotated[
-        str | None,
-        typer.Option(metavar="X0,Y0,X1,Y1", help="Look only there; of one picture, an even part."),
+        str | None, option("X0,Y0,X1,Y1", "Look only there; of one picture, an even part.")
     ] = None,
     plate: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="For one picture: the scene without the object."),
+        Path | None, option("FILE", "For one picture: the scene without the object.")
     ] = None,
     plot: Plot = None,
     as_json: AsJson = False,
@@ -74,17 +70,13 @@ def noise(
 def response(
     pictures: Pictures,
     out: Annotated[
-        Path | None, typer.Option("--out", "-o", metavar="FILE", help="Write the curve: .json.")
+        Path | None, option("FILE", "Write the curve: .json.", None, "--out", "-o")
     ] = None,
     exposures: Annotated[
-        str | None,
-        typer.Option(metavar="T,T,…", help="Exposure times, 1/60 or 0.5; else the files'."),
+        str | None, option("T,T,…", "Exposure times, 1/60 or 0.5; else the files'.")
     ] = None,
     plot: Plot = None,
-    max_pixels: Annotated[
-        int,
-        typer.Option(metavar="N", help="Refuse larger pictures; 200 million.", show_default=False),
-    ] = bm.MAX_PIXELS,
+    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = bm.MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
     """Measure the curve of a camera from pictures of a still scene with different exposures."""

@@ -12,7 +12,7 @@ import numpy.typing as npt
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.console import about
+from blurmatte.cli.console import about, option
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import numbers
 
@@ -22,7 +22,6 @@ LOOKS = "To look at"
 ROW = "Rows of layers"
 
 _HEX = "#?[0-9a-fA-F]{6}"
-_MAX_STOPS = 100  # light of 32 bits ends at 128
 _PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
 
 Change = Callable[[bm.Layer], bm.Layer]
@@ -40,34 +39,20 @@ LayerOrRow = Annotated[
 class Changes:
     """Changes of a layer; their order is that of the command line."""
 
-    fade: Annotated[
-        list[str] | None,
-        typer.Option(metavar="F", help="F times as opaque: 0.5 is half.", rich_help_panel=CHANGES),
-    ] = None
+    fade: Annotated[list[str] | None, option("F", "F times as opaque: 0.5 is half.", CHANGES)] = (
+        None
+    )
     amplify: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="G[,BRIGHTNESS]", help="G times as opaque, and bright.", rich_help_panel=CHANGES
-        ),
+        list[str] | None, option("G[,BRIGHTNESS]", "G times as opaque, and bright.", CHANGES)
     ] = None
     recolor: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="HEX|OLD=NEW,…",
-            help="Another color, or new ones for its paints.",
-            rich_help_panel=CHANGES,
-        ),
+        option("HEX|OLD=NEW,…", "Another color, or new ones for its paints.", CHANGES),
     ] = None
     expose: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="STOPS", help="Brighter by so many stops: 1 is twice.", rich_help_panel=CHANGES
-        ),
+        list[str] | None, option("STOPS", "Brighter by so many stops: 1 is twice.", CHANGES)
     ] = None
-    gain: Annotated[
-        list[str] | None,
-        typer.Option(metavar="R,G,B", help="Its light times these.", rich_help_panel=CHANGES),
-    ] = None
+    gain: Annotated[list[str] | None, option("R,G,B", "Its light times these.", CHANGES)] = None
 
     def in_order(self, order: Sequence[str]) -> list[tuple[str, str]]:
         """Names of options and their values, in the order in which the names were typed."""
@@ -86,15 +71,9 @@ class Changes:
 class Looks:
     """Files to look at, beside the result."""
 
-    sheet: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="Before and after: .png, .jpg.", rich_help_panel=LOOKS),
-    ] = None
+    sheet: Annotated[Path | None, option("FILE", "Before and after: .png, .jpg.", LOOKS)] = None
     preview: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="It comes and goes: .webp, .gif, .mp4.", rich_help_panel=LOOKS
-        ),
+        Path | None, option("FILE", "It comes and goes: .webp, .gif, .mp4.", LOOKS)
     ] = None
 
     def __post_init__(self) -> None:
@@ -106,17 +85,8 @@ class Looks:
 class RowOptions:
     """How a row of layers is written."""
 
-    rate: Annotated[
-        float | None,
-        typer.Option(metavar="R", help="Frames per second of a clip.", rich_help_panel=ROW),
-    ] = None
-    first: Annotated[
-        int,
-        typer.Option(
-            metavar="N", help="First number of its files; 1.", show_default=False,
-            rich_help_panel=ROW,
-        ),
-    ] = 1  # fmt: skip
+    rate: Annotated[float | None, option("R", "Frames per second of a clip.", ROW)] = None
+    first: Annotated[int, option("N", "First number of its files; 1.", ROW)] = 1
 
     def __post_init__(self) -> None:
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
@@ -128,26 +98,12 @@ class Placement:
     """Where in a picture a layer goes, how large, and in which light."""
 
     fit: Annotated[
-        str | None,
-        typer.Option(
-            metavar="cover", help="Scale and crop the picture to the layer.", rich_help_panel=PLACE
-        ),
+        str | None, option("cover", "Scale and crop the picture to the layer.", PLACE)
     ] = None
-    place: Annotated[
-        str | None,
-        typer.Option(metavar="X,Y", help="The middle of the object.", rich_help_panel=PLACE),
-    ] = None
-    scale: Annotated[
-        float | None,
-        typer.Option(metavar="S", help="S times as large.", rich_help_panel=PLACE),
-    ] = None
+    place: Annotated[str | None, option("X,Y", "The middle of the object.", PLACE)] = None
+    scale: Annotated[float | None, option("S", "S times as large.", PLACE)] = None
     match_light: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="PLATE",
-            help="From the light of its own plate to the picture's.",
-            rich_help_panel=PLACE,
-        ),
+        Path | None, option("PLATE", "From the light of its own plate to the picture's.", PLACE)
     ] = None
 
     def __post_init__(self) -> None:
@@ -215,10 +171,9 @@ def change_of(name: str, text: str) -> Change:
             return lambda layer: layer.amplify(*amounts)
         case "--expose":
             (stops,) = numbers(name, text, "a number of stops")
-            if abs(stops) > _MAX_STOPS:
-                raise ValueError(
-                    f"{name} must lie between -{_MAX_STOPS} and {_MAX_STOPS}, got {text!r}"
-                )
+            most = np.finfo(np.float32).maxexp  # the range of light in a file
+            if abs(stops) > most:
+                raise ValueError(f"{name} must lie between -{most} and {most}, got {text!r}")
             return lambda layer: layer.relight(2.0**stops)
         case "--gain":
             gains = numbers(name, text, "a factor", "red,green,blue")

@@ -42,6 +42,18 @@ _IN_OPTIONS = (  # Python's names in messages of the library, and what the comma
 )
 
 
+def option(metavar: str, help: str, group: str | None = None, *names: str) -> Any:
+    """An option of a command with a value, listed in a group of its help."""
+    return typer.Option(
+        *names, metavar=metavar, help=help, show_default=False, rich_help_panel=group
+    )
+
+
+def flag(name: str, help: str, group: str | None = None) -> Any:
+    """An option of a command without a value."""
+    return typer.Option(name, help=help, rich_help_panel=group)
+
+
 class ExitCode(IntEnum):
     """How a command ends; the table in docs/cli.md."""
 

@@ -22,15 +22,11 @@ from blurmatte.cli.changes import (
     change_of,
     changed,
 )
-from blurmatte.cli.console import about, waiting, with_progress
+from blurmatte.cli.console import about, option, waiting, with_progress
 from blurmatte.cli.output_checks import PICTURE, check_file, check_other
 from blurmatte.cli.selection import Out, PlateOptions, Reading, is_row, matching_of
 
 OWN = "In its own picture"
-
-_RATE = 25.0  # frames per second
-_PREVIEW_SIZE = 640  # pixels at most
-_PREVIEW_RIM = 0.3  # around the object, of its size
 
 
 @dataclass(frozen=True)
@@ -48,22 +44,10 @@ class _Edit:
 class Own:
     """The picture that a layer is from."""
 
-    image: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="It, kept where nothing changes.", rich_help_panel=OWN),
-    ] = None
-    plate: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The scene without the object.", rich_help_panel=OWN),
-    ] = None
+    image: Annotated[Path | None, option("FILE", "It, kept where nothing changes.", OWN)] = None
+    plate: Annotated[Path | None, option("FILE", "The scene without the object.", OWN)] = None
     match: Annotated[
-        str,
-        typer.Option(
-            metavar="MODE",
-            help="How it may be changed: auto, none, exposure, shift, full.",
-            show_default=False,
-            rich_help_panel=OWN,
-        ),
+        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", OWN)
     ] = "auto"
 
     def __post_init__(self) -> None:
@@ -133,14 +117,12 @@ def remove(
     layer: Annotated[
         Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote, or a layer.")
     ],
-    image: Annotated[Path, typer.Option(metavar="FILE", help="The picture that LAYER is from.")],
+    image: Annotated[Path, option("FILE", "The picture that LAYER is from.")],
     plate: PlateOptions,
     looks: Looks,
     reading: Reading,
     out: Out,
-    grow: Annotated[
-        int, typer.Option(metavar="N", help="N pixels more on every side.", show_default=False)
-    ] = 0,
+    grow: Annotated[int, option("N", "N pixels more on every side.")] = 0,
 ) -> None:
     """Remove an object from its picture: the plate is put where it was."""
     for written in (out, looks.sheet, looks.preview):
@@ -167,7 +149,7 @@ def remove(
 def compose(
     ctx: typer.Context,
     layer: LayerOrRow,
-    over: Annotated[Path, typer.Option(metavar="FILE", help="The picture behind it.")],
+    over: Annotated[Path, option("FILE", "The picture behind it.")],
     out: Out,
     placement: Placement,
     changes: Changes,
@@ -225,7 +207,7 @@ def _edit_row(
     """Change layers one after another; only one of them is in memory at a time."""
     with about(Path(source)):
         row = bm.read_layers(source, max_pixels=reading.max_pixels)
-    seconds = options.rate or row.rate or _RATE
+    seconds = options.rate or row.rate or 25.0
 
     def edited() -> Iterator[bm.Layer]:
         for layer in with_progress(row, "editing"):
@@ -313,8 +295,11 @@ def _write_looks(looks: Looks, done: _Edit, names: str) -> None:
             _write_preview(looks.preview, done)
 
 
-def _write_preview(path: Path, done: _Edit) -> None:
-    """The object coming and going, small: an alpha that rises and falls."""
+def _write_preview(path: Path, done: _Edit, longest: int = 640, rim: float = 0.3) -> None:
+    """The object coming and going: an alpha that rises and falls.
+
+    At most so many pixels wide or high; with a rim around the object, as a part of its size.
+    """
     assert done.picture is not None
     assert done.result is not None
     without = done.picture
@@ -322,11 +307,11 @@ def _write_preview(path: Path, done: _Edit) -> None:
         without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)
     shown = done.before if done.after.empty else done.after
     x0, y0, x1, y1 = shown.box
-    rim = int(_PREVIEW_RIM * max(x1 - x0, y1 - y0))
+    edge = int(rim * max(x1 - x0, y1 - y0))
     width, height = shown.size
-    box = max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)
+    box = max(x0 - edge, 0), max(y0 - edge, 0), min(x1 + edge, width), min(y1 + edge, height)
     first, second = without.crop(box), done.result.crop(box)
-    scale = min(1.0, _PREVIEW_SIZE / max(first.size))
+    scale = min(1.0, longest / max(first.size))
     size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
     frames = bm.fade_between(bm.cover(first, size), bm.cover(second, size))
-    bm.write_frames(path, frames, _RATE)
+    bm.write_frames(path, frames)

@@ -7,7 +7,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, say, say_json, with_progress
+from blurmatte.cli.console import about, flag, option, say, say_json, with_progress
 from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_kept, check_other
 from blurmatte.cli.selection import ROWS, Layer, Out, OutFolder, Reading
 
@@ -24,12 +24,9 @@ def stack(
     out: Out,
     reading: Reading,
     over: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The picture behind all of them, usually the plate."),
+        Path | None, option("FILE", "The picture behind all of them, usually the plate.")
     ] = None,
-    long: Annotated[
-        bool, typer.Option("--long", help="As one exposure as long as all together.")
-    ] = False,
+    long: Annotated[bool, flag("--long", "As one exposure as long as all together.")] = False,
 ) -> None:
     """Put many layers into one: the whole path of an object through a clip.
 
@@ -59,14 +56,9 @@ def stack(
 )
 def paints(
     layer: Layer,
-    color: Annotated[
-        list[str], typer.Option(metavar="HEX", help="The color of a paint; repeat for each.")
-    ],
+    color: Annotated[list[str], option("HEX", "The color of a paint; repeat for each.")],
     out: OutFolder,
-    max_pixels: Annotated[
-        int,
-        typer.Option(metavar="N", help="Refuse larger pictures; 200 million.", show_default=False),
-    ] = bm.MAX_PIXELS,
+    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = bm.MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
     """Say how long each paint of an object of several colors was at each pixel.

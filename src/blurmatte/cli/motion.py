@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, say, say_json
+from blurmatte.cli.console import about, flag, option, say, say_json
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
 from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
@@ -20,22 +18,15 @@ PLANE = "A plane"
 DRAWING = "Drawing"
 
 _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
-_MIN_POINTS = 4  # that determine a plane
 
 Located = bm.BallMotion | bm.PlaneMotion | bm.BlurDepth
 
 Numbers = Annotated[
-    Path | None,
-    typer.Option("--out", "-o", metavar="FILE", help="Write all numbers: .json, or .csv of a row."),
+    Path | None, option("FILE", "Write all numbers: .json, or .csv of a row.", None, "--out", "-o")
 ]
 ExposureTime = Annotated[
     str | None,
-    typer.Option(
-        "--exposure",
-        metavar="TIME[±ERROR]",
-        help="Exposure time: 1/60, 4ms; else the file's.",
-        rich_help_panel=SIZE,
-    ),
+    option("TIME[±ERROR]", "Exposure time: 1/60, 4ms; else the file's.", SIZE, "--exposure"),
 ]
 
 
@@ -45,17 +36,9 @@ class Timing:
 
     exposure: ExposureTime = None
     line_time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME",
-            help="From row to row of a rolling shutter: 15us.",
-            rich_help_panel=SIZE,
-        ),
+        str | None, option("TIME", "From row to row of a rolling shutter: 15us.", SIZE)
     ] = None
-    going: Annotated[
-        str | None,
-        typer.Option(metavar="down|up", help="With --line-time, if known.", rich_help_panel=SIZE),
-    ] = None
+    going: Annotated[str | None, option("down|up", "With --line-time, if known.", SIZE)] = None
 
     def __post_init__(self) -> None:
         if self.going not in (None, "down", "up"):
@@ -69,15 +52,9 @@ class Drawing:
     """The picture of the path."""
 
     overlay: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="Draw path and outlines: .png, .jpg.", rich_help_panel=DRAWING
-        ),
+        Path | None, option("FILE", "Draw path and outlines: .png, .jpg.", DRAWING)
     ] = None
-    image: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The picture to draw on.", rich_help_panel=DRAWING),
-    ] = None
+    image: Annotated[Path | None, option("FILE", "The picture to draw on.", DRAWING)] = None
 
     def __post_init__(self) -> None:
         check_file(self.overlay, "a sheet", *SHEET)
@@ -98,7 +75,7 @@ def measure(
     drawing: Drawing,
     reading: Reading,
     rotation: Annotated[
-        bool, typer.Option("--rotation", help="Also how far it turned, and about which point.")
+        bool, flag("--rotation", "Also how far it turned, and about which point.")
     ] = False,
     out: Numbers = None,
     as_json: AsJson = False,
@@ -131,29 +108,14 @@ class SpaceOptions(BallSize):
     """What is known of the space that a picture shows."""
 
     speed: Annotated[
-        str | None,
-        typer.Option(
-            metavar="SPEED[±ERROR]",
-            help="Or its true speed: 12m/s, 43km/h.",
-            rich_help_panel=SIZE,
-        ),
+        str | None, option("SPEED[±ERROR]", "Or its true speed: 12m/s, 43km/h.", SIZE)
     ] = None
-    camera: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="JSON of the calibrated camera.", rich_help_panel=SIZE),
-    ] = None
+    camera: Annotated[Path | None, option("FILE", "JSON of the calibrated camera.", SIZE)] = None
     on_plane: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="X,Y=U,V",
-            help="Pixel X,Y shows the point U,V of the plane; 4 or more.",
-            rich_help_panel=PLANE,
-        ),
+        option("X,Y=U,V", "Pixel X,Y shows the point U,V of the plane; 4 or more.", PLANE),
     ] = None
-    height: Annotated[
-        str | None,
-        typer.Option(metavar=LENGTH, help="Of its middle above the plane.", rich_help_panel=PLANE),
-    ] = None
+    height: Annotated[str | None, option(LENGTH, "Of its middle above the plane.", PLANE)] = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -182,12 +144,9 @@ def locate(
     reading: Reading,
     exposure: ExposureTime = None,
     image: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="With --plate: fit the flight to the picture, in depth."),
+        Path | None, option("FILE", "With --plate: fit the flight to the picture, in depth.")
     ] = None,
-    plate: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The scene without the object.")
-    ] = None,
+    plate: Annotated[Path | None, option("FILE", "The scene without the object.")] = None,
     out: Numbers = None,
     as_json: AsJson = False,
 ) -> None:
@@ -304,10 +263,8 @@ def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
             raise ValueError(f"--on-plane must be like 120,300=0,1.5m, got {text!r}")
         pixels.append((float(found[1]), float(found[2])))
         places.append([meters("--on-plane", part.strip())[0] for part in found.groups()[2:]])
-    if len(pixels) < _MIN_POINTS:
-        raise ValueError(
-            f"--on-plane is needed for {_MIN_POINTS} points or more, got {len(pixels)}"
-        )
+    if len(pixels) < 4:  # which determine a plane
+        raise ValueError(f"--on-plane is needed for 4 points or more, got {len(pixels)}")
     return bm.Plane.from_points(pixels, places, lens)
 
 

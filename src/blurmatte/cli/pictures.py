@@ -13,7 +13,16 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, by, color_numbers, complain, in_degrees, say, say_json
+from blurmatte.cli.console import (
+    about,
+    by,
+    color_numbers,
+    complain,
+    in_degrees,
+    option,
+    say,
+    say_json,
+)
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.selection import Reading
 
@@ -24,9 +33,7 @@ def show(
     reading: Reading,
     out: Annotated[
         Path | None,
-        typer.Option(
-            "--out", "-o", metavar="SHEET", help="Write the sheet, open nothing: .png or .jpg."
-        ),
+        option("SHEET", "Write the sheet, open nothing: .png or .jpg.", None, "--out", "-o"),
     ] = None,
 ) -> None:
     """Show FILE on a sheet: for a quick look."""

@@ -2,14 +2,15 @@
 
 import math
 import re
-from collections.abc import Mapping
 
 _PLAIN = r"\s*[-+]?(\d+\.?\d*|\.\d+)\s*"
 _FRAME = r"\d*|\d+(\.\d*)?s"
-_METERS = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0}
-_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6}
-_METERS_PER_SECOND = {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704}
-_METERS_PER_SECOND2 = {"": 1.0, "m/s2": 1.0, "m/s²": 1.0}
+_UNITS = {
+    "length": {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0},  # meters
+    "time": {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6},  # seconds
+    "speed": {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704},  # meters per second
+    "acceleration": {"": 1.0, "m/s2": 1.0, "m/s²": 1.0},
+}
 _LENGTH = "a length like 0.02, 2cm or 2cm±0.1mm"
 _TIME = "a time like 1/60, 0.004, 4ms or 15us"
 _NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)"
@@ -87,22 +88,22 @@ def number(text: str) -> float:
 
 def meters(name: str, text: str) -> tuple[float, float]:
     """A place along an axis and its error, meters."""
-    return _with_error(name, text, _METERS, _LENGTH)
+    return _with_error(name, text, "length", _LENGTH)
 
 
 def length(name: str, text: str) -> tuple[float, float]:
     """A length, which is above 0, and its error, meters."""
-    return _above_zero(name, text, _with_error(name, text, _METERS, _LENGTH))
+    return _above_zero(name, text, _with_error(name, text, "length", _LENGTH))
 
 
 def time_of_exposure(name: str, text: str) -> tuple[float, float]:
     """A time that is above 0, and its error, seconds."""
-    return _above_zero(name, text, _with_error(name, text, _SECONDS, _TIME))
+    return _above_zero(name, text, _with_error(name, text, "time", _TIME))
 
 
 def time_of_line(name: str, text: str) -> float:
     """A time that may be 0, seconds."""
-    value, _ = _with_error(name, text, _SECONDS, _TIME)
+    value, _ = _with_error(name, text, "time", _TIME)
     if value < 0:
         raise ValueError(f"{name} must be 0 or more, got {text!r}")
     return value
@@ -111,21 +112,21 @@ def time_of_line(name: str, text: str) -> float:
 def meters_per_second(name: str, text: str) -> tuple[float, float]:
     """A speed and its error, m/s."""
     what = "a speed like 12, 12m/s, 43km/h or 12±0.2m/s"
-    return _above_zero(name, text, _with_error(name, text, _METERS_PER_SECOND, what))
+    return _above_zero(name, text, _with_error(name, text, "speed", what))
 
 
 def acceleration(name: str, text: str) -> tuple[list[float], float]:
     """A vector of one to three numbers, m/s², and the error of its size."""
     what = "9.81, x,y or x,y,z in m/s², like 9.81±0.01 or 0,9.7,1.2"
-    parts = [_with_error(name, part, _METERS_PER_SECOND2, what) for part in text.split(",")]
+    parts = [_with_error(name, part, "acceleration", what) for part in text.split(",")]
     if len(parts) > 3:
         raise ValueError(f"{name} must be {what}, got {text!r}")
     return [value for value, _ in parts], parts[-1][1]
 
 
-def _with_error(name: str, text: str, units: Mapping[str, float], what: str) -> tuple[float, float]:
+def _with_error(name: str, text: str, kind: str, what: str) -> tuple[float, float]:
     """Value and error, each a number or fraction with a unit."""
-    values = []
+    units, values = _UNITS[kind], []
     for part in text.replace("+-", "±").split("±"):
         found = re.fullmatch(_NUMBER, part.strip())
         if found is None or found[2] not in units:

@@ -5,9 +5,8 @@ import warnings
 from dataclasses import dataclass
 from typing import Annotated
 
-import typer
-
 import blurmatte as bm
+from blurmatte.cli.console import option
 from blurmatte.cli.quantities import length, numbers
 
 SIZE = "True size and time"
@@ -21,13 +20,8 @@ _FAR_OFF_AXIS = 0.1  # of width and height, from the middle: no lens is mounted 
 class BallSize:
     """The true size of the object."""
 
-    diameter: Annotated[
-        str | None,
-        typer.Option(metavar=LENGTH, help="True diameter: 4cm, 40mm±0.2mm.", rich_help_panel=SIZE),
-    ] = None
-    radius: Annotated[
-        str | None, typer.Option(metavar=LENGTH, help="Or its radius.", rich_help_panel=SIZE)
-    ] = None
+    diameter: Annotated[str | None, option(LENGTH, "True diameter: 4cm, 40mm±0.2mm.", SIZE)] = None
+    radius: Annotated[str | None, option(LENGTH, "Or its radius.", SIZE)] = None
 
     def __post_init__(self) -> None:
         if self.radius is not None and self.diameter is not None:
@@ -51,11 +45,7 @@ class ScaleOptions(BallSize):
 
     scale: Annotated[
         str | None,
-        typer.Option(
-            metavar="LENGTH|X0,Y0,X1,Y1=LENGTH",
-            help="Or that of a pixel, or between two points.",
-            rich_help_panel=SIZE,
-        ),
+        option("LENGTH|X0,Y0,X1,Y1=LENGTH", "Or that of a pixel, or between two points.", SIZE),
     ] = None
 
     def __post_init__(self) -> None:

@@ -8,7 +8,16 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import ExitCode, about, complain, say, say_json, with_progress
+from blurmatte.cli.console import (
+    ExitCode,
+    about,
+    complain,
+    flag,
+    option,
+    say,
+    say_json,
+    with_progress,
+)
 from blurmatte.cli.output_checks import check_file, check_folder
 from blurmatte.cli.selection import with_folders
 
@@ -20,14 +29,11 @@ def render(
         typer.Argument(metavar="SCENE", help="Scene files (TOML), or names of --list."),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FOLDER", help="For the pictures and the truth."),
+        Path | None, option("FOLDER", "For the pictures and the truth.", None, "--out", "-o")
     ] = None,
-    all_scenes: Annotated[
-        bool, typer.Option("--all", help="All scenes that come with blurmatte.")
-    ] = False,
+    all_scenes: Annotated[bool, flag("--all", "All scenes that come with blurmatte.")] = False,
     list_scenes: Annotated[
-        bool, typer.Option("--list", help="Print the names of the scenes that come with it.")
+        bool, flag("--list", "Print the names of the scenes that come with it.")
     ] = False,
     as_json: AsJson = False,
 ) -> None:
@@ -73,12 +79,9 @@ def score(
             metavar="RESULT", help="A layer file, a folder with one, or a folder of such folders."
         ),
     ],
-    truth: Annotated[
-        Path, typer.Option(metavar="FOLDER", help="What render wrote: a scene, or many.")
-    ],
+    truth: Annotated[Path, option("FOLDER", "What render wrote: a scene, or many.")],
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Write the scores: .json or .csv."),
+        Path | None, option("FILE", "Write the scores: .json or .csv.", None, "--out", "-o")
     ] = None,
     as_json: AsJson = False,
 ) -> None:

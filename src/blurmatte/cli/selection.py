@@ -12,7 +12,7 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.console import GENERAL, about
+from blurmatte.cli.console import GENERAL, about, option
 from blurmatte.cli.quantities import box, is_box, numbers
 
 OBJECT = "The object"
@@ -21,34 +21,22 @@ ROWS = "a folder, ####, %04d or '*' too"
 _PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
 _PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 
-Out = Annotated[Path, typer.Option("--out", "-o", metavar="FILE", help="Where to write.")]
+Out = Annotated[Path, option("FILE", "Where to write.", None, "--out", "-o")]
 OutFolder = Annotated[
-    Path, typer.Option("--out", "-o", metavar="FOLDER", help="For the results; made if needed.")
+    Path, option("FOLDER", "For the results; made if needed.", None, "--out", "-o")
 ]
 Layer = Annotated[Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote.")]
-Clip = Annotated[
-    list[str],
-    typer.Argument(metavar="CLIP", help=f"A clip; or pictures: {ROWS}."),
-]
+Clip = Annotated[list[str], typer.Argument(metavar="CLIP", help=f"A clip; or pictures: {ROWS}.")]
 FrameRange = Annotated[
     str | None,
-    typer.Option(
-        "--frames", metavar="START:STOP[:STEP]", help="Frames from 0, or seconds: 40:52, 2.5s:4s."
-    ),
+    option("START:STOP[:STEP]", "Frames from 0, or seconds: 40:52, 2.5s:4s.", None, "--frames"),
 ]
 Region = Annotated[
     str | None,
-    typer.Option(
-        metavar="X0,Y0,X1,Y1|FILE",
-        help="Where it moved: a box (X1, Y1 excluded) or a white mask.",
-        rich_help_panel=OBJECT,
-    ),
+    option("X0,Y0,X1,Y1|FILE", "Where it moved: a box (X1, Y1 excluded) or a white mask.", OBJECT),
 ]
 Occluder = Annotated[
-    Path | None,
-    typer.Option(
-        metavar="FILE", help="A mask, white where something is in front.", rich_help_panel=OBJECT
-    ),
+    Path | None, option("FILE", "A mask, white where something is in front.", OBJECT)
 ]
 
 
@@ -58,19 +46,13 @@ class Reading:
 
     transfer: Annotated[
         str | None,
-        typer.Option(
-            metavar="NAME|FILE.json",
-            help="Encoding of light: srgb, rec709, linear, gamma2.2, slog3 …",
-            rich_help_panel=GENERAL,
+        option(
+            "NAME|FILE.json", "Encoding of light: srgb, rec709, linear, gamma2.2, slog3 …", GENERAL
         ),
     ] = None
-    max_pixels: Annotated[
-        int,
-        typer.Option(
-            metavar="N", help="Refuse larger pictures; 200 million.", show_default=False,
-            rich_help_panel=GENERAL,
-        ),
-    ] = bm.MAX_PIXELS  # fmt: skip
+    max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.", GENERAL)] = (
+        bm.MAX_PIXELS
+    )
 
     @property
     def camera_noise(self) -> bm.NoiseModel | None:
@@ -118,11 +100,7 @@ class CameraReading(Reading):
     """How picture files of a camera with known noise are read."""
 
     noise: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.json",
-            help="The camera's, from calibrate noise; else measured.",
-        ),
+        Path | None, option("FILE.json", "The camera's, from calibrate noise; else measured.")
     ] = None
 
     @property
@@ -135,14 +113,9 @@ class CameraReading(Reading):
 class PlateOptions:
     """The plate, and how it may be changed to match the image."""
 
-    plate: Annotated[Path, typer.Option(metavar="FILE", help="The same scene without the object.")]
+    plate: Annotated[Path, option("FILE", "The same scene without the object.")]
     match: Annotated[
-        str,
-        typer.Option(
-            metavar="MODE",
-            help="How it may be changed: auto, none, exposure, shift, full.",
-            show_default=False,
-        ),
+        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.")
     ] = "auto"
 
     def __post_init__(self) -> None:
@@ -161,28 +134,18 @@ class ColorOptions:
 
     color: Annotated[
         list[str] | None,
-        typer.Option(
-            metavar="HEX|X,Y[,R]|FILE|core",
-            help="Its color: #d8ff3c, pixels of it, a model; repeatable.",
-            rich_help_panel=OBJECT,
+        option(
+            "HEX|X,Y[,R]|FILE|core",
+            "Its color: #d8ff3c, its pixels, a model; repeatable.",
+            OBJECT,
         ),
     ] = None
     color_from: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE", help="A sharp picture in which X,Y are picked.", rich_help_panel=OBJECT
-        ),
+        Path | None, option("FILE", "A sharp picture in which X,Y are picked.", OBJECT)
     ] = None
-    rank: Annotated[
-        int,
-        typer.Option(
-            metavar="1|2|3", help="1: shades of one color, 2: of two, 3: any.",
-            show_default=False, rich_help_panel=OBJECT,
-        ),
-    ] = 1  # fmt: skip
+    rank: Annotated[int, option("1|2|3", "1: shades of one color, 2: of two, 3: any.", OBJECT)] = 1
     max_brightness: Annotated[
-        float | None,
-        typer.Option(metavar="L", help="Its light at most; white is 1.", rich_help_panel=OBJECT),
+        float | None, option("L", "Its light at most; white is 1.", OBJECT)
     ] = None
 
     def __post_init__(self) -> None:

@@ -22,6 +22,7 @@ from blurmatte.cli.console import (
     color_numbers,
     complain,
     in_degrees,
+    option,
     say,
     say_json,
     swatches,
@@ -46,8 +47,6 @@ from blurmatte.cli.selection import (
 )
 
 Solver = bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded
-
-_SHOWN_BOXES = 5  # of other things that moved
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,16 +77,10 @@ def solve(
     region: Region = None,
     occluder: Occluder = None,
     solver: Annotated[
-        str,
-        typer.Option(
-            metavar="NAME[:VALUE]",
-            help="auto, swept, smooth[:F], pixelwise, shaded[:FILE].",
-            show_default=False,
-        ),
+        str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded[:FILE].")
     ] = "auto",
     require: Annotated[
-        str | None,
-        typer.Option(metavar="confirmed|plausible", help="Exit code 3 if a grade is lower."),
+        str | None, option("confirmed|plausible", "Exit code 3 if a grade is lower.")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -168,8 +161,7 @@ def color(
     reading: CameraReading,
     region: Region = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="Write the color model: .json."),
+        Path | None, option("FILE", "Write the color model: .json.", None, "--out", "-o")
     ] = None,
     as_json: AsJson = False,
 ) -> None:
@@ -300,9 +292,9 @@ def _naming_streaks(
         raise type(error)(f"{error}. {where}") from error
 
 
-def _some(boxes: list[str]) -> str:
-    more = f" and {len(boxes) - _SHOWN_BOXES} more" if len(boxes) > _SHOWN_BOXES else ""
-    return " ".join(boxes[:_SHOWN_BOXES]) + more
+def _some(boxes: list[str], most: int = 5) -> str:
+    more = f" and {len(boxes) - most} more" if len(boxes) > most else ""
+    return " ".join(boxes[:most]) + more
 
 
 def _warnings(path: Path, solution: bm.Solution) -> list[str]:

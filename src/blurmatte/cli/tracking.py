@@ -5,13 +5,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_table import Gravity, Known, summaries, table, words
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
-from blurmatte.cli.console import about, in_degrees, say, say_json
+from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
@@ -28,23 +26,12 @@ class Followed:
     """Which objects of a clip are followed."""
 
     color: Annotated[
-        str | None,
-        typer.Option(
-            metavar="HEX|FILE.json|any",
-            help="Its color; else found in some frames.",
-            rich_help_panel=OBJECT,
-        ),
+        str | None, option("HEX|FILE.json|any", "Its color; else found in some frames.", OBJECT)
     ] = None
-    several: Annotated[
-        bool,
-        typer.Option("--several", help="Follow all of that color.", rich_help_panel=OBJECT),
-    ] = False
-    least: Annotated[
-        int | None,
-        typer.Option(
-            metavar="N", help="Of these: seen in N frames or more; 3.", rich_help_panel=OBJECT
-        ),
-    ] = None
+    several: Annotated[bool, flag("--several", "Follow all of that color.", OBJECT)] = False
+    least: Annotated[int | None, option("N", "Of these: seen in N frames or more; 3.", OBJECT)] = (
+        None
+    )
 
     def __post_init__(self) -> None:
         if self.least is not None and not self.several:
@@ -57,14 +44,8 @@ class Followed:
 class Run:
     """How the frames are worked through."""
 
-    resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Continue an interrupted run.", rich_help_panel=RUN),
-    ] = False
-    workers: Annotated[
-        int | None,
-        typer.Option(metavar="N", help="Processes; one for each core.", rich_help_panel=RUN),
-    ] = None
+    resume: Annotated[bool, flag("--resume", "Continue an interrupted run.", RUN)] = False
+    workers: Annotated[int | None, option("N", "Processes; one for each core.", RUN)] = None
 
     def __post_init__(self) -> None:
         if self.workers is not None and self.workers < 1:
@@ -76,30 +57,15 @@ class Physics(ScaleOptions):
     """What is known of the world: sizes, times, the camera, gravity."""
 
     camera: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE",
-            help="JSON of the calibrated camera: places in space.",
-            rich_help_panel=SIZE,
-        ),
+        Path | None, option("FILE", "JSON of the calibrated camera: places in space.", SIZE)
     ] = None
-    exposure: Annotated[
-        str | None,
-        typer.Option(metavar="TIME[±ERROR]", help="Exposure time.", rich_help_panel=SIZE),
-    ] = None
+    exposure: Annotated[str | None, option("TIME[±ERROR]", "Exposure time.", SIZE)] = None
     line_time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="TIME", help="From row to row of a rolling shutter.", rich_help_panel=SIZE
-        ),
+        str | None, option("TIME", "From row to row of a rolling shutter.", SIZE)
     ] = None
     gravity: Annotated[
         str | None,
-        typer.Option(
-            metavar="G|X,Y|X,Y,Z[±ERROR]",
-            help="Of a free fall, m/s²: gives or checks the scale.",
-            rich_help_panel=SIZE,
-        ),
+        option("G|X,Y|X,Y,Z[±ERROR]", "Of a free fall, m/s²: gives or checks the scale.", SIZE),
     ] = None
 
     def __post_init__(self) -> None:
@@ -164,20 +130,14 @@ def track(
     run: Run,
     reading: Reading,
     plate: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="The scene without it; else made of the clip."),
+        Path | None, option("FILE", "The scene without it; else made of the clip.")
     ] = None,
     frames: FrameRange = None,
-    rate: Annotated[
-        float | None, typer.Option(metavar="R", help="Frames per second, for pictures.")
-    ] = None,
+    rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None,
     out: Annotated[
-        Path | None,
-        typer.Option("--out", "-o", metavar="FILE", help="The table: .csv, .json or .parquet."),
+        Path | None, option("FILE", "The table: .csv, .json or .parquet.", None, "--out", "-o")
     ] = None,
-    overlay: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Draw the paths: .png or .jpg.")
-    ] = None,
+    overlay: Annotated[Path | None, option("FILE", "Draw the paths: .png or .jpg.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Track the object through CLIP: its place, speed and size in each frame.
