@@ -303,7 +303,7 @@ def _bar(doing: str, count: int | None) -> Iterator[_Shown]:
         redirect_stdout=sys.stdout.isatty(),  # what goes to a file must not come here
     )
     with bar:
-        shown = _Shown(bar, bar.add_task(doing, total=count), doing)
+        shown = _Shown(bar, bar.add_task(doing, total=count), doing if count else "")
         token = _shown.set(shown)
         try:
             yield shown

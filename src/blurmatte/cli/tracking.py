@@ -41,6 +41,19 @@ class Followed:
 
 
 @dataclass(frozen=True)
+class Chosen:
+    """Which frames are measured, and when they were taken."""
+
+    frames: FrameRange = None
+    rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
+            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+        frame_range("--frames", self.frames, 1.0)
+
+
+@dataclass(frozen=True)
 class Run:
     """How the frames are worked through."""
 
@@ -125,6 +138,7 @@ class Physics(ScaleOptions):
 )
 def track(
     clip: Clip,
+    chosen: Chosen,
     followed: Followed,
     physics: Physics,
     run: Run,
@@ -132,8 +146,6 @@ def track(
     plate: Annotated[
         Path | None, option("FILE", "The scene without it; else made of the clip.")
     ] = None,
-    frames: FrameRange = None,
-    rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None,
     out: Annotated[
         Path | None, option("FILE", "The table: .csv, .json or .parquet.", None, "--out", "-o")
     ] = None,
@@ -149,44 +161,41 @@ def track(
     check_other(overlay, *clip, plate)
     if run.resume and out is None:
         raise ValueError("--resume needs --out, the table of the interrupted run")
-    if rate is not None and not (math.isfinite(rate) and rate > 0):
-        raise ValueError(f"--rate must be frames per second, above 0, got {rate:g}")
-    frame_range("--frames", frames, 1.0)
     source, ball = Path(clip[0]), physics.ball
     task = ClipTask(
         source,
         followed.color,
         followed.several,
         3 if followed.least is None else followed.least,
-        rate,
+        chosen.rate,
         run.workers,
         out,
         run.resume,
         {
             "clip": list(clip),
             "plate": None if plate is None else str(plate),
-            "frames": [frames, rate],
+            "frames": [chosen.frames, chosen.rate],
             "transfer": reading.transfer,
         },
         ball,
     )
-    chosen = _frames(clip, frames, rate, reading, physics)
+    frames = _frames(clip, chosen, reading, physics)
     given = None if plate is None else reading.read(plate)[0]
-    measured = measure_frames(task, chosen, given)
+    measured = measure_frames(task, frames, given)
     _answer(task, measured, physics, overlay, as_json)
 
 
 def _frames(
-    clip: list[str], chosen: str | None, rate: float | None, reading: Reading, physics: Physics
+    clip: list[str], chosen: Chosen, reading: Reading, physics: Physics
 ) -> bm.Frames[bm.LinearImage]:
     """The frames to measure; their times and the camera are checked."""
     with about(Path(clip[0])):
         source = clip[0] if len(clip) == 1 else clip
         frames = bm.read_frames(source, reading.curve, reading.max_pixels)
-        frames = frames[frame_range("--frames", chosen, frames.rate)]
+        frames = frames[frame_range("--frames", chosen.frames, frames.rate)]
         if len(frames) == 0:
             raise ValueError("look at --frames: there are no such frames")
-        _check_times(physics, rate or frames.rate, frames.size[1])
+        _check_times(physics, chosen.rate or frames.rate, frames.size[1])
         if physics.ball is not None:
             check_camera(physics.ball.lens, frames.size)
     return frames
