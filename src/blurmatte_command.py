@@ -1,7 +1,7 @@
-"""Where the command `blurmatte` begins.
+"""Entry point of the command `blurmatte`.
 
-It lies outside of the package, whose imports take most of a second: an interrupt in the middle of them
-ends it as quietly as one later does.
+It is outside of the package, whose imports take most of a second: an interrupt during the imports
+ends the program as quietly as a later one.
 """
 
 import sys
@@ -16,6 +16,6 @@ def run() -> None:
     except KeyboardInterrupt:
         raise SystemExit(130) from None
     except OSError as error:
-        # Of the output itself: commands name the files that they could not write.
+        # An error of stdout: commands report the files that they cannot write.
         print(f"blurmatte: cannot write the answer: {error.strerror}", file=sys.stderr)
         raise SystemExit(2) from None

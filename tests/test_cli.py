@@ -122,7 +122,7 @@ def graded(monkeypatch):
     return of
 
 
-def test_first_line_is_the_grade_and_what_it_means(scene, tmp_path, graded):
+def test_first_line_is_the_grade(scene, tmp_path, graded):
     graded("assumed")
     first, second, *_ = solve(scene, tmp_path).stdout.splitlines()
     assert first == (
@@ -149,7 +149,7 @@ def test_second_line_is_what_else_fits(scene, tmp_path, graded):
 
 @pytest.mark.parametrize("required", ["confirmed", "plausible"])
 @pytest.mark.parametrize("grade", ["confirmed", "plausible", "assumed"])
-def test_lesser_grade_than_required_has_an_exit_code_and_files(
+def test_grade_below_required_sets_exit_code_and_keeps_files(
     scene, tmp_path, graded, grade, required
 ):
     graded(grade)
@@ -179,7 +179,7 @@ def test_failed_image_outweighs_a_lesser_grade(here, tmp_path, graded):
     assert sorted(content(tmp_path / "o" / "image")) == NAMES
 
 
-def test_solve_is_what_the_api_says(scene, tmp_path):
+def test_solve_equals_api(scene, tmp_path):
     image, plate = (bm.read(scene / f"{name}.png") for name in ("image", "plate"))
     expected = bm.solve(image, plate, bm.ColorModel.from_hex(COLOR))
     good(
@@ -191,7 +191,7 @@ def test_solve_is_what_the_api_says(scene, tmp_path):
     assert np.array_equal(solution.quality, expected.quality)
 
 
-def test_nothing_lies_outside_the_streak(scene, tmp_path):
+def test_layer_is_empty_outside_streak(scene, tmp_path):
     solve(scene, tmp_path)
     codes = np.asarray(bm.read_layer(tmp_path / "layer.png").alpha)
     solution = bm.read_solution(tmp_path / "layer.exr")
@@ -210,7 +210,7 @@ def test_nothing_lies_outside_the_streak(scene, tmp_path):
         (["--region", "MASK"], 1, {"shape", "hue variation"}),
     ],
 )
-def test_every_way_to_say_the_color(scene, tmp_path, options, rank, evidence):
+def test_every_form_of_color(scene, tmp_path, options, rank, evidence):
     files = {"SHARP": scene / "sharp.png", "MASK": scene / "mask.png"}
     options = [files.get(option, option) for option in options]
     out = tmp_path / "m.json"
@@ -231,7 +231,7 @@ def test_every_way_to_say_the_color(scene, tmp_path, options, rank, evidence):
     assert again.read_text() == out.read_text()
 
 
-def test_a_mask_and_a_region_say_where(scene, tmp_path):
+def test_region_and_mask_choose_pixels(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png")
     base = ("solve", *files, "--color", COLOR, *FAST)
     good(*base, "--out", tmp_path / "r", "--region", "20,20,70,60")
@@ -246,7 +246,7 @@ def test_a_mask_and_a_region_say_where(scene, tmp_path):
     assert np.array_equal(masked.streak, white)
 
 
-def test_an_occluder_is_left_out_and_flagged(scene, tmp_path):
+def test_occluder_is_excluded_and_flagged(scene, tmp_path):
     light = bm.read(scene / "image.png").rgb
     post = np.zeros_like(light)
     post[:, 56:60] = 1
@@ -262,10 +262,10 @@ def test_an_occluder_is_left_out_and_flagged(scene, tmp_path):
     assert report["flagged"]["OCCLUDED"] == np.count_nonzero(flagged & solution.streak)
 
 
-def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
+def test_region_without_motion_is_solved_with_warning(scene, tmp_path):
     base = ("solve", scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
-    told = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
-    first, line = told.stderr.splitlines()
+    answer = good(*base, "--out", tmp_path, "--region", "90,0,120,20")
+    first, line = answer.stderr.splitlines()
     assert "no motion is found in --region 90,0,120,20; all of it is taken" in first
     assert line.startswith(f"blurmatte: warning: {scene / 'image.png'}: Alpha adds up to ")
     assert bm.read_solution(tmp_path / "layer.exr").stats["streak_box"] == (90, 0, 120, 20)
@@ -274,7 +274,7 @@ def test_a_region_in_which_nothing_is_found_is_taken_as_it_is(scene, tmp_path):
     assert report["warnings"] == warned
 
 
-def test_other_things_that_moved_are_told_and_can_be_chosen(here, tmp_path):
+def test_lists_other_streaks_as_regions(here, tmp_path):
     image = bm.read(here / "image.png")
     image.rgb[5:14, 100:112] *= 0.3
     bm.write(here / "two.png", image)
@@ -288,7 +288,7 @@ def test_other_things_that_moved_are_told_and_can_be_chosen(here, tmp_path):
     assert ",".join(map(str, solution.stats["streak_box"])) == region
 
 
-def test_a_refusal_says_which_of_the_things_that_moved_it_is_about(here, tmp_path):
+def test_refusal_names_its_streak(here, tmp_path):
     image = bm.read(here / "plate.png")
     y, x = np.mgrid[:80, :128]
     for x0, y0, radius, part in ((55, 40, 12, 0.7), (106, 12, 6, 0.5)):  # soft: shadows, refused
@@ -314,14 +314,12 @@ def test_a_refusal_says_which_of_the_things_that_moved_it_is_about(here, tmp_pat
     ],
 )
 @pytest.mark.parametrize("command", ["solve", "color"])
-def test_options_that_contradict_each_other_are_refused_before_anything_is_read(
-    tmp_path, command, options, said
-):
+def test_refuses_contradictory_options_before_reading(tmp_path, command, options, said):
     files = (tmp_path / "a.png", "--plate", tmp_path / "b.png", "--out", tmp_path / "o.json")
     assert complaint(run(command, *files, *options)).startswith(said)
 
 
-def test_a_wrong_color_is_warned_of(scene, tmp_path):
+def test_warns_of_wrong_color(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path)
     warned = good("solve", *files, "--color", "#3040ff", *FAST).stderr
     assert warned.startswith(f"blurmatte: warning: {scene / 'image.png'}: ")
@@ -341,7 +339,7 @@ def test_several_images_get_a_folder_each_and_one_may_fail(here, tmp_path):
     assert sorted(content(out / "throw2")) == NAMES
 
 
-def test_two_images_of_one_name_are_not_mixed_up(here, tmp_path):
+def test_refuses_two_images_of_one_name(here, tmp_path):
     (tmp_path / "b").mkdir()
     shutil.copy(here / "image.png", tmp_path / "b")
     images = here / "image.png", tmp_path / "b" / "image.png"
@@ -383,9 +381,9 @@ def test_info_of_a_picture(scene, tmp_path):
     assert "srgb (a guess: nothing in the file says)" in guess.stdout
     assert guess.stderr.startswith("blurmatte: warning: ")
     assert len(guess.stderr.splitlines()) == 1
-    told = good("info", plain, "--transfer", "gamma2.2")
-    assert "gamma2.2 (as you said)" in told.stdout
-    assert told.stderr == ""
+    answer = good("info", plain, "--transfer", "gamma2.2")
+    assert "gamma2.2 (as you said)" in answer.stdout
+    assert answer.stderr == ""
 
 
 def test_info_of_results(scene, tmp_path):
@@ -420,7 +418,7 @@ def test_info_of_results(scene, tmp_path):
         ("paints", "layer.exr", "--color", "#ff0000", "--out", "x" * 300),
     ],
 )
-def test_a_name_that_no_file_can_have(arguments):
+def test_names_file_whose_name_is_too_long(arguments):
     """Door: what the system says of it, with the name."""
     assert "x" * 300 in complaint(run(*arguments))
 
@@ -434,11 +432,11 @@ def test_a_name_that_no_file_can_have(arguments):
         (("info", "nowhere.json"), "nowhere.json: check the name; there is no such file"),
     ],
 )
-def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
+def test_refuses_unwritable_or_unreadable_files_first(arguments, said):
     """Door: before anything is read."""
-    told = complaint(run(*arguments))
-    assert said in told
-    assert "nor is it" not in told
+    answer = complaint(run(*arguments))
+    assert said in answer
+    assert "nor is it" not in answer
 
 
 @pytest.mark.parametrize(
@@ -472,18 +470,18 @@ def test_what_cannot_be_written_or_read_is_told_first(arguments, said):
         (("paints", "l.exr", "--color", COLOR, "--color", "#0000ff", "--out", "."), "overview.png"),
     ],
 )
-def test_what_is_read_is_not_replaced(arguments, kept, tmp_path, monkeypatch):
+def test_refuses_to_replace_its_input(arguments, kept, tmp_path, monkeypatch):
     """Door: nor is the sheet of a solution."""
     monkeypatch.chdir(tmp_path)
     for name in ("i.png", "p.png", "l.exr", "overview.png"):
         Path(name).write_bytes(b"not to be lost")
-    told = complaint(run(*arguments))
-    assert told.startswith(f"{kept}: ")
-    assert "would be replaced" in told
+    answer = complaint(run(*arguments))
+    assert answer.startswith(f"{kept}: ")
+    assert "would be replaced" in answer
     assert Path(kept).read_bytes() == b"not to be lost"
 
 
-def test_alpha_that_is_1_everywhere_makes_no_layer(tmp_path):
+def test_opaque_picture_is_no_layer(tmp_path):
     bm.write(tmp_path / "full.png", bm.Layer(np.ones((9, 9)), np.full((9, 9, 3), 0.2)))
     said = good("info", tmp_path / "full.png").stdout
     assert "layer" not in said
@@ -629,7 +627,7 @@ def test_one_pixel(tmp_path):
     assert "image.png: the picture is 1x1 pixels" in line
 
 
-def test_swapped_pictures_are_warned_of(tmp_path):
+def test_warns_of_swapped_pictures(tmp_path):
     path, body = bm.Trajectory.line((44, 34), (84, 40)), bm.Ball(14, np.array([0.9, 0.45, 0.05]))
     truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=3), path, body))
     rng = np.random.default_rng(0)
@@ -640,14 +638,14 @@ def test_swapped_pictures_are_warned_of(tmp_path):
         *("solve", tmp_path / "image.png", "--plate", tmp_path / "plate.png"),
         *("--color", COLOR, *FAST, "--out", tmp_path),
     )
-    line = result.stderr.splitlines()[0]  # alpha below 0 may be told after it
+    line = result.stderr.splitlines()[0]  # alpha below 0 may follow
     assert line.startswith("blurmatte: warning: ")
     assert "image.png" in line
     assert "swapped" in line
     assert "swapped" in json.loads((tmp_path / "report.json").read_text())["warnings"][0]
 
 
-def test_a_guess_is_told_once(here, tmp_path):
+def test_warns_of_guessed_transfer_once(here, tmp_path):
     for name in ("image", "plate"):
         codes = np.rint(255 * bm.SRGB.encode(bm.read(here / f"{name}.png").rgb)).astype(np.uint8)
         Image.fromarray(codes).save(here / f"plain {name}.png")
@@ -661,7 +659,7 @@ def test_a_guess_is_told_once(here, tmp_path):
 
 
 @pytest.mark.parametrize("out", ["file", "file/below/it"])
-def test_a_folder_that_cannot_be(here, tmp_path, out):
+def test_refuses_folder_that_is_a_file(here, tmp_path, out):
     (tmp_path / "file").write_text("mine")
     files = (here / "image.png", "--plate", here / "plate.png", "--color", COLOR)
     line = complaint(run("solve", *files, "--out", tmp_path / out))
@@ -671,7 +669,7 @@ def test_a_folder_that_cannot_be(here, tmp_path, out):
     assert "m.json" in line
 
 
-def test_any_name_will_do(here, tmp_path):
+def test_accepts_any_file_name(here, tmp_path):
     odd = tmp_path / "my pictures — Größe 100% [1]"
     shutil.copytree(here, odd)
     files = (odd / "image.png", "--plate", odd / "plate.png", "--color", COLOR)
@@ -712,7 +710,7 @@ def test_any_name_will_do(here, tmp_path):
         (["--max-pixels", "100"], "more than the limit of 100"),
     ],
 )
-def test_bad_options_are_one_line(scene, tmp_path, options, says):
+def test_refuses_bad_options_in_one_line(scene, tmp_path, options, says):
     named = {"SHARP": scene / "sharp.png"}
     for name, light in (("BLACK", 0.0), ("WHITE", 1.0)):
         named[name] = tmp_path / f"{name}.png"
@@ -735,7 +733,7 @@ def test_bad_options_are_one_line(scene, tmp_path, options, says):
         (["--colour"], "No such option"),
     ],
 )
-def test_wrong_usage_is_one_line(words, says):
+def test_reports_wrong_usage_in_one_line(words, says):
     line = complaint(run(*words))
     assert says in line
     assert line.endswith("--help")
@@ -758,7 +756,7 @@ def test_no_memory_is_one_line(scene, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("command", ["info", "compose"])
-def test_other_commands_complain_alike(scene, tmp_path, command):
+def test_info_and_compose_refuse_in_one_line(scene, tmp_path, command):
     (tmp_path / "bad.exr").write_bytes(b"")
     options = ("--over", scene / "plate.png", "--out", tmp_path / "c.png")
     line = complaint(run(command, tmp_path / "bad.exr", *(options if command == "compose" else ())))
@@ -771,7 +769,7 @@ def test_other_commands_complain_alike(scene, tmp_path, command):
 PROGRAM = (sys.executable, "-c", "from blurmatte.cli import app; app()")
 
 
-def test_the_program_starts_quietly():
+def test_help_prints_nothing_to_stderr():
     done = subprocess.run([*PROGRAM, "--help"], capture_output=True, text=True, check=False)
     assert done.returncode == 0
     assert done.stderr == ""
@@ -783,7 +781,7 @@ def test_help_loads_nothing_heavy():
     assert not {"numba", "scipy", "PIL", "rich"} & set(done.stdout.split())
 
 
-def test_the_program_ends_with_one_line(tmp_path):
+def test_program_ends_with_one_line(tmp_path):
     done = subprocess.run(
         [*PROGRAM, "info", tmp_path / "Ä b.png"], capture_output=True, text=True, check=False
     )
@@ -795,7 +793,7 @@ def test_the_program_ends_with_one_line(tmp_path):
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals as POSIX has them")
-def test_ctrl_c_is_quiet(scene, tmp_path):
+def test_interrupt_exits_130_quietly(scene, tmp_path):
     code = (
         "import signal, time, blurmatte as bm; from blurmatte.cli import app\n"
         "signal.signal(signal.SIGINT, signal.default_int_handler)  # a job in the background has none\n"
@@ -888,7 +886,7 @@ def test_render_lists_its_scenes():
         (("nowhere", "--out", "x"), "nowhere: cannot be read"),
     ],
 )
-def test_door_of_render(args, says):
+def test_render_refuses_in_one_line(args, says):
     assert says in complaint(run("render", *args))
 
 
@@ -924,7 +922,7 @@ def test_a_scene_without_a_result_is_a_miss(rendered, tmp_path):
     assert result.stdout.splitlines()[2].split()[:2] == ["two", "miss"]
 
 
-def test_door_of_score(rendered, tmp_path):
+def test_score_refuses_in_one_line(rendered, tmp_path):
     truth = ("--truth", rendered / "scenes" / "one")
     layer = bm.read_layer(rendered / "scenes" / "one" / "truth" / "layer.exr")
     small = bm.Layer(layer.alpha[:-1], layer.premultiplied[:-1])
@@ -955,7 +953,7 @@ def test_a_broken_result_among_many_is_named_and_counts_as_a_miss(rendered, tmp_
     assert result.stdout.splitlines()[2].split()[:2] == ["two", "miss"]
 
 
-def test_swatches_are_drawn_where_they_can_be_seen(monkeypatch):
+def test_swatches_are_drawn_on_terminals_only(monkeypatch):
     basis = bm.ColorModel.from_hex("#d8a03c").basis
     model = bm.ColorModel(basis, 0.02**2 * (np.eye(3) - basis @ basis.T))
     assert swatches(model) == []
@@ -976,7 +974,7 @@ def bent(scene, folder, exponent):
     return folder / "image.png", "--plate", folder / "plate.png"
 
 
-def test_a_curve_is_found(scene, tmp_path):
+def test_auto_finds_transfer(scene, tmp_path):
     result = good("color", *bent(scene, tmp_path, 1), "--transfer", "auto")
     assert result.stdout.startswith("transfer: linear")
     straight = good(
@@ -985,13 +983,13 @@ def test_a_curve_is_found(scene, tmp_path):
     assert straight.stdout.startswith("transfer: srgb")
 
 
-def test_a_curve_that_bends_light_is_told(scene, tmp_path):
+def test_warns_of_better_transfer(scene, tmp_path):
     files = (*bent(scene, tmp_path, 1), "--out", tmp_path / "out")
     result = run("solve", *files, "--color", COLOR, *FAST)
     assert "light looks bent: with --transfer linear" in result.stderr
 
 
-def test_pictures_with_different_curves_are_solved_without_a_word_on_them(scene, tmp_path):
+def test_no_transfer_warning_if_transfers_differ(scene, tmp_path):
     image, _, plate = bent(scene, tmp_path, 1)
     bm.write(tmp_path / "plate.exr", bm.read(plate, bm.SRGB))
     files = (image, "--plate", tmp_path / "plate.exr", "--out", tmp_path / "out")
@@ -999,7 +997,7 @@ def test_pictures_with_different_curves_are_solved_without_a_word_on_them(scene,
     assert (tmp_path / "out" / "alpha.png").exists()
 
 
-def test_a_shadow_is_solved_with_the_object(scene, tmp_path):
+def test_solver_shaded_solves_shadow(scene, tmp_path):
     shade = bm.read(scene / "plate.png").rgb * np.array([0.4, 0.55, 0.8], np.float32)
     bm.write(tmp_path / "shade.png", bm.LinearImage(shade))
     files = (scene / "image.png", "--plate", scene / "plate.png", "--solver")
@@ -1021,14 +1019,14 @@ def test_a_shadow_is_solved_with_the_object(scene, tmp_path):
         (("--match", "much"), "--match must be auto, none, exposure, shift or full, got 'much'"),
     ],
 )
-def test_solvers_and_matching_have_names(scene, tmp_path, options, words):
+def test_refuses_unknown_solvers_and_matching(scene, tmp_path, options, words):
     """door"""
     files = (scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path / "o")
     assert words in complaint(run("solve", *files, *options))
     assert not (tmp_path / "o").exists()
 
 
-def test_a_shifted_plate_is_matched_and_told(scene, tmp_path):
+def test_matches_and_reports_shifted_plate(scene, tmp_path):
     plate = bm.read(scene / "plate.png")
     moved = bm.LinearImage(np.roll(plate.rgb, (1, 2), axis=(0, 1)))
     bm.write(tmp_path / "moved.png", moved)

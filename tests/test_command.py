@@ -23,7 +23,7 @@ blurmatte_command.run()
 """
 
 
-def test_it_is_what_is_installed():
+def test_installed_command_is_run():
     (command,) = entry_points(group="console_scripts", name="blurmatte")
     assert command.load() is blurmatte_command.run
 
@@ -35,14 +35,14 @@ def test_it_is_what_is_installed():
         ("OSError(28, 'No space left')", 2, "blurmatte: cannot write the answer: No space left\n"),
     ],
 )
-def test_it_ends_without_a_traceback(error, code, said):
+def test_run_ends_without_traceback(error, code, said):
     """Door: also while all the rest is imported."""
     command = [sys.executable, "-c", RAISES.format(error)]
     ended = subprocess.run(command, capture_output=True, text=True)
     assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", said)
 
 
-def test_it_is_a_module_too():
+def test_module_runs():
     command = [sys.executable, "-m", "blurmatte", "--version"]
     said = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert said == f"blurmatte {blurmatte.__version__}\n"

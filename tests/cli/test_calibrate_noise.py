@@ -34,7 +34,7 @@ def calibrate(*args):
     return run("calibrate", "noise", *args, *ENCODED)
 
 
-def test_frames(folder, tmp_path):
+def test_measures_noise_of_frames(folder, tmp_path):
     """Oracle: what the camera was given; the file and the plot are there."""
     plot = tmp_path / "plot.png"
     result = calibrate(folder / "f*.png", "--out", tmp_path / "n.json", "--plot", plot)
@@ -48,7 +48,7 @@ def test_frames(folder, tmp_path):
         assert picture.size == (880, 605)
 
 
-def test_a_guess_is_told_once(folder, tmp_path):
+def test_warns_of_guessed_transfer_once(folder, tmp_path):
     """Door: not for every frame."""
     for seed in range(3):
         with Image.open(folder / f"f{seed}.png") as picture:
@@ -59,10 +59,10 @@ def test_a_guess_is_told_once(folder, tmp_path):
     assert line.startswith("blurmatte: warning: ")
 
 
-@pytest.mark.parametrize("way", [("--plate", "f1.png"), ("--region", "10,10,150,110")])
-def test_one_picture(folder, way):
+@pytest.mark.parametrize("given", [("--plate", "f1.png"), ("--region", "10,10,150,110")])
+def test_measures_noise_of_one_picture(folder, given):
     """Oracle: electrons of white, from one picture and something else."""
-    option, value = way
+    option, value = given
     result = calibrate(folder / "f0.png", option, folder / value if "plate" in option else value)
     assert result.exit_code == 0, result.stderr
     (line,) = (line for line in result.stdout.splitlines() if line.startswith("White is"))
@@ -86,7 +86,7 @@ def test_one_picture(folder, way):
         (["f0.png", "f1.png", "--plot", "p.json"], "is written as .png or .jpg"),
     ],
 )
-def test_what_goes_wrong_is_one_line(folder, arguments, said, monkeypatch):
+def test_refuses_in_one_line(folder, arguments, said, monkeypatch):
     """Door."""
     monkeypatch.chdir(folder)
     result = calibrate(*arguments)
@@ -112,7 +112,7 @@ def scene(tmp_path_factory):
     return folder
 
 
-def test_solve_uses_the_noise_of_a_file(scene, tmp_path):
+def test_solve_uses_noise_of_file(scene, tmp_path):
     """Invariant: twice the noise doubles the errors of pixels."""
     typical = []
     for name in ("noise", "loud"):
@@ -126,7 +126,7 @@ def test_solve_uses_the_noise_of_a_file(scene, tmp_path):
     assert_allclose(typical[1] / typical[0], 2, rtol=0.1)
 
 
-def test_color_does_too(scene, monkeypatch):
+def test_color_uses_noise_of_file(scene, monkeypatch):
     """Exact: the noise that the fit is given is that of the file, of image and plate."""
     given = []
 
@@ -141,7 +141,7 @@ def test_color_does_too(scene, monkeypatch):
     assert given == [NOISE, NOISE]
 
 
-def test_info_tells_the_noise_of_a_file(scene):
+def test_info_prints_noise_of_file(scene):
     """Exact; and that of a model stays what it was."""
     said = run("info", scene / "noise.json").stdout.splitlines()
     assert said[0].startswith("NoiseModel(std ")
@@ -150,7 +150,7 @@ def test_info_tells_the_noise_of_a_file(scene):
     assert "rank 1" in run("info", scene / "model.json").stdout
 
 
-def test_info_of_another_json(tmp_path):
+def test_info_refuses_other_json(tmp_path):
     """Door."""
     (tmp_path / "a.json").write_text("{}")
     result = run("info", tmp_path / "a.json")
@@ -159,7 +159,7 @@ def test_info_of_another_json(tmp_path):
     assert "nor is it noise or a curve" in result.stderr
 
 
-def test_what_is_no_noise_is_refused(scene, tmp_path):
+def test_solve_refuses_file_without_noise(scene, tmp_path):
     """Door."""
     result = run("solve", scene / "image.png", "--plate", scene / "plate.png", "--out", tmp_path,
                  "--noise", scene / "model.json")  # fmt: skip

@@ -45,7 +45,7 @@ def bracket(tmp_path_factory):
     return folder
 
 
-def test_a_curve_is_measured_told_drawn_and_used(bracket, tmp_path):
+def test_measures_prints_draws_and_uses_curve(bracket, tmp_path):
     """Oracle: the curve that coded the pictures comes out of them, and decodes them."""
     curve, plot = tmp_path / "mycam.json", tmp_path / "mycam.png"
     pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
@@ -63,13 +63,13 @@ def test_a_curve_is_measured_told_drawn_and_used(bracket, tmp_path):
     assert json.loads(curve.read_text())["exposure_times"] == sorted(
         json.loads(curve.read_text())["exposure_times"]
     )
-    told = good("info", curve)
-    assert told.startswith(f"{curve}: transfer curve mycam\nNearest to gamma1.8")
-    told = good("info", bracket / "1.png", "--transfer", curve)
-    assert "transfer: mycam (as you said)" in told
+    answer = good("info", curve)
+    assert answer.startswith(f"{curve}: transfer curve mycam\nNearest to gamma1.8")
+    answer = good("info", bracket / "1.png", "--transfer", curve)
+    assert "transfer: mycam (as you said)" in answer
 
 
-def test_curves_work_where_transfers_do(bracket, tmp_path):
+def test_curve_file_equals_named_transfer(bracket, tmp_path):
     """Invariant: sRGB as a file gives what --transfer srgb gives."""
     layer, srgb = tmp_path / "layer.exr", tmp_path / "srgb.json"
     alpha = np.full((80, 96), 0.3, np.float32)
@@ -95,14 +95,14 @@ def test_curves_work_where_transfers_do(bracket, tmp_path):
         (["--exposures", "1,2,4", "--max-pixels", "10"], "more than the limit of 10"),
     ],
 )
-def test_bad_brackets_end_in_one_line(bracket, tmp_path, arguments, says):
+def test_refuses_bad_brackets_in_one_line(bracket, tmp_path, arguments, says):
     """Door: and nothing is written."""
     line = complaint("calibrate", "response", bracket / "?.png", *arguments)
     assert line.startswith("blurmatte: ")
     assert says in line
 
 
-def test_files_of_another_kind_are_told(bracket, tmp_path):
+def test_refuses_files_of_another_kind(bracket, tmp_path):
     """Door: a color model is no curve, and a curve no color model."""
     curve, model, broken = (tmp_path / name for name in ("c.json", "m.json", "b.json"))
     bm.write(curve, bm.SRGB)
@@ -116,7 +116,7 @@ def test_files_of_another_kind_are_told(bracket, tmp_path):
     assert "light must rise" in complaint("info", broken)
 
 
-def test_missing_extras_are_told(bracket, tmp_path, monkeypatch):
+def test_names_missing_extras(bracket, tmp_path, monkeypatch):
     """Door: one line that says what to install."""
     from blurmatte.radiometry.log_curves import log_curve
 

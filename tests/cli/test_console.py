@@ -15,21 +15,21 @@ class Screen(io.StringIO):
 
 
 @pytest.mark.parametrize("count", [1, 3])
-def test_who_waits_sees_for_how_long_and_of_several_things_how_far(monkeypatch, capsys, count):
+def test_progress_shows_time_and_of_several_things_percent(monkeypatch, capsys, count):
     screen = Screen()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
     for thing in with_progress(range(count), "solving"):
-        print("told", thing)
+        print("answer", thing)
     shown = screen.getvalue()
     assert "solving" in shown
     assert "0:00:0" in shown
     assert ("100%" in shown) == (count > 1)
-    assert "told" not in shown
-    assert capsys.readouterr().out.split() == [w for i in range(count) for w in ("told", str(i))]
+    assert "answer" not in shown
+    assert capsys.readouterr().out.split() == [w for i in range(count) for w in ("answer", str(i))]
 
 
-def test_who_waits_for_one_thing_sees_what_it_is(monkeypatch):
+def test_waiting_shows_task_and_time(monkeypatch):
     screen = Screen()
     monkeypatch.setattr("sys.stderr", screen)
     monkeypatch.setenv("TERM", "xterm")
@@ -39,7 +39,7 @@ def test_who_waits_for_one_thing_sees_what_it_is(monkeypatch):
     assert "0:00:0" in screen.getvalue()
 
 
-def test_a_file_holds_no_bars(capsys):
+def test_no_progress_without_terminal(capsys):
     with waiting("finding its color"):
         pass
     assert list(with_progress([1, 2], "solving")) == [1, 2]

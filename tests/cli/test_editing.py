@@ -68,7 +68,7 @@ def own(scene):
     return "--image", scene / "image.png", "--plate", scene / "plate.png", "--match", "none"
 
 
-def test_changes_are_made_in_the_order_given(scene, tmp_path):
+def test_edit_applies_changes_in_order(scene, tmp_path):
     layer = bm.read_layer(scene / "layer.exr")
     for options, expected in [
         (("--fade", 8, "--fade=0.5"), layer.fade(8).fade(0.5)),
@@ -88,7 +88,7 @@ def test_changes_are_made_in_the_order_given(scene, tmp_path):
         assert_allclose(edited.premultiplied, expected.premultiplied, rtol=1e-5, atol=1e-7)
 
 
-def test_in_its_own_picture_all_else_stays(scene, own, tmp_path):
+def test_edit_keeps_all_other_pixels(scene, own, tmp_path):
     out = tmp_path / "out.png"
     good("edit", scene / "layer.exr", *own, "--recolor", "#2040ff", "--fade", 2, "--out", out)
     layer = bm.read_layer(scene / "layer.exr")
@@ -103,7 +103,7 @@ def codes_of(path):
     return np.rint(65535 * bm.SRGB.encode(bm.read(path).rgb)).astype(int)
 
 
-def test_removed_is_the_plate_inside_and_the_file_outside(scene, own, tmp_path):
+def test_remove_puts_plate_inside_streak_only(scene, own, tmp_path):
     streak = bm.read_solution(scene / "solved.exr").streak
     for layer in ("solved.exr", "layer.exr"):
         good("remove", scene / layer, *own, "--out", tmp_path / "out.png")
@@ -117,8 +117,8 @@ def test_removed_is_the_plate_inside_and_the_file_outside(scene, own, tmp_path):
     assert grown.sum() > streak.sum() + 2 * 30
 
 
-def test_a_jpeg_keeps_its_profile_and_exif(scene, tmp_path):
-    """The photographer's way: three pictures from a tripod, and one comes out."""
+def test_edited_jpeg_keeps_profile_and_exif(scene, tmp_path):
+    """As photographers work: three pictures from a tripod, and one comes out."""
     for name in ("image", "plate"):
         exif = Image.Exif()
         exif[0x010F] = "a camera"
@@ -146,7 +146,7 @@ def _srgb_profile():
     return ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
 
-def test_a_transfer_is_for_pictures_and_not_for_light(scene, own, tmp_path):
+def test_transfer_applies_to_pictures_not_to_exr(scene, own, tmp_path):
     """Layers and EXRs hold light, whatever curve the pictures have."""
     for name in ("image", "plate"):
         bm.write(
@@ -164,7 +164,7 @@ def test_a_transfer_is_for_pictures_and_not_for_light(scene, own, tmp_path):
     assert_array_equal(results[2], results[0])
 
 
-def test_over_another_picture(scene, tmp_path):
+def test_compose_places_scales_and_fits(scene, tmp_path):
     layer, beach = bm.read_layer(scene / "layer.exr"), bm.read(scene / "beach.png")
     over = "--over", scene / "beach.png"
     for options, expected in [
@@ -178,7 +178,7 @@ def test_over_another_picture(scene, tmp_path):
         assert_allclose(bm.read(out).rgb, expected.rgb, atol=1e-6)
 
 
-def test_light_is_matched(scene, tmp_path):
+def test_compose_matches_light(scene, tmp_path):
     out, plate = tmp_path / "o.exr", bm.read(scene / "plate.png")
     bm.write(tmp_path / "dim.exr", bm.LinearImage(plate.rgb * np.float32([0.5, 0.25, 0.125])))
     options = "--over", tmp_path / "dim.exr", "--match-light", scene / "plate.png"
@@ -187,7 +187,7 @@ def test_light_is_matched(scene, tmp_path):
     assert_allclose(bm.read(out).rgb, lit.over(bm.read(tmp_path / "dim.exr")).rgb, atol=1e-5)
 
 
-def test_sheets_and_previews(scene, own, tmp_path):
+def test_writes_sheets_and_previews(scene, own, tmp_path):
     sheet, preview = tmp_path / "sheet.png", tmp_path / "preview.webp"
     look = "--sheet", sheet, "--preview", preview
     good("edit", scene / "layer.exr", *own, "--fade", 2, *look, "--out", tmp_path / "a.png")
@@ -213,7 +213,7 @@ def frame(moving, number):
     return np.asarray(moving.convert("RGB")).astype(int)
 
 
-def test_rows(scene, tmp_path):
+def test_edits_rows_of_layers(scene, tmp_path):
     layer = bm.read_layer(scene / "layer.exr")
     for number in (1, 2, 3):
         bm.write(tmp_path / f"in.{number:04d}.exr", layer.fade(number / 4))
@@ -231,7 +231,7 @@ def test_rows(scene, tmp_path):
     assert "x.####.exr" in complaint(single)
 
 
-def test_stack(scene, tmp_path):
+def test_stacks_layers(scene, tmp_path):
     layer = bm.read_layer(scene / "layer.exr")
     places = [(20.0, 20.0), (40.0, 30.0), (70.0, 40.0)]
     layers = [layer.place(SIZE, place) for place in places]
@@ -247,7 +247,7 @@ def test_stack(scene, tmp_path):
     assert_allclose(bm.read(tmp_path / "long.exr").rgb, expected.rgb, atol=1e-6)
 
 
-def test_paints(scene, tmp_path):
+def test_paints_writes_maps(scene, tmp_path):
     good(
         "paints",
         scene / "solved.exr",
@@ -267,7 +267,7 @@ def test_paints(scene, tmp_path):
 
 
 @pytest.mark.parametrize("name", ["image.png", "layer.exr", "solved.exr"])
-def test_show(scene, tmp_path, monkeypatch, name):
+def test_show_writes_or_opens_sheet(scene, tmp_path, monkeypatch, name):
     opened = []
     monkeypatch.setattr(pictures.typer, "launch", lambda path: opened.append(path) or 0)
     good("show", scene / name, "--out", tmp_path / "look.png")
@@ -294,7 +294,7 @@ def test_show(scene, tmp_path, monkeypatch, name):
         (("--fade", "2", "--image", "image.png", "--plate", "nothing.png"), "nothing.png"),
     ],
 )
-def test_edit_door(scene, tmp_path, options, words):
+def test_edit_refuses_in_one_line(scene, tmp_path, options, words):
     options = [scene / o if o.endswith(".png") else o for o in options]
     out = tmp_path / "out.png"
     out.write_bytes(b"precious")
@@ -332,13 +332,13 @@ def test_compose_and_remove_refuse_in_one_line(scene, tmp_path, command, options
         *(("5% off.exr", False), ("folder.exr", True), ("#1.exr", False)),
     ],
 )
-def test_a_row_is_told_by_its_name(tmp_path, name, row):
+def test_recognizes_row_by_name(tmp_path, name, row):
     (tmp_path / "folder.exr").mkdir()
     (tmp_path / "#1.exr").touch()
     assert is_row(tmp_path / name) == row
 
 
-def test_what_is_no_layer(scene, tmp_path):
+def test_edit_refuses_what_is_no_layer(scene, tmp_path):
     out = "--fade", "2", "--out", tmp_path / "out.png"
     assert "has no alpha" in complaint(run("edit", scene / "image.png", *out))
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *out))

@@ -45,7 +45,7 @@ def run(*arguments):
     return CliRunner().invoke(app, [str(one) for one in arguments])
 
 
-def test_it_says_what_it_found(measure):
+def test_measure_prints_sentences(measure):
     """Exact: in words, with what is missing."""
     result = measure()
     assert (result.exit_code, result.stderr) == (0, "")
@@ -56,7 +56,7 @@ def test_it_says_what_it_found(measure):
     assert "the scale and the exposure time are missing" in result.stdout
 
 
-def test_numbers_are_right(measure, tmp_path):
+def test_measured_numbers_are_right(measure, tmp_path):
     """Oracle: the scene that was rendered; JSON on the output and in a file agree."""
     numbers = json.loads(measure("--json", "--out", tmp_path / "m.json").stdout)
     assert json.loads((tmp_path / "m.json").read_text()) == numbers
@@ -66,15 +66,15 @@ def test_numbers_are_right(measure, tmp_path):
     assert len(numbers["trajectory"]["xy"]) == len(numbers["speeds"]) + 1
 
 
-def test_a_row_of_a_table(measure, tmp_path):
+def test_writes_csv_of_one_row(measure, tmp_path):
     """Exact: names and values, and meters per second from the diameter."""
     measure("--diameter", "18mm±0.1mm", "--exposure", "1/50", "--out", tmp_path / "m.csv")
     names, row = (tmp_path / "m.csv").read_text().splitlines()
-    told = dict(zip(names.split(","), row.split(","), strict=True))
-    assert told["speed_unit"] == "m/s"
-    assert float(told["mean_speed"]) == pytest.approx(LENGTH * 0.001 * 50, rel=0.02)
-    assert told["source"] == "sweep"
-    assert told["acceleration_x"] == ""
+    answer = dict(zip(names.split(","), row.split(","), strict=True))
+    assert answer["speed_unit"] == "m/s"
+    assert float(answer["mean_speed"]) == pytest.approx(LENGTH * 0.001 * 50, rel=0.02)
+    assert answer["source"] == "sweep"
+    assert answer["acceleration_x"] == ""
 
 
 @pytest.mark.parametrize(
@@ -85,7 +85,7 @@ def test_a_row_of_a_table(measure, tmp_path):
         (("--radius", "9e-3"), 0.001),
     ],
 )
-def test_scales(measure, options, meters):
+def test_all_forms_of_scale_agree(measure, options, meters):
     """Exact: three ways to the same."""
     result = measure(*options, "--exposure", "20ms", "--line-time", "0", "--json")
     numbers = json.loads(result.stdout)
@@ -93,7 +93,7 @@ def test_scales(measure, options, meters):
     assert numbers["rolling_shutter_may_change"] == 0
 
 
-def test_the_shutter_and_the_direction(measure):
+def test_direction_corrects_rolling_shutter(measure):
     """Exact: down is slower than it looks, up faster, not knowing is between."""
     speeds = [
         json.loads(measure("--exposure", "2ms", "--line-time", "15us", "--json", *going).stdout)
@@ -104,7 +104,7 @@ def test_the_shutter_and_the_direction(measure):
     assert speeds[1]["mean_speed_std"] > 3 * speeds[0]["mean_speed_std"]
 
 
-def test_the_picture(measure, folder, tmp_path):
+def test_draws_overlay(measure, folder, tmp_path):
     """Exact: as wide as the other sheets."""
     result = measure("--overlay", tmp_path / "m.png", "--image", folder / "image.png")
     assert result.exit_code == 0
@@ -140,7 +140,7 @@ def test_the_picture(measure, folder, tmp_path):
         (("--out", "m.txt"), "is written as .json or .csv"),
     ],
 )
-def test_mistakes_are_one_line(measure, options, said):
+def test_measure_refuses_in_one_line(measure, options, said):
     """Door."""
     result = measure(*options)
     assert (result.exit_code, result.stdout) == (2, "")
@@ -153,22 +153,22 @@ def test_measures_layer_in_folder_of_results(folder, measure):
     assert run("measure", folder).stdout == measure().stdout
 
 
-def test_what_holds_no_solution_is_refused(folder):
+def test_refuses_file_without_solution(folder):
     """Door."""
     result = CliRunner().invoke(app, ["measure", str(folder / "image.png")])
     assert result.exit_code == 2
     assert "image.png" in result.stderr
 
 
-def test_a_camera_says_where_the_ball_was(locate, tmp_path):
+def test_camera_gives_depth_of_ball(locate, tmp_path):
     """Oracle: a ball of 18 px that is 20 mm wide, 900 px of focal length; not without a radius."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
-    told = locate(
+    answer = locate(
         "--diameter", "20mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
     ).stdout
-    depth = float(told.split("It was ")[1].split(" ")[0])
+    depth = float(answer.split("It was ")[1].split(" ")[0])
     assert depth == pytest.approx(900 * 0.01 / RADIUS, rel=0.02)
-    assert "nothing of speed along the line of sight" in told
+    assert "nothing of speed along the line of sight" in answer
     refused = locate("--camera", tmp_path / "lens.json")
     assert refused.exit_code == 2
     assert "--camera needs --radius or --diameter" in refused.stderr
@@ -177,7 +177,7 @@ def test_a_camera_says_where_the_ball_was(locate, tmp_path):
     assert "calibrated with pictures of 192x144 pixels, and this has 96x72" in refused.stderr
 
 
-def test_the_flight_is_fitted_to_the_pictures(folder, locate, tmp_path):
+def test_plate_gives_flight_in_depth(folder, locate, tmp_path):
     """Oracle: with the plate the depth is that of the disc, and the line of sight is measured too."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     asked = "--radius", "10mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
@@ -191,25 +191,25 @@ def test_the_flight_is_fitted_to_the_pictures(folder, locate, tmp_path):
     assert "--plate needs" in locate(*asked, "--plate", folder / "plate.png").stderr
 
 
-def test_a_speed_tells_the_depth(locate, tmp_path):
+def test_speed_gives_depth(locate, tmp_path):
     """Oracle: speed × time × focal length over the length in pixels."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     lens = "--camera", tmp_path / "lens.json"
-    told = json.loads(locate("--speed", "36km/h", "--exposure", "10ms", *lens, "--json").stdout)
-    assert abs(told["blur_depth"] - 0.1 * 900 / LENGTH) < 4 * told["blur_depth_std"]
+    answer = json.loads(locate("--speed", "36km/h", "--exposure", "10ms", *lens, "--json").stdout)
+    assert abs(answer["blur_depth"] - 0.1 * 900 / LENGTH) < 4 * answer["blur_depth_std"]
     assert "needs --exposure" in locate("--speed", "10", *lens).stderr
 
 
-def test_four_points_make_a_plane(locate):
+def test_four_points_give_speed_on_plane(locate):
     """Oracle: a square seen from straight above, 1 cm for a pixel."""
     corners = [("0,0", "0,0"), ("90,0", "90cm,0"), ("90,70", "90cm,0.7"), ("0,70", "0,70cm")]
     plane = [word for at, is_at in corners for word in ("--on-plane", f"{at}={is_at}")]
-    told = json.loads(locate(*plane, "--exposure", "10ms", "--json").stdout)
-    assert abs(told["plane_length"] - LENGTH / 100) < 4 * told["plane_length_std"]
-    assert told["plane_speed"] == pytest.approx(told["plane_length"] * 100)
+    answer = json.loads(locate(*plane, "--exposure", "10ms", "--json").stdout)
+    assert abs(answer["plane_length"] - LENGTH / 100) < 4 * answer["plane_length_std"]
+    assert answer["plane_speed"] == pytest.approx(answer["plane_length"] * 100)
 
 
-def test_a_disc_has_no_rotation(measure):
+def test_refuses_rotation_of_disc(measure):
     """Door: one line, and the exit code of data that cannot answer."""
     refused = measure("--rotation")
     assert refused.exit_code == 2
@@ -226,7 +226,7 @@ def test_a_disc_has_no_rotation(measure):
         (("--on-plane", "1,2=3,4"), "needed for 4 points or more, got 1"),
     ],
 )
-def test_mistakes_of_locate_are_one_line(locate, options, said):
+def test_locate_refuses_in_one_line(locate, options, said):
     """Door."""
     result = locate(*options)
     assert (result.exit_code, result.stdout) == (2, "")

@@ -1,4 +1,4 @@
-"""What cannot be written is told before anything is read, and nothing else is written."""
+"""Output that cannot be written is refused before anything is read, and no file is written."""
 
 import pytest
 from typer.testing import CliRunner
@@ -37,7 +37,7 @@ SOLVE = "a.png", "--plate", "b.png"
         (("calibrate", "response", "a.png", "--out", "r.png"), "a curve is written as .json"),
     ],
 )
-def test_what_cannot_be_written_is_told_at_once(words, said, tmp_path, monkeypatch):
+def test_refuses_output_before_reading(words, said, tmp_path, monkeypatch):
     """Door."""
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine").write_text("mine")

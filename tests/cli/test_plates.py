@@ -46,7 +46,7 @@ def clip(tmp_path_factory, scene):
     return save_clip(tmp_path_factory.mktemp("clip") / "walk.mkv", lights)
 
 
-def test_a_clip_becomes_a_plate(tmp_path, clip, scene):
+def test_makes_plate_of_clip(tmp_path, clip, scene):
     # honest
     result = run("plate", clip, "--out", tmp_path / "plate.exr")
     assert result.exit_code == 0, result.stderr
@@ -65,7 +65,7 @@ def test_a_clip_becomes_a_plate(tmp_path, clip, scene):
     )
 
 
-def test_a_part_of_a_clip(tmp_path, clip):
+def test_makes_plate_of_chosen_frames(tmp_path, clip):
     out = tmp_path / "plate.exr"
     for window, count in (
         (("--frames", "10:20"), 10),
@@ -76,7 +76,7 @@ def test_a_part_of_a_clip(tmp_path, clip):
         assert result.stdout.startswith(f"plate of {count} frames"), result.stderr
 
 
-def test_pictures_become_a_plate(tmp_path, scene):
+def test_makes_plate_of_pictures(tmp_path, scene):
     rng, names = np.random.default_rng(2), []
     for i in range(4):
         names.append(tmp_path / f"{i}.exr")
@@ -96,7 +96,7 @@ def test_pictures_become_a_plate(tmp_path, scene):
         (["--transfer", "auto"], "no transfer is called 'auto'"),
     ],
 )
-def test_what_goes_wrong_is_one_line_and_spoils_nothing(tmp_path, clip, arguments, complaint):
+def test_refuses_in_one_line_and_changes_no_file(tmp_path, clip, arguments, complaint):
     # door
     out = tmp_path / "plate.exr"
     out.write_bytes(b"what was there")
@@ -108,7 +108,7 @@ def test_what_goes_wrong_is_one_line_and_spoils_nothing(tmp_path, clip, argument
     assert list(tmp_path.iterdir()) == [out]
 
 
-def test_a_camera_that_moves_is_told_with_the_clip(tmp_path):
+def test_refuses_moving_camera_by_name(tmp_path):
     # door
     wide = 0.1 + 0.6 * colorful_plate((140, 90), 5, tile=9)
     path = save_clip(tmp_path / "pan.mkv", [wide[5:85, 2 * i : 2 * i + 100] for i in range(12)])

@@ -50,7 +50,7 @@ def rows_of(path):
         return list(csv.DictReader(file))
 
 
-def test_the_table_is_right(track, tmp_path):
+def test_table_matches_rendered_motion(track, tmp_path):
     """Oracle: the places that were rendered, all frames, the direction of time, meters per second."""
     result = track(
         "--out", tmp_path / "t.csv", "--rate", 25, "--diameter", "16mm", "--exposure", "1/100"
@@ -68,14 +68,14 @@ def test_the_table_is_right(track, tmp_path):
     assert not (tmp_path / "t.csv.unfinished").exists()
 
 
-def test_a_rolling_shutter_shows_what_falls_for_longer():
-    """Exact: length / (T + τ Δy); half of both ways apart, if nobody knows which way it went."""
+def test_speed_allows_for_rolling_shutter():
+    """Exact: length / (T + τ Δy); half of the difference, if the direction is not known."""
     down = bm.Sighting(
         60, 40, 0.1, 0.1, 0.0, 6, 8, 0.1, 0.1, 100.0, 0.0, 0.9, 0.01, 5.0, 0.1,
         30, 0, 90, 80, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
     )  # fmt: skip
     seen = [(down, True), (down.reversed, True), (down, False), (None, None)]
-    rows = [bm.FrameMotion(k, None, s, 1, way) for k, (s, way) in enumerate(seen)]
+    rows = [bm.FrameMotion(k, None, s, 1, directed) for k, (s, directed) in enumerate(seen)]
     known = Known(lambda *_: None, False, None, None, (0.01, 0.0), 2e-5)
     lines = table(rows, None, [], known)
     fast = 100 / 0.0084
@@ -90,7 +90,7 @@ def test_a_rolling_shutter_shows_what_falls_for_longer():
     assert impossible[2]["speed"] == pytest.approx(100 / 0.026)
 
 
-def test_all_forms_say_the_same(track, tmp_path):
+def test_all_file_formats_agree(track, tmp_path):
     """Exact: CSV, JSON, Parquet and the output."""
     from pyarrow.parquet import read_table
 
@@ -103,7 +103,7 @@ def test_all_forms_say_the_same(track, tmp_path):
     assert rows_of(tmp_path / "t.csv") == as_text
 
 
-def test_it_goes_on_after_a_break(track, tmp_path, monkeypatch):
+def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     """Exact: interrupted after two frames, cut within a line, gone on with: the same table."""
     out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
     track("--out", out)
@@ -136,7 +136,7 @@ def test_it_goes_on_after_a_break(track, tmp_path, monkeypatch):
     assert not begun.exists()
 
 
-def test_the_sheet(track, tmp_path, folder):
+def test_draws_sheet_of_clip(track, tmp_path, folder):
     """Exact: it is there, with a color from a file."""
     path = tmp_path / "path.png"
     result = track("--overlay", path, "--color", folder / "color.json", "--frames", ":2")
@@ -146,16 +146,16 @@ def test_the_sheet(track, tmp_path, folder):
         assert sheet.width == 1800
 
 
-def test_of_several_objects(track, tmp_path):
+def test_follows_several_objects(track, tmp_path):
     """Exact: where there is one, the same table; each has its words and its fall."""
     track("--out", tmp_path / "one.csv", "--rate", 25)
-    told = json.loads(track("--several", "--json", "--rate", 25, "--gravity", 9.81).stdout)
+    answer = json.loads(track("--several", "--json", "--rate", 25, "--gravity", 9.81).stdout)
     track("--out", tmp_path / "all.csv", "--rate", 25, "--several")
     assert (tmp_path / "all.csv").read_bytes() == (tmp_path / "one.csv").read_bytes()
-    assert [row["object"] for row in told["rows"]] == [1] * FRAMES
-    assert told["falls"][0]["fits"]
-    assert "meters_per_pixel" not in told["falls"][0]
-    words = " ".join(told["in_words"])
+    assert [row["object"] for row in answer["rows"]] == [1] * FRAMES
+    assert answer["falls"][0]["fits"]
+    assert "meters_per_pixel" not in answer["falls"][0]
+    words = " ".join(answer["in_words"])
     assert "Found in 5 of 5 frames, 1 object:" in words
     assert "Object 1: in 5 frames, 0 to 4. Radius" in words
     assert "Gravity was not used: no free fall that gravity" in words
@@ -166,13 +166,13 @@ def test_of_several_objects(track, tmp_path):
     assert {row["object"] for row in none["rows"]} == {None}
 
 
-def test_gravity_gives_the_scale(track, tmp_path):
+def test_gravity_gives_scale(track, tmp_path):
     """Oracle: of a camera on its side; a scale that was given is checked; down it does not fall."""
     asked = "--rate", 25, "--gravity", "-9.81,0±0.01", "--json"
-    told = json.loads(track(*asked, "--exposure", "1/100").stdout)
-    scale, std = (told["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
+    answer = json.loads(track(*asked, "--exposure", "1/100").stdout)
+    scale, std = (answer["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
     assert abs(scale - 9.81 / (4 * 25**2)) < 4 * std
-    assert told["rows"][0]["speed"] == pytest.approx(10 * scale * 100, rel=0.05)
+    assert answer["rows"][0]["speed"] == pytest.approx(10 * scale * 100, rel=0.05)
     fall = json.loads(track(*asked, "--scale", "1mm").stdout)["fall"]
     assert fall["lengths_by_gravity"] == pytest.approx(1000 * scale)
     unused = track("--rate", 25, "--gravity", "9.81m/s²", "--out", tmp_path / "t.csv")
@@ -210,7 +210,7 @@ def test_gravity_gives_the_scale(track, tmp_path):
         (("--overlay", "sheet.txt", "--frames", ":1"), "change the ending"),
     ],
 )
-def test_wrong_options_are_one_line(track, options, complaint, tmp_path, monkeypatch):
+def test_track_refuses_in_one_line(track, options, complaint, tmp_path, monkeypatch):
     """Door."""
     monkeypatch.chdir(tmp_path)
     result = track(*options)
@@ -219,7 +219,7 @@ def test_wrong_options_are_one_line(track, options, complaint, tmp_path, monkeyp
     assert complaint in result.stderr
 
 
-def test_no_more_processes_than_frames_are_started(track, monkeypatch):
+def test_starts_no_more_processes_than_frames(track, monkeypatch):
     """Exact: a thousand were, whatever there was for them to do."""
     asked = []
     monkeypatch.setattr(bm, "Workers", lambda count: asked.append(count) or Workers(1))

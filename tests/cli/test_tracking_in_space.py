@@ -52,7 +52,7 @@ def track(folder):
 
 
 @pytest.fixture(scope="module")
-def told(track, folder):
+def answer(track, folder):
     """All that is said of the flight, its table and its sheet."""
     options = "--rate", RATE, "--radius", "20mm±0.1mm", "--exposure", "1/120", "--gravity", 9.80665
     table = "--out", folder / "t.csv", "--overlay", folder / "sheet.png"
@@ -61,9 +61,9 @@ def told(track, folder):
     return json.loads(result.stdout)
 
 
-def test_places_and_speeds_are_right(told):
+def test_places_and_speeds_match_rendered_flight(answer):
     """Oracle: depth to 2 %, speed to 3 % between the ends, all within 4.5 errors."""
-    for k, row in enumerate(told["rows"]):
+    for k, row in enumerate(answer["rows"]):
         X, v = flight(k / RATE), VELOCITY + k / RATE * GRAVITY
         assert row["ball_source"] == "ball"
         assert abs(row["ball_z"] / X[2] - 1) < 0.02
@@ -78,30 +78,30 @@ def test_places_and_speeds_are_right(told):
         assert abs(row["speed"] - np.linalg.norm(v)) < 4.5 * row["speed_std"]
 
 
-def test_gravity_is_found(told):
+def test_fall_gives_gravity_and_tilt(answer):
     """Oracle: its size, its direction before a tilted camera, and that lengths are right."""
-    fall = told["fall"]
+    fall = answer["fall"]
     g, std = fall["acceleration_in_m_per_s2"], fall["acceleration_in_m_per_s2_std"]
     assert abs(g - 9.80665) < 3 * std < 0.5
     assert abs(fall["off_gravity"] - 0.3) < 4 * fall["off_gravity_std"] < 0.3
     assert abs(fall["lengths_by_gravity"] - 1) < 4 * fall["lengths_by_gravity_std"] < 0.1
-    words = " ".join(told["in_words"])
+    words = " ".join(answer["in_words"])
     assert "In space in 6 of 6 frames: 6 by a ball that was fitted to the picture." in words
     assert "radius and camera all of them to 0.5%" in words
     assert "off straight down in the picture; if it is gravity, the camera is tilted" in words
 
 
-def test_the_table_and_the_sheet(told, folder):
-    """Exact: columns beside the others, as printed; the sheet is as wide as ever."""
+def test_writes_table_and_sheet_in_space(answer, folder):
+    """Exact: additional columns, as printed; the sheet is as wide as ever."""
     with (folder / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert set(bm.BallPlace.names) < rows[0].keys() == told["rows"][0].keys()
-    assert [float(row["ball_z"]) for row in rows] == [row["ball_z"] for row in told["rows"]]
+    assert set(bm.BallPlace.names) < rows[0].keys() == answer["rows"][0].keys()
+    assert [float(row["ball_z"]) for row in rows] == [row["ball_z"] for row in answer["rows"]]
     with Image.open(folder / "sheet.png") as sheet:
         assert sheet.width == 1800
 
 
-def test_a_wrong_radius_shows_in_the_fall(track):
+def test_fall_reveals_wrong_radius(track):
     """Exact: the diameter as radius; the words of each object say what to look at."""
     said = " ".join(
         track("--rate", RATE, "--radius", "40mm", "--several", "--frames", ":4").stdout.splitlines()
@@ -113,7 +113,7 @@ def test_a_wrong_radius_shows_in_the_fall(track):
     assert "is it the radius that was given, not the diameter?" in said
 
 
-def test_a_camera_of_other_pictures(track, folder):
+def test_refuses_camera_of_other_size(track, folder):
     """Door: of a known size it is refused, of an unknown one it is warned of; times are missing."""
     fields = json.loads((folder / "cam.json").read_text())
     (folder / "other.json").write_text(json.dumps({**fields, "size": [480, 360]}))
@@ -147,7 +147,7 @@ def test_a_camera_of_other_pictures(track, folder):
         (("--radius", "2cm", "--line-time", "fast"), "--line-time must be a time like"),
     ],
 )
-def test_wrong_options_are_one_line(track, options, complaint):
+def test_track_refuses_in_one_line(track, options, complaint):
     """Door: before anything is measured."""
     result = track(*options)
     assert (result.exit_code, result.stdout) == (2, "")

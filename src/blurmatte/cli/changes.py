@@ -69,7 +69,7 @@ class Changes:
 
 @dataclass(frozen=True)
 class Looks:
-    """Files to look at, beside the result."""
+    """Files to look at, in addition to the result."""
 
     sheet: Annotated[Path | None, option("FILE", "Before and after: .png, .jpg.", LOOKS)] = None
     preview: Annotated[

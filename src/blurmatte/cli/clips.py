@@ -80,7 +80,7 @@ class ClipTask:
     workers : int or None
         Number of processes; None: one for each core.
     out : Path or None
-        The table, beside which finished frames are kept.
+        The table; finished frames are kept next to it.
     resume : bool
         Whether an interrupted run is continued.
     same : dict

@@ -1,4 +1,4 @@
-"""What a command is to write, looked at before it works: nobody waits for what cannot be written."""
+"""Checks of the files that a command will write, before it begins to work."""
 
 import os
 from collections.abc import Iterable
@@ -11,7 +11,7 @@ PICTURE = ".png", ".tif", ".jpg", ".exr"
 
 
 def check_file(path: Path | None, what: str, *endings: str) -> None:
-    """Refuse a file that could not be written in the end; None is none.
+    """Check that a file can be written; None is allowed.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def check_file(path: Path | None, what: str, *endings: str) -> None:
 
 
 def check_ending(path: Path, what: str, *endings: str) -> None:
-    """Refuse a name with another ending than these; raises FileError."""
+    """Check that a name ends with one of these; raises FileError."""
     from blurmatte.files.atomic import extension_of
 
     if extension_of(path) not in endings:
@@ -39,12 +39,12 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Refuse a folder that is none and could not be made.
+    """Check that a folder exists or can be made.
 
     Raises
     ------
     FileError
-        If it, or one that it is to lie in, is a file or closed to us.
+        If it or one above it is a file, or may not be written to.
     """
     there = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not there.is_dir():
@@ -53,7 +53,7 @@ def check_folder(path: Path) -> None:
 
 
 def check_other(path: Path | None, *inputs: str | Path | None) -> None:
-    """Refuse a file to write that is one of those to read; None is none.
+    """Check that a file to write is none of those to read; None is allowed.
 
     Raises
     ------
@@ -68,12 +68,12 @@ def check_other(path: Path | None, *inputs: str | Path | None) -> None:
 
 
 def check_kept(inputs: Iterable[Path], folder: Path) -> None:
-    """Refuse a folder in which a result would take the place of what it is made from.
+    """Check that no result in a folder would replace one of the inputs.
 
     Raises
     ------
     FileError
-        If one of the inputs lies there and is called like a result.
+        If an input is in that folder and has the name of a result.
     """
     from blurmatte.results import RESULT_FILES
 
