@@ -7,7 +7,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, say, say_json, with_progress
+from blurmatte.cli.console import about, flag, option, say, say_json, waiting, with_progress
 from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_kept, check_other
 from blurmatte.cli.selection import ROWS, Layer, Out, OutFolder, Reading
 
@@ -68,10 +68,10 @@ def paints(
     check_folder(out)
     sheet = out / "overview.png"
     check_kept([sheet] if sheet.exists() else [], layer.parent)  # that of the solution
-    with about(layer):
+    with about(layer), waiting("separating the paints"):
         solution = bm.read_solution(layer, max_pixels)
         exposures = bm.split_exposure(solution, *color)
-    written = bm.save_exposures(out, solution.layer, exposures)
+        written = bm.save_exposures(out, solution.layer, exposures)
     sums = exposures.fraction.sum(axis=(0, 1), dtype=float)
     if as_json:
         areas = dict(zip(color, sums, strict=True))

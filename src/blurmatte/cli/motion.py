@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, say, say_json
+from blurmatte.cli.console import about, flag, option, say, say_json, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
 from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
@@ -90,7 +90,7 @@ def measure(
     line = None if timing.line_time is None else time_of_line("--line-time", timing.line_time)
     downward = None if timing.going is None else timing.going == "down"
     solution, motion = _read(layer, reading)
-    with about(layer):
+    with about(layer), waiting("measuring"):
         speed = motion.speed(scale.of_motion(motion), time, time_std, line, downward)
         found: list[Any] = [motion, speed]
         if rotation:
@@ -165,7 +165,7 @@ def locate(
     solution, motion = _read(layer, reading)
     exposed = (motion.exposure_time if time is None else time, time_std)
     found: list[Located] = []
-    with about(layer):
+    with about(layer), waiting("locating"):
         if lens is not None:
             check_camera(lens, solution.size)
         if lens is not None and space.true_radius is not None:

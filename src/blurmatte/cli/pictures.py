@@ -22,6 +22,7 @@ from blurmatte.cli.console import (
     option,
     say,
     say_json,
+    waiting,
 )
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.selection import Reading
@@ -39,7 +40,7 @@ def show(
     """Show FILE on a sheet: for a quick look."""
     check_file(out, "a sheet", *SHEET)
     check_other(out, file)
-    with about(file):
+    with about(file), waiting("drawing the sheet"):
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, reading.max_pixels)
         if thing is None:
             picture, _ = reading.read(file)
@@ -147,6 +148,8 @@ def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
     for name, value in stats.items():
         if isinstance(value, Mapping):
             yield from _named(value, f"{of}{name}.")
+        elif isinstance(value, tuple) and value and isinstance(value[0], Mapping):
+            yield from _named({str(k): part for k, part in enumerate(value, 1)}, f"{of}{name}.")
         else:
             yield f"{of}{name}: {_short(value)}"
 
@@ -185,8 +188,8 @@ def _layer(path: Path, reading: Reading) -> bm.Layer | None:
 
 
 def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool) -> Answer:
+    from blurmatte.files.errors import kind_of
     from blurmatte.files.raster import load
-    from blurmatte.files.refusals import kind_of
 
     meta, layer = picture.meta, _layer(path, reading)
     bits = None if meta.levels is None else math.ceil(np.log2(meta.levels))

@@ -9,12 +9,12 @@ import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_table import Gravity, Known, summaries, table, words
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
-from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json
+from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
 from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
-from blurmatte.motion.shutter import LASTS
+from blurmatte.motion.picture.motion import MAX_READOUT
 
 RUN = "The run"
 
@@ -206,13 +206,13 @@ def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
     if rate is None:
         return
     line_time, exposure = physics.line_seconds, physics.exposure_seconds
-    if line_time * rows * rate > LASTS:
+    if line_time * rows * rate > MAX_READOUT:
         raise ValueError(
             f"a line time of {line_time:g} s is {line_time * rows:.3g} s for {rows} rows, "
             f"and a frame lasts {1 / rate:.3g} s: give --line-time with its unit, like 15us, or the "
             "true --rate of the frames"
         )
-    if exposure is not None and exposure[0] * rate > LASTS:
+    if exposure is not None and exposure[0] * rate > MAX_READOUT:
         raise ValueError(
             f"an exposure of {exposure[0]:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
             "--exposure with its unit, like 4ms, or the true --rate of the frames"
@@ -240,7 +240,8 @@ def _answer(
     if task.out is not None:
         bm.write(task.out, lines)
     if overlay is not None:
-        bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
+        with waiting("drawing the paths"):
+            bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
     remove_unfinished(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}
