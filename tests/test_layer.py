@@ -220,7 +220,7 @@ def in_32_bits(layer):
         (lambda layer: in_32_bits(layer).relight(1e300), "gain must be 0 or more, got inf"),
         (lambda layer: layer.place((5, 5), scale=0), "scale must be above 0"),
         (lambda layer: layer.place((5, 5), scale=1e9), "makes the object"),
-        (lambda layer: layer.place((5, 5), (50, 50)), "beside the picture"),
+        (lambda layer: layer.place((5, 5), (50, 50)), "outside the picture"),
         (lambda layer: EMPTY.place((5, 5)), "the layer is empty"),
         (lambda layer: EMPTY.recolor("#ff0000"), "the layer is empty"),
         (lambda layer: EMPTY.amplify(3), "the layer is empty"),

@@ -20,13 +20,14 @@ from benchmarks.trials import (
     rendering,
 )
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools
 from blurmatte.color import ColorModel, pick_colors
 from blurmatte.errors import ColorModelError, PlateWarning
 from blurmatte.layer import Layer
 from blurmatte.matting import Solution, solve
 from blurmatte.metrics import calibration
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Rendering, render
 
 Errors = tuple[np.ndarray, np.ndarray]  # (n,) estimate − truth, and reported standard deviation

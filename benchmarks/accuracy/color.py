@@ -13,11 +13,12 @@ import numpy as np
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import CODE, direction_errors, over_seeds, photograph
 
+from blurmatte.calibration import with_noise
 from blurmatte.color import fit_color_from_hues, published_color_line
 from blurmatte.color.streak import _streak_pixels
 from blurmatte.errors import ColorModelError
 from blurmatte.metrics import calibration, color_distance
-from blurmatte.radiometry import SRGB, with_noise
+from blurmatte.radiometry import SRGB
 from blurmatte.rendering import (
     Ball,
     Camera,

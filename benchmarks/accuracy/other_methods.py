@@ -13,11 +13,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import Floats
 from blurmatte.color import published_color_line
 from blurmatte.layer import Layer
 from blurmatte.matting import Pixelwise
-from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, Transfer, with_noise
+from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, Transfer
 from blurmatte.rendering import add_noise, encode_codes
 from blurmatte.streaks import require_streaks
 

@@ -14,10 +14,11 @@ import numpy as np
 from benchmarks.table import Cell, Table, publish_all
 from benchmarks.trials import CODE, median, over_seeds
 
+from blurmatte.calibration import with_noise
 from blurmatte.errors import BlurmatteError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion import BallMotion, fit_ball, measure_ball
-from blurmatte.radiometry import SRGB, LinearImage, with_noise
+from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import Camera, colorful_plate, render_flight
 from blurmatte.sweep import fit_sweep
 

@@ -13,9 +13,10 @@ from benchmarks.accuracy import against_other_methods as against
 from benchmarks.accuracy.against_other_methods import Case
 
 from blurmatte.background import Matching, match_plate
+from blurmatte.calibration import with_noise
 from blurmatte.layer import Layer
 from blurmatte.matting import Quality, Smooth, Solution, solve
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.fit.candidate import Candidate

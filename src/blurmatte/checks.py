@@ -1,6 +1,6 @@
-"""Is this linear light? Is this an alpha? Do these sizes agree?
+"""Checks of arguments: kinds, shapes, sizes, finite values.
 
-Called by the constructors of the types and by the verbs, nowhere else: kernels trust their input.
+Called by constructors and public functions only; internal functions do not check their input.
 Sizes are (width, height); shapes are NumPy's (height, width, ...).
 """
 
@@ -17,15 +17,15 @@ MAX_PIXELS = 200_000_000  # default limit of pictures that are read
 
 
 def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> None:
-    """Raise TypeError unless `value` is of one of the types; the hint says how to make one."""
+    """Raise TypeError unless `value` is of one of the types; the hint names its constructor."""
     if not isinstance(value, kinds):
         of = kinds.__args__ if isinstance(kinds, UnionType) else (kinds,)
-        told = " or ".join(kind.__name__ for kind in of if kind is not NoneType)
-        raise TypeError(f"{name} must be a {told}, got {type(value).__name__}; {hint}")
+        names = " or ".join(kind.__name__ for kind in of if kind is not NoneType)
+        raise TypeError(f"{name} must be a {names}, got {type(value).__name__}; {hint}")
 
 
 def check_box(box: Box, size: tuple[int, int]) -> None:
-    """Raise unless a box (x0, y0, x1, y1) begins in a picture of this size and holds something."""
+    """Raise unless a box (x0, y0, x1, y1) is not empty and begins in a picture of this size."""
     x0, y0, x1, y1 = box
     if not (0 <= x0 < min(x1, size[0]) and 0 <= y0 < min(y1, size[1])):
         raise ValueError(
@@ -35,7 +35,7 @@ def check_box(box: Box, size: tuple[int, int]) -> None:
 
 
 def check_light(name: str, value: object) -> None:
-    """Raise unless `value` is an (H, W, 3) float array, the form of linear light."""
+    """Raise unless `value` is an (H, W, 3) float array."""
     if not isinstance(value, np.ndarray):
         raise TypeError(f"{name} must be a NumPy array of linear light, got {type(value).__name__}")
     if value.dtype.kind != "f":
@@ -58,7 +58,7 @@ def check_map(name: str, value: object, shape: tuple[int, ...], kinds: str = "f"
 
 
 def check_points(name: str, value: npt.ArrayLike, columns: int) -> npt.NDArray[np.float64]:
-    """Points as floats; raises ValueError unless the last axis has so many coordinates."""
+    """Points as floats; raises ValueError unless the last axis has `columns` coordinates."""
     points = np.asarray(value, dtype=float)
     if points.ndim == 0 or points.shape[-1] != columns:
         raise ValueError(f"{name} must have the shape (..., {columns}), got {points.shape}")
@@ -66,10 +66,10 @@ def check_points(name: str, value: npt.ArrayLike, columns: int) -> npt.NDArray[n
 
 
 def check_finite(name: str, value: Floats) -> None:
-    """Raise if there is a NaN or an infinite number in `value`."""
+    """Raise if `value` holds NaN or infinite numbers."""
     if not (np.isfinite(np.min(value)) and np.isfinite(np.max(value))):
         raise ValueError(
-            f"{name} must be finite; put any number where it is missing and mark it in `valid`"
+            f"{name} must be finite; replace missing values by any number and mark them in `valid`"
         )
 
 

@@ -1,18 +1,18 @@
 """
-Everything blurmatte raises or warns of on purpose.
+Exceptions and warnings of blurmatte.
 
-BlurmatteError            the data cannot answer; the message says what to do
-├── FileError             the file does not hold the light we need, or cannot be written
-├── PlateError            the plate does not belong to the image
+BlurmatteError            the data do not determine a result
+├── FileError             the file cannot be read as linear light, or not written
+├── PlateError            the plate does not match the image
 ├── ColorModelError       the colors do not determine a line or a plane
-├── NoiseError            the pictures do not tell their noise
-├── ResponseError         the pictures do not determine the camera's curve
+├── NoiseError            the pictures do not determine their noise
+├── ResponseError         the pictures do not determine the camera's response
 └── MotionError           nothing moved
 
-BlurmatteWarning          an answer was given, on an assumption
-├── TransferWarning       the file does not say how its code values encode light
-├── PlateWarning          image and plate look swapped, or do not fit each other
-└── ConvergenceWarning    the steps ran out before the answer had settled
+BlurmatteWarning          a result rests on an assumption
+├── TransferWarning       the transfer curve of a file is unknown
+├── PlateWarning          image and plate may be swapped or do not match
+└── ConvergenceWarning    an iteration did not converge; the last iterate is used
 
 Wrong arguments (a bad shape, a negative gain) raise ValueError or TypeError.
 Bad *pixels* never raise; they are marked in `Solution.quality`.
@@ -20,15 +20,15 @@ Bad *pixels* never raise; they are marked in `Solution.quality`.
 
 
 class BlurmatteError(Exception):
-    """The data cannot answer; the message says what to do."""
+    """The data do not determine a result."""
 
 
 class FileError(BlurmatteError):
-    """The file does not hold the light we need, or cannot be written."""
+    """The file cannot be read as linear light, or not written."""
 
 
 class PlateError(BlurmatteError):
-    """The plate does not belong to the image."""
+    """The plate does not match the image."""
 
 
 class ColorModelError(BlurmatteError):
@@ -36,11 +36,11 @@ class ColorModelError(BlurmatteError):
 
 
 class NoiseError(BlurmatteError):
-    """The pictures do not tell their noise."""
+    """The pictures do not determine their noise."""
 
 
 class ResponseError(BlurmatteError):
-    """The pictures do not determine the camera's curve."""
+    """The pictures do not determine the camera's response."""
 
 
 class MotionError(BlurmatteError):
@@ -48,16 +48,16 @@ class MotionError(BlurmatteError):
 
 
 class BlurmatteWarning(UserWarning):
-    """An answer was given, on an assumption."""
+    """A result rests on an assumption."""
 
 
 class TransferWarning(BlurmatteWarning):
-    """The file does not say how its code values encode light."""
+    """The transfer curve of a file is unknown."""
 
 
 class PlateWarning(BlurmatteWarning):
-    """Image and plate look swapped, or do not fit each other."""
+    """Image and plate may be swapped or do not match."""
 
 
 class ConvergenceWarning(BlurmatteWarning):
-    """The steps ran out before the answer had settled; it is the last one."""
+    """An iteration did not converge; the last iterate is used."""

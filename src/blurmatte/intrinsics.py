@@ -1,12 +1,12 @@
-"""Intrinsics: how a camera turns points in space into pixels, and back.
+"""Intrinsics: projection of points in space to pixels by a calibrated camera, and its inverse.
 
 Points in space are (x, y, z) in the camera's coordinates, x right, y down, z forward. Pixels are
-(x, y) with their centers at whole numbers, (0, 0) the center of the first one, as OpenCV has it. In
-this file m is a point on the plane z = 1 as a pinhole sees it, m′ where the lens puts it, and the
-pixel is (fx m′x + cx, fy m′y + cy).
+(x, y) with their centers at whole numbers, (0, 0) the center of the first one, as in OpenCV. In this
+file m is a point on the plane z = 1 without distortion, m′ with it, and the pixel is
+(fx m′x + cx, fy m′y + cy).
 
-The two models of lenses are OpenCV's [calib3d]: the rational one of Brown with tangential terms, and
-of fisheyes a polynomial of the angle [Kannala & Brandt, TPAMI 2006].
+The two distortion models are those of OpenCV [calib3d]: the rational model of Brown with tangential
+terms, and for fisheye lenses a polynomial of the angle [Kannala & Brandt, TPAMI 2006].
 """
 
 from __future__ import annotations
@@ -20,12 +20,9 @@ from blurmatte.checks import check_kind, check_points
 
 Array = npt.NDArray[np.float64]
 
-_COUNTS = (0, 4, 5, 8)  # coefficients that OpenCV knows: k1 k2 p1 p2 [k3 [k4 k5 k6]]
-_FISHEYE_COUNTS = (0, 4)
-_STEPS = 30
-_CLOSE = 1e-12  # on the plane z = 1: far below a pixel
-_TINY = 1e-30
-_DIAGONAL_35MM = float(np.hypot(36, 24))  # what a 35 mm equivalent is made for [CIPA DCG-001]
+_MAX_STEPS = 30  # of Newton's method
+_CONVERGED = 1e-12  # on the plane z = 1: far below a pixel
+_TINY = 1e-30  # complex step, and guards
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,16 +34,16 @@ class Intrinsics:
     fx, fy : float
         Focal lengths, pixels.
     cx, cy : float
-        Where the optical axis meets the picture, pixels.
+        Principal point, pixels.
     distortion : (n,) float
         OpenCV's k1, k2, p1, p2, k3, k4, k5, k6, of which 0, 4, 5 or 8 are given; of a fisheye
         k1, k2, k3, k4.
     fisheye : bool
-        Which of the two models the distortion is of; a fisheye without coefficients is equidistant.
+        True for the fisheye model; without coefficients it is the equidistant projection.
     covariance : (4 + n, 4 + n) float, optional
-        Of fx, fy, cx, cy and the distortion; zeros if it is empty or not given: known exactly.
+        Of fx, fy, cx, cy and the distortion; by default zeros, known exactly.
     size : (int, int), optional
-        (width, height) of the pictures that it was calibrated with; of others nothing here is true.
+        (width, height) of the pictures of the calibration, the only ones it is valid for.
 
     Raises
     ------
@@ -70,7 +67,8 @@ class Intrinsics:
             raise ValueError(
                 f"fx and fy must be positive and all finite, got {self.values.tolist()}"
             )
-        counts = _FISHEYE_COUNTS if self.fisheye else _COUNTS
+        # OpenCV's: k1 k2 p1 p2 [k3 [k4 k5 k6]], and k1 k2 k3 k4 of a fisheye.
+        counts = (0, 4) if self.fisheye else (0, 4, 5, 8)
         if len(distortion) not in counts:
             kind = "a fisheye" if self.fisheye else "a lens"
             raise ValueError(
@@ -104,7 +102,7 @@ class Intrinsics:
         sensor_width: float | None = None,
         std: float = 0.0,
     ) -> Intrinsics:
-        """A lens without distortion whose axis meets the middle of the picture.
+        """A lens without distortion, its principal point in the middle of the picture.
 
         Parameters
         ----------
@@ -113,24 +111,25 @@ class Intrinsics:
         size : (int, int)
             (width, height) of the picture, pixels.
         sensor_width : float, optional
-            Millimeters that the width of the picture has on the sensor.
+            Width of the picture on the sensor, millimeters.
         std : float
             Standard deviation of the focal length, millimeters.
 
         Raises
         ------
         ValueError
-            If a length is not positive, or the standard deviation is none.
+            If a length is not positive, or the standard deviation is negative or not finite.
         """
         width, height = size
         if not (np.isfinite(std) and std >= 0):
             raise ValueError(f"std must be finite and not negative, got {std}")
         if sensor_width is not None and not sensor_width > 0:
             raise ValueError(f"sensor_width must be positive millimeters, got {sensor_width}")
-        scale = np.hypot(width, height) / _DIAGONAL_35MM
+        # A 35 mm equivalent is for a diagonal of 36 mm by 24 mm [CIPA DCG-001].
+        scale = np.hypot(width, height) / np.hypot(36, 24)
         scale = float(scale if sensor_width is None else width / sensor_width)
         f, covariance = focal_length * scale, np.zeros((4, 4))
-        covariance[:2, :2] = (std * scale) ** 2  # one length: both err together
+        covariance[:2, :2] = (std * scale) ** 2  # one length: fully correlated
         return cls(f, f, (width - 1) / 2, (height - 1) / 2, covariance=covariance, size=size)
 
     @property
@@ -144,12 +143,12 @@ class Intrinsics:
         return np.sqrt(np.diag(self.covariance))
 
     def check_size(self, size: tuple[int, int]) -> None:
-        """Whether it may be the camera of pictures of a size (width, height).
+        """Raise unless pictures of a size (width, height) can be of this camera.
 
         Raises
         ------
         ValueError
-            If it is known to have been calibrated with pictures of another size.
+            If it was calibrated with pictures of another size.
         """
         if self.size is not None and self.size != tuple(size):
             raise ValueError(
@@ -170,33 +169,32 @@ class Intrinsics:
         return np.asarray(m * [self.fx, self.fy] + [self.cx, self.cy])
 
     def undistort(self, pixels: npt.ArrayLike) -> Array:
-        """Points (..., 2) on the plane z = 1 that are seen in pixels (..., 2).
+        """Points (..., 2) on the plane z = 1 of pixels (..., 2), by Newton's method.
 
-        By Newton's method. NaN where the lens puts nothing: so far out that the model of its
-        distortion has no inverse there.
+        NaN where the distortion model has no inverse, far from the center.
         """
         xy = check_points("pixels", pixels, 2)
         there = (xy - [self.cx, self.cy]) / [self.fx, self.fy]
         if not self.fisheye and not self.distortion.any():
             return np.asarray(there)
         if self.fisheye:
-            return self._unfished(there)
+            return self._undistort_fisheye(there)
         m = there
         with np.errstate(all="ignore"):
-            for _ in range(_STEPS):
+            for _ in range(_MAX_STEPS):
                 off = self._distorted(m) - there
-                if np.nanmax(np.abs(off), initial=0) < _CLOSE:
+                if np.nanmax(np.abs(off), initial=0) < _CONVERGED:
                     break
                 J = self._slope(m)
                 m = m - (_inverse(J) @ off[..., None])[..., 0]
             wrong = ~(np.abs(self._distorted(m) - there).max(axis=-1) < 1e-6)
             slope = self._slope(np.where(wrong[..., None], 0, m))
-            # Far out the model may turn the plane over, or around: both are no lens.
+            # Far from the center the model may reflect or rotate the plane, as no lens does.
             wrong |= ~((np.linalg.det(slope) > 0) & (np.trace(slope, axis1=-2, axis2=-1) > 0))
         return np.where(wrong[..., None], np.nan, m)
 
     def rays(self, pixels: npt.ArrayLike) -> Array:
-        """Unit directions (..., 3) in which pixels (..., 2) look; NaN where `undistort` is."""
+        """Unit directions (..., 3) of pixels (..., 2); NaN where `undistort` is."""
         return _ray(self.undistort(pixels))
 
     def ray_slopes(self, pixels: npt.ArrayLike) -> Array:
@@ -211,7 +209,7 @@ class Intrinsics:
         return np.asarray((flat - ray * along) / length)
 
     def magnification(self, pixels: npt.ArrayLike) -> Array:
-        """(...) pixels that a radian takes there, the geometric mean of all directions."""
+        """(...) pixels per radian, the geometric mean over directions."""
         slopes = self.ray_slopes(pixels)
         area = np.linalg.norm(np.cross(slopes[..., 0], slopes[..., 1]), axis=-1)
         return np.asarray(area**-0.5)
@@ -224,7 +222,7 @@ class Intrinsics:
         if self.fisheye:
             r = np.sqrt(square + _TINY)
             theta = np.arctan(r)
-            return np.asarray(m * (_turned(theta, k) / r)[..., None])
+            return np.asarray(m * (_distorted_angle(theta, k) / r)[..., None])
         if not k.any():
             return m
         k = np.concatenate([k, np.zeros(8 - len(k))])
@@ -240,17 +238,17 @@ class Intrinsics:
         steps = (1j * _TINY * np.eye(2)).astype(complex)
         return np.stack([self._distorted(m + d).imag / _TINY for d in steps], axis=-1)
 
-    def _unfished(self, there: Array) -> Array:
-        """What a fisheye puts at m′: its angle by Newton's method; 90° off the axis or more is NaN."""
+    def _undistort_fisheye(self, there: Array) -> Array:
+        """M of m′ of a fisheye, by Newton's method for the angle; NaN from 90° off the axis."""
         r = np.linalg.norm(there, axis=-1)
         theta, k = r, self.distortion
         with np.errstate(all="ignore"):
-            for _ in range(_STEPS):
-                slope = _turned(theta + 1j * _TINY, k).imag / _TINY
-                theta = theta - (_turned(theta, k) - r) / slope
-            seen = (np.abs(_turned(theta, k) - r) < 1e-6) & (np.abs(theta) < np.pi / 2)
-            seen &= (theta >= 0) & (_turned(theta + 1j * _TINY, k).imag > 0)
-            factor = np.where(r > _CLOSE, np.tan(theta) / np.maximum(r, _TINY), 1)
+            for _ in range(_MAX_STEPS):
+                slope = _distorted_angle(theta + 1j * _TINY, k).imag / _TINY
+                theta = theta - (_distorted_angle(theta, k) - r) / slope
+            seen = (np.abs(_distorted_angle(theta, k) - r) < 1e-6) & (np.abs(theta) < np.pi / 2)
+            seen &= (theta >= 0) & (_distorted_angle(theta + 1j * _TINY, k).imag > 0)
+            factor = np.where(r > _CONVERGED, np.tan(theta) / np.maximum(r, _TINY), 1)
         return np.where(seen[..., None], there * factor[..., None], np.nan)
 
 
@@ -261,14 +259,14 @@ def _ray(m: Array) -> Array:
 
 
 def _inverse(J: Array) -> Array:
-    """Of (..., 2, 2) matrices, infinite or NaN if there is none."""
+    """Inverses of (..., 2, 2) matrices, infinite or NaN if singular."""
     a, b, c, d = J[..., 0, 0], J[..., 0, 1], J[..., 1, 0], J[..., 1, 1]
     adjugate = np.stack([np.stack([d, -b], axis=-1), np.stack([-c, a], axis=-1)], axis=-2)
     return np.asarray(adjugate / (a * d - b * c)[..., None, None])
 
 
-def _turned(theta: Array, k: Array) -> Array:
-    """The angle at which a fisheye puts what is seen at the angle theta."""
+def _distorted_angle(theta: Array, k: Array) -> Array:
+    """Angle after the distortion of a fisheye, of the angle theta before, radians."""
     if not k.any():
         return theta
     s = theta * theta

@@ -1,8 +1,8 @@
-"""A layer: the moving object by itself, ready to be put over any background, and changed before.
+"""Layer: the moving object without its background, for compositing and editing.
 
-`alpha` is the fraction of the exposure, `premultiplied` the light the object sent: alpha times its
-color. Straight color exists only on the way out (`Layer.straight`). Every change gives a new layer;
-all of them are linear in light and clip nothing but alpha.
+`alpha` is the fraction of the exposure, `premultiplied` the object's light: alpha times its color.
+Straight color is computed only for output (`Layer.straight`). Every edit returns a new layer; edits
+are linear in light and clip only alpha.
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,10 +25,7 @@ from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
 
 Color = str | Sequence[float] | Floats
 
-_BRIGHTEST = 0.99  # share of the object, by its alpha, that is no brighter than its brightest part
-_ALIKE = 0.05  # sine between paints, about 3 degrees, below which they are one
-_FILTER = "blackman-harris"  # averages light and rings nowhere
-_MAX_PIXELS = 200_000_000  # of an object that is made larger: as many as files may have
+_MAX_PIXELS = 200_000_000  # of a scaled object, as of files
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +42,7 @@ class Layer:
     Raises
     ------
     TypeError, ValueError
-        For arrays of another kind or shape.
+        For arrays of another dtype or shape.
     """
 
     alpha: Floats
@@ -67,12 +64,12 @@ class Layer:
 
     @property
     def empty(self) -> bool:
-        """Whether there is nothing in it, neither alpha nor light."""
+        """True if alpha and light are 0 everywhere."""
         return self._box is None
 
     @property
     def box(self) -> Box:
-        """(x0, y0, x1, y1) around everything that is there, x1 and y1 one past the last pixel.
+        """(x0, y0, x1, y1) bounding box of the nonzero pixels, x1 and y1 exclusive.
 
         Raises
         ------
@@ -93,7 +90,7 @@ class Layer:
 
     @property
     def color(self) -> npt.NDArray[np.float64]:
-        """(3,) linear color of the object, on average over its alpha.
+        """(3,) linear color of the object, the mean weighted by alpha.
 
         Raises
         ------
@@ -111,8 +108,7 @@ class Layer:
         Returns
         -------
         LinearImage
-            premultiplied + (1 − alpha) · background, unclipped; its noise is not known. In sRGB: so
-            is a camera RAW.
+            premultiplied + (1 − alpha) · background, unclipped, of unknown noise, in linear sRGB.
 
         Raises
         ------
@@ -126,14 +122,14 @@ class Layer:
         return replace(background, rgb=self.premultiplied + through * background.rgb, noise=None)
 
     def straight(self) -> Floats:
-        """(H, W, 3) linear color of the object itself; 0 where alpha is 0, for nothing is there."""
+        """(H, W, 3) linear color of the object; 0 where alpha is 0."""
         alpha = self.alpha[..., None]
         return np.divide(
             self.premultiplied, alpha, out=np.zeros_like(self.premultiplied), where=alpha > 0
         )
 
     def fade(self, factor: float) -> "Layer":
-        """The object `factor` times as opaque: alpha ends at 1, color and shading stay [GC07 §4].
+        """Alpha times a factor, at most 1; color and shading are kept [GC07 §4].
 
         Raises
         ------
@@ -151,14 +147,14 @@ class Layer:
         return self._changed(faded)
 
     def relight(self, gain: npt.ArrayLike) -> "Layer":
-        """The object in `gain` times the light, one number or one for each channel.
+        """The object's light times a gain, one number or one for each channel.
 
         Raises
         ------
         ValueError
-            If it is neither, negative, or not finite.
+            If the gain is neither, negative, or not finite.
         """
-        with np.errstate(over="ignore"):  # what becomes infinite is refused below
+        with np.errstate(over="ignore"):  # infinity is rejected below
             gains = np.asarray(gain, dtype=self.premultiplied.dtype)
         if gains.shape not in ((), (1,), (3,)):
             raise ValueError(f"gain must be one number or three, got {gain!r}")
@@ -166,11 +162,10 @@ class Layer:
         return self._changed(lambda part: Layer(part.alpha, part.premultiplied * gains))
 
     def amplify(self, factor: float, brightness: float = 1.0) -> "Layer":
-        """A faint object made plain: `factor` times as opaque, its color as bright as can be.
+        """Enhance a faint object: alpha times a factor, color scaled to a brightness.
 
-        The enhancement of [GC07 Fig. 4]: alpha is multiplied, and the color scaled so that the
-        brightest channel of all but the brightest hundredth of the object is `brightness`. Hue and
-        shading stay.
+        The enhancement of [GC07 Fig. 4]. The color is scaled so that the 99 % quantile of the brightest
+        channel, weighted by alpha, is `brightness`. Hue and shading are kept.
 
         Parameters
         ----------
@@ -190,30 +185,29 @@ class Layer:
         weight = self.alpha[y0:y1, x0:x1].ravel().astype(float)
         order = np.argsort(brightest, kind="stable")
         share = np.cumsum(weight[order])
-        top = brightest[order[np.searchsorted(share, _BRIGHTEST * share[-1])]]
+        top = brightest[order[np.searchsorted(share, 0.99 * share[-1])]]
         faded = self.fade(factor)
         return faded if top <= 0 else faded.relight(brightness / float(top))
 
     def recolor(self, *colors: Color, paints: Sequence[Color] | None = None) -> "Layer":
-        """The object painted anew: other hues, its shading kept.
+        """The object with other hues and the same shading.
 
-        Without `paints` all of the object becomes one color: each pixel as much brighter or darker
-        than it as it was than the object's own color on average. With them, light is split into that
-        of each paint (least squares), and each paint gets its new color; what is between two paints
-        before is between their new colors after.
+        Light is divided between paints by least squares, and the color of each paint is replaced, so
+        that mixtures of two paints become mixtures of their new colors. Without `paints` the only paint
+        is the object's mean color.
 
         Parameters
         ----------
         *colors : str or (3,) float
             New colors, as sRGB-coded hex or as linear light; one for each paint.
         paints : sequence of str or (3,) float, optional
-            One to three colors of the object, of clearly different hues, such as a paint and white
-            for its highlights.
+            One to three colors of the object, of different hues, such as a paint and white for its
+            highlights.
 
         Raises
         ------
         ValueError
-            If there are not as many colors as paints, paints have one hue, or the layer is empty.
+            If the numbers of colors and paints differ, paints have one hue, or the layer is empty.
         """
         old, new = colors_of([self.color] if paints is None else paints), colors_of(colors)
         if len(new) != len(old):
@@ -226,12 +220,12 @@ class Layer:
         return self._changed(painted)
 
     def crop(self, box: Box) -> "Layer":
-        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last.
+        """The part inside a box (x0, y0, x1, y1) of pixels, x1 and y1 exclusive; a view.
 
         Raises
         ------
         ValueError
-            If nothing of the layer is in the box, or it begins left of it or above.
+            If the box is empty or begins outside the layer.
         """
         check_box(box, self.size)
         x0, y0, x1, y1 = box
@@ -244,23 +238,23 @@ class Layer:
         center: tuple[float, float] | None = None,
         scale: float = 1.0,
     ) -> "Layer":
-        """The object elsewhere, in a layer of another size; what stands out is cut off.
+        """The object at another position in a layer of another size; parts outside are cut off.
 
         Parameters
         ----------
         size : (int, int)
             (width, height) of the new layer.
         center : (float, float), optional
-            (x, y) of the middle of its `box`, to the nearest whole pixel; without it, the middle of the
-            new layer.
+            (x, y) of the middle of its `box`, rounded to a whole pixel; by default that of the new
+            layer.
         scale : float
-            Times as large; light is averaged or interpolated. 1 leaves every pixel as it is.
+            Factor of the size; light is averaged or interpolated. 1 keeps every pixel unchanged.
 
         Raises
         ------
         ValueError
-            If a side or the scale is not above 0, the object becomes larger than 200 million pixels,
-            nothing of it is within, or it is empty.
+            If a side or the scale is not above 0, the object becomes larger than 200 million pixels, it
+            lies outside, or the layer is empty.
         """
         if min(size) < 1:
             raise ValueError(f"size must be (width, height), both 1 or more, got {size}")
@@ -276,22 +270,22 @@ class Layer:
         (x0, x1), (y0, y1) = spans
         if x0 >= x1 or y0 >= y1:
             raise ValueError(
-                f"the object would lie beside the picture: around ({middle[0]:g}, {middle[1]:g}) of "
+                f"the object would lie outside the picture: around ({middle[0]:g}, {middle[1]:g}) of "
                 f"{size[0]}x{size[1]} pixels"
             )
         seen = part.crop((x0 - first[0], y0 - first[1], x1 - first[0], y1 - first[1]))
         return seen._within(size, (x0, y0))
 
     def _changed(self, change: Callable[["Layer"], "Layer"]) -> "Layer":
-        """With a change that leaves nothing of nothing, made around the object alone."""
+        """Apply a change that keeps 0 at 0, within the box of the object."""
         if self.empty:
             return self
         return change(self.crop(self.box))._within(self.size, self.box[:2])
 
     def _within(self, size: tuple[int, int], corner: tuple[int, int]) -> "Layer":
-        """In a larger layer, empty elsewhere; `corner` is where its first pixel goes."""
+        """Embed in a larger, empty layer; `corner` is the position of the first pixel."""
         place = tuple(slice(at, at + n) for at, n in zip(corner, self.size, strict=True))[::-1]
-        alpha = np.zeros(size[::-1], self.alpha.dtype)  # rows that nobody touches take no memory
+        alpha = np.zeros(size[::-1], self.alpha.dtype)  # untouched rows take no memory
         light = np.zeros((*size[::-1], 3), self.premultiplied.dtype)
         alpha[place], light[place] = self.alpha, self.premultiplied
         return Layer(alpha, light)
@@ -309,14 +303,15 @@ class Layer:
 
         numbers = np.dstack([self.premultiplied, self.alpha]).astype(np.float32)
         roi = oiio.ROI(0, size[0], 0, size[1], 0, 1, 0, 4)
-        scaled = oiio.ImageBufAlgo.resize(oiio.ImageBuf(numbers), _FILTER, roi=roi)
+        # A filter without negative lobes: no ringing.
+        scaled = oiio.ImageBufAlgo.resize(oiio.ImageBuf(numbers), "blackman-harris", roi=roi)
         pixels = np.asarray(scaled.get_pixels(oiio.FLOAT))
         light = np.ascontiguousarray(pixels[..., :3]).astype(self.premultiplied.dtype)
         return Layer(pixels[..., 3].astype(self.alpha.dtype), light)
 
 
 def box_around(*layers: Layer) -> Box | None:
-    """The box around all that is in any of the layers; None if there is nothing."""
+    """The bounding box of several layers; None if all are empty."""
     boxes = np.array([layer.box for layer in layers if not layer.empty])
     if not len(boxes):
         return None
@@ -330,7 +325,7 @@ def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
     Raises
     ------
     ValueError
-        If they are more or none, or no colors.
+        For another number, or values that are no colors.
     """
     rows = [
         light_of_hex(color)[0] if isinstance(color, str) else np.asarray(color, dtype=float)
@@ -342,17 +337,17 @@ def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
 
 
 def split(light: Floats, paints: npt.NDArray[np.float64]) -> Floats:
-    """(..., n) how much of each paint is in light (..., 3), by least squares.
+    """(..., n) amounts of each paint in light (..., 3), by least squares.
 
     Raises
     ------
     ValueError
-        If paints are black or so alike that light cannot be split between them.
+        If a paint is black, or paints are mixtures of one another to 3 degrees.
     """
     size = np.linalg.norm(paints, axis=1)
     if size.min() < 1e-6:
-        raise ValueError("a paint is black: nothing can be told from it")
-    if np.linalg.svd(paints / size[:, None], compute_uv=False)[-1] < _ALIKE:
+        raise ValueError("a paint is black; give a color that is not")
+    if np.linalg.svd(paints / size[:, None], compute_uv=False)[-1] < 0.05:  # sine of 3°
         raise ValueError("the paints are shades or mixtures of one another; give other colors")
     return np.asarray(light @ np.linalg.pinv(paints).astype(light.dtype))
 

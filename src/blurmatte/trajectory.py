@@ -1,4 +1,4 @@
-"""Trajectory: where the object's center was, over the exposure.
+"""Trajectory: the path of an object's center over the exposure.
 
 Points are (x, y) in pixels, x right, y down, pixel centers at whole numbers. Times are fractions of
 the exposure: 0 when the shutter opens, 1 when it closes.
@@ -16,14 +16,14 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trajectory:
-    """Positions over the exposure, joined by straight pieces.
+    """Positions over the exposure, interpolated linearly.
 
     Parameters
     ----------
     xy : (T, 2) float
         Points in pixels, T >= 2.
     t : (T,) float
-        When the object was there: increasing from 0 to 1.
+        Times of the points: increasing from 0 to 1.
 
     Raises
     ------
@@ -66,13 +66,13 @@ class Trajectory:
         return float(np.max(steps / np.diff(self.t)))
 
     def at(self, t: npt.ArrayLike) -> Array:
-        """(..., 2) position at exposure fractions `t` (...); held still before 0 and after 1."""
+        """(..., 2) position at exposure fractions `t` (...); constant before 0 and after 1."""
         x, y = (np.interp(np.asarray(t, dtype=float), self.t, axis) for axis in self.xy.T)
         return np.stack([x, y], axis=-1)
 
     @classmethod
     def line(cls, start: npt.ArrayLike, end: npt.ArrayLike) -> Trajectory:
-        """Straight from `start` to `end`, (x, y) each, at constant speed; at rest if they agree."""
+        """Straight from `start` to `end`, (x, y) each, at constant speed; at rest if they are equal."""
         return cls(np.stack([_point("start", start), _point("end", end)]), np.array([0.0, 1.0]))
 
     @classmethod
@@ -81,7 +81,7 @@ class Trajectory:
     ) -> Trajectory:
         """Along the circle through three points (x, y), at constant speed.
 
-        `middle` need not be half way. Three points on a line give that line.
+        `middle` is any point between the others. Three points on a line give that line.
 
         Raises
         ------
@@ -119,9 +119,9 @@ class Trajectory:
         acceleration: npt.ArrayLike,
         points: int = 65,
     ) -> Trajectory:
-        """Thrown from `start`: start + velocity · t + acceleration · t² / 2.
+        """Start + velocity · t + acceleration · t² / 2.
 
-        With both along one direction it is a line at changing speed.
+        If velocity and acceleration are parallel, a line at changing speed.
 
         Parameters
         ----------
@@ -132,7 +132,7 @@ class Trajectory:
         acceleration : (2,) float
             Pixels per exposure².
         points : int
-            How many points stand for the curve.
+            Number of points of the polyline.
 
         Raises
         ------
@@ -150,7 +150,7 @@ class Trajectory:
     def bounce(
         cls, start: npt.ArrayLike, contact: npt.ArrayLike, end: npt.ArrayLike, at: float = 0.5
     ) -> Trajectory:
-        """Straight from `start` to `contact`, there at exposure fraction `at`, and on to `end`.
+        """Straight from `start` to `contact`, reached at exposure fraction `at`, then to `end`.
 
         Raises
         ------
@@ -176,7 +176,7 @@ class Trajectory:
         return cls.bounce(start, start, end, until)
 
     def part(self, start: float, end: float) -> Trajectory:
-        """The way from one exposure fraction to another, with times of its own from 0 to 1.
+        """The path between two exposure fractions, with times from 0 to 1.
 
         Raises
         ------

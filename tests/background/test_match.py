@@ -5,7 +5,7 @@ import pytest
 
 import blurmatte as bm
 from blurmatte.background import agreement
-from blurmatte.radiometry import with_noise
+from blurmatte.calibration import with_noise
 from blurmatte.rendering import colorful_plate, plain_plate
 from blurmatte.rendering.drift import Drift
 

@@ -85,7 +85,7 @@ def test_curve_file_equals_named_transfer(bracket, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "exposure time; give --exposures 1/60,1/15"),
+        ([], "has no exposure time; give exposure_times (--exposures"),
         (["--exposures", "1/60,x"], "--exposures must be seconds like 1/60,1/15,0.5, got '1/60,x'"),
         (["--exposures", "1/0,1,2"], "--exposures must be seconds"),
         (["--exposures", "1,2"], "--exposures must be 3 numbers, got 2"),
@@ -118,7 +118,7 @@ def test_refuses_files_of_another_kind(bracket, tmp_path):
 
 def test_names_missing_extras(bracket, tmp_path, monkeypatch):
     """Door: one line that says what to install."""
-    from blurmatte.radiometry.log_curves import log_curve
+    from blurmatte.radiometry.named_transfers import log_curve
 
     log_curve.cache_clear()
     monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)

@@ -16,7 +16,7 @@ def asked(monkeypatch, cost):
     def of(evidence, grid, pixels, phi):
         return cost(*np.degrees((grid / (grid @ BEST)[:, None]) @ AXES).T)
 
-    monkeypatch.setattr(module, "implausibility", of)
+    monkeypatch.setattr(module, "excess_cost", of)
     monkeypatch.setattr(module, "misfit", lambda l, pixels: 1.0)
     monkeypatch.setattr(module, "_best_direction", lambda evidence, pixels: BEST)
     return posterior(None, None)

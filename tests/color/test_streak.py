@@ -7,16 +7,17 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from blurmatte.calibration import with_noise
 from blurmatte.color import (
     ColorModel,
+    check_chroma_resolution,
     evidence,
     fit_color_from_hues,
     posterior,
-    refuse_coarse,
     streak,
 )
 from blurmatte.errors import ColorModelError, MotionError
-from blurmatte.radiometry import SRGB, Compression, LinearImage, Meta, NoiseModel, with_noise
+from blurmatte.radiometry import SRGB, Compression, LinearImage, Meta, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -71,8 +72,8 @@ def quick_fit(image, plate):
     pixels = streak._streak_pixels(image, plate, find_streaks(image, plate)[0])
     l, covariance = posterior.posterior(evidence.Evidence(True, True, np.inf), pixels)
     model = ColorModel(l[:, None], covariance)
-    streak._refuse_the_open(model, pixels)
-    streak._refuse_the_unfit(model, pixels)
+    streak._check_determined(model, pixels)
+    streak._check_fit(model, pixels)
     return model
 
 
@@ -190,7 +191,7 @@ def test_octant_is_covered_evenly(step):
 def test_bounded_is_a_square_with_linear_tails():
     z = np.array([0, 0.01, 1000.0])
     assert_allclose(evidence._bounded(z)[:2], evidence._EFFICIENCY * z[:2] ** 2, rtol=1e-5, atol=0)
-    tail = evidence._EFFICIENCY * 2 * evidence._OUTLIER * z[2]
+    tail = evidence._EFFICIENCY * 2 * evidence._OUTLIER_STD * z[2]
     assert_allclose(evidence._bounded(z)[2], tail, rtol=0.01)
 
 
@@ -336,7 +337,7 @@ def test_a_tighter_bound_of_brightness_rules_out_more():
 )
 def test_what_is_possible(alpha, k, bound, possible):
     answers = (np.array([[x]]) for x in (0, 0.01, alpha, 0.01, k, 0.01))
-    a = evidence._Answers(np.zeros((3, 1, 1)), *answers, through=np.ones((1, 1)))
+    a = evidence._Solutions(np.zeros((3, 1, 1)), *answers, transmission=np.ones((1, 1)))
     cost = evidence._infeasibility(a, np.array([[0.0, 1.0, 0.0]]), bound)
     assert (cost.item() == 0) == possible
 
@@ -360,7 +361,7 @@ def test_same_pictures_same_answer(scene):
 
 def test_gray_pictures(scene):
     _, image, plate = scene
-    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is told from color"):
+    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
         fit_color_from_hues(image, replace(plate, meta=Meta("wall.png", gray=True)))
 
 
@@ -372,9 +373,7 @@ def test_nothing_moved(scene):
 def test_too_few_pixels(scene):
     _, image, plate = scene
     few = Streak.from_box((50, 40, 54, 44), SIZE)
-    with pytest.raises(
-        ColorModelError, match=r"only 16 pixels .* 20 are the least; give the color"
-    ):
+    with pytest.raises(ColorModelError, match=r"only 16 pixels .* 20 are needed; give the color"):
         fit_color_from_hues(image, plate, few)
 
 
@@ -387,12 +386,12 @@ def test_too_small_for_its_file():
     with pytest.raises(
         ColorModelError, match=r"744 pixels, less than 3 blocks of 16 by 16 .* give"
     ):
-        refuse_coarse(image(20, (2, 2)), small)
-    refuse_coarse(image(20, (2, 2)), large)
-    refuse_coarse(image(10, (2, 2)), small)
-    refuse_coarse(image(20, (2, 1)), small)
-    refuse_coarse(image(99, (1, 1)), small)
-    refuse_coarse(LinearImage(np.ones((80, 112, 3))), small)
+        check_chroma_resolution(image(20, (2, 2)), small)
+    check_chroma_resolution(image(20, (2, 2)), large)
+    check_chroma_resolution(image(10, (2, 2)), small)
+    check_chroma_resolution(image(20, (2, 1)), small)
+    check_chroma_resolution(image(99, (1, 1)), small)
+    check_chroma_resolution(LinearImage(np.ones((80, 112, 3))), small)
 
 
 def test_clipped_and_black_pixels_do_not_count(scene):

@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import numpy as np
 
+from blurmatte.calibration import ResponseFit
 from blurmatte.explain import explain
-from blurmatte.radiometry import SRGB, ResponseFit, Transfer
+from blurmatte.radiometry import SRGB, Transfer
 
 
 def test_a_curve_is_told_by_the_nearest_name():

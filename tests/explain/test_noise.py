@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from blurmatte.calibration import NoiseFit
 from blurmatte.explain import explain
-from blurmatte.radiometry import NoiseFit, NoiseModel
+from blurmatte.radiometry import NoiseModel
 
 
 def noise_fit(spread, coherence=1.0, rounding=0.0, relative=0.0, changed=0.0):

@@ -5,10 +5,11 @@ import json
 import numpy as np
 import pytest
 
+from blurmatte.calibration import NoiseFit
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files import read_noise, write
-from blurmatte.radiometry import NoiseFit, NoiseModel
+from blurmatte.radiometry import NoiseModel
 
 NOISE = NoiseModel(gain=(2e-4, 1e-4, 4e-4), read_std=(0.002, 0.0015, 0.003), relative_std=1 / 3)
 

@@ -10,13 +10,14 @@ import rawpy
 from numpy.testing import assert_allclose
 from typer.testing import CliRunner
 
+from blurmatte.calibration import fit_noise
 from blurmatte.cli import app
 from blurmatte.color import ColorModel
 from blurmatte.errors import FileError, PlateError
 from blurmatte.files import read, read_layer, read_solution, write
 from blurmatte.files.raw import _to_srgb
 from blurmatte.matting import Pixelwise, solve
-from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors, fit_noise
+from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, check_same_colors
 from blurmatte.radiometry.mosaic import demosaic
 from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.streaks import find_streaks

@@ -5,12 +5,14 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.ndimage import gaussian_filter
 
+from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
 from blurmatte.matting.evidence import coarsely, evidence_of, least_alpha, pixels_of
-from blurmatte.matting.noise_together import noise_together
+from blurmatte.matting.noise_inflation import noise_inflation
 from blurmatte.matting.rims import with_faint_rims
-from blurmatte.radiometry import LinearImage, NoiseModel, coherence, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
+from blurmatte.statistics import variance_inflation
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.trajectory import Trajectory
 
@@ -123,9 +125,9 @@ def test_noise_that_hangs_together_counts_less(where):
         nothing = np.zeros(inside.shape)
         pixels = pixels_of(image, plate, MODEL, inside)
         information, pull = evidence_of(pixels, nothing)
-        factors.append(noise_together(pixels, nothing))
+        factors.append(noise_inflation(pixels, nothing))
         scores.append(pull.sum() / np.sqrt(information.sum() * factors[-1]))
-    blocks = coherence(noise / STD, inside)[:, 2].mean()
+    blocks = variance_inflation(noise / STD, inside)[:, 2].mean()
     assert_allclose(np.mean(factors), blocks, rtol=0.25)
     assert 0.6 < np.std(scores) < 1.5
 
@@ -133,7 +135,7 @@ def test_noise_that_hangs_together_counts_less(where):
 def test_noise_of_each_pixels_own_counts_in_full():
     for seed in range(8):
         image, plate, inside, _ = patch(seed, "nowhere")
-        assert noise_together(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
+        assert noise_inflation(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
 
 
 def test_noise_of_a_plane_of_colors_is_told_wherever_the_picture_is_cut():
@@ -147,10 +149,10 @@ def test_noise_of_a_plane_of_colors_is_told_wherever_the_picture_is_cut():
             given = LinearImage((plate.rgb + stronger)[y:, x:], NOISE)
             place = x, y, *plate.size
             pixels = pixels_of(given, plate.crop(place), PLANE, inside[y:, x:])
-            cut.append(noise_together(pixels, np.zeros(pixels.inside.shape)))
+            cut.append(noise_inflation(pixels, np.zeros(pixels.inside.shape)))
         assert_allclose(cut, cut[0], rtol=0.03)
         factors.append(cut[0])
-        blocks.append(1.5**2 * coherence(noise / STD, ~inside)[:, 2].mean())
+        blocks.append(1.5**2 * variance_inflation(noise / STD, ~inside)[:, 2].mean())
     assert_allclose(np.mean(factors), np.mean(blocks), rtol=0.25)
 
 
@@ -165,7 +167,7 @@ def test_a_smooth_alpha_of_a_plane_of_colors_is_not_taken_for_noise():
         given = LinearImage(light * ORANGE + (1 - light) * plate.rgb + noise, NOISE)
         pair = [pixels_of(picture, plate, PLANE, inside) for picture in (given, image)]
         with_it, without = (
-            noise_together(pixels, a)
+            noise_inflation(pixels, a)
             for pixels, a in zip(pair, (light[..., 0], 0 * alpha), strict=True)
         )
         assert with_it <= most * without
@@ -179,7 +181,7 @@ def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():
         alpha = 0.5 * inside
         light = alpha[..., None] * color + (1 - alpha[..., None]) * image.rgb
         given = LinearImage(light, NOISE)
-        assert noise_together(pixels_of(given, plate, MODEL, inside), alpha) <= most
+        assert noise_inflation(pixels_of(given, plate, MODEL, inside), alpha) <= most
 
 
 def test_a_streak_goes_on_where_it_is_fainter_than_noise():

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
 from blurmatte.matting import PixelMaps, Pixelwise, Quality, pixelwise
-from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel, with_noise
+from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel
 from blurmatte.rendering import Camera, encode_codes
 
 NONE = NoiseModel()

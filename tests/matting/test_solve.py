@@ -9,12 +9,13 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.background import Matching, make_plate
+from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError, PlateError, PlateWarning
 from blurmatte.files import read, read_frames
 from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Swept, solve
 from blurmatte.matting.plate_check import _looks_swapped
-from blurmatte.radiometry import LinearImage, Meta, NoiseModel, with_noise
+from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,
@@ -509,7 +510,7 @@ def test_sizes_that_differ(paint):
 
 def test_gray_pictures(paint):
     gray = LinearImage(paint.plate.rgb, meta=Meta("wall.png", gray=True))
-    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is told from color"):
+    with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
         solve(paint.image, gray)
 
 
@@ -526,7 +527,7 @@ def test_too_small_for_its_file(model):
     assert solution.grade is Grade.ASSUMED
     off = (solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0]
     assert root_mean_square(off) < 2 * solution.stats["alpha_error"]
-    with pytest.raises(ColorModelError, match="too few to tell a shape or a color"):
+    with pytest.raises(ColorModelError, match="too few to determine a shape or a color"):
         fit_color(image, plate)
     given = solve(image, plate, truth.model)
     assert given.stats["sum_alpha"] == pytest.approx(truth.layer.alpha.sum(), rel=0.1)

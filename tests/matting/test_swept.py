@@ -8,11 +8,12 @@ from numpy.testing import assert_allclose
 from scipy.ndimage import binary_erosion
 
 from blurmatte.background import Matching
+from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Smooth, Swept, solve
 from blurmatte.matting.averaging import AlphaEstimate
-from blurmatte.radiometry import NoiseModel, with_noise
+from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from blurmatte.radiometry import SRGB, decode, with_noise
+from blurmatte.calibration import with_noise
+from blurmatte.radiometry import SRGB, decode
 from blurmatte.rendering import (
     Ball,
     Camera,

@@ -5,9 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy import ndimage
 
+from blurmatte.calibration import with_noise
 from blurmatte.errors import PlateError
 from blurmatte.files import read
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, render
 from blurmatte.streaks import Streak, find, find_streak_within, find_streaks
 from blurmatte.trajectory import Trajectory

@@ -8,7 +8,8 @@ from functools import cache, lru_cache
 
 import numpy as np
 
-from blurmatte.radiometry import NoiseModel, with_noise
+from blurmatte.calibration import with_noise
+from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, plain_plate, render
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.multistart import start_along

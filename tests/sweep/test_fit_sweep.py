@@ -31,10 +31,11 @@ from tests.sweep.scenes import (
 )
 
 from blurmatte.background import make_plate
+from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.files import read, read_frames, write_frames
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,

@@ -5,7 +5,8 @@ from functools import cache
 import numpy as np
 import pytest
 
-from blurmatte.radiometry import LinearImage, NoiseModel, with_noise
+from blurmatte.calibration import with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import (
     Ball,
     Camera,

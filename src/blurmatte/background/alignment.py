@@ -18,7 +18,8 @@ import numpy.typing as npt
 
 from blurmatte.background.warp import SHIFT, centered, homography, places, spline_of
 from blurmatte.checks import Floats
-from blurmatte.radiometry import LinearImage, cell_means, rounding_noise
+from blurmatte.radiometry import LinearImage, rounding_noise
+from blurmatte.statistics import cell_means
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

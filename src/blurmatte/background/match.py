@@ -30,6 +30,7 @@ from blurmatte.background.warp import ORDER, centered, homography, kept_variance
 from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, check_picture, check_same_colors
+from blurmatte.statistics import robust_std
 
 Array = npt.NDArray[np.float64]
 
@@ -462,6 +463,6 @@ def _rows_of(picture: LinearImage, rows: slice) -> LinearImage:
 
 def _central_spread(z: Array) -> float:
     """Standard deviation of what lies within three of it, as large as Gaussian noise would need."""
-    limit = 3 * 1.4826 * float(np.median(np.abs(z))) + 1e-9
+    limit = 3 * robust_std(z) + 1e-9
     within = np.abs(z) <= limit  # a median alone goes in steps where code values do
     return float(np.sqrt(np.mean(z[within] ** 2) / _WITHIN))

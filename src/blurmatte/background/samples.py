@@ -11,9 +11,11 @@ from itertools import islice, pairwise
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import fit_noise
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, fit_noise, rounding_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.statistics import MAD_TO_STD
 
 _MOST_SAMPLES, _LEAST_SAMPLES = 64, 20
 _MOST_BYTES = 1.0e9  # of samples held; each takes 6 bytes a pixel
@@ -176,7 +178,7 @@ def _check_one_scene(light: Floats, names: Sequence[str]) -> None:
     small = _few_pixels(light)
     after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
     change = np.abs(after - small[:-1])
-    noise = 1.4826 * np.median(change, axis=(0, 2), keepdims=True)
+    noise = MAD_TO_STD * np.median(change, axis=(0, 2), keepdims=True)
     much = change > _SIGMAS * noise + _CUT_LIGHT * np.maximum(after, small[:-1])
     shares = much.any(axis=1).mean(axis=1)
     at = int(np.argmax(shares))

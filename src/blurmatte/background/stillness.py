@@ -10,7 +10,7 @@ import numpy as np
 
 from blurmatte.checks import Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import cell_means
+from blurmatte.statistics import MAD_TO_STD, cell_means
 
 _TILES = 3  # a side
 _LEAST_TILE, _TILE = 64, 256  # pixels of a side
@@ -19,7 +19,7 @@ _LOOKED_AT = 5  # frames
 _MOST_SHIFT = 0.5  # pixels: what averaging may blur edges by, and no more
 _SURE = 0.1  # pixels: a tile of which the noise leaves more open does not vote
 _GAIN = 0.8  # of the difference is left, at most, if it was a shift
-_KEPT = 3 * 1.4826  # times the median deviation: three standard deviations
+_KEPT = 3 * MAD_TO_STD  # times the median deviation: three standard deviations
 
 
 def check_still(light: Floats, gain: Floats, variance: float, names: Sequence[str]) -> None:

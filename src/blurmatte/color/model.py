@@ -1,8 +1,8 @@
-"""ColorModel: which colors the object may have.
+"""ColorModel: the colors that an object may have.
 
 In this file a color is a point of linear RGB, `l` the unit direction of a line of colors, `n` the
-unit normal of a plane of colors. Line and plane both pass through black, for every shade of a paint
-belongs to it. Of either, one unit vector says everything: l or n, called the pole.
+unit normal of a plane of colors. Line and plane pass through black, as they hold every shade of a
+paint. The unit vector l or n that determines them is called the pole.
 """
 
 from __future__ import annotations
@@ -16,31 +16,29 @@ import numpy.typing as npt
 from blurmatte.checks import Floats
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import SRGB, Matrix3, light_in_srgb, light_of_hex
+from blurmatte.statistics import MAD_TO_STD
 
 Array = npt.NDArray[np.float64]
-
-_RIM = 2.45  # standard deviations of two normal numbers within which 95 % of both together lie
 
 
 @dataclass(frozen=True, eq=False)
 class ColorModel:
-    """All colors the object may show: a subspace of linear RGB through black.
+    """All colors that the object may have: a subspace of linear RGB.
 
     Rank 1 is a line (one paint and its shades), rank 2 a plane (two paints, or one paint with
-    highlights, or in two lights), rank 3 all colors. Sections 2.2 and 3.3 of [GC07].
+    highlights or under two illuminants), rank 3 all colors. Sections 2.2 and 3.3 of [GC07].
 
     Parameters
     ----------
     basis : (3, rank) float
         Orthonormal columns that span the colors; rank 1, 2 or 3.
     covariance : (3, 3) float
-        Of the pole, radians²; zeros for a model that was given, not measured.
+        Of the pole, radians²; zeros for a given model.
     evidence : mapping of str to float
-        What the estimate rests on: the standard deviation, in degrees, that each kind of evidence
-        alone would leave (infinite: nothing).
+        Standard deviation of the pole, degrees, from each kind of evidence alone.
     to_srgb : 3 x 3 floats, optional
-        Linear RGB of a camera → linear sRGB, for a model in the colors of a camera; `Meta` has it. It
-        changes how the colors are shown, in `hex` and `srgb`, not what they are.
+        Linear RGB of a camera → linear sRGB (`Meta.to_srgb`), for a model in the colors of a camera.
+        Used by `hex` and `srgb` only.
 
     Raises
     ------
@@ -81,7 +79,7 @@ class ColorModel:
 
     @property
     def normals(self) -> Array:
-        """(3, 3 − rank) orthonormal directions that no object color has."""
+        """(3, 3 − rank) orthonormal directions perpendicular to the colors."""
         return np.asarray(np.linalg.svd(self.basis)[0][:, self.rank :])
 
     @property
@@ -91,7 +89,7 @@ class ColorModel:
         Raises
         ------
         ValueError
-            For rank 3, which has none.
+            For rank 3.
         """
         if self.rank == 3:
             raise ValueError("a model of any colors has no pole; rank 1 and 2 have")
@@ -106,8 +104,8 @@ class ColorModel:
     def rgb(self) -> Array:
         """(rank, 3) colors that span the model, linear, each with brightest channel 1.
 
-        Rank 2: the two extreme colors of the plane without negative light, so that every color the
-        object can show lies between them. Rank 3: red, green and blue.
+        Rank 2: the two extreme colors of the plane without negative light; all others lie between them.
+        Rank 3: red, green and blue.
         """
         if self.rank == 3:
             return np.eye(3)
@@ -116,7 +114,7 @@ class ColorModel:
 
     @property
     def srgb(self) -> Array:
-        """(rank, 3) the colors of `rgb` as a screen can show them: linear sRGB, 0…1."""
+        """(rank, 3) the colors of `rgb` in linear sRGB, clipped to 0…1."""
         colors = np.maximum(light_in_srgb(self.rgb, self.to_srgb), 0)
         if self.to_srgb is not None:
             colors = colors / np.maximum(colors.max(axis=1, keepdims=True), 1e-9)
@@ -130,22 +128,22 @@ class ColorModel:
 
     @property
     def possible(self) -> tuple[ColorModel, ...]:
-        """The model, and eight on the rim of the region that holds the true one in 95 of 100 cases.
+        """The model, and eight models on the boundary of its 95 % confidence region.
 
-        The first and the fifth of the rim lie at the ends of its longest axis. Only the model if
-        nothing is uncertain.
+        The first and the fifth of them are at the ends of the major axis. Only the model if its
+        covariance is zero.
         """
         if not self.covariance.any():
             return (self,)
         values, axes = np.linalg.eigh(self.covariance)
         around = np.linspace(0, 2 * np.pi, 8, endpoint=False)
         circle = np.stack([np.cos(around), np.sin(around)], axis=1)
-        reach = _RIM * np.sqrt(np.maximum(values[:0:-1], 0))
+        reach = 2.45 * np.sqrt(np.maximum(values[:0:-1], 0))  # 2.45² = -2 log 0.05
         steps = (circle * np.minimum(reach, 1)) @ axes[:, :0:-1].T
         return (self, *(self._with_pole(self.pole + step) for step in steps))
 
     def _with_pole(self, pole: Array) -> ColorModel:
-        if self.rank == 1:  # no color has negative light
+        if self.rank == 1:  # colors are not negative
             pole = np.maximum(pole, 0)
             return ColorModel((pole / np.linalg.norm(pole))[:, None], to_srgb=self.to_srgb)
         basis = _bright(np.linalg.svd(pole[:, None])[0][:, 1:])
@@ -153,19 +151,19 @@ class ColorModel:
 
     @classmethod
     def any(cls) -> ColorModel:
-        """All colors: alpha then follows from shape and motion only, not from a pixel's color."""
+        """All colors: alpha then follows from shape and motion only."""
         return cls(np.eye(3))
 
     @classmethod
     def from_hex(cls, *colors: str, to_srgb: Matrix3 | None = None) -> ColorModel:
-        """One or two sRGB-coded colors such as "#d8ff3c"; as many as the model shall have ranks.
+        """A model of rank 1 or 2 from as many sRGB-coded colors, such as "#d8ff3c".
 
         Parameters
         ----------
         *colors : str
-            The colors.
+            Six hexadecimal digits each.
         to_srgb : 3 x 3 floats, optional
-            `meta.to_srgb` of a camera RAW that shows them: the model is then in the camera's colors.
+            `Meta.to_srgb` of a camera RAW: the model is then in the camera's colors.
 
         Raises
         ------
@@ -173,7 +171,7 @@ class ColorModel:
             If a color is not six hexadecimal digits, is black, or both have one hue.
         """
         light = light_of_hex(*colors)
-        if to_srgb is not None:  # no camera sees negative light
+        if to_srgb is not None:  # light is not negative
             light = np.maximum(light @ np.linalg.inv(np.array(to_srgb)).T, 0)
         if len(light) not in (1, 2) or np.any(light.max(axis=1) == 0):
             raise ValueError("give one or two colors, neither of them black")
@@ -191,21 +189,21 @@ class ColorModel:
         Parameters
         ----------
         colors : (n, 3) float
-            Linear light of pixels that show nothing but the object.
+            Linear light of pixels of the object alone.
         rank : int
             1 or 2.
         std : float, optional
-            Noise of one sample, light. Measured from the samples' own scatter if not given.
+            Noise of one sample, light. By default from the scatter of the samples.
         robust : bool
-            Leave out samples that lie further than four sigma from a first, robust fit (Cauchy
-            loss); up to about two fifths may be something else than the object.
+            Reject samples further than four standard deviations from a robust fit (Cauchy loss); up to
+            about 40 % may be outliers.
 
         Raises
         ------
         ValueError
-            If the rank is another, a color is not finite, or the standard deviation is none.
+            For another rank, colors that are not finite, or an invalid standard deviation.
         ColorModelError
-            If there are too few samples, they are black, or show one hue where two are asked for.
+            If there are too few samples, they are black, or have one hue for rank 2.
         """
         samples = np.asarray(colors, dtype=float).reshape(-1, 3)
         if not np.isfinite(samples).all():
@@ -239,40 +237,42 @@ class ColorModel:
 
 
 def _bright(basis: Array) -> Array:
-    """The same subspace with each column's sum positive."""
+    """Columns with signs that make their sums positive."""
     return np.asarray(basis * np.where(basis.sum(axis=0) < 0, -1, 1))
 
 
 def _angle(a: Array, b: Array) -> float:
+    """Angle of two vectors, degrees."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
 
 
 def _extremes(n: Array) -> Array:
-    """(2, 3) where the plane with normal n leaves the octant of non-negative colors."""
+    """(2, 3) intersections of the plane of normal n with the boundary of non-negative colors."""
     edges = np.array([[0, n[2], -n[1]], [n[2], 0, -n[0]], [n[1], -n[0], 0]])
     edges = edges * np.where(edges.sum(axis=1) < 0, -1, 1)[:, None]
     length = np.linalg.norm(edges, axis=1)
     inside = (edges.min(axis=1) >= -1e-9) & (length > 1e-9)
     rays = edges[inside] / length[inside, None]
-    if len(rays) < 2:  # the plane holds no color but black: show its basis
+    if len(rays) < 2:  # the plane has no non-negative color but black
         return np.asarray(np.abs(np.linalg.svd(n[:, None])[0][:, 1:].T))
     pair = np.unravel_index(np.argmin(rays @ rays.T), (len(rays), len(rays)))
     return np.asarray(rays[list(pair)])
 
 
 def _pole_of(samples: Array, rank: int) -> Array:
+    """The pole of the least-squares line or plane."""
     directions = np.linalg.svd(samples, full_matrices=True)[2]
     return np.asarray(directions[0 if rank == 1 else 2])
 
 
 def _residual(samples: Array, pole: Array, rank: int) -> Array:
-    """(m,) distances of the samples from the line (two per sample) or plane (one)."""
+    """(m,) coordinates of the samples perpendicular to the line (two each) or plane (one)."""
     normals = np.linalg.svd(pole[:, None])[0][:, 1:] if rank == 1 else pole[:, None]
     return np.asarray((samples @ normals).ravel())
 
 
 def _inliers(samples: Array, rank: int) -> Array:
-    """The samples within four sigma of a robust fit from several starts: no outlier decides alone."""
+    """Samples within four standard deviations of a robust multistart fit."""
     from scipy.optimize import least_squares
 
     strong = samples[np.argsort(-np.linalg.norm(samples, axis=1))]
@@ -298,21 +298,21 @@ def _inliers(samples: Array, rank: int) -> Array:
         if np.median(np.abs(found)) < least:
             best, least = found, float(np.median(np.abs(found)))
     distance = np.abs(best).reshape(len(samples), -1).max(axis=1)
-    return np.asarray(samples[distance <= 4 * 1.4826 * least + 1e-12])
+    return np.asarray(samples[distance <= 4 * MAD_TO_STD * least + 1e-12])
 
 
 def _one_hue(samples: Array, scatter: float) -> bool:
-    """Whether the samples lie beside their line no further than noise would put them.
+    """True if the samples deviate from a line by no more than noise.
 
-    The second moment beside the line is n · scatter² for noise alone, times 1 ± √(2/n).
+    The second moment perpendicular to the line is n · scatter² for noise alone, times 1 ± √(2/n).
     """
     n = len(samples)
-    beside = float(np.linalg.svd(samples, compute_uv=False)[1] ** 2)
-    return bool(beside <= (1 + 6 * np.sqrt(2 / n)) * n * scatter**2)
+    moment = float(np.linalg.svd(samples, compute_uv=False)[1] ** 2)
+    return bool(moment <= (1 + 6 * np.sqrt(2 / n)) * n * scatter**2)
 
 
 def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -> Array:
-    """Of the pole: scatter² over the samples' second moment, within the pole's tangent plane."""
+    """Covariance of the pole: scatter² over the samples' second moment, in its tangent plane."""
     tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
     if rank == 1:
         moment = np.eye(2) * np.sum((samples @ pole) ** 2)

@@ -1,29 +1,26 @@
-"""What a likelihood of directions leaves possible: its mean and covariance.
+"""Posterior mean and covariance of the direction of a color line.
 
-In this file a direction is a unit vector of non-negative light, and the cost of one −2 times the log
-of its likelihood. The mean and the covariance are sums over a grid of directions that adapts to what
-is possible. A plate of one hue leaves an arc from the plate's color to the truth and beyond.
+In this file a direction is a unit vector of non-negative light, and its cost −2 times the log of its
+likelihood. Mean and covariance are sums over a grid of directions that adapts to the posterior. For a
+plate of one hue the posterior is an arc from the plate's color to the truth and beyond.
 """
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.color.evidence import Array, Evidence, Pixels, closed_form, implausibility, misfit
+from blurmatte.color.evidence import Array, Evidence, Pixels, closed_form, excess_cost, misfit
 
 Bools = npt.NDArray[np.bool_]
 
-# χ² at the ends of a grid: what is below may be the beginning of more that is possible, for further
-# away noise explains more of a difference.
-_EXCLUDED = 9.0
-_FARTHER = 1.5  # times as far
+_END_CHI2 = 9.0  # least at the ends of a grid: the posterior may rise again beyond a lower one
 
 
 def posterior(evidence: Evidence, pixels: Pixels) -> tuple[Array, Array]:
-    """Mean direction and (3, 3) covariance of what the cost leaves possible.
+    """Mean direction and (3, 3) covariance of the posterior.
 
-    A grid of directions around the best one is turned and stretched until it reaches four standard
-    deviations either way along both axes of the spread. Where the spread is a narrow valley, as
-    before a plate of one hue, the grid first finds its width and then grows along it.
+    A grid of directions around the best one is rotated and scaled until it reaches four standard
+    deviations on both sides along both principal axes. Along a narrow valley, as for a plate of one
+    hue, the grid first adapts to its width and then grows along it.
     """
     best = _best_direction(evidence, pixels)
     phi = misfit(best, pixels)
@@ -32,39 +29,39 @@ def posterior(evidence: Evidence, pixels: Pixels) -> tuple[Array, Array]:
     for _ in range(60):
         patch, at_end = _patch(center, axes, half)
         grid = np.vstack([best, patch])
-        cost = implausibility(evidence, grid, pixels, phi)
+        cost = excess_cost(evidence, grid, pixels, phi)
         mean, covariance = _moments(grid, cost)
-        open_ends = np.array([np.any(cost[1:][end] < _EXCLUDED + cost.min()) for end in at_end])
+        open_ends = np.array([np.any(cost[1:][end] < _END_CHI2 + cost.min()) for end in at_end])
         spread, turned = np.linalg.eigh(axes.T @ covariance @ axes)
         reach = half[_order(turned)]
         std = np.sqrt(np.maximum(spread, (half.max() / 1e6) ** 2))
-        aside = np.abs((mean - center) @ axes @ turned)
+        offset = np.abs((mean - center) @ axes @ turned)
         far_enough = ~open_ends[_order(turned)]
-        if np.all(far_enough & (std > reach / 8) & (std < reach / 3) & (aside < reach / 4)):
+        if np.all(far_enough & (std > reach / 8) & (std < reach / 3) & (offset < reach / 4)):
             return mean, covariance
         if np.trace(covariance) > np.trace(widest[1]):
             widest = mean, covariance
         if half.max() > 1:
             break
         center, axes = _moved(axes @ turned, mean)
-        half = np.clip(4 * std, np.where(far_enough, reach / 4, _FARTHER * reach), 3 * reach)
-    return widest  # a valley too long or too narrow for any grid: what was seen of it
+        half = np.clip(4 * std, np.where(far_enough, reach / 4, 1.5 * reach), 3 * reach)
+    return widest  # a valley too long or too narrow for a grid: the part covered
 
 
 def _order(turned: Array) -> npt.NDArray[np.intp]:
-    """Which old axis each new one mostly is."""
+    """Index of the old axis nearest to each new one."""
     order: npt.NDArray[np.intp] = np.argmax(np.abs(turned), axis=0)
     return order
 
 
 def _moved(axes: Array, to: Array) -> tuple[Array, Array]:
-    """The new center, and the axes made perpendicular to it."""
+    """The new center, and the axes projected perpendicular to it."""
     first = unit(axes[:, 1] - (axes[:, 1] @ to) * to)
     return to, np.stack([np.cross(to, first), first], axis=1)
 
 
 def _best_direction(evidence: Evidence, pixels: Pixels) -> Array:
-    """The least cost over all directions of non-negative light: a grid, then a polish."""
+    """The direction of least cost: a grid search, then local refinement of three minima."""
     few = pixels.every(max(1, len(pixels.C) // 500))
     grid = _octant(2.0)
     total = evidence.cost(closed_form(grid, few), grid).sum(axis=1)
@@ -72,14 +69,12 @@ def _best_direction(evidence: Evidence, pixels: Pixels) -> Array:
     for _ in range(3):
         start = grid[np.argmin(total)]
         total[grid @ start > np.cos(np.radians(15))] = np.inf
-        found.append(_polished(evidence, few, start, 1.5))
-    return _polished(evidence, pixels, min(found, key=lambda f: f[1])[0], 0.1)[0]
+        found.append(_refined(evidence, few, start, 1.5))
+    return _refined(evidence, pixels, min(found, key=lambda f: f[1])[0], 0.1)[0]
 
 
-def _polished(
-    evidence: Evidence, pixels: Pixels, start: Array, reach: float
-) -> tuple[Array, float]:
-    """The direction of least cost near another one, about `reach` degrees around; and that cost."""
+def _refined(evidence: Evidence, pixels: Pixels, start: Array, reach: float) -> tuple[Array, float]:
+    """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees."""
     from scipy.optimize import minimize
 
     tangent = _tangent(start)
@@ -105,14 +100,15 @@ def _octant(step: float) -> Array:
 
 
 def _tangent(l: Array) -> Array:
+    """(3, 2) orthonormal vectors perpendicular to l."""
     return np.asarray(np.linalg.svd(l[:, None])[0][:, 1:])
 
 
 def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> tuple[Array, Bools]:
-    """Directions around one, `half` to either side along the two axes, within non-negative light.
+    """Grid of directions of non-negative light, and (2, g) which are at the ends of each axis.
 
-    Great circles are straight lines here, and so are the valleys that a plate of one hue leaves. And,
-    (2, g), which of them are at the ends of each axis.
+    It extends by `half` to both sides of the center along the two axes, in gnomonic projection: great
+    circles, and the valleys of plates of one hue, are straight lines.
     """
     steps = np.linspace(-1, 1, count)
     uv = np.stack([x.ravel() for x in np.meshgrid(steps, steps)])
@@ -132,5 +128,5 @@ def _moments(grid: Array, cost: Array) -> tuple[Array, Array]:
 
 
 def unit(v: Array) -> Array:
-    """The vector at length 1."""
+    """The vector scaled to length 1."""
     return np.asarray(v / np.linalg.norm(v))

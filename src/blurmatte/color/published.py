@@ -1,4 +1,4 @@
-"""The color line as the paper of 2007 finds it, to compare with.
+"""The published estimate of the color line (2007), for comparison.
 
 In this file C and B are the light of image and plate at n pixels of the streak, and m = C × B.
 """
@@ -10,13 +10,13 @@ from blurmatte.color.model import ColorModel
 
 
 def published_color_line(image_colors: Floats, plate_colors: Floats) -> ColorModel:
-    """The line through black that best meets the lines C–B of all pixels ([GC07 §3.1]).
+    """The line through black nearest to the lines C–B of all pixels ([GC07 §3.1]).
 
-    Black, C and B span a plane that also holds the object's color, so the line lies across every
+    Black, C and B span a plane that contains the object's color, so the line is perpendicular to every
     m = C × B: it is m₁ × m₂ for two pixels, and the eigenvector of Σ m mᵀ with the least eigenvalue
-    for more. Right on exact data. On photographs the image's noise adds σ²(|B|² I − B Bᵀ) to each
-    m mᵀ, whose least eigenvector is the plate's own color, and the plate's noise the same with the
-    image's; `fit_color` does not have that flaw.
+    for more. Exact without noise. Noise of the image adds σ²(|B|² I − B Bᵀ) to each m mᵀ, whose least
+    eigenvector is the plate's color, and noise of the plate the same with the image's color.
+    `fit_color` has no such bias.
 
     Parameters
     ----------

@@ -1,45 +1,66 @@
-"""Colors of the object alone: picked by hand, or where it hid the plate all the time.
+"""Samples of the object's color: picked by hand, or from the opaque core of a streak.
 
-They feed `ColorModel.from_samples`. In this file C is the image's light and B the plate's. Behind
-an object that was there for α of the exposure, 1 − α of the plate's texture is left in the image:
+They are the input of `ColorModel.from_samples`. In this file C is the image's light and B the plate's.
+The contrast of the plate's texture in the image is 1 − α. It is estimated over a neighborhood by
 
     v = Σ⟨∇C, ∇B⟩ / (Σ|∇B|² − noise)
 
-over a neighborhood estimates 1 − α, whatever the object's color. Its standard deviation comes from
-the scatter of the terms, so an object with a texture of its own counts as noise.
+independently of the object's color. The standard deviation of v comes from the scatter of the terms,
+so that texture of the object counts as noise.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, check_same_size
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import LinearImage, check_picture, with_noise
+from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.streaks import Streak, require_streaks
 
 Array = npt.NDArray[np.float64]
 
-_NEAR = 7  # pixels: side of the neighborhood that v speaks for
-_SIGMAS = 2.0  # v this near zero is zero
-_MAX_STD = 0.15  # v less certain than this says nothing
-_MAX_PIECE_STD = 0.05  # the same for a piece of the core as a whole
-_LEAST_STD = 0.01  # v is not better known than this: a plate never fits its image exactly
-_LEAST_AREA = 9  # pixels of a piece of the core
+
+@dataclass(frozen=True)
+class CoreSettings:
+    """Which pixels count as opaque.
+
+    Parameters
+    ----------
+    window_px : int
+        Width of the neighborhood of v.
+    zero_std : float
+        Standard deviations within which v is zero.
+    max_std, max_piece_std : float
+        Largest standard deviation of v for a pixel, and for a connected piece of the core.
+    min_piece_std : float
+        Standard deviation of v for a perfect fit: a plate has errors of its own.
+    min_area_px : int
+        Pixels of a piece.
+    """
+
+    window_px: int = 7
+    zero_std: float = 2.0
+    max_std: float = 0.15
+    max_piece_std: float = 0.05
+    min_piece_std: float = 0.01
+    min_area_px: int = 9
 
 
 def pick_colors(image: LinearImage, x: float, y: float, radius: float = 2) -> Array:
-    """Colors of the pixels around a point that shows nothing but the object.
+    """Colors of the pixels around a point at which only the object is visible.
 
     Parameters
     ----------
     image : LinearImage
-        The picture with the streak, where the object is opaque; or one where it is sharp.
+        The picture with the streak, where the object is opaque; or a sharp picture of the object.
     x, y : float
         The point, pixels: x right, y down, pixel centers at whole numbers.
     radius : float
-        How far around it, pixels, >= 0. The nearest pixel always belongs.
+        Pixels, >= 0. The nearest pixel is always included.
 
     Returns
     -------
@@ -74,14 +95,14 @@ def pick_colors(image: LinearImage, x: float, y: float, radius: float = 2) -> Ar
 
 
 def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = None) -> Array:
-    """Colors of the streak's opaque core: where the plate's texture is gone from the image.
+    """Colors of the streak's opaque core, where the image lacks the plate's texture.
 
     Parameters
     ----------
     image, plate : LinearImage
-        The same size; noise that is not known is measured.
+        The same size; unknown noise is measured.
     streak : Streak, optional
-        Where the object moved; the strongest of `find_streaks` if not given.
+        Where the object moved; by default the strongest of `find_streaks`.
 
     Returns
     -------
@@ -93,7 +114,7 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
     ValueError
         If the sizes differ.
     ColorModelError
-        If the plate is too flat to tell, or the object hid it nowhere all the time.
+        If the plate is too flat, or the object is opaque nowhere.
     MotionError
         If no streak was given and nothing moved.
     """
@@ -105,25 +126,26 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
         streak = require_streaks(image, plate)[0]
     terms = _terms(image, plate, streak)
     v, v_std = _share(*terms, _neighborhood)
-    told = ndimage.binary_erosion(streak.mask[streak.rows_columns], np.ones((_NEAR, _NEAR), bool))
-    told &= v_std < _MAX_STD
-    if not told.any():
+    window = np.ones((CoreSettings.window_px, CoreSettings.window_px), bool)
+    known = ndimage.binary_erosion(streak.mask[streak.rows_columns], window)
+    known &= v_std < CoreSettings.max_std
+    if not known.any():
         raise ColorModelError(
-            "the plate is too flat behind the streak to tell where the object hides it; give the "
-            "color, or pick pixels that show nothing but the object"
+            "the plate behind the streak has too little texture to find opaque pixels; give the color, "
+            "or pick pixels of the object alone"
         )
-    core = _opaque_pieces(told & (np.abs(v) < _SIGMAS * v_std), terms)
+    core = _opaque_pieces(known & (np.abs(v) < CoreSettings.zero_std * v_std), terms)
     core &= image.valid[streak.rows_columns]
     if not core.any():
         raise ColorModelError(
-            "no opaque core can be told in the streak: the plate shines through it, or is too flat "
-            "to be sure that it does not; give the color, or pick it in a sharp picture"
+            "the streak has no opaque core: the plate is visible through it, or has too little "
+            "texture; give the color, or pick it in a sharp picture"
         )
     return image.rgb[streak.rows_columns][core].astype(float)
 
 
 def _terms(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[Array, Array, Array]:
-    """(h, w) each, of the streak's box: ⟨∇C, ∇B⟩, |∇B|², and what noise adds to the latter."""
+    """(h, w) each, of the streak's box: ⟨∇C, ∇B⟩, |∇B|², and the noise in the latter."""
     image, plate = image.crop(streak.box), plate.crop(streak.box)
     C, B = (np.asarray(picture.rgb, dtype=float) for picture in (image, plate))
     noise = np.asarray(plate.variance, dtype=float).sum(axis=-1)
@@ -139,15 +161,17 @@ def _terms(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[Arra
 
 
 def _neighborhood(terms: Array) -> Array:
+    """Sums over a window around each pixel."""
     from scipy import ndimage
 
-    return np.asarray(_NEAR**2 * ndimage.uniform_filter(terms, _NEAR, mode="constant"))
+    size = CoreSettings.window_px
+    return np.asarray(size**2 * ndimage.uniform_filter(terms, size, mode="constant"))
 
 
 def _share(
     shared: Array, own: Array, noise: Array, total: Callable[[Array], Array]
 ) -> tuple[Array, Array]:
-    """The share v and its standard deviation; a texture that noise hides has an infinite one."""
+    """V and its standard deviation, infinite where noise exceeds the texture."""
     texture = np.maximum(total(own - noise), 1e-30)
     v = total(shared) / texture
     scatter = total(shared**2) - 2 * v * total(shared * own) + v**2 * total(own**2)
@@ -156,7 +180,7 @@ def _share(
 
 
 def _opaque_pieces(candidates: Bools, terms: tuple[Array, Array, Array]) -> Bools:
-    """The connected pieces whose v is zero as a whole too, which tells it far more sharply."""
+    """The connected pieces whose v over the whole piece is zero, a sharper test than by pixel."""
     from scipy import ndimage
 
     pieces, count = ndimage.label(candidates)
@@ -167,8 +191,9 @@ def _opaque_pieces(candidates: Bools, terms: tuple[Array, Array, Array]) -> Bool
 
     v, v_std = _share(*terms, in_each)
     area = in_each(np.ones(pieces.shape))
-    opaque = (v < _SIGMAS * np.maximum(v_std, _LEAST_STD)) & (v_std < _MAX_PIECE_STD)
-    opaque &= area >= _LEAST_AREA
+    settings = CoreSettings
+    opaque = v < settings.zero_std * np.maximum(v_std, settings.min_piece_std)
+    opaque &= (v_std < settings.max_piece_std) & (area >= settings.min_area_px)
     core = np.isin(pieces, numbers[opaque])
-    deep = ndimage.binary_erosion(core, iterations=1)  # a rim may owe its v to the inside
-    return np.asarray(deep if np.count_nonzero(deep) >= _LEAST_AREA else core)
+    deep = ndimage.binary_erosion(core, iterations=1)  # v of a rim contains the inside
+    return np.asarray(deep if np.count_nonzero(deep) >= settings.min_area_px else core)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from blurmatte.radiometry import ResponseFit, Transfer, nearest_transfer
+from blurmatte.calibration import ResponseFit
+from blurmatte.radiometry import Transfer, nearest_transfer
 
 
 def curve_in_words(curve: Transfer) -> list[str]:

@@ -1,6 +1,7 @@
 """explain: what colors, solutions, plates, noise, curves and motions say, in plain words."""
 
 from blurmatte.background import PlateFit
+from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.color import ColorModel
 from blurmatte.explain.color import color_in_words
 from blurmatte.explain.curve import curve_in_words, response_in_words
@@ -14,7 +15,7 @@ from blurmatte.matting import Solution
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.track_outliers import Scatter
 from blurmatte.motion.picture.motion import Motion, Speed
-from blurmatte.radiometry import NoiseFit, ResponseFit, Transfer
+from blurmatte.radiometry import Transfer
 
 Explained = (
     ColorModel

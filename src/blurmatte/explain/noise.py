@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from blurmatte.calibration import NoiseFit
 from blurmatte.explain.numbers import channels
-from blurmatte.radiometry import BLOCKS, NoiseFit
+from blurmatte.statistics import BLOCK_SIZES
 
 _APART = 1.5  # coherence of noise: chance makes less, in pictures that are not small
 _MEDIUM = 0.2  # light
@@ -19,13 +20,13 @@ def _sensor(fit: NoiseFit) -> list[str]:
     sensor, said = fit.sensor, []
     gain, relative = np.array(sensor.gain), np.array(sensor.relative_std)
     said.append(f"Gain, light per electron: {channels(gain, fit.gain_std)}.")
-    if np.all(gain > 3 * fit.gain_std) and np.max(fit.coherence) < _APART:
+    if np.all(gain > 3 * fit.gain_std) and np.max(fit.variance_inflation) < _APART:
         electrons = channels(1 / gain, fit.gain_std / gain**2)
         said.append(f"White is {electrons} electrons.")
     said.append(f"Read noise, 1 is white: {channels(sensor.read_std, fit.read_std_std)}.")
     if np.any(relative > 3 * fit.relative_std_std):
         said.append(f"And this fraction of the light: {channels(relative, fit.relative_std_std)}.")
-    if not fit.parted:
+    if not fit.separable:
         said.append(
             "The light is too even, or the noise too uncertain, to tell gain from read noise: only "
             "their sum is known; show dark and bright things."
@@ -42,11 +43,11 @@ def _rounding(fit: NoiseFit) -> list[str]:
 
 def _coherence(fit: NoiseFit) -> list[str]:
     """How noise hangs together."""
-    if np.max(fit.coherence) < _APART:
+    if np.max(fit.variance_inflation) < _APART:
         return ["Every pixel has noise of its own."]
     ratios = ", ".join(
         f"{size}x{size}: {ratio:.2g}"
-        for size, ratio in zip(BLOCKS, fit.coherence.mean(axis=0), strict=True)
+        for size, ratio in zip(BLOCK_SIZES, fit.variance_inflation.mean(axis=0), strict=True)
     )
     scale = ", ".join(f"{scale:.1f}" for scale in fit.scale)
     return [

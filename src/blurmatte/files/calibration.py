@@ -6,11 +6,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.errors import FileError
 from blurmatte.files.json_text import parsing, read_json
 from blurmatte.intrinsics import Intrinsics
-from blurmatte.radiometry import BLOCKS, NoiseFit, NoiseModel, ResponseFit, Transfer
+from blurmatte.radiometry import NoiseModel, Transfer
 from blurmatte.radiometry.transfer import TABLE
+from blurmatte.statistics import BLOCK_SIZES
 
 Array = npt.NDArray[np.float64]
 
@@ -73,7 +75,7 @@ def noise_to_mapping(noise: NoiseModel | NoiseFit) -> dict[str, Any]:
     if isinstance(noise, NoiseModel):
         return _noise_fields(noise)
     errors = {f"{name}_std": getattr(noise, f"{name}_std") for name in _NOISE}
-    coherence = zip(BLOCKS, noise.coherence.T, strict=True)
+    coherence = zip(BLOCK_SIZES, noise.variance_inflation.T, strict=True)
     return {
         **_noise_fields(noise.noise),
         "sensor": {**_noise_fields(noise.sensor), **errors},

@@ -29,7 +29,7 @@ from blurmatte.files.exif import TiffTag
 from blurmatte.files.raster import upright
 from blurmatte.radiometry.image import LinearImage, Matrix3, Meta
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
-from blurmatte.radiometry.noise import NoiseModel
+from blurmatte.radiometry.noise_model import NoiseModel
 
 Mosaic = npt.NDArray[np.uint16]
 Tags = Mapping[int, Any]

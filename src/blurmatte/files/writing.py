@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.checks import Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
@@ -27,8 +28,8 @@ from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
-from blurmatte.radiometry import NoiseFit, NoiseModel, ResponseFit
 from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import SRGB, Transfer
 
 _Writer = Callable[[Path], None]

@@ -13,7 +13,8 @@ from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
 from blurmatte.matting.pixelwise import in_strips
-from blurmatte.radiometry import BLOCKS, LinearImage, smooth_variance
+from blurmatte.radiometry import LinearImage, smooth_variance
+from blurmatte.statistics import BLOCK_SIZES
 
 Array = npt.NDArray[np.float64]
 
@@ -71,7 +72,7 @@ def coarsely(pixels: Pixels) -> Pixels:
     from scipy.ndimage import uniform_filter
 
     B = pixels.plate.rgb
-    return replace(pixels, coarse=uniform_filter(B, (BLOCKS[-1], BLOCKS[-1], 0)))
+    return replace(pixels, coarse=uniform_filter(B, (BLOCK_SIZES[-1], BLOCK_SIZES[-1], 0)))
 
 
 def pixels_of(
@@ -115,7 +116,7 @@ def pixels_of(
 def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     """Information and pull of each pixel, both 0 where it is clipped or not inside.
 
-    As though each pixel's noise were its own (`noise_together`). Of a line or plane of colors by the
+    As though each pixel's noise were its own (`noise_inflation`). Of a line or plane of colors by the
     closed form; of any colors by how much of the plate's texture is seen.
 
     Parameters

@@ -6,7 +6,7 @@ import numpy as np
 
 from blurmatte.color import ColorModel
 from blurmatte.matting.evidence import evidence_of, pixels_of
-from blurmatte.matting.noise_together import noise_together
+from blurmatte.matting.noise_inflation import noise_inflation
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 
@@ -38,7 +38,7 @@ def with_faint_rims(
         nothing = np.zeros(near.shape)
         pixels = pixels_of(image, plate, model, near)
         evidence = evidence_of(pixels, nothing)
-        together = noise_together(pixels, nothing)
+        together = noise_inflation(pixels, nothing)
         window = max(_WINDOW * half_width, 1.0)
         information, pull = (gaussian_filter(e, window) for e in evidence)
         alike = (

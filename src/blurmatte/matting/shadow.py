@@ -7,7 +7,7 @@ only what the light is of the object's brightness: by as much it may be off.
 import numpy as np
 
 from blurmatte.checks import Bools
-from blurmatte.color import ColorModel, darker
+from blurmatte.color import ColorModel, darker_pixels
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
@@ -53,7 +53,7 @@ def mark_shadow(
     if not whole:
         brightness = _brightness(maps, model, streak.mask)
         shadow = shadow_beside(image, plate, streak, model.pole, brightness)
-    marked = (shadow & streak.mask)[place] & darker(image.crop(box), plate.crop(box))
+    marked = (shadow & streak.mask)[place] & darker_pixels(image.crop(box), plate.crop(box))
     maps.quality[place] |= marked * np.uint8(Quality.SHADOW)
     if whole or not marked.any():
         return 0.0

@@ -23,7 +23,7 @@ from blurmatte.matting.evidence import Pixels, coarsely, evidence_of, least_alph
 from blurmatte.matting.light import light_given
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.matting.mixture import with_mixture
-from blurmatte.matting.noise_together import BLOCK, noise_together
+from blurmatte.matting.noise_inflation import BLOCK, noise_inflation
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.rounding import rounded_pulls
 from blurmatte.matting.shading import Told, with_shading
@@ -206,7 +206,7 @@ class Smooth:
     def _found(self, pixels: Pixels) -> "_Found":
         """Alpha with a border, and what led to it."""
         near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
-        together = noise_together(pixels, near)
+        together = noise_inflation(pixels, near)
         # Of any colors too little is known: with the whole weight alpha was smooth, sure, and wrong.
         weaker = together if pixels.model.rank < 3 else together**_ANY_COLORS
         if together > 1 and pixels.model.rank == 2:

@@ -13,13 +13,9 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Match, Matching, fit_match
+from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, check_kind, check_map, check_same_size
-from blurmatte.color import (
-    ColorModel,
-    most_of_color,
-    only_light_lost,
-    refuse_gray,
-)
+from blurmatte.color import ColorModel, check_not_gray, may_be_shadow, streak_of_color
 from blurmatte.matting.alternatives import alternative, listed
 from blurmatte.matting.averaging import AlphaEstimate, averaged
 from blurmatte.matting.calibrated import (
@@ -47,7 +43,7 @@ from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Grade, Quality, Solution
 from blurmatte.matting.swept import Swept
-from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors, with_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, check_same_colors
 from blurmatte.streaks import (
     Streak,
     check_streak,
@@ -136,7 +132,7 @@ def solve(
     _check_choices(model, solver, streak, image)
     check_kind("out", out, PixelMaps | None, "use blurmatte.PixelMaps.empty(height, width)")
     check_kind("start", start, Sweep | None, "use Solution.sweep of another frame")
-    refuse_gray(image, plate)
+    check_not_gray(image, plate)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
     match = fit_match(image, plate, matching)
@@ -150,7 +146,7 @@ def solve(
     case = _case_of(pictures, found, _of_light(solver, model), solver, start)
     warn_if_plate_differs(image, plate, case.found)
     others = [other for other in found if other is not case.found]
-    only_lost = only_light_lost(image, plate, case.found)
+    only_lost = may_be_shadow(image, plate, case.found)
     _LOG.info("solving alpha")
     if case.hypotheses is None or isinstance(case.solver, Pixelwise | Smooth):
         maps = _each_alone(case, _box_of(case), out)
@@ -256,7 +252,7 @@ def _case_of(
     """The streak, its sweeps unless the solver needs none, and the colors."""
     image, plate = pictures.image, pictures.plate
     if model is not None:
-        found = [most_of_color(found, image, plate, model)]
+        found = [streak_of_color(found, image, plate, model)]
         if isinstance(solver, Pixelwise | Smooth | Shaded):
             return _Case(pictures, found[0], model, solver, None)
     else:

@@ -6,13 +6,14 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.color import darker
+from blurmatte.color import darker_pixels
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.light import light_given
 from blurmatte.matting.occlusion import in_front, mean_of_neighbors
 from blurmatte.matting.pixelwise import PixelMaps
 from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import MEDIAN_3
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.residuals import OPAQUE
 
@@ -20,7 +21,6 @@ Array = npt.NDArray[np.float64]
 
 _PATCH = 3.0  # times the usual mean χ² over a patch: noise of 2 in 9 pixels never exceeds it
 _LIT = 0.98  # of the plate's light: what has less lies in the shadow that the object casts
-_MEDIAN = 2.366  # of χ² of three
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,9 @@ class Swept:
         flags = saturated * np.uint8(Quality.SATURATED) | (inside & odd) * np.uint8(Quality.MISFIT)
         flags |= (hidden & (alpha > 0)) * np.uint8(Quality.OCCLUDED)
         shaded = odd | np.any(plate.rgb < _LIT * lit.rgb, axis=-1)
-        flags |= (inside & shaded & (alpha == 0) & darker(image, lit)) * np.uint8(Quality.SHADOW)
+        flags |= (inside & shaded & (alpha == 0) & darker_pixels(image, lit)) * np.uint8(
+            Quality.SHADOW
+        )
         quality[inside] = flags[inside]
 
 
@@ -98,4 +100,4 @@ def _hidden(alpha: Array, P: Array, image: LinearImage, plate: LinearImage) -> B
 
 def _usual(chi2: Array) -> float:
     """How large χ² is, 1 or more: of JPEG, no model knows the noise."""
-    return max(float(np.median(chi2)) * 3 / _MEDIAN, 1.0) if chi2.size else 1.0
+    return max(float(np.median(chi2)) * 3 / MEDIAN_3, 1.0) if chi2.size else 1.0

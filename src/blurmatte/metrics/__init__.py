@@ -1,4 +1,4 @@
-"""How far an estimate is from the truth, where the truth is known.
+"""Errors of estimates, where the truth is known.
 
 The estimate comes first and the truth second. The streak is where the true alpha is above 0. A bad
 argument raises ValueError or TypeError: another size, numbers that are not finite, no streak.

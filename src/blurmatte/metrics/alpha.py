@@ -1,8 +1,8 @@
-"""How far an estimated alpha is from the true one.
+"""Errors of an estimated alpha.
 
-Both are (H, W) floats of the same size, as they are: nothing is clipped or stretched. What belongs
-to the streak is measured over the streak only, where the true alpha is above 0, so that the size of
-the picture around it changes nothing; what is wrong elsewhere, `false_alpha` tells.
+Estimate and truth are (H, W) floats of the same size; nothing is clipped or stretched. Errors of the
+streak are measured where the true alpha is above 0, so that the size of the picture has no effect.
+Errors outside are measured by `false_alpha`.
 """
 
 import numpy as np
@@ -12,8 +12,6 @@ from blurmatte.checks import Floats
 from blurmatte.metrics.inputs import check_alphas
 
 Array = npt.NDArray[np.float64]
-
-_SIGMA, _REACH = 1.4, 4  # pixels: width of the benchmark's Gaussian, and where it cuts it off
 
 
 def alpha_rmse(estimated: Floats, true: Floats) -> float:
@@ -60,7 +58,7 @@ def alpha_sad(estimated: Floats, true: Floats) -> float:
 
 
 def alpha_sum_bias(estimated: Floats, true: Floats) -> float:
-    """(Σα̂ − Σα) / Σα over the streak: the part of the alpha that is too much or, negative, lost.
+    """(Σα̂ − Σα) / Σα over the streak: the relative excess of alpha, negative if some is missing.
 
     Parameters
     ----------
@@ -86,10 +84,9 @@ def alpha_gradient_error(estimated: Floats, true: Floats) -> float:
 
     The gradient error of Rhemann et al., "A perceptually motivated online benchmark for image
     matting", CVPR 2009. ∇ is the first derivative of a Gaussian of σ = 1.4 pixels, cut off at 4
-    pixels, each of the two kernels (9, 9) scaled to a sum of squares of 1; the picture goes on
-    beyond its border with the values there. Customary code stretches each alpha to fill 0…1 first.
-    That is left out, for it would hide that a faint streak is wrong in strength; where both alphas
-    fill 0…1 anyway, the numbers are the customary ones.
+    pixels, each of the two kernels (9, 9) scaled to a sum of squares of 1; border values are repeated
+    outside the picture. Common code first stretches each alpha to 0…1. That would hide errors in the
+    strength of a faint streak and is omitted; if both alphas fill 0…1, the numbers are the same.
 
     Parameters
     ----------
@@ -151,8 +148,8 @@ def _error(estimated: Floats, true: Floats) -> Array:
 def _gradient_magnitude(alpha: Floats) -> Array:
     from scipy.ndimage import correlate1d
 
-    x = np.arange(-_REACH, _REACH + 1)
-    gauss = np.exp(-(x**2) / (2 * _SIGMA**2))
+    x = np.arange(-4, 5)  # pixels
+    gauss = np.exp(-(x**2) / (2 * 1.4**2))
     across, along = (kernel / np.linalg.norm(kernel) for kernel in (gauss, x * gauss))
     smooth = [correlate1d(alpha.astype(float), across, axis, mode="nearest") for axis in (0, 1)]
     dx, dy = (correlate1d(smooth[i], along, 1 - i, mode="nearest") for i in (0, 1))

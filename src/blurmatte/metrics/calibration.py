@@ -1,6 +1,6 @@
-"""Are the reported standard deviations honest?
+"""Calibration of reported standard deviations.
 
-In this file z = (estimate − truth) / std. Of honest ones the mean is 0 and the spread 1.
+In this file z = (estimate − truth) / std, which has mean 0 and spread 1 if std is correct.
 """
 
 from dataclasses import dataclass
@@ -13,26 +13,24 @@ from blurmatte.metrics.inputs import check_all_finite
 
 Array = npt.NDArray[np.float64]
 
-_NORMAL_MEDIAN = 0.6744897501960817  # median of |z| of a normal distribution
-
 
 @dataclass(frozen=True)
 class Calibration:
-    """What z = (estimate − truth) / std looks like.
+    """Statistics of z = (estimate − truth) / std.
 
     Parameters
     ----------
     count : int
-        How many values there are.
+        Number of values.
     mean : float
         Of z; 0 if there is no bias.
     spread : float
-        Root mean square of z about its mean; 1 if the stds are right, more if they boast.
+        Root mean square of z about its mean; 1 if std is correct, more if it is too small.
     robust_spread : float
-        Median of |z| over that of a normal distribution: like `spread` for an estimate without bias,
-        but a few outliers do not move it.
+        Median of |z| over that of a normal distribution: `spread` for an unbiased estimate, insensitive
+        to a few outliers.
     within_1, within_2, within_3 : float
-        Fraction of |z| below 1, 2 and 3; 0.683, 0.954 and 0.997 for honest normal errors.
+        Fraction of |z| below 1, 2 and 3; 0.683, 0.954 and 0.997 for normal errors of the given std.
     """
 
     count: int
@@ -49,15 +47,14 @@ def calibration(
 ) -> Calibration:
     """Compare the errors of estimates with their reported standard deviations.
 
-    An infinite, zero or NaN std claims nothing that could be tested: such values are left out, and
-    `count` tells how many remain.
+    Values with an infinite, zero or NaN std are ignored; `count` is the number of the others.
 
     Parameters
     ----------
     estimate, std, truth : (...) float
         Estimates, their reported standard deviations and the true values; one shape.
     where : bool, optional
-        Which to look at: the same shape, or its first axes (a pixel, for all three channels).
+        Values to use: the same shape, or its first axes (a pixel, for all three channels).
 
     Returns
     -------
@@ -89,7 +86,9 @@ def calibration(
 
 
 def _summary(z: Array) -> Calibration:
+    from statistics import NormalDist
+
     size = np.abs(z)
     within = (float(np.mean(size < limit)) for limit in (1, 2, 3))
-    robust = float(np.median(size)) / _NORMAL_MEDIAN
+    robust = float(np.median(size)) / NormalDist().inv_cdf(0.75)  # the median of |z|
     return Calibration(z.size, float(z.mean()), float(z.std()), robust, *within)

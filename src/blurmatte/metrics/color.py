@@ -1,4 +1,4 @@
-"""How far estimated colors and light are from the true ones. All light is linear, 1 = sensor white."""
+"""Errors of estimated colors and light. All light is linear, 1 = sensor white."""
 
 from dataclasses import dataclass
 
@@ -12,19 +12,17 @@ from blurmatte.radiometry import SRGB, LinearImage
 
 Array = npt.NDArray[np.float64]
 
-_SHADES = 1e-6  # colors that differ in direction by less are shades of one, as stored in float32
-
 
 @dataclass(frozen=True)
 class ColorDistance:
-    """How far true colors stick out of the estimated ones.
+    """Distance of true colors from the estimated line or plane.
 
     Parameters
     ----------
     units : float
-        Linear light in units of 0…255, of the true color that is furthest off.
+        Largest distance of a true color, linear light in units of 0…255.
     degrees : float
-        The largest angle, 0…90, by which a mixture of the true colors leaves the estimated ones.
+        Largest angle between a mixture of the true colors and the estimated ones, 0…90.
     """
 
     units: float
@@ -34,12 +32,12 @@ class ColorDistance:
 def color_distance(estimated: npt.ArrayLike, true: npt.ArrayLike) -> ColorDistance:
     """Distance of true colors from a color, a line or a plane of colors, brightness matched.
 
-    Let Q be an orthonormal basis of the estimated colors. QQᵀo is the one of them that is nearest
-    to a true color o: a line or plane knows no brightness, so brightness is not judged. `units` is
-    255 · |o − QQᵀo|, and grows with the brightness of o. `degrees` does not: it is the angle between
-    o and the estimated line or plane. Of several true colors all mixtures count, also those that
-    need negative light, so that for a true and an estimated plane it is the angle between the planes,
-    the larger of their two principal angles. A line cannot hold two colors: 90 degrees.
+    Let Q be an orthonormal basis of the estimated colors. QQᵀo is the nearest of them to a true color
+    o; brightness is not compared, as a line or plane holds all shades. `units` is 255 · |o − QQᵀo|,
+    which is proportional to the brightness of o. `degrees` is the angle between o and the line or
+    plane. For several true colors it is the largest over all their mixtures, also those with negative
+    light: between two planes it is the larger of their two principal angles, and between a plane and a
+    line 90 degrees.
 
     Parameters
     ----------
@@ -100,16 +98,15 @@ def premultiplied_rmse(estimated: Floats, true: Layer) -> float:
 def recomposite_psnr(estimated: Layer, true: Layer, background: LinearImage) -> float:
     """Peak signal-to-noise ratio of the estimated layer over another picture.
 
-    What is compared is what people look at: both layers over the background, clipped to 0…1, coded
-    as sRGB (white is 1; not rounded), within the smallest upright box around the streak. The rest of
-    a picture, where both show the background, would raise the ratio by its mere size; what is wrong
-    out there, `false_alpha` tells.
+    Both layers are put over the background, clipped to 0…1, coded as sRGB (white is 1; not rounded),
+    and compared within the bounding box of the streak. Outside, both show the background, which would
+    raise the ratio by the size of the picture; errors there are measured by `false_alpha`.
 
     Parameters
     ----------
     estimated, true : Layer
     background : LinearImage
-        Better not the plate: over the plate the errors of alpha and of light cancel.
+        Not the plate: over the plate the errors of alpha and of light cancel.
 
     Returns
     -------
@@ -135,7 +132,7 @@ def recomposite_psnr(estimated: Layer, true: Layer, background: LinearImage) -> 
 def _span(colors: Array) -> Array:
     """(3, rank) orthonormal columns that span the rows of (n, 3)."""
     _, size, directions = np.linalg.svd(colors, full_matrices=False)
-    return np.asarray(directions[size > _SHADES * size[0]].T)
+    return np.asarray(directions[size > 1e-6 * size[0]].T)  # of float32
 
 
 def _estimated_span(estimated: Array) -> Array:

@@ -1,4 +1,4 @@
-"""What the metrics ask of their arguments, and where the streak is."""
+"""Checks of the arguments of metrics, and the region of the streak."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""How far an estimated path is from the true one."""
+"""Errors of an estimated path."""
 
 import numpy as np
 import numpy.typing as npt
@@ -14,17 +14,17 @@ def trajectory_iou(
     """Trajectory intersection over union (TIoU) of fast moving objects.
 
     At each of `samples` times, equally spaced from the first moment of the exposure to the last, a
-    disc of the true radius is laid at the true and one at the estimated position, and the area they
-    share is divided by the area they cover together. The score is the mean over time (Kotera et al.,
-    "Intra-frame object tracking by deblatting", ICCV workshops 2019), for the better of the two
-    directions of time, because a single picture cannot tell them apart (the benchmark of Rozumnyi et
-    al., "DeFMO", CVPR 2021). For two paths of n points at equally spaced times, and `samples` = n,
-    it is the benchmark's number.
+    disc of the true radius is placed at the true and one at the estimated position, and the area of
+    their intersection is divided by that of their union. The score is the mean over time (Kotera et
+    al., "Intra-frame object tracking by deblatting", ICCV workshops 2019), for the better of the two
+    directions of time, as a single picture does not determine it (the benchmark of Rozumnyi et al.,
+    "DeFMO", CVPR 2021). For two paths of n points at equally spaced times, and `samples` = n, it is
+    the benchmark's number.
 
     Parameters
     ----------
     estimated : Trajectory or None
-        None for a method that refused: a miss, which scores 0.
+        None for a method without a result: a miss, which scores 0.
     true : Trajectory
     radius : float
         True radius of the object, pixels, > 0.
@@ -57,10 +57,10 @@ def trajectory_iou(
 
 
 def _disc_iou(shift: Array, radius: float) -> Array:
-    """(n,) overlap of two discs of one radius whose centers lie `shift` (n, 2) apart.
+    """(n,) intersection over union of two discs of one radius, `shift` (n, 2) apart.
 
-    Their chord is seen from either center at the angle θ, cos(θ/2) = d / 2r, and cuts off both of
-    them a segment of the area (θ − sin θ) r²/2; the two segments are what the discs share.
+    The common chord has the central angle θ, cos(θ/2) = d / 2r, and cuts a segment of the area
+    (θ − sin θ) r²/2 from each disc; the two segments are the intersection.
     """
     half = np.arccos(np.minimum(np.linalg.norm(shift, axis=1) / (2 * radius), 1))
     shared = 2 * half - np.sin(2 * half)  # in units of r²

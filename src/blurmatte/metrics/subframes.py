@@ -1,12 +1,11 @@
-"""How much sub-frames of the exposure look like the true ones.
+"""Similarity of sub-frames of the exposure to the true ones.
 
 A sub-frame is a sharp picture of the object in front of the plate at one time of the exposure. A
 stack of them is (n, H, W, 3), in the order of time, floats coded as sRGB with black 0 and white 1,
-as the benchmark of Rozumnyi et al., "DeFMO", CVPR 2021, has them; and as there, a single picture
-cannot tell which way time went, so the order of the estimate is turned round if that makes the sum
-of squared errors of the whole stack smaller. (The benchmark decides by its first sub-frame alone.)
-It scores the box around the true object: cut that out of all arguments for numbers to compare.
-Nothing is clipped.
+as in the benchmark of Rozumnyi et al., "DeFMO", CVPR 2021. A single picture does not determine the
+direction of time: the estimate is reversed if that decreases the sum of squared errors of the stack.
+(The benchmark decides by its first sub-frame.) The benchmark scores the bounding box of the true
+object: crop all arguments to it for comparable numbers. Nothing is clipped.
 """
 
 import numpy as np
@@ -17,9 +16,8 @@ from blurmatte.metrics.inputs import check_all_finite
 
 Array = npt.NDArray[np.float64]
 
-_IDENTICAL = 100.0  # dB: what the benchmark gives to a perfect stack; no score is above
-_WINDOW = 7  # pixels: side of the square that means and variances are taken over
-_ROUNDING = 1e-6  # by so much a coded value may leave 0…1
+_MAX_PSNR = 100.0  # dB, for a perfect stack, as in the benchmark
+_WINDOW = 7  # pixels: width of the square for means and variances
 
 
 def subframe_psnr(estimated: Floats | None, true: Floats, plate: Floats) -> float:
@@ -28,10 +26,10 @@ def subframe_psnr(estimated: Floats | None, true: Floats, plate: Floats) -> floa
     Parameters
     ----------
     estimated : (n, H, W, 3) float or None
-        None for a method that refused: a miss, scored as if it showed the bare plate n times.
+        None for a method without a result: a miss, scored as n copies of the plate.
     true : (n, H, W, 3) float
     plate : (H, W, 3) float
-        The scene without the object; of use only for None.
+        The scene without the object; used only for None.
 
     Returns
     -------
@@ -46,27 +44,26 @@ def subframe_psnr(estimated: Floats | None, true: Floats, plate: Floats) -> floa
     """
     shown = _shown(estimated, true, plate)
     error = float(np.mean((shown - true) ** 2))
-    return min(-10 * float(np.log10(error)), _IDENTICAL) if error > 0 else _IDENTICAL
+    return min(-10 * float(np.log10(error)), _MAX_PSNR) if error > 0 else _MAX_PSNR
 
 
 def subframe_ssim(estimated: Floats | None, true: Floats, plate: Floats) -> float:
     """Structural similarity of a stack of sub-frames: the mean over them.
 
     That of Wang et al., "Image quality assessment: from error visibility to structural similarity",
-    IEEE Trans. Image Processing 2004, with what is customary in Python: a uniform window of 7 by 7
-    pixels instead of a Gaussian one, sample covariances, each channel by itself, and the windows
-    that leave the picture not counted. The range of the data is that of the true stack, largest less
-    smallest value, so that no estimate sets its own scale. (The benchmark's code takes the range of
-    the estimate.)
+    IEEE Trans. Image Processing 2004, with the conventions of Python libraries: a uniform window of 7
+    by 7 pixels, sample covariances, channels separately, windows inside the picture only. The data
+    range is that of the true stack, so that an estimate does not set its own scale. (The benchmark's
+    code takes the range of the estimate.)
 
     Parameters
     ----------
     estimated : (n, H, W, 3) float or None
-        None for a method that refused: a miss, scored as if it showed the bare plate n times.
+        None for a method without a result: a miss, scored as n copies of the plate.
     true : (n, H, W, 3) float
         At least 7 by 7 pixels, not all of one value.
     plate : (H, W, 3) float
-        The scene without the object; of use only for None.
+        The scene without the object; used only for None.
 
     Returns
     -------
@@ -89,7 +86,7 @@ def subframe_ssim(estimated: Floats | None, true: Floats, plate: Floats) -> floa
 
 
 def _shown(estimated: Floats | None, true: Floats, plate: Floats) -> Array:
-    """(n, H, W, 3) the estimated stack the way round that fits better; the plate for a refusal."""
+    """(n, H, W, 3) the estimated stack in the direction that fits better; the plate for None."""
     _check_stack("true", true)
     _check_range("true", true)
     check_light("plate", plate)
@@ -114,7 +111,7 @@ def _check_stack(name: str, value: Floats) -> None:
 
 def _check_range(name: str, value: Floats) -> None:
     low, high = float(np.min(value)), float(np.max(value))
-    if low < -_ROUNDING or high > 1 + _ROUNDING:
+    if low < -1e-6 or high > 1 + 1e-6:  # of float32
         raise ValueError(f"{name} must be coded as sRGB from 0 to 1, got {low:g} to {high:g}")
 
 
@@ -132,7 +129,7 @@ def _ssim(a: Array, b: Floats, span: float) -> float:
         filtered = uniform_filter(x, size=(_WINDOW, _WINDOW, 1))
         return np.asarray(filtered[rim:-rim, rim:-rim])
 
-    b = b.astype(float)  # squares of float32 would leave nothing of a small variance
+    b = b.astype(float)  # float32 is too coarse for differences of squares
     sample = _WINDOW**2 / (_WINDOW**2 - 1)
     k1, k2 = (0.01 * span) ** 2, (0.03 * span) ** 2
     mu_a, mu_b = mean(a), mean(b)

@@ -1,5 +1,7 @@
-"""Sheets that show a person what was found: pictures, numbers, and what is known against them."""
+"""Sheets and charts of results: pictures, numbers and warnings."""
 
+from blurmatte.overview.calibration_charts import draw_noise as draw_noise
+from blurmatte.overview.calibration_charts import draw_response as draw_response
 from blurmatte.overview.clip import draw_clip as draw_clip
 from blurmatte.overview.edit import draw_edit as draw_edit
 from blurmatte.overview.edit import draw_exposures as draw_exposures

@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.positions_3d import BallPlace
+from blurmatte.overview.chart import new_figure, pixels
 from blurmatte.overview.panels import (
     BRIGHT,
     GROUND,
@@ -27,7 +28,6 @@ from blurmatte.overview.panels import (
 )
 from blurmatte.overview.sheet import TITLE, Sheet
 from blurmatte.radiometry import LinearImage
-from blurmatte.radiometry.chart import new_figure, pixels
 
 Array = npt.NDArray[np.float64]
 

@@ -1,9 +1,9 @@
-"""Compression: what a JPEG file makes of the code values that go into it.
+"""Compression: the code values that a JPEG file returns for those written to it.
 
-Pixels share chroma, coefficients are rounded to multiples of steps that the file tells, and what comes
-out of it is rounded to whole codes three times [T.81, T.871]. What a picture becomes is known if it is
-compressed in the same way; but noise decides to which side each number is rounded, and a mean over
-noise tells what a file holds on average.
+JPEG subsamples chroma, quantizes the coefficients of a cosine transform with steps stored in the file,
+and rounds to whole codes three times [T.81, T.871]. The effect on a picture is known by compressing it
+in the same way. Noise decides in which direction each number is rounded, so the expected effect is a
+mean over noise.
 """
 
 import io
@@ -18,28 +18,28 @@ from blurmatte.checks import Floats
 Array = npt.NDArray[np.float64]
 Steps = tuple[tuple[int, ...], ...]
 
-_BLOCK = 8
-_DRAWS, _TILE = 16, 64  # of noise, pixels
+_BLOCK = 8  # pixels, width of a block of the cosine transform
+_NOISE_SHAPE = 16, 64, 64, 3  # draws and a tile of pixels, over which expected values are averaged
 _SAMPLINGS = {(1, 1): "4:4:4", (2, 1): "4:2:2", (2, 2): "4:2:0"}
 
 
 @dataclass(frozen=True)
 class Compression:
-    """How a JPEG file holds its picture.
+    """Quantization and chroma subsampling of a JPEG file.
 
     Parameters
     ----------
     luma, chroma : 8 tuples of 8 ints
-        Steps of the coefficients, 1…255; those of one row are of one vertical frequency.
+        Quantization steps of the coefficients, 1…255; rows are vertical frequencies.
     shared : (int, int)
-        Width and height of the pixels that share chroma, 1 or 2.
+        Horizontal and vertical chroma subsampling, 1 or 2.
     origin : (int, int)
-        Where the first pixel of the picture lies (x, y), counted from the corner of a block.
+        Position (x, y) of the first pixel relative to the corner of a block.
 
     Raises
     ------
     ValueError
-        For steps that are not 8 by 8 or outside 1…255, and other numbers of pixels that share chroma.
+        For steps that are not 8 by 8 or outside 1…255, and other subsampling.
     """
 
     luma: Steps
@@ -56,40 +56,40 @@ class Compression:
 
     @property
     def mcu(self) -> tuple[int, int]:
-        """Width and height in pixels of what is compressed by itself, chroma and all."""
+        """Width and height of a minimum coded unit, pixels."""
         return _BLOCK * self.shared[0], _BLOCK * self.shared[1]
 
     @property
     def spread(self) -> float:
-        """Pixels by which chroma runs, a standard deviation.
+        """Standard deviation of the blur of chroma, pixels.
 
-        It is the mean of two pixels, and interpolated linearly between those means; or runs because
-        its fine structure is rounded away, which is less.
+        Subsampled chroma is a mean of two pixels, interpolated linearly. Without subsampling
+        quantization removes fine structure, which blurs less.
         """
         return max(self.shared) / 2
 
     def cropped(self, x: int, y: int) -> "Compression":
-        """Of the part of the picture that begins there."""
+        """Compression of the part of the picture from pixel (x, y)."""
         return replace(self, origin=(self.origin[0] + x, self.origin[1] + y))
 
     def transposed(self) -> "Compression":
-        """Of the picture with its axes exchanged."""
+        """Compression of the transposed picture."""
         luma, chroma = (tuple(zip(*steps, strict=True)) for steps in (self.luma, self.chroma))
         return Compression(luma, chroma, self.shared[::-1], self.origin[::-1])
 
     def mirrored(self, width: int) -> "Compression":
-        """Of the picture, so wide, with left and right exchanged."""
+        """Compression of the picture mirrored left to right, of a width in pixels."""
         return replace(self, origin=(-self.origin[0] - width, self.origin[1]))
 
     def expected(self, codes: Floats, noise: float) -> Array:
-        """What the file holds on average of code values to which noise comes.
+        """Mean of what the file returns for code values with noise.
 
         Parameters
         ----------
         codes : (H, W, 3) float
             R'G'B', 0…1.
         noise : float
-            Standard deviation in each channel, 0…1. Its draws are always the same.
+            Standard deviation in each channel, 0…1. The draws are seeded.
 
         Returns
         -------
@@ -101,13 +101,13 @@ class Compression:
         whole, place = self._whole(codes)
         total = np.zeros(whole.shape)
         for draw in _noise():
-            times = *(-(-n // _TILE) for n in whole.shape[:2]), 1
+            times = *(-(-n // _NOISE_SHAPE[1]) for n in whole.shape[:2]), 1
             tiled = np.tile(draw, times)[: len(whole), : whole.shape[1]]
             total += self._written((whole + noise * tiled).astype(np.float32))
-        return np.asarray(total[place] / (255 * _DRAWS))
+        return np.asarray(total[place] / (255 * _NOISE_SHAPE[0]))
 
     def once(self, codes: Floats) -> Array:
-        """What the file holds of code values (H, W, 3), 0…1, that have their noise already."""
+        """What the file returns for code values (H, W, 3), 0…1."""
         if self.shared not in _SAMPLINGS:
             turned = self.transposed().once(np.swapaxes(codes, 0, 1))
             return np.asarray(turned.swapaxes(0, 1))
@@ -115,7 +115,7 @@ class Compression:
         return np.asarray(self._written(whole)[place] / 255)
 
     def _whole(self, codes: Floats) -> tuple[npt.NDArray[np.float32], tuple[slice, slice]]:
-        """Codes with the rest of their blocks, and where in them they are."""
+        """Codes padded to whole coded units, and the place of the codes in them."""
         h, w = codes.shape[:2]
         left, top = (o % n for o, n in zip(self.origin, self.mcu, strict=True))
         sides = (top, -(top + h) % self.mcu[1]), (left, -(left + w) % self.mcu[0]), (0, 0)
@@ -123,7 +123,7 @@ class Compression:
         return whole, (slice(top, top + h), slice(left, left + w))
 
     def _written(self, whole: npt.NDArray[np.float32]) -> npt.NDArray[np.uint8]:
-        """What is read of code values, 0…1, that were written."""
+        """Code values 0…255 read from a file of code values 0…1."""
         from PIL import Image
 
         tables = [[step for row in steps for step in row] for steps in (self.luma, self.chroma)]
@@ -137,6 +137,5 @@ class Compression:
 
 @cache
 def _noise() -> npt.NDArray[np.float32]:
-    """(draws, 64, 64, 3) normal numbers."""
-    shape = _DRAWS, _TILE, _TILE, 3
-    return np.random.default_rng(0).standard_normal(shape, dtype=np.float32)
+    """Normal numbers of _NOISE_SHAPE."""
+    return np.random.default_rng(0).standard_normal(_NOISE_SHAPE, dtype=np.float32)

@@ -1,4 +1,4 @@
-"""LinearImage: light, how well it is known, and where it can be trusted."""
+"""LinearImage: linear light, its noise, and its valid pixels."""
 
 from dataclasses import dataclass, field, replace
 
@@ -16,50 +16,44 @@ from blurmatte.checks import (
 )
 from blurmatte.errors import PlateError
 from blurmatte.radiometry.compression import Compression
-from blurmatte.radiometry.noise import NoiseModel
-from blurmatte.radiometry.transfer import Transfer
+from blurmatte.radiometry.noise_model import NoiseModel
+from blurmatte.radiometry.transfer import LINEAR, Transfer
 
 Matrix3 = tuple[tuple[float, ...], ...]
-
-_TAKEN = 16  # rows of code values that are decoded together
-_ROUNDING = 1e-6  # of float32
-_NOISE_SCALE = 2.0  # pixels over which the light that noise depends on is averaged
-_SAME_WHITE = 0.01  # of two modes of one camera; black levels that are measured differ by less
 
 
 @dataclass(frozen=True)
 class Meta:
-    """What a file says about its picture.
+    """Metadata of a picture's file.
 
     Parameters
     ----------
     source : str
         Name of the file, for messages.
     transfer : Transfer or None
-        The curve its code values were decoded with; None for light that never was encoded.
+        The curve its code values were decoded with; None for light that was never encoded.
     levels : int or None
-        How many code values it can hold: 256, 65536; None for floats.
+        Number of code values: 256, 65536; None for floats.
     exposure_time : float or None
         Seconds.
     icc_profile : bytes or None
-        The color profile that came with it.
+        The embedded color profile.
     gray : bool
-        One channel was all there was.
+        True if the file has one channel.
     color_space : str or None
-        Whose red, green and blue the light is: "sRGB", its primaries; "camera", the sensor's own, as
-        camera RAW holds it; None: nobody said.
+        Primaries of the light: "sRGB"; "camera", those of the sensor, as in camera RAW; None if
+        unknown.
     camera : str
-        Which camera took it; "" if the file does not tell.
+        Model of the camera; "" if unknown.
     white_balance : three floats or None
-        By what red, green and blue of the camera have to be multiplied so that white is equal in all
-        three, as the camera had it; green 1. The light is not multiplied by it.
+        Factors of red, green and blue that make white equal in all three, as set in the camera;
+        green 1. They are not applied to the light.
     to_srgb : 3 x 3 floats or None
-        Light of the camera → linear sRGB, white balance included: for looking at, and for other
-        pictures. None: the light is taken to be sRGB's.
+        Light of the camera → linear sRGB, white balance included. None: the light is linear sRGB.
     time : float or None
-        When a clip shows it, seconds.
+        Presentation time in a clip, seconds.
     compression : Compression or None
-        What the file's compression did to code values; None: nothing, or nobody knows.
+        The file's JPEG compression; None if it has none or is unknown.
     """
 
     source: str = ""
@@ -77,9 +71,10 @@ class Meta:
 
     @property
     def sharing(self) -> Compression | None:
-        """How the file was compressed, if pixels share color in it: that is all that became of color.
+        """The compression if it subsamples chroma, else None.
 
-        A file in which each pixel has a color of its own may be a copy of one in which it had not.
+        A file without subsampling may be a copy of one with it, so its compression is no complete
+        model of its chroma.
         """
         compression = self.compression
         return None if compression is None or compression.shared == (1, 1) else compression
@@ -87,23 +82,23 @@ class Meta:
 
 @dataclass(frozen=True, eq=False)
 class LinearImage:
-    """Linear light, its noise, and where it can be trusted.
+    """Linear light, its noise, and its valid pixels.
 
     Parameters
     ----------
     rgb : (H, W, 3) float
         Linear light, 1 = sensor white, unclipped.
     noise : NoiseModel, (H, W, 3) float variance, or None
-        How well `rgb` is known, light². None: not measured yet; `solve` will, against the plate.
+        Noise of `rgb`, light². None: unknown; `solve` measures it against the plate.
     valid : (H, W) bool, optional
-        False where saturated, dead or missing. All True if not given.
+        False where saturated, dead or missing. All True by default.
     meta : Meta
-        What the file said.
+        Metadata of the file.
 
     Raises
     ------
     TypeError, ValueError
-        For arrays of another kind or shape, NaN and infinite values, negative variances.
+        For arrays of another dtype or shape, NaN and infinite values, negative variances.
     """
 
     rgb: Floats
@@ -142,7 +137,7 @@ class LinearImage:
         Raises
         ------
         ValueError
-            If the noise was not measured yet.
+            If the noise is unknown.
         """
         if self.noise is None:
             raise ValueError("the noise of this image is not known; measure it with fit_noise")
@@ -152,20 +147,21 @@ class LinearImage:
 
     @property
     def clipped(self) -> Bools:
-        """(H, W, 3) True where a channel is not valid because its light reached the top of its file.
+        """(H, W, 3) True where a pixel is not valid and the channel is saturated.
 
-        Of a pixel that is not valid and has no such channel the light is missing.
+        The light of a pixel that is not valid and has no saturated channel is missing.
         """
         transfer, levels = self.meta.transfer, self.meta.levels
         top = 1.0 if transfer is None or levels is None else float(transfer.decode(np.float64(1)))
-        reached = self.rgb >= (1 - _ROUNDING) * top
+        reached = self.rgb >= (1 - 1e-6) * top  # of float32
         return np.asarray(reached & ~self.valid[..., None])
 
     @property
     def usable(self) -> Bools:
-        """(H, W, 3) True where a channel's light is known, also those of a clipped pixel that are.
+        """(H, W, 3) True where a channel's light is known, also in clipped pixels.
 
-        Of a camera RAW all channels of a clipped pixel may hold light of clipped neighbors: none is.
+        In camera RAW all channels of a clipped pixel may be interpolated from clipped neighbors, so
+        none of them is usable.
         """
         if self.meta.to_srgb is not None:
             return np.repeat(self.valid[..., None], 3, axis=-1)
@@ -174,12 +170,12 @@ class LinearImage:
         return np.asarray(self.valid[..., None] | partly)
 
     def crop(self, box: tuple[int, int, int, int]) -> "LinearImage":
-        """The part inside a box (x0, y0, x1, y1) of pixels; a view, x1 and y1 are one past the last.
+        """The part inside a box (x0, y0, x1, y1) of pixels, x1 and y1 exclusive; a view.
 
         Raises
         ------
         ValueError
-            If nothing of the picture is in the box, or it begins left of it or above.
+            If the box is empty or begins outside the picture.
         """
         check_box(box, self.size)
         x0, y0, x1, y1 = box
@@ -195,10 +191,10 @@ class LinearImage:
         return replace(self, noise=noise)
 
     def in_srgb(self) -> "LinearImage":
-        """The picture as others are: light of a camera as linear sRGB; itself if it is none.
+        """The picture in linear sRGB; itself if its light is not that of a camera.
 
-        For looking at and for compositing. Not for measuring: it mixes the noise of the channels,
-        which then is not known, and colors beyond sRGB become negative.
+        For display and compositing, not for measuring: the matrix correlates the noise of the
+        channels, so the noise becomes unknown, and colors outside sRGB become negative.
         """
         if self.meta.to_srgb is None:
             return self
@@ -208,7 +204,7 @@ class LinearImage:
 
 
 def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
-    """(..., 3) linear sRGB of light, by a `Meta`'s matrix; the same if there is none."""
+    """(..., 3) linear sRGB of light (..., 3), by the matrix `Meta.to_srgb`; unchanged if None."""
     if to_srgb is None:
         return light
     return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
@@ -221,9 +217,10 @@ def check_picture(name: str, picture: object) -> None:
 
 
 def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -> None:
-    """Raise PlateError if the light of two named pictures cannot be compared, as far as they tell.
+    """Raise PlateError if the metadata of two named pictures say that their light is not comparable.
 
-    Cameras and sRGB each have a red of their own. The white balance does not matter: it is not applied.
+    The primaries, the camera and the number of levels are compared. White balance is not applied to
+    the light, so it may differ.
     """
     check_picture(first.removeprefix("the "), a)
     check_picture(second.removeprefix("the "), b)
@@ -242,7 +239,7 @@ def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -
             "sees colors in its own way; take both with the same one"
         )
     white = a.meta.levels or 0, b.meta.levels or 0
-    if all(white) and abs(white[0] / white[1] - 1) > _SAME_WHITE:
+    if all(white) and abs(white[0] / white[1] - 1) > 0.01:  # more than black levels scatter
         raise PlateError(
             f"{first} is a RAW of {white[0]} levels from black to white, {second} of {white[1]}: "
             "take both with the same ISO and the same settings for RAW"
@@ -250,27 +247,34 @@ def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -
 
 
 def smooth_variance(picture: LinearImage) -> npt.NDArray[np.float64]:
-    """(H, W, 3) noise variance, light², as the light of each pixel's neighborhood has it.
+    """(H, W, 3) noise variance, light², smoothed over a neighborhood.
 
-    A pixel that noise made brighter would else be given a larger variance and less weight, and
-    everything that is fitted would come out darker.
+    The variance of a pixel depends on its own noise: brighter pixels would get less weight, and every
+    weighted fit would be biased to dark.
 
     Raises
     ------
     ValueError
-        If the noise was not measured yet.
+        If the noise is unknown.
     """
     from scipy.ndimage import gaussian_filter
 
-    scale = (_NOISE_SCALE, _NOISE_SCALE, 0)
-    variance: npt.NDArray[np.float64] = gaussian_filter(picture.variance.astype(float), scale)
+    raw = picture.variance.astype(float)
+    variance: npt.NDArray[np.float64] = gaussian_filter(raw, sigma=(2.0, 2.0, 0))
     return np.maximum(variance, 1e-14)
+
+
+def rounding_noise(picture: LinearImage) -> NoiseModel:
+    """Noise of rounding to the code values of a picture's file; zero for floats."""
+    if picture.meta.levels is None:
+        return NoiseModel()
+    return NoiseModel.rounding(picture.meta.levels, picture.meta.transfer or LINEAR)
 
 
 def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     """Linear light of an (H, W, 3) array of integer code values, by table.
 
-    Code values at the top of the range are saturated: the light was at least that strong.
+    Code values at the top of the range are saturated.
 
     Parameters
     ----------
@@ -285,7 +289,7 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
     Raises
     ------
     TypeError
-        If the codes are no array of such integers, or the transfer is none.
+        If the codes are no such array, or the transfer is no Transfer.
     """
     check_kind(
         "transfer", transfer, Transfer, "use blurmatte.SRGB, or blurmatte.named_transfer(name)"
@@ -296,8 +300,8 @@ def decode(codes: npt.NDArray[np.integer], transfer: Transfer) -> LinearImage:
         raise TypeError(f"codes must be uint8 or uint16, got {codes.dtype}")
     top = np.iinfo(codes.dtype).max
     table, light = transfer.table(top + 1).astype(np.float32), np.empty(codes.shape, np.float32)
-    for start in range(0, len(codes), _TAKEN):  # NumPy makes indices of eight bytes of the codes
-        rows = slice(start, start + _TAKEN)
+    band = 16  # rows at a time: NumPy converts the codes to indices of eight bytes
+    for rows in (slice(start, start + band) for start in range(0, len(codes), band)):
         table.take(codes[rows], out=light[rows], mode="clip")  # no code is beyond the table
     red, green, blue = (codes[..., c] != top for c in range(3))
     valid = red & green & blue  # eight times as fast as `all` over the last axis

@@ -1,7 +1,7 @@
-"""Transfer curves: code values in a file ⇄ linear light.
+"""Transfer curves: code values of a file ⇄ linear light.
 
 In this file `v` is a code value scaled to 0…1 (255 or 65535 is 1) and `light` is linear, 1 = white.
-Every curve continues oddly below zero, so noise below black survives a round trip.
+Every curve is odd, so that noise below black survives a round trip.
 """
 
 import re
@@ -12,11 +12,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_kind
+from blurmatte.checks import Floats
 
 Curve = Callable[[Any], Any]
 
-_AT_ONCE = 1 << 16  # values at a time, so that they stay in the processor's cache
+_CHUNK = 1 << 16  # values interpolated at a time: they fit the processor's cache
 TABLE = 16 * 255 + 1  # entries of a table: the code values of 8 bits, and 15 between each two
 
 
@@ -27,7 +27,7 @@ class Transfer:
     Parameters
     ----------
     name : str
-        What `--transfer` and the reports call it.
+        As in `--transfer` and in reports.
     decode, encode : callable
         Arrays of code values (0…1) to linear light, and back; any shape.
     """
@@ -41,21 +41,21 @@ class Transfer:
 
     @classmethod
     def from_table(cls, name: str, light: npt.ArrayLike) -> "Transfer":
-        """The curve with straight lines between the entries of a table.
+        """The curve that interpolates a table linearly.
 
         Below code value 0 it is mirrored at its first point, so that it is odd if that is light 0;
-        above 1 it goes on as straight as it ended.
+        above 1 it is extrapolated linearly.
 
         Parameters
         ----------
         name : str
         light : (N,) float
-            Linear light of N >= 2 code values, equally spaced from 0 to 1; each above the one before.
+            Linear light of N >= 2 code values, equally spaced from 0 to 1; strictly increasing.
 
         Raises
         ------
         ValueError
-            If there are fewer than two numbers, or they do not rise.
+            If there are fewer than two numbers, or they do not increase.
         """
         values = np.array(light, dtype=np.float64)
         if values.ndim != 1 or len(values) < 2 or not np.all(np.isfinite(values)):
@@ -76,7 +76,7 @@ class Transfer:
         return np.asarray(self.decode(np.arange(levels) / (levels - 1)), dtype=np.float64)
 
     def slope(self, light: Floats) -> Floats:
-        """Linear light per unit of code value at `light`: how far one code step reaches there."""
+        """Derivative of linear light by code value, at linear `light` (...)."""
         v = self.encode(light)
         h = 1 / 1024
         slope: Floats = (self.decode(v + h) - self.decode(v - h)) / (2 * h)
@@ -85,7 +85,7 @@ class Transfer:
 
 @dataclass(frozen=True, eq=False)
 class _Lines:
-    """Straight lines between points (x, y); mirrored at the first, straight on after the last."""
+    """Linear interpolation between points (x, y), mirrored at the first, extrapolated at the last."""
 
     x: npt.NDArray[np.float64]
     y: npt.NDArray[np.float64]
@@ -94,8 +94,8 @@ class _Lines:
         where = np.asarray(x)
         y = np.empty(where.shape, where.dtype if where.dtype.kind == "f" else np.float64)
         inputs, outputs = np.ravel(where), y.reshape(-1)
-        for start in range(0, inputs.size, _AT_ONCE):
-            part = slice(start, start + _AT_ONCE)
+        for start in range(0, inputs.size, _CHUNK):
+            part = slice(start, start + _CHUNK)
             outputs[part] = self._some(inputs[part].astype(np.float64))
         return y if y.ndim else y[()]
 
@@ -111,10 +111,10 @@ class _Lines:
         return y
 
 
-# Classes and not closures, so that pictures can be sent to other processes.
+# Classes and not closures: they can be pickled for other processes.
 @dataclass(frozen=True)
 class _Odd:
-    """A curve of what is not negative, continued oddly."""
+    """The odd continuation of a curve of non-negative numbers."""
 
     curve: Curve
 
@@ -124,7 +124,7 @@ class _Odd:
 
 @dataclass(frozen=True)
 class _Power:
-    """A power of what is not negative."""
+    """A power of non-negative numbers."""
 
     exponent: float
 
@@ -144,7 +144,7 @@ def _srgb_encode(light: Floats) -> Floats:
     return np.where(light <= 0.04045 / 12.92, light * 12.92, 1.055 * light ** (1 / 2.4) - 0.055)
 
 
-# The continuous solution of Rec. 709's rounded 1.099 and 0.018, as Rec. 2020 prints it.
+# Rec. 709 prints 1.099 and 0.018; these make the curve continuous (Rec. 2020).
 _A, _B = 1.09929682680944, 0.018053968510807
 
 
@@ -178,50 +178,28 @@ def gamma(exponent: float) -> Transfer:
     )
 
 
-def named_transfer(name: str) -> Transfer:
-    """The curve that is called `name`.
+def light_of_hex(*colors: str) -> npt.NDArray[np.float64]:
+    """Linear sRGB of sRGB-coded colors.
 
-    srgb, rec709, linear; gamma2.2 with any exponent; or a camera maker's logarithmic curve, whose
-    light is scene-linear with 0.18 for middle gray: slog3, logc3 (EI 800), logc4, vlog, clog2, clog3,
-    log3g10, davinci, dlog, bmdfilm5, applelog. These need the `ocio` extra.
+    Parameters
+    ----------
+    *colors : str
+        Six hexadecimal digits each, with or without a # before them.
+
+    Returns
+    -------
+    (n, 3) float
+        0…1.
 
     Raises
     ------
     ValueError
-        For any other name.
-    BlurmatteError
-        If OpenColorIO is needed and not installed.
+        If a color is not written like that.
     """
-    check_kind("name", name, str, 'such as "srgb"')
-    from blurmatte.radiometry.log_curves import LOG_CURVES, log_curve
-
-    known = {curve.name: curve for curve in (SRGB, REC709, LINEAR)}
-    if name in known:
-        return known[name]
-    if name in LOG_CURVES:
-        return log_curve(name)
-    power = re.fullmatch(r"gamma(\d+(\.\d+)?)", name)
-    if power is None:
-        names = ", ".join([*known, *LOG_CURVES])
-        raise ValueError(f"no transfer is called {name!r}; use {names}, or e.g. gamma2.2")
-    return gamma(float(power[1]))
-
-
-def nearest_transfer(curve: Transfer) -> tuple[Transfer, float]:
-    """Which of srgb, rec709, linear and gamma1.1 to gamma3.0 is nearest, and how far off it is.
-
-    Light is compared after both were scaled to 1 at code value 1.
-
-    Returns
-    -------
-    tuple of Transfer and float
-        The curve, and the largest difference, as a fraction of full scale.
-    """
-    check_kind("curve", curve, Transfer, "use blurmatte.named_transfer(name)")
-    powers = (gamma(tenths / 10) for tenths in range(11, 31))
-    candidates = [SRGB, REC709, LINEAR, *powers]
-    light = curve.table(256)
-    light = light / light[-1]
-    off = [float(np.max(np.abs(other.table(256) - light))) for other in candidates]
-    best = int(np.argmin(off))
-    return candidates[best], off[best]
+    codes = []
+    for color in colors:
+        digits = re.fullmatch(r"#?([0-9a-fA-F]{6})", color)
+        if digits is None:
+            raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
+        codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
+    return np.asarray(SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255))

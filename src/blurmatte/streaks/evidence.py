@@ -12,7 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.radiometry import LinearImage, NoiseModel, cell_means, rounding_noise
+from blurmatte.radiometry import LinearImage, NoiseModel, rounding_noise
+from blurmatte.statistics import cell_means
 
 SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad streaks
 SURE, POSSIBLE = 6.0**2, 3.5**2  # T: something moved here; part of it if it touches a sure place

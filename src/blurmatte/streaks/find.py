@@ -2,9 +2,10 @@
 
 import numpy as np
 
+from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
-from blurmatte.radiometry import LinearImage, check_same_colors, with_noise
+from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks.evidence import POSSIBLE, SURE, evidence
 from blurmatte.streaks.masks import of_cells, widened, without_thin_parts
 from blurmatte.streaks.streak import RIM, Streak

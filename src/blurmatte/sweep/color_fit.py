@@ -5,9 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.color import ColorModel, check_color_fit, fit_color_from_hues, refuse_coarse
+from blurmatte.calibration import with_noise
+from blurmatte.color import (
+    ColorModel,
+    check_chroma_resolution,
+    check_color_fit,
+    fit_color_from_hues,
+)
 from blurmatte.errors import ColorModelError, MotionError
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep.color_fusion import fuse_colors
 from blurmatte.sweep.fit_sweep import fit_sweep, likeliest_streak
@@ -62,7 +68,7 @@ def fit_color(
     image, plate = with_noise(image, plate)
     if streak is None:
         streak = likeliest_streak(image, plate, require_streaks(image, plate))
-    refuse_coarse(image, streak)
+    check_chroma_resolution(image, streak)
     sweep = fit_sweep(image, plate, streak)
     return color_of(sweep, image, plate, streak, max_brightness)
 

@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind
 from blurmatte.color.model import ColorModel
-from blurmatte.color.shade import only_light_lost, refuse_shade
-from blurmatte.radiometry import SRGB, LinearImage, with_noise
+from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
+from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
@@ -179,7 +180,7 @@ def likeliest_streak(
     strong = [streak for streak in streaks[:_MAX_STREAKS] if streak.evidence >= least]
     if len(strong) < 2:
         return streaks[0]
-    lit = [streak for streak in strong if not only_light_lost(image, plate, streak)]
+    lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
     scored: list[tuple[float, Streak]] = []
     for streak in lit or strong:
         search = Multistart.of(streak, image, plate, _prior(model).of_one_paint, QUICK_RADII)
@@ -203,7 +204,7 @@ def fit_hypotheses(
     found = _fit_before(image, plate, streak, model, start)
     found = _in_likelier_light(found, image, model, start)
     if model is None and not _is_solid(found.best):
-        refuse_shade(image, plate, streak)
+        check_no_shadow(image, plate, streak)
     return found
 
 

@@ -8,7 +8,7 @@ fit in k and a. The object brings light with it, k is about a times its brightne
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.color.shade import darker
+from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, widened, without_thin_parts
 
@@ -118,7 +118,9 @@ def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
     """
     y, x = streak.rows_columns
     inside = streak.mask[y, x]
-    dark = without_thin_parts(darker(image.crop(streak.box), plate.crop(streak.box)) & inside)
+    dark = without_thin_parts(
+        darker_pixels(image.crop(streak.box), plate.crop(streak.box)) & inside
+    )
     found = np.zeros(streak.mask.shape, bool)
     if _LEAST < np.count_nonzero(dark) / np.count_nonzero(inside) < _MOST:
         found[y, x] = widened(dark, _RIM)

@@ -9,18 +9,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import (
-    LINEAR,
-    REC709,
-    SRGB,
-    LinearImage,
-    Transfer,
-    check_picture,
-    gamma,
-    with_noise,
-)
+from blurmatte.radiometry import LINEAR, REC709, SRGB, LinearImage, Transfer, check_picture, gamma
 from blurmatte.streaks import Streak, check_streak, require_streaks
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import Multistart

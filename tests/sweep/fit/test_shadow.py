@@ -8,7 +8,8 @@ import pytest
 from numpy.testing import assert_allclose
 from tests.sweep.scenes import CAMERA, GREEN, ONE_PAINT, alpha_error, within
 
-from blurmatte.radiometry import NoiseModel, with_noise
+from blurmatte.calibration import with_noise
+from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Scene, Shadow, Shot, plain_plate, render, textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize

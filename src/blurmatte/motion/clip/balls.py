@@ -6,6 +6,7 @@ from itertools import chain, groupby
 
 import numpy as np
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError
@@ -16,7 +17,7 @@ from blurmatte.motion.clip.workers import Workers, shared
 from blurmatte.motion.picture.error_budget import check_with_std
 from blurmatte.motion.space.ball import fit_ball
 from blurmatte.motion.space.ball_motion import BallMotion
-from blurmatte.radiometry import LinearImage, check_picture, with_noise
+from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep

@@ -5,11 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.frames import Noise, noise_of, with_default_noise
 from blurmatte.motion.clip.workers import Workers, shared
-from blurmatte.radiometry import LinearImage, with_noise
+from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep.color_fusion import fuse_colors
 from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep

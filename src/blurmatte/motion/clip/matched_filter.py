@@ -6,7 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.color import energy, light_reader, only_light_lost
+from blurmatte.color import may_be_shadow, projected_energy, projection_vectors
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, find_streaks, widened, without_thin_parts
@@ -53,7 +53,7 @@ class MatchedFilter:
         """For frames with the noise of this image, and a color model of rank 1."""
         from scipy.ndimage import gaussian_filter
 
-        m, weight = light_reader(image, plate, model)
+        m, weight = projection_vectors(image, plate, model)
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
         scale = DetectionSettings.smoothing_px
         squares = gaussian_filter(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
@@ -92,7 +92,7 @@ class MatchedFilter:
             mask = _strong(inside)
             if mask is not None:
                 place, mask = _within(p.shape, place, mask)
-                parts.append((energy(p[place], self.weight[place], mask), place, mask))
+                parts.append((projected_energy(p[place], self.weight[place], mask), place, mask))
         parts.sort(key=lambda part: -part[0])
         least = max(settings.min_energy_fraction * parts[0][0], 0) if parts else 0.0
         clear = [part for part in parts if part[0] > least][: _max_parts(several)]
@@ -142,4 +142,4 @@ def _streak(shape: tuple[int, ...], evidence: float, place: Place, mask: Bools) 
 def moving_parts(image: LinearImage, plate: LinearImage, several: bool) -> list[Streak]:
     """Streaks that are no shadows, for an object of several colors or of any."""
     found = find_streaks(image, plate)[: _max_parts(several)]
-    return [streak for streak in found if not only_light_lost(image, plate, streak)]
+    return [streak for streak in found if not may_be_shadow(image, plate, streak)]

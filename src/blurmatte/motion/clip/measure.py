@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Matching, make_plate
+from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
@@ -27,7 +28,7 @@ from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.workers import Workers, shared
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
-from blurmatte.radiometry import LinearImage, check_picture, with_noise
+from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around

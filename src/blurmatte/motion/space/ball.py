@@ -10,13 +10,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.picture.error_budget import Source
 from blurmatte.motion.space.ball_motion import BallMotion, ball_motion
 from blurmatte.motion.space.perspective_ball import PerspectiveBall, at_nodes, positions_of_discs
-from blurmatte.radiometry import LinearImage, check_picture, with_noise
+from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.streaks import Streak
 from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.candidate import Candidate

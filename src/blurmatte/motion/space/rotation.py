@@ -20,7 +20,7 @@ from blurmatte.motion.picture.error_budget import by_axis, check_exposure
 from blurmatte.motion.space.rotation_blades import Blades
 from blurmatte.motion.space.rotation_ring import NO_VARIATION, blades_of, pixels_at, ring_around
 from blurmatte.motion.space.rotation_start import starts
-from blurmatte.radiometry import coherence
+from blurmatte.statistics import variance_inflation
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 
 Array = npt.NDArray[np.float64]
@@ -262,7 +262,7 @@ def _fitted(
         )
     residuals = np.zeros(alpha.shape)
     residuals[y, x] = e
-    inflation = float(coherence(residuals[..., None], mask).max()) if every == 1 else 1.0
+    inflation = float(variance_inflation(residuals[..., None], mask).max()) if every == 1 else 1.0
     misfit = max(inflation, 1.0) * float(np.mean(e**2))
     covariance = np.linalg.pinv(H, hermitian=True) * max(misfit, 1.0)
     at = [0, 1, 2] if center is None else [0]

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import block_squares
+from blurmatte.statistics import block_squares
 from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.observation import BLOCK_SIZES, Observation
 from blurmatte.sweep.model.student_t import loss, student_weight

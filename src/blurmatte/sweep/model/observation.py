@@ -6,14 +6,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import (
-    Compression,
-    LinearImage,
-    Transfer,
-    block_squares,
-    cell_means,
-    smooth_variance,
-)
+from blurmatte.radiometry import Compression, LinearImage, Transfer, smooth_variance
+from blurmatte.statistics import block_squares, cell_means
 from blurmatte.streaks import Streak, widened
 from blurmatte.sweep.model.chroma_subsampling import LUMA, Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior

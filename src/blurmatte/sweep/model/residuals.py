@@ -3,7 +3,7 @@
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import block_squares
+from blurmatte.statistics import MEDIAN_3, QUANTILE_999_3, block_squares
 from blurmatte.streaks import widened
 from blurmatte.sweep.model.observation import BLOCK_SIZES
 from blurmatte.sweep.model.state import State
@@ -15,8 +15,6 @@ OPAQUE = 0.999  # alpha, at which nothing of the plate is seen
 _MARGIN = 3  # pixels around a sweep in which its residuals count
 _TRIMMED_INSIDE = 0.1  # of the blocks: tolerates occluders and holes
 _TRIMMED_OUTSIDE = 0.3  # of the blocks: tolerates what else moved
-_OUTLIER_CHI2 = 16.27  # 99.9 % quantile of χ² with three degrees of freedom
-_MEDIAN_CHI2 = 2.366  # of three degrees of freedom
 _MAX_REPEATED_CHI2 = 0.3  # median outside, of a codec that repeats what stands still
 _MAX_NOISE = 0.3  # of the change of a pixel, which noise must not exceed
 
@@ -59,7 +57,7 @@ def explained_fraction(state: State) -> float:
 def outlier_fraction(state: State) -> float:
     """Fraction of the sweep's pixels whose χ² exceeds the 99.9 % quantile of noise."""
     inside = (state.swept.alpha > 0) & state.observation.valid
-    return float(np.mean(state.chi2[inside] > _OUTLIER_CHI2)) if inside.any() else 1.0
+    return float(np.mean(state.chi2[inside] > QUANTILE_999_3)) if inside.any() else 1.0
 
 
 def noise_inflation(state: State) -> float:
@@ -76,7 +74,7 @@ def noise_inflation(state: State) -> float:
         return 1.0
     if np.median(state.chi2[outside]) >= _MAX_REPEATED_CHI2:
         return 1.0
-    inflation = float(np.median(state.chi2[inside])) / _MEDIAN_CHI2
+    inflation = float(np.median(state.chi2[inside])) / MEDIAN_3
     variance = (observation.C_variance + observation.B_variance)[inside]
     change = float(np.mean((observation.C - observation.B)[inside] ** 2))
     explains = inflation * float(np.mean(variance)) < _MAX_NOISE**2 * change

@@ -1,0 +1,250 @@
+"""Pictures of one still scene with different exposures, and pixels to compare in them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats, check_same_size
+from blurmatte.errors import ResponseError
+from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import robust_std
+
+Array = npt.NDArray[np.float64]
+
+_STEP = 1 / 255  # of full scale: a code value of 8 bits
+_AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
+
+
+@dataclass(frozen=True)
+class PlaceSettings:
+    """How many places are chosen and needed.
+
+    Parameters
+    ----------
+    max_pixels : int
+        Evenly spaced pixels from which places are chosen.
+    per_level : int
+        Places for each of 256 levels and each channel.
+    per_channel : int
+        Places of a channel that has few levels.
+    min_shared : int
+        Places that two pictures must share.
+    """
+
+    max_pixels: int = 1_000_000
+    per_level: int = 40
+    per_channel: int = 1000
+    min_shared: int = 30
+
+
+@dataclass(frozen=True, eq=False)
+class Bracket:
+    """Pictures sorted by exposure time.
+
+    Parameters
+    ----------
+    pictures : tuple of LinearImage
+    names : tuple of str
+    times : (N,) float
+        Seconds.
+    time_std : float
+        Relative standard deviation of the times.
+    """
+
+    pictures: tuple[LinearImage, ...]
+    names: tuple[str, ...]
+    times: Array
+    time_std: float
+
+    @classmethod
+    def of(
+        cls,
+        pictures: Sequence[LinearImage],
+        exposure_times: Sequence[float] | None,
+        time_std: float,
+    ) -> "Bracket":
+        """The pictures, checked and sorted; see `fit_response`."""
+        pictures = tuple(pictures)
+        if len(pictures) < 2:
+            raise ValueError(f"pictures must be two or more, got {len(pictures)}")
+        for picture in pictures:
+            if not isinstance(picture, LinearImage):
+                raise TypeError(f"pictures must be LinearImages, got {type(picture).__name__}")
+        names = tuple(p.meta.source or f"picture {i}" for i, p in enumerate(pictures, 1))
+        for name, picture in zip(names, pictures, strict=True):
+            check_same_size(names[0], pictures[0].size, name, picture.size)
+            _check_codes(name, picture)
+        times = _times(pictures, names, exposure_times)
+        if np.log(times.max() / times.min()) <= max(3 * time_std, 1e-6):
+            raise ValueError(
+                f"the exposure times are all about {times[0]:.4g} s; take pictures whose times "
+                "differ by factors of two or more"
+            )
+        order = np.argsort(times, kind="stable")
+        sorted_pictures = tuple(pictures[i] for i in order)
+        sorted_names = tuple(names[i] for i in order)
+        return cls(sorted_pictures, sorted_names, times[order], time_std)
+
+    @property
+    def ratios(self) -> Array:
+        """(N,) times over their geometric mean."""
+        return np.asarray(self.times / np.exp(np.mean(np.log(self.times))))
+
+    @property
+    def rounding(self) -> float:
+        """Standard deviation of rounding to code values, a fraction of full scale."""
+        return float(max(1 / ((p.meta.levels or 65536) - 1) for p in self.pictures) / 12**0.5)
+
+    def places(self) -> "list[Places]":
+        """Places of each channel, or of one if the pictures are gray."""
+        gray = all(p.meta.gray for p in self.pictures)
+        step = max(1, round((self.pictures[0].valid.size / PlaceSettings.max_pixels) ** 0.5))
+        own, means, spreads = [], [], []
+        contrast: npt.NDArray[np.float64] = np.zeros(1)
+        for picture in self.pictures:
+            rgb = picture.rgb[..., :1] if gray else picture.rgb
+            height, width = picture.valid.shape
+            neighbors = np.stack(
+                [rgb[y : height - 2 + y : step, x : width - 2 + x : step] for y, x in _AROUND]
+            )
+            own.append(rgb[1 : height - 1 : step, 1 : width - 1 : step])
+            means.append(neighbors.mean(axis=0))
+            spreads.append(np.ptp(neighbors, axis=0))
+            contrast = contrast + neighbors.mean(axis=-1)
+        shape = -1, own[0].shape[-1], len(own)
+        codes = np.stack(own, axis=-1).reshape(shape)
+        around = np.stack(means, axis=-1).reshape(shape)
+        spread = np.stack(spreads, axis=-1).reshape(shape)
+        detail = np.ptp(contrast, axis=0).ravel()
+        return [
+            Places(codes[:, c], around[:, c], spread[:, c]).chosen(detail) for c in range(shape[1])
+        ]
+
+
+@dataclass(frozen=True, eq=False)
+class Places:
+    """Pixels of one channel or several, in all pictures.
+
+    Parameters
+    ----------
+    codes : (N, pictures) float
+        Code values, 0…1.
+    around, spread : (N, pictures) float
+        Mean and range of the eight neighbors. Places are selected by these and not by `codes`:
+        selection by a value's own noise would bias the curve.
+    """
+
+    codes: Floats
+    around: Floats
+    spread: Floats
+
+    def chosen(self, detail: Floats) -> "Places":
+        """Places of every level in equal number, from the half of them with the least detail."""
+        level = np.rint(self.around.mean(axis=1) * 255).astype(int)
+        inside = np.count_nonzero((self.around > 0) & (self.around < 1), axis=1) >= 2
+        groups = [np.flatnonzero(inside & (level == brightness)) for brightness in range(256)]
+        levels = max(1, sum(group.size > 0 for group in groups))
+        each = max(PlaceSettings.per_level, PlaceSettings.per_channel // levels)
+        picked = []
+        for group in groups:
+            plain = np.sort(group[np.argsort(detail[group], kind="stable")][: -(-len(group) // 2)])
+            picked.append(plain[np.linspace(0, len(plain) - 1, min(each, len(plain))).astype(int)])
+        return self._only(np.concatenate(picked))
+
+    def _only(self, which: npt.NDArray[np.intp] | slice) -> "Places":
+        parts = (part[which].astype(float) for part in (self.codes, self.around, self.spread))
+        return Places(*parts)
+
+    @classmethod
+    def joined(cls, several: "Sequence[Places]") -> "Places":
+        """The places of several."""
+        parts = zip(*((p.codes, p.around, p.spread) for p in several), strict=True)
+        return cls(*(np.concatenate(part) for part in parts))
+
+    def some(self, count: int) -> "Places":
+        """About `count` of them, evenly spaced."""
+        return self._only(slice(None, None, max(1, len(self.codes) // count)))
+
+    @property
+    def scatter(self) -> float:
+        """Upper bound of the noise's standard deviation, from differences to neighbors."""
+        apart = np.abs(self.codes - self.around)[self._inside]
+        return robust_std(apart) / (9 / 8) ** 0.5 if apart.size else 0.0
+
+    def usable(self, margin: float) -> Bools:
+        """(N, pictures) neither clipped nor within `margin` of it, nor their neighbors."""
+        low, high = self.around - self.spread, self.around + self.spread
+        return np.asarray(self._inside & (low > margin) & (high < 1 - margin))
+
+    def shared(self) -> bool:
+        """True if enough of them are usable in two pictures."""
+        shared = np.count_nonzero(self.usable(_STEP), axis=1) >= 2
+        return int(np.sum(shared)) >= PlaceSettings.min_shared
+
+    @property
+    def _inside(self) -> Bools:
+        return np.asarray((self.codes > 0) & (self.codes < 1))
+
+    def check_shared(self, bracket: Bracket) -> None:
+        """Raise unless successive pictures share places, and longer exposures are brighter.
+
+        Raises
+        ------
+        ResponseError
+            If not.
+        """
+        inside = self.usable(_STEP)
+        for first, second in zip(
+            range(len(bracket.names)), range(1, len(bracket.names)), strict=False
+        ):
+            names = f"{bracket.names[first]} and {bracket.names[second]}"
+            both = inside[:, first] & inside[:, second]
+            if np.count_nonzero(both) < PlaceSettings.min_shared:
+                raise ResponseError(
+                    f"{names} have no code values in common: where one is neither black nor "
+                    "clipped the other is; take pictures with exposures in between"
+                )
+            rise = float(np.median(self.codes[both, second] - self.codes[both, first]))
+            if rise < _STEP and bracket.times[second] > 1.05 * bracket.times[first]:
+                raise ResponseError(
+                    f"{names} are equally bright, or the second darker, although it was exposed "
+                    "longer; check the exposure times, and that aperture, ISO and light stayed"
+                )
+
+
+def _check_codes(name: str, picture: LinearImage) -> None:
+    transfer = picture.meta.transfer
+    if transfer is not None and transfer.name != "linear":
+        raise ValueError(
+            f"{name} was decoded as {transfer.name}; its code values are needed without decoding: "
+            "read it with blurmatte.read(path, blurmatte.LINEAR)"
+        )
+    if picture.meta.levels is None or picture.meta.icc_profile is None:
+        return
+    steps = picture.rgb[:: max(1, len(picture.rgb) // 16)] * (picture.meta.levels - 1)
+    if np.max(np.abs(steps - np.rint(steps))) > 0.1:  # far more than float32 rounds
+        raise ResponseError(
+            f"{name}: its color profile has other primaries than sRGB, and mixes the channels; save "
+            "it without the profile"
+        )
+
+
+def _times(
+    pictures: Sequence[LinearImage], names: Sequence[str], given: Sequence[float] | None
+) -> Array:
+    if given is None:
+        missing = [n for n, p in zip(names, pictures, strict=True) if p.meta.exposure_time is None]
+        if missing:
+            raise ValueError(
+                f"{missing[0]} has no exposure time; give exposure_times "
+                "(--exposures 1/60,1/15), one for each picture"
+            )
+        given = [p.meta.exposure_time or 0.0 for p in pictures]
+    times = np.asarray(given, dtype=float)
+    if times.shape != (len(pictures),):
+        raise ValueError(f"exposure_times must be {len(pictures)} numbers, got {len(given)}")
+    if not np.all(np.isfinite(times) & (times > 0)):
+        raise ValueError(f"exposure_times must be positive seconds, got {times.tolist()}")
+    return times

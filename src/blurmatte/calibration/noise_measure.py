@@ -1,0 +1,310 @@
+"""A camera's noise from frames of a still scene, an even region, or the difference to a plate."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from blurmatte.calibration.noise_fit import NoiseFit, fit_sensor, without_rounding
+from blurmatte.calibration.noise_pair import plate_share
+from blurmatte.calibration.noise_samples import (
+    AROUND_PX,
+    Array,
+    Sample,
+    noise_of_frames,
+    noise_within,
+    parts_by_light,
+    require_pixels,
+    rows_to_measure,
+)
+from blurmatte.checks import Bools
+from blurmatte.errors import NoiseError
+from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.statistics import chi_square_quantile, variance_inflation
+
+_TINY = 1e-20  # light² or a fraction: guards a division
+
+
+@dataclass(frozen=True)
+class RejectionSettings:
+    """Rejection of pixels where the scene changed.
+
+    Parameters
+    ----------
+    pixels_per_level : int
+        Pixels that determine a variance at one level of light.
+    quiet_fraction : float
+        Of the pixels at a level of light that must be still.
+    tail_probability : float
+        Of noise beyond four standard deviations, where pixels are rejected.
+    iterations : int
+        Of rejection and estimation of the variance.
+    patch_px : int
+        Width of the patches in which changes are detected.
+    low_quantile, low_quantile_std : float
+        Quantile of the patches that measures their scatter, and its distance from the mean of a
+        normal distribution, standard deviations.
+    patch_threshold_std : float
+        Standard deviations of a patch's mean beyond which the scene changed.
+    max_changed_fraction : float
+        Of the picture.
+    max_over_curve : float
+        Ratio of the typical variance at a level of light to the fitted curve.
+    end_margin_std : float
+        Standard deviations from black or white within which noise is truncated.
+    min_variance : float
+        Light², that of rounding to 32-bit floats.
+    """
+
+    pixels_per_level: int = 200
+    quiet_fraction: float = 0.25
+    tail_probability: float = 6e-5
+    iterations: int = 8
+    patch_px: int = 7
+    low_quantile: float = 0.1
+    low_quantile_std: float = 1.28
+    patch_threshold_std: float = 5.0
+    max_changed_fraction: float = 0.5
+    max_over_curve: float = 2.0
+    end_margin_std: float = 3.0
+    min_variance: float = 1e-14
+
+
+def measure_noise(frames: Iterable[LinearImage], still: Bools | None = None) -> NoiseFit:
+    """Measure a camera's noise from frames of a still scene, with equal settings.
+
+    Successive frames are compared, so that slow changes of light have no effect; flicker is corrected.
+    Pixels that are clipped in any frame or where something moved are rejected. No more than two frames
+    are in memory at a time.
+
+    Parameters
+    ----------
+    frames : iterable of LinearImage
+        Two or more of the same size, with dark and bright parts.
+    still : (H, W) bool, optional
+        Where to measure; everywhere by default.
+
+    Returns
+    -------
+    NoiseFit
+
+    Raises
+    ------
+    TypeError, ValueError
+        For fewer than two frames, different sizes, or a `still` that is not (H, W) bool.
+    NoiseError
+        If the camera or more than half of the scene moved, everything is clipped, exposures differ, or
+        frames are copies.
+    """
+    return _fitted(noise_of_frames(frames, still))[0]
+
+
+def measure_noise_against(
+    picture: LinearImage, plate: LinearImage, still: Bools | None = None
+) -> NoiseFit:
+    """Measure a picture's noise from its difference to a plate, where nothing moved.
+
+    Unlike a second frame the plate may have less noise than the picture, as an average has. The noise
+    is divided between them by their fine structure, as in `fit_noise`.
+
+    Parameters
+    ----------
+    picture, plate : LinearImage
+        Of the same size, with dark and bright parts.
+    still : (H, W) bool, optional
+        Where to measure; everywhere by default.
+
+    Returns
+    -------
+    NoiseFit
+        Noise of the picture.
+
+    Raises
+    ------
+    TypeError, ValueError, NoiseError
+        As for `measure_noise`.
+    """
+    check_picture("picture", picture)
+    check_picture("plate", plate)
+    sample = noise_of_frames([plate, picture], still)
+    fit, typical, inliers = _fitted(sample)
+    rows = rows_to_measure(picture)
+    C, B = (np.asarray(p.rgb[rows], float) for p in (picture, plate))
+    share, share_std = plate_share(C, B, 2 * typical + _TINY, inliers)
+    part = 2 * (1 - share)
+    coefficients = fit.sensor.coefficients
+    of_share = 4 * share_std**2 * coefficients[:, :, None] * coefficients[:, None, :]
+    return replace(
+        fit,
+        sensor=NoiseModel.from_coefficients(part * coefficients),
+        rounding=rounding_noise(picture),
+        covariance=part**2 * fit.covariance + of_share,
+        variance=tuple(part * y for y in fit.variance),
+        variance_std=tuple(part * y_std for y_std in fit.variance_std),
+    )
+
+
+def measure_noise_within(picture: LinearImage, region: Bools) -> NoiseFit:
+    """Measure a camera's noise from an even region of one picture.
+
+    The residuals from a parabola over 32 by 32 pixels are taken for noise. Edges and specks are
+    rejected if they cover a minor part of the region. With texture everywhere the result is an upper
+    bound; it also contains the fixed pattern of unequal pixels, which differences of frames do not.
+    Noise of a large `scale` is underestimated, by a fraction of 6 (scale / 32)².
+
+    Parameters
+    ----------
+    picture : LinearImage
+    region : (H, W) bool
+        Where light changes slowly. Gain and read noise can be separated only if it holds dark and
+        bright parts; otherwise their errors are as large as themselves.
+
+    Returns
+    -------
+    NoiseFit
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `region` is not (H, W) bool, or empty.
+    NoiseError
+        If the region is too small, clipped, or has no noise.
+    """
+    check_picture("picture", picture)
+    return _fitted(noise_within(picture, region))[0]
+
+
+def _fitted(sample: Sample) -> tuple[NoiseFit, Array, Bools]:
+    """The fit, (H, W, 3) typical variances of the pixels, and which of them are inliers."""
+    light = _light(sample)
+    typical, inliers, changed = _inliers(sample, light)
+    everywhere = np.asarray(inliers.all(axis=-1))
+    inflation = variance_inflation(sample.v / (typical + _TINY) - 1, everywhere).max(axis=-1)
+    channels = [
+        _channel(light, sample, inliers, c, max(float(inflation[c]), 1.0)) for c in range(3)
+    ]
+    theta, covariance, x, y, y_std = (list(parts) for parts in zip(*channels, strict=True))
+    fit = NoiseFit(
+        NoiseModel.from_coefficients(np.array(theta)),
+        sample.rounding,
+        np.array(covariance),
+        tuple(x),
+        tuple(y),
+        tuple(y_std),
+        variance_inflation(sample.e / np.sqrt(typical + _TINY), everywhere),
+        changed,
+    )
+    return fit, typical, inliers
+
+
+def _inliers(sample: Sample, light: Array) -> tuple[Array, Bools, float]:
+    """(H, W, 3) typical variances and inliers, and the fraction of changed pixels."""
+    typical = np.stack([_typical(light[..., c], sample, c) for c in range(3)], axis=-1)
+    noisy = sample.use & (typical > RejectionSettings.min_variance)
+    if not noisy.any(axis=(0, 1)).all():
+        raise NoiseError(
+            "there is no noise: the pictures are copies of one, or of even areas without any noise; "
+            "give pictures as the camera took them"
+        )
+    _, inliers = _unchanged(sample, typical)
+    require_pixels(inliers)
+    # If most pixels at a level of light changed, the curve through other levels bounds its variance.
+    curve = NoiseModel.from_coefficients(
+        np.array([_channel(light, sample, inliers, c)[0] for c in range(3)])
+    )
+    expected = curve.variance(light) + sample.step**2 / 12
+    typical = np.minimum(typical, RejectionSettings.max_over_curve * expected)
+    changed, inliers = _unchanged(sample, typical)
+    inliers &= _clear_of_ends(sample, light, typical)
+    require_pixels(inliers)
+    return typical, inliers, changed
+
+
+def _light(sample: Sample) -> Array:
+    """(H, W, 3) denoised light: by its noise, pixels would be grouped into wrong levels.
+
+    By the adaptive filter of J.-S. Lee, *Digital image enhancement and noise filtering by use of local
+    statistics*, IEEE Trans. PAMI 2, 1980.
+    """
+    from scipy.ndimage import uniform_filter
+
+    size = (AROUND_PX, AROUND_PX, 1)
+    weight = np.maximum(uniform_filter(sample.use.astype(float), size), _TINY)
+
+    def mean(x: Array) -> Array:
+        return np.asarray(uniform_filter(np.where(sample.use, x, 0), size) / weight)
+
+    around = mean(sample.light)
+    differs = np.maximum(mean(sample.light**2) - around**2, _TINY)
+    own = np.clip(1 - mean(sample.v) / sample.frames / differs, 0, 1)
+    return np.asarray(around + own * (sample.light - around))
+
+
+def _typical(light: Array, sample: Sample, c: int) -> Array:
+    """(H, W) robust variance of pixels of similar light."""
+    settings, use = RejectionSettings, sample.use[..., c]
+    x, v, step2 = light[use], sample.v[..., c][use], sample.step[..., c][use] ** 2
+    low = float(chi_square_quantile(settings.quiet_fraction, sample.freedom)) / sample.freedom
+    far = _rejection_ratio(sample)
+    at, levels = [], []
+    for piece in parts_by_light(x, RejectionSettings.pixels_per_level):
+        w, step = v[piece], float(np.mean(step2[piece]))
+        s2 = max(float(np.quantile(w, settings.quiet_fraction)) / low, step / 12)
+        for _ in range(settings.iterations):
+            # Rounding may turn no noise into a whole step.
+            near = w[w <= far * s2 + step]
+            s2 = float(np.mean(near)) if len(near) else s2
+        at.append(float(np.median(x[piece])))
+        levels.append(s2)
+    return np.asarray(np.interp(light, at, levels))
+
+
+def _rejection_ratio(sample: Sample) -> float:
+    """Upper quantile of v / σ²."""
+    tail = chi_square_quantile(1 - RejectionSettings.tail_probability, sample.freedom)
+    return float(tail) / sample.freedom
+
+
+def _unchanged(sample: Sample, typical: Array) -> tuple[float, Bools]:
+    """Fraction of changed pixels, and (H, W, 3) those unchanged and within the noise."""
+    from scipy.ndimage import uniform_filter
+
+    settings = RejectionSettings
+    limit = _rejection_ratio(sample) * typical + sample.step**2
+    use = np.asarray(sample.use.all(axis=-1))
+    size = (settings.patch_px, settings.patch_px)
+    ratio = (np.minimum(sample.v, limit) / (typical + _TINY)).mean(axis=-1)
+    part = uniform_filter(use.astype(float), size)
+    patch = uniform_filter(np.where(use, ratio, 0), size) / np.maximum(part, _TINY)
+    below = 1 - float(np.quantile(patch[use], settings.low_quantile)) if use.any() else 0.0
+    white = float(np.sqrt(2 / (3 * sample.freedom * settings.patch_px**2)))
+    scatter = max(below / settings.low_quantile_std, white)
+    changed = patch > 1 + settings.patch_threshold_std * scatter
+    share = float(np.mean(changed[use])) if use.any() else 0.0
+    if share > settings.max_changed_fraction:
+        raise NoiseError(
+            f"{share:.0%} of the picture changed by more than noise; the scene and the camera must "
+            "stay still; or select where they do"
+        )
+    return share, sample.use & ~changed[..., None] & (sample.v <= limit)
+
+
+def _clear_of_ends(sample: Sample, light: Array, typical: Array) -> Bools:
+    """(H, W, 3) where noise is truncated neither at black nor at white, in files of code values."""
+    reach = RejectionSettings.end_margin_std * np.sqrt(typical)
+    return np.asarray((sample.step == 0) | ((light > reach) & (light < 1 - reach)))
+
+
+def _channel(
+    light: Array, sample: Sample, inliers: Bools, c: int, inflation: float = 1.0
+) -> tuple[Array, Array, Array, Array, Array]:
+    """Coefficients of one channel, their covariance, and light, variance, std of the levels."""
+    some = inliers[..., c]
+    x, v, step2 = (a[..., c][some] for a in (light, sample.v, sample.step**2))
+    pieces = parts_by_light(x, RejectionSettings.pixels_per_level)
+    at, whole, steps = (np.array([np.mean(a[p]) for p in pieces]) for a in (x, v, step2))
+    scatter = np.mean([np.std(v[p]) for p in pieces] / (whole + _TINY))
+    spread = scatter * np.sqrt(inflation / np.array([len(p) for p in pieces]))
+    y = without_rounding(whole, steps, sample.repeated)
+    theta, covariance, y_std = fit_sensor(at, y, spread, steps / 12)
+    return theta, covariance, at, y + steps / 12, y_std

@@ -1,0 +1,447 @@
+"""fit_response: a camera's response, from pictures of one still scene with different exposures.
+
+In this file v is a code value, 0…1, and G(v) its light, in any unit. A place of light x has in a
+picture of exposure time t the code value
+
+    v = f(t x) + noise,    f = G⁻¹,    G(v) = -b + ∫₀ᵛ exp(h),
+
+where h has an empirical prior (`response_prior`), b is the black level, and each t has an error of a
+few percent. All are fitted jointly: x is eliminated place by place (variable projection), the other
+parameters follow by Gauss-Newton steps from the residuals of code values. The covariance of the
+posterior gives the errors.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.calibration.bracket import Bracket, Places, PlaceSettings
+from blurmatte.calibration.response_prior import CELLS, ResponsePrior, response_prior
+from blurmatte.checks import Bools, Floats
+from blurmatte.errors import ResponseError
+from blurmatte.radiometry import LinearImage, Transfer
+from blurmatte.radiometry.transfer import TABLE
+from blurmatte.statistics import chi_square_quantile
+
+Array = npt.NDArray[np.float64]
+
+_CODES = np.arange(CELLS + 1) / CELLS
+
+
+@dataclass(frozen=True)
+class ResponseSettings:
+    """Prior, rejection and convergence of the fit.
+
+    Parameters
+    ----------
+    black_std : float
+        Prior standard deviation of the black level, of full scale; video's is 0.004 (16 of 255),
+        that of log curves 0.0004.
+    margin_std : float
+        Standard deviations of the noise that code values keep from the ends of the range.
+    rejected_probability : float
+        Of an inlier to be rejected.
+    max_iterations : int
+        Of Gauss-Newton.
+    max_step_std, min_step_std : float
+        Longest step, and the step at convergence, standard deviations of the prior.
+    start_places : int
+        Places on which the curves of the prior's family are compared.
+    min_agreement : float
+        Fraction of the places that must agree with the curve.
+    max_noise : float
+        Of a code value, fraction of full scale; more is motion.
+    channel_std : float
+        Standard deviations by which different channels must differ.
+    groups, min_group_places : int
+        Groups of code values for mean residuals, and places in one.
+    """
+
+    black_std: float = 0.002
+    margin_std: float = 2.0
+    rejected_probability: float = 1e-4
+    max_iterations: int = 25
+    max_step_std: float = 2.0
+    min_step_std: float = 0.02
+    start_places: int = 500
+    min_agreement: float = 0.7
+    max_noise: float = 6 / 255
+    channel_std: float = 3.0
+    groups: int = 16
+    min_group_places: int = 20
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseFit:
+    """A camera's response curve, and its agreement with the pictures.
+
+    Parameters
+    ----------
+    transfer : Transfer
+        The curve; code value 1 is light 1.
+    std : (256,) float
+        Standard deviation of the light at the code values 0, 1/255 … 1, as a fraction of full scale:
+        from noise, exposure times, and the differences between the channels' curves.
+    exposure_times : tuple of float
+        Fitted times, seconds, ascending; their geometric mean is that of the given ones.
+    noise : float
+        Standard deviation of a code value, as a fraction of full scale.
+    agreement : float
+        Fraction of the places that agree with the curve.
+    seen : tuple of two floats
+        Lowest and highest code value that two pictures shared; beyond, the curve is extrapolated.
+    channel_difference : tuple of three floats
+        Largest difference of each channel's curve from the common one, fraction of full scale.
+    channels_agree : bool
+        True if no channel differs by more than its error.
+    residuals : (pictures, 16) float
+        Mean residual of code values, for sixteenths of the code values; NaN where there are few.
+    """
+
+    transfer: Transfer
+    std: Array
+    exposure_times: tuple[float, ...]
+    noise: float
+    agreement: float
+    seen: tuple[float, float]
+    channel_difference: tuple[float, float, float]
+    channels_agree: bool
+    residuals: Array
+
+    def __repr__(self) -> str:
+        return (
+            f"ResponseFit({len(self.exposure_times)} pictures, light known to "
+            f"{np.max(self.std):.2%} of full scale, {self.agreement:.0%} of the places agree)"
+        )
+
+
+def fit_response(
+    pictures: Sequence[LinearImage],
+    exposure_times: Sequence[float] | None = None,
+    time_std: float = 0.02,
+) -> ResponseFit:
+    """Measure a camera's response from two or more pictures of one still scene, exposed differently.
+
+    Aperture, ISO and white balance must be the same in all. One curve is fitted to all channels; a
+    factor of a channel is white balance and does not change alpha. The scale of light is arbitrary:
+    code value 1 is light 1.
+
+    Parameters
+    ----------
+    pictures : sequence of LinearImage
+        The same size; code values without decoding, read with `read(path, LINEAR)`.
+    exposure_times : sequence of float, optional
+        Seconds, one for each picture; by default those of the files.
+    time_std : float
+        Relative standard deviation of the exposure times. Files hold nominal ones: 1/60 where the
+        shutter gives 1/64. 0: exact.
+
+    Returns
+    -------
+    ResponseFit
+
+    Raises
+    ------
+    ValueError, TypeError
+        If there are fewer than two pictures, sizes differ, or times are missing, equal or not positive.
+    ResponseError
+        If the pictures do not determine a curve: they are clipped, have no code values in common, or
+        the scene moved.
+
+    Notes
+    -----
+    The prior is similar to that of [1]_. The curve is determined by ratios of exposure [2]_: if all
+    times are wrong by a power, so is the curve.
+
+    References
+    ----------
+    .. [1] M. D. Grossberg, S. K. Nayar: Modeling the Space of Camera Response Functions.
+       PAMI 26 (10), 2004.
+    .. [2] M. D. Grossberg, S. K. Nayar: Determining the Camera Response from Images: What Is Knowable?
+       PAMI 25 (11), 2003.
+    """
+    if not (np.isfinite(time_std) and 0 <= time_std <= 1):
+        raise ValueError(f"time_std must lie between 0 and 1, got {time_std}")
+    bracket = Bracket.of(pictures, exposure_times, time_std)
+    channels = bracket.places()
+    everything = Places.joined(channels)
+    everything.check_shared(bracket)
+    fit = _fit(everything, bracket)
+    if fit.agreement < ResponseSettings.min_agreement or fit.noise > ResponseSettings.max_noise:
+        raise ResponseError(
+            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
+            f"to {255 * fit.noise:.1f} of 255 code values; the camera or the scene moved, the light "
+            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
+            "ISO and white balance by hand"
+        )
+    alone = _compared(fit, channels, bracket)
+    return ResponseFit(
+        Transfer.from_table("response", np.interp(np.linspace(0, 1, TABLE), _CODES, fit.light)),
+        np.hypot(fit.light_std, alone.std),
+        tuple((bracket.times * np.exp(fit.state.shifts - fit.state.shifts.mean())).tolist()),
+        fit.noise,
+        fit.agreement,
+        fit.seen,
+        alone.difference,
+        alone.agree,
+        fit.residuals,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _State:
+    """Parameters: coefficients of h, black level in its standard deviations, log times."""
+
+    prior: ResponsePrior
+    z: Array
+    black: float
+    shifts: Array
+
+    @property
+    def slopes(self) -> Array:
+        """(CELLS,) derivative of G in each cell."""
+        slopes: Array = np.exp(self.prior.mean + self.prior.basis @ self.z)
+        return slopes
+
+    @property
+    def light(self) -> Array:
+        """(CELLS + 1,) G at the code values between the cells."""
+        rising = np.concatenate([[0], np.cumsum(self.slopes)]) / CELLS
+        return np.asarray(rising - ResponseSettings.black_std * self.black)
+
+    @property
+    def derivatives(self) -> Array:
+        """(CELLS + 1, rank + 1) derivatives of G by z and black."""
+        by_z = np.cumsum(self.prior.basis * self.slopes[:, None], axis=0) / CELLS
+        by_z = np.concatenate([np.zeros((1, len(self.z))), by_z])
+        by_black = np.full((CELLS + 1, 1), -ResponseSettings.black_std)
+        return np.concatenate([by_z, by_black], axis=1)
+
+    def moved(self, step: Array, time_std: float) -> "_State":
+        rank = len(self.z)
+        return _State(
+            self.prior,
+            self.z + step[:rank],
+            self.black + float(step[rank]),
+            self.shifts + time_std * step[rank + 1 :],
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class _Prediction:
+    """Predicted code values, for the light of each place that fits best."""
+
+    codes: Array  # (N, pictures)
+    slopes: Array  # (N, pictures) of G there
+    flow: Array  # (N, pictures) change of light by log time
+
+    def of(self, some: npt.NDArray[np.intp]) -> "_Prediction":
+        return _Prediction(self.codes[some], self.slopes[some], self.flow[some])
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    state: _State
+    light: Array
+    light_std: Array
+    noise: float
+    agreement: float
+    seen: tuple[float, float]
+    residuals: Array
+
+
+def _predicted(state: _State, v: Floats, times: Array, usable: Bools) -> _Prediction:
+    """The prediction of a state: the light of each place by least squares in code values."""
+    G, slopes, t = state.light, state.slopes, times * np.exp(state.shifts)
+
+    def at(codes: Floats) -> Array:
+        return np.asarray(slopes[np.clip((codes * CELLS).astype(int), 0, CELLS - 1)])
+
+    weight = np.where(usable, t / at(v), 0) ** 2
+    total = np.maximum(weight.sum(axis=1), 1e-300)
+    x = np.maximum(np.sum(weight * np.interp(v, _CODES, G) / t, axis=1) / total, 1e-9)
+    codes = _encoded(x[:, None] * t, G, slopes)
+    for _ in range(3):
+        pull = np.where(usable, t / at(codes), 0)
+        step = np.sum(pull * (v - codes), axis=1) / np.maximum(np.sum(pull**2, axis=1), 1e-300)
+        x = np.clip(x + step, x / 2, x * 2)
+        codes = _encoded(x[:, None] * t, G, slopes)
+    return _Prediction(codes, at(codes), x[:, None] * t)
+
+
+def _encoded(light: Array, G: Array, slopes: Array) -> Array:
+    codes = np.interp(light, G, _CODES)
+    codes = np.where(light > G[-1], 1 + (light - G[-1]) / slopes[-1], codes)
+    return np.where(light < G[0], (light - G[0]) / slopes[0], codes)
+
+
+def _squares(places: Places, codes: Array, usable: Bools) -> tuple[Array, npt.NDArray[np.intp]]:
+    """Sum of squared residuals of each place that two pictures share, and its degrees of freedom."""
+    count = np.count_nonzero(usable, axis=1)
+    residual = np.where(usable, places.codes - codes, 0)
+    return np.sum(residual**2, axis=1)[count >= 2], count[count >= 2] - 1
+
+
+def _quantile(dof: npt.NDArray[np.intp], probability: float) -> Array:
+    """(N,) χ² quantiles for degrees of freedom that are few different integers."""
+    return chi_square_quantile(probability, np.arange(dof.max() + 1))[dof]
+
+
+def _start(places: Places, bracket: Bracket) -> _State:
+    """The curve of the family with the least trimmed sum of squares."""
+    prior = response_prior()
+    some = places.some(ResponseSettings.start_places)
+    usable = some.usable(ResponseSettings.margin_std * max(bracket.rounding, some.scatter))
+
+    def cost(state: _State) -> float:
+        codes = _predicted(state, some.codes, bracket.ratios, usable).codes
+        squares, _ = _squares(some, codes, usable)
+        return float(np.sum(np.minimum(squares, 9 * np.median(squares)))) if len(squares) else 0.0
+
+    still = np.zeros(len(bracket.ratios))
+    return min((_State(prior, z, 0.0, still) for z in prior.members), key=cost)
+
+
+def _fit(places: Places, bracket: Bracket, start: _Fit | None = None) -> _Fit:
+    state = start.state if start else _start(places, bracket)
+    settings = ResponseSettings
+    margin = settings.margin_std * (start.noise if start else max(bracket.rounding, places.scatter))
+    for _ in range(settings.max_iterations):
+        usable = places.usable(margin)
+        prediction = _predicted(state, places.codes, bracket.ratios, usable)
+        squares, dof = _squares(places, prediction.codes, usable)
+        if len(squares) < PlaceSettings.min_shared:
+            raise ResponseError(
+                "the pictures are too noisy, or show too much detail, to compare them; "
+                "average several of each exposure, or photograph something with plain surfaces"
+            )
+        noise = max(float(np.median(squares / _quantile(dof, 0.5))) ** 0.5, bracket.rounding)
+        good = squares <= noise**2 * _quantile(dof, 1 - settings.rejected_probability)
+        kept = np.flatnonzero(np.count_nonzero(usable, axis=1) >= 2)[good]
+        data = _Data(places.codes[kept], usable[kept], noise, bracket)
+        prediction = prediction.of(kept)
+        step, covariance = _step(state, data, prediction)
+        size = float(np.abs(step).max())
+        state = _shortened(state, step * min(1, settings.max_step_std / size), data, prediction)
+        margin = settings.margin_std * noise
+        if size < settings.min_step_std:
+            break
+    return _Fit(
+        state,
+        *_normalized(state, covariance),
+        noise,
+        len(kept) / len(squares),
+        data.seen,
+        _grouped(data, prediction),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Inliers: code values, where they are usable, and their noise."""
+
+    codes: Floats  # (N, pictures)
+    usable: Bools
+    noise: float
+    bracket: Bracket
+
+    @property
+    def seen(self) -> tuple[float, float]:
+        codes = self.codes[self.usable]
+        return float(codes.min()), float(codes.max())
+
+    def residuals(self, codes: Array) -> Array:
+        """Residuals from predicted codes, in standard deviations."""
+        return np.where(self.usable, self.codes - codes, 0) / self.noise
+
+    def cost(self, state: _State, codes: Array) -> float:
+        """−2 log posterior."""
+        return float(np.sum(self.residuals(codes) ** 2) + np.sum(self.prior_residuals(state) ** 2))
+
+    def prior_residuals(self, state: _State) -> Array:
+        """Parameters, in standard deviations of the prior."""
+        shifts = state.shifts / (self.bracket.time_std or 1)
+        return np.concatenate([state.z, [state.black], shifts])
+
+
+def _step(state: _State, data: _Data, prediction: _Prediction) -> tuple[Array, Array]:
+    """Gauss-Newton step in units of the prior, and the covariance of the parameters."""
+    weight = np.where(data.usable, 1 / (prediction.slopes * data.noise), 0)
+    table = state.derivatives
+    where = np.clip(prediction.codes, 0, 1) * CELLS
+    cell = np.minimum(where.astype(int), CELLS - 1)
+    part = (where - cell)[..., None]
+    of_curve = table[cell] * (1 - part) + table[cell + 1] * part
+    flow = prediction.flow
+    of_times = -flow[..., None] * np.eye(flow.shape[1]) * data.bracket.time_std
+    J = np.concatenate([of_curve, of_times], axis=-1) * weight[..., None]
+    # Variable projection: remove what a change of the place's light explains.
+    along = flow * weight
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    J -= along[..., None] * np.einsum("nm,nmp->np", along, J)[:, None]
+    residual = data.residuals(prediction.codes)
+    residual -= along * np.sum(along * residual, axis=1, keepdims=True)
+    J = J.reshape(-1, J.shape[-1])
+    normal = J.T @ J + np.eye(J.shape[1])
+    pull = J.T @ residual.ravel() + data.prior_residuals(state)
+    return -np.linalg.solve(normal, pull), np.linalg.inv(normal)
+
+
+def _shortened(state: _State, step: Array, data: _Data, prediction: _Prediction) -> _State:
+    """The state after the step, halved until the cost decreases; else the old state."""
+    before = data.cost(state, prediction.codes)
+    for _ in range(8):
+        candidate = state.moved(step, data.bracket.time_std)
+        codes = _predicted(candidate, data.codes, data.bracket.ratios, data.usable).codes
+        if data.cost(candidate, codes) < before:
+            return candidate
+        step = step / 2
+    return state
+
+
+def _normalized(state: _State, covariance: Array) -> tuple[Array, Array]:
+    """Light scaled to 1 at code value 1, and its standard deviation."""
+    G, J = state.light, state.derivatives
+    light = G / G[-1]
+    J = (J - light[:, None] * J[-1]) / G[-1]
+    count = J.shape[1]
+    variance = np.einsum("kp,pq,kq->k", J, covariance[:count, :count], J)
+    return light, np.sqrt(np.maximum(variance, 0))
+
+
+def _grouped(data: _Data, prediction: _Prediction) -> Array:
+    """(pictures, groups) mean residual by code value; NaN where there are few."""
+    groups = ResponseSettings.groups
+    group = np.clip((prediction.codes * groups).astype(int), 0, groups - 1)
+    residual = data.codes - prediction.codes
+    means = np.full((residual.shape[1], groups), np.nan)
+    for picture, number in np.ndindex(*means.shape):
+        inside = data.usable[:, picture] & (group[:, picture] == number)
+        if np.count_nonzero(inside) >= ResponseSettings.min_group_places:
+            means[picture, number] = residual[inside, picture].mean()
+    return means
+
+
+@dataclass(frozen=True, eq=False)
+class _Channels:
+    """Curves of single channels, compared with the common one."""
+
+    difference: tuple[float, float, float]  # largest distance from the common curve
+    agree: bool
+    std: Array  # (CELLS + 1,) of the common curve, from the differences
+
+
+def _compared(fit: _Fit, channels: Sequence[Places], bracket: Bracket) -> _Channels:
+    """Compare each channel's curve with the common one."""
+    if len(channels) == 1:
+        return _Channels((0.0, 0.0, 0.0), True, np.zeros(CELLS + 1))
+    apart, agree = [], True
+    for places in channels:
+        own = _fit(places, bracket, fit) if places.shared() else fit
+        apart.append(np.abs(own.light - fit.light))
+        allowed = ResponseSettings.channel_std * np.hypot(own.light_std, fit.light_std)
+        agree &= bool(np.all(apart[-1] <= allowed + 1e-12))
+    red, green, blue = (float(difference.max()) for difference in apart)
+    return _Channels((red, green, blue), agree, np.sqrt(np.sum(np.square(apart), axis=0) / 2))

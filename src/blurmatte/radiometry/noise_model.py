@@ -1,0 +1,120 @@
+"""The variance of noise as a function of light.
+
+In this file `light` is linear (1 = sensor white) and σ² a variance in light². A sensor's noise is the
+sum of read noise, whose variance is constant, shot noise, whose variance is proportional to light, and
+pixel response non-uniformity, whose standard deviation is proportional to light. Noise that is
+constant in code values, such as rounding to 8 bits, is nearly a sum of the last two: the slope of
+sRGB is ∝ light^0.58.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.checks import Floats, check_kind
+from blurmatte.radiometry.transfer import Transfer
+
+PerChannel = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class NoiseModel:
+    """Variance of a linear value: read_std² + gain · light + (relative_std · light)².
+
+    Parameters
+    ----------
+    gain : float or three floats
+        Light per photo-electron, >= 0.
+    read_std : float or three floats
+        Standard deviation of read noise, light, >= 0.
+    relative_std : float or three floats
+        Standard deviation of the pixels' response, a fraction of the light, >= 0.
+
+    Raises
+    ------
+    ValueError
+        If a number is negative, infinite or NaN.
+    """
+
+    gain: PerChannel | float = (0.0, 0.0, 0.0)
+    read_std: PerChannel | float = (0.0, 0.0, 0.0)
+    relative_std: PerChannel | float = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "read_std", "relative_std"):
+            value = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (3,))
+            if not np.all(np.isfinite(value) & (value >= 0)):
+                raise ValueError(f"{name} must be finite and not negative, got {value.tolist()}")
+            object.__setattr__(self, name, tuple(value.tolist()))
+
+    def __repr__(self) -> str:
+        middle = np.sqrt(self.variance(np.full(3, 0.2))).mean()
+        return f"NoiseModel(std {middle:.2g} at light 0.2)"
+
+    @property
+    def coefficients(self) -> Floats:
+        """(3 channels, 3) of 1, light and light² in the variance."""
+        read, gain, relative = map(np.asarray, (self.read_std, self.gain, self.relative_std))
+        return np.stack([read**2, gain, relative**2], axis=1)
+
+    @classmethod
+    def from_coefficients(cls, coefficients: Floats) -> NoiseModel:
+        """The model with these (3 channels, 3) coefficients of 1, light and light²."""
+        constant, linear, quadratic = np.asarray(coefficients, dtype=float).T
+        return cls(tuple(linear), tuple(constant**0.5), tuple(quadratic**0.5))
+
+    @classmethod
+    def rounding(cls, levels: int, transfer: Transfer) -> NoiseModel:
+        """Noise of rounding to `levels` code values, to about 10 %."""
+        check_kind("transfer", transfer, Transfer, "use blurmatte.named_transfer(name)")
+        light = np.geomspace(0.005, 1, 100)
+        coefficients = fit_coefficients(light, rounding_variance(light, levels, transfer))
+        black = rounding_variance(np.zeros(1), levels, transfer)[0]
+        coefficients[0] = max(coefficients[0], black)
+        return cls.from_coefficients(np.tile(coefficients, (3, 1)))
+
+    def variance(self, light: Floats) -> Floats:
+        """σ² of linear `light`, shape (..., 3); in the dtype of `light`."""
+        check_kind("light", light, np.ndarray, "use numpy.asarray(light, float)")
+        # Coefficients repeated for a row of pixels: NumPy is several times as fast.
+        constant, linear, quadratic = (
+            np.array(np.broadcast_to(one, light.shape[-2:]), order="C")
+            for one in self.coefficients.T.astype(light.dtype)
+        )
+        positive = np.maximum(light, 0)
+        variance: Floats = quadratic * positive
+        variance += linear
+        variance *= positive
+        variance += constant
+        return variance
+
+
+def rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
+    """Variance of rounding to one of `levels` code values, light², at `light` (...)."""
+    return (transfer.slope(light) / (levels - 1)) ** 2 / 12
+
+
+def fit_coefficients(light: Floats, variance: Floats, weight: Floats | float = 1.0) -> Floats:
+    """Coefficients of 1, light and light² in a variance, by non-negative least squares.
+
+    Parameters
+    ----------
+    light, variance : (K,) float
+        Variances, light², above 0, at levels of light.
+    weight : (K,) float
+        Of their relative errors.
+
+    Returns
+    -------
+    (3,) float
+    """
+    from scipy.optimize import nnls
+
+    x = np.maximum(light, 0)
+    relative = np.broadcast_to(np.asarray(weight) / variance, x.shape)
+    coefficients, _ = nnls(
+        np.stack([x**0, x, x**2], axis=1) * relative[:, None], relative * variance
+    )
+    return np.asarray(coefficients)

@@ -1,0 +1,118 @@
+"""Correlation of noise between neighboring pixels, from the variance of sums over blocks.
+
+Demosaicing, compression and chroma subsampling correlate the noise of neighbors. In this file the
+variance inflation of a block is the variance of its sum over that of independent pixels: 1 for white
+noise, the number of pixels if all of them have the same error. It is n / effective n.
+"""
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats
+
+BLOCK_SIZES = (2, 4, 8, 16)  # pixels: compressed files have blocks of up to 16
+_CORE, _CORE_MEAN = 0.9, 0.606  # lower fraction of χ² of one degree of freedom, and its mean
+
+
+def block_sums(values: Floats, size: int) -> Floats:
+    """(H // size, W // size, ...) sums over blocks; an incomplete last row or column is dropped.
+
+    Parameters
+    ----------
+    values : (H, W, ...) float
+    size : int
+        Width of a block, pixels.
+    """
+    h, w = (side // size * size for side in values.shape[:2])
+    cut = values[:h, :w]
+    if size == 1:
+        return cut
+    # Rows, then columns: several times as fast as a sum over two axes.
+    rows = cut[::size].copy()
+    for i in range(1, size):
+        rows += cut[i::size]
+    sums = rows[:, ::size].copy()
+    for i in range(1, size):
+        sums += rows[:, i::size]
+    return sums
+
+
+def cell_means(values: Floats, side: int) -> Floats:
+    """(H // side, W // side, ...) means over blocks; an incomplete last row or column is dropped.
+
+    Parameters
+    ----------
+    values : (H, W, ...) float
+    side : int
+        Width of a block, pixels, >= 1.
+    """
+    sums = block_sums(values, side)
+    return sums if side == 1 else np.asarray(sums / side**2)
+
+
+def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
+    """(K, channels) squared block sums, each over the number of pixels summed.
+
+    Their mean is the variance of a pixel if pixels are independent. Only blocks count of which more
+    than half is used; an incomplete last row or column is dropped.
+
+    Parameters
+    ----------
+    e : (H, W, channels) float
+        Noise, of mean zero.
+    use : (H, W) bool
+        The pixels to sum.
+    size : int
+        Width of a block, pixels.
+    """
+    count = block_sums(use.astype(float), size)
+    full = count > size**2 / 2
+    squares: npt.NDArray[np.floating] = block_sums(np.where(use[..., None], e, 0), size)[full] ** 2
+    return squares / count[full][:, None]
+
+
+def variance_inflation(e: Floats, use: Bools) -> npt.NDArray[np.float64]:
+    """(channels, 4) variance inflation over blocks of `BLOCK_SIZES`.
+
+    1 for blocks larger than the region used. The parameters are those of `block_squares`.
+    """
+    single = block_squares(e, use, 1).mean(axis=0) if use.any() else np.zeros(e.shape[-1])
+    columns = []
+    for size in BLOCK_SIZES:
+        squares = block_squares(e, use, size)
+        known = (single > 0) & (len(squares) > 0)
+        total = squares.mean(axis=0) if len(squares) else np.ones_like(single)
+        columns.append(np.where(known, total / np.where(known, single, 1), 1.0))
+    return np.stack(columns, axis=-1)
+
+
+def core_mean_square(squares: Floats) -> float:
+    """Variance of normal numbers from the lower 90 % of their squares; 1 if there are none.
+
+    Parameters
+    ----------
+    squares : (N,) float
+        Squared numbers, of which up to a tenth may be outliers.
+    """
+    if len(squares) == 0:
+        return 1.0
+    last = int(np.ceil(_CORE * len(squares)))
+    return float(np.partition(squares, last - 1)[:last].mean()) / _CORE_MEAN
+
+
+def significant_inflation(squares: Floats, independent: int, significance: float = 2.5) -> float:
+    """Variance inflation from squared standardized block sums; 1 if not significant.
+
+    Parameters
+    ----------
+    squares : (N,) float
+        Squares of block sums over their standard deviation for independent pixels.
+    independent : int
+        How many of them are statistically independent.
+    significance : float
+        Standard deviations of the mean square by which it must exceed 1.
+    """
+    if independent == 0 or len(squares) == 0:
+        return 1.0
+    factor = core_mean_square(squares)
+    return factor if factor > 1 + significance * np.sqrt(2 / independent) else 1.0
