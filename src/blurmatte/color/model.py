@@ -15,7 +15,8 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import SRGB, Matrix3, light_in_srgb, light_of_hex
+from blurmatte.radiometry.color_space import Matrix3, light_in_srgb, light_of_hex
+from blurmatte.radiometry.transfer import SRGB
 from blurmatte.statistics import MAD_TO_STD
 
 Array = npt.NDArray[np.float64]

@@ -18,7 +18,8 @@ import numpy.typing as npt
 from blurmatte.errors import FileError
 from blurmatte.files.errors import VALID, VARIANCE
 from blurmatte.files.raster import Raster
-from blurmatte.radiometry.image import LinearImage, light_in_srgb
+from blurmatte.radiometry.color_space import light_in_srgb
+from blurmatte.radiometry.image import LinearImage
 
 _CAMERA, _LAYERS = "blurmatte:camera", "blurmatte:light"
 

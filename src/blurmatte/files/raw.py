@@ -27,7 +27,8 @@ from blurmatte.errors import FileError
 from blurmatte.files.errors import check_size
 from blurmatte.files.exif import TiffTag
 from blurmatte.files.raster import upright
-from blurmatte.radiometry.image import LinearImage, Matrix3, Meta
+from blurmatte.radiometry.color_space import Matrix3
+from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.mosaic import Pattern, demosaic, sees_all_colors, tiled, variance_shares
 from blurmatte.radiometry.noise_model import NoiseModel
 

@@ -1,13 +1,14 @@
 """Code values of files ⇄ linear light, and the noise of linear light."""
 
+from blurmatte.radiometry.color_space import Matrix3 as Matrix3
+from blurmatte.radiometry.color_space import light_in_srgb as light_in_srgb
+from blurmatte.radiometry.color_space import light_of_hex as light_of_hex
 from blurmatte.radiometry.compression import Compression as Compression
 from blurmatte.radiometry.image import LinearImage as LinearImage
-from blurmatte.radiometry.image import Matrix3 as Matrix3
 from blurmatte.radiometry.image import Meta as Meta
 from blurmatte.radiometry.image import check_picture as check_picture
 from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import decode as decode
-from blurmatte.radiometry.image import light_in_srgb as light_in_srgb
 from blurmatte.radiometry.image import rounding_noise as rounding_noise
 from blurmatte.radiometry.image import smooth_variance as smooth_variance
 from blurmatte.radiometry.named_transfers import named_transfer as named_transfer
@@ -19,4 +20,3 @@ from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB
 from blurmatte.radiometry.transfer import Transfer as Transfer
 from blurmatte.radiometry.transfer import gamma as gamma
-from blurmatte.radiometry.transfer import light_of_hex as light_of_hex

@@ -15,11 +15,10 @@ from blurmatte.checks import (
     check_map,
 )
 from blurmatte.errors import PlateError
+from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, Transfer
-
-Matrix3 = tuple[tuple[float, ...], ...]
 
 
 @dataclass(frozen=True)
@@ -201,13 +200,6 @@ class LinearImage:
         meta = replace(self.meta, color_space="sRGB", white_balance=None, to_srgb=None)
         rgb = light_in_srgb(self.rgb, self.meta.to_srgb)
         return LinearImage(rgb, valid=self.valid, meta=meta)
-
-
-def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
-    """(..., 3) linear sRGB of light (..., 3), by the matrix `Meta.to_srgb`; unchanged if None."""
-    if to_srgb is None:
-        return light
-    return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
 
 
 def check_picture(name: str, picture: object) -> None:

@@ -4,7 +4,6 @@ In this file `v` is a code value scaled to 0…1 (255 or 65535 is 1) and `light`
 Every curve is odd, so that noise below black survives a round trip.
 """
 
-import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -176,30 +175,3 @@ def gamma(exponent: float) -> Transfer:
         _Odd(_Power(exponent)),
         _Odd(_Power(1 / exponent)),
     )
-
-
-def light_of_hex(*colors: str) -> npt.NDArray[np.float64]:
-    """Linear sRGB of sRGB-coded colors.
-
-    Parameters
-    ----------
-    *colors : str
-        Six hexadecimal digits each, with or without a # before them.
-
-    Returns
-    -------
-    (n, 3) float
-        0…1.
-
-    Raises
-    ------
-    ValueError
-        If a color is not written like that.
-    """
-    codes = []
-    for color in colors:
-        digits = re.fullmatch(r"#?([0-9a-fA-F]{6})", color)
-        if digits is None:
-            raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
-        codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
-    return np.asarray(SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255))

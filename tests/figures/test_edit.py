@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from blurmatte.figures import draw_edit, draw_look
+from blurmatte.figures.panels import shown
 from blurmatte.layer import Layer
-from blurmatte.overview import draw_edit, draw_look
-from blurmatte.overview.panels import shown
 from blurmatte.radiometry import LinearImage, Meta
 
 EMPTY = Layer(np.zeros((128, 192)), np.zeros((128, 192, 3)))

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
+from blurmatte.figures import draw_overview
+from blurmatte.figures.panels import BRIGHT, STREAK, WARNING
+from blurmatte.figures.solution import _layout, _surroundings
 from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
-from blurmatte.overview import draw_overview
-from blurmatte.overview.panels import BRIGHT, STREAK, WARNING
-from blurmatte.overview.solution import _layout, _surroundings
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
 from blurmatte.rendering import Ball, Scene, add_noise, colorful_plate, render
 from blurmatte.streaks import Streak

@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from blurmatte.figures import draw_clip
+from blurmatte.figures.panels import BRIGHT, OTHER, STREAK
 from blurmatte.motion import BallPlace, FrameMotion, Sighting
-from blurmatte.overview import draw_clip
-from blurmatte.overview.panels import BRIGHT, OTHER, STREAK
 from blurmatte.radiometry import LinearImage
 
 PLATE = LinearImage(np.full((90, 120, 3), 0.05))

@@ -4,7 +4,7 @@ import numpy as np
 
 from blurmatte.background import PlateFit
 from blurmatte.explain import explain
-from blurmatte.overview.panels import (
+from blurmatte.figures.panels import (
     HEAT,
     UNKNOWN,
     Layout,
@@ -15,7 +15,7 @@ from blurmatte.overview.panels import (
     round_up,
     shown,
 )
-from blurmatte.overview.sheet import Sheet
+from blurmatte.figures.sheet import Sheet
 
 
 def draw_plate(fit: PlateFit) -> Pixels:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.overview.panels import (
+from blurmatte.figures.panels import (
     BRIGHT,
     DIM,
     GAP,

@@ -8,7 +8,7 @@ import pytest
 
 from blurmatte.calibration import ResponseFit, measure_noise
 from blurmatte.errors import BlurmatteError
-from blurmatte.overview import draw_noise, draw_response
+from blurmatte.figures import draw_noise, draw_response
 from blurmatte.radiometry import SRGB, NoiseModel, Transfer
 from blurmatte.rendering import Camera
 

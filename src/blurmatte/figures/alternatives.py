@@ -3,10 +3,10 @@
 import numpy as np
 
 from blurmatte.explain import alternatives_in_words, alternatives_of
+from blurmatte.figures.panels import BRIGHT, DIM, MARGIN, WIDTH
+from blurmatte.figures.sheet import BODY, Sheet
 from blurmatte.matting import Alternative, Solution
 from blurmatte.matting.alternatives import MAX_ALTERNATIVES
-from blurmatte.overview.panels import BRIGHT, DIM, MARGIN, WIDTH
-from blurmatte.overview.sheet import BODY, Sheet
 
 _APART, _WIDEST, _HEIGHT = 10, 130, 48  # pixels, of swatches
 _LEAST_WEIGHT = 0.01  # that is shown as a number

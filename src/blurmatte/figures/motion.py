@@ -5,10 +5,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.explain import explain
-from blurmatte.matting import Solution
-from blurmatte.matting.solution import check_solution
-from blurmatte.motion.picture.motion import Motion
-from blurmatte.overview.panels import (
+from blurmatte.figures.panels import (
     CIRCLE,
     MARGIN,
     STREAK,
@@ -20,7 +17,10 @@ from blurmatte.overview.panels import (
     error_ellipse,
     fitted,
 )
-from blurmatte.overview.sheet import Sheet
+from blurmatte.figures.sheet import Sheet
+from blurmatte.matting import Solution
+from blurmatte.matting.solution import check_solution
+from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 
 Array = npt.NDArray[np.float64]

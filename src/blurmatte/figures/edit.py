@@ -4,9 +4,7 @@ import numpy as np
 
 from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.layer import Layer, box_around, check_layer
-from blurmatte.matting import Solution
-from blurmatte.overview.panels import (
+from blurmatte.figures.panels import (
     TALLEST,
     Layout,
     Panel,
@@ -19,7 +17,9 @@ from blurmatte.overview.panels import (
     shown,
     shown_alpha,
 )
-from blurmatte.overview.sheet import Sheet
+from blurmatte.figures.sheet import Sheet
+from blurmatte.layer import Layer, box_around, check_layer
+from blurmatte.matting import Solution
 from blurmatte.radiometry import LinearImage
 
 _RIM = 0.15  # of the object's longer side, shown around it

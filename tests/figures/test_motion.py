@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from blurmatte.color import ColorModel
+from blurmatte.figures import draw_motion
+from blurmatte.figures.panels import BRIGHT
 from blurmatte.matting import Solution
 from blurmatte.motion import measure_motion
-from blurmatte.overview import draw_motion
-from blurmatte.overview.panels import BRIGHT
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep import Sweep, path_family
 from blurmatte.sweep.model.silhouette import DISC

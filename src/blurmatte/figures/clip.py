@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.motion.clip.positions_3d import BallPlace
-from blurmatte.overview.chart import new_figure, pixels
-from blurmatte.overview.panels import (
+from blurmatte.figures.chart import new_figure, pixels
+from blurmatte.figures.panels import (
     BRIGHT,
     GROUND,
     MARGIN,
@@ -26,7 +24,9 @@ from blurmatte.overview.panels import (
     error_ellipse,
     fitted,
 )
-from blurmatte.overview.sheet import TITLE, Sheet
+from blurmatte.figures.sheet import TITLE, Sheet
+from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.motion.clip.positions_3d import BallPlace
 from blurmatte.radiometry import LinearImage
 
 Array = npt.NDArray[np.float64]

@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.checks import check_kind
-from blurmatte.overview.chart import new_figure, pixels
+from blurmatte.figures.chart import new_figure, pixels
 from blurmatte.radiometry import nearest_transfer
 
 

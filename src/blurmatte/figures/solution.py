@@ -15,10 +15,8 @@ from blurmatte.explain import (
     grade_in_words,
     shape_is_likeliest,
 )
-from blurmatte.matting import Grade, Quality, Solution
-from blurmatte.matting.solution import check_solution
-from blurmatte.overview.alternatives import draw_alternatives
-from blurmatte.overview.panels import (
+from blurmatte.figures.alternatives import draw_alternatives
+from blurmatte.figures.panels import (
     BRIGHT,
     DIM,
     GAP,
@@ -43,7 +41,9 @@ from blurmatte.overview.panels import (
     shown,
     shown_alpha,
 )
-from blurmatte.overview.sheet import BODY, TITLE, Sheet
+from blurmatte.figures.sheet import BODY, TITLE, Sheet
+from blurmatte.matting import Grade, Quality, Solution
+from blurmatte.matting.solution import check_solution
 from blurmatte.radiometry import LinearImage, check_picture
 
 _TEXT_WIDTH = 560  # of the panel of words, at least

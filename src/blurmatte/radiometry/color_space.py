@@ -1,0 +1,45 @@
+"""Linear sRGB, from the colors of cameras and from hexadecimal digits."""
+
+import re
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.radiometry.transfer import SRGB
+
+Matrix3 = tuple[tuple[float, ...], ...]
+
+
+def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
+    """(..., 3) linear sRGB of light (..., 3), by the matrix `Meta.to_srgb`; unchanged if None."""
+    if to_srgb is None:
+        return light
+    return np.asarray(light @ np.array(to_srgb, dtype=light.dtype).T)
+
+
+def light_of_hex(*colors: str) -> npt.NDArray[np.float64]:
+    """Linear sRGB of sRGB-coded colors.
+
+    Parameters
+    ----------
+    *colors : str
+        Six hexadecimal digits each, with or without a # before them.
+
+    Returns
+    -------
+    (n, 3) float
+        0…1.
+
+    Raises
+    ------
+    ValueError
+        If a color is not written like that.
+    """
+    codes = []
+    for color in colors:
+        digits = re.fullmatch(r"#?([0-9a-fA-F]{6})", color)
+        if digits is None:
+            raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
+        codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
+    return np.asarray(SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255))
