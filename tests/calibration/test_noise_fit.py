@@ -32,7 +32,7 @@ def test_exact_variances_give_the_sensor():
 
 
 @pytest.mark.parametrize("rounding", [0.0, 3e-5])
-def test_errors_are_the_scatter(rounding):
+def test_covariance_equals_the_scatter_of_fits(rounding):
     """Honest: all three coefficients, over many sets of variances."""
     rng, spread, scores = np.random.default_rng(0), np.full(24, 0.02), []
     for _ in range(300):
@@ -43,7 +43,7 @@ def test_errors_are_the_scatter(rounding):
     assert_allclose(np.std(scores, axis=0), 1, atol=0.2)
 
 
-def test_a_level_that_is_off_the_curve_counts_less():
+def test_outlying_level_hardly_changes_the_fit():
     """Oracle: the answer without it."""
     y, spread = A @ THETA, np.full(24, 0.01)
     y[[3, 15]] *= 4
@@ -51,7 +51,7 @@ def test_a_level_that_is_off_the_curve_counts_less():
     assert np.all(np.abs(theta / THETA - 1) < [0.05, 0.05, 0.2])
 
 
-def test_one_level_tells_only_the_sum():
+def test_one_level_determines_only_the_sum():
     """Honest: neither gain nor read noise errs by less than they might be exchanged for each other."""
     x = np.full(5, 0.2)
     theta, covariance, _ = fit_sensor(x, np.full(5, 1e-4), np.full(5, 0.01), np.zeros(5))
@@ -64,7 +64,7 @@ def test_one_level_tells_only_the_sum():
 
 
 @pytest.mark.parametrize("steps", [0.15, 0.25, 0.4, 1.0, 5.0])
-def test_rounding_is_taken_off(steps):
+def test_rounding_is_removed_from_variances(steps):
     """Oracle: light of every part of a step, with noise of so many steps, rounded."""
     rng = np.random.default_rng(1)
     light = rng.uniform(100, 200, (40_000, 1))
@@ -77,14 +77,14 @@ def test_rounding_is_taken_off(steps):
                     rtol=0.05, atol=2e-3 * step2[0])  # fmt: skip
 
 
-def test_floats_are_not_rounded():
+def test_variances_of_floats_are_unchanged():
     """Exact."""
     y = np.array([1e-6, 3e-4])
     for repeated in (True, False):
         assert_allclose(without_rounding(y, np.zeros(2), repeated), y, rtol=1e-12)
 
 
-def test_all_of_the_noise_is_the_sensor_and_rounding():
+def test_noise_is_the_sum_of_sensor_and_rounding():
     """Exact."""
     fit = fit_of()
     light = np.array([0.05, 0.2, 0.7])
@@ -94,7 +94,7 @@ def test_all_of_the_noise_is_the_sensor_and_rounding():
     assert_allclose(share[1], fit.rounding.variance(light)[1] / whole[1])
 
 
-def test_errors_of_numbers_are_those_of_their_squares():
+def test_std_of_roots_agrees_with_that_of_squares():
     """Exact: half the relative error, and the root of it where there is nothing."""
     fit = fit_of(spread=0.01)
     assert_allclose(fit.gain_std, 0.01 * 2e-4)
@@ -106,18 +106,18 @@ def test_errors_of_numbers_are_those_of_their_squares():
     assert_allclose(open_.read_std_std, 1e-8**0.25)
 
 
-def test_what_is_known_by_itself():
+def test_separable_if_gain_or_read_noise_is_certain():
     """Exact."""
     assert fit_of(spread=0.1).separable
     assert not fit_of(spread=0.9).separable
 
 
-def test_the_scale_is_a_width():
+def test_scale_is_the_root_of_the_largest_inflation():
     """Exact: of the square that errs alike."""
     coherence = np.array([[2, 4, 9, 9], [1, 1, 1, 1], [0.9, 0.8, 0.9, 0.7]])
     assert_allclose(fit_of(coherence).scale, [3, 1, 1])
 
 
-def test_one_line():
+def test_repr_is_one_line():
     """Exact."""
     assert str(fit_of()) == "NoiseFit(gain 0.0002 ± 2e-06, read_std 0.002 ± 1e-05)"

@@ -51,7 +51,7 @@ CAMERAS = [
 
 
 @pytest.mark.parametrize(("camera", "noise"), CAMERAS)
-def test_frames_tell_gain_and_read_noise(camera, noise):
+def test_frames_give_gain_and_read_noise(camera, noise):
     """Oracle: what the camera was given, whatever its file adds."""
     fit = measure_noise(frames(RAMP, 8, noise, **camera))
     check(fit, noise)
@@ -63,14 +63,14 @@ def test_frames_tell_gain_and_read_noise(camera, noise):
 
 
 @pytest.mark.parametrize(("camera", "noise"), CAMERAS[1:4:2])
-def test_a_plate_and_an_even_region_do_too(camera, noise):
+def test_plate_and_even_region_give_gain_and_read_noise(camera, noise):
     """Oracle."""
     picture, plate = frames(RAMP, 2, noise, **camera)
     check(measure_noise_against(picture, plate), noise)
     check(measure_noise_within(picture, np.ones((240, 320), bool)), noise, 1.2 * BAR)
 
 
-def test_all_of_the_noise_of_a_file_is_told():
+def test_noise_of_code_values_includes_rounding():
     """Oracle: the scatter of many pictures about the exact light."""
     found = measure_noise(frames(RAMP, 4, bits=8)).noise
     for level in (0.03, 0.2, 0.6):
@@ -83,7 +83,7 @@ def test_all_of_the_noise_of_a_file_is_told():
 
 @pytest.mark.parametrize("kind", ["frames", "within", "against"])
 @pytest.mark.parametrize("noise", [SENSOR, UNEQUAL], ids=["sensor", "unequal"])
-def test_errors_are_honest(kind, noise):
+def test_std_of_gain_and_read_noise_is_calibrated(kind, noise):
     """Honest: over seeds. Where no noise is a fraction of light, errors leave open that some is."""
     scores = []
     for seed in range(8):
@@ -104,7 +104,7 @@ def test_errors_are_honest(kind, noise):
         assert spread > 0.65
 
 
-def test_texture_does_not_matter():
+def test_texture_does_not_bias_frames():
     """Invariant: light that changes from pixel to pixel has the same noise."""
     check(measure_noise(frames(TEXTURE, 6)))
 
@@ -119,7 +119,7 @@ def moving(light, radius, count):
 
 
 @pytest.mark.parametrize("radius", [10, 40])
-def test_what_moves_is_left_out(radius):
+def test_moving_objects_are_rejected(radius):
     """Invariant; the larger one covers a third of the picture in one frame or another."""
     fit = measure_noise(frames(list(moving(RAMP, radius, 6)), 6))
     check(fit)
@@ -127,7 +127,7 @@ def test_what_moves_is_left_out(radius):
     assert 0.6 * swept < fit.changed < swept + 0.05
 
 
-def test_lamps_may_flicker_and_clouds_pass():
+def test_flicker_and_drift_are_corrected():
     """Invariant."""
     rng = np.random.default_rng(0)
     across = np.linspace(0, 1, 320)[:, None]
@@ -135,7 +135,7 @@ def test_lamps_may_flicker_and_clouds_pass():
     check(measure_noise(frames([RAMP * (1 + 0.01 * k * across) for k in range(6)], 6)))
 
 
-def test_only_still_pixels_are_looked_at():
+def test_only_still_pixels_are_used():
     """Oracle: the rest may be anything."""
     pictures = frames(RAMP, 3)
     still = np.zeros((240, 320), bool)
@@ -150,7 +150,7 @@ def test_only_still_pixels_are_looked_at():
     assert fit.changed < 0.01
 
 
-def test_clipped_pixels_say_nothing():
+def test_clipped_pixels_are_ignored():
     """Invariant: black and white areas, whose noise is cut off."""
     light = RAMP.copy()
     light[:80], light[80:160, 250:] = 0, 1
@@ -163,7 +163,7 @@ def test_frames_are_taken_one_by_one():
     assert measure_noise(iter(pictures)).sensor == measure_noise(pictures).sensor
 
 
-def test_large_pictures_are_looked_at_in_part(monkeypatch):
+def test_large_pictures_are_sampled(monkeypatch):
     """Oracle: all of the picture."""
     monkeypatch.setattr(SampleSettings, "max_pixels", 40_000)
     check(measure_noise(frames(TEXTURE, 6)), bar=0.1)
@@ -177,7 +177,7 @@ def test_the_plate_may_be_an_average(part):
     check(measure_noise_against(picture, plate), bar=1.5 * BAR)
 
 
-def test_an_object_before_the_plate_is_left_out():
+def test_object_before_the_plate_is_rejected():
     """Invariant."""
     (picture,), (plate,) = frames([next(moving(RAMP, 40, 1))], 1), frames(RAMP, 1, seed=1)
     fit = measure_noise_against(picture, plate)
@@ -185,7 +185,7 @@ def test_an_object_before_the_plate_is_left_out():
     assert 0.05 < fit.changed < 0.1
 
 
-def test_compressed_noise_hangs_together():
+def test_compressed_noise_is_correlated():
     """Oracle: over large areas compression keeps noise, and what it takes from pixels comes back."""
     fit = measure_noise(frames(RAMP, 4, bits=8, jpeg_quality=95))
     middle = np.full(3, 0.3)
@@ -196,13 +196,13 @@ def test_compressed_noise_hangs_together():
     assert np.all(halved.scale > 1.5 * fit.scale)
 
 
-def test_interpolated_colors_hang_together():
+def test_demosaiced_noise_is_correlated():
     """Oracle: red and blue of a mosaic were seen in one pixel of four, green in two."""
     fit = measure_noise(frames(RAMP, 4, bayer=True))
     assert_allclose(fit.scale, [2.45, 1.67, 2.45], rtol=0.1)
 
 
-def test_texture_all_over_is_an_upper_bound():
+def test_texture_everywhere_gives_an_upper_bound():
     """Invariant: never less than the noise, and its scale tells."""
     fit = measure_noise_within(frames(TEXTURE, 1)[0], np.ones((240, 320), bool))
     light = np.full(3, 0.25)
@@ -210,7 +210,7 @@ def test_texture_all_over_is_an_upper_bound():
     assert np.all(fit.scale > 2)
 
 
-def test_edges_in_an_even_region_are_left_out():
+def test_edges_in_an_even_region_are_rejected():
     """Invariant."""
     light = RAMP.copy()
     light[100:104] *= 0.5
@@ -219,7 +219,7 @@ def test_edges_in_an_even_region_are_left_out():
     assert fit.changed > 0.02
 
 
-def test_one_level_of_light_does_not_part_gain_and_read_noise():
+def test_one_level_of_light_does_not_separate_gain_and_read_noise():
     """Honest: and it says so; the sum is right."""
     region = np.zeros((240, 320), bool)
     region[50:150, 200:300] = True
@@ -231,7 +231,7 @@ def test_one_level_of_light_does_not_part_gain_and_read_noise():
 
 
 @pytest.mark.parametrize("pixels", [0.3, 2.0])
-def test_a_camera_that_moves_is_refused(pixels):
+def test_rejects_a_moving_camera(pixels):
     """Door."""
     rng = np.random.default_rng(0)
     moved = [shift(TEXTURE, (*(pixels * rng.normal(size=2)), 0), order=1, mode="nearest")
@@ -240,7 +240,7 @@ def test_a_camera_that_moves_is_refused(pixels):
         measure_noise(frames(moved, 4))
 
 
-def test_frames_of_another_scene_are_refused():
+def test_rejects_frames_of_another_scene():
     """Door: most of the picture changed."""
     other = RAMP.copy()
     other[60:] = RAMP[:180, ::-1]
@@ -257,13 +257,13 @@ def test_frames_of_another_scene_are_refused():
     ],
     ids=["white", "black", "exposure"],
 )
-def test_frames_that_tell_nothing(light, said):
+def test_rejects_clipped_frames_and_other_exposures(light, said):
     """Door."""
     with pytest.raises(NoiseError, match=said):
         measure_noise(frames(light, 2))
 
 
-def test_copies_are_refused():
+def test_rejects_copies():
     """Door."""
     with pytest.raises(NoiseError, match="there is no noise: the pictures are copies of one"):
         measure_noise(frames(SMALL, 1) * 3)
@@ -271,7 +271,7 @@ def test_copies_are_refused():
         measure_noise_within(LinearImage(np.full((40, 40, 3), 0.5)), np.ones((40, 40), bool))
 
 
-def test_wrong_arguments():
+def test_rejects_wrong_arguments():
     """Door."""
     (picture,), small = frames(SMALL, 1), LinearImage(np.full((40, 40, 3), 0.5))
     with pytest.raises(ValueError, match=r"frames must be two or more .*, got none"):

@@ -50,7 +50,7 @@ def test_variance_is_the_formula():
     assert SENSOR.variance(light.astype(np.float32)).dtype == np.float32
 
 
-def test_coefficients_come_back():
+def test_from_coefficients_inverts_coefficients():
     again = NoiseModel.from_coefficients(SENSOR.coefficients)
     assert_allclose(again.coefficients, SENSOR.coefficients, rtol=1e-12)
     assert_array_equal(NoiseModel(gain=0.1).gain, [0.1, 0.1, 0.1])
@@ -58,13 +58,13 @@ def test_coefficients_come_back():
 
 @pytest.mark.parametrize("field", ["gain", "read_std", "relative_std"])
 @pytest.mark.parametrize("value", [-1e-9, np.nan, np.inf, (0, 0, -1)])
-def test_impossible_numbers(field, value):
+def test_rejects_negative_and_infinite_parameters(field, value):
     with pytest.raises(ValueError, match=f"{field} must be finite and not negative"):
         NoiseModel(**{field: value})
 
 
 @pytest.mark.parametrize("transfer", [SRGB, LINEAR], ids=lambda transfer: transfer.name)
-def test_rounding_is_what_rounding_does(transfer):
+def test_rounding_model_equals_rounded_light(transfer):
     rng = np.random.default_rng(0)
     for light in (0.02, 0.1, 0.3, 0.8):
         exact = light * (1 + 0.1 * rng.uniform(-1, 1, (300, 300, 3)))
@@ -98,7 +98,7 @@ def test_measures_eight_bit_files(paint, code_std, plate_part):
     assert_allclose(np.mean(plate / true_image), np.mean(true_plate / true_image), atol=0.15)
 
 
-def test_what_moved_is_not_noise(paint):
+def test_moving_objects_are_rejected(paint):
     """The moving ball covers a sixth of the picture; leaving it out by hand changes little."""
     image, plate = pair(paint.image.rgb, paint.plate.rgb, SENSOR, 1, 0, bits=None)
     of_image, of_plate = fit_noise(image, plate)
@@ -109,7 +109,7 @@ def test_what_moved_is_not_noise(paint):
 
 
 @pytest.mark.parametrize("cut", [0.0, 1.5], ids=["black", "white"])
-def test_clipped_areas_say_nothing(paint, cut):
+def test_clipped_areas_are_ignored(paint, cut):
     light = paint.plate.rgb.copy()
     light[:, :110] = cut
     noise = NoiseModel(gain=1e-4, read_std=0.002)
@@ -119,7 +119,7 @@ def test_clipped_areas_say_nothing(paint, cut):
             assert_allclose(std_of(fit), std_of(noise), rtol=0.15)
 
 
-def test_a_large_flat_area_does_not_outvote_the_rest(paint):
+def test_large_uniform_area_does_not_bias_other_levels(paint):
     light = paint.plate.rgb.copy()
     light[:, :120] = 0.3
     of_image, of_plate = fit_noise(*pair(light, light, NoiseModel(), 1, 3, code_std=1 / 255))
@@ -127,20 +127,20 @@ def test_a_large_flat_area_does_not_outvote_the_rest(paint):
                     np.sqrt(2) * code_noise(1 / 255), rtol=0.15)  # fmt: skip
 
 
-def test_no_noise_is_no_noise(paint):
+def test_equal_pictures_have_no_noise(paint):
     of_image, of_plate = fit_noise(paint.image, paint.plate)
     assert std_of(of_image).max() < 1e-6
     assert std_of(of_plate).max() < 1e-6
 
 
-def test_rounding_is_the_least_in_a_file(paint):
+def test_noise_of_files_is_at_least_rounding(paint):
     plate = Camera().photograph(paint.plate.rgb, 0)
     for fit in fit_noise(plate, plate):
         assert_allclose(std_of(fit), std_of(NoiseModel.rounding(256, SRGB)), rtol=1e-6)
 
 
 @pytest.mark.parametrize("shape", [(1, 1, 3), (1, 5, 3), (5, 1, 3), (2, 2, 3), (20, 2, 3)])
-def test_tiny_pictures_have_an_answer(shape):
+def test_tiny_pictures_give_a_result(shape):
     rng = np.random.default_rng(0)
     plate = LinearImage(rng.uniform(0.1, 1, shape))
     image = LinearImage(plate.rgb + rng.normal(0, 0.01, shape))
@@ -150,7 +150,7 @@ def test_tiny_pictures_have_an_answer(shape):
             assert np.isfinite(std_of(fit)).all()
 
 
-def test_nothing_valid_is_no_noise(paint):
+def test_no_valid_pixels_give_no_noise(paint):
     nothing = LinearImage(paint.plate.rgb, valid=np.zeros(paint.plate.valid.shape, bool))
     for fit in fit_noise(nothing, paint.plate):
         assert std_of(fit).max() < 1e-6
@@ -164,7 +164,7 @@ def test_known_noise_is_kept(paint):
     assert with_noise(image, plate.with_noise(SENSOR))[1].noise is SENSOR
 
 
-def test_door(paint):
+def test_rejects_wrong_sizes_and_masks(paint):
     small = LinearImage(np.ones((4, 4, 3)))
     with pytest.raises(TypeError, match="light must be a ndarray, got list"):
         NoiseModel(read_std=0.1).variance([0.1, 0.2, 0.3])

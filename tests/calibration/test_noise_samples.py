@@ -19,7 +19,7 @@ def pictures(count, seed=0, shape=(60, 70, 3)):
 
 
 @pytest.mark.parametrize("count", [2, 3, 6])
-def test_squares_of_frames_are_the_variance(count):
+def test_mean_square_of_frames_is_the_variance(count):
     """Honest: their mean, and their scatter as `freedom` says."""
     light, frames = pictures(count)
     sample = noise_of_frames(frames, None)
@@ -31,7 +31,7 @@ def test_squares_of_frames_are_the_variance(count):
     assert sample.use.all()
 
 
-def test_a_parabola_is_no_noise():
+def test_parabola_has_no_residual():
     """Exact; and what is left of noise is as large as it was."""
     y, x = np.mgrid[:70, :90] / 50
     even = (0.2 + 0.1 * x + 0.05 * y * y - 0.03 * x * y)[..., None] * [1, 0.8, 0.6]
@@ -45,7 +45,7 @@ def test_a_parabola_is_no_noise():
     assert_allclose(np.mean(sample.v[sample.use]), STD**2, rtol=0.03)
 
 
-def test_small_rests_of_tiles_are_left_out():
+def test_small_incomplete_tiles_are_dropped():
     """Exact: there a parabola would take up all of the noise."""
     region = np.ones((40, 34), bool)
     sample = noise_within(LinearImage(np.full((40, 34, 3), 0.5)), region)
@@ -69,7 +69,7 @@ def test_clipped_pixels_are_not_used():
     assert_allclose(noise_of_frames(frames, None).step[0, 0], step, rtol=1e-6)
 
 
-def test_parts_of_like_light():
+def test_groups_have_similar_light():
     """Exact: all of them, the darkest first."""
     light = np.random.default_rng(0).uniform(size=1000)
     parts = parts_by_light(light, 100)

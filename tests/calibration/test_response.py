@@ -99,14 +99,14 @@ def errors(times, seed, time_std):
 @pytest.mark.parametrize(
     ("times", "time_std"), [((1 / 64, 1 / 16, 1 / 4), 0.02), ((1 / 32, 1 / 16), 0.02)]
 )
-def test_errors_are_honest(times, time_std):
+def test_std_of_the_curve_is_calibrated(times, time_std):
     """Honest: for several curves and wrong times, errors spread as the reported ones."""
     z = np.concatenate([np.divide(*errors(times, seed, time_std)) for seed in range(8)])
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.5
     assert np.mean(np.abs(z) < 2) > 0.85
 
 
-def test_fewer_pictures_and_less_sure_times_make_larger_errors():
+def test_fewer_pictures_and_uncertain_times_increase_errors():
     """Invariant: what tells less is worth less."""
     rng = np.random.default_rng(0)
     five = shoot(scene(rng), bm.SRGB.decode, FIVE, rng, gray=True)
@@ -128,7 +128,7 @@ def test_nominal_times_are_corrected():
     assert np.ptp(steps) < np.ptp(np.diff(np.log(nominal))) / 3
 
 
-def test_what_moved_and_what_is_clipped_does_no_harm():
+def test_motion_and_clipping_do_not_bias_the_curve():
     """Invariant: 4 % of one picture shows something else, and another is a third clipped."""
     rng = np.random.default_rng(2)
     light = scene(rng)
@@ -155,7 +155,7 @@ def test_white_balance_and_order_change_nothing():
     assert_allclose(again.transfer.decode(V), fit.transfer.decode(V), atol=1e-12)
 
 
-def test_channels_with_curves_of_their_own_are_told():
+def test_detects_channels_with_different_curves():
     """Oracle: blue was coded with another curve."""
     rng = np.random.default_rng(5)
     light = scene(rng)
@@ -169,7 +169,7 @@ def test_channels_with_curves_of_their_own_are_told():
     assert any("do not have one curve" in line for line in bm.explain(fit))
 
 
-def test_the_curve_rises_and_goes_from_black_to_one():
+def test_curve_increases_from_black_to_one():
     """Invariant: whatever the noise, and where nothing was seen."""
     rng = np.random.default_rng(6)
     light = np.clip(scene(rng), 0.05, 0.3)
@@ -183,7 +183,7 @@ def test_the_curve_rises_and_goes_from_black_to_one():
     assert fit.std[int(255 * high) + 3] > 0 < low
 
 
-def test_the_model_of_cameras_has_few_dimensions():
+def test_prior_has_few_dimensions():
     """Oracle: each curve of the family is its mean and components again, to 1 % of full scale."""
     prior = response_prior()
     assert prior.basis.shape[0] == CELLS
@@ -212,7 +212,7 @@ def flat(value, time):
         ([flat(0.5, 1), flat(0.6, 2)], [1, np.nan], "exposure_times must be positive seconds"),
     ],
 )
-def test_wrong_arguments(pictures, times, says):
+def test_rejects_wrong_arguments(pictures, times, says):
     """Door: each wrong argument is named."""
     with pytest.raises(ValueError, match=says):
         bm.fit_response(pictures, times)
@@ -226,19 +226,19 @@ def test_wrong_arguments(pictures, times, says):
         ([flat(0.6, 1), flat(0.5, 2)], "1 and 2 are equally bright, or the second darker"),
     ],
 )
-def test_brackets_that_tell_nothing(pictures, says):
+def test_rejects_brackets_that_do_not_determine_a_curve(pictures, says):
     """Door: one line that says what is wrong with the pictures."""
     with pytest.raises(bm.ResponseError, match=says):
         bm.fit_response(pictures)
 
 
-def test_arrays_are_no_pictures():
+def test_rejects_arrays():
     """Door: a picture without its exposure time and levels says too little."""
     with pytest.raises(TypeError, match="pictures must be LinearImages, got ndarray"):
         bm.fit_response([flat(0.5, 1), flat(0.6, 2).rgb])
 
 
-def test_other_doors():
+def test_rejects_decoded_pictures_and_profiles():
     """Door: sizes, decoded pictures, times out of range, scenes that changed."""
     first = flat(0.4, 1)
     with pytest.raises(ValueError, match=r"1 is 50x40 pixels and 2 20x40"):
@@ -261,7 +261,7 @@ def test_other_doors():
         bm.fit_response(many)
 
 
-def test_an_even_scene_is_answered_with_its_doubt():
+def test_uniform_scene_gives_a_large_std():
     """Honest: two brightnesses of one gray say little, and that is told."""
     fit = bm.fit_response([flat(0.4, 1), flat(0.55, 2)])
     assert fit.std.max() > 0.01

@@ -34,7 +34,7 @@ def off(model):
     return np.degrees(np.arccos(np.clip(model.pole @ LINE, -1, 1)))
 
 
-def test_what_is_drawn_of_the_true_color_is_what_was_taken():
+def test_recompressed_images_of_the_true_color_equal_the_photograph():
     """honest: it differs from it within the streak hardly more than beside, where noise differs."""
     image, plate, streak = taken(14)
     (light,), behind = recompressed(LINE, image, plate, streak, 1)
@@ -46,7 +46,7 @@ def test_what_is_drawn_of_the_true_color_is_what_was_taken():
     assert np.sqrt(np.mean((behind.rgb - plate.rgb) ** 2)) < beside
 
 
-def test_its_noise_is_as_new():
+def test_recompressed_images_have_independent_noise():
     image, plate, streak = taken(14)
     (same, other), (again,) = (
         [light.rgb for light in recompressed(LINE, image, plate, streak, count)[0]]
@@ -56,7 +56,7 @@ def test_its_noise_is_as_new():
     assert not np.array_equal(same, other)
 
 
-def test_the_color_that_is_drawn_is_told():
+def test_color_of_uncompressed_rendering_is_found():
     image, plate, streak = taken(14)
     (light,), behind = recompressed(LINE, image, plate, streak, 1)
     model = fit_color_from_hues(light, behind, streak)
@@ -64,14 +64,14 @@ def test_the_color_that_is_drawn_is_told():
 
 
 @pytest.mark.battery
-def test_the_error_is_honest():
+def test_std_with_compression_is_calibrated():
     """A thin thing in a file: neither surer than it may be, nor much less sure."""
     models = [fit_color_from_hues(*taken(10, seed)) for seed in range(6)]
     z2 = [(off(model) / model.angle_std) ** 2 for model in models]
     assert 0.2 < np.mean(z2) < 2
 
 
-def test_only_a_file_that_says_how_it_was_compressed_adds_to_the_error():
+def test_only_known_subsampling_adds_to_the_error():
     image, plate, streak = taken(10)
     bare = replace(image, meta=replace(image.meta, compression=None))
     assert image.meta.compression is not None

@@ -59,7 +59,7 @@ def test_every_color_lies_between_those_it_shows(rank):
     assert_allclose(model.rgb.max(axis=1), 1)
 
 
-def test_hex_goes_in_and_out():
+def test_hex_round_trip():
     assert ColorModel.from_hex("#ff8000").hex == ("#ff8000",)
     assert ColorModel.from_hex("FF8000").hex == ("#ff8000",)
     assert_allclose(
@@ -69,13 +69,13 @@ def test_hex_goes_in_and_out():
     assert set(ColorModel.from_hex("#ff0000", "#0000ff").hex) == {"#ff0000", "#0000ff"}
 
 
-def test_given_colors_are_exact():
+def test_given_colors_have_no_covariance():
     assert_array_equal(ColorModel.from_hex("#d8ff3c").covariance, 0)
     assert ColorModel.from_hex("#d8ff3c").angle_std == 0
 
 
 @pytest.mark.parametrize("rank", [1, 2])
-def test_least_squares_is_nearest(rank):
+def test_least_squares_minimizes_the_distances(rank):
     """Oracle: no direction of a fine grid around the answer leaves less distance."""
     rng = np.random.default_rng(0)
     samples = shades(rng, rank) + rng.normal(0, 0.03, (200, 3))
@@ -93,7 +93,7 @@ def test_least_squares_is_nearest(rank):
 
 @pytest.mark.parametrize("std", [None, 0.02], ids=["measured", "given"])
 @pytest.mark.parametrize("rank", [1, 2])
-def test_covariance_is_true(rank, std):
+def test_covariance_of_samples_is_calibrated(rank, std):
     rng, errors = np.random.default_rng(0), []
     true = ColorModel.from_samples(shades(rng, rank), rank).pole
     tangent = np.linalg.svd(true[:, None])[0][:, 1:]
@@ -119,7 +119,7 @@ def test_angle_std_is_in_degrees_along_the_worst_direction():
 
 
 @pytest.mark.parametrize("rank", [1, 2])
-def test_robust_fit_ignores_strangers(rank):
+def test_robust_fit_ignores_outliers(rank):
     rng = np.random.default_rng(3)
     samples = shades(rng, rank) + rng.normal(0, 0.01, (200, 3))
     true = ColorModel.from_samples(shades(rng, rank), rank).pole
@@ -134,7 +134,7 @@ def test_swapped_channels_swap_the_model():
     assert_allclose(angle(swapped.pole, model.pole[[2, 0, 1]]), 0, atol=1e-6)
 
 
-def test_brightness_of_samples_does_not_matter():
+def test_scaled_samples_give_the_same_model():
     samples = shades(np.random.default_rng(0), 1)
     model, dim = (ColorModel.from_samples(s) for s in (samples, samples / 50))
     assert_allclose(dim.pole, model.pole, atol=1e-12)
@@ -151,30 +151,30 @@ def test_brightness_of_samples_does_not_matter():
         (np.eye(3)[:, :1], np.full((3, 3), np.nan), "covariance must be finite"),
     ],
 )
-def test_not_a_model(basis, covariance, words):
+def test_rejects_invalid_bases_and_covariances(basis, covariance, words):
     fields = {} if covariance is None else {"covariance": covariance}
     with pytest.raises(ValueError, match=words):
         ColorModel(basis, **fields)
 
 
 @pytest.mark.parametrize("colors", [["orange"], ["#ff80"], ["#ff80001"], ["#gg0000"]])
-def test_not_a_hex_color(colors):
+def test_rejects_invalid_hex(colors):
     with pytest.raises(ValueError, match="must look like #d8ff3c, got"):
         ColorModel.from_hex(*colors)
 
 
 @pytest.mark.parametrize("colors", [[], ["#000000"], ["#ff0000", "#000000"], ["#ff0000"] * 3])
-def test_no_or_too_many_hex_colors(colors):
+def test_rejects_black_and_other_numbers_of_colors(colors):
     with pytest.raises(ValueError, match="one or two colors, neither of them black"):
         ColorModel.from_hex(*colors)
 
 
-def test_two_shades_are_one_color():
+def test_rejects_two_shades_of_one_color():
     with pytest.raises(ValueError, match="shades of one color; rank 2 needs two"):
         ColorModel.from_hex("#ff0000", "#800000")
 
 
-def test_samples_that_do_not_answer():
+def test_rejects_samples_that_do_not_determine_a_model():
     rng = np.random.default_rng(0)
     noise = rng.normal(0, 0.01, (50, 3))
     with pytest.raises(ValueError, match="rank must be 1 or 2, got 3"):
@@ -188,7 +188,7 @@ def test_samples_that_do_not_answer():
 
 
 @pytest.mark.parametrize("count", [50, 1000])
-def test_noise_is_no_second_paint(count):
+def test_rejects_rank_2_for_noisy_samples_of_one_hue(count):
     rng = np.random.default_rng(count)
     for _ in range(20):
         one_paint = shades(rng, 1, count) + rng.normal(0, 0.01, (count, 3))
@@ -206,7 +206,7 @@ def test_any_colors():
 
 
 @pytest.mark.parametrize("rank", [1, 2])
-def test_the_rim_of_what_is_possible_is_as_likely_all_around(rank):
+def test_possible_models_lie_on_one_confidence_contour(rank):
     given = ColorModel.from_hex(*["#d8a03c", "#2060c0"][:rank])
     across = np.linalg.svd(given.pole[:, None])[0][:, 1:]
     covariance = across @ np.diag([0.02**2, 0.005**2]) @ across.T
@@ -217,7 +217,7 @@ def test_the_rim_of_what_is_possible_is_as_likely_all_around(rank):
     assert_allclose(np.linalg.norm(steps[[0, 4]], axis=1), 2.45 * 0.02)
 
 
-def test_nothing_else_is_possible_than_what_was_given():
+def test_given_color_is_the_only_possible_one():
     given = ColorModel.from_hex("#d8a03c")
     assert given.possible == (given,)
 
@@ -230,7 +230,7 @@ def test_no_possible_color_has_negative_light():
 TO_SRGB = ((3.2, -0.6, -0.1), (-0.4, 1.6, -0.6), (0.1, -0.5, 1.75))
 
 
-def test_a_hex_color_looks_the_same_to_a_camera():
+def test_hex_round_trip_in_camera_colors():
     """Exact: into the colors of the camera, and shown as before."""
     model = ColorModel.from_hex("#d8903c", to_srgb=TO_SRGB)
     assert_allclose(
@@ -240,13 +240,13 @@ def test_a_hex_color_looks_the_same_to_a_camera():
     assert_allclose(model.pole, unit(light), atol=1e-12)
 
 
-def test_what_else_is_possible_is_shown_alike():
+def test_possible_models_keep_the_matrix():
     basis = unit(np.array([0.8, 1.0, 0.4]))[:, None]
     model = ColorModel(basis, 1e-4 * np.eye(3), {}, TO_SRGB)
     assert all(other.to_srgb == TO_SRGB for other in model.possible)
 
 
-def test_a_matrix_of_another_size_is_refused():
+def test_rejects_matrices_of_other_sizes():
     """Door."""
     with pytest.raises(ValueError, match="to_srgb must be 3 x 3"):
         ColorModel(np.eye(3), to_srgb=((1, 0), (0, 1)))

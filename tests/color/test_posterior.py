@@ -23,7 +23,7 @@ def asked(monkeypatch, cost):
 
 
 @pytest.mark.parametrize("stds", [(0.3, 0.3), (0.05, 2.0), (2.0, 0.02)])
-def test_of_a_normal_distribution_it_is_mean_and_covariance(monkeypatch, stds):
+def test_posterior_of_a_normal_likelihood_is_its_mean_and_covariance(monkeypatch, stds):
     """exact, but for the grid"""
     mean, covariance = asked(monkeypatch, lambda x, y: (x / stds[0]) ** 2 + (y / stds[1]) ** 2)
     assert mean @ BEST > np.cos(np.radians(0.02 * max(stds)))
@@ -32,7 +32,7 @@ def test_of_a_normal_distribution_it_is_mean_and_covariance(monkeypatch, stds):
 
 
 @pytest.mark.parametrize("far", [8.0, 12.0])
-def test_what_is_possible_behind_a_ridge_is_seen(monkeypatch, far):
+def test_posterior_includes_a_mode_behind_a_ridge(monkeypatch, far):
     """invariant: as the noise of a whole streak explains more between two directions further apart."""
 
     def cost(x, y):

@@ -22,7 +22,7 @@ def degrees_between(a, b):
 
 
 @pytest.mark.parametrize("pixels", [2, 3, 1000])
-def test_exact_on_exact_light(pixels):
+def test_exact_without_noise(pixels):
     rng = np.random.default_rng(pixels)
     B = rng.uniform(0.1, 1, (pixels, 3))
     model = published_color_line(streak_colors(B, rng), B)
@@ -39,7 +39,7 @@ def test_two_pixels_are_the_cross_product_of_the_paper():
     assert_allclose(published_color_line(C, B).pole, line, rtol=0, atol=1e-9)
 
 
-def test_pictures_are_as_good_as_lists_of_pixels():
+def test_accepts_pictures_and_lists_of_pixels():
     rng = np.random.default_rng(2)
     B = rng.uniform(0.1, 1, (60, 3))
     C = streak_colors(B, rng)
@@ -48,7 +48,7 @@ def test_pictures_are_as_good_as_lists_of_pixels():
 
 
 @pytest.mark.parametrize(("plate_std", "off"), [(0, 1), (0.005, 12)])
-def test_noise_turns_it_to_the_color_of_a_plain_plate(plate_std, off):
+def test_noise_biases_it_to_the_plate_color(plate_std, off):
     """The flaw that `fit_color` must not have.
 
     Noise of the image adds |B|² I − B Bᵀ, least along the plate; noise of the plate as much of C,
@@ -65,7 +65,7 @@ def test_noise_turns_it_to_the_color_of_a_plain_plate(plate_std, off):
 
 
 @pytest.mark.parametrize(("image_shape", "plate_shape"), [((1, 3), (1, 3)), ((5, 3), (4, 3))])
-def test_too_few_pixels_or_shapes_that_differ(image_shape, plate_shape):
+def test_rejects_too_few_pixels_and_different_shapes(image_shape, plate_shape):
     said = f"two or more pixels .* got {image_shape[0]} of the image and {plate_shape[0]} of the"
     with pytest.raises(ValueError, match=said):
         published_color_line(np.ones(image_shape), np.ones(plate_shape))

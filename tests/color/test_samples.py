@@ -37,24 +37,24 @@ def test_picks_are_the_pixels_within_the_radius():
 
 
 @pytest.mark.parametrize(("x", "y", "pixel"), [(4.4, 3.4, (3, 4)), (-0.4, 0.2, (0, 0))])
-def test_the_nearest_pixel_always_belongs(x, y, pixel):
+def test_nearest_pixel_is_always_included(x, y, pixel):
     image = LinearImage(np.arange(60, dtype=float).reshape(4, 5, 3))
     assert np.array_equal(pick_colors(image, x, y, radius=0), [image.rgb[pixel]])
 
 
 @pytest.mark.parametrize("point", [(-1, 0), (0, -0.6), (5, 0), (0, 4), (np.nan, 0)])
-def test_a_point_outside_is_refused(point):
+def test_rejects_a_point_outside(point):
     image = LinearImage(np.zeros((4, 5, 3)))
     with pytest.raises(ValueError, match="must lie in the picture of 5x4"):
         pick_colors(image, *point)
 
 
-def test_a_negative_radius_is_refused():
+def test_rejects_a_negative_radius():
     with pytest.raises(ValueError, match="radius must be"):
         pick_colors(LinearImage(np.zeros((4, 5, 3))), 1, 1, -1)
 
 
-def test_clipped_pixels_are_no_colors():
+def test_clipped_pixels_are_excluded():
     valid = np.ones((4, 5), bool)
     valid[1, 2] = False
     image = LinearImage(np.ones((4, 5, 3)), valid=valid)
@@ -63,7 +63,7 @@ def test_clipped_pixels_are_no_colors():
         pick_colors(image, 2, 1, 0)
 
 
-def test_the_core_is_opaque_and_gives_the_paint(plate):
+def test_core_is_opaque_and_has_the_color_of_the_paint(plate):
     image, empty, alpha = photos(12, plate)
     core = core_colors(image, empty)
     opaque = {tuple(color) for color in image.rgb[alpha > 0.95]}
@@ -74,21 +74,21 @@ def test_the_core_is_opaque_and_gives_the_paint(plate):
 
 
 @pytest.mark.parametrize("length", [60, 110])
-def test_a_streak_without_a_core_says_so(plate, length):
+def test_rejects_a_streak_without_an_opaque_core(plate, length):
     image, empty, alpha = photos(length, plate)
     assert alpha.max() < 0.8
     with pytest.raises(ColorModelError, match="no opaque core"):
         core_colors(image, empty)
 
 
-def test_a_flat_plate_cannot_tell():
+def test_rejects_a_plate_without_texture():
     flat = plain_plate((180, 120), (0.3, 0.3, 0.25), rng=1) * 0 + 0.2
     image, empty, alpha = photos(12, flat)
     with pytest.raises(ColorModelError, match="too little texture"):
         core_colors(image, empty, Streak(alpha > 0))
 
 
-def test_nothing_moved_and_no_core(plate):
+def test_rejects_equal_pictures_and_other_sizes(plate):
     image, empty, _ = photos(12, plate)
     with pytest.raises(MotionError, match="nothing moved"):
         core_colors(empty, empty)

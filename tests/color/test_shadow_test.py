@@ -82,7 +82,7 @@ SHADOWS = [
 
 
 @pytest.mark.parametrize("scene", SHADOWS, ids=lambda s: f"{s[0]}, {s[1]}, {s[2]}, {s[3]}")
-def test_a_shadow_only_takes_light(scene):
+def test_shadows_may_be_shadows(scene):
     """honest: of any plate, depth, softness and camera, of the plate's hue or slightly another."""
     plate, body, camera, depth, softness = scene
     for hue in (0.0, 0.06):
@@ -92,12 +92,12 @@ def test_a_shadow_only_takes_light(scene):
 
 @pytest.mark.parametrize("plate", PLATES)
 @pytest.mark.parametrize("color", [(0.2, 0.05, 0.05), (0.05, 0.2, 0.25), (0.9, 0.45, 0.05)])
-def test_an_object_of_its_own_light_does_more(plate, color):
+def test_objects_with_light_are_no_shadows(plate, color):
     """honest: dark red, dark blue, and bright."""
     assert not may_be_shadow(*strongest(dark(plate, color)))
 
 
-def test_what_moved_beside_it_takes_no_light_from_an_object():
+def test_motion_next_to_the_streak_does_not_hide_an_object():
     """Invariant: it is no noise in which the object's own light would be lost."""
     wall, rng = plain_plate((240, 128), (0.3, 0.33, 0.36), 1), np.random.default_rng(0)
     purple = Scene(wall, Trajectory.line((40, 50), (200, 70)), Ball(13, (0.36, 0.2, 0.34)))
@@ -112,13 +112,13 @@ def test_what_moved_beside_it_takes_no_light_from_an_object():
         assert not may_be_shadow(picture, behind, streak)
 
 
-def test_black_can_not_be_told():
+def test_black_objects_may_be_shadows():
     """honest: of an object that sends nothing no picture knows."""
     assert may_be_shadow(*strongest(dark("textured", (0, 0, 0))))
     assert may_be_shadow(*strongest(dark("gray", (0.1, 0.1, 0.1))))  # nor of gray before gray
 
 
-def test_channels_may_be_swapped():
+def test_result_does_not_depend_on_channel_order():
     """invariant: no channel is another than the others."""
     for pictures in (shadow("colorful"), dark("colorful", (0.2, 0.05, 0.05))):
         image, plate, streak = strongest(pictures)
@@ -143,7 +143,7 @@ def test_darker_pixels_are_those_of_the_shadow():
 
 @pytest.mark.parametrize("find", [solve, fit_color, fit_sweep], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("plate", ["gray", "colorful"])
-def test_a_soft_shadow_is_refused_without_a_color(plate, find):
+def test_soft_shadow_is_rejected_without_a_color(plate, find):
     """door: what it is, and what to do."""
     with pytest.raises(
         ColorModelError, match=r"only light was lost: .* give its color \(--color, model=\)"
@@ -152,7 +152,7 @@ def test_a_soft_shadow_is_refused_without_a_color(plate, find):
 
 
 @pytest.mark.parametrize("plate", ["gray", "textured"])
-def test_darkness_with_a_sharp_rim_is_solved_as_assumed(plate):
+def test_sharp_dark_streak_is_solved_and_marked(plate):
     """honest: it may be a dark object, and it may be none; all of it is marked."""
     solution = solve(*shadow(plate))
     assert solution.stats["only_light_lost"]
@@ -163,7 +163,7 @@ def test_darkness_with_a_sharp_rim_is_solved_as_assumed(plate):
 
 
 @pytest.mark.parametrize("solver", [None, Smooth()], ids=["averaged", "smooth"])
-def test_any_colors_are_no_color(solver):
+def test_any_color_keeps_the_shadow_marked(solver):
     """honest: to say that nothing is known leaves the answer assumed."""
     solution = solve(*shadow("textured", softness=3.0), ColorModel.any(), solver)
     assert solution.stats["only_light_lost"]
@@ -171,7 +171,7 @@ def test_any_colors_are_no_color(solver):
     assert doubts(solution)[0].startswith("Only light was lost: all of this may be a shadow")
 
 
-def test_a_color_that_is_given_is_believed_and_all_is_marked():
+def test_given_color_is_used_and_all_pixels_are_marked():
     """honest: the words say that all may be a shadow, the flags where."""
     image, plate = shadow("colorful")
     solution = solve(image, plate, ColorModel.from_hex("#c03020"), Pixelwise())
@@ -184,7 +184,7 @@ def test_a_color_that_is_given_is_believed_and_all_is_marked():
     assert not marked[~solution.streak].any()
 
 
-def test_where_nothing_changed_nothing_was_lost():
+def test_unchanged_region_is_no_shadow():
     """honest: a region beside the shadow."""
     image, plate = shadow("colorful")
     assert not may_be_shadow(image, plate, Streak.from_box((110, 80, 150, 108), SIZE))

@@ -100,7 +100,7 @@ def scene():
 
 
 @pytest.mark.parametrize("std", [1e-6, 1e-4])
-def test_exact_light_gives_the_line(std):
+def test_exact_without_noise(std):
     """As exact as light is said to be, and far more exact than that: there is no noise in it."""
     truth = random_scene(3)[0]
     image, plate = (p.with_noise(NoiseModel(read_std=std)) for p in (truth.image, truth.plate))
@@ -116,7 +116,7 @@ def test_quick_fit_is_the_fit(scene):
     assert_allclose(whole.covariance, quick.covariance, rtol=1e-6)
 
 
-def test_evidence_says_what_each_kind_leaves(scene):
+def test_evidence_holds_the_std_of_each_kind(scene):
     _, image, plate = scene
     model = fit_color_from_hues(image, plate)
     assert set(model.evidence) == {"hue variation", "feasibility"}
@@ -175,7 +175,7 @@ def test_errors_of_the_closed_form_are_propagated():
 
 
 @pytest.mark.parametrize("step", [1.0, 2.0, 5.0])
-def test_octant_is_covered_evenly(step):
+def test_octant_grid_is_uniform(step):
     grid = posterior._octant(step)
     assert_allclose(np.linalg.norm(grid, axis=1), 1)
     assert grid.min() > 0
@@ -199,7 +199,7 @@ def test_bounded_is_a_square_with_linear_tails():
 
 
 @pytest.mark.parametrize("code_std", [1 / 255, pytest.param(2 / 255, marks=pytest.mark.battery)])
-def test_error_is_honest(code_std):
+def test_covariance_is_calibrated(code_std):
     """Root mean square of the normalised error, over scenes, noise and both directions."""
     z2 = []
     for seed in SEEDS:
@@ -210,7 +210,7 @@ def test_error_is_honest(code_std):
 
 
 @pytest.mark.parametrize("seeds", FEW_OR_MANY)
-def test_one_hue_gives_the_truth_or_none(seeds):
+def test_plate_of_one_hue_gives_the_truth_or_an_error(seeds):
     refused = 0
     for seed in seeds:
         truth, (color, _) = random_scene(seed, one_hue=True)
@@ -224,7 +224,7 @@ def test_one_hue_gives_the_truth_or_none(seeds):
 
 
 @pytest.mark.battery
-def test_rims_of_an_opaque_thing_are_no_evidence():
+def test_rims_of_an_opaque_object_do_not_bias():
     """What hides the plate here, and not a little further on, is told before no plate of one hue."""
     answers = 0
     for seed in range(24, 40):
@@ -245,7 +245,7 @@ def test_rims_of_an_opaque_thing_are_no_evidence():
     assert answers < 8
 
 
-def test_light_less_than_none_is_no_color():
+def test_rejects_negative_light():
     """A plate between two paints: one of them is that of the plate, and less than none of the other."""
     paints = np.array([[0.13, 0.41, 0.05], [0.2, 0.2, 0.5]])
     path = Trajectory.line((53, 40), (59, 40))
@@ -260,7 +260,7 @@ def test_light_less_than_none_is_no_color():
 
 
 @pytest.mark.parametrize("seeds", FEW_OR_MANY)
-def test_two_paints_give_a_mixture_or_none(seeds):
+def test_two_paints_give_a_mixture_or_an_error(seeds):
     """A line between both paints is the best one, if not a good one."""
     wrong = 0
     for seed in seeds:
@@ -275,7 +275,7 @@ def test_two_paints_give_a_mixture_or_none(seeds):
     assert wrong <= len(seeds) / 12
 
 
-def test_one_hue_refusal_names_what_would_help():
+def test_error_for_one_hue_suggests_remedies():
     image, plate = taken(random_scene(0, one_hue=True)[0], 1 / 255, 0)
     with pytest.raises(ColorModelError) as caught:
         fit_color_from_hues(image, plate)
@@ -302,7 +302,7 @@ def test_swapped_channels_swap_the_answer(scene, order):
 
 
 @pytest.mark.parametrize("factor", [0.25, 16])
-def test_more_light_changes_nothing(scene, factor):
+def test_result_does_not_depend_on_exposure(scene, factor):
     _, image, plate = scene
     scaled = (
         LinearImage(factor * p.rgb, NoiseModel(read_std=factor * 0.002)) for p in (image, plate)
@@ -312,7 +312,7 @@ def test_more_light_changes_nothing(scene, factor):
     assert_allclose(there.covariance, here.covariance, rtol=0.02, atol=1e-3 * here.covariance.max())
 
 
-def test_a_tighter_bound_of_brightness_rules_out_more():
+def test_lower_brightness_bound_excludes_more_directions():
     """And rules in nothing."""
     l, p = columns(np.random.default_rng(2), exact=True)
     grid = np.concatenate([l[None], posterior._octant(5)])
@@ -335,7 +335,7 @@ def test_a_tighter_bound_of_brightness_rules_out_more():
         (1.015, 0.5, np.inf, True),  # within noise
     ],
 )
-def test_what_is_possible(alpha, k, bound, possible):
+def test_feasibility_of_alpha_and_brightness(alpha, k, bound, possible):
     answers = (np.array([[x]]) for x in (0, 0.01, alpha, 0.01, k, 0.01))
     a = evidence._Solutions(np.zeros((3, 1, 1)), *answers, transmission=np.ones((1, 1)))
     cost = evidence._infeasibility(a, np.array([[0.0, 1.0, 0.0]]), bound)
@@ -359,25 +359,25 @@ def test_same_pictures_same_answer(scene):
 # The door
 
 
-def test_gray_pictures(scene):
+def test_rejects_gray_pictures(scene):
     _, image, plate = scene
     with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
         fit_color_from_hues(image, replace(plate, meta=Meta("wall.png", gray=True)))
 
 
-def test_nothing_moved(scene):
+def test_rejects_equal_pictures(scene):
     with pytest.raises(MotionError, match="nothing moved"):
         fit_color_from_hues(scene[2], scene[2])
 
 
-def test_too_few_pixels(scene):
+def test_rejects_too_few_pixels(scene):
     _, image, plate = scene
     few = Streak.from_box((50, 40, 54, 44), SIZE)
     with pytest.raises(ColorModelError, match=r"only 16 pixels .* 20 are needed; give the color"):
         fit_color_from_hues(image, plate, few)
 
 
-def test_too_small_for_its_file():
+def test_rejects_small_streaks_in_coarse_jpeg():
     def image(step, shared):
         file = Compression(((1,) * 8,) * 8, ((step,) * 8,) * 8, shared)
         return LinearImage(np.ones((80, 112, 3)), meta=Meta(compression=file))
@@ -394,7 +394,7 @@ def test_too_small_for_its_file():
     check_chroma_resolution(LinearImage(np.ones((80, 112, 3))), small)
 
 
-def test_clipped_and_black_pixels_do_not_count(scene):
+def test_clipped_and_black_pixels_are_ignored(scene):
     _, image, plate = scene
     place = Streak.from_box((50, 40, 60, 50), SIZE)
     valid = np.ones(SIZE[::-1], bool)
@@ -408,12 +408,12 @@ def test_clipped_and_black_pixels_do_not_count(scene):
 
 
 @pytest.mark.parametrize("bound", [0, -1, float("nan")])
-def test_no_brightness(scene, bound):
+def test_rejects_brightness_bounds_not_above_zero(scene, bound):
     with pytest.raises(ValueError, match=f"max_brightness must be positive, got {bound}"):
         fit_color_from_hues(*scene[1:], max_brightness=bound)
 
 
-def test_sizes_that_differ(scene):
+def test_rejects_different_sizes(scene):
     with pytest.raises(ValueError, match="image is 112x80 pixels and plate 50x80"):
         fit_color_from_hues(scene[1], LinearImage(scene[2].rgb[:, :50]))
 

@@ -30,7 +30,7 @@ def through_a_file(codes, chroma, quality=80):
 
 
 @pytest.mark.parametrize("chroma", SAMPLINGS)
-def test_without_noise_it_is_what_the_file_holds(codes, chroma):
+def test_expected_codes_without_noise_are_those_of_the_file(codes, chroma):
     """Exact."""
     held, compression = through_a_file(codes, chroma)
     assert np.abs(held.astype(int) - codes).max() > 20
@@ -38,7 +38,7 @@ def test_without_noise_it_is_what_the_file_holds(codes, chroma):
 
 
 @pytest.mark.parametrize("chroma", SAMPLINGS)
-def test_with_noise_it_is_the_mean_of_many_files(codes, chroma):
+def test_expected_codes_with_noise_are_the_mean_of_many_files(codes, chroma):
     """Honest: of other noise than it draws itself, of which 16 draws leave 1.5/4 codes."""
     rng = np.random.default_rng(5)
     smooth = codes / 255
@@ -51,7 +51,7 @@ def test_with_noise_it_is_the_mean_of_many_files(codes, chroma):
 
 
 @pytest.mark.parametrize("chroma", SAMPLINGS)
-def test_what_has_its_noise_is_written_once(codes, chroma):
+def test_once_returns_the_codes_of_the_file(codes, chroma):
     """Exact: as a file holds it, cropped and on its side too."""
     held, compression = through_a_file(codes, chroma)
     assert_allclose(compression.once(codes / 255), held / 255, atol=1e-12)
@@ -64,7 +64,7 @@ def test_what_has_its_noise_is_written_once(codes, chroma):
 
 @pytest.mark.parametrize("corner", [(8, 5), (16, 32), (1, 3)])
 @pytest.mark.parametrize("chroma", SAMPLINGS)
-def test_a_part_is_compressed_as_the_whole(codes, chroma, corner):
+def test_cropped_compression_equals_crop_of_compressed(codes, chroma, corner):
     """Invariant: but for blocks that the part's sides cut."""
     _, compression = through_a_file(codes, chroma)
     x, y = corner
@@ -74,7 +74,7 @@ def test_a_part_is_compressed_as_the_whole(codes, chroma, corner):
 
 
 @pytest.mark.parametrize("chroma", SAMPLINGS)
-def test_a_picture_that_is_turned_keeps_its_blocks(codes, chroma):
+def test_mirrored_and_transposed_compression_keep_the_blocks(codes, chroma):
     """Invariant: what stands upside down or on its side was compressed as it lay."""
     _, compression = through_a_file(codes, chroma)
     width = codes.shape[1]
@@ -90,7 +90,7 @@ def test_a_picture_that_is_turned_keeps_its_blocks(codes, chroma):
         assert np.sqrt(np.mean((255 * lying - codes) ** 2)) > 3, name
 
 
-def test_columns_may_share_chroma_too(codes):
+def test_vertical_subsampling_equals_transposed_horizontal(codes):
     """4:4:0, which is what a 4:2:2 file on its side is: rows share nothing, columns do."""
     held, compression = through_a_file(np.ascontiguousarray(np.swapaxes(codes, 0, 1)), "4:2:2")
     turned = compression.transposed()
@@ -100,13 +100,13 @@ def test_columns_may_share_chroma_too(codes):
     assert_allclose(turned.expected(codes / 255, 0), upright, atol=1e-12)
 
 
-def test_draws_are_always_the_same(codes):
+def test_draws_are_seeded(codes):
     _, compression = through_a_file(codes, "4:2:0")
     first, second = (compression.expected(codes / 255, NOISE) for _ in range(2))
     assert_array_equal(first, second)
 
 
-def test_chroma_runs_as_far_as_it_is_shared():
+def test_chroma_blur_is_half_the_subsampling():
     """Oracle: how far the color of a column of pixels runs in 4:2:0, as a standard deviation."""
     steps = ((1,) * 8,) * 8
     compression, x = Compression(steps, steps, (2, 2)), np.arange(-5, 6)
@@ -130,13 +130,13 @@ def test_chroma_runs_as_far_as_it_is_shared():
         ({"shared": (4, 1)}, "1 or 2 by 1 or 2 pixels share chroma"),
     ],
 )
-def test_what_no_file_does_is_refused(changes, message):
+def test_rejects_invalid_steps_and_subsampling(changes, message):
     steps = ((3,) * 8,) * 8
     with pytest.raises(ValueError, match=message):
         Compression(**({"luma": steps, "chroma": steps} | changes))
 
 
-def test_tables_are_those_of_the_file(codes):
+def test_steps_are_those_of_the_file(codes):
     """Rows of the table are vertical frequencies, as in the file's own words, unzigzagged."""
     tables = [list(range(1, 65)), list(range(65, 129))]
     file = io.BytesIO()

@@ -16,7 +16,7 @@ def rgb():
     return np.random.default_rng(0).uniform(0, 1, (4, 6, 3))
 
 
-def test_all_pixels_are_valid_unless_said(rgb):
+def test_all_pixels_are_valid_by_default(rgb):
     image = LinearImage(rgb)
     assert image.valid.all()
     assert image.size == (6, 4)
@@ -30,7 +30,7 @@ def test_light_may_be_negative_or_above_white(rgb):
     assert_array_equal(LinearImage(rgb * 5).rgb, rgb * 5)
 
 
-def test_variance_comes_from_the_model_or_is_given(rgb):
+def test_variance_is_that_of_the_model_or_given(rgb):
     assert_allclose(LinearImage(rgb, noise=NOISE).variance, 1e-4 + 1e-3 * rgb)
     given = np.full_like(rgb, 4e-6)
     assert LinearImage(rgb, noise=given).variance is given
@@ -65,7 +65,7 @@ def test_decode_is_the_curve(dtype, transfer):
         (np.full((4, 6, 3), -np.inf), ValueError, "rgb must be finite"),
     ],
 )
-def test_light_of_another_kind(rgb, error, words):
+def test_rejects_light_of_other_dtypes_and_shapes(rgb, error, words):
     with pytest.raises(error, match=words):
         LinearImage(rgb)
 
@@ -82,17 +82,17 @@ def test_light_of_another_kind(rgb, error, words):
         ({"noise": np.full((4, 6, 3), np.inf)}, ValueError, "noise must be finite"),
     ],
 )
-def test_fields_that_do_not_fit(rgb, fields, error, words):
+def test_rejects_fields_of_other_shapes(rgb, fields, error, words):
     with pytest.raises(error, match=words):
         LinearImage(rgb, **fields)
 
 
-def test_only_integer_codes_are_decoded(rgb):
+def test_decode_rejects_codes_that_are_no_integers(rgb):
     with pytest.raises(TypeError, match="codes must be uint8 or uint16, got float64"):
         decode(rgb, SRGB)
 
 
-def test_channels_of_a_clipped_pixel_that_are_not_clipped_are_usable():
+def test_unsaturated_channels_of_a_clipped_pixel_are_usable():
     """exact: those at the top of their file are not, and none of a missing pixel."""
     codes = np.array([[[255, 9, 9], [255, 255, 9], [9, 9, 9]]], np.uint8)
     picture = decode(codes, SRGB)
@@ -107,7 +107,7 @@ def test_channels_of_a_clipped_pixel_that_are_not_clipped_are_usable():
     assert replace(light, valid=~light.valid).clipped.tolist() == [[[True, False, False]]]
 
 
-def test_a_part_knows_where_it_lies_in_the_blocks_of_its_file(rgb):
+def test_crop_moves_the_origin_of_the_compression(rgb):
     """Invariant: of parts of parts, too."""
     steps = ((1,) * 8,) * 8
     meta = Meta(compression=Compression(steps, steps, (2, 2), (1, 0)))

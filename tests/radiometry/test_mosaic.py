@@ -25,7 +25,7 @@ def pattern(request):
     return np.array(PATTERNS[request.param])
 
 
-def test_a_color_is_the_weighted_mean_of_the_neighbors_that_saw_it(pattern):
+def test_missing_color_is_the_weighted_mean_of_neighbors(pattern):
     """Oracle: pixel by pixel, as the docstring says."""
     mosaic = np.random.default_rng(0).random((13, 15))
     seen = tiled(pattern, mosaic.shape)
@@ -39,7 +39,7 @@ def test_a_color_is_the_weighted_mean_of_the_neighbors_that_saw_it(pattern):
                 assert rgb[y, x, c] == pytest.approx(mean)
 
 
-def test_flat_light_is_flat_to_the_border(pattern):
+def test_constant_light_stays_constant_at_the_border(pattern):
     """Exact."""
     light = np.array([0.3, 0.5, 0.2])
     rgb = demosaic(light[tiled(pattern, (12, 17))], pattern)
@@ -53,7 +53,7 @@ def test_interpolation_is_linear(pattern):
     assert_allclose(both, 3 * demosaic(a, pattern) - 0.5 * demosaic(b, pattern), atol=1e-12)
 
 
-def test_the_dtype_stays(pattern):
+def test_keeps_the_dtype(pattern):
     """Invariant."""
     assert demosaic(np.zeros((6, 6), np.float32), pattern).dtype == np.float32
 

@@ -62,7 +62,7 @@ PRINTED = {
 
 
 @pytest.mark.parametrize("name", PRINTED)
-def test_curves_are_those_that_are_printed(name):
+def test_curves_equal_the_published_formulas(name):
     """Oracle: the maker's formula, one code value at a time."""
     printed = [PRINTED[name](v) for v in CODES]
     assert_allclose(log_curve(name).decode(CODES), printed, rtol=3e-4, atol=3e-5)
@@ -78,7 +78,7 @@ def test_middle_gray_has_the_published_code(name, code):
 
 
 @pytest.mark.parametrize("name", LOG_CURVES)
-def test_every_curve_rises_and_comes_back(name):
+def test_log_curves_increase_and_are_inverted_by_encode(name):
     """Exact: each is a curve with an inverse, and white is brighter than paper."""
     curve = bm.named_transfer(name)
     assert curve.name == name
@@ -100,7 +100,7 @@ def test_codes_decode_to_light_above_one():
     assert not image.valid[0, 0]
 
 
-def test_a_missing_extra_says_what_to_type(monkeypatch):
+def test_missing_extra_raises_with_install_command(monkeypatch):
     """Door: one line with the command that installs it."""
     log_curve.cache_clear()
     monkeypatch.setitem(sys.modules, "PyOpenColorIO", None)

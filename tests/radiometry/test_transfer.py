@@ -52,7 +52,7 @@ def test_encode_undoes_decode(curve):
 
 
 @pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
-def test_curve_is_odd_and_rises_from_0_to_1(curve):
+def test_curve_is_odd_and_increases_from_0_to_1(curve):
     v = np.linspace(0, 1, 1001)
     assert_array_equal(curve.decode(-v), -curve.decode(v))
     assert_allclose(curve.decode(v[[0, -1]]), [0, 1], atol=1e-15)
@@ -81,19 +81,19 @@ def test_curves_have_names():
     assert repr(named_transfer("gamma2")) == "Transfer(gamma2)"
 
 
-def test_a_camera_of_ones_own():
+def test_transfer_of_user_functions():
     square = Transfer("square", np.square, np.sqrt)
     assert_allclose(square.table(256)[128], (128 / 255) ** 2)
 
 
 @pytest.mark.parametrize("name", ["sRGB", "gamma", "gamma-2", "log", ""])
-def test_unknown_name(name):
+def test_rejects_unknown_names(name):
     with pytest.raises(ValueError, match=r"use srgb, .*slog3.*, or e\.g\. gamma2\.2"):
         named_transfer(name)
 
 
 @pytest.mark.parametrize("exponent", [0, -2.2, 11, np.nan])
-def test_impossible_gamma(exponent):
+def test_rejects_gamma_out_of_range(exponent):
     with pytest.raises(ValueError, match=r"gamma must lie between 0\.1 and 10"):
         gamma(exponent)
 
@@ -101,7 +101,7 @@ def test_impossible_gamma(exponent):
 STEPS = np.array([-0.02, 0.0, 0.03, 0.2, 0.55, 1.1])
 
 
-def test_a_table_is_straight_between_its_entries():
+def test_table_is_interpolated_linearly():
     """Exact: decode gives the entries at their code values, and straight lines between them."""
     curve = Transfer.from_table("steps", STEPS)
     codes = np.linspace(0, 1, 6)
@@ -152,14 +152,14 @@ def test_a_table_keeps_shape_and_precision():
         ([1, 0], "light must rise"),
     ],
 )
-def test_impossible_table(light, says):
+def test_rejects_tables_that_do_not_increase(light, says):
     """Door: what a table must be."""
     with pytest.raises(ValueError, match=says):
         Transfer.from_table("bad", light)
 
 
 @pytest.mark.parametrize("curve", [SRGB, REC709, LINEAR, gamma(1.7)], ids=lambda curve: curve.name)
-def test_the_nearest_curve_is_the_curve_itself(curve):
+def test_nearest_curve_of_a_named_curve_is_itself(curve):
     """Oracle: also of a table, whatever its scale of light."""
     brighter = Transfer.from_table("x", 7 * curve.table(4081))
     nearest, off = nearest_transfer(brighter)
@@ -167,7 +167,7 @@ def test_the_nearest_curve_is_the_curve_itself(curve):
     assert off < 1e-6
 
 
-def test_the_nearest_curve_says_how_far_it_is():
+def test_nearest_curve_returns_its_distance():
     """Oracle: 0.02 was added in the middle."""
     v = np.linspace(0, 1, 256)
     bent = Transfer.from_table("bent", SRGB.decode(v) + 0.02 * np.sin(np.pi * v) ** 2)

@@ -169,13 +169,7 @@ def fit_response(
     everything = Places.joined(channels)
     everything.check_shared(bracket)
     fit = _fit(everything, bracket)
-    if fit.agreement < ResponseSettings.min_agreement or fit.noise > ResponseSettings.max_noise:
-        raise ResponseError(
-            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
-            f"to {255 * fit.noise:.1f} of 255 code values; the camera or the scene moved, the light "
-            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
-            "ISO and white balance by hand"
-        )
+    _check_agreement(fit)
     alone = _compared(fit, channels, bracket)
     return ResponseFit(
         Transfer.from_table("response", np.interp(np.linspace(0, 1, TABLE), _CODES, fit.light)),
@@ -250,6 +244,17 @@ class _Fit:
     agreement: float
     seen: tuple[float, float]
     residuals: Array
+
+
+def _check_agreement(fit: _Fit) -> None:
+    """Raise ResponseError if too few places agree with the curve, or the noise is too large."""
+    if fit.agreement < ResponseSettings.min_agreement or fit.noise > ResponseSettings.max_noise:
+        raise ResponseError(
+            f"no curve explains these pictures: {fit.agreement:.0%} of the places agree with the best, "
+            f"to {255 * fit.noise:.1f} of 255 code values; the camera or the scene moved, the light "
+            "changed, or the camera treats each picture differently. Use a tripod, and set exposure, "
+            "ISO and white balance by hand"
+        )
 
 
 def _predicted(state: _State, v: Floats, times: Array, usable: Bools) -> _Prediction:

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.statistics import MAD_TO_STD
 
 Noise = NoiseModel | npt.NDArray[np.floating]
 
@@ -30,8 +31,7 @@ def plate_in_light_of(plate: LinearImage, image: LinearImage) -> LinearImage:
         return plate
     ratio = np.ascontiguousarray((C[use] / B[use]).T)  # medians of rows take a third of the time
     gain = np.median(ratio, axis=1)
-    # 1.4826 median absolute deviations are the standard deviation of normal noise.
-    std = 1.4826 * np.median(np.abs(ratio - gain[:, None]), axis=1)
+    std = MAD_TO_STD * np.median(np.abs(ratio - gain[:, None]), axis=1)
     if np.all(np.abs(gain - 1) < 3.0 * std / np.sqrt(ratio.shape[1])):
         return plate
     by = np.tile(gain.astype(np.float32), (plate.size[0], 1))  # a row, as in `NoiseModel.variance`
