@@ -7,7 +7,7 @@ import blurmatte as bm
 from blurmatte.background import agreement
 from blurmatte.calibration import with_noise
 from blurmatte.rendering import colorful_plate, plain_plate
-from blurmatte.rendering.drift import Drift
+from blurmatte.rendering.shot import Drift
 
 SIZE = (240, 180)
 NOISE = bm.NoiseModel(read_std=0.005)

@@ -9,7 +9,7 @@ from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.rounding import rounded_pulls
 from blurmatte.matting.smooth_prior import BORDER, Evidence
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
-from blurmatte.rendering.jpeg import coarsen_chroma
+from blurmatte.rendering.codes import subsample_chroma
 
 SHAPE = (48, 64)
 NOISE = NoiseModel(read_std=0.003)
@@ -24,7 +24,7 @@ ALPHA = 0.7 * np.exp(-(((X - 32) / 12) ** 2) - ((Y - 24) / 9) ** 2)
 def rounded(light):
     """As a file gives it back that rounds luma and chroma, and no noise spreads them over codes."""
     return LinearImage(
-        SRGB.decode(coarsen_chroma(SRGB.encode(light), "4:4:4", 255)), NOISE, meta=META
+        SRGB.decode(subsample_chroma(SRGB.encode(light), "4:4:4", 255)), NOISE, meta=META
     )
 
 

@@ -1,4 +1,4 @@
-"""Balls against points counted one by one, closed forms, and what turning must not change."""
+"""Ball: agreement with point counting and closed forms; invariance under rotation."""
 
 import numpy as np
 import pytest
@@ -117,8 +117,8 @@ def test_a_large_ball_agrees_with_counted_points(pose):
         assert np.sqrt(np.mean((light - counted_light) ** 2)) < 5e-4
 
 
-def test_fewer_points_are_as_good():
-    """A ball just large enough for four points a pixel, beside one just too small."""
+def test_four_points_per_pixel_agree_with_sixteen():
+    """A ball just large enough for four points a pixel and one just too small."""
     x = np.arange(-23.0, 24)
     balls = (Ball(r, ORANGE, highlight=0.5) for r in (24.0, 24.0 - 1e-9))
     large, small = (ball.sharp(x, x[:20], AT_REST)[1] for ball in balls)
@@ -158,7 +158,7 @@ def test_lamps_add_up():
     assert_allclose(both.sharp(x, y, AT_REST)[1], parts, atol=1e-14)
 
 
-def test_the_side_towards_the_lamp_is_bright_however_the_ball_turns():
+def test_lamps_do_not_turn_with_the_ball():
     ball = Ball(12, ORANGE, lamps=(Lamp((-1, -1, 0.5)),))
     for pose in (AT_REST, TURNED):
         light = ball.sharp(np.arange(-12.0, 13), np.arange(-12.0, 13), pose)[1]
@@ -175,7 +175,7 @@ def test_area_is_that_of_the_ellipse(scale):
         assert_allclose(coverage.sum(), scale**2 * np.pi * 7.3**2, rtol=1e-10)
 
 
-def test_reach_is_how_far_it_is_seen():
+def test_reach_is_the_extent_of_the_picture():
     ball = Ball(7.3, ORANGE)
     x, y = np.arange(-12.0, 13), np.arange(-11.0, 12)
     seen = ball.sharp(x, y, SHEARED)[0] > 0
@@ -199,7 +199,7 @@ def test_a_scaled_ball_is_a_larger_ball():
             assert_allclose(a, b, atol=1e-12)
 
 
-def test_a_ball_of_one_paint_looks_the_same_however_it_turns():
+def test_rotation_does_not_change_a_ball_of_one_paint():
     ball = ball_of("glossy")
     x, y = around(ball)
     for a, b in zip(ball.sharp(x, y, AT_REST), ball.sharp(x, y, TURNED), strict=True):
@@ -207,7 +207,7 @@ def test_a_ball_of_one_paint_looks_the_same_however_it_turns():
 
 
 @pytest.mark.parametrize("name", ["two paints", "painted"])
-def test_a_quarter_turn_turns_the_picture(name):
+def test_quarter_turn_rotates_the_picture(name):
     ball = Ball(**{"radius": 6, "color": ORANGE, "ambient": 1} | BALLS[name][0])
     x = np.arange(-7.0, 8)
     quarter = Pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ TURNED.rotation, np.eye(2))
@@ -232,13 +232,13 @@ def globe():
         ((0, 0, np.pi), (-3, -3, [0, 1, 1]), (3, 3, [1, 0, 0])),  # upside down
     ],
 )
-def test_a_texture_lies_upright_and_turns_with_the_ball(turned, left, right):
+def test_texture_is_upright_and_turns_with_the_ball(turned, left, right):
     pose = Change(turned=turned).at(0)
     for x, y, color in (left, right):
         assert_allclose(globe().sharp(np.array([x]), np.array([y]), pose)[1], [[color]], atol=1e-12)
 
 
-def test_a_texture_has_no_seam_and_multiplies_the_color():
+def test_texture_is_continuous_and_multiplies_the_color():
     texture = np.cos(2 * np.pi * (np.arange(64) + 0.5) / 64)[None, :, None] * np.full(3, 0.3) + 0.5
     ball = Ball(10, ORANGE, texture=np.repeat(texture, 4, axis=0), ambient=1)
     x, behind = np.arange(-2.0, 3), Change(turned=(0, np.pi, 0)).at(0)
@@ -247,7 +247,7 @@ def test_a_texture_has_no_seam_and_multiplies_the_color():
     assert_allclose(light[2], expected[:, None] * ORANGE, atol=2e-3)
 
 
-def test_a_lamp_right_behind_lights_nothing():
+def test_lamp_behind_the_ball_gives_no_light():
     ball = Ball(6, ORANGE, 0.2, (Lamp((0, 0, -1)),), highlight=0.5)
     coverage, light = ball.sharp(*around(ball), AT_REST)
     assert_allclose(light, 0.2 * coverage[..., None] * ORANGE, atol=1e-12)
@@ -279,6 +279,6 @@ def test_prints_on_one_line():
         ({"texture": TEXTURE, "second_color": BLUE}, "a second_color or a texture, got both"),
     ],
 )
-def test_door(change, says):
+def test_rejects_wrong_arguments(change, says):
     with pytest.raises(ValueError, match=says):
         Ball(**{"radius": 5, "color": ORANGE} | change)

@@ -36,13 +36,13 @@ def test_noise_has_the_variance_of_its_model(light):
     assert_allclose(rest.std(axis=(0, 1)), np.sqrt(NOISE.variance(LIGHT)), rtol=0.02)
 
 
-def test_noise_in_code_values_has_its_spread_there(light):
+def test_code_noise_has_its_standard_deviation_in_code_values(light):
     noisy = Camera(code_std=2 / 255, bits=None).photograph(light, 1).rgb
     codes = SRGB.encode(noisy) - SRGB.encode(light)
     assert_allclose(codes.std(axis=(0, 1)), 2 / 255, rtol=0.02)
 
 
-def test_floats_know_their_noise(light):
+def test_float_pictures_have_the_true_noise_model(light):
     assert Camera(NOISE, bits=None).photograph(light, 1).noise is NOISE
     picture = Camera(NOISE, 1 / 255, bits=None).photograph(light, 1)
     assert picture.rgb.dtype == light.dtype
@@ -50,7 +50,7 @@ def test_floats_know_their_noise(light):
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_sensor_is_drawn_before_code_values(light, dtype):
+def test_sensor_noise_is_drawn_before_code_noise(light, dtype):
     """Figures of many tests rest on these draws."""
     light, rng = light.astype(dtype), np.random.default_rng(3)
     seen = light + np.sqrt(NOISE.variance(light)) * rng.standard_normal(light.shape)
@@ -73,7 +73,7 @@ def test_same_seed_same_bytes(light):
 
 @pytest.mark.parametrize("bits", [8, 10, 12, 16])
 @pytest.mark.parametrize("transfer", [SRGB, LINEAR], ids=lambda transfer: transfer.name)
-def test_without_noise_only_rounding_is_left(light, bits, transfer):
+def test_error_without_noise_is_rounding_only(light, bits, transfer):
     light = np.random.default_rng(0).uniform(0.01, 0.9, light.shape)
     picture = Camera(bits=bits, transfer=transfer).photograph(light, 1)
     step = np.abs(transfer.encode(picture.rgb.astype(float)) - transfer.encode(light))
@@ -111,7 +111,7 @@ def test_clipped_light_is_not_valid(bits):
 
 @pytest.mark.parametrize("chroma", ["4:4:4", "4:2:2", "4:2:0"])
 @pytest.mark.parametrize("quality", [60, 95])
-def test_reader_of_the_file_gets_the_photograph(plate, tmp_path, quality, chroma):
+def test_photograph_equals_the_decoded_file(plate, tmp_path, quality, chroma):
     """By OpenImageIO, whose JPEG library may round otherwise than Pillow's."""
     camera = Camera(NOISE, jpeg_quality=quality, chroma=chroma)
     (tmp_path / "plate.jpg").write_bytes(camera.compress(camera.expose(plate, 1)))
@@ -124,7 +124,7 @@ def test_reader_of_the_file_gets_the_photograph(plate, tmp_path, quality, chroma
 @pytest.mark.parametrize(
     ("chroma", "sampling"), [("4:4:4", 0x11), ("4:2:2", 0x21), ("4:2:0", 0x22)]
 )
-def test_file_is_of_its_quality_and_chroma(plate, chroma, sampling):
+def test_file_has_the_quality_and_chroma_subsampling(plate, chroma, sampling):
     """Of the luma, in the header; chroma is 0x11."""
     cameras = [Camera(jpeg_quality=q, chroma=chroma) for q in (30, 90)]
     coarse, fine = (camera.compress(camera.expose(plate, 1)) for camera in cameras)
@@ -134,7 +134,7 @@ def test_file_is_of_its_quality_and_chroma(plate, chroma, sampling):
         assert sum(a.quantization[0]) > 4 * sum(b.quantization[0])
 
 
-def test_compression_costs_little_at_the_best_quality(plate):
+def test_compression_error_is_small_at_quality_100(plate):
     exact = 255 * SRGB.encode(np.minimum(plate, 1))
 
     def error(**file):
@@ -175,7 +175,7 @@ def between_blocks(c, down):
 
 @pytest.mark.parametrize(("chroma", "down"), [("4:2:2", 1), ("4:2:0", 2)])
 @pytest.mark.parametrize("size", [(61, 45), (60, 44), (2, 5), (5, 2), (1, 1)])
-def test_neighbors_share_chroma(chroma, down, size):
+def test_subsampled_pixels_share_chroma(chroma, down, size):
     light = np.random.default_rng(0).uniform(0.2, 0.5, (*size[::-1], 3))
     codes = Camera(bits=16, transfer=LINEAR, chroma=chroma).expose(light, 0)
     assert_allclose(codes / 65535, shared_slowly(light, down), atol=4 / 65535)
@@ -183,12 +183,12 @@ def test_neighbors_share_chroma(chroma, down, size):
 
 
 @pytest.mark.parametrize("chroma", ["4:2:2", "4:2:0"])
-def test_gray_is_not_touched_by_shared_chroma(chroma):
+def test_chroma_subsampling_preserves_gray(chroma):
     gray = np.repeat(np.random.default_rng(0).uniform(0, 1.2, (33, 47, 1)), 3, axis=-1)
     assert_array_equal(Camera(chroma=chroma).expose(gray, 0), Camera().expose(gray, 0))
 
 
-def test_file_of_video_holds_steps_of_luma_and_chroma():
+def test_subsampled_values_are_quantized_in_ycbcr():
     """One color all over: three numbers of a few bits each, so it is a little off."""
     codes = Camera(chroma="4:2:0").expose(np.full((4, 4, 3), LIGHT), 0)
     assert len(np.unique(codes.reshape(-1, 3), axis=0)) == 1
@@ -206,12 +206,12 @@ def mosaic(**settings):
 
 
 @pytest.mark.parametrize("size", [(2, 2), (3, 2), (9, 12), (12, 9)])
-def test_constant_light_comes_through_a_mosaic(size):
+def test_mosaic_preserves_constant_light(size):
     light = np.full((*size[::-1], 3), LIGHT)
     assert_allclose(mosaic().photograph(light, 0).rgb, light, rtol=1e-14)
 
 
-def test_ramps_come_through_a_mosaic():
+def test_mosaic_preserves_ramps():
     y, x = np.indices((20, 31))[..., None]
     light = LIGHT + x * [0.01, -0.004, 0.003] + y * [0.002, 0.007, -0.005]
     seen = mosaic().photograph(light, 0).rgb
@@ -219,14 +219,14 @@ def test_ramps_come_through_a_mosaic():
     assert np.abs(seen - light)[0].max() > 1e-3  # beyond the border the ramp turns back
 
 
-def test_mosaic_sees_red_green_over_green_blue():
+def test_mosaic_pattern_is_rggb():
     light = np.random.default_rng(0).uniform(size=(6, 8, 3))
     seen = mosaic().photograph(light, 0).rgb == light
     for y, x, channel in ((0, 0, 0), (0, 1, 1), (1, 0, 1), (1, 1, 2)):
         assert_array_equal(seen[y::2, x::2], np.broadcast_to(np.arange(3) == channel, (3, 4, 3)))
 
 
-def test_noise_through_a_mosaic_is_correlated_and_not_known(light):
+def test_mosaic_noise_is_correlated_and_unknown(light):
     picture = mosaic(noise=NOISE).photograph(light, 1)
     rest = picture.rgb - light
     assert picture.noise is None
@@ -238,7 +238,7 @@ def test_noise_through_a_mosaic_is_correlated_and_not_known(light):
     assert neighbors == pytest.approx(np.sqrt(0.5), abs=0.03)
 
 
-def test_sensor_clips_before_the_mosaic_is_filled_in():
+def test_sensor_clips_before_demosaicing():
     light = np.full((6, 6, 3), 0.5)
     light[2, 2] = 9
     through = Camera(bits=16, bayer=True, transfer=LINEAR).photograph(light, 0)
@@ -250,7 +250,7 @@ def test_sensor_clips_before_the_mosaic_is_filled_in():
 # The door
 
 
-def test_door_of_pictures(light):
+def test_rejects_wrong_pictures(light):
     with pytest.raises(TypeError, match="rng"):
         Camera().photograph(light)
     with pytest.raises(TypeError, match="light must hold linear light as floats, got uint8"):
@@ -285,17 +285,17 @@ def test_door_of_pictures(light):
         ({"jpeg_quality": 90, "transfer": LINEAR}, "a JPEG is read as sRGB, got the curve linear"),
     ],
 )
-def test_door_of_settings(settings, message):
+def test_rejects_wrong_settings(settings, message):
     with pytest.raises((TypeError, ValueError), match=message):
         Camera(**settings)
 
 
 @pytest.mark.parametrize("chroma", ["4:4:4", "4:2:2", "4:2:0"])
-def test_a_camera_tells_its_compression_as_its_file_does(plate, tmp_path, chroma):
+def test_compression_metadata_equals_that_of_the_file(plate, tmp_path, chroma):
     camera = Camera(jpeg_quality=83, chroma=chroma)
     path = tmp_path / "picture.jpg"
     path.write_bytes(camera.compress(camera.expose(plate, 1)))
-    told = camera.photograph(plate, 1).meta.compression
-    assert told is not None
-    assert told == read(path).meta.compression
+    compression = camera.photograph(plate, 1).meta.compression
+    assert compression is not None
+    assert compression == read(path).meta.compression
     assert Camera(chroma=chroma).photograph(plate, 1).meta.compression is None

@@ -35,7 +35,7 @@ def test_disc_agrees_with_counting_points(radius, shift):
     assert_allclose(area.sum(), np.pi * radius**2, rtol=1e-13)
 
 
-def test_disc_in_one_cell_in_quarters_and_cut_by_a_chord():
+def test_disc_area_of_whole_quarter_and_segment():
     far = np.array([-9.0, 9])
     assert_allclose(disc_coverage(far, far, 2), 4 * np.pi)
     assert_allclose(disc_coverage(np.array([-9.0, 0, 9]), np.array([-9.0, 0, 9]), 2), np.pi)
@@ -45,7 +45,7 @@ def test_disc_in_one_cell_in_quarters_and_cut_by_a_chord():
     assert_allclose(disc_coverage(far, np.array([-9.0, -1]), 2), segment)
 
 
-def test_disc_is_exactly_nothing_outside_and_everything_inside():
+def test_disc_coverage_is_exactly_0_outside_and_1_inside():
     x = np.arange(-30.0, 31)
     area = disc_coverage(x, x + 0.3, 18)
     nearest, farthest = (
@@ -58,7 +58,7 @@ def test_disc_is_exactly_nothing_outside_and_everything_inside():
     assert_allclose(area[farthest < 17.99], 1, rtol=1e-12)
 
 
-def test_box_covers_its_sides():
+def test_box_area_is_exact():
     x = cell_edges(np.arange(-3.0, 4))
     assert_allclose(box_coverage(x, x, 3, 2).sum(), 6)
     assert_allclose(box_coverage(x, x, 3, 2)[3], [0, 0, 1, 1, 1, 0, 0])
@@ -140,24 +140,24 @@ def test_polygon_agrees_with_clipping_it_to_each_cell(name, grid):
 
 
 @pytest.mark.parametrize("turn", np.linspace(0, 2, 9))
-def test_area_of_a_polygon_is_all_there(turn):
+def test_polygon_areas_sum_to_the_shoelace_area(turn):
     for vertices in (regular(3, 6, turn), star(turn), regular(4, 5, turn, (0.5, 0.25))):
         assert_allclose(polygon_coverage(*GRID, vertices).sum(), shoelace(vertices), atol=1e-10)
 
 
-def test_an_upright_polygon_is_a_box():
+def test_upright_rectangle_equals_box():
     corners = np.array([[-2.2, -1.6], [2.2, -1.6], [2.2, 1.6], [-2.2, 1.6]])
     for grid in (GRID, UNEVEN):
         assert_allclose(polygon_coverage(*grid, corners), box_coverage(*grid, 4.4, 3.2), atol=1e-12)
 
 
-def test_a_polygon_of_many_corners_is_a_disc():
+def test_regular_polygon_approaches_disc():
     n = 4000
     corners = regular(n, 6.3 * np.sqrt(2 * np.pi / n / np.sin(2 * np.pi / n)))
     assert_allclose(polygon_coverage(*GRID, corners), disc_coverage(*GRID, 6.3), atol=1e-5)
 
 
-def test_a_polygon_is_exactly_nothing_outside_and_everything_inside():
+def test_polygon_coverage_is_exactly_0_outside_and_1_inside():
     area = polygon_coverage(*GRID, regular(40, 6.1, 0.1))
     x, y = ((edges[1:] + edges[:-1]) / 2 for edges in GRID)
     away = np.hypot(x, y[:, None])

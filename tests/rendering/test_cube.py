@@ -30,12 +30,12 @@ def counted(cube, x, y, pose, n=60):
     px, py = ((v[:, None] + (np.arange(n) + 0.5) / n - 0.5).ravel() for v in (x, y))
     plane = np.stack(np.meshgrid(px, py), axis=-1) @ np.linalg.inv(pose.stretch).T
     start = plane @ pose.rotation[:2] + 100 * pose.rotation[2]  # in the cube's own directions
-    way = np.where(np.abs(pose.rotation[2]) < 1e-12, 1e-12, -pose.rotation[2])
-    enter = (-np.sign(way) * cube.side / 2 - start) / way
-    leave = (np.sign(way) * cube.side / 2 - start) / way
+    ray = np.where(np.abs(pose.rotation[2]) < 1e-12, 1e-12, -pose.rotation[2])
+    enter = (-np.sign(ray) * cube.side / 2 - start) / ray
+    leave = (np.sign(ray) * cube.side / 2 - start) / ray
     hit = enter.max(axis=-1) < leave.min(axis=-1)
     axis = enter.argmax(axis=-1)  # the face through which the ray enters last
-    faces = 2 * axis + (way[axis] > 0)
+    faces = 2 * axis + (ray[axis] > 0)
     light = np.array([face_light(cube, k, pose) for k in range(6)])[faces] * hit[..., None]
     blocks = (len(y), n, len(x), n)
     return hit.reshape(blocks).mean((1, 3)), light.reshape(*blocks, 3).mean((1, 3))
@@ -64,7 +64,7 @@ def test_agrees_with_rays(cube, name):
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_area_is_that_of_the_shadow_of_a_cube(name):
+def test_area_is_the_projected_area_of_a_cube(name):
     """A cube of side 1 throws a shadow of area |n_x| + |n_y| + |n_z| along its own direction n."""
     pose, cube = POSES[name].at(0), Cube(11.3, CYAN)
     expected = 11.3**2 * np.abs(pose.rotation[2]).sum() * np.linalg.det(pose.stretch)
@@ -73,7 +73,7 @@ def test_area_is_that_of_the_shadow_of_a_cube(name):
     assert coverage.max() <= 1 + 1e-12
 
 
-def test_scale_counts_twice():
+def test_area_is_quadratic_in_scale():
     turned, cube = POSES["a corner"].at(0), Cube(7, CYAN)
     larger = Pose(turned.rotation, 1.7 * np.eye(2))
     x, y = around(Cube(12, CYAN), turned)
@@ -81,7 +81,7 @@ def test_scale_counts_twice():
         assert_allclose(a, b, atol=1e-12)
 
 
-def test_a_quarter_turn_turns_the_picture():
+def test_quarter_turn_rotates_the_picture():
     cube, upright = Cube(9, SIX, ambient=1), POSES["a corner"].at(0)
     quarter = Pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ upright.rotation, np.eye(2))
     x = np.arange(-9.0, 10)
@@ -124,7 +124,7 @@ def test_model_holds_every_color(cube, rank):
         )
 
 
-def test_six_colors_fill_rgb():
+def test_six_colors_span_rgb():
     assert Cube(9, SIX).model is None
 
 
@@ -149,6 +149,6 @@ def test_prints_on_one_line():
         ({"lamps": ()}, "lamps must be one or more"),
     ],
 )
-def test_door(change, says):
+def test_rejects_wrong_arguments(change, says):
     with pytest.raises(ValueError, match=says):
         Cube(**{"side": 5, "color": CYAN} | change)

@@ -1,4 +1,4 @@
-"""Drift: what it moves goes where it says, and nothing else changes."""
+"""Drift: shift, rotation and gain of known plates."""
 
 import numpy as np
 import pytest
@@ -25,7 +25,7 @@ def grid():
     return np.meshgrid(*(np.arange(side, dtype=float) for side in SIZE))
 
 
-def test_no_drift_is_the_very_same_light(plate):
+def test_no_drift_returns_the_same_array(plate):
     assert Drift().apply(plate) is plate
     assert Drift((0, 0), 0, [1, 1, 1]) == Drift()
 
@@ -60,7 +60,7 @@ def test_a_quarter_turn_is_clockwise_on_the_screen():
     assert_allclose(Drift(rotation=np.pi / 2).apply(light), np.rot90(light, -1), atol=1e-12)
 
 
-def test_there_and_back_again():
+def test_inverse_drift_restores_the_plate():
     shift, light = np.array([0.37, -1.6]), waves(*grid())
     back = Drift(-shift).apply(Drift(shift).apply(light))
     assert_allclose(back[INSIDE], light[INSIDE], atol=1e-4)
@@ -71,7 +71,7 @@ def test_gain_alone_multiplies(plate):
     assert_array_equal(Drift(gain=(1.1, 1, 0.9)).apply(plate), plate * [1.1, 1, 0.9])
 
 
-def test_gain_comes_on_top_of_a_shift(plate):
+def test_gain_applies_after_the_shift(plate):
     moved = Drift((0.5, 0)).apply(plate)
     assert_allclose(Drift((0.5, 0), gain=(2, 1, 3)).apply(plate), moved * [2, 1, 3])
 
@@ -84,7 +84,7 @@ def test_light_is_never_clipped():
     assert drifted.max() > 2.05
 
 
-def test_dtype_stays(plate):
+def test_dtype_is_preserved(plate):
     assert Drift((0.5, 0), gain=(1, 2, 1)).apply(plate.astype(np.float32)).dtype == np.float32
 
 
@@ -98,11 +98,11 @@ def test_dtype_stays(plate):
         ({"gain": (1, 0, 1)}, r"gain must be positive, got \[1.0, 0.0, 1.0\]"),
     ],
 )
-def test_door(settings, message):
+def test_rejects_wrong_arguments(settings, message):
     with pytest.raises(ValueError, match=message):
         Drift(**settings)
 
 
-def test_door_of_light():
+def test_rejects_wrong_light():
     with pytest.raises(TypeError, match="light must hold linear light as floats, got uint8"):
         Drift().apply(np.zeros((4, 4, 3), np.uint8))

@@ -20,7 +20,7 @@ def codes(path):
 
 
 @pytest.mark.parametrize("name", ["colorful", "plain"])
-def test_truth_belongs_to_the_pictures(name):
+def test_truth_matches_the_pictures(name):
     folder = EXAMPLES / name
     truth = json.loads((folder / "truth.json").read_text())
     image, plate = (SRGB.table(65536)[codes(folder / f"{n}.png")] for n in ("image", "plate"))

@@ -22,7 +22,7 @@ def covered_by_rays(centers, radius, cells=10):
     return hits.reshape(h, cells, w, cells).mean(axis=(1, 3))
 
 
-def test_alpha_is_the_part_of_rays_that_meet_the_ball():
+def test_alpha_is_the_fraction_of_rays_that_hit_the_ball():
     """oracle: at three places, far off the axis, with distortion."""
     X = np.array([[0.3, 0.2, 1.0], [0.0, 0.0, 0.7], [-0.25, -0.1, 0.9]])
     image, layer = render_flight(PLATE, LENS, X, 0.11, (0.8, 0.3, 0.1))
@@ -32,7 +32,7 @@ def test_alpha_is_the_part_of_rays_that_meet_the_ball():
     assert_allclose(image.rgb, layer.premultiplied + (1 - layer.alpha[..., None]) * PLATE)
 
 
-def test_door():
+def test_rejects_wrong_arguments():
     """door: the camera is not within the ball."""
     with pytest.raises(ValueError, match="in front of the camera"):
         render_flight(PLATE, LENS, [[0, 0, 0.1]], 0.11, (1, 1, 1))

@@ -1,4 +1,4 @@
-"""Light that a body takes from the plate near it and gives to it, against sums over time."""
+"""Nearby light: agreement with sums over time and with traced rays."""
 
 from dataclasses import replace
 
@@ -38,7 +38,7 @@ SCENE = Scene(
     ],
     ids=["plain", "shadow", "fence", "growing"],
 )
-def test_the_equation_holds(changes):
+def test_image_satisfies_the_compositing_equation(changes):
     truth = render(replace(SCENE, **changes))
     passed = 1 - truth.layer.alpha[..., None] - truth.shadow - truth.nearby
     image = truth.layer.premultiplied + passed * truth.plate.rgb
@@ -46,7 +46,7 @@ def test_the_equation_holds(changes):
     assert np.abs(truth.nearby).max() > 0.005
 
 
-def test_it_is_the_mean_over_time_of_the_sharp_effect():
+def test_effect_is_the_time_average_of_the_sharp_effect():
     steps = 30
     truth = render(SCENE, steps)
     color = truth.layer.premultiplied.sum((0, 1)) / truth.layer.alpha.sum()
@@ -60,7 +60,7 @@ def test_it_is_the_mean_over_time_of_the_sharp_effect():
     assert_allclose(truth.nearby, expected, atol=1e-15)
 
 
-def test_layer_and_shadow_stay_as_they_are():
+def test_layer_and_shadow_do_not_depend_on_nearby_light():
     shadow = Shadow((9, 6), 2.0)
     with_it, without = (
         render(replace(SCENE, shadow=shadow, nearby=nearby)) for nearby in (SCENE.nearby, None)
@@ -71,7 +71,7 @@ def test_layer_and_shadow_stay_as_they_are():
     assert not without.nearby.any()
 
 
-def test_profile_is_that_of_a_sphere_before_a_wall():
+def test_profile_agrees_with_traced_ambient_occlusion():
     """Light from all sides that a sphere hides from a point of a wall, by rays of a cosine law."""
     rng = np.random.default_rng(0)
     radius, height = 1.0, 2.0
@@ -88,8 +88,8 @@ def test_profile_is_that_of_a_sphere_before_a_wall():
 
 def test_effect_follows_the_path():
     nearby = render(SCENE).nearby[..., 2]
-    beside = nearby[37 - 12, 45]  # beside the middle of the path
-    assert beside > 3 * nearby[68, 4] > 0
+    near_path = nearby[37 - 12, 45]  # next to the middle of the path
+    assert near_path > 3 * nearby[68, 4] > 0
 
 
 def test_bounce_has_the_color_of_the_body():
@@ -99,7 +99,7 @@ def test_bounce_has_the_color_of_the_body():
     assert_allclose(given / given[0], ORANGE / ORANGE[0], rtol=1e-9)
 
 
-def test_a_body_outside_the_picture_gives_no_color():
+def test_body_outside_the_picture_reflects_no_color():
     path = Trajectory.line((-40, 10), (-30, 10))
     truth = render(replace(SCENE, trajectory=path))
     assert not truth.layer.alpha.any()
@@ -114,6 +114,6 @@ def test_a_body_outside_the_picture_gives_no_color():
         ({"reach": 0}, "reach must be a positive number of radii, got 0"),
     ],
 )
-def test_door(settings, message):
+def test_rejects_wrong_arguments(settings, message):
     with pytest.raises(ValueError, match=message):
         Nearby(**settings)

@@ -35,14 +35,14 @@ def test_operator_is_its_own_adjoint(lens, rng):
     assert_allclose(np.vdot(lens.through_optics(x), y), np.vdot(x, lens.through_optics(y)))
 
 
-def test_sum_and_constants_stay(lens, rng):
+def test_sum_and_constants_are_preserved(lens, rng):
     x = rng.uniform(size=(19, 23))
     assert_allclose(lens.through_optics(x).sum(), x.sum(), rtol=1e-12)
     assert_allclose(lens.through_optics(np.full((9, 12, 3), 0.37)), 0.37, rtol=1e-13)
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-def test_each_channel_is_a_map_of_its_own(lens, rng, dtype):
+def test_channels_are_filtered_independently(lens, rng, dtype):
     maps = rng.uniform(size=(15, 11, 5)).astype(dtype)
     blurred = lens.through_optics(maps)
     assert blurred.dtype == dtype
@@ -66,12 +66,12 @@ def test_disc_agrees_with_fine_samples():
     assert_allclose(Camera(defocus=3.2).through_optics(point), inside / inside.sum(), atol=1e-4)
 
 
-def test_photographs_are_seen_through_the_optics(lens):
+def test_photographs_are_blurred_by_the_optics(lens):
     plate = colorful_plate((37, 29), 1, tile=9)
     assert_allclose(lens.photograph(plate, 0).rgb, lens.through_optics(plate), atol=1e-15)
 
 
-def test_image_is_the_sum_of_its_parts_behind_the_lens(lens, rng):
+def test_blurred_image_is_the_sum_of_its_blurred_parts(lens, rng):
     alpha = rng.uniform(size=(29, 37, 1))
     plate = colorful_plate((37, 29), 1, tile=9)
     light = alpha * [0.9, 0.5, 0.1]
@@ -95,7 +95,7 @@ def test_a_camera_without_optics_returns_its_input():
     assert Camera().through_optics(x) is x
 
 
-def test_door():
+def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="blur must be finite and not negative, got -1"):
         Camera(blur=-1)
     with pytest.raises(ValueError, match="defocus must be finite and not negative, got nan"):

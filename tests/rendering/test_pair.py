@@ -46,7 +46,7 @@ def test_frames_of_a_clip_are_the_lights(lights, plate_frames):
         assert picture.meta.levels == 256
 
 
-def test_a_codec_repeats_what_stands_still(lights):
+def test_codec_repeats_static_frames(lights):
     """Of a plate, noise differs from frame to frame; in a coarse clip hardly anything does."""
     pytest.importorskip("av")
     image, plate = photograph_pair(Camera(NOISE), lights[1], lights[1], 7, crf=30)
@@ -54,7 +54,7 @@ def test_a_codec_repeats_what_stands_still(lights):
     assert np.std(image.rgb - plate.rgb) < 0.5 * np.std(apart[0].rgb - apart[1].rgb)
 
 
-def test_door(lights):
+def test_rejects_wrong_arguments(lights):
     image, plate = lights
     with pytest.raises(ValueError, match="image is 61x44 pixels and plate 61x45"):
         photograph_pair(PHONE, image[1:], plate, 1)

@@ -19,7 +19,7 @@ from blurmatte.rendering import (
     render,
     render_flight,
 )
-from blurmatte.rendering.pinhole import sphere_outline
+from blurmatte.rendering.pose import sphere_outline
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.05])
@@ -115,7 +115,7 @@ def test_agrees_with_the_far_camera_at_a_long_focal_length():
             assert_allclose(a, b, atol=1e-6)
 
 
-def test_a_part_of_the_turned_paint_is_hidden_by_perspective():
+def test_perspective_hides_part_of_the_paint():
     """A camera near the ball sees less than half of it: the band at the rim disappears."""
     ball = Ball(
         9, ORANGE, ambient=1, second_color=np.array([0.1, 0.2, 0.7]), band=0.2, axis=(0, 0, 1)
@@ -147,7 +147,7 @@ def test_alpha_agrees_with_the_traced_outline_of_a_flight():
     assert_allclose(alpha, layer.alpha, atol=1e-4)
 
 
-def test_substeps_are_enough():
+def test_default_substeps_bound_the_error_of_alpha():
     scene = Scene(
         plain_plate((50, 40), ORANGE, 1),
         path_in_depth((8, 8), (35, 25), (1, 0.6)),
@@ -174,13 +174,13 @@ def test_size_is_divided_by_depth():
         assert_allclose(change.at(t).stretch, (1 + 0.5 * t) / (2 - 1.5 * t) * np.eye(2))
 
 
-def test_principal_point_is_the_middle_if_not_given():
+def test_principal_point_defaults_to_the_middle():
     point, size = np.array([10.0, 20]), (101, 51)
     assert Pinhole(50).view(point, size) == Pinhole(50, (50, 25)).view(point, size)
     assert_allclose(Pinhole(50).view(point, size).slope, (-0.8, -0.1))
 
 
-def test_door():
+def test_rejects_wrong_arguments():
     scene = {
         "plate": plain_plate((40, 30), ORANGE, 1),
         "trajectory": Trajectory.line((5, 5), (30, 20)),

@@ -16,12 +16,8 @@ from blurmatte.rendering import (
     colorful_plate,
     render,
 )
-from blurmatte.rendering.pixel_filter import (
-    filter_margin,
-    filter_peak,
-    filter_weights,
-    filtered_body,
-)
+from blurmatte.rendering.pixel_filter import filter_margin, filter_peak, filter_weights
+from blurmatte.rendering.render import filtered_body
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.05])
@@ -62,7 +58,7 @@ def test_peak_is_that_of_the_window():
 
 
 @pytest.mark.parametrize("name", BODIES)
-def test_sums_stay(name):
+def test_sums_are_preserved(name):
     """Nearly: windows around all pixels do not add up to a constant, but their waves average out."""
     box, wide = BODIES[name].sharp(X, Y, POSE), filtered_body(BODIES[name], X, Y, POSE, 2.4)
     for a, b in zip(wide, box, strict=True):
@@ -127,7 +123,7 @@ def test_a_wider_filter_makes_a_softer_rim():
     assert partial[0] < partial[1] < partial[2]
 
 
-def test_substeps_are_enough():
+def test_default_substeps_bound_the_error_of_alpha():
     scene = Scene(
         colorful_plate((60, 44), 1),
         Trajectory.line((15, 20), (42, 24)),
@@ -137,7 +133,7 @@ def test_substeps_are_enough():
     assert_allclose(render(scene).layer.alpha, render(scene, 1000).layer.alpha, atol=1e-4)
 
 
-def test_door():
+def test_rejects_wrong_arguments():
     scene = (colorful_plate((20, 20), 1), Trajectory.line((5, 5), (9, 9)), Ball(3, ORANGE))
     for wrong in (-1, np.nan):
         with pytest.raises(ValueError, match="pixel_filter must be finite and not negative"):

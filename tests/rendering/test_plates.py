@@ -94,7 +94,7 @@ def test_upright_stripes_are_exact():
     assert_allclose(plate[0, 5], STRIPES[1] + (STRIPES[0] - STRIPES[1]) * 0.25, rtol=1e-12)
 
 
-def test_colors_of_stripes_are_used_up_in_equal_parts():
+def test_stripe_colors_have_equal_shares():
     plate = striped_plate((300, 300), np.eye(3), 10, 0.4)
     assert_allclose(plate.sum(axis=-1), 1)
     assert_allclose(plate.mean(axis=(0, 1)), 1 / 3, atol=0.01)
@@ -103,7 +103,7 @@ def test_colors_of_stripes_are_used_up_in_equal_parts():
 # Texture
 
 
-def test_texture_has_as_much_in_each_octave():
+def test_texture_has_equal_power_in_each_octave():
     """In waves of 4 to 64 pixels; the lens takes what is finer."""
     size = 256
     power = np.abs(np.fft.fft2(textured_plate((size, size), 0), axes=(0, 1))) ** 2
@@ -124,7 +124,7 @@ def test_texture_varies_in_color_as_much_as_in_brightness():
 
 
 @pytest.mark.parametrize("name", PHOTOS)
-def test_photographs_are_there(name):
+def test_photographs_load(name):
     plate = photo_plate(name, (300, 200))
     assert plate.shape == (200, 300, 3)
     assert plate.dtype == np.float64
@@ -134,7 +134,7 @@ def test_photographs_are_there(name):
     assert plate.std(axis=(0, 1)).min() > 0.02
 
 
-def test_photograph_is_its_middle_within_rounding():
+def test_photograph_is_the_center_within_rounding():
     from skimage import data
 
     codes = data.chelsea()
@@ -143,7 +143,7 @@ def test_photograph_is_its_middle_within_rounding():
     assert_array_equal(np.rint(255 * SRGB.encode(plate)), codes[100:200, 175:276])
 
 
-def test_photograph_leaves_a_camera_something_to_round():
+def test_photograph_is_not_on_8_bit_steps():
     plate = photo_plate("chelsea", (200, 200))
     rest = 255 * (SRGB.encode(plate) - SRGB.encode(Camera().photograph(plate, 0).rgb.astype(float)))
     assert_allclose(rest.std(), 12**-0.5, rtol=0.02)
@@ -165,7 +165,7 @@ def test_photographs_need_scikit_image(monkeypatch):
 # Fence
 
 
-def test_fence_covers_whole_pixels_or_nothing():
+def test_fence_alpha_is_0_or_1():
     fence = wire_fence((120, 90), 21, 4, FIRST)
     assert fence.size == (120, 90)
     assert set(np.unique(fence.alpha)) == {0, 1}
@@ -183,7 +183,7 @@ def test_fence_has_wires_of_its_width_and_spacing(spacing, width):
     assert_allclose(alpha.mean(), 1 - (1 - width / spacing) ** 2, rtol=0.03)
 
 
-def test_fence_leans_both_ways_by_its_angle():
+def test_fence_wires_have_both_signs_of_the_angle():
     fence = wire_fence((301, 201), 60, 3, FIRST, angle=0.3).alpha
     assert fence[100, 150] == 1  # wires cross in the center
     t = np.arange(-60, 60)
@@ -203,7 +203,7 @@ def test_wires_are_round():
 # The door
 
 
-def test_door():
+def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match=r"size must be \(width, height\)"):
         colorful_plate((0, 10), 1)
     with pytest.raises(ValueError, match="tile must be positive"):
@@ -214,7 +214,7 @@ def test_door():
         plain_plate((10, 10), FIRST)
 
 
-def test_door_of_stripes():
+def test_rejects_wrong_stripes():
     with pytest.raises(ValueError, match="colors must be 2 or more, got 1"):
         striped_plate((10, 10), [FIRST], 5)
     with pytest.raises(ValueError, match="colors must be three linear values"):
@@ -225,14 +225,14 @@ def test_door_of_stripes():
         striped_plate((10, 10), STRIPES, 5, np.nan)
 
 
-def test_door_of_photographs():
+def test_rejects_wrong_photographs():
     with pytest.raises(ValueError, match=r"name must be one of astronaut, .*, got 'cat'"):
         photo_plate("cat", (10, 10))
     with pytest.raises(ValueError, match="'coffee' is 600x400 pixels, less than size 600x401"):
         photo_plate("coffee", (600, 401))
 
 
-def test_door_of_fences():
+def test_rejects_wrong_fences():
     with pytest.raises(ValueError, match="width must be 1 pixel or more and less than spacing"):
         wire_fence((10, 10), 5, 6, FIRST)
     with pytest.raises(ValueError, match="width must be 1 pixel or more and less than spacing"):

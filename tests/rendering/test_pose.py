@@ -37,7 +37,7 @@ def test_squash_makes_longer_along_its_angle_and_keeps_the_area():
 
 
 @pytest.mark.parametrize("t", [0, 0.3, 1])
-def test_a_part_goes_on_as_the_whole(t):
+def test_part_agrees_with_the_whole_change(t):
     part, whole = BUSY.part(0.2, 0.7).at(t), BUSY.at(0.2 + 0.5 * t)
     assert_allclose(part.rotation, whole.rotation, atol=1e-12)
     assert_allclose(part.stretch, whole.stretch, atol=1e-12)
@@ -55,8 +55,8 @@ def test_no_point_moves_faster_than_the_rate(seed):
     )
     points = rng.normal(size=(3, 50))
     points /= np.linalg.norm(points, axis=0)
-    way = [p.stretch @ (p.rotation @ points)[:2] for p in map(change.at, np.linspace(0, 1, 1001))]
-    speed = 1000 * np.linalg.norm(np.diff(way, axis=0), axis=1)
+    paths = [p.stretch @ (p.rotation @ points)[:2] for p in map(change.at, np.linspace(0, 1, 1001))]
+    speed = 1000 * np.linalg.norm(np.diff(paths, axis=0), axis=1)
     assert speed.max() <= change.rate
     assert speed.max() > 0.2 * change.rate
 
@@ -72,6 +72,6 @@ def test_no_point_moves_faster_than_the_rate(seed):
         ({"squash_angle": np.nan}, "squash_angle must be finite"),
     ],
 )
-def test_door(wrong, says):
+def test_rejects_wrong_arguments(wrong, says):
     with pytest.raises(ValueError, match=says):
         Change(**wrong)

@@ -37,7 +37,7 @@ def remaining_noise(strength, window):
 
 
 @pytest.mark.parametrize("strength", [0.5, 1, 2, 4])
-def test_noise_of_even_regions_falls_as_claimed(flat, strength):
+def test_noise_of_uniform_regions_falls_as_documented(flat, strength):
     before, after = codes(flat, Processing()), codes(flat, Processing(strength))
     assert_allclose(
         (after @ LUMA).std() / (before @ LUMA).std(), remaining_noise(strength, 5), rtol=0.05
@@ -46,18 +46,18 @@ def test_noise_of_even_regions_falls_as_claimed(flat, strength):
     assert_allclose(chroma[1] / chroma[0], remaining_noise(2 * strength, 9), rtol=0.05)
 
 
-def test_claim_of_the_docstring():
+def test_noise_is_divided_by_at_most_seven():
     for strength in (0.5, 1, 2):
         assert remaining_noise(strength, 5) == pytest.approx(1 / (1 + strength**2), abs=0.06)
     assert remaining_noise(100, 5) == pytest.approx(1 / 7, rel=0.06)
 
 
-def test_mean_of_even_regions_stays(flat):
+def test_mean_of_uniform_regions_is_preserved(flat):
     means = [codes(flat, p).mean(axis=(0, 1)) for p in (Processing(), Processing(2))]
     assert_allclose(means[1], means[0], atol=1e-4)
 
 
-def test_an_edge_well_above_the_noise_stays(flat):
+def test_strong_edges_are_preserved(flat):
     light = flat.copy()
     light[:, 100:] *= 0.2
     exact = SRGB.encode(light)[:, 95:105]
@@ -81,7 +81,7 @@ def test_without_noise_nothing_is_reduced(flat):
     assert_allclose(Processing(3).apply(flat, 0 * flat), flat, atol=1e-12)
 
 
-def test_noise_behind_a_mosaic_is_reduced_too(flat):
+def test_mosaic_noise_is_reduced(flat):
     plain, reduced = (codes(flat, Processing(s), bayer=True) @ LUMA for s in (0, 1.5))
     assert reduced.std() < 0.7 * plain.std()
 
@@ -102,7 +102,7 @@ def test_tone_curve_is_monotone_with_the_stated_slopes(tone):
     )
 
 
-def test_readers_do_not_undo_the_tone_curve(flat):
+def test_decoding_does_not_undo_the_tone_curve(flat):
     picture = Camera(bits=16, processing=Processing(tone=0.5)).photograph(flat, 0)
     v = SRGB.encode(LIGHT)
     assert_allclose(picture.rgb[0, 0], SRGB.decode(v + 0.5 * (3 * v**2 - 2 * v**3 - v)), atol=1e-4)
@@ -111,7 +111,7 @@ def test_readers_do_not_undo_the_tone_curve(flat):
 # Sharpening
 
 
-def test_sharpening_leaves_constants_alone():
+def test_sharpening_preserves_constants():
     values = np.full((12, 15, 3), SRGB.encode(LIGHT))
     assert_allclose(Processing(sharpening=2).apply(values, NO_NOISE), values, rtol=1e-13)
 
@@ -121,7 +121,7 @@ def test_sharpening_overshoots_by_its_amount_at_an_edge():
     values[:, 20:] = 0.7
     out = Processing(sharpening=1, sharpening_radius=1.5).apply(values, NO_NOISE)[10, :, 0]
     # A step is 0.5 of its height away from its blurred self at the edge between pixels; at the pixel
-    # beside it, by the part of the Gaussian's samples that lies beyond the edge.
+    # next to it, by the part of the Gaussian's samples that lies beyond the edge.
     weights = np.exp(-(np.arange(-6, 7) ** 2) / (2 * 1.5**2))
     beyond = weights[7:].sum() / weights.sum()
     assert_allclose(out[[19, 20]], [0.3 - 0.4 * beyond, 0.7 + 0.4 * beyond], atol=1e-4)
@@ -138,7 +138,7 @@ def test_sharpening_keeps_chroma():
 # Together
 
 
-def test_steps_follow_each_other_in_order():
+def test_steps_are_applied_in_order():
     values = np.random.default_rng(0).uniform(0.2, 0.8, (20, 30, 3))
     variance = np.full(values.shape, 0.01)
     by_hand = Processing(1).apply(values, variance)
@@ -147,19 +147,19 @@ def test_steps_follow_each_other_in_order():
     assert_array_equal(Processing(1, 0.4, 0.7).apply(values, variance), by_hand)
 
 
-def test_processing_that_does_nothing_changes_no_bytes(flat):
+def test_inactive_processing_changes_no_bytes(flat):
     camera = Camera(NOISE, 1 / 255)
     idle = Camera(NOISE, 1 / 255, processing=Processing(sharpening_radius=3))
     assert_array_equal(camera.expose(flat, 1), idle.expose(flat, 1))
 
 
-def test_noise_after_processing_is_not_known(flat):
+def test_noise_after_processing_is_unknown(flat):
     assert (
         Camera(NOISE, bits=None, processing=Processing(tone=0.1)).photograph(flat, 1).noise is None
     )
 
 
-def test_white_stays_white_and_is_not_valid():
+def test_white_is_preserved_and_invalid():
     light = np.full((20, 20, 3), 5.0)
     picture = Camera(NOISE, processing=Processing(1, 0.4, 1)).photograph(light, 0)
     assert not picture.valid.any()
@@ -174,11 +174,11 @@ def test_white_stays_white_and_is_not_valid():
         ({"sharpening_radius": 0}, "sharpening_radius must be a positive number of pixels, got 0"),
     ],
 )
-def test_door(settings, message):
+def test_rejects_wrong_arguments(settings, message):
     with pytest.raises(ValueError, match=message):
         Processing(**settings)
 
 
-def test_door_of_the_camera():
+def test_camera_rejects_wrong_processing():
     with pytest.raises(TypeError, match="processing must be a Processing, got dict"):
         Camera(processing={})

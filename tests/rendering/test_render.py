@@ -64,26 +64,26 @@ def test_alpha_of_a_disc_is_the_time_its_chord_takes(plate, end, size, n):
 @pytest.mark.parametrize("end", [(70.3, 30.2), (60.3, 45.0)])
 def test_alpha_of_a_box_is_the_time_it_takes_to_pass(plate, end):
     start = np.array([20.3, 30.2])
-    way = end - start
+    motion = end - start
 
     def alpha_at(x, y):
         # The box covers x while |x − x(t)| < 6.5, y while |y − y(t)| < 4: an interval of t each.
-        open_x, close_x = ((x - start[0] + s * 6.5) / way[0] for s in (-1, 1))
-        if way[1] == 0:
+        open_x, close_x = ((x - start[0] + s * 6.5) / motion[0] for s in (-1, 1))
+        if motion[1] == 0:
             open_y, close_y = 0.0, np.where(np.abs(y - start[1]) < 4, 1.0, 0.0)
         else:
-            open_y, close_y = ((y - start[1] + s * 4) / way[1] for s in (-1, 1))
+            open_y, close_y = ((y - start[1] + s * 4) / motion[1] for s in (-1, 1))
         opened = np.maximum(np.maximum(open_x, open_y), 0)
         closed = np.minimum(np.minimum(close_x, close_y), 1)
         return np.maximum(closed - opened, 0)
 
     alpha = render(Scene(plate, Trajectory.line(start, end), Sheet(13, 8, ORANGE))).layer.alpha
-    # With way[1] = 0 the closed form has a step at y = 30.2 ± 4 which 40 points hit exactly.
-    assert_allclose(alpha, pixel_mean(alpha_at, SIZE, n=50), atol=1e-4 if way[1] == 0 else 2e-4)
+    # With motion[1] = 0 the closed form has a step at y = 30.2 ± 4 which 40 points hit exactly.
+    assert_allclose(alpha, pixel_mean(alpha_at, SIZE, n=50), atol=1e-4 if motion[1] == 0 else 2e-4)
 
 
 @pytest.mark.parametrize("substeps", [1, 7, None])
-def test_sum_of_alpha_is_the_area_whatever_the_motion(plate, substeps):
+def test_sum_of_alpha_is_the_area_for_every_motion(plate, substeps):
     path = Trajectory.arc((20, 50), (40, 25), (75, 30))
     ball = render(Scene(plate, path, Ball(9.3, ORANGE)), substeps).layer
     sheet = render(Scene(plate, path, Sheet(11.3, 6.1, ORANGE)), substeps).layer
@@ -171,7 +171,7 @@ def test_same_scene_same_bytes_on_any_number_of_threads(plate, cores, monkeypatc
     assert render(scene).image.rgb.tobytes() == first
 
 
-def test_a_growing_ball_leaves_the_average_of_its_areas(plate):
+def test_sum_of_alpha_of_a_growing_ball_is_its_mean_area(plate):
     scene = Scene(
         plate, Trajectory.line((35, 36), (60, 36)), Ball(6, ORANGE), Change(scale=(0.5, 2))
     )
@@ -179,7 +179,7 @@ def test_a_growing_ball_leaves_the_average_of_its_areas(plate):
     assert_allclose(render(scene).layer.alpha.sum(), average, rtol=1e-4)
 
 
-def test_squashing_keeps_the_area(plate):
+def test_squash_preserves_the_area(plate):
     change = Change(squash=(1.6, 0.7), squash_angle=0.4)
     scene = Scene(plate, Trajectory.line((35, 36), (60, 36)), Ball(8, ORANGE), change)
     assert_allclose(render(scene).layer.alpha.sum(), np.pi * 64, rtol=1e-6)
@@ -221,7 +221,7 @@ def test_defocus_is_a_mean_over_a_disc(plate):
     assert_allclose(soft.premultiplied.sum(), sharp.premultiplied.sum(), rtol=1e-12)
 
 
-def test_a_trapezoid_shutter_weighs_time(plate):
+def test_trapezoid_shutter_weights_time(plate):
     """A narrow sheet on an even path is a clock: alpha along it is the shutter's opening."""
     ramp, path = 0.25, Trajectory.line((18, 36), (78, 36))
     alpha = render(Scene(plate, path, Sheet(1, 9, ORANGE), shutter_ramp=ramp)).layer.alpha
@@ -233,7 +233,7 @@ def test_a_trapezoid_shutter_weighs_time(plate):
     assert_allclose(alpha.sum(), 9, rtol=1e-12)
 
 
-def test_a_shadow_takes_its_part_of_the_light_where_the_body_is_not(plate):
+def test_shadow_removes_light_where_the_body_is_not(plate):
     strength = np.array([0.6, 0.4, 0.1])
     path = Trajectory.line((25, 30), (45, 30))
     far = Shadow((20, 25), softness=1.5, strength=strength)
@@ -249,7 +249,7 @@ def test_a_shadow_takes_its_part_of_the_light_where_the_body_is_not(plate):
     assert_allclose(np.average(y, weights=truth.shadow[..., 0]), 30 + 25, atol=0.01)
 
 
-def test_a_shadow_under_a_still_body_is_not_seen(plate):
+def test_body_hides_its_own_shadow(plate):
     still = Trajectory.line((40, 36), (40, 36))
     hidden = Shadow((0, 0), softness=0, strength=(1, 1, 1))
     truth = render(Scene(plate, still, Ball(9, ORANGE), shadow=hidden))
@@ -288,7 +288,7 @@ def test_frames_without_a_gap_sum_up_to_the_whole_exposure(plate):
     assert_allclose(np.mean(frames, axis=0), render(scene).layer.alpha, atol=2e-4)
 
 
-def test_a_gap_leaves_the_way_between_frames_out(plate):
+def test_gap_omits_the_path_between_frames(plate):
     scene = Scene(plate, Trajectory.line((12, 36), (84, 36)), Ball(4, ORANGE))
     parts = scene.exposures(3, duty=0.5)
     assert_allclose(parts[1].trajectory.xy, [(36, 36), (48, 36)], atol=1e-12)
@@ -303,7 +303,7 @@ def test_prints_on_one_line(plate):
     assert "\n" not in repr(render(scene, 3))
 
 
-def test_door(plate):
+def test_rejects_wrong_arguments(plate):
     path = Trajectory.line((25, 30), (65, 44))
     with pytest.raises(ValueError, match="substeps must be 1 or more"):
         render(Scene(plate, path, Sheet(4, 4, ORANGE)), substeps=0)

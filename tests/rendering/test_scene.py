@@ -20,7 +20,7 @@ PLATE = np.full((12, 16, 3), 0.5)
         (PLATE, [(0, 0), (1, 1)], TypeError, "trajectory must be a Trajectory, got list"),
     ],
 )
-def test_door_of_plate_and_trajectory(plate, path, error, says):
+def test_rejects_wrong_plate_and_trajectory(plate, path, error, says):
     with pytest.raises(error, match=says):
         Scene(plate, path, BALL)
 
@@ -38,7 +38,7 @@ def test_door_of_plate_and_trajectory(plate, path, error, says):
         ({"occluder": Layer(np.full((12, 16), 0.5), PLATE)}, "must be 0 or 1 in every pixel"),
     ],
 )
-def test_door_of_the_scene(wrong, says):
+def test_rejects_wrong_scene(wrong, says):
     with pytest.raises(ValueError, match=says):
         Scene(PLATE, PATH, BALL, **wrong)
 
@@ -51,7 +51,7 @@ def test_door_of_the_scene(wrong, says):
         ({"offset": (1, 2), "strength": (0.5, 0.5, 1.5)}, "strength must be three numbers 0…1"),
     ],
 )
-def test_door_of_the_shadow(wrong, says):
+def test_rejects_wrong_shadow(wrong, says):
     with pytest.raises(ValueError, match=says):
         Shadow(**wrong)
 
@@ -59,7 +59,7 @@ def test_door_of_the_shadow(wrong, says):
 @pytest.mark.parametrize(
     ("count", "duty", "says"), [(0, 1, "count must be 1 or more"), (3, 0, "duty must be above 0")]
 )
-def test_door_of_exposures(count, duty, says):
+def test_rejects_wrong_exposures(count, duty, says):
     with pytest.raises(ValueError, match=says):
         Scene(PLATE, PATH, BALL).exposures(count, duty)
 

@@ -45,7 +45,7 @@ def test_agrees_with_counted_points(name):
     assert_allclose(light @ SHEET.model.normals, 0, atol=1e-15)
 
 
-def test_upright_it_is_a_box():
+def test_upright_sheet_equals_box():
     x, y = around(SHEET, AT_REST)
     box = box_coverage(cell_edges(x), cell_edges(y), 13.3, 6.1)
     assert_allclose(SHEET.sharp(x, y, AT_REST)[0], box, rtol=0, atol=0)
@@ -62,14 +62,14 @@ def test_a_quarter_turn_swaps_the_sides():
 
 
 @pytest.mark.parametrize("axis", [(np.pi / 2, 0, 0), (0, np.pi / 2, 0)])
-def test_from_the_edge_it_is_not_seen(axis):
+def test_edge_on_sheet_is_invisible(axis):
     coverage, light = SHEET.sharp(*around(SHEET, AT_REST), Change(turned=axis).at(0))
     assert_allclose(coverage, 0, atol=1e-12)
     assert_allclose(light, 0, atol=1e-12)
 
 
 @pytest.mark.parametrize("turn", np.linspace(0, 6, 7))
-def test_it_ends_where_its_reach_says(turn):
+def test_reach_is_the_extent_of_the_corners(turn):
     pose = Pose(Change(turned=(0.5, 0.2, turn)).at(0).rotation, 1.3 * np.eye(2))
     x, y = SHEET.reach(pose)
     corners = np.array([[1, 1], [1, -1]]) * [13.3 / 2, 6.1 / 2] @ pose.plane.T
@@ -88,6 +88,6 @@ def test_prints_on_one_line():
         ((4, 4, (0, 0, 0)), "color must be three linear values"),
     ],
 )
-def test_door(arguments, says):
+def test_rejects_wrong_arguments(arguments, says):
     with pytest.raises(ValueError, match=says):
         Sheet(*arguments)

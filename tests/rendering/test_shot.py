@@ -44,7 +44,7 @@ def test_a_median_of_frames_has_less_noise():
     assert stds[1] / stds[0] == pytest.approx(np.sqrt(np.pi / 18), rel=0.06)
 
 
-def test_drift_is_the_plates_alone():
+def test_drift_changes_only_the_plate():
     truth = render(SCENE, 20)
     camera = Camera(bits=None)
     image, plate = Shot(SCENE, camera, Drift(gain=(1.1, 1, 0.9))).photograph(truth)
@@ -52,7 +52,7 @@ def test_drift_is_the_plates_alone():
     assert_array_equal(plate.rgb, truth.plate.rgb * (1.1, 1, 0.9))
 
 
-def test_door():
+def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="plate_frames must be 1 or more, got 0"):
         Shot(SCENE, plate_frames=0)
     with pytest.raises(ValueError, match="crf must lie between 0 and 51, got -1"):

@@ -7,7 +7,7 @@ from scipy.ndimage import map_coordinates
 
 from blurmatte.layer import Layer
 from blurmatte.rendering import AT_REST, Change, Pose, Sprite, star_sprite
-from blurmatte.rendering.sprite import _points
+from blurmatte.rendering.flat_bodies import sample_counts
 
 GOLD = np.array([1.0, 0.62, 0.1])
 
@@ -62,13 +62,13 @@ def test_agrees_with_counted_points(name):
 
 
 @pytest.mark.parametrize("shift", [(0, 0), (0.31, -0.17)])
-def test_at_rest_the_sum_stays(shift):
+def test_sum_is_preserved_when_unposed(shift):
     coverage, light = SPRITE.sharp(*around(SPRITE, AT_REST, shift), AT_REST)
     assert_allclose(coverage.sum(), SPRITE.layer.alpha.sum(), rtol=1e-12)
     assert_allclose(light.sum((0, 1)), SPRITE.layer.premultiplied.sum((0, 1)), rtol=1e-12)
 
 
-def test_a_plain_area_is_shown_as_it_is():
+def test_uniform_area_is_reproduced():
     light = np.full((12, 12, 3), 0.5) * GOLD
     sprite = Sprite(Layer(np.full((12, 12), 0.5), light))
     x = np.arange(-2.0, 3)
@@ -79,14 +79,14 @@ def test_a_plain_area_is_shown_as_it_is():
 
 
 @pytest.mark.parametrize("scale", [0.5, 2.0, 3.3])
-def test_scale_counts_twice(scale):
+def test_area_is_quadratic_in_scale(scale):
     sprite = star_sprite(40, GOLD)
     pose = Change(turned=(0, 0, 0.2), scale=(scale, 1)).at(0)
     coverage = sprite.sharp(*around(sprite, pose), pose)[0]
     assert_allclose(coverage.sum(), scale**2 * sprite.layer.alpha.sum(), rtol=2e-3)
 
 
-def test_a_quarter_turn_turns_the_picture():
+def test_quarter_turn_rotates_the_picture():
     upright = POSES["turned in space"].at(0)
     quarter = Pose(np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ upright.rotation, np.eye(2))
     x = np.arange(-6.0, 7)
@@ -94,21 +94,21 @@ def test_a_quarter_turn_turns_the_picture():
         assert_allclose(a, np.rot90(b, -1), atol=1e-12)  # x goes to y: clockwise on screen
 
 
-def test_from_behind_it_is_mirrored():
+def test_sprite_from_behind_is_mirrored():
     behind, x = Change(turned=(0, np.pi, 0)).at(0), np.arange(-6.0, 7)
     for a, b in zip(SPRITE.sharp(x, x, behind), SPRITE.sharp(x, x, AT_REST), strict=True):
         assert_allclose(a, b[:, ::-1], atol=1e-12)
 
 
 @pytest.mark.parametrize("turn", [np.pi / 2 - 1e-3, np.pi / 2])
-def test_from_the_edge_it_is_all_but_gone(turn):
+def test_edge_on_sprite_is_almost_invisible(turn):
     pose = Change(turned=(0, turn, 0)).at(0)
     coverage = SPRITE.sharp(*around(SPRITE, pose), pose)[0]
     assert_allclose(coverage.sum(), SPRITE.layer.alpha.sum() * np.cos(turn), atol=0.1)
 
 
 @pytest.mark.parametrize("name", POSES)
-def test_reach_is_how_far_it_is_seen(name):
+def test_reach_is_the_extent_of_the_picture(name):
     pose, sprite = POSES[name].at(0), Sprite(Layer(np.ones((9, 14)), np.ones((9, 14, 3))))
     x, y = np.arange(-20.0, 21), np.arange(-19.0, 20)
     seen = sprite.sharp(x, y, pose)[0] > 0
@@ -120,9 +120,9 @@ def test_reach_is_how_far_it_is_seen(name):
 
 
 @pytest.mark.parametrize("seed", range(5))
-def test_points_lie_no_wider_apart_than_at_rest(seed):
+def test_sample_spacing_is_bounded_in_sprite_pixels(seed):
     to_sprite = np.random.default_rng(seed).normal(0, 4, (2, 2))
-    across, down = _points(to_sprite)
+    across, down = sample_counts(to_sprite)
     steps = np.linalg.norm(to_sprite / [across, down], axis=0)
     assert np.all(steps <= 0.25)
     assert np.all(steps[np.array([across, down]) > 4] > 0.2)  # and not much closer
@@ -176,7 +176,7 @@ def test_prints_on_one_line():
         (lambda: star_sprite(20, (0, 0, 0)), ValueError, "color must be three linear values"),
     ],
 )
-def test_door(make, error, says):
+def test_rejects_wrong_arguments(make, error, says):
     with pytest.raises(error, match=says):
         make()
 

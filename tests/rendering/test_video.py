@@ -23,7 +23,7 @@ def error(frames, pictures):
     return np.sqrt(np.mean((np.array(frames, float) - np.array(pictures, float)) ** 2))
 
 
-def test_frames_come_back_in_order_and_size(pictures):
+def test_decoded_frames_have_order_and_size(pictures):
     marked = [codes.copy() for codes in pictures]
     for n, codes in enumerate(marked):
         codes[:20, :20] = 60 * n
@@ -37,13 +37,13 @@ def test_same_pictures_same_bytes(pictures):
     assert_array_equal(through_h264(pictures, 23), through_h264(pictures, 23))
 
 
-def test_larger_crf_costs_more(pictures):
+def test_larger_crf_has_larger_error(pictures):
     errors = [error(through_h264(pictures, crf), pictures) for crf in (0, 17, 28, 40)]
     assert errors == sorted(errors)
     assert errors[3] > 1.5 * errors[1]
 
 
-def test_gray_comes_through_but_for_rounding():
+def test_gray_is_preserved_within_rounding():
     """A lossless clip differs only by rounding to the 219 luma steps of video range."""
     gray = np.random.default_rng(0).integers(0, 256, (32, 48, 1), np.uint8)
     codes = np.repeat(gray, 3, axis=2)
@@ -52,13 +52,13 @@ def test_gray_comes_through_but_for_rounding():
 
 
 @pytest.mark.parametrize("color", [(200, 60, 30), (20, 90, 160), (255, 255, 255), (0, 0, 0)])
-def test_constant_colors_come_through_but_for_rounding(color):
+def test_constant_colors_are_preserved_within_rounding(color):
     codes = np.full((16, 16, 3), color, np.uint8)
     (frame,) = through_h264([codes], 0)
     assert np.abs(frame.astype(int) - codes).max() <= 2
 
 
-def test_neighbors_share_chroma():
+def test_subsampled_pixels_share_chroma():
     """Luma of an edge between two colors stays sharp (Rec. 709), and its chroma does not."""
     codes = np.full((16, 32, 3), (200, 60, 60), np.uint8)
     codes[:, 15:] = (60, 60, 200)
@@ -68,7 +68,7 @@ def test_neighbors_share_chroma():
     assert np.abs(frame[8, 13:17].astype(int) - codes[8, 13:17]).max() > 20
 
 
-def test_door(pictures):
+def test_rejects_wrong_arguments(pictures):
     with pytest.raises(ValueError, match="pictures must be one or more, got none"):
         through_h264([], 23)
     with pytest.raises(TypeError, match=r"codes must be \(H, W, 3\) uint8"):

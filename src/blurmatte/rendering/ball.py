@@ -1,9 +1,7 @@
-"""Ball: a shaded sphere, plain, banded or painted all over, under one or more lamps."""
-
-from __future__ import annotations
+"""Ball: a shaded sphere, plain, banded or textured, under one or more lamps."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -11,50 +9,67 @@ import numpy.typing as npt
 from blurmatte.checks import check_finite, check_light
 from blurmatte.color.model import ColorModel
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage
-from blurmatte.rendering.lamp import Lamp, check_lighting, lamp_colors, lit, unit_direction
-from blurmatte.rendering.paint import check_color, spanning, true_model
-from blurmatte.rendering.pinhole import sphere_outline
-from blurmatte.rendering.pose import Pose, View
-
-if TYPE_CHECKING:
-    from blurmatte.rendering.kernel import Sphere
+from blurmatte.rendering.lighting import (
+    Lamp,
+    check_color,
+    check_lighting,
+    hex_codes,
+    lamp_colors,
+    lit,
+    spanning,
+    true_model,
+    unit_direction,
+)
+from blurmatte.rendering.pose import Pose, View, sphere_outline
 
 Array = npt.NDArray[np.float64]
 
-_CELLS = 4  # points across a pixel where light is sampled; coverage is exact, by cells
-_RIM_ERROR = 1e-5  # how far the polygon that stands for an ellipse may leave it, pixels
-_NO_TEXTURE = np.empty((0, 0, 3))
-_FROM_FAR_AWAY = View((0.0, 0.0), np.inf)
 
-# What is so large, in pixels, that four points within a pixel are about as good as sixteen.
-_SMOOTH_RADIUS = 24.0
-_SMOOTH_HIGHLIGHT = 4.0  # radius / √shininess: where a highlight has fallen to 0.6
-_SMOOTH_TEXEL = 1.0
+class SphereArguments(NamedTuple):
+    """Arguments of the compiled shading loop: a posed sphere and its n lamps, in linear light."""
+
+    to_ball: Array  # (2, 2) pixels from the center of the outline → unit disc
+    pinhole: bool  # perspective; else the next four are not used
+    slope: Array  # (2,) of the ray to the center of the sphere, at depth 1
+    offset: Array  # (2,) from the center of the sphere to that of the outline, pixels
+    focal: float  # pixels
+    size: float  # radius at depth 1
+    to_body: Array  # (3, 3) space → body
+    toward: Array  # (n, 3) unit directions to the lamps
+    halfway: Array  # (n, 3) unit vectors halfway between lamp and camera
+    lambert: Array  # (n, 3) light of each lamp on paint that faces it
+    phong: Array  # (n, 3) light of each highlight
+    ambient: Array  # (3,)
+    glossy: bool
+    shininess: float
+    paints: Array  # (2, 3) outside and inside the band
+    axis: Array  # (1, 3) of the band, in space
+    band: float
+    texture: Array  # (h, w, 3) factors of the paint; 0 × 0 if there is none
 
 
 @dataclass(frozen=True, eq=False)
 class Ball:
-    """A sphere: ambient + Lambert, and a highlight of each lamp if it is glossy.
+    """A sphere: ambient + Lambert, with a highlight of each lamp if it is glossy.
 
     Directions are (x, y, z) with x right, y down and z towards the camera, of any length. The paint
-    turns with the ball, the lamps stay. Deformed, it looks like its picture drawn out. A pinhole camera
-    sees it as an ellipse.
+    turns with the ball, the lamps do not. A deformation stretches the picture of the ball. A pinhole
+    camera sees an ellipse.
 
     Parameters
     ----------
     radius : float
         Pixels.
     color : (3,) float
-        Linear light of the paint where a white lamp shines on it squarely; white if not given.
+        Linear light of the paint under a white lamp at normal incidence; white if not given.
     ambient : float
-        Part of the light that comes from everywhere, 0…1, of the lamps' mean color; 1 shows a flat
-        disc.
+        Fraction of ambient light, 0…1, of the lamps' mean color; 1 gives a flat disc.
     lamps : tuple of Lamp
         One or more.
     highlight : float
-        Linear light of the highlight of a white lamp at its brightest; 0 for a dull ball.
+        Peak linear light of the highlight of a white lamp; 0 for a matte ball.
     shininess : float
-        Exponent of the highlight (Blinn–Phong): larger is smaller and sharper.
+        Exponent of the highlight (Blinn–Phong): larger values give a smaller, sharper highlight.
     second_color : (3,) float, optional
         Paint of a band around the ball.
     band : float
@@ -62,8 +77,8 @@ class Ball:
     axis : (3,) float
         Pole of that band.
     texture : (h, w, 3) float, optional
-        What `color` is multiplied by, all over the ball instead of a band: rows from the top (−y)
-        down, columns once around it, the middle one towards the camera at rest. Bilinear; details
+        Factors of `color` over the whole ball, instead of a band: rows from the top (−y) down,
+        columns once around it, the middle one towards the camera when unposed. Bilinear; details
         finer than a pixel are sampled, not averaged.
 
     Raises
@@ -71,6 +86,8 @@ class Ball:
     TypeError, ValueError
         For a number outside its range, no lamps, or both a second color and a texture.
     """
+
+    perspective: ClassVar[bool] = True  # a pinhole camera can render it, see `Scene.pinhole`
 
     radius: float
     color: Array = field(default_factory=lambda: np.ones(3))
@@ -107,14 +124,12 @@ class Ball:
             object.__setattr__(self, "texture", _check_texture(self.texture))
 
     def __repr__(self) -> str:
-        model = self.model
-        colors = "all colors" if model is None else " + ".join(model.hex)
         gloss = f", highlight {self.highlight:g}" if self.highlight else ""
-        return f"Ball(radius {self.radius:g}, {colors}{gloss})"
+        return f"Ball(radius {self.radius:g}, {hex_codes(self.model)}{gloss})"
 
     @property
     def model(self) -> ColorModel | None:
-        """The line or plane of all that it can show; None if that fills RGB."""
+        """The line or plane of all its colors; None if they span RGB."""
         paints = self._paints
         if self.texture is not None:
             paints = spanning(self.texture) * self.color
@@ -125,72 +140,70 @@ class Ball:
 
     @property
     def _paints(self) -> Array:
-        """(2, 3) outside the band and within it."""
+        """(2, 3) paint outside and inside the band."""
         second = self.color if self.second_color is None else self.second_color
         return np.array([self.color, second])
 
     def reach(self, pose: Pose) -> tuple[float, float]:
-        """How far it extends from its center in x and y, pixels."""
+        """Extent from the center in x and y, pixels."""
         center, stretch = self._outline(pose)
         x, y = np.abs(center) + self.radius * np.linalg.norm(stretch, axis=1)
         return float(x), float(y)
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels, at one moment.
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at one moment.
 
-        `x` (w,) and `y` (h,) are neighboring pixel centers, from the center of the ball.
+        `x` (w,) and `y` (h,) are consecutive pixel centers relative to the center of the ball.
         """
         from blurmatte.rendering import kernel  # numba takes half a second to import
 
         (center_x, center_y), stretch = self._outline(pose)
-        x_edges, y_edges = cell_edges(x - center_x, _CELLS), cell_edges(y - center_y, _CELLS)
+        cells = 4  # per pixel and axis, for the light; the coverage of each cell is exact
+        x_edges, y_edges = cell_edges(x - center_x, cells), cell_edges(y - center_y, cells)
         area = self._coverage(x_edges, y_edges, stretch)
         coverage, light = np.empty((len(y), len(x))), np.zeros((len(y), len(x), 3))
         smooth = self._is_smooth(stretch)
-        kernel.shade(self._sphere(pose), area, x_edges, y_edges, smooth, coverage, light)
+        kernel.shade(self._arguments(pose), area, x_edges, y_edges, smooth, coverage, light)
         return coverage, light
 
     def _outline(self, pose: Pose) -> tuple[Array, Array]:
-        """Center (2,) of the outline, from that of the ball, and map (2, 2) from the ball at rest."""
+        """Center (2,) of the outline relative to the ball's, and map (2, 2) from the unposed ball."""
         if pose.view is None:
             return np.zeros(2), pose.stretch
         center, axes = sphere_outline(pose.view, self.radius * pose.stretch[0, 0])
         return center, axes / self.radius
 
     def _coverage(self, x: Array, y: Array, stretch: Array) -> Array:
-        """(h, w) area of each cell that the ball covers: a disc, or an ellipse drawn as polygon."""
+        """(h, w) covered area of each cell, of a disc or of an ellipse as a polygon."""
         metric = stretch.T @ stretch
         scale = np.sqrt(metric[0, 0])
         if np.allclose(metric, scale**2 * np.eye(2), rtol=0, atol=1e-12 * scale**2):
             return disc_coverage(x, y, self.radius * scale)
-        # A polygon of a circle's area leaves it by up to r (π / n)² / 3, at the corners.
+        # A polygon of a circle's area deviates from it by up to r (π / n)² / 3, at the corners.
+        max_deviation = 1e-5  # pixels
         longest = self.radius * np.linalg.norm(stretch, 2)
-        n = int(np.ceil(np.pi * np.sqrt(longest / (3 * _RIM_ERROR))))
+        n = int(np.ceil(np.pi * np.sqrt(longest / (3 * max_deviation))))
         r = self.radius * np.sqrt(2 * np.pi / n / np.sin(2 * np.pi / n))
         turn = 2 * np.pi * np.arange(n) / n
         return polygon_coverage(x, y, r * np.stack([np.cos(turn), np.sin(turn)], 1) @ stretch.T)
 
     def _is_smooth(self, stretch: Array) -> bool:
-        """Whether four points are enough to tell the light of a pixel: nothing in it is sharp."""
-        radius = self.radius * np.linalg.norm(stretch, -2)  # where it is smallest
+        """True if four points sample the light of a pixel about as well as sixteen.
+
+        The shading, the highlight (which falls to 0.6 within radius / √shininess) and the texture must
+        vary slowly on the scale of a pixel.
+        """
+        radius = self.radius * np.linalg.norm(stretch, -2)  # the smallest
         highlight = radius / np.sqrt(self.shininess) if self.highlight else np.inf
         texel = np.inf if self.texture is None else np.pi * radius / self.texture.shape[0]
-        return bool(
-            radius >= _SMOOTH_RADIUS
-            and highlight >= _SMOOTH_HIGHLIGHT
-            and texel >= _SMOOTH_TEXEL
-            and self.second_color is None
-        )
+        return bool(radius >= 24 and highlight >= 4 and texel >= 1 and self.second_color is None)
 
-    def _sphere(self, pose: Pose) -> Sphere:
-        """What the compiled loop wants to know."""
-        from blurmatte.rendering.kernel import Sphere
-
+    def _arguments(self, pose: Pose) -> SphereArguments:
         colors = lamp_colors(self.lamps)
         center, stretch = self._outline(pose)
-        view = pose.view or _FROM_FAR_AWAY
-        return Sphere(
-            to_ball=np.linalg.inv(stretch) / self.radius,
+        view = pose.view or View((0.0, 0.0), np.inf)
+        return SphereArguments(
+            to_ball=np.asarray(np.linalg.inv(stretch) / self.radius, dtype=float),
             pinhole=pose.view is not None,
             slope=np.array(view.slope),
             offset=center,
@@ -207,7 +220,7 @@ class Ball:
             paints=self._paints,
             axis=(pose.rotation @ unit_direction("axis", self.axis))[None],
             band=0.0 if self.second_color is None else float(self.band),
-            texture=_NO_TEXTURE if self.texture is None else self.texture,
+            texture=np.empty((0, 0, 3)) if self.texture is None else self.texture,
         )
 
 

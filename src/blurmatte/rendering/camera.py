@@ -1,4 +1,4 @@
-"""A camera: exact light → optics → noise → processing → code values → light as a reader gets it."""
+"""Camera: exact light → optics → noise → processing → code values → light decoded from the file."""
 
 from dataclasses import dataclass, replace
 
@@ -7,16 +7,19 @@ import numpy as np
 from blurmatte.checks import Floats, check_light
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.mosaic import variance_shares
-from blurmatte.rendering.code_values import Codes, check_8_bit_codes, check_bits, rounded
-from blurmatte.rendering.jpeg import (
+from blurmatte.rendering.codes import (
     CHROMAS,
     FULL_CHROMA,
-    coarsen_chroma,
+    Codes,
+    check_8_bit_codes,
+    check_bits,
     compression_of,
     from_jpeg,
+    rounded,
+    subsample_chroma,
     to_jpeg,
 )
-from blurmatte.rendering.optics import through_psf
+from blurmatte.rendering.coverage import disc_kernel
 from blurmatte.rendering.processing import Processing
 from blurmatte.rendering.sensor import BAYER, Rng, noisy, through_mosaic
 
@@ -26,42 +29,42 @@ _NO_PROCESSING = Processing()
 
 @dataclass(frozen=True)
 class Camera:
-    """What happens to light on its way into a file.
+    """The imaging chain from light to a file.
 
-    In this order: the lens blurs it (`blur`, `defocus`), the sensor adds noise (`noise`, `bayer`,
-    `code_std`), code values are made (`transfer`), changed by the processor of a phone
-    (`processing`), rounded (`bits`) and compressed (`chroma`, `jpeg_quality`).
+    In this order: blur by the lens (`blur`, `defocus`), noise of the sensor (`noise`, `bayer`,
+    `code_std`), encoding (`transfer`), processing as in a phone (`processing`), rounding (`bits`) and
+    compression (`chroma`, `jpeg_quality`).
 
     Parameters
     ----------
     noise : NoiseModel
-        Of the sensor; rounding comes on top. `NoiseModel()` for none.
+        Noise of the sensor, without rounding. `NoiseModel()` for none.
     code_std : float
         Standard deviation of noise added in code values (0…1), e.g. 2 / 255.
     bits : 8, 10, 12, 16 or None
-        Bits of the file; None keeps floats, unclipped.
+        Bit depth of the file; None keeps floats, unclipped.
     transfer : Transfer
-        Curve of the file's code values.
+        Transfer curve of the file's code values.
     jpeg_quality : int, optional
         1…100: the file is a JPEG of this quality. Needs `bits` 8 and the sRGB curve.
     chroma : str
-        "4:4:4": every pixel has a color of its own; "4:2:2": two neighbors in a row share theirs;
-        "4:2:0": two by two do. Without `jpeg_quality` as in video that is not compressed further.
+        Chroma subsampling: "4:4:4" for none; "4:2:2": two neighbors in a row share their chroma;
+        "4:2:0": blocks of two by two share it. Without `jpeg_quality`, as in uncompressed video.
     bayer : bool
-        The sensor sees one channel in each pixel (red, green over green, blue), clips at 1 unless
-        `bits` is None, and the other two are interpolated linearly. Noise is then correlated.
+        The sensor measures one channel per pixel (red, green over green, blue) and clips at 1 unless
+        `bits` is None; the other two are interpolated linearly, which correlates the noise.
     blur : float
         Standard deviation of the Gaussian point spread function of the lens, pixels.
     defocus : float
         Radius of the circle of confusion of the whole picture, pixels.
     processing : Processing
-        Noise reduction, tone curve and sharpening of the code values. A reader of the file does not
-        undo them. Code values are clipped to 0…1 before, unless `bits` is None.
+        Noise reduction, tone curve and sharpening of the code values, which decoding does not undo.
+        Code values are clipped to 0…1 before, unless `bits` is None.
 
     Raises
     ------
     TypeError, ValueError
-        For a number outside its range, or a file that does not exist, such as a JPEG of 16 bits.
+        For a number outside its range, or an impossible file format, such as a JPEG of 16 bits.
     """
 
     noise: NoiseModel = _NO_NOISE
@@ -111,11 +114,12 @@ class Camera:
             raise ValueError(f"a JPEG is read as sRGB, got the curve {self.transfer.name}")
 
     def through_optics(self, values: Floats) -> Floats:
-        """What the lens does to a picture: a linear operator, the same for light and its truth.
+        """Apply the point spread function of the lens: a Gaussian, then a disc.
 
-        For image = P + T with the object's premultiplied light P and the part T of the plate's light
-        that passes it, K image = K P + K T holds exactly. K T is (1 - K alpha) · K plate only where
-        the plate is even over the width of the blur.
+        The operator K is linear and self-adjoint. For image = P + T with the object's premultiplied
+        light P and the transmitted light T of the plate, K image = K P + K T holds exactly; K T equals
+        (1 - K alpha) · K plate only where the plate is constant over the width of the blur. The picture
+        is mirrored at its border, half a pixel outside the last one.
 
         Parameters
         ----------
@@ -126,39 +130,47 @@ class Camera:
         -------
         float array
             Shape and dtype of `values`; the same array if the camera has neither blur nor defocus.
-            Constants and the sum over the picture stay.
+            Constants and the sum over the picture are preserved.
 
         Raises
         ------
         TypeError, ValueError
-            If `values` is no such array.
+            If `values` is not such an array.
         """
+        from scipy.ndimage import convolve, gaussian_filter
+
         if not isinstance(values, np.ndarray) or values.dtype.kind != "f":
             kind = getattr(values, "dtype", type(values).__name__)
             raise TypeError(f"values must be a NumPy array of floats, got {kind}")
         if values.ndim not in (2, 3):
             raise ValueError(f"values must be (H, W) or (H, W, k), got the shape {values.shape}")
-        return through_psf(values, self.blur, self.defocus)
+        dtype = values.dtype
+        if self.blur > 0:  # 6e-7 of a Gaussian lies beyond 5 standard deviations
+            values = gaussian_filter(values, self.blur, mode="reflect", truncate=5.0, axes=(0, 1))
+        if self.defocus > 0:
+            disc = disc_kernel(self.defocus)
+            values = convolve(values, disc.reshape(disc.shape + (1,) * (values.ndim - 2)))
+        return np.asarray(values, dtype=dtype)
 
     def expose(self, light: Floats, rng: Rng) -> Codes:
-        """The code values of one picture; those of a JPEG before its compression.
+        """Code values of one picture; for a JPEG, those before compression.
 
         Parameters
         ----------
         light : (H, W, 3) float
             Exact linear light, 1 = sensor white.
         rng : int or Generator
-            Seed, or a generator that is used up.
+            Seed, or a generator that is advanced.
 
         Returns
         -------
         (H, W, 3) uint8 or uint16
-            uint8 for 8 bits; else uint16 whose top is 65535: of 10 bits, every 64th or so occurs.
+            uint8 for 8 bits, else uint16 scaled to 65535.
 
         Raises
         ------
         TypeError, ValueError
-            If `light` is not linear light, `bits` is None, or a mosaic would not be 2x2 pixels.
+            If `light` is not linear light, `bits` is None, or a mosaic has less than 2x2 pixels.
         """
         if self.bits is None:
             raise ValueError("a camera with bits None has no code values; use photograph")
@@ -167,16 +179,16 @@ class Camera:
         if self.processing.active:
             values = self._processed(np.clip(values, 0, 1), seen)
         if self.jpeg_quality is None and self.chroma != FULL_CHROMA:
-            values = coarsen_chroma(np.clip(values, 0, 1), self.chroma, 2**self.bits - 1)
+            values = subsample_chroma(np.clip(values, 0, 1), self.chroma, 2**self.bits - 1)
         return rounded(values, self.bits)
 
     def compress(self, codes: Codes) -> bytes:
-        """The JPEG file of (H, W, 3) uint8 `codes`, tagged as sRGB.
+        """Encode (H, W, 3) uint8 `codes` as a JPEG file, tagged as sRGB.
 
         Raises
         ------
         TypeError, ValueError
-            If the codes are of another kind, or the camera makes no JPEG.
+            If the codes have another type, or the camera does not write JPEG.
         """
         if self.jpeg_quality is None:
             raise ValueError("a camera without jpeg_quality makes no JPEG")
@@ -184,26 +196,26 @@ class Camera:
         return to_jpeg(codes, self.jpeg_quality, self.chroma)
 
     def photograph(self, light: Floats, rng: Rng) -> LinearImage:
-        """Take a picture of exact light, as it comes out of the camera's file.
+        """Take a picture of exact light and decode the camera's file.
 
         Parameters
         ----------
         light : (H, W, 3) float
             Exact linear light, 1 = sensor white.
         rng : int or Generator
-            Seed, or a generator that is used up.
+            Seed, or a generator that is advanced.
 
         Returns
         -------
         LinearImage
-            float32 with saturated pixels not valid, its noise not measured yet; or, for `bits`
-            None, in the dtype of `light` with its noise known, unless a mosaic correlates it or
-            processing changes it.
+            float32 with saturated pixels invalid and noise not yet measured; or, for `bits` None, in
+            the dtype of `light` with known noise, unless a mosaic correlates it or processing changes
+            it.
 
         Raises
         ------
         TypeError, ValueError
-            If `light` is not linear light, or a mosaic would not be 2x2 pixels.
+            If `light` is not linear light, or a mosaic has less than 2x2 pixels.
         """
         if self.bits is None:
             return self._photograph_floats(self._behind_lens(light), rng)
@@ -228,7 +240,7 @@ class Camera:
         return self.through_optics(light)
 
     def _developed(self, light: Floats, rng: Rng) -> Floats:
-        """Light with all its noise, as the curve meets it; shape and dtype of `light`."""
+        """Light with all its noise, before encoding; shape and dtype of `light`."""
         rng = np.random.default_rng(rng)
         seen = noisy(light, self.noise, rng)
         if self.bayer:
@@ -239,7 +251,7 @@ class Camera:
         return np.asarray(seen, dtype=light.dtype)
 
     def _processed(self, values: Floats, seen: Floats) -> Floats:
-        """Code values after processing; `seen` is the light that they encode."""
+        """Code values after processing; `seen` is the encoded light."""
         variance = self.noise.variance(seen)
         if self.bayer:
             variance = variance * variance_shares(BAYER)
@@ -247,7 +259,7 @@ class Camera:
         return self.processing.apply(values, of_codes)
 
     def _known_noise(self, light: Floats) -> NoiseModel | Floats | None:
-        """Of unrounded floats. A mosaic's is no function of the light: not known."""
+        """Noise of unrounded floats; None for a mosaic, where it is no function of the light."""
         if self.bayer:
             return None
         if self.code_std == 0:

@@ -1,7 +1,6 @@
-"""A ball that flies through space before a camera: the truth for what is measured in three dimensions.
+"""A ball that moves in space in front of a calibrated camera: ground truth for 3-D measurements.
 
-Unlike a `Scene`, which sees from far away, this has perspective: the outline of the ball is traced
-through the camera point by point, with all of its distortion.
+The outline of the ball is projected point by point, with all distortion of the camera.
 """
 
 import numpy as np
@@ -12,11 +11,9 @@ from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
-from blurmatte.rendering.paint import check_color
+from blurmatte.rendering.lighting import check_color
 
 Array = npt.NDArray[np.float64]
-
-_CORNERS = 360  # of the outline: what they cut off is 3e-5 of the radius
 
 
 def render_flight(
@@ -26,7 +23,9 @@ def render_flight(
     radius: float,
     color: npt.ArrayLike,
 ) -> tuple[LinearImage, Layer]:
-    """The exact picture of a ball of one flat color, and its truth.
+    """Render a ball of one flat color in flight exactly, with its true layer.
+
+    The outline is a polygon of 360 vertices, exact to 3e-5 of the radius.
 
     Parameters
     ----------
@@ -34,16 +33,24 @@ def render_flight(
         Linear light.
     intrinsics : Intrinsics
     positions : (T, 3) float
-        Of its center at the middles of T equal parts of the exposure, meters from the camera.
+        Centers of the ball at the middles of T equal parts of the exposure, meters, in camera
+        coordinates.
     radius : float
         Meters.
     color : (3,) float
         Linear light.
 
+    Returns
+    -------
+    image : LinearImage
+        The blurred picture, float64.
+    layer : Layer
+        True alpha and premultiplied light.
+
     Raises
     ------
     ValueError
-        If the ball is nowhere before the camera, or reaches the camera.
+        If the ball is behind the camera or reaches it, or the color is black or negative.
     """
     X = np.asarray(positions, dtype=float)
     if np.any(X[:, 2] <= radius):
@@ -51,7 +58,7 @@ def render_flight(
     height, width = plate.shape[:2]
     alpha = np.zeros((height, width))
     for center in X:
-        outline = intrinsics.project(outline_of(center, radius, _CORNERS))
+        outline = intrinsics.project(outline_of(center, radius, 360))
         x0, y0 = np.clip(np.floor(outline.min(axis=0)) - 1, 0, (width, height)).astype(int)
         x1, y1 = np.clip(np.ceil(outline.max(axis=0)) + 2, 0, (width, height)).astype(int)
         if x0 < x1 and y0 < y1:
@@ -63,10 +70,10 @@ def render_flight(
 
 
 def outline_of(center: Array, radius: float, count: int) -> Array:
-    """(count, 3) points of a sphere around its rim, as a pinhole at the origin sees it.
+    """(count, 3) points on the rim of a sphere as seen by a pinhole at the origin.
 
-    Rays touch the sphere on the circle in which it meets the one whose diameter is the line from the
-    pinhole to its center.
+    Tangent rays touch the sphere on its circle of intersection with the sphere whose diameter is the
+    segment from the pinhole to the center (Thales).
     """
     distance = float(np.linalg.norm(center))
     towards = center / distance

@@ -1,26 +1,24 @@
-"""The loops of the bodies, compiled: areas of discs and polygons, light of spheres, sprites.
+"""Compiled loops of the bodies: areas of discs and polygons, light of spheres, samples of sprites.
 
-In this file `x` (w + 1,) and `y` (h + 1,) are increasing edges of cells, in pixels from the center
-of the body; maps are [row j, column i]. What is to be filled comes last.
+In this file `x` (w + 1,) and `y` (h + 1,) are increasing cell edges, in pixels from the center of
+the body; maps are indexed [row j, column i]. Output arguments come last.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numba import njit
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
-_ROUNDING = 1e-14  # parts of the whole below are what floating point left of nothing
-_FLAT = 0.95  # part of the radius within which a sphere is not steep
-_GAUSS = 0.5 / np.sqrt(3)  # two points at ± this integrate a cubic over a pixel exactly
+_ROUNDING = 1e-14  # areas below this part of the whole are floating-point errors of zero
 
 
 @njit(**_COMPILED)
 def disc(x, y, S, S_c, c, radius, area):  # type: ignore[no-untyped-def]
     """Area of a disc in each cell, by the formula of `disc_coverage`.
 
-    x and y are in radii here; S (w + 1,) belongs to x, S_c and c (h + 1,) to y.
+    Here x and y are in radii; S (w + 1,) is S(x), S_c (h + 1,) is S(c) with c (h + 1,) of y.
     """
     for j in range(area.shape[0]):
         before = _left_of(x[0], y[j + 1], S[0], S_c[j + 1], c[j + 1])
@@ -42,11 +40,12 @@ def _left_of(x, y, S, S_c, c):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def polygon(x, y, vertices, area):  # type: ignore[no-untyped-def]
-    """Add to `area`, zeros, what a polygon covers of each cell.
+    """Add the area of a polygon in each cell to `area`, which is zero on entry.
 
-    Clockwise on screen, an edge that goes up at x(y) adds all that lies right of it, one that goes
-    down takes it away again: area = −∮ (part of the cell right of x(y)) dy; the other way round it is
-    the negative. `full` gathers the dy that count for all cells from a column on.
+    For a polygon that is clockwise on screen, an upward edge at x(y) adds everything to its right and
+    a downward edge subtracts it: area = −∮ (part of the cell right of x(y)) dy. The opposite
+    orientation gives the negative. `full` accumulates the dy that apply to all cells from a column
+    to the right.
     """
     full = np.zeros((area.shape[0], area.shape[1] + 1))
     xa, ya = vertices[-1]
@@ -68,7 +67,7 @@ def polygon(x, y, vertices, area):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def _add_edge(x, y, xa, ya, xb, yb, sign, full, area):  # type: ignore[no-untyped-def]
-    """One edge from (xa, ya) down to (xb, yb), row by row."""
+    """Add one edge from (xa, ya) down to (xb, yb), row by row."""
     top, bottom = max(ya, y[0]), min(yb, y[-1])
     slope = (xb - xa) / (yb - ya)
     j = np.searchsorted(y, top, side="right") - 1
@@ -83,7 +82,7 @@ def _add_edge(x, y, xa, ya, xb, yb, sign, full, area):  # type: ignore[no-untype
 
 @njit(**_COMPILED)
 def _add_piece(x, left, right, dy, full, area):  # type: ignore[no-untyped-def]
-    """The part of an edge within one row, cell by cell from left to right; `dy` is what remains."""
+    """Add the part of an edge within one row, cell by cell from left to right; `dy` is the rest."""
     if right <= x[0]:
         full[0] += dy
         return
@@ -104,46 +103,24 @@ def _add_piece(x, left, right, dy, full, area):  # type: ignore[no-untyped-def]
         full[i + 1] += dy
 
 
-class Sphere(NamedTuple):
-    """A posed sphere and its lamps, n of them; paint is linear light."""
-
-    to_ball: Any  # (2, 2) pixels from the center of the outline → unit disc
-    pinhole: bool  # the camera is near; else the next four are not used
-    slope: Any  # (2,) of the ray to the center of the sphere, at depth 1
-    offset: Any  # (2,) from the center of the sphere to that of the outline, pixels
-    focal: float  # pixels
-    size: float  # radius at depth 1
-    to_body: Any  # (3, 3) space → body
-    toward: Any  # (n, 3) unit directions to the lamps
-    halfway: Any  # (n, 3) between lamp and camera
-    lambert: Any  # (n, 3) light of each lamp on paint that faces it
-    phong: Any  # (n, 3) light of each highlight
-    ambient: Any  # (3,)
-    glossy: bool
-    shininess: float
-    paints: Any  # (2, 3) outside the band and within it
-    axis: Any  # (1, 3) of the band, in space
-    band: float
-    texture: Any  # (h, w, 3) factors of the paint; 0 × 0 if there is none
-
-
 @njit(**_COMPILED)
 def shade(sphere, area, x, y, smooth, coverage, light):  # type: ignore[no-untyped-def]
-    """Fill `coverage` (h, w), and add to `light` (h, w, 3) what a sphere sends, point by point.
+    """Fill `coverage` (h, w) and add the light of a sphere to `light` (h, w, 3).
 
-    `area` (n h, n w) is what it covers of n × n cells in each pixel, `x` and `y` are their edges. Of
-    a `smooth` sphere, no smaller than 20 pixels, four points of a pixel do where it is not steep;
-    else there is one for each cell.
+    `area` (n h, n w) is the covered area of n × n cells per pixel, `x` and `y` are the cell edges.
+    Light is sampled once per cell. For a `smooth` sphere, four points per pixel suffice within 0.95
+    radii, where the surface is not steep.
     """
+    gauss = 0.5 / np.sqrt(3)  # two points at ± this integrate a cubic over a pixel exactly
     n = area.shape[0] // light.shape[0]
     for j in range(light.shape[0]):
         for i in range(light.shape[1]):
             whole = area[n * j : n * j + n, n * i : n * i + n].sum()
             coverage[j, i] = whole
             mx, my = x[n * i] + 0.5, y[n * j] + 0.5
-            if smooth and _off_axis(sphere.to_ball, mx, my) < _FLAT:
-                for px in (mx - _GAUSS, mx + _GAUSS):
-                    for py in (my - _GAUSS, my + _GAUSS):
+            if smooth and _off_axis(sphere.to_ball, mx, my) < 0.95:
+                for px in (mx - gauss, mx + gauss):
+                    for py in (my - gauss, my + gauss):
                         _add_light(sphere, px, py, whole / 4, j, i, light)
             elif whole > 0:
                 for k in range(n * j, n * j + n):
@@ -161,7 +138,7 @@ def _off_axis(T, px, py):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **_COMPILED)
 def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-def]
-    """`weight` times the light at one point of the picture; one beyond the rim takes the rim's."""
+    """Add `weight` times the light at one image point; a point beyond the rim takes the rim's."""
     beyond = max(_off_axis(sphere.to_ball, px, py), 1.0)
     nx, ny, nz, vx, vy = _normal(sphere, px, py, beyond)
     paint = _paint_at(sphere, nx, ny, nz)
@@ -184,12 +161,12 @@ def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-
 
 @njit(inline="always", **_COMPILED)
 def _normal(sphere, px, py, beyond):  # type: ignore[no-untyped-def]
-    """Unit normal of a point of the picture, and the slopes of its ray. (0, 0) is along the axis.
+    """Unit normal at an image point, and the slopes of its ray; slopes (0, 0) are the optical axis.
 
-    `beyond` is its distance from the center of the outline, 1 at the rim, or 1 within it. With the
-    sphere's center C at depth 1, its radius R, the ray d and e = d - C, the point t d nearest to the
-    camera with |t d - C| = R has t - 1 = -(d·e + √(d² R² - |e × C|²)) / d². No large numbers cancel,
-    however long the focal length is.
+    `beyond` is the distance from the outline's center in units of the rim, at least 1. For a sphere
+    of radius R at C (depth 1), a ray d, and e = d - C, the point t d nearest to the camera with
+    |t d - C| = R has t - 1 = -(d·e + √(d² R² - |e × C|²)) / d². No large numbers cancel, at any focal
+    length.
     """
     if not sphere.pinhole:
         T = sphere.to_ball
@@ -208,7 +185,7 @@ def _normal(sphere, px, py, beyond):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **_COMPILED)
 def _facing_halfway(sphere, k, nx, ny, nz, vx, vy):  # type: ignore[no-untyped-def]
-    """Cosine of the angle from the normal to halfway between lamp k and camera, 0 or more."""
+    """Cosine between the normal and the half vector of lamp k and camera, clipped at 0."""
     if not sphere.pinhole:
         return max(_dot(sphere.halfway, k, nx, ny, nz), 0.0)
     length = np.sqrt(vx * vx + vy * vy + 1)
@@ -225,7 +202,7 @@ def _dot(vectors, k, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **_COMPILED)
 def _paint_at(sphere, nx, ny, nz):  # type: ignore[no-untyped-def]
-    """Paint of the point with normal (nx, ny, nz) in space."""
+    """Paint at the surface point with normal (nx, ny, nz) in space."""
     if sphere.texture.shape[0] == 0:
         k = 1 if abs(_dot(sphere.axis, 0, nx, ny, nz)) < sphere.band else 0
         return sphere.paints[k, 0], sphere.paints[k, 1], sphere.paints[k, 2]
@@ -239,7 +216,7 @@ def _paint_at(sphere, nx, ny, nz):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **_COMPILED)
 def _texel(texture, longitude, colatitude):  # type: ignore[no-untyped-def]
-    """Bilinear: longitude −π…π wraps around, colatitude 0…π from the top row to the last."""
+    """Bilinear texture lookup: longitude −π…π wraps around; colatitude 0…π spans the rows."""
     h, w = texture.shape[:2]
     row = min(max(colatitude / np.pi * h - 0.5, 0.0), h - 1.0)
     column = (longitude / (2 * np.pi) + 0.5) * w + w - 0.5  # + w: so that int() rounds down
@@ -257,10 +234,10 @@ def _texel(texture, longitude, colatitude):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def resample(sprite, to_sprite, x, y, across, down, coverage, light):  # type: ignore[no-untyped-def]
-    """Fill `coverage` (h, w) and `light` (h, w, 3): means over across × down points of each pixel.
+    """Fill `coverage` (h, w) and `light` (h, w, 3) with means over across × down points per pixel.
 
-    `sprite` (rows, columns, 4) is light and alpha, with a border of zeros; x (w,) and y (h,) are
-    centers of pixels, and to_sprite (2, 2) takes them, from the center of the sprite, to its own.
+    `sprite` (rows, columns, 4) holds light and alpha with a border of zeros. x (w,) and y (h,) are
+    pixel centers relative to the center of the sprite; to_sprite (2, 2) maps them to sprite pixels.
     """
     last_row, last_column = sprite.shape[0] - 1, sprite.shape[1] - 1
     T, n = to_sprite, across * down

@@ -1,6 +1,6 @@
-"""Plates to move things in front of: linear light (H, W, 3), float64, never black.
+"""Synthetic and photographic plates, linear light (H, W, 3) float64, never black; and a fence.
 
-Same size and seed, same bytes. Sizes are (width, height). One thing here stands in front: a fence.
+The same size and seed give the same bytes. Sizes are (width, height).
 """
 
 from collections.abc import Sequence
@@ -10,37 +10,30 @@ import numpy.typing as npt
 
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB
-from blurmatte.rendering.paint import check_color
+from blurmatte.rendering.lighting import check_color
 from blurmatte.rendering.sensor import Rng
 
 Array = npt.NDArray[np.float64]
 
-_GOLDEN = (np.sqrt(5) - 1) / 2  # turns by this part of a circle never come near each other
-_LEAST_STRIPE = 2  # pixels; wider than the diagonal of a pixel, which then meets one edge at most
-_FENCE_LAMP = np.array([-0.6, 0.8])  # across a wire, and towards the camera
-_FENCE_AMBIENT = 0.3
-
-# Color photographs that scikit-image brings along, no download needed.
+# Color photographs that come with scikit-image, without a download.
 PHOTOS = ("astronaut", "chelsea", "coffee", "immunohistochemistry", "rocket", "stereo_motorcycle")
-_LENS = 0.7  # pixels, the std of what it makes of a point
-_SPREAD = 0  # seed of what rounding took from them: part of the photograph, not of the noise
 
 
 def plain_plate(size: tuple[int, int], color: npt.ArrayLike, rng: Rng) -> Array:
-    """A wall of one hue: slow changes of brightness and a fine texture, nothing else.
+    """A wall of one hue with slow changes of brightness and a fine texture.
 
     Parameters
     ----------
     size : (int, int)
         Width and height.
     color : (3,) float
-        Linear light where the wall is brightest; it falls to 0.55 of that.
+        Linear light at the brightest point; the darkest is 0.55 of it.
     rng : int or Generator
 
     Returns
     -------
     (H, W, 3) float64
-        Every pixel a multiple of `color`.
+        Every pixel is a multiple of `color`.
     """
     paint, rng = check_color("color", color), np.random.default_rng(rng)
     slow = _smooth(size, _short(size) / 4, rng)
@@ -52,7 +45,7 @@ def plain_plate(size: tuple[int, int], color: npt.ArrayLike, rng: Rng) -> Array:
 def two_hue_plate(
     size: tuple[int, int], first: npt.ArrayLike, second: npt.ArrayLike, rng: Rng
 ) -> Array:
-    """Patches of two colors with soft borders: every pixel lies on the segment between them.
+    """Patches of two colors with soft borders; every pixel is a mixture of the two.
 
     Parameters
     ----------
@@ -73,7 +66,7 @@ def two_hue_plate(
 
 
 def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
-    """Tiles of all hues with hard edges, each softly shaded and grained.
+    """Tiles of all hues with hard edges, soft shading and grain.
 
     Parameters
     ----------
@@ -97,10 +90,11 @@ def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
     columns, rows = (int(np.ceil(side / tile)) + 2 for side in size)
     grid = np.stack(np.meshgrid(np.arange(columns), np.arange(rows)), axis=-1).reshape(-1, 2)
     centers = tile * (grid - 0.5 + rng.uniform(-0.38, 0.38, grid.shape))
-    hue = (np.arange(len(grid)) * _GOLDEN + rng.uniform(0, 1)) % 1
+    golden = (np.sqrt(5) - 1) / 2  # multiples of it are evenly distributed modulo 1
+    hue = (np.arange(len(grid)) * golden + rng.uniform(0, 1)) % 1
     saturation, value = rng.uniform(0.45, 0.8, len(grid)), rng.uniform(0.1, 0.45, len(grid))
     paint = _from_hue(hue, saturation, value)
-    fine = 3  # points across a pixel, to antialias the edges
+    fine = 3  # points across a pixel, for antialiasing
     x, y = ((np.arange(side * fine) + 0.5) / fine - 0.5 for side in size)
     owner = KDTree(centers).query(np.stack(np.meshgrid(x, y), axis=-1))[1]
     light = paint[owner].reshape(height, fine, width, fine, 3).mean(axis=(1, 3))
@@ -112,18 +106,18 @@ def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
 def striped_plate(
     size: tuple[int, int], colors: Sequence[npt.ArrayLike], width: float, angle: float = 0.0
 ) -> Array:
-    """Stripes with hard straight edges, each pixel the exact average of what falls on it.
+    """Stripes with hard straight edges; each pixel is the exact average over its square.
 
     Parameters
     ----------
     size : (int, int)
         Width and height.
     colors : sequence of (3,) float
-        Linear light of the stripes, again and again in this order. The first begins at the center.
+        Linear light of the stripes, repeated in this order. The first begins at the center.
     width : float
-        Of each stripe, pixels, 2 or more.
+        Width of each stripe, pixels, 2 or more.
     angle : float
-        Radians from +x towards +y of the direction across the stripes; 0 makes them upright.
+        Direction across the stripes, radians from +x towards +y; 0 gives upright stripes.
 
     Returns
     -------
@@ -131,8 +125,8 @@ def striped_plate(
     """
     if len(colors) < 2:
         raise ValueError(f"colors must be 2 or more, got {len(colors)}")
-    if not (np.isfinite(width) and width >= _LEAST_STRIPE):
-        raise ValueError(f"width must be {_LEAST_STRIPE} pixels or more, got {width}")
+    if not (np.isfinite(width) and width >= 2):  # then a pixel meets one edge at most
+        raise ValueError(f"width must be 2 pixels or more, got {width}")
     if not np.isfinite(angle):
         raise ValueError(f"angle must be finite, got {angle}")
     paint = np.stack([check_color("colors", color) for color in colors])
@@ -144,11 +138,10 @@ def striped_plate(
 
 
 def textured_plate(size: tuple[int, int], rng: Rng) -> Array:
-    """A surface with structure in brightness and color at all scales, as much in each octave.
+    """A surface with structure in brightness and color at all scales.
 
-    Its contrast falls with frequency f as 1/f, as that of photographs does; a lens that spreads a
-    point by 0.7 pixels takes most of what is left at single pixels. It goes on across the border at
-    the opposite side.
+    Its amplitude falls with frequency f as 1/f, as in photographs, and is blurred by a Gaussian of 0.7
+    pixels, as by a lens. It is periodic: opposite borders match.
 
     Parameters
     ----------
@@ -168,16 +161,16 @@ def textured_plate(size: tuple[int, int], rng: Rng) -> Array:
 
 
 def photo_plate(name: str, size: tuple[int, int]) -> Array:
-    """The middle of a photograph that comes with scikit-image.
+    """The center of a photograph that comes with scikit-image.
 
-    Its code values are spread evenly over the step that each was rounded to, the same way each time;
-    else a camera of 8 bits would find all of them on its own steps and not round at all. Parts may
-    be saturated, and nearly black.
+    Its code values are dithered uniformly over their rounding interval, with a fixed seed; otherwise a
+    camera of 8 bits would reproduce them without rounding errors. Parts may be saturated or nearly
+    black.
 
     Parameters
     ----------
     name : str
-        One of `PHOTOS`, by the name of its function in `skimage.data`.
+        One of `PHOTOS`, a function of `skimage.data`.
     size : (int, int)
         Width and height.
 
@@ -188,9 +181,9 @@ def photo_plate(name: str, size: tuple[int, int]) -> Array:
     Raises
     ------
     ImportError
-        Without scikit-image.
+        If scikit-image is missing.
     ValueError
-        If there is no such photograph, or it is smaller than `size`.
+        If the photograph is unknown or smaller than `size`.
     """
     if name not in PHOTOS:
         raise ValueError(f"name must be one of {', '.join(PHOTOS)}, got {name!r}")
@@ -204,8 +197,8 @@ def photo_plate(name: str, size: tuple[int, int]) -> Array:
         )
     left, top = spare[0] // 2, spare[1] // 2
     codes = codes[top : top + size[1], left : left + size[0]]
-    spread = codes + np.random.default_rng(_SPREAD).uniform(-0.5, 0.5, codes.shape)
-    return np.asarray(SRGB.decode(np.abs(spread) / 255))
+    dithered = codes + np.random.default_rng(0).uniform(-0.5, 0.5, codes.shape)
+    return np.asarray(SRGB.decode(np.abs(dithered) / 255))
 
 
 def wire_fence(
@@ -215,22 +208,22 @@ def wire_fence(
     color: npt.ArrayLike,
     angle: float = 0.6,
 ) -> Layer:
-    """Two families of slanted wires, to stand in front of everything; they cover whole pixels.
+    """A fence of two families of slanted wires, for use as an occluder.
 
-    Alpha is 0 or 1: of a pixel covered in part no layer could say what was behind the rest.
+    Alpha is 0 or 1: behind a partly covered pixel the true layer would not be defined.
 
     Parameters
     ----------
     size : (int, int)
         Width and height.
     spacing : float
-        From the middle of a wire to that of the next, pixels.
+        Distance between the center lines of adjacent wires, pixels.
     width : float
-        Of a wire, pixels: 1 or more, and less than `spacing`.
+        Width of a wire, pixels: 1 or more, and less than `spacing`.
     color : (3,) float
-        Linear light of the wire where the lamp shines on it squarely.
+        Linear light of the wire at normal incidence of the lamp.
     angle : float
-        Radians by which the wires lean from upright, one family to the left, one to the right.
+        Inclination of the wires from upright, radians: one family to the left, one to the right.
 
     Returns
     -------
@@ -263,22 +256,21 @@ def _load_photo(name: str) -> npt.NDArray[np.uint8]:
 
 
 def _across(size: tuple[int, int], angle: float) -> Array:
-    """(H, W) distance of each pixel from the center of the picture, along a direction."""
+    """(H, W) coordinate of each pixel along a direction, from the center of the picture."""
     _check_size(size)
     x, y = (np.arange(side) - (side - 1) / 2 for side in size)
     return np.asarray(np.cos(angle) * x + np.sin(angle) * y[:, None])
 
 
 def _half_plane(distance: Array, angle: float) -> Array:
-    """Share of a pixel's square beyond a straight edge, its center `distance` beyond it.
+    """Fraction of a pixel's square beyond a straight edge, for a center `distance` beyond it.
 
-    Along the longer of |cos|, |sin| of the edge's direction the share is a ramp of that length; the
-    shorter averages ramps over its own. With R the integral of a ramp from 0 to 1, that is the
-    difference of R at both ends.
+    It is the convolution of a ramp of length max(|cos|, |sin|) with a box of length min(|cos|, |sin|)
+    of the edge's direction: the difference of the ramp's integral at both ends of the box.
     """
     short, long = sorted((abs(np.cos(angle)), abs(np.sin(angle))))
     middle, reach = 0.5 + distance / long, short / long / 2
-    if reach < 1e-6:  # the difference would be of rounding alone; so little slant covers no less
+    if reach < 1e-6:  # avoids cancellation; the box is negligible
         return np.asarray(np.clip(middle, 0, 1))
     return np.asarray((_ramp_area(middle + reach) - _ramp_area(middle - reach)) / (2 * reach))
 
@@ -288,11 +280,11 @@ def _ramp_area(x: Array) -> Array:
 
 
 def _fractal(size: tuple[int, int], rng: np.random.Generator) -> Array:
-    """(H, W) noise with mean 0 and spread 1 whose amplitude falls as 1 / frequency, through a lens."""
+    """(H, W) noise of mean 0 and std 1 with a 1/f amplitude, blurred by 0.7 pixels as by a lens."""
     _check_size(size)
     width, height = size
     f = np.hypot(np.fft.rfftfreq(width), np.fft.fftfreq(height)[:, None])
-    lens = np.exp(-2 * (np.pi * _LENS * f) ** 2)
+    lens = np.exp(-2 * (np.pi * 0.7 * f) ** 2)
     f[0, 0] = np.inf
     waves = np.fft.rfft2(rng.standard_normal((height, width))) * lens / f
     noise = np.fft.irfft2(waves, (height, width))
@@ -300,14 +292,14 @@ def _fractal(size: tuple[int, int], rng: np.random.Generator) -> Array:
 
 
 def _round_shade(from_middle: Array) -> Array:
-    """Light of a round wire, ambient + Lambert, from −1 at its one side to 1 at the other."""
-    towards_camera = np.sqrt(1 - from_middle**2)
-    facing = _FENCE_LAMP[0] * from_middle + _FENCE_LAMP[1] * towards_camera
-    return np.asarray(_FENCE_AMBIENT + (1 - _FENCE_AMBIENT) * np.maximum(facing, 0))
+    """Light of a round wire, ambient + Lambert, at positions −1…1 across it."""
+    facing = -0.6 * from_middle + 0.8 * np.sqrt(1 - from_middle**2)
+    ambient = 0.3
+    return np.asarray(ambient + (1 - ambient) * np.maximum(facing, 0))
 
 
 def _from_hue(hue: Array, saturation: Array, value: Array) -> Array:
-    """(n, 3) linear colors from hue (0…1, a circle), saturation and value, by the HSV formula."""
+    """(n, 3) linear colors from hue, saturation and value (n,), all 0…1, by the HSV formula."""
     k = (np.array([5, 3, 1]) + 6 * hue[:, None]) % 6
     dip = np.clip(np.minimum(k, 4 - k), 0, 1)
     return np.asarray(value[:, None] * (1 - saturation[:, None] * dip))
@@ -324,7 +316,7 @@ def _short(size: tuple[int, int]) -> int:
 
 
 def _smooth(size: tuple[int, int], scale: float, rng: np.random.Generator) -> Array:
-    """(H, W) noise with mean 0 and spread 1 that varies over `scale` pixels."""
+    """(H, W) noise of mean 0 and std 1, smoothed by a Gaussian of `scale` pixels."""
     from scipy.ndimage import gaussian_filter
 
     width, height = size

@@ -1,7 +1,7 @@
-"""What the processor of a phone does to code values: less noise, more contrast, sharper edges.
+"""In-camera processing of code values, as in a phone: noise reduction, tone curve, sharpening.
 
 In this file `values` are R'G'B' code values 0…1, (H, W, 3). None of the three steps is linear in
-light, and the file does not record them: whoever decodes it as sRGB gets light that was not there.
+light, and the file does not record them: decoding it as sRGB does not recover the light.
 """
 
 from dataclasses import dataclass
@@ -10,32 +10,28 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.rendering.ycbcr import from_ycbcr, luma, to_ycbcr, ycbcr_variance
+from blurmatte.rendering.codes import from_ycbcr, to_ycbcr, ycbcr_variance
 
 Array = npt.NDArray[np.float64]
-
-# Noise reduction: side of the window, pixels, and threshold relative to that of luma.
-_LUMA_WINDOW, _CHROMA_WINDOW = 5, 9
-_CHROMA_STRENGTH = 2.0
 
 
 @dataclass(frozen=True)
 class Processing:
-    """Noise reduction, then a tone curve, then sharpening, of code values.
+    """Noise reduction, then a tone curve, then sharpening of code values.
 
     Parameters
     ----------
     noise_reduction : float
         Threshold s of a guided filter, in standard deviations of the noise, 0 or more. A variation of
-        luma within 5 x 5 pixels that is s times the noise is halved; stronger edges stay. In even
-        regions the noise of luma is divided by about 1 + s², at most by 7. Chroma is smoothed within
-        9 x 9 pixels and at 2 s.
+        luma within 5 x 5 pixels of s times the noise is halved; stronger edges are preserved. In
+        uniform regions the noise of luma is divided by about 1 + s², at most by 7. Chroma is smoothed
+        within 9 x 9 pixels and at 2 s.
     tone : float
-        Contrast added by an S-curve v + tone · (3 v² - 2 v³ - v), 0…1: code values of 0, 0.5 and 1
-        stay, and the slope is 1 + tone / 2 in the middle and 1 - tone at both ends.
+        Contrast added by an S-curve v + tone · (3 v² - 2 v³ - v), 0…1. It fixes code values of 0, 0.5
+        and 1; its slope is 1 + tone / 2 in the middle and 1 - tone at both ends.
     sharpening : float
-        Amount of an unsharp mask, 0 or more: so many times the difference between luma and blurred
-        luma is added to all three channels.
+        Amount of an unsharp mask, 0 or more: factor of the difference between luma and blurred luma,
+        which is added to all three channels.
     sharpening_radius : float
         Standard deviation of that blur, pixels, above 0.
 
@@ -65,11 +61,11 @@ class Processing:
 
     @property
     def active(self) -> bool:
-        """Whether any step changes anything."""
+        """True if any step is active."""
         return self.noise_reduction > 0 or self.tone > 0 or self.sharpening > 0
 
     def apply(self, values: Floats, variance: Floats) -> Array:
-        """Processed code values.
+        """Process code values.
 
         Parameters
         ----------
@@ -81,7 +77,7 @@ class Processing:
         Returns
         -------
         (H, W, 3) float64
-            Not clipped: sharpening overshoots beside edges.
+            Not clipped: sharpening overshoots at edges.
         """
         result: Array = np.asarray(values, dtype=np.float64)
         if self.noise_reduction > 0:
@@ -94,7 +90,7 @@ class Processing:
 
 
 def tone_curve(values: Floats, tone: float) -> Array:
-    """The S-curve of `Processing`; beyond 0…1 it goes on straight with its slope there."""
+    """The S-curve of `Processing`, extrapolated linearly outside 0…1."""
     inside = np.clip(values, 0, 1)
     curve = inside + tone * inside * (1 - inside) * (2 * inside - 1)
     return np.asarray(curve + (1 - tone) * (values - inside))
@@ -103,21 +99,18 @@ def tone_curve(values: Floats, tone: float) -> Array:
 def _denoised(values: Array, variance: Floats, strength: float) -> Array:
     Y, Cb, Cr = to_ycbcr(values)
     of_Y, of_Cb, of_Cr = np.moveaxis(ycbcr_variance(variance), -1, 0)
-    chroma = _CHROMA_STRENGTH * strength
-    return np.asarray(
-        from_ycbcr(
-            _guided_filter(Y, of_Y, strength, _LUMA_WINDOW),
-            _guided_filter(Cb, of_Cb, chroma, _CHROMA_WINDOW),
-            _guided_filter(Cr, of_Cr, chroma, _CHROMA_WINDOW),
-        )
+    Y = _guided_filter(Y, of_Y, strength, window=5)
+    Cb, Cr = (
+        _guided_filter(x, of_x, 2 * strength, window=9) for x, of_x in ((Cb, of_Cb), (Cr, of_Cr))
     )
+    return np.asarray(from_ycbcr(Y, Cb, Cr))
 
 
 def _guided_filter(x: Floats, variance: Floats, strength: float, window: int) -> Floats:
-    """Guided filter (He, Sun and Tang, 2013) of a map (H, W), which is its own guide.
+    """Self-guided filter (He, Sun and Tang, 2013) of a map (H, W).
 
     In each window x is replaced by a x + (1 - a) mean(x) with a = var(x) / (var(x) + strength² · noise
-    variance); where windows overlap, a and (1 - a) mean(x) are averaged.
+    variance); a and (1 - a) mean(x) are averaged over overlapping windows.
     """
     mean = _window_mean(x, window)
     spread = np.maximum(_window_mean(x**2, window) - mean**2, 0)
@@ -135,5 +128,5 @@ def _window_mean(x: Floats, window: int) -> Floats:
 def _sharpened(values: Array, amount: float, radius: float) -> Array:
     from scipy.ndimage import gaussian_filter
 
-    Y = luma(values)
+    Y, _, _ = to_ycbcr(values)
     return np.asarray(values + amount * (Y - gaussian_filter(Y, radius))[..., None])

@@ -1,4 +1,4 @@
-"""Scene: what is photographed, and what moves in it during the exposure."""
+"""Scene: a body moving in front of a plate during one exposure, and what it does to the plate."""
 
 from __future__ import annotations
 
@@ -11,35 +11,35 @@ import numpy.typing as npt
 from blurmatte.checks import Floats, check_kind, check_light, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.rendering.ball import Ball
-from blurmatte.rendering.nearby import Nearby
-from blurmatte.rendering.pinhole import Pinhole
-from blurmatte.rendering.pose import Change, Pose
+from blurmatte.rendering.pose import Change, Pinhole, Pose
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
 
 class Body(Protocol):
-    """Something that can be rendered: `Ball`, `Sheet`, `Cube`, `Sprite`, and whatever has these."""
+    """Something that can be rendered: `Ball`, `Sheet`, `Cube`, `Sprite`, or any class with these.
+
+    A body with a true attribute `perspective` can be seen by a pinhole camera.
+    """
 
     @property
     def model(self) -> ColorModel | None:
-        """The colors it can show: a line or a plane; None if they fill RGB."""
+        """The line or plane of all its colors; None if they span RGB."""
 
     def reach(self, pose: Pose) -> tuple[float, float]:
-        """How far it extends from its center in x and y, pixels."""
+        """Extent from the center in x and y, pixels."""
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of the body held still.
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at one moment.
 
-        `x` (w,) and `y` (h,) are neighboring pixel centers, from the center of the body.
+        `x` (w,) and `y` (h,) are consecutive pixel centers relative to the center of the body.
         """
 
 
 @dataclass(frozen=True)
 class Shadow:
-    """A soft shadow that the body casts on the plate, and that moves with it.
+    """A soft shadow that the body casts on the plate and that moves with it.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class Shadow:
     softness : float
         Standard deviation of its blur, pixels.
     strength : (3,) float
-        Part of the plate's light that it takes away at its darkest, 0…1 for each channel: the part
-        that came from the lamp.
+        Fraction of the plate's light that it removes where it is darkest, 0…1 for each channel: the
+        fraction that comes from the lamp.
 
     Raises
     ------
@@ -71,6 +71,48 @@ class Shadow:
             raise ValueError(f"strength must be three numbers 0…1, got {self.strength}")
 
 
+@dataclass(frozen=True)
+class Nearby:
+    """A soft contact shadow and light that the body reflects to the plate; both move with it.
+
+    A sphere at distance h from a wall occludes a part of the ambient light at a point of the wall that
+    is proportional to h / (h² + d²)^(3/2), where d is the distance of the point from the sphere's
+    foot. The light that it reflects there has the same profile. Relative to the foot this is
+
+        g(d) = (1 + d² / h²)^(-3/2).
+
+    Parameters
+    ----------
+    occlusion : float
+        Fraction of the plate's light that the body removes at its foot, 0…1.
+    bounce : float
+        Fraction that it adds there in a channel in which the body's mean color is 1, 0…1.
+    reach : float
+        Distance h of the body from the plate in radii of the body, above 0. The effect falls to a
+        third at a distance of 1.04 h.
+
+    Raises
+    ------
+    ValueError
+        For a number outside its range.
+    """
+
+    occlusion: float = 0.02
+    bounce: float = 0.005
+    reach: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("occlusion", "bounce"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must lie between 0 and 1, got {getattr(self, name)}")
+        if not (np.isfinite(self.reach) and self.reach > 0):
+            raise ValueError(f"reach must be a positive number of radii, got {self.reach}")
+
+    def taken(self, color: Array) -> Array:
+        """(3,) fraction of the plate's light that a body of mean `color` removes at its foot."""
+        return np.asarray(self.occlusion - self.bounce * color)
+
+
 @dataclass(frozen=True, eq=False)
 class Scene:
     """A body that moves along a trajectory in front of a plate during one exposure.
@@ -78,39 +120,39 @@ class Scene:
     Parameters
     ----------
     plate : (H, W, 3) float
-        Linear light of the scene without the body, and without what occludes it.
+        Linear light of the scene without the body and the occluder.
     trajectory : Trajectory
         Path of the body's center, pixels. It may leave the picture.
     body : Ball, Sheet, Cube, Sprite or another Body
-        What moves.
+        The moving object.
     change : Change
-        How it turns, grows and is deformed meanwhile.
+        Its rotation, growth and deformation during the exposure.
     opacity : float
-        Part of the light from behind that it stops, 0…1, and of its own light that it sends.
+        Factor of alpha and of premultiplied light, above 0 and at most 1.
     defocus : float
         Radius of the circle of confusion of the body, pixels; the plate is in focus.
     shutter_ramp : float
-        Part of the exposure that the shutter takes to open, and again to close, 0…0.5. 0 is a
-        shutter that is open or closed.
+        Fraction of the exposure that the shutter takes to open, and again to close, 0…0.5. 0 is an
+        ideal shutter.
     shadow : Shadow, optional
-        What the body casts on the plate.
+        Shadow of the body on the plate.
     occluder : Layer, optional
-        Something still that hides body and plate, such as a `wire_fence`: alpha 0 or 1.
+        Something static in front of body and plate, such as a `wire_fence`: alpha 0 or 1.
     nearby : Nearby, optional
-        Light that the body takes from the plate near it, and gives to it.
+        Light that the body removes from the plate near it, and adds to it.
     pinhole : Pinhole, optional
-        A camera that is near: a Ball off its axis is seen as an ellipse, from the side. Without it the
-        camera is far away.
+        Camera with perspective: it sees a Ball off its axis as an ellipse. Without it the camera is far
+        away.
     pixel_filter : float
-        Width in pixels of the Blackman-Harris window that body and shadow are seen through; 0 for the
-        box of one pixel. The plate is given as its own filter left it.
+        Width in pixels of the Blackman-Harris window through which body and shadow are seen; 0 for the
+        box of one pixel. The plate is taken as already filtered.
 
     Raises
     ------
     TypeError, ValueError
         If the plate is not finite linear light, the trajectory is not a Trajectory, a number is
-        outside its range, the occluder is half transparent or of another size, or a pinhole camera
-        sees anything but a ball without squash that stays in front of it.
+        outside its range, the occluder is semitransparent or of another size, or the scene of a pinhole
+        camera is anything but a ball without squash that stays in front of the camera.
     """
 
     plate: Floats
@@ -150,7 +192,7 @@ class Scene:
             self._check_pinhole(self.pinhole)
 
     def _check_pinhole(self, pinhole: Pinhole) -> None:
-        if not isinstance(self.body, Ball):
+        if not getattr(self.body, "perspective", False):
             raise TypeError(f"a pinhole camera sees a Ball, got {type(self.body).__name__}")
         if self.change.squash != (1, 1):
             raise ValueError(f"a pinhole camera sees no squash, got {list(self.change.squash)}")
@@ -172,14 +214,14 @@ class Scene:
         return width, height
 
     def pose(self, t: float) -> Pose:
-        """How the camera sees the body at exposure fraction `t`."""
+        """Pose of the body at exposure fraction `t`, as the camera sees it."""
         pose = self.change.at(t)
         if self.pinhole is None:
             return pose
         return replace(pose, view=self.pinhole.view(self.trajectory.at(t), self.size))
 
     def part(self, start: float, end: float) -> Scene:
-        """The scene from one exposure fraction to another, as an exposure of its own."""
+        """The scene from one exposure fraction to another, as a shorter exposure."""
         trajectory, change = self.trajectory.part(start, end), self.change.part(start, end)
         return replace(self, trajectory=trajectory, change=change)
 
@@ -189,10 +231,9 @@ class Scene:
         Parameters
         ----------
         count : int
-            How many frames share the time from 0 to 1 equally.
+            Number of frames that share the time from 0 to 1 equally.
         duty : float
-            Part of each frame's time that the shutter is open, 0…1; the rest is a gap that no frame
-            sees.
+            Fraction of each frame's time during which the shutter is open, above 0 and at most 1.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""A sensor: photon and read noise, and one color in each pixel."""
+"""Sensor: photon and read noise, and the color filter array."""
 
 import numpy as np
 
@@ -12,24 +12,24 @@ BAYER = np.array([[0, 1], [1, 2]])  # red, green over green, blue
 
 
 def add_noise(light: Floats, noise: NoiseModel, rng: Rng) -> Floats:
-    """Light with the noise of a sensor; shape and dtype of `light`.
+    """Add photon and read noise to light; the result has the shape and dtype of `light`.
 
-    Photon and read noise are drawn together, from a normal distribution of their variance at the
-    exact light: good where a pixel holds more than about 20 electrons (light > 20 · gain). The
-    parameters are those of `Camera` and its `photograph`.
+    Both are drawn together from a normal distribution with their variance at the exact light: a good
+    approximation above about 20 electrons per pixel (light > 20 · gain). The parameters are those of
+    `Camera.photograph`.
     """
     check_light("light", light)
     return np.asarray(noisy(light, noise, np.random.default_rng(rng)), dtype=light.dtype)
 
 
 def noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
-    """The same of light that is checked; float64."""
+    """Add noise to light that is already checked; float64."""
     with_noise: Floats = light + np.sqrt(noise.variance(light)) * rng.standard_normal(light.shape)
     return with_noise
 
 
 def through_mosaic(light: Floats) -> Floats:
-    """(H, W, 3): each pixel keeps one channel, and the other two come from its neighbors.
+    """Keep one channel per pixel and interpolate the other two from its neighbors, (H, W, 3).
 
     Raises
     ------

@@ -1,31 +1,22 @@
-"""Pictures through H.264, as a phone or camera records them: what the codec leaves of code values.
+"""H.264 compression of code values, as in clips of phones and cameras.
 
-R'G'B' becomes Y'CbCr with the matrix and limited range of Rec. 709, 8 bits, and 4:2:0 with the chroma
-of two columns where the left one is (ITU-T H.264, figure E-1). The transfer curve is the caller's:
-code values go in, code values come out.
+R'G'B' is converted to Y'CbCr with the matrix and limited range of Rec. 709, 8 bits, and 4:2:0 with
+chroma sited at the left column (ITU-T H.264, figure E-1). The transfer curve is left to the caller.
 """
 
 import io
 from collections.abc import Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.rendering.code_values import check_8_bit_codes
-
-if TYPE_CHECKING:
-    from av.filter import Graph
+from blurmatte.rendering.codes import check_8_bit_codes
 
 Codes8 = npt.NDArray[np.uint8]
 
-_BT709 = 1  # matrix, primaries and curve in ITU-T H.273
 _RATE = Fraction(30)  # frames per second; the rate control of a constant crf depends on it
-_TO_BT709 = (
-    "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc=left"
-)
-_MAX_CRF = 51
 
 
 def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
@@ -34,22 +25,22 @@ def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
     Parameters
     ----------
     pictures : sequence of (H, W, 3) uint8
-        R'G'B' code values, all of one size; an odd size gets the last row or column once more.
+        R'G'B' code values, all of one size; odd sizes are padded by repeating the last row or column.
     crf : float
-        Constant rate factor of x264, 0…51: 17 is hardly visible, 23 its default, 35 coarse.
+        Constant rate factor of x264, 0…51: 17 is almost invisible, 23 the default, 35 coarse.
 
     Returns
     -------
     list of (H, W, 3) uint8
-        The decoded frames, in order. The same bytes for the same pictures.
+        The decoded frames in order, deterministic.
 
     Raises
     ------
     ImportError
         If PyAV is missing.
     TypeError, ValueError
-        If there are no pictures, they are of another kind or of several sizes, or `crf` is outside
-        its range.
+        If there are no pictures, their type is another or their sizes differ, or `crf` is outside its
+        range.
     """
     if not pictures:
         raise ValueError("pictures must be one or more, got none")
@@ -65,13 +56,13 @@ def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
 
 
 def check_crf(crf: float) -> None:
-    """Raise ValueError unless x264 takes this constant rate factor."""
-    if not 0 <= crf <= _MAX_CRF:
-        raise ValueError(f"crf must lie between 0 and {_MAX_CRF}, got {crf}")
+    """Raise ValueError unless `crf` is a constant rate factor of x264."""
+    if not 0 <= crf <= 51:
+        raise ValueError(f"crf must lie between 0 and 51, got {crf}")
 
 
 def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
-    """An MP4 file."""
+    """Encode pictures as an MP4 file."""
     av = _video_library()
     from av.video.reformatter import ColorRange
 
@@ -79,12 +70,13 @@ def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
     even = (0, height % 2), (0, width % 2), (0, 0)
     file = io.BytesIO()
     with av.open(file, "w", format="mp4") as target:
-        # One thread: with more of them the rate control depends on their number.
+        # One thread: the rate control depends on the number of threads.
         stream = target.add_stream("libx264", rate=_RATE, options={"crf": str(crf), "threads": "1"})
         stream.pix_fmt = "yuv420p"
         stream.height, stream.width = height + height % 2, width + width % 2
         context = stream.codec_context
-        context.color_primaries = context.color_trc = context.colorspace = _BT709
+        # Rec. 709 in ITU-T H.273
+        context.color_primaries = context.color_trc = context.colorspace = 1
         context.color_range = ColorRange.MPEG
         converter = _converter(stream.width, stream.height)
         for number, codes in enumerate(pictures):
@@ -98,15 +90,16 @@ def _encoded(pictures: Sequence[Codes8], crf: float) -> bytes:
     return file.getvalue()
 
 
-def _converter(width: int, height: int) -> "Graph":
-    """R'G'B' to Y'CbCr of Rec. 709, 4:2:0 with the chroma of the left column."""
+def _converter(width: int, height: int) -> Any:
+    """Filter graph from R'G'B' to Y'CbCr of Rec. 709, 4:2:0 with chroma sited left."""
     from av import VideoFormat
     from av.filter import Graph
 
+    options = "flags=bicubic+accurate_rnd:out_color_matrix=bt709"
     graph, rgb = Graph(), VideoFormat("rgb24")
     parts = (
         graph.add_buffer(width=width, height=height, format=rgb, time_base=1 / _RATE),
-        graph.add("scale", _TO_BT709),
+        graph.add("scale", f"{options}:out_range=limited:out_chroma_loc=left"),
         graph.add("format", "yuv420p"),
         graph.add("buffersink"),
     )
@@ -115,11 +108,11 @@ def _converter(width: int, height: int) -> "Graph":
 
 
 def _decoded(file: bytes) -> list[Codes8]:
-    """R'G'B' codes of all frames, by the matrix, range and siting that the file states."""
+    """R'G'B' codes of all frames, decoded with the file's matrix, range and chroma siting."""
     av = _video_library()
     from av.video.reformatter import Interpolation
 
-    # Without these flags codes come out one too dark, and the chroma of 4:2:0 in steps.
+    # The default flags round codes down and repeat chroma instead of interpolating it.
     flags = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
     with av.open(io.BytesIO(file)) as clip:
         stream = clip.streams.video[0]

@@ -1,6 +1,7 @@
-"""Lamps: far away, each of a color. What they and the light from everywhere do to paint.
+"""Lamps, paints, and the colors that paints show under lamps.
 
-Directions are (x, y, z) with x right, y down and z towards the camera, of any length.
+Lamps are far away. Directions are (x, y, z) with x right, y down and z towards the camera, of any
+length. Colors are linear light.
 """
 
 from collections.abc import Sequence
@@ -9,28 +10,27 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.rendering.paint import check_color
+from blurmatte.checks import Floats
+from blurmatte.color.model import ColorModel
 
 Array = npt.NDArray[np.float64]
-
-_TO_CAMERA = np.array([0.0, 0, 1])
 
 
 @dataclass(frozen=True)
 class Lamp:
-    """Parallel light from one side.
+    """Parallel light from one direction.
 
     Parameters
     ----------
     direction : (3,) float
-        Towards the lamp, from the body.
+        From the body towards the lamp.
     color : (3,) float
-        Linear light: what a white surface that faces the lamp shows of it.
+        Linear light that a white surface facing the lamp reflects.
 
     Raises
     ------
     ValueError
-        If the direction is none, or the color black or negative.
+        If the direction is zero or not finite, or the color is black or negative.
     """
 
     direction: tuple[float, float, float] = (-0.45, -0.7, 0.55)
@@ -49,8 +49,8 @@ class Lamp:
 
     @property
     def halfway(self) -> Array:
-        """(3,) unit vector halfway to the camera; zeros if the lamp is right behind the body."""
-        between = self.toward + _TO_CAMERA
+        """(3,) unit vector halfway between lamp and camera; zeros for a lamp behind the body."""
+        between = self.toward + np.array([0.0, 0, 1])
         length = np.linalg.norm(between)
         return np.asarray(between / length if length > 1e-9 else np.zeros(3))
 
@@ -64,7 +64,7 @@ def unit_direction(name: str, direction: Sequence[float] | Array) -> Array:
 
 
 def check_lighting(lamps: tuple[Lamp, ...], ambient: float) -> None:
-    """Raise unless there are one or more lamps, and `ambient` is a part of 1."""
+    """Raise TypeError or ValueError unless there are lamps and `ambient` is within 0…1."""
     if not isinstance(lamps, tuple) or not all(isinstance(lamp, Lamp) for lamp in lamps):
         raise TypeError(f"lamps must be a tuple of Lamp, got {lamps!r}")
     if not lamps:
@@ -74,19 +74,48 @@ def check_lighting(lamps: tuple[Lamp, ...], ambient: float) -> None:
 
 
 def lamp_colors(lamps: tuple[Lamp, ...]) -> Array:
-    """(n, 3) linear light."""
+    """(n, 3) linear light of n lamps."""
     return np.array([lamp.color for lamp in lamps])
 
 
 def shade(normal: Array, lamps: tuple[Lamp, ...], ambient: float) -> Array:
-    """(3,) light that white paint with a unit `normal` shows: ambient + Lambert."""
+    """(3,) light reflected by white paint with a unit `normal`: ambient + Lambert."""
     facing = np.array([max(float(normal @ lamp.toward), 0) for lamp in lamps])
     colors = lamp_colors(lamps)
     return np.asarray(ambient * colors.mean(axis=0) + (1 - ambient) * facing @ colors)
 
 
 def lit(paints: Array, lamps: tuple[Lamp, ...], ambient: float) -> Array:
-    """(m, 3) colors that span all that `paints` (n, 3) can show under these lamps."""
+    """(m, 3) colors that span every color of `paints` (n, 3) under these lamps."""
     colors = lamp_colors(lamps)
     lights = colors.mean(axis=0, keepdims=True) if ambient == 1 else colors
     return (paints[:, None] * lights).reshape(-1, 3)
+
+
+def check_color(name: str, value: npt.ArrayLike) -> Array:
+    """`value` as (3,) linear light; ValueError unless finite, not negative and not black."""
+    color = np.array(value, dtype=float)
+    if color.shape != (3,) or not np.all(np.isfinite(color) & (color >= 0)) or not color.any():
+        raise ValueError(
+            f"{name} must be three linear values, not negative and not all 0, got {value!r}"
+        )
+    return color
+
+
+def true_model(colors: Array) -> ColorModel | None:
+    """The line or plane spanned by colors (n, 3), known exactly; None if they span RGB.
+
+    Distances up to 1e-6 of the brightest value count as rounding errors.
+    """
+    rank = int(np.linalg.matrix_rank(colors, tol=1e-6 * np.max(np.abs(colors))))
+    return None if rank == 3 else ColorModel.from_samples(colors, rank, std=0)
+
+
+def spanning(colors: Floats) -> Array:
+    """At most three rows (k, 3) with the same span as colors (..., 3); they may be negative."""
+    return np.asarray(np.linalg.qr(colors.reshape(-1, 3).astype(float), mode="r"))
+
+
+def hex_codes(model: ColorModel | None) -> str:
+    """The sRGB hex codes of a color model for people; "all colors" for None."""
+    return "all colors" if model is None else " + ".join(model.hex)

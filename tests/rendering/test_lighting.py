@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.rendering import Lamp
-from blurmatte.rendering.lamp import check_lighting, lit, shade
+from blurmatte.rendering.lighting import check_lighting, lit, shade
 
 WARM, COLD = Lamp((0, 0, 1), (1, 0.7, 0.4)), Lamp((2, 0, 0), (0.2, 0.4, 0.8))
 
@@ -43,6 +43,6 @@ def test_halfway_is_between_lamp_and_camera():
         (lambda: check_lighting((WARM,), 1.2), ValueError, "ambient must lie between 0 and 1"),
     ],
 )
-def test_door(make, error, says):
+def test_rejects_wrong_arguments(make, error, says):
     with pytest.raises(error, match=says):
         make()
