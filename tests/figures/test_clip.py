@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blurmatte.figures import draw_clip
-from blurmatte.figures.panels import BRIGHT, OTHER, STREAK
+from blurmatte.figures.drawing import Palette
 from blurmatte.motion import BallPlace, FrameMotion, Sighting
 from blurmatte.radiometry import LinearImage
 
@@ -29,12 +29,12 @@ def rows_with(sheet, color):
 
 
 @pytest.mark.parametrize("count", [1, 2])
-def test_colors_tell_objects_apart(count):
+def test_objects_have_different_colors(count):
     """Exact: the second one lies lower; of one alone nothing is in the colors of several."""
     rows = [row(k, n + 1, 25.0 + 40 * n) for k in range(5) for n in range(count)]
     sheet = draw_clip(PLATE, rows)
     assert sheet.shape[1] == 1800
-    alone, several = (OTHER, STREAK), (BLUE, ORANGE)
+    alone, several = (Palette.other, Palette.streak), (BLUE, ORANGE)
     assert all(len(rows_with(sheet, c)) > 0 for c in (several if count == 2 else alone))
     assert all(len(rows_with(sheet, c)) == 0 for c in (alone if count == 2 else several))
     if count == 2:
@@ -45,13 +45,14 @@ def test_doubted_frames_are_dashed():
     """Exact: nothing bright nor an ellipse is left where all are in doubt, and some where one is."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
     bright = [
-        np.sum((draw_clip(PLATE, way)[100:850] == BRIGHT).all(axis=-1)) for way in (sure, doubted)
+        np.sum((draw_clip(PLATE, way)[100:850] == Palette.bright).all(axis=-1))
+        for way in (sure, doubted)
     ]
-    ellipses = [len(rows_with(draw_clip(PLATE, way), STREAK)) for way in (sure, doubted)]
+    ellipses = [len(rows_with(draw_clip(PLATE, way), Palette.streak)) for way in (sure, doubted)]
     assert bright[0] > 300 > bright[1] == 0
     assert ellipses[0] > ellipses[1] == 0
     one = draw_clip(PLATE, [*sure[:2], doubted[2], *sure[3:]])
-    assert len(rows_with(one, OTHER)) > 0
+    assert len(rows_with(one, Palette.other)) > 0
 
 
 def test_nothing_found_is_drawn_too():

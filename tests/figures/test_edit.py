@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from blurmatte.figures import draw_edit, draw_look
-from blurmatte.figures.panels import shown
+from blurmatte.figures.drawing import srgb_codes
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage, Meta
 
@@ -26,7 +26,7 @@ def test_the_pictures_are_on_the_sheet(paint):
     assert sheet.shape[1] == 1800
     assert sheet.dtype == np.uint8
     for picture in (paint.image, after):
-        assert panels_of(sheet, shown(picture.rgb))
+        assert panels_of(sheet, srgb_codes(picture.rgb))
 
 
 @pytest.mark.parametrize("size", [(192, 128), (400, 90), (90, 128)])
@@ -39,7 +39,7 @@ def test_before_and_after_are_side_by_side(size):
     sheet = draw_edit(layer, layer.fade(2), *plain)
     places = []
     for picture in plain:
-        column = (sheet == shown(picture.rgb)[0, 0]).all(axis=-1)
+        column = (sheet == srgb_codes(picture.rgb)[0, 0]).all(axis=-1)
         y, x = np.nonzero(column[:850])
         places.append((y.min(), x.min()))
     assert places[0][0] == places[1][0]
@@ -57,7 +57,7 @@ def test_a_look_at_anything(paint):
     for thing in (paint.image, paint.layer, EMPTY):
         assert draw_look(thing).shape[1] == 1800
     camera = LinearImage(paint.image.rgb, meta=Meta("x.png"))
-    assert panels_of(draw_look(camera), shown(paint.image.rgb))
+    assert panels_of(draw_look(camera), srgb_codes(paint.image.rgb))
 
 
 def test_door(paint):

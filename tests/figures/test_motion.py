@@ -5,7 +5,7 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.figures import draw_motion
-from blurmatte.figures.panels import BRIGHT
+from blurmatte.figures.drawing import Palette
 from blurmatte.matting import Solution
 from blurmatte.motion import measure_motion
 from blurmatte.radiometry import LinearImage
@@ -41,7 +41,7 @@ def test_a_motion_is_drawn_where_it_was(sweep):
     sheet = draw_motion(image, solution, motion)
     assert sheet.dtype == np.uint8
     assert sheet.shape[1] == 1800
-    y, x = np.nonzero((sheet == BRIGHT).all(axis=-1)[130:830])  # between title and words
+    y, x = np.nonzero((sheet == Palette.bright).all(axis=-1)[130:830])  # between title and words
     assert np.ptp(x) / np.ptp(y) == pytest.approx((50 + 12) / (10 + 12), rel=0.03)
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.figures import draw_overview
-from blurmatte.figures.panels import BRIGHT, STREAK, WARNING
+from blurmatte.figures.drawing import Palette
 from blurmatte.figures.solution import _layout, _surroundings
 from blurmatte.matting import Grade, Pixelwise, Quality, Solution, solve
 from blurmatte.radiometry import LinearImage, Meta, NoiseModel
@@ -95,14 +95,15 @@ def test_what_the_border_takes_the_far_side_gets():
 def test_doubts_stand_out():
     image, plate, good = solved((120, 90), (30, 40), (80, 50))
     bad = replace(good, alpha=good.alpha * 5)
-    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == WARNING).all(-1))
+    orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == Palette.warning).all(-1))
               for s in (good, bad)]  # fmt: skip
     assert orange[0] == 0
     assert orange[1] > 100
 
 
 @pytest.mark.parametrize(
-    ("grade", "bar"), [(Grade.CONFIRMED, None), (Grade.PLAUSIBLE, STREAK), (Grade.ASSUMED, WARNING)]
+    ("grade", "bar"),
+    [(Grade.CONFIRMED, None), (Grade.PLAUSIBLE, Palette.streak), (Grade.ASSUMED, Palette.warning)],
 )
 def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
@@ -111,7 +112,7 @@ def test_banner_unless_the_grade_is_confirmed(monkeypatch, grade, bar):
     sheet = draw_overview(image, plate, replace(solution, stats={**solution.stats, **graded}))
     (place,) = [box for words, box in written if words.startswith(f"{grade}: ")]
     left, top = int(place[0]) - 5, int(place[1])
-    for color in (STREAK, WARNING):
+    for color in (Palette.streak, Palette.warning):
         assert (tuple(sheet[top, left]) == color) == (color == bar)
     assert sum("alpha" in words and "0.034" in words for words, _ in written) == 1
 
@@ -172,7 +173,9 @@ def test_path_is_drawn_only_of_the_likeliest_hypothesis():
     sweep |= {"radius_std": 0.1, "diagnostics": {"residual_excess": 1.0}, "shadow": None}
     stats = {**solution.stats, "sweep": sweep, "weights": (0.2, 0.8)}
     bright = [
-        np.count_nonzero((draw_overview(image, plate, s)[700:900, 40:1000] == BRIGHT).all(-1))
+        np.count_nonzero(
+            (draw_overview(image, plate, s)[700:900, 40:1000] == Palette.bright).all(-1)
+        )
         for s in (
             replace(solution, solver="Swept()", stats=stats),
             replace(solution, solver="Smooth()", stats=stats),

@@ -1,28 +1,14 @@
-"""Sheets for people: an object before and after an edit, and a quick look at anything."""
+"""Sheets of layers: before and after an edit, exposures of paints, and a quick look."""
 
 import numpy as np
 
 from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.figures.panels import (
-    TALLEST,
-    Layout,
-    Panel,
-    Pixels,
-    by,
-    checkerboard,
-    fitted,
-    room_beside,
-    round_up,
-    shown,
-    shown_alpha,
-)
-from blurmatte.figures.sheet import Sheet
+from blurmatte.figures.drawing import Pixels, checkerboard, fitted, gray_codes, round_up, srgb_codes
+from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, column_width, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting import Solution
 from blurmatte.radiometry import LinearImage
-
-_RIM = 0.15  # of the object's longer side, shown around it
 
 
 def draw_edit(
@@ -32,16 +18,16 @@ def draw_edit(
     after: LinearImage | None = None,
     remark: str = "",
 ) -> Pixels:
-    """Draw an object before and after an edit, and the pictures that it is in.
+    """Draw an object before and after an edit, alone and in its picture.
 
     Parameters
     ----------
     layer, edited : Layer
-        The object as it was, and as it is; either may be empty, but not both.
+        The object before and after; either may be empty, but not both.
     before, after : LinearImage, optional
-        The picture with the one and with the other; both or none.
+        The picture with each of them; both or none.
     remark : str
-        What was done.
+        Description of the edit.
 
     Returns
     -------
@@ -58,25 +44,25 @@ def draw_edit(
     part, new = layer.crop(box), edited.crop(box)
     peak = round_up(float(max(part.alpha.max(), new.alpha.max())))
     sheet = Sheet()
-    sheet.title("before and after", f"{by(layer.size)} px{remark and f', {remark}'}")
+    sheet.title("before and after", f"{size_text(layer.size)} px{remark and f', {remark}'}")
     panels = [_layer_panels(one, peak, name) for one, name in ((part, "before"), (new, "after"))]
     if before is not None and after is not None:
         strip = [("before", before.in_srgb()), ("after", after.in_srgb())]
         for row, (name, picture) in zip(panels, strip, strict=True):
             check_same_size(name, picture.size, "the layer", layer.size)
-            row.insert(0, Panel(shown(picture.crop(box).rgb), name))
-        room = room_beside(len(strip)), TALLEST[0]
+            row.insert(0, Panel(srgb_codes(picture.crop(box).rgb), name))
+        room = column_width(len(strip)), Page.picture_height
         whole = [Panel(np.asarray(fitted(picture, room)[0]), name) for name, picture in strip]
-        sheet.beside(whole, "the picture")
+        sheet.row(whole, "the picture")
     rows = [panel for row in panels for panel in row]
-    sheet.grid(rows, Layout.around(part.size, len(rows), len(panels[0])), "the object")
+    sheet.grid(rows, Layout.best(part.size, len(rows), len(panels[0])), "the object")
     return sheet.pixels()
 
 
 def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
     return [
         Panel(_over_checks(layer), f"layer {when}", "over a checkerboard"),
-        Panel(shown_alpha(layer.alpha, peak), f"alpha {when}", f"white = {peak:g}"),
+        Panel(gray_codes(layer.alpha, peak), f"alpha {when}", f"white = {peak:g}"),
     ]
 
 
@@ -90,18 +76,18 @@ def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
     Returns
     -------
     (H, W, 3) uint8
-        sRGB-coded, 1800 pixels wide: a picture by itself; a layer over a checkerboard, its color and
-        its alpha, whole and around the object.
+        sRGB-coded, 1800 pixels wide: a picture; or a layer over a checkerboard, whole, and the
+        layer, its color and its alpha around the object.
 
     Raises
     ------
     TypeError
-        If it is something else.
+        For any other type.
     """
     sheet = Sheet()
     if isinstance(thing, LinearImage):
-        sheet.title(thing.meta.source or "picture", f"{by(thing.size)} px")
-        _one(sheet, Panel(shown(thing.in_srgb().rgb), ""), "as a screen shows it")
+        sheet.title(thing.meta.source or "picture", f"{size_text(thing.size)} px")
+        _one(sheet, Panel(srgb_codes(thing.in_srgb().rgb), ""), "as a screen shows it")
         return sheet.pixels()
     if not isinstance(thing, Layer | Solution):
         raise TypeError(
@@ -115,22 +101,22 @@ def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
         peak = round_up(float(part.alpha.max()))
         panels = [
             Panel(_over_checks(part), "layer"),
-            Panel(shown(part.straight()), "color"),
-            Panel(shown_alpha(part.alpha, peak), "alpha", f"white = {peak:g}"),
+            Panel(srgb_codes(part.straight()), "color"),
+            Panel(gray_codes(part.alpha, peak), "alpha", f"white = {peak:g}"),
         ]
-        sheet.grid(panels, Layout.around(part.size, len(panels)), "the object")
+        sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
     return sheet.pixels()
 
 
 def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
-    """Draw how long each paint of an object was there.
+    """Draw the exposure fraction of each paint of an object.
 
     Parameters
     ----------
     layer : Layer
         The object.
     exposures : Exposures
-        Of it, what `split_exposure` found.
+        Its result of `split_exposure`.
 
     Returns
     -------
@@ -151,32 +137,32 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
     place, part = np.s_[y0:y1, x0:x1], layer.crop(box)
     peak = round_up(float(part.alpha.max()))
     panels = [Panel(_over_checks(part), "layer", "over a checkerboard")]
-    codes = shown(np.minimum(exposures.paints, 1))
+    codes = srgb_codes(np.minimum(exposures.paints, 1))
     for k in range(count):
-        map_of = shown_alpha(np.maximum(exposures.fraction[place][..., k], 0), peak)
+        map_of = gray_codes(np.maximum(exposures.fraction[place][..., k], 0), peak)
         red, green, blue = (int(code) for code in codes[k])
         legend = [((red, green, blue), f"#{red:02x}{green:02x}{blue:02x}")]
         panels.append(Panel(map_of, f"paint {k + 1}", f"white = {peak:g} of the exposure", legend))
     sheet = Sheet()
-    sheet.title("how long each paint was there", f"{by(layer.size)} px")
-    sheet.grid(panels, Layout.around(part.size, len(panels)), "the object")
+    sheet.title("how long each paint was there", f"{size_text(layer.size)} px")
+    sheet.grid(panels, Layout.best(part.size, len(panels)), "the object")
     return sheet.pixels()
 
 
 def _one(sheet: Sheet, panel: Panel, what: str) -> None:
     height, width = panel.pixels.shape[:2]
-    sheet.grid([panel], Layout.around((width, height), 1), what)
+    sheet.grid([panel], Layout.best((width, height), 1), what)
 
 
 def _over_checks(layer: Layer) -> Pixels:
-    return shown(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
+    return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
 
 def _around(*layers: Layer) -> Box:
-    """The box of all that is in layers of one size, and a rim."""
+    """The box of all content of layers of one size, with a margin of 15 %, at least 4 pixels."""
     box = box_around(*layers)
     if box is None:
         raise ValueError("both layers are empty: there is nothing to show")
     x0, y0, x1, y1 = box
-    rim, (width, height) = max(4, int(_RIM * max(x1 - x0, y1 - y0))), layers[0].size
+    rim, (width, height) = max(4, int(0.15 * max(x1 - x0, y1 - y0))), layers[0].size
     return max(x0 - rim, 0), max(y0 - rim, 0), min(x1 + rim, width), min(y1 + rim, height)

@@ -1,23 +1,20 @@
-"""A motion drawn over its picture."""
+"""The sheet of a motion: path, outlines and errors over the picture."""
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.explain import explain
-from blurmatte.figures.panels import (
-    CIRCLE,
-    MARGIN,
-    STREAK,
-    TALLEST,
-    WIDTH,
+from blurmatte.figures.drawing import (
+    Palette,
     Pixels,
     draw_line,
-    enlargement,
+    ellipse_enlargement,
     error_ellipse,
     fitted,
+    unit_circle,
 )
-from blurmatte.figures.sheet import Sheet
+from blurmatte.figures.sheet import Page, Sheet
 from blurmatte.matting import Solution
 from blurmatte.matting.solution import check_solution
 from blurmatte.motion.picture.motion import Motion
@@ -29,17 +26,17 @@ Array = npt.NDArray[np.float64]
 def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixels:
     """Draw a motion over the picture: path, first and last outline, and the errors.
 
-    Of a streak without a shape only the path is drawn, with the disc of the silhouette's area at both
-    ends. Ellipses of one standard deviation are enlarged so that they can be seen; it says how much.
+    Without a fitted shape the outline is the disc of the silhouette's area. Ellipses show one standard
+    deviation, enlarged for visibility by a factor that the sheet states.
 
     Parameters
     ----------
     image : LinearImage
-        What was solved.
+        The solved picture.
     solution : Solution
-        What was measured.
+        Its solution.
     motion : Motion
-        What `measure_motion` found.
+        Result of `measure_motion`.
 
     Returns
     -------
@@ -58,24 +55,28 @@ def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixel
 
     check_same_size("image", image.size, "solution", solution.size)
     box, corner = _around(motion)
-    picture, scale = fitted(image.in_srgb().crop(box), (WIDTH - 2 * MARGIN, TALLEST[0]))
+    picture, scale = fitted(
+        image.in_srgb().crop(box), (Page.width - 2 * Page.margin, Page.picture_height)
+    )
     pen = ImageDraw.Draw(picture)
     draw_line(pen, motion.trajectory.xy - corner, scale)
     enlarged = _enlarged(motion, scale)
     for t in (0, 1):
         draw_line(pen, _outline(motion, t) - corner, scale)
         place = motion.trajectory.at(t) - corner
-        draw_line(pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, STREAK)
+        draw_line(
+            pen, error_ellipse(place, motion.place_covariance(t), enlarged), scale, Palette.streak
+        )
     sheet = Sheet()
     sheet.title(image.meta.source or "blurmatte", repr(motion))
     sheet.picture(np.asarray(picture))
-    told = f"Ellipses: one standard deviation of the ends, {enlarged:g} times enlarged."
-    sheet.sentences([*explain(motion), told])
+    note = f"Ellipses: one standard deviation of the ends, {enlarged:g} times enlarged."
+    sheet.sentences([*explain(motion), note])
     return sheet.pixels()
 
 
 def _around(motion: Motion) -> tuple[Box, Array]:
-    """(x0, y0, x1, y1) around all of its way with something beside it, and its corner (x, y)."""
+    """Box (x0, y0, x1, y1) around the path with a margin, and its corner (x, y)."""
     xy, rim = motion.trajectory.xy, 2 * max(motion.width, 2 * motion.radius)
     low = np.clip(np.floor(xy.min(axis=0) - rim), 0, np.array(motion.size) - 1).astype(int)
     high = np.clip(np.ceil(xy.max(axis=0) + rim) + 1, low + 1, motion.size).astype(int)
@@ -83,13 +84,13 @@ def _around(motion: Motion) -> tuple[Box, Array]:
 
 
 def _outline(motion: Motion, t: float) -> Array:
-    """Around the silhouette, or the disc of its area where that is not known."""
+    """Outline of the silhouette, or of the disc of its area if there is no fitted shape."""
     if motion.sweep is not None:
         return motion.outline_at(t)
-    return np.asarray(motion.trajectory.at(t) + motion.radius * CIRCLE)
+    return np.asarray(motion.trajectory.at(t) + motion.radius * unit_circle())
 
 
 def _enlarged(motion: Motion, scale: float) -> float:
-    """So that the ellipses are large enough to see, but smaller than the object."""
+    """Factor at which the ellipses are visible and still smaller than the object."""
     largest = max(float(np.sqrt(np.trace(motion.place_covariance(t)))) for t in (0, 1))
-    return enlargement(largest, max(motion.radius, 20 / scale))
+    return ellipse_enlargement(largest, max(motion.radius, 20 / scale))

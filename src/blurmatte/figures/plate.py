@@ -1,30 +1,20 @@
-"""The sheet of a plate: it, how often each pixel was free, and its error."""
+"""The sheet of a plate: its light, the coverage of each pixel, and its error."""
 
 import numpy as np
 
 from blurmatte.background import PlateFit
 from blurmatte.explain import explain
-from blurmatte.figures.panels import (
-    HEAT,
-    UNKNOWN,
-    Layout,
-    Panel,
-    Pixels,
-    by,
-    heat,
-    round_up,
-    shown,
-)
-from blurmatte.figures.sheet import Sheet
+from blurmatte.figures.drawing import Palette, Pixels, heat_codes, round_up, srgb_codes
+from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
 
 
 def draw_plate(fit: PlateFit) -> Pixels:
-    """Draw a plate, how often each pixel was free, and its error, on one sheet.
+    """Draw a plate, the share of frames that show each pixel, and its error on one sheet.
 
     Parameters
     ----------
     fit : PlateFit
-        What `make_plate` made.
+        Result of `make_plate`.
 
     Returns
     -------
@@ -33,18 +23,18 @@ def draw_plate(fit: PlateFit) -> Pixels:
     """
     plate = fit.plate
     known, std = plate.valid, np.sqrt(plate.variance.mean(axis=-1))
-    light = np.where(known[..., None], shown(plate.rgb), np.array(UNKNOWN, np.uint8))
+    light = np.where(known[..., None], srgb_codes(plate.rgb), np.array(Palette.unknown, np.uint8))
     top = round_up(float(np.percentile(std[known], 98)))
-    errors = heat(np.clip(std / top, 0, 1) * (len(HEAT) - 1))
-    errors[~known] = UNKNOWN
-    unknown = (UNKNOWN, f"not known or clipped {1 - known.mean():.1%}")
+    errors = heat_codes(np.clip(std / top, 0, 1))
+    errors[~known] = Palette.unknown
+    unknown = (Palette.unknown, f"not known or clipped {1 - known.mean():.1%}")
     sheet = Sheet()
-    sheet.title("plate", f"{by(plate.size)} px of {len(fit.gain)} frames")
+    sheet.title("plate", f"{size_text(plate.size)} px of {len(fit.gain)} frames")
     sheet.sentences(explain(fit))
     panels = [
         Panel(light, "plate", legend=[unknown]),
-        Panel(heat(fit.coverage * (len(HEAT) - 1)), "free", "share of frames", [(None, "0 to 1")]),
+        Panel(heat_codes(fit.coverage), "free", "share of frames", [(None, "0 to 1")]),
         Panel(errors, "error", "std of light, 1 is white", [(None, f"0 to {top:g}"), unknown]),
     ]
-    sheet.grid(panels, Layout.around(plate.size, len(panels)), "what the frames say")
+    sheet.grid(panels, Layout.best(plate.size, len(panels)), "what the frames say")
     return sheet.pixels()

@@ -1,130 +1,191 @@
-"""The canvas of a sheet: words and panels, one below the other."""
+"""The canvas of a sheet: text and panels in rows, from top to bottom."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from blurmatte.figures.panels import (
-    BRIGHT,
-    DIM,
-    GAP,
-    GROUND,
-    HEAT,
-    MARGIN,
-    WIDTH,
-    Color,
-    Layout,
-    Panel,
-    Pixels,
-    heat,
-    resized,
-    room_beside,
-)
+from blurmatte.figures.drawing import Color, Palette, Pixels, heat_codes, rescaled
 
-TITLE, BODY, _LINE = 21, 17, 24  # letters; from line to line of the body
+
+@dataclass(frozen=True)
+class Page:
+    """Lengths on a sheet, in its pixels; read as class attributes."""
+
+    width: int = 1800
+    margin: int = 40
+    gap: int = 28  # between columns and rows
+    picture_height: int = 720  # largest height of a whole picture
+    grid_height: int = 1320  # largest height of all panels of a grid
+    title_size: int = 21  # of letters
+    body_size: int = 17
+    line_height: int = 24  # of body text
+
+
+@dataclass(frozen=True, eq=False)
+class Panel:
+    """A picture with its title, a remark, and a legend of its colors."""
+
+    pixels: Pixels
+    title: str
+    remark: str = ""
+    legend: Sequence[tuple[Color | None, str]] = ()  # None: the heat scale
+
+
+@dataclass(frozen=True)
+class Layout:
+    """Columns of a grid of panels, pixels per column and row, and one scale for all panels.
+
+    A positive scale enlarges each pixel to a square; −n averages n x n pixels.
+    """
+
+    columns: int
+    width: int
+    height: int
+    scale: int
+
+    @classmethod
+    def best(cls, size: tuple[int, int], count: int, columns: int | None = None) -> "Layout":
+        """The layout that shows `count` panels of `size` (width, height) largest.
+
+        Three columns are preferred unless another number shows them 1.5 times as large; `columns`
+        fixes the number. Panels are enlarged 24 times at most.
+        """
+        best, largest = cls(3, 1, 1, 1), 0.0
+        options = ((3, 1.0), (2, 1.5), (6, 1.5), (1, 1.5)) if columns is None else ((columns, 1.0),)
+        for number, handicap in options:
+            width = column_width(number)
+            height = Page.grid_height // -(-count // number)
+            fit = min(width / size[0], height / size[1], 24)
+            scale = int(fit) if fit >= 1 else -int(np.ceil(1 / fit))
+            relative = (scale if scale > 0 else -1 / scale) / handicap
+            if relative > largest:
+                best, largest = cls(number, width, height, scale), relative
+        return best
+
+    @property
+    def room(self) -> tuple[int, int]:
+        """(width, height) of the largest panel that fits, in the panel's own pixels."""
+        if self.scale > 0:
+            return self.width // self.scale, self.height // self.scale
+        return -self.width * self.scale, -self.height * self.scale
+
+
+def column_width(columns: int) -> int:
+    """Width of each of several columns, pixels."""
+    return (Page.width - 2 * Page.margin - (columns - 1) * Page.gap) // columns
+
+
+def size_text(size: tuple[int, int]) -> str:
+    """A size (width, height) as text."""
+    return f"{size[0]} x {size[1]}"
 
 
 class Sheet:
-    """A canvas that grows downwards as things are put on it; `y` is how far it is full."""
+    """A canvas that is filled from top to bottom; `y` is the first free row."""
 
     def __init__(self) -> None:
         from PIL import Image, ImageDraw
 
-        self._picture = Image.new("RGB", (WIDTH, 6000), GROUND)
+        self._picture = Image.new("RGB", (Page.width, 6000), Palette.ground)
         self._pen = ImageDraw.Draw(self._picture)
-        self.y = MARGIN
+        self.y = Page.margin
 
     def pixels(self) -> Pixels:
-        """What was drawn, cut to its height."""
-        return np.array(self._picture.crop((0, 0, WIDTH, self.y + MARGIN - GAP)))
+        """(H, W, 3) sRGB codes of the sheet, cropped to its content."""
+        height = self.y + Page.margin - Page.gap
+        return np.array(self._picture.crop((0, 0, Page.width, height)))
 
     def title(self, name: str, remark: str) -> None:
-        """The first line."""
-        width = WIDTH - 2 * MARGIN
-        self.y += self.words(MARGIN, self.y, width, name, 28, BRIGHT) + 4
-        self.y += self.words(MARGIN, self.y, width, remark, BODY, DIM) + GAP // 2
+        """Add the title of the sheet."""
+        x, width = Page.margin, Page.width - 2 * Page.margin
+        self.y += self.text(x, self.y, width, name, 28, Palette.bright) + 4
+        self.y += self.text(x, self.y, width, remark, Page.body_size, Palette.dim) + Page.gap // 2
 
     def banner(self, text: str, color: Color) -> None:
-        """Text on a bar of a color, over the whole width: what must not be overlooked."""
-        pad, width = 10, WIDTH - 2 * MARGIN
-        lines = _wrapped(_drawable(text), width - 2 * pad, self._font(TITLE))
-        bottom = self.y + 2 * pad + len(lines) * round(TITLE * 1.4)
-        self._pen.rectangle((MARGIN, self.y, WIDTH - MARGIN - 1, bottom - 1), color)
-        self.words(MARGIN + pad, self.y + pad, width - 2 * pad, text, TITLE, GROUND)
-        self.y = bottom + GAP // 2
+        """Add a warning on a colored bar over the whole width."""
+        pad, width, size = 10, Page.width - 2 * Page.margin, Page.title_size
+        lines = _wrapped(_drawable(text), width - 2 * pad, self._font(size))
+        bottom = self.y + 2 * pad + len(lines) * round(size * 1.4)
+        self._pen.rectangle((Page.margin, self.y, Page.width - Page.margin - 1, bottom - 1), color)
+        self.text(Page.margin + pad, self.y + pad, width - 2 * pad, text, size, Palette.ground)
+        self.y = bottom + Page.gap // 2
 
     def picture(self, pixels: Pixels) -> None:
-        """One, over the whole width or less."""
-        self.paste(pixels, MARGIN, self.y)
-        self.y += pixels.shape[0] + GAP
+        """Add a picture of at most the whole width."""
+        self.paste(pixels, Page.margin, self.y)
+        self.y += pixels.shape[0] + Page.gap
 
     def sentences(self, lines: Sequence[str]) -> None:
-        """One below the other, over the whole width."""
+        """Add sentences over the whole width, each on a new line."""
+        x, width = Page.margin, Page.width - 2 * Page.margin
         for line in lines:
-            self.y += self.words(MARGIN, self.y, WIDTH - 2 * MARGIN, line, BODY, BRIGHT)
-        self.y += GAP // 2
+            self.y += self.text(x, self.y, width, line, Page.body_size, Palette.bright)
+        self.y += Page.gap // 2
 
-    def grid(self, panels: Sequence[Panel], layout: Layout, what: str) -> None:
-        """All panels at one scale."""
+    def grid(self, panels: Sequence[Panel], layout: Layout, name: str) -> None:
+        """Add a grid of panels, all at the scale of the layout."""
         scale = layout.scale
-        told = f"{scale}x enlarged" if scale > 1 else f"{-scale}x reduced" if scale < 0 else "1:1"
-        self.y = self.heading(MARGIN, self.y, f"{what}, {told}")
+        size = f"{scale}x enlarged" if scale > 1 else f"{-scale}x reduced" if scale < 0 else "1:1"
+        self.y = self.heading(Page.margin, self.y, f"{name}, {size}")
         for first in range(0, len(panels), layout.columns):
             self._row(panels[first : first + layout.columns], layout.width, scale)
 
-    def beside(self, panels: Sequence[Panel], what: str) -> None:
-        """Panels that are as large as they shall be, all in one row."""
-        self.y = self.heading(MARGIN, self.y, what)
-        self._row(panels, room_beside(len(panels)), 1)
+    def row(self, panels: Sequence[Panel], name: str) -> None:
+        """Add panels in one row, at their own size."""
+        self.y = self.heading(Page.margin, self.y, name)
+        self._row(panels, column_width(len(panels)), 1)
 
     def _row(self, panels: Sequence[Panel], column: int, scale: int) -> None:
-        places = [MARGIN + i * (column + GAP) for i in range(len(panels))]
-        captions = [self._caption(x, column, p) for x, p in zip(places, panels, strict=True)]
-        self.y += max(captions)
+        lefts = [Page.margin + i * (column + Page.gap) for i in range(len(panels))]
+        self.y += max(self._caption(x, column, p) for x, p in zip(lefts, panels, strict=True))
         bottoms = []
-        for x, panel in zip(places, panels, strict=True):
-            pixels = resized(panel.pixels, scale)
+        for x, panel in zip(lefts, panels, strict=True):
+            pixels = rescaled(panel.pixels, scale)
             self.paste(pixels, x, self.y)
             y = self.y + pixels.shape[0] + 8
             bottoms.append(self._legend(x, y, column, panel.legend))
-        self.y = max(bottoms) + GAP // 2
+        self.y = max(bottoms) + Page.gap // 2
 
     def _caption(self, x: int, width: int, panel: Panel) -> int:
-        """Title and remark, on one line if they fit; returns their height."""
-        self._pen.text((x, self.y), panel.title, BRIGHT, self._font(TITLE))
-        after = int(self._font(TITLE).getlength(panel.title)) + 14
-        if after + self._font(BODY).getlength(panel.remark) <= width:
-            self._pen.text((x + after, self.y + 4), panel.remark, DIM, self._font(BODY))
+        """Draw title and remark, on one line if they fit; returns their height."""
+        title, body = self._font(Page.title_size), self._font(Page.body_size)
+        self._pen.text((x, self.y), panel.title, Palette.bright, title)
+        after = int(title.getlength(panel.title)) + 14
+        if after + body.getlength(panel.remark) <= width:
+            self._pen.text((x + after, self.y + 4), panel.remark, Palette.dim, body)
             return 34
-        return 30 + self.words(x, self.y + 28, width, panel.remark, BODY, DIM)
+        y = self.y + 28
+        return 30 + self.text(x, y, width, panel.remark, Page.body_size, Palette.dim)
 
     def _legend(
         self, left: int, y: int, width: int, entries: Sequence[tuple[Color | None, str]]
     ) -> int:
-        """Colors and what they mean, as many to a line as fit; returns where they end."""
-        x = left
+        """Draw colors and their meaning, as many to a line as fit; returns the bottom."""
+        x, font = left, self._font(Page.body_size)
         for color, text in entries:
             swatch = 120 if color is None else 14
-            needed = swatch + 10 + int(self._font(BODY).getlength(text)) + 22
+            needed = swatch + 10 + int(font.getlength(text)) + 22
             if x > left and x + needed - 22 > left + width:
-                x, y = left, y + _LINE
+                x, y = left, y + Page.line_height
             if color is None:
-                ramp = heat(np.linspace(0, len(HEAT) - 1, swatch)[None].repeat(14, axis=0))
+                values = np.linspace(0, 3, swatch) / 3  # exact at the four stops
+                ramp = heat_codes(values[None].repeat(14, axis=0))
                 self.paste(ramp, x, y + 4)
             else:
                 self._pen.rectangle((x, y + 4, x + 13, y + 17), color)
-            self._pen.text((x + swatch + 10, y), text, DIM, self._font(BODY))
+            self._pen.text((x + swatch + 10, y), text, Palette.dim, font)
             x += needed
-        return y + _LINE if entries else y
+        return y + Page.line_height if entries else y
 
     def heading(self, x: int, y: int, text: str) -> int:
-        """Small capitals above something; returns where they end."""
-        self._pen.text((x, y), text.upper(), DIM, self._font(14))
+        """Draw a heading in capitals; returns its bottom."""
+        self._pen.text((x, y), text.upper(), Palette.dim, self._font(14))
         return y + 28
 
-    def words(self, x: int, y: int, width: int, text: str, size: int, color: Color) -> int:
-        """Text in lines that are no wider than `width`; returns its height."""
+    def text(self, x: int, y: int, width: int, text: str, size: int, color: Color) -> int:
+        """Draw text in lines no wider than `width`; returns its height."""
         font, line_height = self._font(size), round(size * 1.4)
         lines = _wrapped(_drawable(text), width, font)
         for number, line in enumerate(lines):
@@ -132,7 +193,7 @@ class Sheet:
         return len(lines) * line_height
 
     def paste(self, pixels: Pixels, x: int, y: int) -> None:
-        """Pixels with their upper left corner there."""
+        """Draw pixels with their upper left corner at (x, y)."""
         from PIL import Image
 
         self._picture.paste(Image.fromarray(np.ascontiguousarray(pixels)), (x, y))
@@ -145,13 +206,13 @@ class Sheet:
 
 
 def _drawable(text: str) -> str:
-    """Letters that the font has."""
+    """Replace letters that the font lacks."""
     text = text.replace("²", "^2")
     return "".join(c if c.isascii() or c in "±°·…" else "?" for c in text)
 
 
 def _wrapped(text: str, width: float, font: Any) -> list[str]:
-    """Lines no wider than `width`, broken between words, or within one that is too long itself."""
+    """Lines no wider than `width`, broken between words, or within a word that is too long."""
     lines = [""]
     for word in text.split(" "):
         longer = f"{lines[-1]} {word}" if lines[-1] else word

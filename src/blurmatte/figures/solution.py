@@ -1,4 +1,4 @@
-"""The sheet of a solution: the whole picture, what was found in words, and the streak enlarged."""
+"""The sheet of a solution: the whole picture, findings in words, and the streak enlarged."""
 
 from dataclasses import replace
 from typing import Any
@@ -10,47 +10,31 @@ from blurmatte.color import ColorModel
 from blurmatte.explain import (
     alpha_peak,
     alternatives_in_words,
+    alternatives_of,
     doubts,
     explain,
     grade_in_words,
     shape_is_likeliest,
 )
-from blurmatte.figures.alternatives import draw_alternatives
-from blurmatte.figures.panels import (
-    BRIGHT,
-    DIM,
-    GAP,
-    HEAT,
-    MARGIN,
-    NEUTRAL,
-    OTHER,
-    STREAK,
-    TALLEST,
-    WARNING,
-    WIDTH,
+from blurmatte.figures.drawing import (
     Color,
-    Layout,
-    Panel,
+    Palette,
     Pixels,
-    by,
     checkerboard,
     draw_line,
     fitted,
-    heat,
+    gray_codes,
+    heat_codes,
     round_up,
-    shown,
-    shown_alpha,
+    srgb_codes,
 )
-from blurmatte.figures.sheet import BODY, TITLE, Sheet
-from blurmatte.matting import Grade, Quality, Solution
+from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
+from blurmatte.matting import Alternative, Grade, Quality, Solution
+from blurmatte.matting.alternatives import MAX_ALTERNATIVES
 from blurmatte.matting.solution import check_solution
 from blurmatte.radiometry import LinearImage, check_picture
 
-_TEXT_WIDTH = 560  # of the panel of words, at least
-_COUNT = 6  # panels of the streak
-_POSSIBLE = "the color, and the rim of what it is in 95 of 100 cases"
-
-_BANNERS = {Grade.PLAUSIBLE: STREAK, Grade.ASSUMED: WARNING}
+_BANNERS = {Grade.PLAUSIBLE: Palette.streak, Grade.ASSUMED: Palette.warning}
 _FLAGS: dict[Quality, tuple[Color, str]] = {
     Quality.MISFIT: ((255, 122, 40), "misfit"),
     Quality.PLATE_IN_MODEL: ((88, 120, 255), "plate in model"),
@@ -61,14 +45,14 @@ _FLAGS: dict[Quality, tuple[Color, str]] = {
 
 
 def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) -> Pixels:
-    """Draw what a solution says on one sheet.
+    """Draw a solution on one sheet.
 
     Parameters
     ----------
     image, plate : LinearImage
-        What was solved.
+        The solved pictures.
     solution : Solution
-        What was found.
+        Their solution.
 
     Returns
     -------
@@ -90,7 +74,9 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
     panels = _panels(image, plate, solution, _surroundings(solution, layout))
     sheet = Sheet()
     names = [picture.meta.source for picture in (image, plate) if picture.meta.source]
-    sheet.title(" over ".join(names) or "blurmatte", f"{by(solution.size)} px, {solution.solver}")
+    sheet.title(
+        " over ".join(names) or "blurmatte", f"{size_text(solution.size)} px, {solution.solver}"
+    )
     for line in _warned(solution):
         sheet.banner(line, _BANNERS[solution.grade])
     _head(sheet, _whole(image, solution), solution)
@@ -99,42 +85,83 @@ def draw_overview(image: LinearImage, plate: LinearImage, solution: Solution) ->
 
 
 def _warned(solution: Solution) -> list[str]:
-    """What the banner says: the grade and what it means, unless it is the best."""
+    """Text of the banner: the grade and its meaning, unless it is the best grade."""
     return [] if solution.grade is Grade.CONFIRMED else grade_in_words(solution)
 
 
 def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
-    """The whole picture, and the words beside it."""
-    sheet.paste(whole.pixels, MARGIN, sheet.y)
-    x = MARGIN + whole.pixels.shape[1] + GAP + 8
+    """Draw the whole picture and, to its right, the findings in words."""
+    sheet.paste(whole.pixels, Page.margin, sheet.y)
+    x = Page.margin + whole.pixels.shape[1] + Page.gap + 8
     y = _draw_model(sheet, x, solution)
-    y = draw_alternatives(sheet, x, y, solution)
+    y = _draw_alternatives(sheet, x, y, solution)
     y = sheet.heading(x, y + 14, "what was found")
     doubtful = doubts(solution)
-    said = len(_warned(solution)) + len(alternatives_in_words(solution))
-    for fact in explain(solution)[said:]:  # by the banner, and under the swatches
-        color = WARNING if fact in doubtful else BRIGHT
-        y += sheet.words(x, y, WIDTH - MARGIN - x, fact, BODY, color) + 5
-    sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + GAP
+    drawn = len(_warned(solution)) + len(alternatives_in_words(solution))
+    for fact in explain(solution)[drawn:]:  # the others are in the banner and under the swatches
+        color = Palette.warning if fact in doubtful else Palette.bright
+        y += sheet.text(x, y, Page.width - Page.margin - x, fact, Page.body_size, color) + 5
+    sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + Page.gap
 
 
 def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
-    """Swatches of the color model and its evidence; returns where they end."""
+    """Draw swatches of the color model and its evidence; returns the bottom."""
     model = solution.model
     y = sheet.heading(x, sheet.y, "color of the object")
-    width = min(WIDTH - MARGIN - x, 520)
+    width = min(Page.width - Page.margin - x, 520)
     mix = np.linspace(0, 1, width)[None, :, None]
     first, last, name = _colors(solution)
-    sheet.paste(shown((1 - mix) * first + mix * last).repeat(56, axis=0), x, y)
+    sheet.paste(srgb_codes((1 - mix) * first + mix * last).repeat(56, axis=0), x, y)
     y += 64
     if len({other.hex for other in model.possible}) > 1:
         for row in _possible(model):
             sheet.paste(row, x, y)
             y += row.shape[0] + 4
-        y += sheet.words(x, y, width, _POSSIBLE, BODY, DIM) + 8
-    y += sheet.words(x, y, width, name, TITLE, BRIGHT) + 6
+        region = "the color, and the rim of what it is in 95 of 100 cases"
+        y += sheet.text(x, y, width, region, Page.body_size, Palette.dim) + 8
+    y += sheet.text(x, y, width, name, Page.title_size, Palette.bright) + 6
     for sentence in explain(model):
-        y += sheet.words(x, y, WIDTH - MARGIN - x, sentence, BODY, DIM) + 3
+        y += (
+            sheet.text(x, y, Page.width - Page.margin - x, sentence, Page.body_size, Palette.dim)
+            + 3
+        )
+    return y
+
+
+def _draw_alternatives(sheet: Sheet, x: int, y: int, solution: Solution) -> int:
+    """Draw a row of swatches, the solution's own first, and sentences; returns the bottom.
+
+    Draws nothing if the grade is confirmed or no hypotheses were compared.
+    """
+    found, width = alternatives_of(solution), Page.width - Page.margin - x
+    if not found:
+        return y
+    y = sheet.heading(x, y + 14, "what else fits")
+    gap = 10
+    column = min((width + gap) // MAX_ALTERNATIVES - gap, 130)
+    bottoms = [
+        _draw_swatch(sheet, x + i * (column + gap), y, column, one) for i, one in enumerate(found)
+    ]
+    y = max(bottoms) + 6
+    for line in alternatives_in_words(solution):
+        y += (
+            sheet.text(x, y, width, f"{line[0].upper()}{line[1:]}.", Page.body_size, Palette.bright)
+            + 3
+        )
+    return y
+
+
+def _draw_swatch(sheet: Sheet, x: int, y: int, width: int, one: Alternative) -> int:
+    """Draw one color with its hex code, factor of alpha and weight; returns the bottom."""
+    color = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
+    height = 48
+    sheet.paste(np.broadcast_to(color, (height, width, 3)), x, y)
+    y += height + 6
+    weight = f"weight {one.weight:.2f}" if one.weight >= 0.01 else "weight < 0.01"
+    for line in (one.hex, f"alpha x {one.alpha_factor:.2f}", weight):
+        y += sheet.text(
+            x, y, width, line, Page.body_size, Palette.bright if one.matters else Palette.dim
+        )
     return y
 
 
@@ -146,17 +173,17 @@ def _panels(
     peak = round_up(min(alpha_peak(part), 1))
     background = replace(image, rgb=checkerboard(part.alpha.shape), valid=part.streak, noise=None)
     return [
-        Panel(shown(image.rgb[place]), "image"),
-        Panel(shown(plate.rgb[place]), "plate"),
-        Panel(shown_alpha(layer.alpha, peak), "alpha", f"white = {peak:g}"),
+        Panel(srgb_codes(image.rgb[place]), "image"),
+        Panel(srgb_codes(plate.rgb[place]), "plate"),
+        Panel(gray_codes(layer.alpha, peak), "alpha", f"white = {peak:g}"),
         Panel(_shown_color(part), "color", "where alpha is above 3 sigma"),
         _error_panel(part),
-        Panel(shown(layer.over(background).rgb), "layer", "over a checkerboard"),
+        Panel(srgb_codes(layer.over(background).rgb), "layer", "over a checkerboard"),
     ]
 
 
 def _surroundings(solution: Solution, layout: Layout) -> tuple[slice, slice]:
-    """The streak's box and as much around it as the layout has room for, within reason."""
+    """Slices of the streak's box and its surroundings, as large as the layout permits."""
     sides, around = _spans(solution), []
     longest = max(last - first for first, last in sides)
     for (first, last), room, whole in zip(
@@ -165,24 +192,24 @@ def _surroundings(solution: Solution, layout: Layout) -> tuple[slice, slice]:
         most = max(8, longest // 3, (last - first) // 2)
         rim = max(0, min(most, (room - (last - first)) // 2))
         count = min(last - first + 2 * rim, whole)
-        start = min(max(first - rim, 0), whole - count)  # what the border takes, the far side gets
+        start = min(max(first - rim, 0), whole - count)  # shifted inwards at the border
         around.append(slice(start, start + count))
     return around[0], around[1]
 
 
 def _layout(solution: Solution) -> Layout:
-    """With a rim of an eighth around the streak, or a narrow one where that enlarges more."""
+    """The layout of six panels with a margin of an eighth, or of 4 pixels if that enlarges more."""
     (top, bottom), (left, right) = _spans(solution)
     width, height = solution.size
     layouts = []
     for rim in (max(4, max(right - left, bottom - top) // 8), 4):
         size = min(right - left + 2 * rim, width), min(bottom - top + 2 * rim, height)
-        layouts.append(Layout.around(size, _COUNT))
+        layouts.append(Layout.best(size, 6))
     return max(layouts, key=lambda layout: layout.scale)
 
 
 def _spans(solution: Solution) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First row and one past the last, and the same of the columns, of the streak."""
+    """First row and one past the last of the streak, and the same for columns."""
     if not solution.streak.any():
         return (0, solution.size[1]), (0, solution.size[0])
     y, x = (np.flatnonzero(solution.streak.any(axis=axis)) for axis in (1, 0))
@@ -195,7 +222,7 @@ def _cut(solution: Solution, place: tuple[slice, slice]) -> Solution:
 
 
 def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
-    """The ends of a swatch, linear light, and what to call what lies between."""
+    """Linear light at both ends of a swatch, and its label."""
     model = solution.model
     if model.rank == 3:
         layer = solution.layer
@@ -209,18 +236,20 @@ def _colors(solution: Solution) -> tuple[Floats, Floats, str]:
 
 
 def _possible(model: ColorModel) -> list[Pixels]:
-    """A row of swatches of the colors still possible, for each color of the model."""
+    """A row of swatches of the possible colors for each color of the model."""
     colors = np.stack([other.srgb for other in model.possible], axis=1)
-    return [shown(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
+    return [srgb_codes(row[None]).repeat(24, axis=0).repeat(48, axis=1) for row in colors]
 
 
 def _shown_color(part: Solution) -> Pixels:
     sure = sure_pixels(part)
-    return np.where(sure[..., None], shown(part.layer.straight()), np.array(NEUTRAL, np.uint8))
+    return np.where(
+        sure[..., None], srgb_codes(part.layer.straight()), np.array(Palette.neutral, np.uint8)
+    )
 
 
 def sure_pixels(solution: Solution) -> Bools:
-    """(H, W) True where alpha is known to be there: in the streak, above three sigma."""
+    """(H, W) True where alpha exceeds three standard deviations within the streak."""
     sure = solution.streak & solution.known & (solution.alpha > 3 * solution.alpha_std)
     return np.asarray(sure & (solution.alpha > 0))
 
@@ -230,8 +259,8 @@ def _error_panel(part: Solution) -> Panel:
     std = part.alpha_std[inside]
     top = round_up(float(np.percentile(std, 98))) if std.size else 1.0
     with np.errstate(invalid="ignore"):
-        position = np.clip(np.nan_to_num(part.alpha_std / top, nan=1.0), 0, 1) * (len(HEAT) - 1)
-    pixels = heat(position)
+        position = np.clip(np.nan_to_num(part.alpha_std / top, nan=1.0), 0, 1)
+    pixels = heat_codes(position)
     legend: list[tuple[Color | None, str]] = [(None, f"0 to {top:g}")]
     for flag, (color, name) in _FLAGS.items():
         flagged = part.streak & ((part.quality & flag) != 0)
@@ -244,21 +273,23 @@ def _error_panel(part: Solution) -> Panel:
 
 
 def _whole(image: LinearImage, solution: Solution) -> Panel:
-    """The whole picture, with a box around everything that moved."""
+    """The whole picture with a box around each moving object."""
     from PIL import ImageDraw
 
-    picture, scale = fitted(image, (WIDTH - 2 * MARGIN - GAP - _TEXT_WIDTH, TALLEST[0]))
+    text_width = 560
+    room = Page.width - 2 * Page.margin - Page.gap - text_width, Page.picture_height
+    picture, scale = fitted(image, room)
     size, pen = picture.size, ImageDraw.Draw(picture)
     for box in solution.stats.get("other_boxes", ()):
-        pen.rectangle(_scaled(box, scale, size), outline=OTHER, width=1)
+        pen.rectangle(_scaled(box, scale, size), outline=Palette.other, width=1)
     _draw_sweep(pen, solution, scale)
     (y0, y1), (x0, x1) = _spans(solution)
-    pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=STREAK, width=3)
+    pen.rectangle(_scaled((x0, y0, x1, y1), scale, size), outline=Palette.streak, width=3)
     return Panel(np.asarray(picture), "")
 
 
 def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
-    """Path of the center, and the silhouette at both ends of it, if they are the likeliest."""
+    """Draw the path and the silhouette at both ends, if the sweep is the likeliest hypothesis."""
     if not shape_is_likeliest(solution):
         return
     sweep = solution.stats["sweep"]
@@ -268,7 +299,7 @@ def _draw_sweep(pen: Any, solution: Solution, scale: float) -> None:
 
 
 def _scaled(box: Box, scale: float, size: tuple[int, int]) -> list[float]:
-    """Corners of the frame around a box, within the picture."""
+    """Corners of a frame around a box, clipped to the picture."""
     x0, y0, x1, y1 = (round(scale * edge) for edge in box)
     corners = (max(x0 - 2, 0), max(y0 - 2, 0)), (min(x1 + 1, size[0] - 1), min(y1 + 1, size[1] - 1))
     return [float(edge) for corner in corners for edge in corner]

@@ -1,0 +1,113 @@
+"""Colors of sheets, and pictures, maps, lines and ellipses as pixels for a screen."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.radiometry import SRGB, LinearImage
+
+Pixels = npt.NDArray[np.uint8]
+Color = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Palette:
+    """sRGB codes of what is drawn on sheets; read as class attributes."""
+
+    ground: Color = (24, 25, 28)
+    bright: Color = (236, 236, 232)  # text, paths
+    dim: Color = (160, 162, 166)  # secondary text
+    neutral: Color = (72, 73, 76)  # where a color is unknown
+    warning: Color = (255, 150, 90)
+    unknown: Color = (236, 64, 190)
+    streak: Color = (255, 196, 60)  # its box, and error ellipses
+    other: Color = (120, 190, 255)  # other boxes, and the path between frames
+    heat: Sequence[Color] = ((18, 22, 48), (30, 92, 130), (70, 176, 150), (240, 228, 120))
+
+
+def srgb_codes(light: Floats) -> Pixels:
+    """Clipped sRGB codes of linear light."""
+    return np.asarray(np.rint(255 * SRGB.encode(np.clip(light, 0, 1))), dtype=np.uint8)
+
+
+def gray_codes(alpha: Floats, white: float) -> Pixels:
+    """(H, W, 3) gray levels proportional to alpha (H, W); `white` maps to 255."""
+    gray = np.asarray(np.rint(255 * np.clip(alpha / white, 0, 1)), dtype=np.uint8)
+    return gray[..., None].repeat(3, axis=-1)
+
+
+def heat_codes(values: Floats) -> Pixels:
+    """(H, W, 3) colors of the heat scale for values 0…1 (H, W)."""
+    stops = np.arange(len(Palette.heat))
+    position = values * stops[-1]
+    heat = np.array(Palette.heat, float)
+    return np.stack([np.interp(position, stops, c) for c in heat.T], axis=-1).astype(np.uint8)
+
+
+def checkerboard(shape: tuple[int, ...]) -> Floats:
+    """(H, W, 3) linear light of a dark checkerboard, as background of a layer."""
+    tile = max(2, min(shape) // 12)
+    y, x = np.ogrid[: shape[0], : shape[1]]
+    light = np.where((y // tile + x // tile) % 2, 0.2, 0.16).astype(np.float32)
+    return np.asarray(light[..., None].repeat(3, axis=-1))
+
+
+def rescaled(pixels: Pixels, scale: int) -> Pixels:
+    """Pixels enlarged `scale` times, or for −n averaged over n x n pixels in linear light."""
+    if scale > 0:
+        return pixels.repeat(scale, axis=0).repeat(scale, axis=1)
+    rows, columns = (np.arange(0, side, -scale) for side in pixels.shape[:2])
+    light = SRGB.table(256).astype(np.float32)[pixels]
+    total = np.add.reduceat(np.add.reduceat(light, rows, axis=0), columns, axis=1)
+    count = np.outer(
+        *(np.diff([*at, side]) for at, side in zip((rows, columns), pixels.shape, strict=False))
+    )
+    return srgb_codes(total / count[..., None])
+
+
+def fitted(image: LinearImage, room: tuple[int, int], max_scale: float = 24) -> tuple[Any, float]:
+    """The picture (PIL) enlarged or reduced to fit into `room` (width, height), and its scale."""
+    from PIL import Image
+
+    width, height = image.size
+    scale = min(room[0] / width, room[1] / height, max_scale)
+    size = max(round(width * scale), 1), max(round(height * scale), 1)
+    method = Image.Resampling.BOX if not 1 < scale < 3 else Image.Resampling.BICUBIC
+    channels = (np.ascontiguousarray(image.rgb[..., c], np.float32) for c in range(3))
+    bands = [np.asarray(Image.fromarray(c).resize(size, method)) for c in channels]
+    return Image.fromarray(srgb_codes(np.stack(bands, axis=-1))), scale
+
+
+def draw_line(pen: Any, xy: Any, scale: float, color: Color = Palette.bright) -> None:
+    """Draw a polyline through points (x, y) of a picture that is enlarged `scale` times."""
+    points = [((x + 0.5) * scale, (y + 0.5) * scale) for x, y in xy]
+    pen.line(points, fill=color, width=2, joint="curve")
+
+
+def unit_circle() -> npt.NDArray[np.float64]:
+    """(65, 2) points of the unit circle, closed."""
+    return np.stack([f(np.linspace(0, 2 * np.pi, 65)) for f in (np.cos, np.sin)], axis=1)
+
+
+def error_ellipse(center: Floats, covariance: Floats, enlargement: float) -> Floats:
+    """(65, 2) points of the ellipse of one standard deviation around `center` (x, y), enlarged."""
+    values, axes = np.linalg.eigh(covariance)
+    half_axes = enlargement * np.sqrt(np.maximum(values, 0))
+    return np.asarray(center + unit_circle() * half_axes @ axes.T)
+
+
+def ellipse_enlargement(std: float, room: float) -> float:
+    """The largest power of ten, at least 1, whose product with `std` is at most `room`."""
+    return float(10.0 ** max(0, np.floor(np.log10(room / max(std, 1e-6)))))
+
+
+def round_up(value: float) -> float:
+    """`value` rounded up to two digits; 1 if it is not positive or not finite."""
+    if not (np.isfinite(value) and value > 0):
+        return 1.0
+    step = 10.0 ** (np.floor(np.log10(value)) - 1)
+    return float(f"{np.ceil(value / step - 1e-9) * step:.2g}")
