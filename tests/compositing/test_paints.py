@@ -65,7 +65,7 @@ def test_errors_are_no_larger_than_stated():
     assert 0.2 < z.std() < 1
 
 
-def test_nothing_is_told_where_nothing_is_known():
+def test_unknown_pixels_have_fraction_0_and_infinite_std():
     shape = (2, 2)
     light = np.full((*shape, 3), 0.1)
     quality = np.array([[0, 16], [2, 0]], np.uint8)

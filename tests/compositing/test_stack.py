@@ -17,7 +17,7 @@ STOPS = [(20.0, 20.0), (45.0, 30.0), (70.0, 40.0), (95.0, 50.0)]
 
 
 def flights():
-    """A ball's way through three exposures, one right after the other."""
+    """A ball's path through three contiguous exposures."""
     plate = colorful_plate(SIZE, 3, tile=25)
     ball = Ball(9, np.array([0.7, 0.35, 0.1]))
     for start, end in pairwise(STOPS):

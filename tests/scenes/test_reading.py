@@ -136,7 +136,7 @@ def test_lamps_and_texture_of_a_ball(shots):
     assert_allclose(shot.scene.body.texture, colorful_plate((256, 128), 3, tile=30))
 
 
-def test_pictures_are_found_beside_the_scene_file(shots, tmp_path):
+def test_picture_paths_are_relative_to_the_scene_file(shots, tmp_path):
     write(tmp_path / "wall.exr", LinearImage(np.full((48, 64, 3), 0.25)))
     write(tmp_path / "leaf.exr", Layer(np.ones((5, 7)), np.full((5, 7, 3), 0.5)))
     text = PLAIN.replace('"plain"\ncolor = [0.3, 0.4, 0.5]', '"file"\nfile = "wall.exr"')

@@ -172,7 +172,7 @@ def test_a_refusal_is_a_miss_and_not_a_skip(truth):
     assert both.alpha_sum_bias == 0.5
 
 
-def test_the_table_shows_what_is_told(truth):
+def test_table_omits_metrics_that_are_none(truth):
     table = score_table({"a": score(Answer(truth.layer), truth), "b": score(None, truth)})
     head, first, second, mean = table.splitlines()
     assert head.split()[:3] == ["scene", "answered", "alpha"]

@@ -1,4 +1,4 @@
-"""Layers at work: backgrounds for them, pictures changed by them, many of them at once."""
+"""Compositing: backgrounds, retouching, stacks of layers, and exposures of paints."""
 
 from blurmatte.compositing.background import cover as cover
 from blurmatte.compositing.background import light_gain as light_gain

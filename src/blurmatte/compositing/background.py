@@ -1,4 +1,4 @@
-"""Backgrounds for a layer: their size, and their light."""
+"""Background pictures for a layer: their size and their light."""
 
 import math
 
@@ -9,9 +9,9 @@ from blurmatte.radiometry import LinearImage, check_picture
 
 
 def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
-    """Scale a picture until it covers `size`, and cut off evenly what stands out.
+    """Scale a picture to cover `size` and crop it to the center.
 
-    Light is averaged, not code values; every pixel of the part that is kept has its weight.
+    Resampling is in linear light.
 
     Parameters
     ----------
@@ -22,7 +22,7 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
     Returns
     -------
     LinearImage
-        Of that size; `valid` where everything that went into a pixel was. Its noise is not known.
+        Of that size; `valid` where all contributing pixels are. Its noise is unknown.
 
     Raises
     ------
@@ -54,25 +54,25 @@ def cover(picture: LinearImage, size: tuple[int, int]) -> LinearImage:
 
 
 def light_gain(background: LinearImage, plate: LinearImage) -> npt.NDArray[np.float64]:
-    """How much brighter a background is than the plate: what brings a layer into its light.
+    """Ratio of the light of a background to that of the plate, for relighting a layer.
 
     Parameters
     ----------
     background : LinearImage
-        Where the layer goes; of any size.
+        The new background, of any size.
     plate : LinearImage
-        What it was taken from.
+        The plate of the layer.
 
     Returns
     -------
     (3,) float
-        Mean light of the background over that of the plate, per channel, for `Layer.relight`. It takes
-        both scenes to be of the same gray on average.
+        Mean light of the background over that of the plate, per channel, for `Layer.relight`. It
+        assumes that both scenes have the same mean reflectance (gray world).
 
     Raises
     ------
     ValueError
-        If a channel of the plate is black, or nothing is valid in one of both.
+        If a channel of the plate is black, or a picture has no valid pixels.
     """
     check_picture("background", background)
     check_picture("plate", plate)

@@ -1,9 +1,8 @@
-"""How long each paint of an object was there: alpha, split by the colors of what covered a pixel.
+"""Exposure fractions of the paints of an object: alpha, split by color.
 
-Light of the object is a mixture, P = s (a₁ c₁ + a₂ c₂ + …), of its paints' colors c with the fraction
-of the exposure aᵢ that each was there and a shade s that is the same for all. The fractions add up
-to alpha, so with P = x₁ c₁ + x₂ c₂ + … they are aᵢ = alpha · xᵢ / Σ x, whatever the shade
-([GC07 §4], "patterns left by differently pigmented parts").
+The premultiplied light is a mixture P = s (a₁ c₁ + a₂ c₂ + …) of the paints' colors cᵢ with their
+exposure fractions aᵢ and a common shading factor s. The fractions sum to alpha, so with
+P = x₁ c₁ + x₂ c₂ + … they are aᵢ = alpha · xᵢ / Σ x, for any shading ([GC07 §4]).
 """
 
 from dataclasses import dataclass
@@ -20,15 +19,15 @@ from blurmatte.radiometry import light_in_srgb
 
 @dataclass(frozen=True, eq=False)
 class Exposures:
-    """How long each paint was there, pixel by pixel.
+    """Exposure fraction of each paint in every pixel.
 
     Parameters
     ----------
     fraction : (H, W, n) float
-        Of the exposure, for each of n paints; they add up to alpha. 0 where nothing is known.
+        Exposure fraction of each of n paints; the sum is alpha. 0 where it is unknown.
     fraction_std : (H, W, n) float
-        An upper bound of its standard deviation: errors of alpha and of each channel's light are taken
-        to add up, for in one pixel they hang together. Infinite where nothing is known.
+        Upper bound of its standard deviation: the errors of alpha and of the channels in one pixel are
+        correlated, so their absolute values are added. Infinite where the fraction is unknown.
     paints : (n, 3) float
         Linear light.
     """
@@ -39,20 +38,20 @@ class Exposures:
 
     @property
     def known(self) -> Bools:
-        """(H, W) True where the split is known at all."""
+        """(H, W) True where the split is known."""
         return np.asarray(np.isfinite(self.fraction_std).all(axis=-1))
 
 
 def split_exposure(solution: Solution, *paints: Color) -> Exposures:
-    """Split alpha among the paints of an object of several colors.
+    """Split alpha into the exposure fractions of an object's paints.
 
     Parameters
     ----------
     solution : Solution
-        Usually of rank 2, e.g. of two paints.
+        Usually with a color model of rank 2, for two paints.
     *paints : str or (3,) float
-        Two or three colors in the object's own light, sRGB-coded hex or linear light: how bright each
-        is beside the others matters, how bright all are does not.
+        Two or three colors under the object's lighting, sRGB-coded hex or linear light. Only their
+        ratios matter, not a common factor.
 
     Returns
     -------
@@ -61,7 +60,7 @@ def split_exposure(solution: Solution, *paints: Color) -> Exposures:
     Raises
     ------
     ValueError
-        If there is one paint, or they are too alike.
+        If there is only one paint, or the colors are almost linearly dependent.
     """
     check_solution("solution", solution)
     colors = colors_of(paints)
@@ -70,21 +69,23 @@ def split_exposure(solution: Solution, *paints: Color) -> Exposures:
     light = light_in_srgb(solution.premultiplied, solution.model.to_srgb)
     x = split(light, colors)
     whole = x.sum(axis=-1, keepdims=True)
-    told = solution.streak & solution.known & (whole[..., 0] > 0)
+    known = solution.streak & solution.known & (whole[..., 0] > 0)
     with np.errstate(divide="ignore", invalid="ignore"):
         share = x / whole
         fraction = solution.alpha[..., None] * share
-        std = solution.alpha_std[..., None] * np.abs(share) + _by_light(solution, colors, x, whole)
-    fraction = np.where(told[..., None], fraction, 0)
-    std = np.where(told[..., None] & np.isfinite(std), std, np.inf)
+        std = solution.alpha_std[..., None] * np.abs(share) + _std_from_light(
+            solution, colors, x, whole
+        )
+    fraction = np.where(known[..., None], fraction, 0)
+    std = np.where(known[..., None] & np.isfinite(std), std, np.inf)
     kind = solution.alpha.dtype
     return Exposures(fraction.astype(kind), std.astype(kind), colors)
 
 
-def _by_light(
+def _std_from_light(
     solution: Solution, colors: npt.NDArray[np.float64], x: Floats, whole: Floats
 ) -> Floats:
-    """What the error of the light adds: ∂aᵢ/∂x = alpha (δ − share) / Σx, and x is linear in light."""
+    """Contribution of errors of the light: ∂aᵢ/∂x = alpha (δ − share) / Σx, x linear in light."""
     to_sum = np.linalg.pinv(colors)  # (3, n): light to x
     std = np.zeros_like(x)
     for channel, row in enumerate(to_sum):

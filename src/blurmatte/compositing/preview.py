@@ -1,4 +1,4 @@
-"""A picture that turns into another and back, to be looked at again and again."""
+"""Cross-fade between two pictures, as a loop."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -10,22 +10,21 @@ from blurmatte.radiometry import LinearImage, check_picture
 
 
 def fade_between(first: LinearImage, second: LinearImage, count: int = 24) -> Iterator[LinearImage]:
-    """Frames from one picture to another and back, mixed in linear light, without a jump at the end.
+    """Frames of a periodic cross-fade between two pictures, in linear light.
 
-    With the scene as `first` and a layer over it as `second`, these are the layer with an alpha that
-    rises from nothing and falls again.
+    With a plate as `first` and a layer over it as `second`, the layer fades in and out.
 
     Parameters
     ----------
     first, second : LinearImage
-        Of one size.
+        Pictures of one size.
     count : int
-        How many frames, 2 or more.
+        Number of frames, 2 or more.
 
     Yields
     ------
     LinearImage
-        One frame after another; their noise is not known.
+        The frames in order; their noise is unknown.
 
     Raises
     ------

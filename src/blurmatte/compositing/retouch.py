@@ -1,11 +1,12 @@
-"""The object changed within its own picture, or removed from it.
+"""Change an object in its own picture, or remove it.
 
-With P, alpha of the object before and P', alpha' after, a picture C over the plate B becomes
+With premultiplied light P and alpha before, and P' and alpha' after the edit, a picture C over the
+plate B becomes
 
-    C' = C + (P' + (1 − alpha') B) − (P + (1 − alpha) B):
+    C' = C + (P' + (1 − alpha') B) − (P + (1 − alpha) B).
 
-what the layer does not explain, grain, shadow or reflection, stays, and where nothing of the layer
-changed, so does every pixel.
+Grain, shadows and reflections that the layer does not explain are preserved, as is every pixel in
+which the layer did not change.
 """
 
 from dataclasses import replace
@@ -20,23 +21,23 @@ from blurmatte.radiometry import LinearImage, check_picture
 def retouch(
     image: LinearImage, layer: Layer, edited: Layer, plate: LinearImage | None = None
 ) -> tuple[LinearImage, Bools]:
-    """The image with its object changed.
+    """Replace the object of an image by an edited layer.
 
     Parameters
     ----------
     image : LinearImage
-        The picture that the layer was taken from.
+        The picture of the layer.
     layer, edited : Layer
-        The object as it is, and as it shall be.
+        The object before and after the edit.
     plate : LinearImage, optional
-        The scene without it; needed where alpha changes.
+        The scene without the object; required if alpha changes.
 
     Returns
     -------
     picture : LinearImage
-        In sRGB, unclipped; its noise is not known.
+        In sRGB, unclipped; its noise is unknown.
     changed : (H, W) bool
-        Where it is another than `image`: where the layer changed.
+        True where the layer, and so the picture, changed.
 
     Raises
     ------
@@ -71,23 +72,23 @@ def retouch(
 def remove(
     image: LinearImage, plate: LinearImage, streak: Bools, grow: int = 0
 ) -> tuple[LinearImage, Bools]:
-    """The image with the plate where the streak was: nothing of the object stays, nor its shadow.
+    """Replace the streak, with the object and its shadow, by the plate.
 
     Parameters
     ----------
     image, plate : LinearImage
-        The picture, and the scene without the object, matched to it.
+        The picture, and the plate matched to it.
     streak : (H, W) bool
-        What to replace, e.g. `solution.streak`.
+        Pixels to replace, e.g. `solution.streak`.
     grow : int
-        How many pixels more on every side.
+        Pixels by which the streak is dilated on every side.
 
     Returns
     -------
     picture : LinearImage
-        In sRGB; its noise is not known.
+        In sRGB; its noise is unknown.
     changed : (H, W) bool
-        The streak, but for pixels of which the plate knows no light.
+        The dilated streak without pixels in which the plate is unknown.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Many layers as one: the whole way of an object through a clip, or one long exposure."""
+"""Combine layers of a clip: one over another, or as one long exposure."""
 
 from collections.abc import Iterable, Iterator
 from functools import reduce
@@ -8,44 +8,43 @@ from blurmatte.layer import Layer, check_layer
 
 
 def stack(layers: Iterable[Layer]) -> Layer:
-    """Layers one over the other, the first lowest: all of them seen as plainly as each alone.
+    """Composite layers one over another, the first lowest.
 
     Parameters
     ----------
     layers : iterable of Layer
-        Of one size, e.g. the layers of a clip in their order. Only one is held at a time.
+        Of one size, e.g. the layers of a clip in order. Only one is in memory at a time.
 
     Returns
     -------
     Layer
-        Over a background it is what the layers are, put over it one after another.
+        Equivalent to compositing the layers one after another.
 
     Raises
     ------
     ValueError
-        If there is none, or sizes differ.
+        If there are no layers, or sizes differ.
     """
     return reduce(_above, _of_one_size(layers))
 
 
 def long_exposure(layers: Iterable[Layer]) -> Layer:
-    """Layers of one exposure each as the layer of one exposure that lasts as long as all together.
+    """Combine layers of successive exposures into the layer of one long exposure.
 
     Parameters
     ----------
     layers : iterable of Layer
-        Of one size and exposures of one length, one directly after the other. Only one is held at a
-        time.
+        Of one size, from contiguous exposures of equal length. Only one is in memory at a time.
 
     Returns
     -------
     Layer
-        Alpha and light are the means: the object is as faint as a slower shutter would make it.
+        Means of alpha and light, as with a slower shutter.
 
     Raises
     ------
     ValueError
-        If there is none, or sizes differ.
+        If there are no layers, or sizes differ.
     """
     row = _of_one_size(layers)
     first = next(row)
@@ -60,14 +59,14 @@ def long_exposure(layers: Iterable[Layer]) -> Layer:
 
 
 def _above(below: Layer, layer: Layer) -> Layer:
-    """Both as one, as each would be put over a background."""
+    """`layer` over `below`."""
     through = 1 - layer.alpha
     alpha = layer.alpha + through * below.alpha
     return Layer(alpha, layer.premultiplied + through[..., None] * below.premultiplied)
 
 
 def _of_one_size(layers: Iterable[Layer]) -> Iterator[Layer]:
-    """The same layers; raises ValueError if there is none, or one of another size."""
+    """Yield the layers; raises ValueError if there are none or sizes differ."""
     size = None
     for number, layer in enumerate(layers):
         check_layer(f"layer {number}", layer)

@@ -1,4 +1,4 @@
-"""Scenes on disk: read, photographed and written with their truth; answers read and scored."""
+"""Scene files, rendered scenes on disk with their truth, and scores of answers."""
 
 from blurmatte.scenes.reading import read_shots as read_shots
 from blurmatte.scenes.reading import scene_names as scene_names

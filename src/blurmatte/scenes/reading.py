@@ -1,6 +1,6 @@
 """Scene files: TOML → Shot.
 
-A table of a scene file is a call: `kind` says of what, every other key is one of its arguments.
+Each table of a scene file is a call: `kind` names the function, every other key is an argument.
 Colors are linear [r, g, b] or sRGB-coded "#rrggbb"; lengths are pixels, angles degrees.
 """
 
@@ -52,7 +52,6 @@ _NAMED = Path(__file__).parent / "named"
 _ANGLES = ("rotation", "angle", "squash_angle", "turned", "spin")
 _SCENE_KEYS = ("opacity", "defocus", "shutter_ramp", "pixel_filter")
 _SHOT_KEYS = ("plate_frames", "seed", "crf")
-_TEXTURE = (256, 128)  # of a ball: longitude and latitude
 _TABLES = (
     *("plate", "body", "path", "change", "shadow", "nearby", "pinhole", "occluder"),
     *("camera", "processing", "drift", "clip"),
@@ -60,17 +59,17 @@ _TABLES = (
 
 
 def scene_names() -> list[str]:
-    """Names of the scenes that come with blurmatte, for `read_shots`."""
+    """Names of the built-in scenes, for `read_shots`."""
     return sorted(path.stem for path in _NAMED.glob("*.toml"))
 
 
 def scene_title(scene: str | Path) -> str:
-    """What a scene file says it shows, in a line; empty if it does not.
+    """Title of a scene file; empty if it has none.
 
     Raises
     ------
     FileError
-        If there is no such file or it is no TOML.
+        If the file does not exist or is not TOML.
     """
     try:
         return str(tomllib.loads(scene_text(scene)).get("title", ""))
@@ -79,12 +78,12 @@ def scene_title(scene: str | Path) -> str:
 
 
 def scene_text(scene: str | Path) -> str:
-    """What a scene file says, by its path or the name of a scene that comes with blurmatte.
+    """Text of a scene file, by its path or the name of a built-in scene.
 
     Raises
     ------
     FileError
-        If there is no such file.
+        If the file does not exist.
     """
     named = _NAMED / f"{scene}.toml"
     path = named if str(scene) in scene_names() else Path(scene)
@@ -98,22 +97,22 @@ def scene_text(scene: str | Path) -> str:
 
 
 def read_shots(scene: str | Path) -> list[Shot]:
-    """The shots that a scene file describes: one, or as many as its clip has frames.
+    """The shots of a scene file: one, or one for each frame of its clip.
 
     Parameters
     ----------
     scene : str or Path
-        A TOML file, or the name of a scene that comes with blurmatte (`scene_names`).
+        A TOML file, or the name of a built-in scene (`scene_names`).
 
     Returns
     -------
     list of Shot
-        Frames of a clip in order, each with a seed of its own.
+        Frames of a clip in order, each with a different seed.
 
     Raises
     ------
     FileError
-        If there is no such file, or something in it is wrong: the message names the table and key.
+        If the file does not exist or is wrong; the message names the table and key.
     """
     text = scene_text(scene)
     try:
@@ -131,7 +130,7 @@ def _shots(file: Table, folder: Path) -> list[Shot]:
     plates, occluders = _plates(size, seed, folder), {"wire_fence": partial(wire_fence, size=size)}
     body = dict(_table(file, "body"))
     if isinstance(body.get("texture"), dict):
-        body["texture"] = _made("body.texture", body["texture"], _plates(_TEXTURE, seed, folder))
+        body["texture"] = _made("body.texture", body["texture"], _plates((256, 128), seed, folder))
     scene = Scene(
         _made("plate", _table(file, "plate"), plates),
         _made("path", _table(file, "path"), _PATHS),
@@ -203,7 +202,7 @@ def _camera(
     return Camera(
         NoiseModel(gain, read_std),
         code_std=code_std,
-        bits=None if bits == "float" else bits,  # type: ignore[arg-type]  # it checks that itself
+        bits=None if bits == "float" else bits,  # type: ignore[arg-type]  # Camera checks it
         transfer=named_transfer(transfer),
         jpeg_quality=jpeg_quality,
         chroma=chroma,
@@ -239,12 +238,12 @@ def _made(name: str, table: Table, makers: Makers) -> Any:
 
 
 def _plain(name: str, file: Table, maker: Callable[..., Any]) -> Any:
-    """What has no kinds, and may be left out."""
+    """Call `maker` with an optional table that has no `kind`."""
     return _called(name, maker, _table({name: {}} | dict(file), name))
 
 
 def _optional(name: str, file: Table, maker: Callable[..., Any]) -> Any:
-    """The same, and None if it is left out."""
+    """Like `_plain`, but None if the table is missing."""
     return _plain(name, file, maker) if name in file else None
 
 
@@ -284,7 +283,7 @@ def _value(name: str, parameter: inspect.Parameter, value: Any) -> Any:
 
 
 def _light(name: str, color: Any) -> Any:
-    """Linear light of a color."""
+    """Linear light of a hex color."""
     if not (isinstance(color, str) and re.fullmatch("#[0-9a-fA-F]{6}", color)):
         raise ValueError(f"{name} must be a color like #d8ff3c, got {color!r}")
     return SRGB.decode(np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)]) / 255)

@@ -1,21 +1,21 @@
-"""Shot → a folder with the pictures to solve, and the truth beside them.
+"""Shot → a folder with the pictures to solve and their ground truth.
 
 ========================  ==================================================================
-image.png, plate.png      what the camera's files hold; .exr for a camera that is not sRGB
+image.png, plate.png      the camera's files; .exr for a camera that is not sRGB
 scene.toml                the scene, if it was read from a file
-overview.png              image, plate, true alpha and true color, to look at
+overview.png              image, plate, true alpha and true color side by side
 truth/layer.exr           true alpha and premultiplied light
 truth/image.exr           the image without noise
 truth/plate.exr           the plate behind the object, without noise and drift
-truth/shadow.exr          part of the plate's light that the shadow takes, if there is one
-truth/nearby.exr          part of the plate's light that is taken (or given: negative) near the object
-truth/subframe_00.exr …   the object held still, at the middles of equal parts of the exposure
-truth/model.json          the object's colors, if they form a line or a plane
+truth/shadow.exr          fraction of the plate's light that the shadow removes, if any
+truth/nearby.exr          fraction of the plate's light removed near the object; negative: added
+truth/subframe_00.exr …   sharp layers at the middles of equal parts of the exposure
+truth/model.json          the object's color model, if it is a line or a plane
 truth/path.json           its path and radius
-truth/truth.json          numbers to look up
+truth/truth.json          parameters of the scene
 ========================  ==================================================================
 
-All pictures of the truth are seen through the optics of the camera, a linear operator.
+All pictures of the truth are blurred by the optics of the camera, a linear operator.
 """
 
 from importlib.metadata import version
@@ -31,36 +31,36 @@ from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import Camera, Rendering, Shot, encode_codes, render
 
-SUBFRAMES = 8  # as many as the benchmark of fast-moving objects has
+SUBFRAMES = 8  # as in the benchmark of fast-moving objects
 
 
 def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path]:
-    """Render a shot, photograph it, and write pictures and truth.
+    """Render and photograph a shot, and write its pictures and ground truth.
 
     Parameters
     ----------
     folder : str or Path
-        Made if it is not there. Files of the same names in it are replaced, when all are whole.
+        Created if missing. Files of the same names are replaced, all or none.
     shot : Shot
     scene_text : str
-        The scene file it came from, kept beside it.
+        Text of its scene file, to be stored in the folder.
 
     Returns
     -------
     list of Path
-        What was written.
+        The written files.
 
     Raises
     ------
     FileError
-        If the folder cannot be made or written to.
+        If the folder cannot be created or written to.
     """
     check_kind("shot", shot, Shot, "use blurmatte.read_shots(scene)[0]")
     rendering = render(shot.scene)
     image, plate = shot.photograph(rendering)
     through = shot.camera.through_optics
-    things = _picture("image", image, shot.camera) | _picture("plate", plate, shot.camera)
-    things |= {
+    contents = _picture("image", image, shot.camera) | _picture("plate", plate, shot.camera)
+    contents |= {
         "overview.png": _strip(image, plate, rendering),
         "truth/layer.exr": _layer_through(shot.camera, rendering.layer),
         "truth/image.exr": LinearImage(through(rendering.image.rgb)),
@@ -69,20 +69,20 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
         "truth/truth.json": _numbers(shot, rendering),
     }
     if rendering.model is not None:
-        things["truth/model.json"] = rendering.model
+        contents["truth/model.json"] = rendering.model
     if shot.scene.shadow is not None:
-        things["truth/shadow.exr"] = LinearImage(through(rendering.shadow))
+        contents["truth/shadow.exr"] = LinearImage(through(rendering.shadow))
     if shot.scene.nearby is not None:
-        things["truth/nearby.exr"] = LinearImage(through(rendering.nearby))
+        contents["truth/nearby.exr"] = LinearImage(through(rendering.nearby))
     if scene_text:
-        things["scene.toml"] = scene_text
+        contents["scene.toml"] = scene_text
     for n, frame in enumerate(rendering.subframes(SUBFRAMES)):
-        things[f"truth/subframe_{n:02}.exr"] = _layer_through(shot.camera, frame)
-    return write_together(folder, things)
+        contents[f"truth/subframe_{n:02}.exr"] = _layer_through(shot.camera, frame)
+    return write_together(folder, contents)
 
 
 def _layer_through(camera: Camera, layer: Layer) -> Layer:
-    """The layer as the optics of the camera pass it."""
+    """The layer blurred by the optics of the camera."""
     return Layer(camera.through_optics(layer.alpha), camera.through_optics(layer.premultiplied))
 
 
@@ -123,5 +123,5 @@ def _numbers(shot: Shot, truth: Rendering) -> dict[str, Any]:
 
 
 def _radius(shot: Shot) -> float:
-    """How far the body reaches from its center at the start."""
+    """Extent of the body from its center at the start, pixels."""
     return max(shot.scene.body.reach(shot.scene.pose(0)))

@@ -1,4 +1,4 @@
-"""Score: how far an answer is from the truth, in the numbers of `blurmatte.metrics`."""
+"""Score: errors of an answer relative to the truth, by the metrics of `blurmatte.metrics`."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -26,8 +26,6 @@ from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.scenes.truth import Answer, Truth
 from blurmatte.streaks import Streak
 
-_MARGIN = 8  # pixels around the object in which sub-frames are compared
-
 _HEADINGS = {
     "answered": "answered",
     "alpha RMSE": "alpha_rmse",
@@ -48,26 +46,26 @@ _HEADINGS = {
 
 @dataclass(frozen=True)
 class Score:
-    """How far an answer is from the truth. None: the program does not tell such a thing.
+    """Errors of an answer relative to the truth; None for a quantity that the answer lacks.
 
     Parameters
     ----------
     answered : bool
-        False for a miss, which is scored as a layer without anything in it.
+        False for a miss, which is scored as an empty layer.
     alpha_rmse, alpha_sad, alpha_gradient_error, alpha_sum_bias : float
         Of alpha over the streak.
     false_alpha : float
-        Root mean square of alpha where the object never was.
+        Root mean square of alpha where the true alpha is 0.
     premultiplied_rmse : float or None
         Of the light over the streak.
     color_units, color_degrees : float or None
-        Between the average colors of the object, Σ premultiplied; brightness is not judged.
+        Distance between the mean colors of the object, independent of brightness.
     recomposite_psnr : float or None
-        Decibel, over another background: the plate turned left to right.
+        Decibel, over another background: the mirrored plate.
     alpha_spread : float or None
-        Spread of (alpha − truth) / alpha_std over the streak; 1 is honest.
+        Spread of (alpha − truth) / alpha_std over the streak; 1 is calibrated.
     trajectory_iou, subframe_psnr, subframe_ssim : float or None
-        As the benchmark of fast-moving objects defines them.
+        As defined by the benchmark of fast-moving objects.
     """
 
     answered: bool
@@ -92,7 +90,7 @@ def score(answer: Answer | None, truth: Truth) -> Score:
     Parameters
     ----------
     answer : Answer or None
-        None: the program refused, or there is no file. That is a miss and not a skip.
+        None if the program refused or wrote no file; this counts as a miss.
     truth : Truth
 
     Returns
@@ -102,11 +100,11 @@ def score(answer: Answer | None, truth: Truth) -> Score:
     Raises
     ------
     ValueError
-        If sizes differ, numbers are not finite, or there are not as many sub-frames as in the truth.
+        If sizes or numbers of sub-frames differ, or numbers are not finite.
     """
     check_kind("answer", answer, Answer | None, "use blurmatte.read_answer(file)")
     check_kind("truth", truth, Truth, "use blurmatte.read_truth(folder)")
-    given = answer or Answer(_nothing(truth))
+    given = answer or Answer(_empty_layer(truth))
     layer, true = given.layer, truth.layer
     check_same_size("the result", layer.size, "the truth", true.size)
     color = None if given.alpha_only else _color_distance(layer, true)
@@ -124,7 +122,7 @@ def score(answer: Answer | None, truth: Truth) -> Score:
         color_units=color.units if color else None,
         color_degrees=color.degrees if color else None,
         recomposite_psnr=(
-            None if given.alpha_only else recomposite_psnr(layer, true, _turned(truth.plate))
+            None if given.alpha_only else recomposite_psnr(layer, true, _mirrored(truth.plate))
         ),
         alpha_spread=_alpha_spread(given, truth),
         trajectory_iou=iou,
@@ -134,11 +132,10 @@ def score(answer: Answer | None, truth: Truth) -> Score:
 
 
 def mean_score(scores: Sequence[Score]) -> Score:
-    """The mean of every number over some scenes, those where it is None left out.
+    """Mean of every metric over the scenes in which it is not None.
 
-    `answered` tells whether all were. `alpha_sum_bias` is the mean of its sizes, so that too much
-    and too little do not cancel. Where a program tells paths or sub-frames in some of the scenes,
-    the others are misses: TIoU counts 0 there.
+    `answered` is True if all were answered. `alpha_sum_bias` is the mean of absolute values. If an
+    answer to any scene has a path, a scene without one counts as a TIoU of 0.
 
     Raises
     ------
@@ -154,15 +151,15 @@ def mean_score(scores: Sequence[Score]) -> Score:
 
 
 def score_table(scores: Mapping[str, Score]) -> str:
-    """Scores by scene in columns, and their mean; a dash where a program does not tell."""
+    """Table of scores by scene, with their mean; a dash for a metric that is None."""
     rows = [["scene", *_HEADINGS]]
     rows += [[name, *_cells(s)] for name, s in scores.items()]
     if len(scores) > 1:
         rows.append(["mean", *_cells(mean_score(list(scores.values())))])
-    told = [i for i in range(len(rows[0])) if any(row[i] != "-" for row in rows[1:])]
-    widths = {i: max(len(row[i]) for row in rows) for i in told}
+    shown = [i for i in range(len(rows[0])) if any(row[i] != "-" for row in rows[1:])]
+    widths = {i: max(len(row[i]) for row in rows) for i in shown}
     return "\n".join(
-        "  ".join(row[i].ljust(widths[i]) if i == 0 else row[i].rjust(widths[i]) for i in told)
+        "  ".join(row[i].ljust(widths[i]) if i == 0 else row[i].rjust(widths[i]) for i in shown)
         for row in rows
     )
 
@@ -193,16 +190,16 @@ def _mean(name: str, scores: Sequence[Score]) -> float | None:
     return float(np.sum(known)) / (len(values) if name == "trajectory_iou" else len(known))
 
 
-def _nothing(truth: Truth) -> Layer:
+def _empty_layer(truth: Truth) -> Layer:
     return Layer(0 * truth.layer.alpha, 0 * truth.layer.premultiplied)
 
 
-def _turned(plate: LinearImage) -> LinearImage:
+def _mirrored(plate: LinearImage) -> LinearImage:
     return LinearImage(plate.rgb[:, ::-1])
 
 
 def _color_distance(layer: Layer, true: Layer) -> ColorDistance | None:
-    """Between average colors; None where the answer holds no light."""
+    """Distance between mean colors; None if the answer has no light on the streak."""
     streak = true.alpha > 0
     found, real = (part.premultiplied[streak].sum(axis=0, dtype=float) for part in (layer, true))
     if not found.any():
@@ -229,7 +226,7 @@ def _motion_scores(answer: Answer, truth: Truth) -> tuple[float | None, float | 
         raise ValueError(
             f"the result has {len(answer.subframes)} sub-frames, the truth {len(truth.subframes)}"
         )
-    box = Streak(truth.layer.alpha > 0).around(_MARGIN)
+    box = Streak(truth.layer.alpha > 0).around(8)  # a margin of 8 pixels
     found, true = (
         np.stack([_coded(frame.over(truth.plate).crop(box).rgb) for frame in frames])
         for frames in (answer.subframes, truth.subframes)

@@ -1,4 +1,4 @@
-"""What is known of a scene on disk, and what a program answered: read from their folders."""
+"""Ground truth of a scene and the answer of a program, read from their folders."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,9 +26,9 @@ class Truth:
     trajectory : Trajectory
         True path of the center.
     radius : float
-        How far the object reaches from its center at the start, pixels.
+        Extent of the object from its center at the start, pixels.
     subframes : tuple of Layer
-        The object held still at the middles of equal parts of the exposure.
+        Sharp layers at the middles of equal parts of the exposure.
     """
 
     layer: Layer
@@ -40,20 +40,20 @@ class Truth:
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """What a program found in a scene.
+    """The answer of a program to a scene.
 
     Parameters
     ----------
     layer : Layer
-        Alpha and premultiplied light; no light if `alpha_only`.
+        Alpha and premultiplied light; the light is 0 if `alpha_only`.
     alpha_only : bool
-        The program tells no color.
+        True if the program estimates no color.
     solution : Solution, optional
         Estimates with their standard deviations, if blurmatte wrote it.
     trajectory : Trajectory, optional
         Path of the object's center.
     subframes : tuple of Layer, optional
-        The object held still, as many as the truth has.
+        Sharp layers, as many as in the truth.
     """
 
     layer: Layer
@@ -64,12 +64,12 @@ class Answer:
 
 
 def find_scenes(folder: str | Path) -> list[Path]:
-    """The folder itself if it holds a scene, else all folders within that do, sorted.
+    """The folder itself if it holds a scene, else all scene folders in it, sorted.
 
     Raises
     ------
     FileError
-        If there is none.
+        If there is no scene.
     """
     place = Path(folder)
     if (place / "truth").is_dir():
@@ -100,19 +100,19 @@ def read_truth(folder: str | Path) -> Truth:
 
 
 def read_answer(path: str | Path) -> Answer:
-    """Read what a program found: one file, or a folder of them.
+    """Read the answer of a program: one file, or a folder of files.
 
     ================================  ======================================================
     layer.exr, layer.png, layer.tif   alpha and color: EXR linear and premultiplied, PNG straight
-    alpha.png                         alpha alone, gray, not encoded, if there is no layer
-    path.json                         {"xy": [[x, y], …], "t": [0, …, 1]}, if the program tells
-    subframe_00.exr …                 sharp layers, as many as the truth has, if it tells
+    alpha.png                         alpha only, gray, linear, if there is no layer
+    path.json                         {"xy": [[x, y], …], "t": [0, …, 1]}, optional
+    subframe_00.exr …                 sharp layers, as many as in the truth, optional
     ================================  ======================================================
 
     Raises
     ------
     FileError
-        If there is no answer, or it cannot be read.
+        If there is no answer or it cannot be read.
     """
     place = Path(path)
     if not place.is_dir():
@@ -140,7 +140,7 @@ def _layer_answer(path: Path) -> Answer:
     layer = read_layer(path)
     try:
         return Answer(layer, solution=read_solution(path))
-    except FileError:  # somebody else's layer
+    except FileError:  # a layer of another program
         return Answer(layer)
 
 
