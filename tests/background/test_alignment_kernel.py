@@ -1,11 +1,17 @@
-"""Residuals and slopes of a match, against plates read point by point and against differences."""
+"""Residuals of an alignment and their derivatives, against SciPy and against finite differences."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.background.alignment_kernel import compare
-from blurmatte.background.warp import centered, homography, places, read_at, spline_of
+from blurmatte.background.warp import (
+    homography,
+    interpolate,
+    map_points,
+    spline_coefficients,
+    to_centered,
+)
 
 SIZE = WIDTH, HEIGHT = 60, 40
 POINTS = np.array([(x, y) for y in range(8, 32, 3) for x in range(8, 52, 3)])
@@ -20,40 +26,39 @@ def plate():
     return np.stack([1 + np.sin(x / (5 + c)) * np.cos(y / (6 - c)) for c in range(3)], axis=-1)
 
 
-def compared(plate, h, light, known=None):
-    """Residuals and slopes where the image is black and the noise 0.1, and the polynomials."""
-    u, v = (POINTS * centered(SIZE)[0, 0] + centered(SIZE)[:2, 2]).T
+def compared(plate, h, light, valid=None):
+    """Residuals and derivatives for a black image and noise of 0.1, and the polynomials."""
+    u, v = (POINTS * to_centered(SIZE)[0, 0] + to_centered(SIZE)[:2, 2]).T
     basis = np.stack([np.ones(len(u)), u, v, u * u, u * v, v * v], axis=1)
     slope_y, slope_x = (np.gradient(plate, axis=axis) for axis in (0, 1))
-    known = np.ones(plate.shape[:2], bool) if known is None else known
+    valid = np.ones(plate.shape[:2], bool) if valid is None else valid
     C, sigma = np.zeros((len(POINTS), 3)), np.full((len(POINTS), 3), 0.1)
     residuals = np.empty((len(POINTS), 3))
     slopes = np.empty((len(POINTS), 3, len(FREE) + 3 * ROWS))
-    compare(
-        spline_of(plate), slope_x, slope_y, known, C, sigma, basis, POINTS, homography(h),
-        centered(SIZE), light, FREE, ROWS, residuals, slopes,
-    )  # fmt: skip
+    picture = spline_coefficients(plate), slope_x, slope_y, valid
+    points, match = (C, sigma, basis, POINTS), (homography(h), to_centered(SIZE), light)
+    compare(picture, points, match, FREE, ROWS, residuals, slopes)
     return residuals, slopes, basis
 
 
 def light(seed=0):
-    """(7, 3) a gain of about 1, an offset and a field."""
+    """(7, 3) gain of about 1, offset and field."""
     numbers = 0.1 * np.random.default_rng(seed).standard_normal((7, 3))
     numbers[0] += 1
     return numbers
 
 
-def test_residuals_are_those_of_the_plate_read_at_its_places(plate):
+def test_residuals_equal_interpolated_plate(plate):
     """oracle: SciPy's splines."""
     own = light()
     residuals, _, basis = compared(plate, H, own)
-    B = read_at(plate, places(H, POINTS.astype(float), SIZE)[0])
+    B = interpolate(plate, map_points(H, POINTS.astype(float), SIZE)[0])
     expected = (B * (basis @ own[[0, 2, 3, 4, 5, 6]]) + own[1]) / 0.1
     assert_allclose(residuals, expected, rtol=1e-5, atol=1e-5)
 
 
-def test_slopes_by_the_match_are_differences(plate):
-    """oracle: central differences; the plate's slopes are themselves read between pixels."""
+def test_homography_derivatives_equal_differences(plate):
+    """oracle: central differences; the gradient of the plate is interpolated bilinearly."""
     own, step = light(), 1e-4
     _, slopes, _ = compared(plate, H, own)
     for k in range(8):
@@ -61,7 +66,7 @@ def test_slopes_by_the_match_are_differences(plate):
         assert_allclose(slopes[..., k], (ahead - behind) / (2 * step), rtol=0.05, atol=1.5)
 
 
-def test_slopes_by_light_are_differences(plate):
+def test_light_derivatives_equal_differences(plate):
     """exact: residuals are linear in light."""
     own = light()
     before, slopes, _ = compared(plate, H, own)
@@ -74,10 +79,10 @@ def test_slopes_by_light_are_differences(plate):
             assert_allclose(np.delete(change, c, axis=1), 0, atol=1e-12)
 
 
-def test_points_without_a_plate_have_no_residual(plate):
-    known = np.ones((HEIGHT, WIDTH), bool)
-    known[:, : WIDTH // 2] = False
-    residuals, slopes, _ = compared(plate, np.zeros(8), light(), known)
+def test_points_outside_the_plate_have_no_residual(plate):
+    valid = np.ones((HEIGHT, WIDTH), bool)
+    valid[:, : WIDTH // 2] = False
+    residuals, slopes, _ = compared(plate, np.zeros(8), light(), valid)
     lost = POINTS[:, 0] < WIDTH // 2
     assert np.isnan(residuals[lost]).all()
     assert np.isfinite(residuals[~lost]).all()

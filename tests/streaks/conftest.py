@@ -1,4 +1,4 @@
-"""Plates, what a camera and a file make of them, and two balls that went side by side."""
+"""Plates, photographs and files of them, and two balls on parallel paths."""
 
 import io
 
@@ -40,7 +40,7 @@ def through_jpeg(pixels, quality):
 
 @pytest.fixture(scope="session")
 def taken():
-    """A function: pictures of two lights in 8 bits, with noise, as JPEG of a quality if it is given."""
+    """A function: photographs of image and plate in 8 bits with noise, optionally as JPEG."""
 
     def of(light, plate, code_std, seed, jpeg=None):
         camera, rng = Camera(code_std=code_std / 255), np.random.default_rng(seed)
@@ -54,13 +54,13 @@ def taken():
 
 @pytest.fixture(scope="session")
 def balls_side_by_side(taken):
-    """A function: balls of radius 9 and 7, both 40 px long, a gap between them; truths and pictures."""
+    """A function: balls of radius 9 and 7 on parallel paths of 40 px, their truths and pictures."""
 
     def of(wall, gap, code_std=1):
-        way = Trajectory.line((92, 96 + gap), (132, 96 + gap))
+        path = Trajectory.line((92, 96 + gap), (132, 96 + gap))
         first = Scene(wall, Trajectory.line((90, 80), (130, 80)), Ball(9, (0.9, 0.5, 0.1)))
         one = render(first)
-        two = render(Scene(one.image.rgb, way, Ball(7, (0.1, 0.3, 0.9))))
+        two = render(Scene(one.image.rgb, path, Ball(7, (0.1, 0.3, 0.9))))
         return one, two, with_noise(*taken(two.image.rgb, wall, code_std, 1))
 
     return of

@@ -1,4 +1,4 @@
-"""Cells in which large pictures are looked at."""
+"""Cells over which large pictures are averaged."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from blurmatte.streaks.evidence import in_cells
 
 
 @pytest.mark.parametrize("cell", [2, 3, 7])
-def test_cells_are_means_and_reach_the_border(cell):
+def test_cells_are_means_up_to_the_border(cell):
     values = np.random.default_rng(0).uniform(size=(10, 13, 3))
     cells = in_cells(values, cell)
     assert cells.shape == (-(-10 // cell), -(-13 // cell), 3)

@@ -1,4 +1,4 @@
-"""find_streaks: what moved is found, faint as it may be; noise and files make no streaks."""
+"""find_streaks: finds faint moving objects, and nothing in noise and compressed files."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,8 @@ from blurmatte.errors import PlateError
 from blurmatte.files import read
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, render
-from blurmatte.streaks import Streak, find, find_streak_within, find_streaks
+from blurmatte.streaks import Streak, find_streak_within, find_streaks, joined_behind
+from blurmatte.streaks.evidence import StreakSettings
 from blurmatte.trajectory import Trajectory
 
 ORANGE = np.array([0.9, 0.5, 0.1])
@@ -26,14 +27,14 @@ def covered(streak, alpha):
 
 @pytest.mark.parametrize("plate", NAMES)
 @pytest.mark.parametrize("code_std", [0, 0.3, 1, 2, 5])
-def test_noise_is_no_streak(taken, plates, plate, code_std):
+def test_no_streak_in_noise(taken, plates, plate, code_std):
     for seed in range(2):
         assert find_streaks(*taken(plates[plate], plates[plate], code_std, seed)) == []
 
 
 @pytest.mark.parametrize("sigma", [0.001, 0.01, 0.1])
-def test_noise_of_floats_is_no_streak(sigma):
-    """Small pictures are mostly border: noise must be no stronger there."""
+def test_no_streak_in_noise_of_floats(sigma):
+    """Small pictures are mostly border, where T must not be larger."""
     for seed in range(40):
         rng = np.random.default_rng(seed)
         image, plate = (LinearImage(0.4 + rng.normal(0, sigma, (40, 40, 3))) for _ in "ab")
@@ -42,7 +43,7 @@ def test_noise_of_floats_is_no_streak(sigma):
 
 @pytest.mark.parametrize("plate", NAMES)
 @pytest.mark.parametrize("quality", [75, 85, 95])
-def test_jpeg_is_no_streak(taken, plates, plate, quality):
+def test_no_streak_in_jpeg(taken, plates, plate, quality):
     for seed in range(2):
         for code_std in (1, 2):
             pictures = taken(plates[plate], plates[plate], code_std, seed, jpeg=quality)
@@ -53,7 +54,7 @@ def test_jpeg_is_no_streak(taken, plates, plate, quality):
     ("plate", "quality"),
     [("tiles", 85), ("dark", 85), ("plain", 75), ("plain", 85), ("two hues", 85)],
 )
-def test_blocks_rounded_as_one_are_no_streak(taken, plates, plate, quality):
+def test_no_streak_in_blocks_rounded_together(taken, plates, plate, quality):
     """With less noise than a code value, JPEG shifts whole blocks by one step or none."""
     for seed in range(2):
         pictures = taken(plates[plate], plates[plate], 0.5, seed, jpeg=quality)
@@ -62,22 +63,22 @@ def test_blocks_rounded_as_one_are_no_streak(taken, plates, plate, quality):
 
 @pytest.mark.parametrize("quality", [None, 85])
 @pytest.mark.parametrize("code_std", [1, 2, 5])
-def test_a_shifted_plate_is_no_streak(taken, plates, code_std, quality):
-    """Hard edges a third of a pixel off make thin differences, as strong as they like."""
+def test_no_streak_in_shifted_plate(taken, plates, code_std, quality):
+    """Hard edges shifted by a third of a pixel make thin differences of any size."""
     tiles = plates["tiles"]
     shifted = ndimage.shift(tiles, (0.2, 0.22, 0), order=3, mode="nearest")
     for seed in range(3):
         assert find_streaks(*taken(shifted, tiles, code_std, seed, jpeg=quality)) == []
 
 
-def test_exact_copies_make_no_streak(paint):
+def test_no_streak_in_exact_copies(paint):
     assert find_streaks(paint.plate, paint.plate) == []
     black = LinearImage(np.zeros((16, 16, 3)))
     assert find_streaks(black, black) == []
 
 
-def test_a_clipped_lamp_is_no_streak(taken, paint):
-    """What is not valid cannot say that something moved."""
+def test_no_streak_in_clipped_lamp(taken, paint):
+    """Invalid pixels are not evidence of motion."""
     image, plate = taken(paint.plate.rgb, paint.plate.rgb, 1, 0)
     valid = np.ones(image.valid.shape, bool)
     valid[40:60, 50:80] = False
@@ -96,7 +97,7 @@ def faint(plates, request):
 
 
 @pytest.mark.parametrize("code_std", [1, 2])
-def test_a_faint_streak_is_found_whole(taken, faint, code_std):
+def test_finds_faint_streak_completely(taken, faint, code_std):
     alpha = faint.layer.alpha
     assert alpha.max() < 0.051
     for seed in range(2):
@@ -106,13 +107,13 @@ def test_a_faint_streak_is_found_whole(taken, faint, code_std):
         assert np.mean(found[0].mask) < 3 * np.mean(alpha > 0)
 
 
-def test_an_exact_streak_is_found_whole(rendering):
+def test_finds_exact_streak_completely(rendering):
     found = find_streaks(rendering.image, rendering.plate)
     assert len(found) == 1
     assert covered(found[0], rendering.layer.alpha) > 0.999
 
 
-def test_floats_and_files_show_the_same(paint):
+def test_floats_and_files_give_equal_masks(paint):
     noise = NoiseModel(gain=1e-4, read_std=0.003)
     masks = []
     for bits in (None, 16, 8):
@@ -123,7 +124,7 @@ def test_floats_and_files_show_the_same(paint):
     assert np.mean(masks[0] != masks[2]) < 0.03
 
 
-def test_two_objects_are_two_streaks_the_stronger_first(taken, plates):
+def test_sorts_two_objects_by_evidence(taken, plates):
     one = render(Scene(plates["tiles"], Trajectory.line((40, 40), (100, 40)), Ball(12, ORANGE)))
     two = render(Scene(one.image.rgb, Trajectory.line((60, 150), (220, 140)), Ball(6, ORANGE)))
     found = find_streaks(*taken(two.image.rgb, plates["tiles"], 1, 0))
@@ -135,8 +136,8 @@ def test_two_objects_are_two_streaks_the_stronger_first(taken, plates):
 
 @pytest.mark.parametrize("gap", [13, 17])
 @pytest.mark.parametrize("plate", ["tiles", "plain"])
-def test_two_balls_side_by_side_are_two_streaks(plates, balls_side_by_side, plate, gap):
-    """Exact: what smoothing shows between them belongs to neither, and takes none of them away."""
+def test_separates_balls_on_parallel_paths(plates, balls_side_by_side, plate, gap):
+    """Exact: smoothing does not connect them, and neither mask covers the other ball."""
     one, two, pictures = balls_side_by_side(plates[plate], gap, 0.3)
     found = find_streaks(*pictures)
     shares = np.array([[covered(s, r.layer.alpha) for r in (one, two)] for s in found])
@@ -147,8 +148,8 @@ def test_two_balls_side_by_side_are_two_streaks(plates, balls_side_by_side, plat
 
 @pytest.mark.parametrize("light", [0.02, 0.55 * ORANGE])
 @pytest.mark.parametrize("width", [6, 14])
-def test_a_line_of_the_plate_behind_a_ball_does_not_cut_it(taken, plates, width, light):
-    """Invariant: one streak, be the line dark, or of the ball's own color in its shade."""
+def test_line_of_the_plate_does_not_split_a_streak(taken, plates, width, light):
+    """Invariant: for a dark line, and for one of the color of the ball's shaded side."""
     wall = plates["tiles"].copy()
     wall[:, 120 : 120 + width] = light
     ball = render(Scene(wall, Trajectory.line((90, 80), (160, 100)), Ball(18, ORANGE)))
@@ -157,8 +158,8 @@ def test_a_line_of_the_plate_behind_a_ball_does_not_cut_it(taken, plates, width,
     assert covered(found[0], ball.layer.alpha) > 0.95
 
 
-def test_a_weak_shadow_beside_it_is_left_out(taken, plates):
-    """A shadow dims every channel by a little, next to the ball that throws it."""
+def test_excludes_weak_shadow(taken, plates):
+    """A shadow next to the ball dims every channel by 1.5 %."""
     ball = render(Scene(plates["plain"], Trajectory.line((60, 60), (140, 60)), Ball(14, ORANGE)))
     light = ball.image.rgb.copy()
     light[76:110, 50:150] *= 0.985
@@ -168,7 +169,7 @@ def test_a_weak_shadow_beside_it_is_left_out(taken, plates):
 
 
 @pytest.mark.parametrize("edge", [(0, 96), (255, 96), (128, 0), (128, 191), (0, 0)])
-def test_a_streak_at_the_border_is_found(taken, plates, edge):
+def test_finds_streak_at_the_border(taken, plates, edge):
     path = Trajectory.line(edge, (128, 96))
     scene = render(Scene(plates["tiles"], path, Ball(10, ORANGE)))
     found = find_streaks(*taken(scene.image.rgb, scene.plate.rgb, 1, 0))
@@ -176,9 +177,11 @@ def test_a_streak_at_the_border_is_found(taken, plates, edge):
     assert covered(found[0], scene.layer.alpha) > 0.97
 
 
-def test_large_pictures_are_searched_in_cells(taken, faint, monkeypatch):
+def test_searches_large_pictures_in_cells(taken, faint, monkeypatch):
     pictures = taken(faint.image.rgb, faint.plate.rgb, 1, 0)
-    monkeypatch.setattr(find, "_MAX_CELLS", faint.plate.rgb.size / 3 / 3.5)  # cells of 2 x 2
+    monkeypatch.setattr(
+        StreakSettings, "max_cells", faint.plate.rgb.size / 3 / 3.5
+    )  # cells of 2 x 2
     found = find_streaks(*pictures)
     assert len(found) == 1
     assert found[0].mask.shape == pictures[0].valid.shape
@@ -190,7 +193,7 @@ def test_large_pictures_are_searched_in_cells(taken, faint, monkeypatch):
 
 @pytest.mark.parametrize("radius", [14, 24])
 @pytest.mark.parametrize("plate", ["tiles", "plain"])
-def test_up_to_a_quarter_of_the_picture_may_move(taken, plates, plate, radius):
+def test_finds_object_over_a_quarter_of_the_picture(taken, plates, plate, radius):
     wall = plates[plate][:128, :192]
     path = Trajectory.line((45, 45), (145, 80))
     scene = render(Scene(wall, path, Ball(radius, ORANGE)))
@@ -199,7 +202,7 @@ def test_up_to_a_quarter_of_the_picture_may_move(taken, plates, plate, radius):
     assert covered(found[0], scene.layer.alpha) > 0.97
 
 
-def test_known_noise_is_believed(paint):
+def test_uses_known_noise(paint):
     """Ten times the noise hides a faint streak; the true noise shows it."""
     scaled = 0.2 * (paint.image.rgb - paint.plate.rgb) + paint.plate.rgb
     pictures = [LinearImage(a + np.random.default_rng(i).normal(0, 0.005, a.shape))
@@ -217,7 +220,7 @@ def test_known_noise_is_believed(paint):
 @pytest.mark.parametrize(
     ("name", "ball"), [("floorball1", (728, 325, 847, 479)), ("floorball2", (386, 238, 470, 285))]
 )
-def test_a_real_ball_is_the_strongest(real_data, name, ball):
+def test_real_ball_has_the_largest_evidence(real_data, name, ball):
     pictures = read(real_data / f"{name}.png"), read(real_data / "floorball_plate.png")
     found = find_streaks(*pictures)
     assert len(found) < 8
@@ -225,7 +228,7 @@ def test_a_real_ball_is_the_strongest(real_data, name, ball):
     assert found[0].evidence > 100 * sum(other.evidence for other in found[1:])
 
 
-def test_door(paint):
+def test_rejects_unusable_pictures(paint):
     small = LinearImage(np.ones((15, 200, 3)))
     with pytest.raises(ValueError, match="image is 192x128 pixels and plate 200x15"):
         find_streaks(paint.image, small)
@@ -236,7 +239,7 @@ def test_door(paint):
         find_streaks(lost, LinearImage(np.ones((20, 20, 3))))
 
 
-def test_a_region_holds_what_moved_in_it_or_else_all_of_it(paint):
+def test_region_returns_its_streak_or_itself(paint):
     found = find_streaks(paint.image, paint.plate)[0]
     x0, y0, x1, y1 = found.box
     width, height = paint.image.size
@@ -248,3 +251,16 @@ def test_a_region_holds_what_moved_in_it_or_else_all_of_it(paint):
     elsewhere = Streak.from_box((0, 0, 8, 8), (width, height))
     assert not (elsewhere.mask & found.mask).any()
     assert find_streak_within(elsewhere, paint.image, paint.plate) is elsewhere
+
+
+def test_joined_behind_connects_parts_on_both_sides():
+    """Exact: two parts on both sides of a post are joined, a third one elsewhere is not."""
+    parts = [Streak.from_box(box, (80, 40)) for box in
+             ((10, 10, 30, 20), (40, 12, 60, 22), (10, 34, 14, 38))]  # fmt: skip
+    occluder = np.zeros((40, 80), bool)
+    occluder[:, 30:40] = True
+    joined = joined_behind(parts, occluder)
+    assert [s.box[::2] for s in joined] == [(10, 60), (10, 14)]
+    assert joined[0].mask[15, 30:40].all()
+    assert not joined[0].mask[30:, 30:40].any()
+    assert [s.box for s in joined_behind(parts, np.zeros_like(occluder))] == [s.box for s in parts]

@@ -1,9 +1,9 @@
-"""The scene without the object: made of many frames, and matched to the moment of an image."""
+"""The plate: made of many frames, and matched to the moment of an image."""
 
+from blurmatte.background.fit_match import Matching as Matching
+from blurmatte.background.fit_match import agreement as agreement
+from blurmatte.background.fit_match import fit_match as fit_match
+from blurmatte.background.fit_match import match_plate as match_plate
 from blurmatte.background.match import Match as Match
-from blurmatte.background.match import Matching as Matching
-from blurmatte.background.match import agreement as agreement
-from blurmatte.background.match import fit_match as fit_match
-from blurmatte.background.match import match_plate as match_plate
 from blurmatte.background.plate import PlateFit as PlateFit
 from blurmatte.background.plate import make_plate as make_plate

@@ -1,13 +1,13 @@
-"""The fit of a plate to an image: where it lies and how bright it is, in one robust likelihood.
+"""Robust regression of an image on its plate: homography and light, in one likelihood.
 
-In this file C is the image's light, B the plate's read at h (see `warp`), φ polynomials over the
-picture (1, u, v, u², uv, v²), g their factors and o an offset per channel:
+In this file C is the light of the image, B(h) the plate under the homography h (see `warp`), φᵢ the
+polynomials 1, u, v, u², uv, v² in centered coordinates, gᵢ their coefficients and o an offset, both per
+channel:
 
     C ≈ B(h) · Σ gᵢφᵢ + o
 
-Both pictures are smoothed alike by one pixel, so that noise is not smoother between the plate's pixels
-than on them; otherwise shifts of half a pixel would always look best. What does not follow, such as the
-moving object, counts less the further it is off: residuals follow a t distribution.
+Residuals follow a t distribution, so that a moving object has little weight. Both pictures are smoothed
+by one pixel: interpolation smooths noise, which otherwise favors shifts of half a pixel.
 """
 
 from collections.abc import Iterator
@@ -16,7 +16,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.background.warp import SHIFT, centered, homography, places, spline_of
+from blurmatte.background.warp import (
+    IDENTITY_LIGHT,
+    homography,
+    map_points,
+    spline_coefficients,
+    to_centered,
+)
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage, rounding_noise
 from blurmatte.statistics import cell_means
@@ -24,36 +30,38 @@ from blurmatte.statistics import cell_means
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-GEOMETRIES = ((), SHIFT, tuple(range(8)))  # which of h are free: none, a shift, all
-LIGHTS = (0, 1, 2, 7)  # rows of light that are free: none, gain, and offset, and a smooth field
-_SMOOTHING = 1.0  # pixels
-_MOST_CELLS = 5e5  # larger pictures are looked at in cells of several pixels
-_SAMPLES = 8_000  # pixels that are compared: those of the strongest edges, and as many others
-_LEAST_SIDE = 48  # cells of the coarsest picture
-_FREEDOM = 3.0  # degrees of freedom of the t distribution
-_EDGE = 0.1  # pixels, to which an edge is known: the plate may be sharper, splines ring
-_LIMIT = 4.0  # standard deviations, beyond which a residual is none of noise
-_PRIOR = 0.1  # of h and g: keeps what nothing tells where it is
-_STEPS, _LAST = 15, 3  # at most, and of these at last with what is believed alone
-_SETTLED = 1e-3  # of a standard deviation squared
-_QUARTER = 0.3186  # quantile of the magnitude of a standard normal
-_FINEST = 0.1  # of the noise: no fit is better than that
-_SMALL = 1e-8  # variance of light that is not rounded
-_LEAST_BLOCK = 4  # pixels between those that are compared: smoothed noise is alike over less
-SAME_LIGHT = np.zeros((7, 3))
-SAME_LIGHT[0] = 1
-SAME_LIGHT.setflags(write=False)
-_TILES = 12  # by as many
-_FLATTER = 0.7034  # E ψ' / E w of ψ = w r for Gaussian noise: the fit's own equations say too much
+GEOMETRIES = ((), (2, 5), tuple(range(8)))  # free parameters of h: none, the shift, all
+LIGHTS = (0, 1, 2, 7)  # free rows of light: none, gain, and offset, and a quadratic field of gain
+
+
+@dataclass(frozen=True)
+class AlignmentSettings:
+    """Pyramid of the pictures, and the t regression on its levels."""
+
+    max_pixels: float = 5e5  # of the finest level; larger pictures are averaged over cells
+    min_side_px: int = 48  # of the coarsest level
+    max_points: int = 8_000  # compared: half of them on edges
+    min_spacing_px: int = 4  # of points: smoothing correlates the noise of nearer ones
+    edge_position_std_px: float = 0.1  # the plate may be sharper than the image; splines ring
+    degrees_of_freedom: float = 3.0  # of the t distribution
+    curvature_ratio: float = 0.7034  # E ψ' / E w of its ψ = w r, for Gaussian residuals
+    max_residual_std: float = 4.0  # residuals beyond are outliers and have no weight at last
+    min_scale: float = 0.1  # of the residuals, over the predicted noise
+    parameter_std: float = (
+        0.1  # of the prior of h and light; regularizes what data do not determine
+    )
+    tolerance: float = 1e-3  # of a step: mean square over the variance of a parameter
+    covariance_tiles: int = 12  # per side; residuals of different tiles are independent
 
 
 @dataclass(frozen=True, eq=False)
 class Level:
-    """Both pictures at one coarseness, and the pixels that are compared.
+    """Both pictures at one resolution, and the n points at which they are compared.
 
-    C and the slopes of B are (h, w, 3), spline the coefficients of B's, image_slopes (h, w, 3, 2) those
-    of C; xy is (n, 2) pixels, sigma (n, 3) the noise of the difference there, basis (n, 6) the
-    polynomials.
+    C, slope_x and slope_y (h, w, 3) are the image and the gradient of the plate, spline its spline
+    coefficients, image_slopes (h, w, 3, 2) the gradient of the image; valid (h, w) excludes three
+    pixels around invalid ones and the border. At the points xy (n, 2), sigma (n, 3) is the standard
+    deviation of the difference, basis (n, 6) are the polynomials φ.
     """
 
     C: Array
@@ -61,7 +69,7 @@ class Level:
     slope_y: Array
     spline: Array
     image_slopes: Array
-    known: Bools
+    valid: Bools
     xy: npt.NDArray[np.int64]
     sigma: Array
     basis: Array
@@ -69,208 +77,220 @@ class Level:
     @property
     def size(self) -> tuple[int, int]:
         """(width, height)."""
-        height, width = self.known.shape
+        height, width = self.valid.shape
         return width, height
 
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """h (8,); light (7, 3): the gain, the offset, and five more polynomials; how well they fit.
+    """Parameters h (8,) of the homography and light (7, 3): gain, offset, the other five coefficients.
 
-    `residuals` are (n, 3) in units of the noise, NaN where the plate ends; `covariance` is that of what
-    is free, h first, then light channel by channel.
+    residuals (n, 3) are in standard deviations, NaN outside the plate; covariance is that of the free
+    parameters, h first, then light channel by channel; model are the indices of GEOMETRIES and LIGHTS.
     """
 
     h: Array
     light: Array
     residuals: Array
     covariance: Array
-    free: tuple[int, int] = (0, 0)
+    model: tuple[int, int] = (0, 0)
 
     @property
     def scale(self) -> float:
-        """The residuals' spread, times that of the noise."""
-        return spread(self.residuals)
+        """Standard deviation of the residuals over the predicted one."""
+        return quartile_scale(self.residuals)
 
 
-def spread(residuals: Array) -> float:
-    """Standard deviation from the lower quarter of the magnitudes: half may be something else."""
+def quartile_scale(residuals: Array) -> float:
+    """Standard deviation from the lower quartile of |r|: up to half of them may be outliers."""
     r = np.abs(residuals[np.isfinite(residuals)])
-    return float(np.quantile(r, 0.25)) / _QUARTER if r.size else 1.0
+    return float(np.quantile(r, 0.25)) / 0.3186 if r.size else 1.0  # 1 for a standard normal
 
 
 def levels(image: LinearImage, plate: LinearImage) -> Iterator[Level]:
-    """Both pictures at every coarseness, the finest first."""
-    cell = int(np.ceil(np.sqrt(image.valid.size / _MOST_CELLS)))
+    """Yield the levels of the pyramid, the finest first."""
+    cell = int(np.ceil(np.sqrt(image.valid.size / AlignmentSettings.max_pixels)))
     C, B = (_cells(picture.rgb, cell) for picture in (image, plate))
     variance = _variance(image, C, cell) + _variance(plate, B, cell)
-    known = _cells((image.valid & plate.valid)[..., None].astype(np.float32), cell)
-    parts = [C, B, variance, known]
+    valid = _cells((image.valid & plate.valid)[..., None].astype(np.float32), cell)
+    parts = [C, B, variance, valid]
     while True:
         level = _level(*parts)
         yield level
-        if min(level.size) < 2 * _LEAST_SIDE:
+        if min(level.size) < 2 * AlignmentSettings.min_side_px:
             return
         parts = [_cells(part, 2) for part in parts]
 
 
-def _level(C: Array, B: Array, variance: Array, known: Array) -> Level:
+def _cells(values: Floats, side: int) -> Array:
+    return np.asarray(cell_means(values, side), dtype=float)
+
+
+def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
+    """(h, w, 3) variance of cells up to a factor, which is estimated in the fit."""
+    if isinstance(picture.noise, np.ndarray):
+        return _cells(picture.noise, cell)
+    noise = picture.noise or rounding_noise(picture)
+    return np.asarray(noise.variance(light) + 1e-8)  # a floor for images without rounding
+
+
+def _level(C: Array, B: Array, variance: Array, valid: Array) -> Level:
     from scipy.ndimage import binary_erosion, gaussian_filter
 
-    C, B = (gaussian_filter(p, (_SMOOTHING, _SMOOTHING, 0)) for p in (C, B))
-    clear = np.asarray(binary_erosion(known[..., 0] == 1, iterations=3, border_value=0))
+    C, B = (gaussian_filter(p, sigma=(1, 1, 0)) for p in (C, B))
+    inside = np.asarray(binary_erosion(valid[..., 0] == 1, iterations=3, border_value=0))
     slope_y, slope_x = (np.asarray(np.gradient(B, axis=axis)) for axis in (0, 1))
-    size = known.shape[1], known.shape[0]
-    xy = _telling(np.sum(slope_x**2 + slope_y**2, axis=-1), clear)
-    to = centered(size)
+    xy = _points(np.sum(slope_x**2 + slope_y**2, axis=-1), inside)
+    to = to_centered((valid.shape[1], valid.shape[0]))
     u, v = (xy * to[0, 0] + to[:2, 2]).T
     basis = np.stack([np.ones(len(xy)), u, v, u * u, u * v, v * v], axis=1)
-    variance = np.maximum(variance, 1e-14) + _EDGE**2 * (slope_x**2 + slope_y**2)
-    sigma = np.sqrt(variance[xy[:, 1], xy[:, 0]])
+    edges = AlignmentSettings.edge_position_std_px**2 * (slope_x**2 + slope_y**2)
+    sigma = np.sqrt((np.maximum(variance, 1e-14) + edges)[xy[:, 1], xy[:, 0]])
     image_slopes = np.stack([np.gradient(C, axis=axis) for axis in (1, 0)], axis=-1)
-    return Level(C, slope_x, slope_y, spline_of(B), image_slopes, clear, xy, sigma, basis)
+    spline = spline_coefficients(B)
+    return Level(C, slope_x, slope_y, spline, image_slopes, inside, xy, sigma, basis)
 
 
-def _telling(energy: Array, clear: Bools) -> npt.NDArray[np.int64]:
-    """(n, 2) the pixel of the strongest edge of every block, and its middle."""
+def _points(energy: Array, inside: Bools) -> npt.NDArray[np.int64]:
+    """(n, 2) for every block the pixel of the largest gradient and its center, if inside."""
     height, width = energy.shape
-    side = max(_LEAST_BLOCK, int(np.ceil(np.sqrt(2 * energy.size / _SAMPLES))))
+    side = int(np.ceil(np.sqrt(2 * energy.size / AlignmentSettings.max_points)))
+    side = max(AlignmentSettings.min_spacing_px, side)
     rows, columns = height // side, width // side
-    blocks = np.where(clear, energy, -1)[: rows * side, : columns * side]
+    blocks = np.where(inside, energy, -1)[: rows * side, : columns * side]
     blocks = blocks.reshape(rows, side, columns, side).swapaxes(1, 2).reshape(rows, columns, -1)
     place = np.stack([np.argmax(blocks, axis=-1), np.full((rows, columns), side // 2 * (side + 1))])
     y = np.arange(rows)[:, None] * side + place // side
     x = np.arange(columns) * side + place % side
-    # By rows, as pictures lie in memory: read column by column they took twice as long.
+    # Sorted by rows, the order in memory: twice as fast to read as by columns.
     yx = np.stack([y.ravel(), x.ravel()], axis=1)
-    return np.ascontiguousarray(np.unique(yx[clear[yx[:, 0], yx[:, 1]]], axis=0)[:, ::-1])
+    return np.ascontiguousarray(np.unique(yx[inside[yx[:, 0], yx[:, 1]]], axis=0)[:, ::-1])
 
 
-def descend(level: Level, start: Fit, geometry: int, light: int) -> Fit:
-    """The best fit with what is free of h (an index of GEOMETRIES) and of light (of LIGHTS).
+def fit_level(level: Level, start: Fit, model: tuple[int, int]) -> Fit:
+    """Fit what is free in a model (indices of GEOMETRIES and LIGHTS), by reweighted least squares.
 
-    Last, what is far off no longer counts at all: the object would draw the light towards its own.
+    After convergence, outliers get no weight and the fit continues: a large object otherwise biases the
+    light.
     """
-    free, rows = list(GEOMETRIES[geometry]), LIGHTS[light]
-    h, parts = start.h.copy(), start.light.copy()
-    prior = np.eye(len(free) + 3 * rows) / _PRIOR**2
-    believed = np.ones((len(level.xy), 3), bool)
-    for left in range(_STEPS, -1, -1):
-        residuals, slopes = _compare(level, h, parts, free, rows)
-        normal, pull = _equations(residuals, slopes, believed)
-        now = np.concatenate([h[free], (parts[:rows] - SAME_LIGHT[:rows]).T.ravel()])
-        step = np.linalg.solve(normal + prior, -pull - prior @ now)
-        if left == 0 or not len(step) or step @ normal @ step < _SETTLED * len(now):
-            if not believed.all() or left <= _LAST:
+    free, rows = list(GEOMETRIES[model[0]]), LIGHTS[model[1]]
+    h, light = start.h.copy(), start.light.copy()
+    prior = np.eye(len(free) + 3 * rows) / AlignmentSettings.parameter_std**2
+    inliers = np.ones((len(level.xy), 3), bool)
+    for left in range(15, -1, -1):  # steps
+        residuals, slopes = _compare(level, h, light, free, rows)
+        normal, gradient = _equations(residuals, slopes, inliers)
+        now = np.concatenate([h[free], (light[:rows] - IDENTITY_LIGHT[:rows]).T.ravel()])
+        step = np.linalg.solve(normal + prior, -gradient - prior @ now)
+        if (
+            left == 0
+            or not len(step)
+            or step @ normal @ step < AlignmentSettings.tolerance * len(now)
+        ):
+            if not inliers.all() or left <= 3:  # too few steps are left to continue
                 break
-            believed = np.abs(residuals) < _LIMIT * spread(residuals)
+            inliers = np.abs(residuals) < AlignmentSettings.max_residual_std * quartile_scale(
+                residuals
+            )
         h[free] += step[: len(free)]
-        parts[:rows] += step[len(free) :].reshape(3, rows).T
-    covariance = _covariance(level, h, residuals, slopes, free)
-    return Fit(h, parts, residuals, covariance, (geometry, light))
+        light[:rows] += step[len(free) :].reshape(3, rows).T
+    return Fit(h, light, residuals, _covariance(level, h, residuals, slopes, free), model)
 
 
 def first_step(level: Level) -> tuple[Array, Array, float]:
-    """Where a fit of everything would go first from a plate as it is: h and light, and how much
-    likelier that seems.
-    """
+    """First step of the largest model from the identity: h, light, and the log likelihood gained."""
     rows = LIGHTS[-1]
-    residuals, slopes = _compare(level, np.zeros(8), SAME_LIGHT, list(range(8)), rows)
-    normal, pull = _equations(residuals, slopes, np.True_)
-    step = -np.linalg.solve(normal + np.eye(len(normal)) / _PRIOR**2, pull)
+    residuals, slopes = _compare(level, np.zeros(8), IDENTITY_LIGHT, list(range(8)), rows)
+    normal, gradient = _equations(residuals, slopes, np.True_)
+    step = -np.linalg.solve(
+        normal + np.eye(len(normal)) / AlignmentSettings.parameter_std**2, gradient
+    )
     h, light = np.asarray(step[:8]), np.asarray(step[8:].reshape(3, rows).T)
-    return h, light, float(-pull @ step / 2)
+    return h, light, float(-gradient @ step / 2)
 
 
-def _equations(residuals: Array, slopes: Array, believed: Bools | np.bool_) -> tuple[Array, Array]:
-    """The normal matrix and the gradient of the weighted squares of the residuals."""
-    scale = max(spread(residuals), _FINEST)
-    weighted = slopes * (believed * _weights(residuals, scale) / scale**2)[..., None]
+def _equations(residuals: Array, slopes: Array, inliers: Bools | np.bool_) -> tuple[Array, Array]:
+    """Normal matrix and gradient of the weighted sum of squares."""
+    scale = max(quartile_scale(residuals), AlignmentSettings.min_scale)
+    weighted = slopes * (inliers * _weights(residuals, scale) / scale**2)[..., None]
     weighted = weighted.reshape(3 * len(slopes), -1).T
-    pull = weighted @ np.nan_to_num(residuals).ravel()
+    gradient = weighted @ np.nan_to_num(residuals).ravel()
     normal = weighted @ slopes.reshape(3 * len(slopes), -1)
-    return np.asarray(normal, dtype=float), np.asarray(pull, dtype=float)
+    return np.asarray(normal, dtype=float), np.asarray(gradient, dtype=float)
 
 
 def _covariance(level: Level, h: Array, residuals: Array, slopes: Array, free: list[int]) -> Array:
-    """Of all that is free: how much tiles of the picture disagree about it.
+    """Sandwich covariance of the free parameters, clustered by tiles [White 1980].
 
-    Residuals of compressed or rounded pictures hang together, so tiles are counted, not pixels [White
-    1980, clustered]. The plate's noise has slopes too, and would feign that a plain wall tells where it
-    is; so slopes of both pictures are multiplied, whose noise is not the same.
+    Compression and rounding correlate residuals within a tile. The curvature is the product of the
+    gradients of plate and image: the noise of one picture alone would add to it, and make a plain wall
+    seem to determine the shift.
     """
-    scale = max(spread(residuals), _FINEST)
+    scale = max(quartile_scale(residuals), AlignmentSettings.min_scale)
     weight = _weights(residuals, scale) / scale**2
-    weight *= np.abs(np.nan_to_num(residuals)) < _LIMIT * scale
-    pulls = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
+    weight *= np.abs(np.nan_to_num(residuals)) < AlignmentSettings.max_residual_std * scale
+    scores = np.einsum("ncp,nc->np", slopes, weight * np.nan_to_num(residuals))
     width, height = level.size
-    column, row = (level.xy * _TILES // (width, height)).T
-    tiles = np.zeros((_TILES**2, pulls.shape[1]))
-    np.add.at(tiles, row * _TILES + column, pulls)
-    _, moves = places(h, level.xy.astype(float), level.size)
-    own = slopes.copy()
+    column, row = (level.xy * AlignmentSettings.covariance_tiles // (width, height)).T
+    tiles = np.zeros((AlignmentSettings.covariance_tiles**2, scores.shape[1]))
+    np.add.at(tiles, row * AlignmentSettings.covariance_tiles + column, scores)
+    _, moves = map_points(h, level.xy.astype(float), level.size)
+    image_slopes = slopes.copy()
     x, y = level.xy.T
     across = level.image_slopes[y, x] / level.sigma[..., None]
-    own[..., : len(free)] = np.einsum("nck,nkp->ncp", across, moves[..., free])
-    both = np.einsum("ncp,nc,ncq->pq", slopes, weight, own) * _FLATTER
-    values, vectors = np.linalg.eigh((both + both.T) / 2)
-    prior = np.eye(len(both)) / _PRIOR**2
-    known = np.linalg.inv((vectors * np.maximum(values, 0)) @ vectors.T + prior)
-    return np.asarray(known @ (tiles.T @ tiles + prior) @ known)
+    image_slopes[..., : len(free)] = np.einsum("nck,nkp->ncp", across, moves[..., free])
+    curvature = (
+        np.einsum("ncp,nc,ncq->pq", slopes, weight, image_slopes)
+        * AlignmentSettings.curvature_ratio
+    )
+    values, vectors = np.linalg.eigh((curvature + curvature.T) / 2)
+    prior = np.eye(len(curvature)) / AlignmentSettings.parameter_std**2
+    inverse = np.linalg.inv((vectors * np.maximum(values, 0)) @ vectors.T + prior)
+    return np.asarray(inverse @ (tiles.T @ tiles + prior) @ inverse)
 
 
 def _weights(residuals: Array, scale: float) -> Array:
-    """(n, 3) weights of a t distribution; 0 where there is no plate."""
-    known = np.isfinite(residuals)
-    r = np.where(known, residuals, 0) / scale
-    return np.asarray(known * (_FREEDOM + 1) / (_FREEDOM + r**2))
+    """(n, 3) weights of the t distribution; 0 outside the plate."""
+    inside = np.isfinite(residuals)
+    r = np.where(inside, residuals, 0) / scale
+    freedom = AlignmentSettings.degrees_of_freedom
+    return np.asarray(inside * (freedom + 1) / (freedom + r**2))
 
 
 def _compare(
     level: Level, h: Array, light: Array, free: list[int], rows: int
 ) -> tuple[Array, Array]:
-    """Residuals (n, 3) in units of noise, and their slopes (n, 3, free) by h and light."""
+    """Residuals (n, 3) in standard deviations, and their derivatives (n, 3, k) by what is free."""
     from blurmatte.background.alignment_kernel import compare  # numba takes half a second
 
     x, y = level.xy.T
     residuals, slopes = np.empty((len(x), 3)), np.empty((len(x), 3, len(free) + 3 * rows))
-    compare(
-        level.spline, level.slope_x, level.slope_y, level.known, level.C[y, x], level.sigma,
-        level.basis, level.xy, homography(h), centered(level.size), light,
-        np.array(free, np.int64), rows, residuals, slopes,
-    )  # fmt: skip
+    plate = level.spline, level.slope_x, level.slope_y, level.valid
+    points = level.C[y, x], level.sigma, level.basis, level.xy
+    match = homography(h), to_centered(level.size), light
+    compare(plate, points, match, np.array(free, np.int64), rows, residuals, slopes)
     return residuals, slopes
 
 
-def gain_in_likelihood(poor: Fit, rich: Fit) -> float:
-    """By how much the richer fit is likelier, of the pixels that both have.
+def log_likelihood_gain(small: Fit, large: Fit) -> float:
+    """Log likelihood of a larger model over that of a smaller one, on the points of both.
 
-    A fit that spreads more, for instance a field of light that follows a large object, is none.
+    −∞ if its residuals have a larger scale, as those of a light field that fits a large object.
     """
-    if rich.scale > poor.scale:
+    if large.scale > small.scale:
         return -np.inf
-    scale = max(rich.scale, _FINEST)
-    both = np.isfinite(poor.residuals) & np.isfinite(rich.residuals)
-    before, after = (
-        np.log1p((fit.residuals[both] / scale) ** 2 / _FREEDOM).sum() for fit in (poor, rich)
+    freedom, scale = (
+        AlignmentSettings.degrees_of_freedom,
+        max(large.scale, AlignmentSettings.min_scale),
     )
-    return float((_FREEDOM + 1) / 2 * (before - after))
+    both = np.isfinite(small.residuals) & np.isfinite(large.residuals)
+    before, after = (
+        np.log1p((fit.residuals[both] / scale) ** 2 / freedom).sum() for fit in (small, large)
+    )
+    return float((freedom + 1) / 2 * (before - after))
 
 
-def _variance(picture: LinearImage, light: Array, cell: int) -> Array:
-    """(h, w, 3) noise of cells, at least as it changes with light: its scale is found in the fit."""
-    if isinstance(picture.noise, np.ndarray):
-        return _cells(picture.noise, cell)
-    noise = picture.noise or rounding_noise(picture)
-    return np.asarray(noise.variance(light) + _SMALL)
-
-
-def disagreement(level: Level, fit: Fit) -> tuple[float, float]:
-    """The spread of what a fit leaves, and that of the image's light about its median; light."""
+def residual_and_image_std(level: Level, fit: Fit) -> tuple[float, float]:
+    """Robust standard deviations, linear light: of the residuals, and of the image about its median."""
     C = level.C[level.xy[:, 1], level.xy[:, 0]]
-    return spread(fit.residuals * level.sigma), spread(C - np.median(C, axis=0))
-
-
-def _cells(values: Floats, side: int) -> Array:
-    """Means over blocks; what is left over at the far sides is cut."""
-    return np.asarray(cell_means(values, side), dtype=float)
+    return quartile_scale(fit.residuals * level.sigma), quartile_scale(C - np.median(C, axis=0))

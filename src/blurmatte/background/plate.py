@@ -1,8 +1,8 @@
-"""Many frames of a scene → one plate of what does not move, with its error.
+"""make_plate: the static scene and its error from many frames.
 
-The first run through the frames keeps a few dozen and finds the light that each pixel shows most
-often. The second one averages all frames that agree with it. In this file B is the plate, δ its
-difference from the mode, v the variance of one frame and n the number of frames a pixel was free in.
+The first pass keeps a few dozen samples and finds the mode of each pixel, the second averages all
+frames that agree with it. In this file B is the plate, δ its difference from the mode, v the variance
+of one frame and n the number of frames in which a pixel was free.
 """
 
 from collections.abc import Iterable
@@ -10,26 +10,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.background.average import Sums, sum_frames
-from blurmatte.background.mode import Modes, find_modes
+from blurmatte.background.camera_motion import check_static_camera
+from blurmatte.background.robust_mean import Modes, Sums, find_modes, sum_frames
 from blurmatte.background.samples import take_samples
-from blurmatte.background.stillness import check_still
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, LinearImage, Meta, rounding_variance
 
-_LEAST_SHARE, _LEAST_FRAMES = 0.15, 2  # of the frames agree on the mode, or nothing is known
-# Light that is seen in most frames is the scene's. If it is seen less often, another one must be much
-# rarer still, for the most frequent may be something that came to rest.
-_MOST, _RIVAL_SHARE = 0.55, 0.35
-_CLIPPED_SHARE = 0.01  # of the free frames: with more of them the mean is too dark
-_NEIGHBORS, _PIXELS_TRUSTED = (
-    5,
-    16,
-)  # pixels a side; how many frames the neighbors' scatter counts as
-_BLOCKS = 33  # pixels a side: over what noise hangs together is about the same
-_TINY = 1e-14  # float32 knows no light better
-_HARMONICS = np.arange(1, 40)
+
+@dataclass(frozen=True)
+class PlateSettings:
+    """Pixels whose plate is known, and averages over neighbors for their variance."""
+
+    min_free_fraction: float = 0.15  # of the frames
+    min_free_frames: int = 2
+    majority: float = 0.55  # of the frames: such a mode is the plate; a rarer one needs
+    max_rival_ratio: float = 0.35  # its rival to be rarer still: it may be an object at rest
+    max_clipped_fraction: float = 0.01  # of the free frames; with more, the mean is too dark
+    variance_window_px: int = 5
+    variance_window_frames: float = 16  # weight of the window's variance against the pixel's own
+    correlation_window_px: int = 33  # over which the correlation of noise in time is constant
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,12 +39,12 @@ class PlateFit:
     Parameters
     ----------
     plate : LinearImage
-        float32 light, with a variance for each pixel; `valid` is False where no light was seen much
-        more often than others, or it is clipped.
+        float32 light, with a variance for each pixel; `valid` is False where no light is clearly the
+        most frequent, or it is clipped.
     coverage : (H, W) float32
-        Share of the frames in which the pixel was seen free; 0 where that is not known.
+        Fraction of the frames in which the pixel was free; 0 where it is unknown.
     gain : (N, 3) float
-        How much brighter each frame is than the plate, per channel; divided out.
+        Light of each frame over that of the plate, per channel.
     """
 
     plate: LinearImage
@@ -56,26 +56,26 @@ class PlateFit:
 
 
 def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
-    """The scene without what moves in front of it, from frames of a camera that stands still.
+    """Make the plate from frames of a static camera, without the objects that move in front of it.
 
-    A pixel's plate is the light that it shows most often, at least 15 % of the time and clearly more
-    often than any other: something may stay in front of it for up to 40 % of the time. All frames
-    that agree with it within their noise are averaged. Light that grows or fades over the whole picture
-    is divided out; the plate has the light of the middle of it.
+    The plate of a pixel is its most frequent light, seen in at least 15 % of the frames and clearly
+    more often than any other: an object may rest in front of it for up to 40 % of the time. All frames
+    that agree with it within their noise are averaged. Changes of brightness of the whole picture are
+    divided out; the plate has the median brightness.
 
-    The frames are run through twice (three times if they have no length), one at a time; what is
-    held in memory does not depend on how many there are.
+    The frames are read twice (three times if they have no length), one at a time; memory does not
+    depend on their number.
 
     Parameters
     ----------
     frames : iterable of LinearImage
-        Of one size, that can be run through again: `read_frames`, or a list. At least three.
+        At least three of one size, that can be iterated again: `read_frames`, or a list.
 
     Returns
     -------
     PlateFit
-        The plate, its coverage, and the gain of each frame. The variance contains noise, of video as
-        far as it hangs together in time, and the rounding to code values that noise does not even out.
+        The plate, its coverage, and the gain of each frame. The variance includes the correlation of
+        video noise in time, and the rounding to code values that noise does not average out.
 
     Raises
     ------
@@ -83,38 +83,37 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
         If there are fewer than three frames, the camera moved, the scene is cut, its light changes by
         more than a factor of two, or no pixel was seen free.
     TypeError, ValueError
-        If the frames are no LinearImages of one size, or can be run through only once.
+        If the frames are not LinearImages of one size, or can be iterated only once.
     """
     if iter(frames) is frames:
         raise TypeError(
-            "frames can be run through only once, but are needed twice; "
-            "give read_frames(...) or a list"
+            "frames can be iterated only once, but are read twice; give read_frames(...) or a list"
         )
     samples = take_samples(frames)
     light = float(np.median(samples.light[len(samples.light) // 2]))
     variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
-    check_still(samples.light, samples.gain, variance, samples.names)
+    check_static_camera(samples.light, samples.gain, variance, samples.names)
     modes, count = find_modes(samples), samples.count
-    del samples  # a gigabyte, of large frames
+    del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
-    return _finished(sums, modes, next(iter(frames)))
+    return _plate_fit(sums, modes, next(iter(frames)))
 
 
-def _finished(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
-    gain = np.array(sums.gain)
+def _plate_fit(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
+    gain, settings = np.array(sums.gain), PlateSettings
     _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
-    known = (free > _MOST * len(gain)) | (rival <= _RIVAL_SHARE * close)
-    known &= free >= max(_LEAST_SHARE * len(gain), _LEAST_FRAMES)
-    valid = known & (clipped <= _CLIPPED_SHARE * free)
+    known = (free > settings.majority * len(gain)) | (rival <= settings.max_rival_ratio * close)
+    known &= free >= max(settings.min_free_fraction * len(gain), settings.min_free_frames)
+    valid = known & (clipped <= settings.max_clipped_fraction * free)
     if not valid.any():
         raise PlateError(
-            "no pixel was seen free: none shows the same light for a good part of the frames, "
-            "unclipped; give more frames, or some without the object"
+            "no pixel was seen free: none shows the same unclipped light in a large part of the "
+            "frames; give more frames, or some without the object"
         )
     n = np.maximum(free, 1)[..., None]
     rgb = modes.light + sums.total / n
     noise = np.empty_like(modes.light)
-    for c in range(3):  # one at a time: of large frames a channel takes a lot of memory
+    for c in range(3):  # one at a time saves memory
         rounding = _rounding(rgb[..., c], frame.meta)
         noise[..., c] = _variance(sums, c, known, modes.variance[..., c], rounding)
     meta = Meta(source=f"plate of {len(gain)} frames")
@@ -123,56 +122,56 @@ def _finished(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
 
 
 def _variance(sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats) -> Floats:
-    """(H, W) variance of a channel of B: v / n, times how noise hangs together, and rounding.
+    """(H, W) variance of a channel of B: v / n, times the inflation by correlation, and rounding.
 
-    Neighborhoods are averaged in units of the variance that is `usual` for a frame.
-
-    Noise of video is alike in frames that follow each other. So batches of them are compared with
-    each other, as if each were one measurement (batch means; P. Welch, 1983): over batches of n,
+    Averages over neighbors are in units of the variance `usual` of a frame. Noise of video is
+    correlated in time, so batches of n consecutive frames are compared (batch means; P. Welch, 1983):
 
         Var B = Σ (S − n δ)² / ((Σ n)² − Σ n²).
 
-    Eight batches tell that badly for one pixel; what they tell of a neighborhood is believed.
+    Eight batches determine that poorly for one pixel, hence its average over a window.
     """
     n = np.maximum(sums.counts[..., 1], 2).astype(float)
     delta, q = sums.total[..., c] / n, sums.batch_counts
     v = np.maximum(sums.squares[..., c] - n * delta**2, 0) / (n - 1)
-    local = usual * _around(v / usual, (n - 1) * known, _NEIGHBORS)
-    v = ((n - 1) * v + _PIXELS_TRUSTED * local) / (n - 1 + _PIXELS_TRUSTED)
+    weight = PlateSettings.variance_window_frames
+    local = usual * _window_mean(v / usual, (n - 1) * known, PlateSettings.variance_window_px)
+    v = ((n - 1) * v + weight * local) / (n - 1 + weight)
     usable = known & (n**2 > 1.5 * q)
     scatter = sums.batch_squares[..., c] - 2 * delta * sums.batch_products[..., c] + delta**2 * q
     scatter = np.where(usable, scatter / np.maximum(n**2 - q, 1), 0)
-    white, of_batches = (_around(a * n / usual, 1.0 * usable, _BLOCKS) for a in (v / n, scatter))
-    together = np.maximum(of_batches / np.maximum(white, _TINY), 1)
-    kept = _left_of_rounding(local / np.maximum(rounding, _TINY))
-    return np.asarray(v * together / n + rounding * kept + _TINY)
+    white, of_batches = (
+        _window_mean(a * n / usual, 1.0 * usable, PlateSettings.correlation_window_px)
+        for a in (v / n, scatter)
+    )
+    inflation = np.maximum(of_batches / np.maximum(white, 1e-14), 1)
+    kept = _kept_rounding(local / np.maximum(rounding, 1e-14))
+    return np.asarray(v * inflation / n + rounding * kept + 1e-14)
 
 
 def _rounding(light: Floats, meta: Meta) -> Floats:
-    """Variance that rounding makes in one frame at each light; 0 if it held floats."""
+    """Variance by rounding in one frame, at each light; 0 if it held floats."""
     if meta.levels is None:
         return np.zeros_like(light)
     return rounding_variance(light, meta.levels, meta.transfer or LINEAR)
 
 
-def _around(values: Floats, weight: Floats, side: int) -> Floats:
-    """(H, W) weighted mean over the neighborhood of each pixel."""
+def _window_mean(values: Floats, weight: Floats, side: int) -> Floats:
+    """(H, W) weighted mean over the square window of each pixel."""
     from scipy.ndimage import uniform_filter
 
     weighted, total = (uniform_filter(a, side) for a in (values * weight, weight))
-    # Its running sums leave something where there is nothing.
+    # Its running sums do not return to exactly 0.
     return np.asarray(np.maximum(weighted, 0) / np.maximum(total, 1e-6))
 
 
-def _left_of_rounding(scatter: Floats) -> Floats:
-    """Of the variance 1/12 of rounding, the share that a mean over frames keeps.
+def _kept_rounding(scatter: Floats) -> Floats:
+    """Fraction of the variance 1/12 of rounding that a mean over frames keeps.
 
-    Noise of a standard deviation σ, in code values, evens it out: of its variance remains
-    b = Σ exp(−(2πkσ)²) / 2π²k², and the rounded values scatter by σ² + 1/12 − b (from the Fourier
-    series of the rounding error, Widrow & Kollár 2008). `scatter` is that in units of 1/12.
+    Noise of a standard deviation σ, in code values, dithers the rounding: the variance
+    b = Σ exp(−(2πkσ)²) / 2π²k² remains, and the rounded values scatter by σ² + 1/12 − b (from the
+    Fourier series of the rounding error, Widrow & Kollár 2008). `scatter` is that in units of 1/12.
     """
-    sigma = np.linspace(0, 1, 200)
-    b = (
-        np.exp(-((2 * np.pi * np.outer(sigma, _HARMONICS)) ** 2)) / (2 * np.pi**2 * _HARMONICS**2)
-    ).sum(-1)
+    sigma, k = np.linspace(0, 1, 200), np.arange(1, 40)
+    b = (np.exp(-((2 * np.pi * np.outer(sigma, k)) ** 2)) / (2 * np.pi**2 * k**2)).sum(-1)
     return np.asarray(np.interp(scatter, 12 * (sigma**2 + 1 / 12 - b), 12 * b, right=0.0))

@@ -1,7 +1,7 @@
-"""A few frames spread over a clip, with their gains and their noise.
+"""Samples of a clip: frames at equal distances, with their gains and their noise.
 
-In this file x is the light of a frame, B the light that does not move, and g the gain of a frame: per
-channel, the factor by which lamps or the camera's exposure made all of it brighter, x = g B.
+In this file x is the light of a frame, B the static light and g the gain of the frame per channel, by
+which lamps or the exposure changed all of it: x = g B.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -17,36 +17,43 @@ from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import MAD_TO_STD
 
-_MOST_SAMPLES, _LEAST_SAMPLES = 64, 20
-_MOST_BYTES = 1.0e9  # of samples held; each takes 6 bytes a pixel
-_NOISE_PIXELS, _NOISE_PAIRS = 1e5, 3
-_LEAST_VARIANCE = 1e-12  # float32 knows no light better
-_STEPS = 3.0  # times rounding's variance is half a step squared: rounded light jumps by steps
-_HALF_ROUNDING = 2.0**-22 / 3  # of light²: samples are kept as float16
-_GAIN_PIXELS = 1e4
-_LEAST_GAIN = 1e-3  # a black frame has one, too
-_SIGMAS = 4.0  # beyond it a pixel does not tell of gain
-_DARK = 0.05  # of the brightest: below, ratios are noise
-_MOST_DRIFT = 2.0  # gains beyond it come with other lamps, other shadows, clipped pixels
-_CUT, _CUT_LIGHT = 0.5, 0.1  # share of the picture that changes at once, by more than this much
+
+@dataclass(frozen=True)
+class SampleSettings:
+    """Number of samples, estimation of noise and gain, and rejection of clips."""
+
+    min_samples: int = 20
+    max_samples: int = 64
+    max_bytes: float = 1.0e9  # of all samples, at 6 bytes a pixel
+    noise_pixels: float = 1e5  # of a frame
+    noise_pairs: int = 3  # of frames, of which the median noise is taken
+    gain_pixels: float = 1e4  # of a frame
+    min_gain: float = 1e-3  # of a black frame
+    min_brightness: float = 0.05  # of the maximum, for ratios of light
+    max_residual_std: float = 4.0  # of pixels that determine the gain
+    max_gain_ratio: float = (
+        2.0  # between frames; larger ones come with other lamps and clipped pixels
+    )
+    max_changed_area: float = 0.5  # fraction of the picture between two samples; more is a cut
+    min_cut_contrast: float = 0.1  # relative change of light, beyond noise, that counts as changed
 
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Frames spread over a clip.
+    """Frames at equal distances.
 
     Parameters
     ----------
     light : (K, H, W, 3) float16
-        As read: with their gain.
+        As read, gain included.
     gain : (K, 3) float
-        Of each; the median over the clip is near 1.
+        Of each frame; the median over the clip is near 1.
     noise : NoiseModel
         Of one frame.
     names : sequence of str
-        What errors call them.
+        Of the frames, for errors.
     count : int
-        How many frames the clip seems to have.
+        Number of frames of the clip.
     """
 
     light: npt.NDArray[np.float16]
@@ -57,20 +64,20 @@ class Samples:
 
 
 def take_samples(frames: Iterable[LinearImage]) -> Samples:
-    """Run through the frames and keep some, as many for any length of the clip.
+    """Read the frames once and keep a number of them that does not depend on the clip's length.
 
     Raises
     ------
     PlateError
-        If there are fewer than three frames, or they do not show one scene in one light.
+        If there are fewer than three frames, a cut, or too large a change of light.
     ValueError
         If their sizes differ.
     """
     count = len(frames) if isinstance(frames, Sequence) else sum(1 for _ in frames)
-    light, parts, names = _spread(frames, count)
+    light, parts, names = _equally_spaced(frames, count)
     if len(light) < 3:
         raise PlateError(f"a plate needs at least 3 frames, got {len(light)}; give more of them")
-    _check_one_scene(light, names)
+    _check_no_cut(light, names)
     noise = _noise(parts)
     gain = _gains(light, noise)
     _check_drift(gain, names)
@@ -78,54 +85,56 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
 
 
 def frame_name(frame: LinearImage, number: int) -> str:
-    """What an error calls a frame."""
+    """Name of a frame in errors."""
     return frame.meta.source or f"frame {number}"
 
 
-def other_size(frame: LinearImage, number: int, size: Sequence[int]) -> str:
-    """The complaint about a frame that is not of the `size` (width, height) of the others."""
+def size_error(frame: LinearImage, number: int, size: Sequence[int]) -> str:
+    """Message about a frame that differs from the `size` (width, height) of the others."""
     return (
         f"frames must be of one size; {frame_name(frame, number)} is "
         f"{frame.size[0]}x{frame.size[1]}, others {size[0]}x{size[1]}"
     )
 
 
-def fit_gain(light: Floats, still: Floats, variance: Floats) -> Floats:
-    """(3,) g of light = g · still, both (3, n), where they agree within `variance` but for it."""
-    gain = median_ratio(light[:, ::8], still[:, ::8])
-    for c, (x, B, s2) in enumerate(zip(light, still, variance, strict=True)):
+def fit_gain(light: Floats, static: Floats, variance: Floats) -> Floats:
+    """(3,) gain g of light = g · static, both (3, n), from pixels that agree within `variance`."""
+    gain = median_ratio(light[:, ::8], static[:, ::8])
+    for c, (x, B, s2) in enumerate(zip(light, static, variance, strict=True)):
         for _ in range(2):
-            weight = ((x - gain[c] * B) ** 2 < _SIGMAS**2 * s2) * B / s2
+            inliers = (x - gain[c] * B) ** 2 < SampleSettings.max_residual_std**2 * s2
+            weight = inliers * B / s2
             if (total := float(np.sum(weight * B))) > 0:
-                gain[c] = max(float(np.sum(weight * x)) / total, _LEAST_GAIN)
+                gain[c] = max(float(np.sum(weight * x)) / total, SampleSettings.min_gain)
     return gain
 
 
-def median_ratio(light: Floats, still: Floats) -> Floats:
-    """(3,) median of light over still, both (3, n), where that is not dark."""
+def median_ratio(light: Floats, static: Floats) -> Floats:
+    """(3,) median of light over static, both (3, n), where static is not dark."""
     gain = np.ones(3)
-    for c, (x, B) in enumerate(zip(light, still, strict=True)):
-        bright = _DARK * B.max() < B
+    for c, (x, B) in enumerate(zip(light, static, strict=True)):
+        bright = SampleSettings.min_brightness * B.max() < B
         if bright.any():
-            gain[c] = max(float(np.median(x[bright] / B[bright])), _LEAST_GAIN)
+            gain[c] = max(float(np.median(x[bright] / B[bright])), SampleSettings.min_gain)
     return gain
 
 
-def grid(shape: tuple[int, ...], pixels: float) -> tuple[slice, slice]:
-    """About so many pixels, spread evenly over a picture."""
-    step = max(1, int(np.sqrt(shape[0] * shape[1] / pixels)))
+def gain_grid(shape: Sequence[int]) -> tuple[slice, slice]:
+    """Rows and columns of a regular grid of pixels that determine the gain."""
+    step = max(1, int(np.sqrt(shape[0] * shape[1] / SampleSettings.gain_pixels)))
     return slice(step // 2, None, step), slice(step // 2, None, step)
 
 
-def _spread(
+def _equally_spaced(
     frames: Iterable[LinearImage], count: int
 ) -> tuple[npt.NDArray[np.float16], list[LinearImage], list[str]]:
-    """Frames at equal distances, parts of them in full precision, and their names."""
+    """Frames at equal distances, some rows of each in full precision, and their names."""
     first = next(iter(frames), None)
     if first is None:
         return np.empty((0, 1, 1, 3), np.float16), [], []
     check_picture("the first frame", first)
-    most = np.clip(_MOST_BYTES / (6 * first.valid.size), _LEAST_SAMPLES, _MOST_SAMPLES)
+    most = SampleSettings.max_bytes / (6 * first.valid.size)
+    most = np.clip(most, SampleSettings.min_samples, SampleSettings.max_samples)
     step = max(1, -(-count // int(most)))
     start = (count - 1) % step // 2
     light = np.empty((-(-(count - start) // step), *first.rgb.shape), np.float16)
@@ -134,33 +143,33 @@ def _spread(
         number = start + len(parts) * step
         check_picture(f"frame {number}", frame)
         if frame.size != first.size:
-            raise ValueError(other_size(frame, number, first.size))
+            raise ValueError(size_error(frame, number, first.size))
         light[len(parts)] = frame.rgb
-        parts.append(_part(frame))
+        parts.append(_noise_rows(frame))
         names.append(frame_name(frame, number))
     return light[: len(parts)], parts, names
 
 
 def _every(frames: Iterable[LinearImage], start: int, step: int) -> Iterator[LinearImage]:
-    if isinstance(frames, Sequence):  # which may read those alone
+    if isinstance(frames, Sequence):  # it can read only these
         return iter(frames[start::step])
     return islice(iter(frames), start, None, step)
 
 
-def _part(frame: LinearImage) -> LinearImage:
-    """Some rows, enough to measure noise."""
-    rows = slice(None, None, max(1, round(frame.valid.size / _NOISE_PIXELS)))
+def _noise_rows(frame: LinearImage) -> LinearImage:
+    """Rows that suffice to measure noise."""
+    rows = slice(None, None, max(1, round(frame.valid.size / SampleSettings.noise_pixels)))
     return LinearImage(frame.rgb[rows].copy(), valid=frame.valid[rows].copy(), meta=frame.meta)
 
 
 def _noise(parts: Sequence[LinearImage]) -> NoiseModel:
-    """Of one frame: half that of the difference of two, the median of a few such.
+    """Noise of one frame from differences of pairs; the median of a few pairs.
 
-    About half a clip is between the two, for what video does not send again stays the same for long;
-    not always as much, for frames may repeat themselves.
+    The frames of a pair are about half a clip apart, since video repeats unchanged blocks for long. The
+    distances differ, since clips may be periodic.
     """
     models, half = [], len(parts) // 2
-    starts = np.linspace(0, len(parts) - 1 - half, _NOISE_PAIRS).astype(int)
+    starts = np.linspace(0, len(parts) - 1 - half, SampleSettings.noise_pairs).astype(int)
     for shorter, i in enumerate(starts):
         a, b = parts[i], parts[i + max(half - shorter, 1)]
         ratio = median_ratio(b.rgb.reshape(-1, 3).T, a.rgb.reshape(-1, 3).T)
@@ -169,40 +178,42 @@ def _noise(parts: Sequence[LinearImage]) -> NoiseModel:
         models.append((first.coefficients + second.coefficients) / 2)
     strengths = [float(np.sum(model @ [1, 0.2, 0.04])) for model in models]  # at a light of 0.2
     model = models[np.argsort(strengths)[len(models) // 2]]
-    steps = _STEPS * rounding_noise(parts[0]).coefficients
-    return NoiseModel.from_coefficients(model + steps + [_LEAST_VARIANCE, 0, _HALF_ROUNDING])
+    rounding = 3.0 * rounding_noise(parts[0]).coefficients  # it changes light by whole steps
+    float16 = 2.0**-22 / 3  # variance of its rounding over light²
+    return NoiseModel.from_coefficients(model + rounding + [1e-12, 0, float16])
 
 
-def _check_one_scene(light: Floats, names: Sequence[str]) -> None:
-    """Refuse a clip with a cut: most of the picture changes between two samples."""
-    small = _few_pixels(light)
+def _check_no_cut(light: Floats, names: Sequence[str]) -> None:
+    """Raise PlateError if most of the picture changes between two samples."""
+    small = _gain_pixels(light)
     after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
     change = np.abs(after - small[:-1])
     noise = MAD_TO_STD * np.median(change, axis=(0, 2), keepdims=True)
-    much = change > _SIGMAS * noise + _CUT_LIGHT * np.maximum(after, small[:-1])
-    shares = much.any(axis=1).mean(axis=1)
-    at = int(np.argmax(shares))
-    if shares[at] > _CUT:
+    threshold = SampleSettings.max_residual_std * noise
+    threshold = threshold + SampleSettings.min_cut_contrast * np.maximum(after, small[:-1])
+    areas = (change > threshold).any(axis=1).mean(axis=1)
+    at = int(np.argmax(areas))
+    if areas[at] > SampleSettings.max_changed_area:
         raise PlateError(
-            f"the scene is cut between {names[at]} and {names[at + 1]}: {shares[at]:.0%} of the "
+            f"the scene is cut between {names[at]} and {names[at + 1]}: {areas[at]:.0%} of the "
             "picture changes; give the part before or after it (--start, --stop)"
         )
 
 
-def _few_pixels(light: Floats) -> Floats:
-    """(K, 3, n) light of some pixels."""
-    few = light[:, *grid(light.shape[1:], _GAIN_PIXELS)].astype(float)
+def _gain_pixels(light: Floats) -> Floats:
+    """(K, 3, n) light of the pixels of `gain_grid`."""
+    few = light[:, *gain_grid(light.shape[1:])].astype(float)
     return np.ascontiguousarray(np.moveaxis(few.reshape(len(few), -1, 3), -1, 1))
 
 
 def _gains(light: Floats, noise: NoiseModel) -> Floats:
-    """(K, 3) of each sample against the median of all, which is found in turn with them."""
-    small = _few_pixels(light)
+    """(K, 3) gain of each sample against their median, both by alternating estimation."""
+    small = _gain_pixels(light)
     gain = np.ones((len(small), 3))
     for _ in range(2):
-        still = np.median(small / gain[..., None], axis=0)
-        variance = noise.variance(still.T).T
-        gain = np.array([fit_gain(x, still, variance) for x in small])
+        static = np.median(small / gain[..., None], axis=0)
+        variance = noise.variance(static.T).T
+        gain = np.array([fit_gain(x, static, variance) for x in small])
         gain /= np.median(gain, axis=0)
     return gain
 
@@ -210,9 +221,10 @@ def _gains(light: Floats, noise: NoiseModel) -> Floats:
 def _check_drift(gain: Floats, names: Sequence[str]) -> None:
     mean = gain.mean(axis=1)
     low, high = int(np.argmin(mean)), int(np.argmax(mean))
-    if mean[high] > _MOST_DRIFT * mean[low]:
+    if mean[high] > SampleSettings.max_gain_ratio * mean[low]:
         raise PlateError(
             f"the light changes too much for one plate: {names[high]} is "
-            f"{mean[high] / mean[low]:.1f} times as bright as {names[low]}, {_MOST_DRIFT:g} is the "
-            "most; give a part of the clip with steady light (--start, --stop)"
+            f"{mean[high] / mean[low]:.1f} times as bright as {names[low]}, at most "
+            f"{SampleSettings.max_gain_ratio:g} is possible; give a part of the clip with steady light "
+            "(--start, --stop)"
         )

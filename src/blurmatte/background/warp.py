@@ -1,12 +1,12 @@
-"""Where the pixels of an image lie in its plate, and the plate read there.
+"""Homographies between image and plate, and interpolation of the plate.
 
-A homography H (3, 3) takes a point of the image, in coordinates that are 0 in its center and ±1 at the
-ends of its longer side, to the same coordinates of the plate. Eight numbers h say how far it is from
-doing nothing:
+A homography H (3, 3) maps a point of the image to a point of the plate, both in centered coordinates:
+0 in the center of the picture and ±1 at the ends of its longer side. Its parameters h are 0 for the
+identity:
 
     H = 1 + (h₀ h₁ h₂ | h₃ h₄ h₅ | h₆ h₇ 0)
 
-h₂ and h₅ alone shift the picture.
+h₂ and h₅ are the shift.
 """
 
 from concurrent.futures import ThreadPoolExecutor
@@ -18,19 +18,18 @@ from blurmatte.checks import Floats
 
 Array = npt.NDArray[np.float64]
 
-SHIFT = (2, 5)
-ORDER = 3  # of the spline between pixels
-_FEW = 100_000  # points that are read sooner than threads start
-_REACH = 15  # pixels, beyond which a spline of this order knows nothing of a pixel
+SPLINE_ORDER = 3  # of the interpolation
+IDENTITY_LIGHT = np.eye(7, 1).repeat(3, axis=1)  # (7, 3): gain 1, no offset, no field
+IDENTITY_LIGHT.setflags(write=False)
 
 
 def homography(h: Array) -> Array:
-    """(3, 3) of eight numbers."""
+    """(3, 3) H of its parameters h (8,)."""
     return np.asarray(np.eye(3) + np.append(h, 0).reshape(3, 3))
 
 
-def centered(size: tuple[int, int]) -> Array:
-    """(3, 3) from pixels to coordinates that are 0 in the center and ±1 at the ends."""
+def to_centered(size: tuple[int, int]) -> Array:
+    """(3, 3) matrix from pixels to centered coordinates of a picture of `size` (width, height)."""
     width, height = size
     half = max(width, height) / 2
     return np.array(
@@ -38,9 +37,9 @@ def centered(size: tuple[int, int]) -> Array:
     )
 
 
-def places(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array]:
-    """Where points (n, 2) of the image lie in the plate, pixels; and (n, 2, 8) how h moves them."""
-    to = centered(size)
+def map_points(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array]:
+    """Map points xy (n, 2) of the image to the plate, pixels; also the derivatives (n, 2, 8) by h."""
+    to = to_centered(size)
     u = xy * to[0, 0] + to[:2, 2]
     H = homography(h)
     moved = u @ H[:, :2].T + H[:, 2]
@@ -53,8 +52,8 @@ def places(h: Array, xy: Array, size: tuple[int, int]) -> tuple[Array, Array]:
     return (U - to[:2, 2]) / to[0, 0], slope / to[0, 0]
 
 
-def read_at(picture: Floats, xy: Array, order: int = ORDER) -> Array:
-    """(n, channels) values of a picture (h, w, channels) at points (n, 2), by a spline."""
+def interpolate(picture: Floats, xy: Array, order: int = SPLINE_ORDER) -> Array:
+    """(n, channels) values of a picture (h, w, channels) at points xy (n, 2), by a spline."""
     from scipy.ndimage import map_coordinates
 
     def read(channel: int) -> Array:
@@ -62,29 +61,26 @@ def read_at(picture: Floats, xy: Array, order: int = ORDER) -> Array:
         return np.asarray(map_coordinates(plane, xy.T[::-1], order=order, mode="nearest"))
 
     channels = range(picture.shape[-1])
-    if len(xy) < _FEW:
+    if len(xy) < 100_000:  # threads would take longer to start
         return np.stack([read(c) for c in channels], axis=-1)
-    with ThreadPoolExecutor() as threads:  # SciPy lets go of the interpreter meanwhile
+    with ThreadPoolExecutor() as threads:  # SciPy releases the interpreter's lock
         return np.stack(list(threads.map(read, channels)), axis=-1)
 
 
-def spline_of(picture: Floats) -> Array:
-    """The coefficients of the spline through a picture (h, w, channels)."""
+def spline_coefficients(picture: Floats) -> Array:
+    """(h, w, channels) coefficients of the spline that interpolates a picture."""
     from scipy.ndimage import spline_filter
 
-    planes = [
-        spline_filter(picture[..., c], ORDER, mode="nearest") for c in range(picture.shape[-1])
-    ]
-    return np.stack(planes, axis=-1)
+    channels = np.moveaxis(picture, -1, 0)
+    return np.stack([spline_filter(c, SPLINE_ORDER, mode="nearest") for c in channels], axis=-1)
 
 
-def kept_variance(xy: Array) -> float:
-    """Which part of the variance of white noise is left where it is read between pixels; the mean."""
+def interpolated_variance(xy: Array) -> float:
+    """Variance of interpolated white noise of variance 1, mean over the points xy (n, 2)."""
     from scipy.ndimage import shift
 
     step = np.linspace(0, 1, 33)
-    one = np.zeros(2 * _REACH + 1)
-    one[_REACH] = 1
-    energy = [float(np.sum(shift(one, s, order=ORDER) ** 2)) for s in step]
+    one = np.eye(1, 31, 15)[0]  # the spline's response beyond 15 pixels is negligible
+    energy = [float(np.sum(shift(one, s, order=SPLINE_ORDER) ** 2)) for s in step]
     along = np.interp(xy % 1, step, energy)
     return float(np.mean(along.prod(axis=1)))

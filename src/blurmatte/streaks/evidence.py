@@ -1,12 +1,12 @@
-"""Evidence that something moved: how much more image and plate differ than by noise.
+"""Test statistic of motion: the excess of the difference of image and plate over its noise.
 
-In this file d = C − B is the difference of image and plate, z the same in units of its standard
-deviation, and T the sum of z² over the channels after smoothing, scaled so that it would be χ² with
-three degrees of freedom if nothing had moved. Large pictures are looked at in cells of several
-pixels, so that the search costs no more than for a picture of a million pixels.
+In this file d = C − B is the difference of image and plate, z the same in standard deviations, and T
+the sum of z² over the channels after smoothing, scaled to χ² with three degrees of freedom where
+nothing moved. Large pictures are averaged over cells of several pixels, which bounds the cost.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -15,32 +15,38 @@ from blurmatte.checks import Bools, Floats
 from blurmatte.radiometry import LinearImage, NoiseModel, rounding_noise
 from blurmatte.statistics import cell_means
 
-SCALES = (1.0, 3.0)  # cells: smoothing that finds small sharp and faint broad streaks
-SURE, POSSIBLE = 6.0**2, 3.5**2  # T: something moved here; part of it if it touches a sure place
-_STRIP = 128  # cells, of rows that are looked at together
-_STEPS = 4.0  # code values: to so many the blocks of JPEG and video are rounded
-_MEDIAN_CHI2 = 0.79  # median over mean of the sum of three squares of noise
+
+@dataclass(frozen=True)
+class StreakSettings:
+    """Smoothing and thresholds of T, and the shape of the masks. Lengths are in cells."""
+
+    max_cells: float = 1e6  # of a picture
+    smoothing: tuple[float, ...] = (1.0, 3.0)  # std: for small sharp and for faint broad streaks
+    sure: float = 6.0**2  # T: something moved
+    possible: float = 3.5**2  # T: part of a streak if connected to a sure place
+    rounding_steps: float = 4.0  # codes, to which JPEG and video round blocks
+    min_relative_contrast: float = 0.1  # of a streak's own; below it is a shadow or halo
+    closing: int = 2  # gaps up to twice this are closed
+    rim: int = 3  # of a streak, fainter than the noise
 
 
-def evidence(
-    image: LinearImage, plate: LinearImage, cell: int, scales: Sequence[float] = SCALES
-) -> Floats:
+def evidence(image: LinearImage, plate: LinearImage, cell: int) -> Floats:
     """(h, w) T of every cell: the largest over the scales of smoothing.
 
-    A sum of z weighted by w has the variance Σw²; with Gaussian weights that is a Gaussian sum too,
-    of 1/√2 the scale. Dividing by it leaves noise at the border as it is elsewhere.
+    A sum of z weighted by w has the variance Σw²; for Gaussian weights that is a Gaussian sum too, of
+    1/√2 the scale. Division by it makes noise uniform up to the border.
     """
     z, weight, rounding = _normalized_difference(image, plate, cell)
     T = np.zeros(weight.shape, np.float32)
-    for scale in scales:
+    for scale in StreakSettings.smoothing:
         white = _smoothed(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
         std = np.sqrt(np.maximum(white, 1e-6))
-        steps = _STEPS**2 * (4 * np.pi * scale**2)
+        steps = StreakSettings.rounding_steps**2 * (4 * np.pi * scale**2)
         T_here = np.zeros_like(T)
         for c in range(3):
             smooth = _smoothed(z[..., c], scale) / std
             smooth -= np.median(smooth)
-            T_here += smooth**2 / _spread2(smooth, steps * rounding[..., c])
+            T_here += smooth**2 / _null_variance(smooth, steps * rounding[..., c])
         T = np.maximum(T, T_here)
     return T
 
@@ -51,34 +57,32 @@ def _smoothed(values: Floats, scale: float) -> Floats:
     return np.asarray(gaussian_filter(values, scale, mode="constant"))
 
 
-def _spread2(smooth: Floats, steps: Floats) -> Floats:
+def _null_variance(smooth: Floats, steps: Floats) -> Floats:
     """(h, w) variance of a smoothed z of one channel where nothing moved.
 
-    White noise leaves 1. What there is beyond that is correlated noise of JPEG and video, light
-    that drifts, soft shadows: long-tailed, so it counts twelve times. The quantile believes what
-    two thirds of the picture say. A tenth is believed too, but no further than a few code values,
-    `steps`: where neighbors have like light, a codec may round all of them up or down.
+    It is 1 for white noise. The excess, by correlated noise of JPEG and video, drifting light and soft
+    shadows, has long tails, so it counts twelve times. It is that of the 65 % quantile, or that of the
+    90 % quantile up to the variance `steps` of a few codes: a codec may round a whole block up or down.
     """
-    told = np.quantile(np.abs(smooth), (0.65, 0.9)) / (0.9346, 1.6449)  # of normal numbers 1
-    most, some = 12 * np.maximum(told**2 - 1, 0)
+    std = np.quantile(np.abs(smooth), (0.65, 0.9)) / (0.9346, 1.6449)  # 1 for a standard normal
+    most, some = 12 * np.maximum(std**2 - 1, 0)
     return np.asarray(1 + np.maximum(most, np.minimum(some, steps)), dtype=smooth.dtype)
 
 
 def _normalized_difference(
     image: LinearImage, plate: LinearImage, cell: int
 ) -> tuple[Floats, Floats, Floats]:
-    """(h, w, 3) difference of the cells' means over its standard deviation, (h, w) 1 where it is
-    known and 0 elsewhere, (h, w, 3) the part of that variance which rounding alone has.
+    """(h, w, 3) z of the cells' means, (h, w) 1 for valid cells and 0 for others, and (h, w, 3) the
+    fraction of the variance that is due to rounding.
 
-    Where the plate has edges, a shift by a fraction of a pixel makes a difference too. How large
-    the shifts are is read off the edges themselves.
+    The variance includes that of a subpixel shift at edges of the plate, estimated from these edges.
     """
     d, B, known = (
         np.concatenate(parts) for parts in zip(*_cells_of(image, plate, cell), strict=True)
     )
     variance = _mean_variance(image, B, cell) + _mean_variance(plate, B, cell)
     edge = _edge_energy(B)
-    variance = variance + 9 * _shift2(d, variance, edge) * edge + 1e-14
+    variance = variance + 9 * _mean_square_shift(d, variance, edge) * edge + 1e-14
     z = np.where(known[..., None], d / np.sqrt(variance), 0)
     rounding = (rounding_noise(image).variance(B) + rounding_noise(plate).variance(B)) / variance
     return tuple(np.asarray(a, dtype=np.float32) for a in (z, known, rounding))  # type: ignore[return-value]
@@ -87,12 +91,12 @@ def _normalized_difference(
 def _cells_of(
     image: LinearImage, plate: LinearImage, cell: int
 ) -> Iterator[tuple[Floats, Floats, Bools]]:
-    """The means of difference and plate over cells, and where most of a cell is known, in strips.
+    """Yield means of difference and plate over cells, and whether these are mostly valid, in strips.
 
-    Of a picture of many pixels no copy is made.
+    Strips avoid copies of large pictures.
     """
-    for start in range(0, len(image.valid), cell * _STRIP):
-        rows = slice(start, start + cell * _STRIP)
+    for start in range(0, len(image.valid), cell * 128):
+        rows = slice(start, start + cell * 128)
         used = image.valid[rows] & plate.valid[rows]
         d = np.where(used[..., None], image.rgb[rows] - plate.rgb[rows], 0)
         known = in_cells(used[..., None].astype(np.float32), cell)[..., 0] > 0.5
@@ -100,30 +104,30 @@ def _cells_of(
 
 
 def shift_variance(image: LinearImage, plate: LinearImage, still: Bools) -> Floats:
-    """(H, W, 3) variance that a plate shifted by a fraction of a pixel has at its own edges, light².
+    """(H, W, 3) variance by a subpixel shift of the plate at its edges, light².
 
-    How far it is shifted is read off the edges where `still`, (H, W) bool: nothing moved there.
+    The shift is estimated from edges where nothing moved: `still`, (H, W) bool.
     """
     d = np.asarray(image.rgb - plate.rgb, float)
     edge = _edge_energy(np.asarray(plate.rgb, float))
     return np.asarray(
-        _shift2(d[still], (image.variance + plate.variance)[still], edge[still]) * edge
+        _mean_square_shift(d[still], (image.variance + plate.variance)[still], edge[still]) * edge
     )
 
 
-def _shift2(d: Floats, variance: Floats, edge: Floats) -> float:
-    """Mean squared shift, pixels², from what d² has beyond its variance at the strongest edges."""
+def _mean_square_shift(d: Floats, variance: Floats, edge: Floats) -> float:
+    """Mean square shift, pixels², from the excess of d² over its variance at the strongest edges."""
     energy = edge.sum(axis=-1)
     if energy.size == 0:
         return 0.0
     strong = energy >= np.quantile(energy, 0.9)
-    of_noise = _MEDIAN_CHI2 * np.median(variance.sum(axis=-1)[strong])
-    excess = np.median((d**2).sum(axis=-1)[strong]) - of_noise
+    noise = 0.79 * np.median(variance.sum(axis=-1)[strong])  # median over mean of χ², 3 d.o.f.
+    excess = np.median((d**2).sum(axis=-1)[strong]) - noise
     return max(float(excess / (np.median(energy[strong]) + 1e-14)), 0.0)
 
 
 def _edge_energy(B: Floats) -> Floats:
-    """(h, w, 3) squared gradient, the largest of the neighbors: light² per cell²."""
+    """(h, w, 3) squared gradient, the maximum over 3 x 3 cells: light² per cell²."""
     from scipy import ndimage
 
     energy = np.gradient(B, axis=0) ** 2 + np.gradient(B, axis=1) ** 2
@@ -131,7 +135,7 @@ def _edge_energy(B: Floats) -> Floats:
 
 
 def in_cells(values: npt.NDArray[np.floating], cell: int) -> Floats:
-    """Means over cells of cell × cell pixels; the last ones reach to the border."""
+    """Means over cells of `cell` x `cell` pixels; the picture is extended to whole cells."""
     if cell == 1:
         return values
     height, width = (n // cell * cell for n in values.shape[:2])

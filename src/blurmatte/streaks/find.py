@@ -1,4 +1,7 @@
-"""Where something moved: regions of the image that differ from the plate by more than noise."""
+"""Search for streaks: connected regions of the image that differ from the plate by more than noise."""
+
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -6,13 +9,9 @@ from blurmatte.calibration.noise_pair import with_noise
 from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
-from blurmatte.streaks.evidence import POSSIBLE, SURE, evidence
-from blurmatte.streaks.masks import of_cells, widened, without_thin_parts
-from blurmatte.streaks.streak import RIM, Streak
-
-_FAINTEST = 0.1  # of a streak's own strength: what is weaker beside it is its shadow or its halo
-_JOIN = 2  # cells: gaps that are bridged
-_MAX_CELLS = 1e6
+from blurmatte.streaks.evidence import StreakSettings, evidence
+from blurmatte.streaks.morphology import cells_to_pixels, widened, without_thin_parts
+from blurmatte.streaks.streak import Streak
 
 
 def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
@@ -21,7 +20,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     Parameters
     ----------
     image, plate : LinearImage
-        The same size, at least 16x16 pixels; noise that is not known is measured.
+        The same size, at least 16x16 pixels; unknown noise is estimated.
 
     Returns
     -------
@@ -45,21 +44,21 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     if not (image.valid & plate.valid).any():
         raise PlateError("image and plate have no unclipped pixel in common; expose shorter")
     image, plate = with_noise(image, plate)
-    cell = int(np.ceil(np.sqrt(image.valid.size / _MAX_CELLS)))
+    cell = int(np.ceil(np.sqrt(image.valid.size / StreakSettings.max_cells)))
     T = evidence(image, plate, cell)
-    moved = without_thin_parts(T > POSSIBLE)  # edges of the plate
-    labels, _ = ndimage.label(widened(moved, _JOIN), np.ones((3, 3)))
+    moved = without_thin_parts(StreakSettings.possible < T)  # thin: a shifted edge of the plate
+    labels, _ = ndimage.label(widened(moved, StreakSettings.closing), np.ones((3, 3)))
     streaks = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
-        for part in _strong_parts(near) if near.max() > SURE else ():
+        for part in _strong_parts(near) if near.max() > StreakSettings.sure else ():
             mask = _to_pixels(part, place, cell, image.valid.shape)
             streaks.append(Streak(mask, evidence=float(T[place][part].sum()), cell=cell))
     return sorted(streaks, key=lambda streak: -streak.evidence)
 
 
 def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
-    """`find_streaks` for those who cannot go on without one.
+    """`find_streaks`, with an error if there are none.
 
     Raises
     ------
@@ -76,21 +75,21 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
 
 
 def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -> Streak:
-    """What moved in a region; all of the region if nothing is found that belongs there.
+    """The streak in a region: the parts there of the streaks that belong to it.
 
-    Something belongs there if most of it lies in the region, or if it fills a tenth of it.
+    A streak belongs to the region if more than half of it lies there, or if it fills a tenth of it.
 
     Parameters
     ----------
     region : Streak
-        Where to look, e.g. `Streak.from_box`.
+        Such as `Streak.from_box`.
     image, plate : LinearImage
         As for `find_streaks`.
 
     Returns
     -------
     Streak
-        `region` itself if nothing is found that belongs there.
+        `region` itself if no streak belongs to it.
 
     Raises
     ------
@@ -109,23 +108,64 @@ def find_streak_within(region: Streak, image: LinearImage, plate: LinearImage) -
 
 
 def _strong_parts(T: Floats) -> list[Bools]:
-    """The sure pieces, without the weak shadows and halos that touch them or lie between them."""
+    """Masks of the sure parts, without connected weak shadows and halos."""
     from scipy import ndimage
 
     typical = float(np.quantile(T[T > 0], 0.9))
-    strong = np.asarray(max(POSSIBLE, _FAINTEST**2 * typical) < T)
-    near = widened(strong, _JOIN)
+    weakest = StreakSettings.min_relative_contrast**2 * typical
+    strong = np.asarray(max(StreakSettings.possible, weakest) < T)
+    near = widened(strong, StreakSettings.closing)
     pieces, count = ndimage.label(near, np.ones((3, 3)))
     tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
-    return [strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > SURE]
+    return [
+        strong & (pieces == n) for n, top in enumerate(tops, start=1) if top > StreakSettings.sure
+    ]
 
 
 def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[int, ...]) -> Bools:
-    """A part of the cells with its gaps and holes filled and its faint rim, as a mask of pixels."""
+    """Mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
     from scipy import ndimage
 
-    joined = widened(np.pad(part, RIM), _JOIN)
-    grown = widened(ndimage.binary_fill_holes(joined), RIM - _JOIN)
-    cells = np.zeros([-(-side // cell) + 2 * RIM for side in shape], bool)
-    cells[tuple(slice(s.start, s.stop + 2 * RIM) for s in place)] = grown
-    return of_cells(cells[RIM:-RIM, RIM:-RIM], cell, shape)
+    rim, closing = StreakSettings.rim, StreakSettings.closing
+    joined = widened(np.pad(part, rim), closing)
+    grown = widened(ndimage.binary_fill_holes(joined), rim - closing)
+    cells = np.zeros([-(-side // cell) + 2 * rim for side in shape], bool)
+    cells[tuple(slice(s.start, s.stop + 2 * rim) for s in place)] = grown
+    return cells_to_pixels(cells[rim:-rim, rim:-rim], cell, shape)
+
+
+def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
+    """The streaks, after joining the first with those that continue it behind an occluder.
+
+    Parameters
+    ----------
+    streaks : sequence of Streak
+        At least one, the strongest first.
+    occluder : (H, W) bool
+        Static objects in front of the moving one.
+
+    Returns
+    -------
+    list of Streak
+        The mask of the first includes the hidden part between.
+    """
+    from scipy.ndimage import binary_dilation, distance_transform_edt
+
+    if not occluder.any():
+        return list(streaks)
+    across = int(2 * distance_transform_edt(np.pad(occluder, 1)).max())
+
+    def behind(mask: Bools) -> Bools:
+        grown = widened(mask, StreakSettings.rim)
+        return np.asarray(
+            occluder & binary_dilation(grown, iterations=across, mask=occluder | grown)
+        )
+
+    whole, rest = streaks[0], list(streaks[1:])
+    for other in list(rest):
+        between = behind(whole.mask) & behind(other.mask)
+        if between.any():
+            mask = whole.mask | other.mask | between
+            whole = replace(whole, mask=mask, evidence=whole.evidence + other.evidence)
+            rest.remove(other)
+    return [whole, *rest]

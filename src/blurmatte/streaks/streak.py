@@ -6,8 +6,6 @@ import numpy as np
 
 from blurmatte.checks import Bools, Box, check_kind, check_map
 
-RIM = 3  # cells: of a streak, where its edge fades below all noise
-
 
 @dataclass(frozen=True, eq=False)
 class Streak:
@@ -18,12 +16,12 @@ class Streak:
     mask : (H, W) bool
         True inside.
     box : (x0, y0, x1, y1)
-        The smallest box around it, pixels; x1 and y1 are one past the last.
+        Bounding box, pixels; x1 and y1 are exclusive.
     evidence : float
-        Sum of T over the region: how strongly the data say so.
+        Sum of the test statistic T over the region, see `evidence`.
     cell : int
-        Width of the cells in which it was found, pixels: of large pictures it is wider than what moved
-        by several of them. 1 if the region was given.
+        Width of the cells in which it was found, pixels; the mask is a few cells wider than the object.
+        1 if the region was given.
 
     Raises
     ------
@@ -52,7 +50,7 @@ class Streak:
 
     @classmethod
     def from_box(cls, box: Box, size: tuple[int, int]) -> "Streak":
-        """All of a box (x0, y0, x1, y1) in a picture of `size` (width, height).
+        """The box (x0, y0, x1, y1) in a picture of `size` (width, height).
 
         Raises
         ------
@@ -72,12 +70,12 @@ class Streak:
 
     @property
     def is_whole(self) -> bool:
-        """Whether all of it is in the picture, as far as can be seen."""
+        """Whether it does not touch the border of the picture."""
         (x0, y0, x1, y1), (height, width) = self.box, self.mask.shape
         return bool(min(x0, y0, width - x1, height - y1) > 0)
 
     def around(self, margin: int) -> Box:
-        """The box with `margin` more pixels on each side, as far as the picture goes."""
+        """The box with `margin` more pixels on each side, cut at the border of the picture."""
         x0, y0, x1, y1 = self.box
         height, width = self.mask.shape
         return (
@@ -95,5 +93,5 @@ class Streak:
 
 
 def check_streak(name: str, value: object) -> None:
-    """Raise TypeError unless it is a Streak, or None."""
+    """Raise TypeError unless the value is a Streak or None."""
     check_kind(name, value, Streak | None, "use blurmatte.Streak(mask), or from_box")

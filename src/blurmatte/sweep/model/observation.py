@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import Compression, LinearImage, Transfer, smooth_variance
 from blurmatte.statistics import block_squares, cell_means
-from blurmatte.streaks.masks import widened
+from blurmatte.streaks.morphology import widened
 from blurmatte.streaks.streak import Streak
 from blurmatte.sweep.model.chroma_subsampling import LUMA, Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior

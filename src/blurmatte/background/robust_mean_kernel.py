@@ -1,9 +1,9 @@
-"""The loops over frames and pixels, compiled.
+"""Compiled loops over frames and pixels; see `robust_mean`.
 
-In this file x is the light of a pixel in a frame, divided by the frame's gain, m the mode of its
-frames. Noise has the variance s² λ: s² is that of the light, λ says how restless the place is. How far
-two lights are from each other is D = Σ (difference)² / variance over the channels; if only noise is
-between them, D is χ² with three degrees of freedom.
+In this file x is the light of a pixel in a frame over the frame's gain, and m the mode of its frames.
+The variance of x is s² λ: s² that of the noise model, λ the variance inflation at a restless place. The
+distance of two lights is D = Σ (difference)² / variance over the channels: χ² with three degrees of
+freedom if only noise is between them.
 """
 
 from typing import Any
@@ -17,12 +17,9 @@ _COMPILED: dict[str, Any] = {
     "cache": True,
     "nogil": True,
 }
-_NEAR = np.float32(16)  # D: they show the same; noise is beyond it 1 time in 900
-_CLOSE = np.float32(4)  # D: of light that moves a little fewer are as close as of light that stays
-_CALM = 0.2  # of the differences between samples are small, even if the place is free rarely
-_CALM_CHI2 = np.float32(1.005)  # what χ² is below in that share of cases
+_NEAR = np.float32(16)  # D of agreeing lights; noise exceeds it once in 900 times
+_CLOSE = np.float32(4)  # D of the densest samples: slowly moving light has fewer of them
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
-_MOST = 5  # of 3 x 3 pixels: noise alone does not reach that
 
 
 @njit(inline="always", **_COMPILED)
@@ -38,25 +35,25 @@ def _precision(light, noise, channel, spread):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
-    """λ by what samples that follow each other differ when they differ little.
+    """Write λ: the lower 20 % quantile of D between consecutive samples over that of χ².
 
-    samples is (K, n, 3), noise nine coefficients, out (n,). Not smoothed, not limited.
+    samples is (K, n, 3), noise nine coefficients, out (n,).
     """
     pairs = samples.shape[0] - 1
     D = np.empty(pairs, np.float32)
-    low = int(_CALM * pairs)
+    low = int(0.2 * pairs)  # a pixel that is rarely free has at least these
     for i in range(samples.shape[1]):
         for k in range(pairs):
             D[k] = _ZERO
             for c in range(3):
                 x, y = samples[k, i, c], samples[k + 1, i, c]
                 D[k] += (y - x) ** 2 * _precision((x + y) / _TWO, noise, c, _TWO)
-        out[i] = np.partition(D, low)[low] / _CALM_CHI2
+        out[i] = np.partition(D, low)[low] / np.float32(1.005)
 
 
 @njit(**_COMPILED)
 def _best(x, y, z, count, noise, restless):  # type: ignore[no-untyped-def]
-    """The sample that the most others are close to."""
+    """Index of the sample with the most others close to it."""
     best, most = 0, 0
     for i in range(count):
         a, b, c = x[i], y[i], z[i]
@@ -69,17 +66,16 @@ def _best(x, y, z, count, noise, restless):  # type: ignore[no-untyped-def]
             close += d <= _CLOSE
         if close > most:
             best, most = i, close
-        if 2 * most > count:  # no other can have more, but for the same ones
+        if 2 * most > count:  # the majority: no other set is larger
             break
     return best
 
 
 @njit(**_COMPILED)
 def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untyped-def]
-    """The mean of the samples near number `at`, how many those are, and how many others.
+    """Mean of the samples near sample `at`, their number, and the number of the others.
 
-    The others move to the front. The first mean is of those near a sample, which is noisy itself:
-    twice its variance counts.
+    The others move to the front. The first mean is of those near a noisy sample: twice the variance.
     """
     a, b, c, near = x[at], y[at], z[at], 0
     for spread in (_TWO, _ONE, _ONE):
@@ -104,11 +100,11 @@ def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untype
 
 
 @njit(**_COMPILED)
-def find_modes(samples, noise, restless, rival_share, mode, rival, near):  # type: ignore[no-untyped-def]
-    """The light that samples of each pixel gather at most densely, and the next one.
+def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  # type: ignore[no-untyped-def]
+    """Write the mean of the densest samples of each pixel, and of the densest of the others.
 
-    samples is (K, n, 3), noise nine coefficients, restless (n,), mode and rival (n, 3), near (n,): how
-    many agree. Where fewer than `rival_share` of that are left, the rival is not looked for, and is -1.
+    samples is (K, n, 3), noise nine coefficients, restless (n,) λ, mode and rival (n, 3), near (n,) the
+    number of samples of the mode. The rival is -1 if at most `min_rival_ratio` of that number remain.
     """
     count = samples.shape[0]
     x, y, z = np.empty(count, np.float32), np.empty(count, np.float32), np.empty(count, np.float32)
@@ -120,7 +116,7 @@ def find_modes(samples, noise, restless, rival_share, mode, rival, near):  # typ
         a, b, c, n, left = _settle(x, y, z, count, noise, restless[i], at, far)
         mode[i, 0], mode[i, 1], mode[i, 2], near[i] = a, b, c, n
         rival[i, 0], rival[i, 1], rival[i, 2] = -_ONE, -_ONE, -_ONE
-        if left > rival_share * n:
+        if left > min_rival_ratio * n:
             at = _best(x, y, z, left, noise, restless[i])
             a, b, c, n, left = _settle(x, y, z, left, noise, restless[i], at, far)
             rival[i, 0], rival[i, 1], rival[i, 2] = a, b, c
@@ -141,9 +137,9 @@ def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
-    """Mark all pixels at most `reach` from one with which most of its neighbors disagree, too.
+    """Mark pixels at most `reach` from one whose 3 x 3 neighborhood mostly disagrees with the mode.
 
-    The rim of something blurred is fainter than the noise. off and near are (H, W) uint8.
+    The rim of a blurred object is fainter than the noise. off and near are (H, W) uint8.
     """
     height, width = off.shape
     near[:] = 0
@@ -155,20 +151,21 @@ def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
             for j in range(y - 1, y + 2):
                 for i in range(x - 1, x + 2):
                     around += off[j, i]
-            if around >= _MOST:
+            if around >= 5:  # the majority of 9, which noise alone does not reach
                 for j in range(max(y - reach, 0), min(y + reach + 1, height)):
                     for i in range(max(x - reach, 0), min(x + reach + 1, width)):
                         near[j, i] = 1
 
 
 @njit(**_COMPILED)
-def gather(light, gain, usable, mode, precision, rival, off, near, sums, squares, counts):  # type: ignore[no-untyped-def]
-    """Add a frame to what is known of its free pixels.
+def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # type: ignore[no-untyped-def]
+    """Add a frame at its free pixels: those of the mode, outside rims.
 
-    sums and squares are (n, 3): of x − m, over a batch of frames and over all. counts is (n, 5): free
-    frames in the batch; in all; of those, clipped ones and ones close to the mode; and frames that are
-    close to the rival.
+    modes is (mode, precision, rival), (n, 3) each. sums and squares are (n, 3): of x − m, over a
+    batch of frames and over all. counts is (n, 5): free frames of the batch and of the clip;
+    clipped ones of these and ones close to the mode; frames close to the rival.
     """
+    mode, precision, rival = modes
     g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
     for i in range(off.shape[0]):
         if off[i] and rival[i, 0] >= _ZERO:
@@ -196,7 +193,7 @@ def gather(light, gain, usable, mode, precision, rival, off, near, sums, squares
 
 @njit(**_COMPILED)
 def close_batch(sums, counts, total, batch_squares, batch_products, batch_counts):  # type: ignore[no-untyped-def]
-    """Add the sums S over a batch of n frames to Σ S, Σ S², Σ S n and Σ n², and begin another."""
+    """Add the sums S of a batch of n frames to Σ S, Σ S², Σ S n and Σ n², and reset them."""
     for i in range(sums.shape[0]):
         n = np.float32(counts[i, 0])
         for c in range(3):

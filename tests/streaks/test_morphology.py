@@ -1,14 +1,14 @@
-"""Masks made thinner and wider."""
+"""Opening and dilation."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 from scipy import ndimage
 
-from blurmatte.streaks.masks import widened, without_thin_parts
+from blurmatte.streaks.morphology import widened, without_thin_parts
 
 
-def test_thin_parts_fall_away():
+def test_without_thin_parts_equals_opening():
     """Oracle: SciPy's opening, to the border."""
     rng = np.random.default_rng(5)
     for side in (3, 4, 31):
@@ -17,8 +17,8 @@ def test_thin_parts_fall_away():
 
 
 @pytest.mark.parametrize("by", [0, 1, 3])
-def test_what_is_widened_is_dilated(by):
-    """Oracle: SciPy's dilation, to the border; the mask itself stays."""
+def test_widened_equals_dilation(by):
+    """Oracle: SciPy's dilation, to the border; the argument does not change."""
     mask = np.random.default_rng(6).random((9, 14)) > 0.95
     before = mask.copy()
     expected = ndimage.binary_dilation(mask, iterations=by) if by else before

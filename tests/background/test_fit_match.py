@@ -14,7 +14,7 @@ NOISE = bm.NoiseModel(read_std=0.005)
 
 
 def scene(seed=0, plate=colorful_plate):
-    """Exact image and plate; something moves over 6 % of the picture."""
+    """Exact image and plate; a ball moves over 6 % of the picture."""
     rng = np.random.default_rng(seed)
     light = plate(SIZE, rng) if plate is colorful_plate else plate(SIZE, np.full(3, 0.4), rng)
     ball = bm.Ball(16, np.array([0.9, 0.5, 0.1]))
@@ -30,12 +30,14 @@ def photographed(rendering, drift, seed, std=0.005):
 RENDERING = scene()
 
 
-def test_shift_and_gain_are_recovered():
-    """The bar: 0.02 px and 0.2 % with a streak over 6 % of the picture."""
+def test_recovers_shift_and_gain():
+    """honest: within 0.02 px and 0.2 %, with a streak over 6 % of the picture."""
     image, plate = photographed(RENDERING, Drift(shift=(1.37, -2.28), gain=(1.15,) * 3), 1)
     match = bm.fit_match(image, plate)
     assert np.allclose(match.shift, (1.37, -2.28), atol=0.02)
     assert np.allclose(match.gain, 1 / 1.15, rtol=0.002)
+    center = np.array([(SIZE[0] - 1) / 2, (SIZE[1] - 1) / 2, 1])
+    assert np.allclose((match.homography @ center - center)[:2], match.shift)
     assert "shifted by +1.3" in match.in_words
     assert "light times 0.87" in match.in_words
 
@@ -43,7 +45,7 @@ def test_shift_and_gain_are_recovered():
 def test_shift_agrees_with_enhanced_correlation():
     """oracle: OpenCV's ECC [Evangelidis, Psarakis 2008] on the pixels where nothing moved.
 
-    It is up to 0.04 px off the truth, for it is told nothing of noise.
+    It does not model noise, and is up to 0.04 px off the truth.
     """
     cv2 = pytest.importorskip("cv2")
     image, plate = photographed(RENDERING, Drift(shift=(0.6, 0.3)), 2)
@@ -55,16 +57,16 @@ def test_shift_agrees_with_enhanced_correlation():
     assert np.allclose(bm.fit_match(image, plate).shift, found[:, 2], atol=0.05)
 
 
-def test_a_plate_that_fits_is_left_alone():
-    """invariant: noise alone moves nothing, in several pictures of two kinds of plates."""
+def test_returns_identity_for_matching_plate():
+    """invariant: noise alone changes no plate of two kinds."""
     for rendering in (RENDERING, scene(3, plain_plate)):
         for seed in range(4):
             image, plate = photographed(rendering, Drift(), seed)
             assert bm.match_plate(plate, image) is plate
 
 
-def test_a_large_object_is_not_taken_for_a_change_of_light():
-    """invariant: something that covers a third of a plain picture."""
+def test_large_object_does_not_change_light():
+    """invariant: an object that covers a third of a plain picture."""
     rng = np.random.default_rng(5)
     ball = bm.Ball(48, np.array([0.2, 0.2, 0.2]))
     path = bm.Trajectory.line((90, 80), (150, 100))
@@ -74,8 +76,8 @@ def test_a_large_object_is_not_taken_for_a_change_of_light():
     assert bm.match_plate(plate, image) is plate
 
 
-def test_a_plain_wall_keeps_its_light():
-    """invariant: of an even wall only noise changes, which a small gain and an offset would remove."""
+def test_keeps_light_of_plain_wall():
+    """invariant: a small gain and an offset would remove the noise of an even wall."""
     ball = bm.Ball(16, np.array([0.9, 0.5, 0.1]))
     wall = np.broadcast_to(np.array([0.3, 0.38, 0.35]), (SIZE[1], SIZE[0], 3)).copy()
     truth = bm.render(bm.Scene(wall, bm.Trajectory.line((60, 60), (130, 110)), ball))
@@ -84,7 +86,7 @@ def test_a_plain_wall_keeps_its_light():
         assert np.allclose(bm.fit_match(image, plate).gain, 1, atol=0.01)
 
 
-def test_a_turn_is_recovered():
+def test_recovers_rotation():
     drift = Drift(shift=(1.0, 2.0), rotation=0.008)
     image, plate = photographed(RENDERING, drift, 4)
     match = bm.fit_match(image, plate)
@@ -99,7 +101,7 @@ def test_a_turn_is_recovered():
     )
 
 
-def test_a_smooth_field_of_light_is_recovered():
+def test_recovers_light_field():
     image, plate = photographed(RENDERING, Drift(), 5)
     x = np.linspace(-1, 1, SIZE[0])[None, :, None]
     plate = replace(plate, rgb=plate.rgb * (1 + 0.1 * x))
@@ -109,10 +111,10 @@ def test_a_smooth_field_of_light_is_recovered():
     assert np.abs(np.median(flat, axis=(0, 2)) - 1).max() < 0.01
 
 
-def test_only_what_is_allowed_is_done():
+def test_matching_limits_the_model():
     """invariant"""
     image, plate = photographed(RENDERING, Drift(shift=(1.4, 0.5), gain=(1.05, 1.0, 0.95)), 6)
-    fits = {way: bm.fit_match(image, plate, way) for way in bm.Matching}
+    fits = {m: bm.fit_match(image, plate, m) for m in bm.Matching}
     assert fits[bm.Matching.NONE].apply(plate) is plate
     assert not fits[bm.Matching.EXPOSURE].moves
     assert fits[bm.Matching.EXPOSURE].changes_light
@@ -121,7 +123,7 @@ def test_only_what_is_allowed_is_done():
     assert fits[bm.Matching.FULL].h.all()
 
 
-def test_errors_are_honest():
+def test_standard_deviations_are_calibrated():
     """honest: shift and gain over seeds, in units of their standard deviations."""
     truth = np.array([0.7, -1.2]), 1 / np.array([1.04, 1.0, 0.97])
     z = []
@@ -133,26 +135,26 @@ def test_errors_are_honest():
     assert 0.6 < np.sqrt(np.mean(np.square(z))) < 1.6
 
 
-def test_a_matched_plate_knows_its_noise():
-    """honest: what is read between pixels is smoother than the picture."""
+def test_matched_plate_has_variance_of_its_noise():
+    """honest: interpolation smooths noise."""
     drift = Drift(shift=(0.5, 0.5))
     truth = bm.LinearImage(drift.apply(RENDERING.plate.rgb))
     image, plate = photographed(RENDERING, drift, 7)
     match = bm.fit_match(image, plate, bm.Matching.SHIFT)
     off = (match.apply(plate).rgb - match.apply(truth).rgb)[8:-8, 8:-8]
-    said = match.apply(plate).variance[8:-8, 8:-8]
-    assert np.mean(off**2 / said) == pytest.approx(1, rel=0.05)
+    variance = match.apply(plate).variance[8:-8, 8:-8]
+    assert np.mean(off**2 / variance) == pytest.approx(1, rel=0.05)
 
 
-def test_agreement_is_that_of_noise():
-    """honest: 1 for pictures that fit, much more at the edges of those that do not."""
+def test_agreement_is_one_for_matching_plate():
+    """honest: and much more at the edges of a shifted one."""
     assert np.allclose(agreement(*photographed(RENDERING, Drift(), 8)), 1, atol=0.08)
     image, plate = photographed(RENDERING, Drift(shift=(1.0, 0.0)), 8)
     assert agreement(image, plate)[1] > 2
     assert agreement(image, bm.match_plate(plate, image))[1] < 1.5
 
 
-def test_solve_matches_by_itself():
+def test_solve_matches_by_default():
     image, plate = (
         picture.with_noise(None)
         for picture in photographed(RENDERING, Drift(shift=(1.2, -0.6), gain=(1.06,) * 3), 9, 0.002)
@@ -170,7 +172,7 @@ def test_solve_matches_by_itself():
     assert off[1] < off[0] / 2
 
 
-def test_foreign_plates_are_refused():
+def test_rejects_changed_light_and_other_sizes():
     """door"""
     image, plate = photographed(RENDERING, Drift(), 1)
     with pytest.raises(bm.PlateError, match="light changed too much: the image is 5"):
@@ -183,24 +185,24 @@ def test_foreign_plates_are_refused():
         bm.Match((2, 2), *(np.zeros(3),) * 4)
 
 
-def test_another_scene_is_refused():
-    """door: no shift makes one of it, and nothing is answered."""
+def test_rejects_another_scene():
+    """door: no homography maps one to the other."""
     image, _ = photographed(RENDERING, Drift(), 1)
     _, plate = photographed(scene(7), Drift(), 1)
     with pytest.raises(bm.PlateError, match="do not show the same scene"):
         bm.fit_match(image, plate)
 
 
-def test_little_pictures_are_left_alone():
-    """invariant: too few pixels to say anything."""
+def test_returns_identity_for_small_pictures():
+    """invariant: too few pixels for a match."""
     image, plate = photographed(RENDERING, Drift(), 1)
     box = (0, 0, 20, 20)
     small = plate.crop(box)
     assert bm.match_plate(small, image.crop(box)) is small
 
 
-def test_noise_is_not_needed():
-    """invariant: noise that is not known yet stays so, and does no harm."""
+def test_matches_without_known_noise():
+    """invariant: unknown noise stays unknown."""
     image, plate = photographed(RENDERING, Drift(shift=(0.8, 0.0)), 3)
     unknown = [picture.with_noise(None) for picture in (image, plate)]
     match = bm.fit_match(*unknown)

@@ -1,0 +1,153 @@
+"""Camera motion: shifts of tiles between frames.
+
+Phase correlation (Kuglin & Hines 1975) finds the integer shift of a tile, three robust steps of Lucas &
+Kanade (1981) the fraction. The median over the tiles that determine a shift tolerates moving objects.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.checks import Floats
+from blurmatte.errors import PlateError
+from blurmatte.statistics import MAD_TO_STD, cell_means
+
+
+@dataclass(frozen=True)
+class CameraMotionSettings:
+    """Frames and tiles that are compared, and the shift that is tolerated."""
+
+    frames: int = 5
+    tiles: int = 3  # per side
+    min_tile_px: int = 64
+    max_tile_px: int = 256
+    min_overlap_px: int = 16  # of a shifted tile
+    max_shift_px: float = 0.5  # blur of the mean's edges that is acceptable
+    max_shift_std_px: float = 0.1  # of a tile that determines its shift
+    max_residual_ratio: float = 0.8  # of the differences with and without a shift
+
+
+def check_static_camera(light: Floats, gain: Floats, variance: float, names: Sequence[str]) -> None:
+    """Raise PlateError if most of the picture is shifted between frames.
+
+    Parameters
+    ----------
+    light : (K, H, W, 3) float
+    gain : (K, 3) float
+        Of each frame.
+    variance : float
+        Of the noise of a frame, averaged over the channels, light².
+    names : sequence of str
+        Of the frames, for the error.
+
+    Raises
+    ------
+    PlateError
+        Naming the frames and the shift.
+    """
+    middle = len(light) // 2
+    others = np.unique(np.linspace(0, len(light) - 1, CameraMotionSettings.frames).astype(int))
+    worst, at = 0.0, middle
+    for k in others[others != middle]:
+        a, b = ((light[i] / gain[i]).mean(axis=-1, dtype=np.float32) for i in (middle, k))
+        if (moved := _moved(a, b, variance)) > worst:
+            worst, at = moved, int(k)
+    if worst > 0:
+        raise PlateError(
+            f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
+            "a plate needs a camera that stands still, give a part of the clip in which it does "
+            "(--start, --stop), or stabilize it"
+        )
+
+
+def _moved(a: Floats, b: Floats, variance: float) -> float:
+    """Shift between two pictures, pixels; 0 if it is tolerable."""
+    cell = -(-max(a.shape) // CameraMotionSettings.max_tile_px)
+    whole = _shift(cell_means(a, cell), cell_means(b, cell), variance / cell**2)
+    if whole is not None and max(map(abs, whole)) > 1:  # too far for tiles
+        return float(cell * np.hypot(*whole))
+    shifts = [_shift(a[tile], b[tile], variance) for tile in _tiles(a.shape)]
+    lengths = [float(np.hypot(*shift)) for shift in shifts if shift is not None]
+    moved = [length for length in lengths if length > CameraMotionSettings.max_shift_px]
+    return float(np.median(moved)) if len(moved) >= max(2, len(lengths) / 2) else 0.0
+
+
+def _tiles(shape: tuple[int, ...]) -> list[tuple[slice, slice]]:
+    """Tiles over the whole picture; in small pictures they overlap."""
+    sides = []
+    for length in shape:
+        size = max(length // CameraMotionSettings.tiles, CameraMotionSettings.min_tile_px)
+        size = min(length, size, CameraMotionSettings.max_tile_px)
+        starts = np.linspace(0, length - size, CameraMotionSettings.tiles)
+        sides.append([slice(int(start), int(start) + size) for start in starts])
+    return [(rows, columns) for rows in sides[0] for columns in sides[1]]
+
+
+def _shift(a: Floats, b: Floats, variance: float) -> tuple[float, float] | None:
+    """(x, y) shift of b against a, pixels; None if the tile does not determine it."""
+    best, determined = (0.0, 0.0), False
+    least = CameraMotionSettings.max_residual_ratio * _difference(_smooth(a) - _smooth(b))
+    for x, y in dict.fromkeys([_integer_shift(a, b), (0, 0)]):
+        overlap = _overlap(a, b, x, y)
+        if min(overlap[0].shape) < CameraMotionSettings.min_overlap_px:
+            continue
+        dx, dy, residual = _subpixel_shift(*overlap, variance)
+        determined |= np.isfinite(residual)
+        if residual < least:
+            best, least = (x + dx, y + dy), residual
+    return best if determined else None
+
+
+def _difference(d: Floats) -> float:
+    """Mean square root of |d|: a bright moving object has little weight."""
+    return float(np.mean(np.sqrt(np.abs(d))))
+
+
+def _smooth(tile: Floats) -> Floats:
+    from scipy.ndimage import gaussian_filter
+
+    return np.asarray(gaussian_filter(tile, 1))
+
+
+def _integer_shift(a: Floats, b: Floats) -> tuple[int, int]:
+    from scipy import fft
+
+    window = np.outer(np.hanning(a.shape[0]), np.hanning(a.shape[1]))
+    spectra = [fft.rfft2((tile - tile.mean()) * window) for tile in (a, b)]
+    cross = np.conj(spectra[0]) * spectra[1]
+    peaks = fft.irfft2(cross / (np.abs(cross) + 1e-12 * np.abs(cross).max() + 1e-30), a.shape)
+    y, x = np.unravel_index(int(np.argmax(peaks)), a.shape)
+    height, width = a.shape
+    return int(x - width * (x > width // 2)), int(y - height * (y > height // 2))
+
+
+def _overlap(a: Floats, b: Floats, x: int, y: int) -> tuple[Floats, Floats]:
+    """The parts of both that overlap if b is a, shifted by (x, y) pixels."""
+    height, width = a.shape
+    here = np.s_[max(0, -y) : height - max(0, y), max(0, -x) : width - max(0, x)]
+    there = np.s_[max(0, y) : height - max(0, -y), max(0, x) : width - max(0, -x)]
+    return a[here], b[there]
+
+
+def _subpixel_shift(a: Floats, b: Floats, variance: float) -> tuple[float, float, float]:
+    """(x, y) shift, at most a pixel each, and the residual difference.
+
+    The residual is infinite if noise leaves the shift undetermined.
+    """
+    a, b = _smooth(a), _smooth(b)
+    middle: Floats = (a + b) / 2
+    gy, gx = np.gradient(middle, axis=0), np.gradient(middle, axis=1)
+    d, x, y, inliers = b - a, 0.0, 0.0, np.ones(a.shape, bool)
+    for _ in range(3):
+        g = np.stack([gx[inliers], gy[inliers]])
+        normal = np.einsum("in,jn->ij", g, g)  # BLAS's threads would only wait for such products
+        # Smoothing by one pixel leaves 1/4π of white noise's variance and correlates 4π pixels.
+        least = float(np.linalg.eigvalsh(normal).min())
+        if least * CameraMotionSettings.max_shift_std_px**2 < 2 * variance:
+            return 0.0, 0.0, np.inf
+        x, y = np.clip(-np.linalg.solve(normal, np.einsum("in,n->i", g, d[inliers])), -1, 1)
+        residual = d + x * gx + y * gy
+        limit = 3 * MAD_TO_STD * float(np.median(np.abs(residual)))
+        inliers = np.abs(residual) <= max(limit, np.sqrt(variance))
+    return float(x), float(y), _difference(residual)

@@ -1,0 +1,284 @@
+"""fit_match: the simplest homography and light change that the data do not reject.
+
+Between two pictures the tripod is touched, the lamps drift, the camera changes its white balance. The
+models of `alignment` are compared by penalized log likelihood: geometry (identity, shift, homography)
+and light (identity, gain per channel, and offset, and a quadratic field).
+"""
+
+import logging
+from dataclasses import dataclass, replace
+from enum import Enum
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.background.alignment import (
+    GEOMETRIES,
+    LIGHTS,
+    Fit,
+    Level,
+    first_step,
+    fit_level,
+    levels,
+    log_likelihood_gain,
+    residual_and_image_std,
+)
+from blurmatte.background.match import Match, median_light
+from blurmatte.background.warp import IDENTITY_LIGHT
+from blurmatte.checks import check_kind, check_same_size
+from blurmatte.errors import PlateError
+from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.statistics import robust_std
+
+Array = npt.NDArray[np.float64]
+
+
+class Matching(Enum):
+    """Which changes of a plate `fit_match` considers.
+
+    NONE: no change. EXPOSURE: light only. SHIFT: shift, gain and offset. FULL: any homography and a
+    smooth field of light. The least of each is always fitted, more only where the data require it.
+    """
+
+    NONE = "none"
+    EXPOSURE = "exposure"
+    SHIFT = "shift"
+    FULL = "full"
+
+
+# Smallest and largest models, as indices of GEOMETRIES and LIGHTS.
+_MODELS = {
+    None: ((0, 0), (2, 3)),
+    Matching.EXPOSURE: ((0, 1), (0, 3)),
+    Matching.SHIFT: ((1, 0), (1, 2)),
+    Matching.FULL: ((2, 1), (2, 3)),
+}
+
+
+@dataclass(frozen=True)
+class MatchSettings:
+    """Selection of the model, and rejection of foreign plates."""
+
+    parameter_penalty: float = 20.0  # log likelihood; large, since compression correlates residuals
+    min_displacement_px: float = 0.01  # smaller changes of both this
+    min_light_change: float = 0.001  # and this, relative, are not applied
+    max_offset: float = 0.1  # of the plate's median light: flare
+    min_gain: float = 0.25  # of the median light: a darker image is rejected
+    max_gain: float = 4.0
+    min_side_px: int = 32  # smaller pictures are not matched
+    min_points: int = 100
+    max_relative_residual: float = 0.5  # std over that of the image: another scene leaves more,
+    max_residual: float = 0.1  # and more than this part of the median light
+    min_overlap: float = 0.5  # fraction of the image that the plate covers
+
+
+def match_plate(
+    plate: LinearImage, image: LinearImage, matching: Matching | None = None
+) -> LinearImage:
+    """The plate as it would have been at the moment of the image.
+
+    Parameters
+    ----------
+    plate, image : LinearImage
+        The same size.
+    matching : Matching, optional
+        Changes to consider; selected from the data by default.
+
+    Returns
+    -------
+    LinearImage
+        `plate` itself if it matches already. `fit_match` returns the change.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the sizes differ, or an argument has another type.
+    PlateError
+        If the plate shows another place or too different a light.
+    """
+    return fit_match(image, plate, matching).apply(plate)
+
+
+def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None = None) -> Match:
+    """Fit the homography and the light that map a plate to an image.
+
+    Geometry and light are fitted together, robustly: a moving object may cover up to about a third of
+    the picture.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The same size.
+    matching : Matching, optional
+        Changes to consider; selected from the data by default.
+
+    Returns
+    -------
+    Match
+
+    Raises
+    ------
+    ValueError
+        If the sizes differ.
+    PlateError
+        If the plate shows another place or too different a light, or is of another camera.
+    """
+    check_same_colors("the image", image, "the plate", plate)
+    check_same_size("image", image.size, "plate", plate.size)
+    check_kind("matching", matching, Matching | None, "such as blurmatte.Matching.NONE")
+    gray = image.meta.gray or plate.meta.gray  # `solve` rejects these, with the reason
+    if gray or matching is Matching.NONE or min(image.size) < MatchSettings.min_side_px:
+        return Match.nothing(image.size)
+    logging.getLogger("blurmatte").info("matching the plate")
+    pyramid = levels(image, plate)
+    fine = next(pyramid)
+    if len(fine.xy) < MatchSettings.min_points or (matching is None and _matches(fine, plate)):
+        return Match.nothing(image.size)
+    max_offset = MatchSettings.max_offset * median_light(plate)
+    best = _select_model(fine, list(pyramid), matching, max_offset)
+    match = _match_of(best, image.size)
+    _check_same_scene(match, best, fine, plate)
+    if matching is None and _is_negligible(match, plate):
+        return Match.nothing(image.size)
+    return match
+
+
+def _is_negligible(match: Match, plate: LinearImage) -> bool:
+    return (
+        match.reach <= MatchSettings.min_displacement_px
+        and match.light_change(plate) <= MatchSettings.min_light_change
+    )
+
+
+def _matches(level: Level, plate: LinearImage) -> bool:
+    """Whether the first step from the identity gains too little, or changes too little."""
+    h, light, gained = first_step(level)
+    step = replace(Match.nothing(level.size), h=h, light=IDENTITY_LIGHT + light)
+    worth = gained > MatchSettings.parameter_penalty * len(GEOMETRIES[1])
+    return not worth or _is_negligible(step, plate)
+
+
+def _select_model(
+    fine: Level, coarse: list[Level], matching: Matching | None, max_offset: Array
+) -> Fit:
+    """Forward selection by penalized likelihood, from the smallest model.
+
+    Fits with a large offset are rejected: on a plain plate a small gain and a large offset would remove
+    the plate's noise.
+    """
+    smallest, largest = _MODELS[matching]
+    identity = Fit(np.zeros(8), IDENTITY_LIGHT, np.zeros((0, 3)), np.zeros((0, 0)))
+    rough = identity
+    for level in reversed(coarse):
+        rough = fit_level(level, rough, (min(largest[0], 1), 1))
+        rough = fit_level(level, rough, (largest[0], 1))
+    fits: dict[tuple[int, int], Fit] = {}
+
+    def fit(model: tuple[int, int]) -> Fit:
+        if model not in fits:
+            h = (rough if model[0] else identity).h
+            if model[0] == 1:
+                h = h * np.isin(np.arange(8), GEOMETRIES[1])
+            fits[model] = fit_level(fine, replace(identity, h=h), model)
+        return fits[model]
+
+    model = smallest
+    while True:
+        larger = [
+            (model[0] + geometry, model[1] + light)
+            for geometry, light in ((1, 0), (0, 1), (1, 1), (2, 0), (2, 1), (0, 2), (0, 3))
+            if model[0] + geometry <= largest[0] and model[1] + light <= largest[1]
+        ]
+        gains = {
+            other: log_likelihood_gain(fit(model), fit(other)) - _penalty(other) + _penalty(model)
+            for other in larger
+            if np.all(np.abs(fit(other).light[1]) <= max_offset)
+        }
+        if not gains or max(gains.values()) <= 0:
+            return fit(model)
+        model = max(gains, key=lambda other: gains[other])
+
+
+def _penalty(model: tuple[int, int]) -> float:
+    parameters = len(GEOMETRIES[model[0]]) + 3 * LIGHTS[model[1]]
+    return MatchSettings.parameter_penalty * parameters
+
+
+def _match_of(fit: Fit, size: tuple[int, int]) -> Match:
+    h_std, light_std = np.zeros(8), np.zeros((7, 3))
+    free, rows = list(GEOMETRIES[fit.model[0]]), LIGHTS[fit.model[1]]
+    std = np.sqrt(np.diag(fit.covariance))
+    h_std[free] = std[: len(free)]
+    light_std[:rows] = std[len(free) :].reshape(3, rows).T
+    return Match(size, fit.h, fit.light, h_std, light_std)
+
+
+def _check_same_scene(match: Match, fit: Fit, level: Level, plate: LinearImage) -> None:
+    """Raise PlateError if the plate shows another scene, place or light."""
+    residual, image_std = residual_and_image_std(level, fit)
+    light = median_light(plate)
+    x, y = match.shift
+    if residual > max(
+        MatchSettings.max_relative_residual * image_std,
+        MatchSettings.max_residual * float(light.mean()),
+    ):
+        raise PlateError(
+            "image and plate do not show the same scene from the same place: after the best match "
+            f"(shift {x:+.0f}, {y:+.0f} pixels) they differ by {residual:.2f} of white; take both from "
+            "a tripod, one right after the other"
+        )
+    overlap = float(np.mean(np.isfinite(fit.residuals)))
+    if overlap < MatchSettings.min_overlap:
+        raise PlateError(
+            f"the camera moved: the plate is shifted by {x:+.0f}, {y:+.0f} pixels against the image "
+            f"and shows only {overlap:.0%} of it; take both from a tripod"
+        )
+    brighter = match.light[0] + match.light[1] / light
+    if min(brighter) < MatchSettings.min_gain or max(brighter) > MatchSettings.max_gain:
+        factors = ", ".join(f"{g:.2f}" for g in brighter)
+        raise PlateError(
+            f"the light changed too much: the image is {factors} times as bright as the plate "
+            "(R, G, B); expose both alike"
+        )
+
+
+def agreement(image: LinearImage, plate: LinearImage) -> tuple[float, float]:
+    """Robust standard deviation of image − plate over its noise: everywhere, and at the plate's edges.
+
+    1 if only noise differs, less for rounded or compressed noise. Moving objects are trimmed. Edges are
+    the tenth of the pixels with the largest gradient.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        The same size, noise known.
+    """
+    rows = slice(None, None, max(1, round(image.valid.size / 2.5e5)))  # enough pixels
+    image, plate = (_rows_of(picture, rows) for picture in (image, plate))
+    d = np.asarray(image.rgb - plate.rgb, float)
+    variance = image.variance + plate.variance
+    use = image.valid & plate.valid
+    if not use.any():
+        return float("nan"), float("nan")
+    z = d / np.sqrt(np.maximum(variance, 1e-14))
+    energy = sum(np.sum(np.gradient(plate.rgb, axis=axis) ** 2, axis=-1) for axis in (0, 1))
+    edges = use & (energy >= np.quantile(energy[use], 0.9))
+    return _trimmed_std(z[use]), _trimmed_std(z[edges])
+
+
+def _rows_of(picture: LinearImage, rows: slice) -> LinearImage:
+    """Some rows of a picture, without copies of the others."""
+    noise = picture.noise
+    noise = noise[rows] if isinstance(noise, np.ndarray) else noise
+    return LinearImage(picture.rgb[rows], noise, picture.valid[rows], picture.meta)
+
+
+def _trimmed_std(z: Array) -> float:
+    """Standard deviation within three of it, corrected for the trimming of a normal distribution.
+
+    A median alone moves in steps where code values do.
+    """
+    limit = 3 * robust_std(z) + 1e-9
+    within = np.abs(z) <= limit
+    variance = float(np.mean(z[within] ** 2)) / 0.9733  # of a standard normal within three
+    return float(np.sqrt(variance))

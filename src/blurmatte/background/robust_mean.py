@@ -1,0 +1,207 @@
+"""Robust mean of a clip: the mode of each pixel, and sums of the frames that agree with it.
+
+In this file x is the light of a frame over its gain, m the mode of a pixel over the samples, and S the
+sum of x − m over the n free frames of a batch, a pixel being free in the frames that agree with m.
+"""
+
+from collections.abc import Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from itertools import pairwise
+from os import cpu_count
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.background.samples import Samples, fit_gain, gain_grid, size_error
+from blurmatte.checks import Floats
+from blurmatte.radiometry import LinearImage
+
+
+@dataclass(frozen=True)
+class MeanSettings:
+    """Mode of the samples, and the frames that are summed."""
+
+    min_rival_ratio: float = 0.25  # samples beyond the mode over those of it; with fewer, no rival
+    restlessness_window_px: int = 5  # over which the variance inflation λ of a place is averaged
+    max_restlessness: float = 25.0  # λ: five times the noise; beyond it, something moves
+    rim_px: int = 2  # around a moving object: its rim is fainter than the noise
+    batches: int = 8  # of consecutive frames, for the correlation of noise in time
+    min_mode_fraction: float = 0.5  # of the largest `near`, at pixels that determine the gain
+
+
+@dataclass(frozen=True, eq=False)
+class Modes:
+    """Mode of the samples, pixel by pixel.
+
+    Parameters
+    ----------
+    light, rival : (H, W, 3) float32
+        Mean of the largest set of samples that agree, and of the next; the rival is -1 if none.
+    near : (H, W) int32
+        Number of samples in the largest set.
+    variance : (H, W, 3) float32
+        Variance of one frame, light²: noise times the inflation λ at restless places, such as edges in
+        video.
+    """
+
+    light: Floats
+    rival: Floats
+    near: npt.NDArray[np.int32]
+    variance: Floats
+
+
+def find_modes(samples: Samples) -> Modes:
+    """Mode of each pixel."""
+    from scipy.ndimage import uniform_filter
+
+    from blurmatte.background import robust_mean_kernel as kernel
+
+    count, height, width, _ = samples.light.shape
+    light, rival = np.empty((2, height, width, 3), np.float32)
+    near, restless = np.empty((height, width), np.int32), np.empty((height, width), np.float32)
+    noise = tuple(samples.noise.coefficients.astype(np.float32).ravel())
+    gain = samples.gain.astype(np.float32)[:, None, None]
+    strips = [slice(row, row + 16) for row in range(0, height, 16)]
+
+    def flat(rows: slice) -> Floats:
+        return (samples.light[:, rows] / gain).reshape(count, -1, 3)
+
+    def inflation(rows: slice) -> None:
+        kernel.find_restlessness(flat(rows), noise, restless[rows].reshape(-1))
+
+    def mode(rows: slice) -> None:
+        kernel.find_modes(
+            flat(rows), noise, restless[rows].reshape(-1), np.float32(MeanSettings.min_rival_ratio),
+            light[rows].reshape(-1, 3), rival[rows].reshape(-1, 3), near[rows].reshape(-1),
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(cpu_count() or 1) as pool:
+        list(pool.map(inflation, strips))
+        restless = uniform_filter(restless, MeanSettings.restlessness_window_px)
+        restless = np.clip(restless, 1, MeanSettings.max_restlessness)
+        list(pool.map(mode, strips))
+    return Modes(light, rival, near, samples.noise.variance(light) * restless[..., None])
+
+
+@dataclass(frozen=True, eq=False)
+class Sums:
+    """Sums over the free frames of each pixel, accumulated frame by frame.
+
+    Parameters
+    ----------
+    total, squares : (H, W, 3) float32
+        Sums of x − m and of its squares.
+    batch_squares, batch_products : (H, W, 3) float32
+        Σ S² and Σ S n over the batches.
+    batch_counts : (H, W) float32
+        Σ n².
+    counts : (H, W, 5) int32
+        Free frames of the batch and of the clip; clipped ones of these, and ones very close to the
+        mode; frames very close to the rival.
+    batch : (H, W, 3) float32
+        S of the current batch.
+    gain : list of (3,) float
+        Of each frame.
+    """
+
+    total: Floats
+    squares: Floats
+    batch_squares: Floats
+    batch_products: Floats
+    batch_counts: Floats
+    counts: npt.NDArray[np.int32]
+    batch: Floats
+    gain: list[Floats]
+
+    @classmethod
+    def empty(cls, shape: tuple[int, ...]) -> "Sums":
+        """Sums over no frames, for pictures of shape (H, W, 3)."""
+        total, squares, batch_squares, products, batch = (
+            np.zeros(shape, np.float32) for _ in range(5)
+        )
+        batch_counts = np.zeros(shape[:2], np.float32)
+        counts = np.zeros((*shape[:2], 5), np.int32)
+        return cls(total, squares, batch_squares, products, batch_counts, counts, batch, [])
+
+    def close_batch(self) -> None:
+        """End the current batch and begin another."""
+        from blurmatte.background import robust_mean_kernel as kernel
+
+        kernel.close_batch(
+            *(a.reshape(-1, a.shape[-1]) for a in (self.batch, self.counts, self.total)),
+            *(a.reshape(-1, 3) for a in (self.batch_squares, self.batch_products)),
+            self.batch_counts.reshape(-1),
+        )
+
+
+def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
+    """Sum all frames; `count` is their expected number.
+
+    Raises
+    ------
+    ValueError
+        If their sizes differ.
+    """
+    sums, precision = Sums.empty(modes.light.shape), 1 / modes.variance
+    static, variance, place = _gain_pixels(modes)
+    length = max(1, -(-count // MeanSettings.batches))
+    with ThreadPoolExecutor(cpu_count() or 1) as pool:
+        for number, frame in enumerate(_prefetched(frames)):
+            if frame.rgb.shape != modes.light.shape:
+                raise ValueError(size_error(frame, number, modes.near.shape[::-1]))
+            sums.gain.append(fit_gain(frame.rgb[place].T.astype(float), static, variance))
+            _add(sums, frame, modes, precision, pool)
+            if (number + 1) % length == 0:
+                sums.close_batch()
+    sums.close_batch()
+    return sums
+
+
+def _prefetched(frames: Iterable[LinearImage]) -> Iterator[LinearImage]:
+    """The same frames; a thread reads the next one while the last is in use."""
+    source = iter(frames)
+    with ThreadPoolExecutor(1) as reader:
+        coming = reader.submit(next, source, None)
+        while (frame := coming.result()) is not None:
+            coming = reader.submit(next, source, None)
+            yield frame
+
+
+def _gain_pixels(modes: Modes) -> tuple[Floats, Floats, tuple[npt.NDArray[np.intp], ...]]:
+    """(3, n) static light, its variance in a frame, and the pixels' indices."""
+    part = gain_grid(modes.near.shape)
+    y, x = np.mgrid[: modes.near.shape[0], : modes.near.shape[1]][(slice(None), *part)]
+    sure = modes.near[part] >= MeanSettings.min_mode_fraction * modes.near.max()
+    place = (y[sure], x[sure])
+    return (*(a[place].T.astype(float) for a in (modes.light, modes.variance)), place)
+
+
+def _add(
+    sums: Sums, frame: LinearImage, modes: Modes, precision: Floats, pool: ThreadPoolExecutor
+) -> None:
+    """Add a frame at the pixels that agree with the mode and are not in the rim of a moving object."""
+    from blurmatte.background import robust_mean_kernel as kernel
+
+    gain, light = sums.gain[-1].astype(np.float32), np.asarray(frame.rgb, np.float32)
+    off, near = np.empty((2, *frame.valid.shape), np.uint8)
+
+    def flat(rows: slice, *arrays: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+        return [a[rows].reshape(-1, *a.shape[2:]) for a in arrays]
+
+    def mark(rows: slice) -> None:
+        x, m, p, to = flat(rows, light, modes.light, precision, off)
+        kernel.mark_off(x, gain, m, p, to)
+
+    def gather(rows: slice) -> None:
+        x, valid, *marks = flat(rows, light, frame.valid, off, near)
+        of_modes = tuple(flat(rows, modes.light, precision, modes.rival))
+        sums_of = flat(rows, sums.batch, sums.squares, sums.counts)
+        kernel.gather(x, gain, valid, of_modes, *marks, *sums_of)
+
+    edges = np.linspace(0, len(off), (cpu_count() or 1) + 1).astype(int)
+    strips = [slice(a, b) for a, b in pairwise(edges)]
+    list(pool.map(mark, strips))
+    kernel.mark_rims(off, MeanSettings.rim_px, near)
+    list(pool.map(gather, strips))
