@@ -96,17 +96,11 @@ def test_named_files_exist(name):
         assert (ROOT / path).exists(), path
 
 
-# The map of docs/design.md describes the packages after the moves that are under way.
-MOVING = {"overview"}
-PLANNED = {"calibration", "figures", "jpeg", "statistics"}
-
-
 def test_the_map_of_packages_is_complete():
     tree = set(re.findall(r"[├└]── (\w+)", TEXTS["docs/design.md"]))
     paths = (ROOT / "src" / "blurmatte").iterdir()
     packages = {path.stem for path in paths if path.name not in ("__pycache__", "py.typed")}
-    assert packages - tree <= MOVING
-    assert tree - packages <= PLANNED
+    assert packages == tree
 
 
 def test_short_documents_stay_short():
