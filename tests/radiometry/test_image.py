@@ -61,7 +61,7 @@ def test_decode_is_the_curve(dtype, transfer):
         (np.zeros((4, 6)), ValueError, r"rgb must have the shape \(height, width, 3\), got \(4, 6"),
         (np.zeros((4, 6, 4)), ValueError, r"\(height, width, 3\), got \(4, 6, 4\)"),
         (np.zeros((0, 6, 3)), ValueError, r"\(height, width, 3\), got \(0, 6, 3\)"),
-        (np.full((4, 6, 3), np.nan), ValueError, "rgb must be finite; .* mark it in `valid`"),
+        (np.full((4, 6, 3), np.nan), ValueError, "rgb must be finite; .* mark them in `valid`"),
         (np.full((4, 6, 3), -np.inf), ValueError, "rgb must be finite"),
     ],
 )
