@@ -1,10 +1,12 @@
 """The program: its commands and their help, the options that all have, and how a command ends."""
 
+from __future__ import annotations
+
 import inspect
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -224,11 +226,12 @@ def _options_of(
 ) -> tuple[Mapping[str, Any], list[inspect.Parameter]]:
     """The dataclasses among the parameters of a function, and one parameter for each option."""
     groups, parameters = {}, []
-    for one in inspect.signature(function).parameters.values():
+    for one in inspect.signature(function, eval_str=True).parameters.values():
         if is_dataclass(one.annotation):
             groups[one.name] = one.annotation
+            kinds = get_type_hints(one.annotation, include_extras=True)
             parameters += [
-                (f.name, f.type, one.empty if f.default is MISSING else f.default)
+                (f.name, kinds[f.name], one.empty if f.default is MISSING else f.default)
                 for f in fields(one.annotation)
             ]
         else:

@@ -1,5 +1,7 @@
 """The commands that measure a camera: calibrate noise and calibrate response."""
 
+from __future__ import annotations
+
 from dataclasses import replace
 from itertools import chain
 from pathlib import Path

@@ -1,11 +1,13 @@
 """What may be done to a layer: changes in the order given, and a place in another picture."""
 
+from __future__ import annotations
+
 import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -24,7 +26,7 @@ ROW = "Rows of layers"
 _HEX = "#?[0-9a-fA-F]{6}"
 _PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
 
-Change = Callable[[bm.Layer], bm.Layer]
+Change: TypeAlias = "Callable[[bm.Layer], bm.Layer]"
 
 LayerOrRow = Annotated[
     str,

@@ -1,15 +1,17 @@
 """All frames of a clip together: the rows of its table, sentences, a fall, the scale."""
 
+from __future__ import annotations
+
 import math
 import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import blurmatte as bm
 
-Rows = Sequence[bm.FrameMotion]
-Places = Sequence[bm.BallPlace | None]
+Rows: TypeAlias = "Sequence[bm.FrameMotion]"
+Places: TypeAlias = "Sequence[bm.BallPlace | None]"
 Length = tuple[float, float]  # meters or pixels, and its error
 Gravity = tuple[float | list[float], float]
 

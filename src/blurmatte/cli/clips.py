@@ -1,17 +1,19 @@
 """The object in every frame of a clip, and how an interrupted run is resumed."""
 
+from __future__ import annotations
+
 import json
 import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.console import NamedError, about, complain, waiting, with_progress
 
-Places = Sequence[bm.BallPlace | None]
+Places: TypeAlias = "Sequence[bm.BallPlace | None]"
 
 _MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than they save
 

@@ -4,6 +4,8 @@ An error or a warning is one line that begins with the name of the program and o
 terminal it is wrapped, and cut after three lines unless details are asked for (`-v`).
 """
 
+from __future__ import annotations
+
 import json
 import logging
 import math

@@ -1,5 +1,7 @@
 """The commands that change an object: edit and remove in its own picture, compose over another."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass

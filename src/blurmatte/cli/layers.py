@@ -1,5 +1,7 @@
 """The commands for many layers, and for the paints of one: stack and paints."""
 
+from __future__ import annotations
+
 from pathlib import Path
 from typing import Annotated
 

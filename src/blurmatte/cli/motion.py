@@ -1,10 +1,12 @@
 """The commands that measure motion in one picture: measure, and locate for a known camera."""
 
+from __future__ import annotations
+
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
@@ -19,7 +21,7 @@ DRAWING = "Drawing"
 
 _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 
-Located = bm.BallMotion | bm.PlaneMotion | bm.BlurDepth
+Located: TypeAlias = "bm.BallMotion | bm.PlaneMotion | bm.BlurDepth"
 
 Numbers = Annotated[
     Path | None, option("FILE", "Write all numbers: .json, or .csv of a row.", None, "--out", "-o")

@@ -1,5 +1,7 @@
 """Command lines of version 0.1, in the spelling of today. To be deleted in the next version."""
 
+from __future__ import annotations
+
 from collections.abc import Callable, Sequence
 from pathlib import Path
 

@@ -1,5 +1,7 @@
 """Checks of the files that a command will write, before it begins to work."""
 
+from __future__ import annotations
+
 import os
 from collections.abc import Iterable
 from pathlib import Path

@@ -1,5 +1,7 @@
 """The commands that look at files: show and info."""
 
+from __future__ import annotations
+
 import json
 import math
 import tempfile

@@ -1,5 +1,7 @@
 """The command that makes a plate: plate."""
 
+from __future__ import annotations
+
 import sys
 from collections.abc import Iterator
 from dataclasses import replace

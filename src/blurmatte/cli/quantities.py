@@ -1,5 +1,7 @@
 """Values as people type them: numbers, boxes, frames, and quantities with a unit and an error."""
 
+from __future__ import annotations
+
 import math
 import re
 

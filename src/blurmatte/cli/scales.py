@@ -1,5 +1,7 @@
 """How large things are: meters per pixel, the true radius of a ball, the camera that saw them."""
 
+from __future__ import annotations
+
 import math
 import warnings
 from dataclasses import dataclass

@@ -1,5 +1,7 @@
 """The commands for scenes with a known answer: render and score."""
 
+from __future__ import annotations
+
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated

@@ -1,5 +1,7 @@
 """Which pictures are read and how, and where in them the object is and which color it has."""
 
+from __future__ import annotations
+
 import re
 import warnings
 from collections.abc import Iterable

@@ -1,5 +1,7 @@
 """The commands that separate an object from its background: solve and color."""
 
+from __future__ import annotations
+
 import json
 import logging
 import math
@@ -9,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeAlias
 
 import numpy as np
 import typer
@@ -46,7 +48,7 @@ from blurmatte.cli.selection import (
     with_folders,
 )
 
-Solver = bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded
+Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,5 +1,7 @@
 """The command that measures the motion in each frame of a clip: track."""
 
+from __future__ import annotations
+
 import math
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +16,6 @@ from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
 from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
-from blurmatte.motion.picture.motion import MAX_READOUT
 
 RUN = "The run"
 
@@ -203,6 +204,8 @@ def _frames(
 
 def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
     """ValueError if exposing a frame, or reading its rows, would take longer than it lasts."""
+    from blurmatte.motion.picture.motion import MAX_READOUT  # imports all of the library
+
     if rate is None:
         return
     line_time, exposure = physics.line_seconds, physics.exposure_seconds
