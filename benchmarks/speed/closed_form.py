@@ -19,7 +19,8 @@ from benchmarks.table import Table, publish_all
 from numba import njit
 
 from blurmatte.color import ColorModel
-from blurmatte.matting.pixelwise import PixelMaps, Pixelwise, _strips
+from blurmatte.matting.maps import PixelMaps, _strips
+from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.radiometry import SRGB, NoiseModel
 
 HEIGHT, WIDTH, ROUNDS = 2160, 3840, 15

@@ -8,7 +8,7 @@ from blurmatte.background import Matching
 from blurmatte.color import ColorModel
 from blurmatte.matting import Pixelwise, Quality, Smooth, solve
 from blurmatte.matting.clipped import one_clipped
-from blurmatte.matting.light import light_given
+from blurmatte.matting.object_light import light_given
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 
@@ -48,12 +48,12 @@ def test_exact_pictures_give_the_exact_answer(in_plate):
     assert not clipped[:24].any()
     everywhere = Streak(np.ones(SIZE[::-1], bool))
     solution = solve(image, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE)
-    told = solution.known & clipped
-    assert told.mean() > 0.45
-    assert_allclose(solution.alpha[told], alpha[told], rtol=0, atol=1e-10)
-    assert_allclose(solution.premultiplied[told], P[told], rtol=0, atol=1e-10)
+    known = solution.known & clipped
+    assert known.mean() > 0.45
+    assert_allclose(solution.alpha[known], alpha[known], rtol=0, atol=1e-10)
+    assert_allclose(solution.premultiplied[known], P[known], rtol=0, atol=1e-10)
     assert np.all(solution.quality[clipped] & Quality.SATURATED)
-    assert_allclose(solution.layer.premultiplied[told], P[told], atol=1e-10)
+    assert_allclose(solution.layer.premultiplied[known], P[known], atol=1e-10)
 
 
 @pytest.mark.parametrize("in_plate", [False, True], ids=["image", "plate"])
@@ -66,9 +66,9 @@ def test_errors_are_honest(in_plate):
         solution = solve(
             image, plate, MODEL, Pixelwise(), streak=everywhere, matching=Matching.NONE
         )
-        told = one_clipped(image, plate) & (solution.alpha_std < 0.1)
-        z_alpha.append((solution.alpha - alpha)[told] / solution.alpha_std[told])
-        z_light.append((solution.premultiplied - P)[told] / solution.premultiplied_std[told])
+        known = one_clipped(image, plate) & (solution.alpha_std < 0.1)
+        z_alpha.append((solution.alpha - alpha)[known] / solution.alpha_std[known])
+        z_light.append((solution.premultiplied - P)[known] / solution.premultiplied_std[known])
     assert np.concatenate(z_alpha).size > 2000
     assert abs(np.mean(np.concatenate(z_alpha))) < 0.1
     assert_allclose(np.std(np.concatenate(z_alpha)), 1, atol=0.1)

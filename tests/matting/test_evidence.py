@@ -1,4 +1,4 @@
-"""What single pixels know of alpha, and where a streak goes on unseen."""
+"""Evidence of single pixels, noise correlation, and growth of the mask."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,9 @@ from scipy.ndimage import gaussian_filter
 
 from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
-from blurmatte.matting.evidence import coarsely, evidence_of, least_alpha, pixels_of
+from blurmatte.matting.evidence import evidence_of, min_alpha, pixels_of, without_fine_structure
+from blurmatte.matting.mask_growth import grown_mask
 from blurmatte.matting.noise_inflation import noise_inflation
-from blurmatte.matting.rims import with_faint_rims
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render, textured_plate
 from blurmatte.statistics import variance_inflation
@@ -72,18 +72,18 @@ def test_fine_structure_that_a_file_left_out_does_not_tell():
         sure = LinearImage(plate, NoiseModel(read_std=1e-6))
         return pixels_of(LinearImage(light, noise), sure, PLANE, inside)
 
-    information, pull = evidence_of(coarsely(pixels(0)), alpha)
+    information, pull = evidence_of(without_fine_structure(pixels(0)), alpha)
     assert_allclose(pull, information * alpha, rtol=1e-6, atol=1e-6 * information.max())
 
     def bias(given):
         information, pull = evidence_of(given, np.full(SHAPE, 0.4))
         return abs(pull.sum() / (information * alpha).sum() - 1)
 
-    assert bias(coarsely(pixels(0.5))) < bias(pixels(0.5)) / 2
+    assert bias(without_fine_structure(pixels(0.5))) < bias(pixels(0.5)) / 2
 
 
 def test_no_light_is_negative():
-    """Honest: where the object is dark its alpha is known, and where there is none nothing is told."""
+    """Honest: where the object is dark its alpha is known; elsewhere there is no information."""
     plate = textured_plate(SHAPE[::-1], 1)
     x = np.arange(SHAPE[1])
     alpha = np.broadcast_to(0.6 * np.exp(-0.5 * ((x - 40) / 8) ** 2), SHAPE)
@@ -91,7 +91,7 @@ def test_no_light_is_negative():
     noise = np.random.default_rng(3).normal(0, STD, plate.shape)
     image = LinearImage(light + (1 - alpha[..., None]) * plate + noise, NOISE)
     sure = LinearImage(plate, np.full(plate.shape, 1e-12))
-    least = least_alpha(pixels_of(image, sure, PLANE, np.ones(SHAPE, bool)), 1.0)
+    least = min_alpha(pixels_of(image, sure, PLANE, np.ones(SHAPE, bool)), 1.0)
     assert np.mean(least > alpha + 0.02) < 0.002
     core = alpha > 0.4
     assert np.median((alpha - least)[core]) < 0.15
@@ -157,7 +157,7 @@ def test_noise_of_a_plane_of_colors_is_told_wherever_the_picture_is_cut():
 
 
 def test_a_smooth_alpha_of_a_plane_of_colors_is_not_taken_for_noise():
-    """Nor is what is fine in it, where noise beside the streak is each pixel's own."""
+    """Nor is what is fine in it, where noise around the streak is each pixel's own."""
     y, x = np.mgrid[:128, :160]
     smooth = 0.5 + 0.4 * np.sin(x / 9) * np.cos(y / 11)
     fine = 0.5 + 0.4 * np.sin(2 * x)
@@ -195,7 +195,7 @@ def test_a_streak_goes_on_where_it_is_fainter_than_noise():
     found = find_streaks(image, plate)[0]
     rows = np.arange(size[1])[:, None] < 78
     part = Streak(found.mask & rows, evidence=found.evidence)  # as if the rest had not been seen
-    whole = with_faint_rims(part, image, plate, truth.model)
+    whole = grown_mask(part, image, plate, truth.model)
     alpha = truth.layer.alpha
     assert alpha[whole.mask].sum() > alpha[part.mask].sum()
     assert alpha[whole.mask].sum() > 0.97 * alpha.sum()

@@ -1,4 +1,4 @@
-"""Tiles with hard edges, and a plate that lies beside them."""
+"""Tiles with hard edges, and a plate that is shifted."""
 
 from dataclasses import replace
 
@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.matting.evidence import evidence_of, pixels_of
+from blurmatte.matting.evidence import _at_edges, evidence_of, pixels_of
 from blurmatte.matting.mixed_plate import (
     MixedPlate,
-    evidence_at_edges,
     mixed_plate,
     solve_mixed_plate,
 )
@@ -108,7 +107,7 @@ def test_without_edges_the_evidence_is_that_of_the_closed_form():
     flat = replace(image, noise=np.full(image.rgb.shape, 0.004**2))
     everywhere = np.ones(SHAPE, bool)
     plain = evidence_of(pixels_of(flat, plate, LINE, everywhere), ALPHA)
-    matrix = evidence_at_edges(mixed, flat, plate, LINE, ALPHA)
+    matrix = _at_edges(mixed, flat, plate, LINE, ALPHA)
     for one, other in zip(plain, matrix, strict=True):
         assert np.allclose(one[edges], other, rtol=1e-5)
 

@@ -1,4 +1,4 @@
-"""in_front: the plate where the object went."""
+"""occluded: the plate where the object went."""
 
 from dataclasses import replace
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blurmatte.layer import Layer
-from blurmatte.matting.occlusion import in_front, mean_of_neighbors
+from blurmatte.matting.occlusion import mean_of_neighbors, occluded
 from blurmatte.rendering import (
     Ball,
     Scene,
@@ -44,13 +44,13 @@ def looked_at(truth, seed=0):
     rng = np.random.default_rng(seed)
     C, B = (p.rgb + rng.normal(0, SIGMA, p.rgb.shape) for p in (truth.image, truth.plate))
     use, variance = np.ones(BEHIND.shape, bool), np.full(C.shape, 2 * SIGMA**2)
-    return in_front(BEHIND, ORANGE, C, B, variance, use)
+    return occluded(BEHIND, ORANGE, C, B, variance, use)
 
 
 @pytest.mark.parametrize("name", ["post", "wires"])
 @pytest.mark.parametrize("color", [(0.1, 0.25, 0.12), (0.03, 0.03, 0.03)], ids=["green", "black"])
 def test_finds_the_occluder(name, color):
-    """honest: most of it, and hardly anything beside it."""
+    """honest: most of it, and hardly anything else."""
     found = looked_at(light(posts(name), color))
     assert found[posts(name) & (BEHIND > 0.2)].mean() > 0.85
     assert found[~posts(name)].mean() < 0.002
@@ -66,11 +66,11 @@ def test_a_plate_of_the_object_s_color_is_no_evidence():
     """exact: where the plate has the object's own color nothing can be said."""
     B = np.broadcast_to(0.5 * ORANGE, (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
-    assert not in_front(BEHIND, ORANGE, B, B, variance, use).any()
+    assert not occluded(BEHIND, ORANGE, B, B, variance, use).any()
     half = np.arange(SIZE[0])[:, None] < 70
     blue = B[..., ::-1]
     C = np.where(half, blue, blue + BEHIND[..., None] * (ORANGE - blue))
-    assert in_front(BEHIND, ORANGE, C, blue, variance, use).any()
+    assert occluded(BEHIND, ORANGE, C, blue, variance, use).any()
 
 
 def test_mean_of_neighbors():
@@ -85,6 +85,6 @@ def test_a_sweep_that_is_mostly_hidden_has_no_occluder():
     """exact: a shape fitted to noise is not behind something, it is not there."""
     B = np.broadcast_to(np.array([0.3, 0.33, 0.36]), (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
-    assert not in_front(BEHIND, ORANGE, B, B, variance, use).any()
+    assert not occluded(BEHIND, ORANGE, B, B, variance, use).any()
     C = np.where(posts("post")[..., None], B, B + BEHIND[..., None] * (ORANGE - B))
-    assert in_front(BEHIND, ORANGE, C, B, variance, use).any()
+    assert occluded(BEHIND, ORANGE, C, B, variance, use).any()

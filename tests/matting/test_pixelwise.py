@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose, assert_array_equal
 
 from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
-from blurmatte.matting import PixelMaps, Pixelwise, Quality, pixelwise
+from blurmatte.matting import PixelMaps, Pixelwise, Quality
+from blurmatte.matting import maps as maps_module
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, NoiseModel
 from blurmatte.rendering import Camera, encode_codes
 
@@ -257,15 +258,15 @@ def test_strips_change_nothing(noisy, strips, monkeypatch):
     whole = solve(*noisy)
     rows = -(-128 // strips)
     cut = [slice(a, min(a + rows, 128)) for a in range(0, 128, rows)]
-    monkeypatch.setattr(pixelwise, "_strips", lambda height: cut)
-    monkeypatch.setattr(pixelwise, "cpu_count", lambda: 3)
+    monkeypatch.setattr(maps_module, "_strips", lambda height: cut)
+    monkeypatch.setattr(maps_module, "cpu_count", lambda: 3)
     for a, b in zip(whole, solve(*noisy), strict=True):
         assert a.tobytes() == b.tobytes()
 
 
 @pytest.mark.parametrize("height", [1, 5, 16, 17, 1000])
 def test_strips_cover_every_row_once(height):
-    rows = np.concatenate([np.arange(height)[strip] for strip in pixelwise._strips(height)])
+    rows = np.concatenate([np.arange(height)[strip] for strip in maps_module._strips(height)])
     assert_array_equal(rows, np.arange(height))
 
 

@@ -123,7 +123,7 @@ def test_noise_hides_no_swap():
 
 
 def test_noise_is_no_texture():
-    """Before a flat plate nothing can be told, however noisy either picture is."""
+    """Before a flat plate no difference is found, however noisy either picture is."""
     flat, streak = np.full((64, 96, 3), 0.3), Streak.from_box((10, 10, 86, 54), (96, 64))
     cameras = [Camera(NoiseModel(read_std=std), bits=None) for std in (0.002, 0.02)]
     for seed in range(10):

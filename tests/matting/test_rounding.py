@@ -6,8 +6,8 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
 from blurmatte.matting.evidence import evidence_of, pixels_of
-from blurmatte.matting.rounding import rounded_pulls
-from blurmatte.matting.smooth_prior import BORDER, Evidence
+from blurmatte.matting.pyramid import BORDER, CellEvidence
+from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.radiometry import SRGB, LinearImage, Meta, NoiseModel
 from blurmatte.rendering.codes import subsample_chroma
 
@@ -33,11 +33,11 @@ def pictures(plate):
     return rounded(through * plate + ALPHA[..., None] * ORANGE), rounded(plate)
 
 
-def told(model, image, plate, levels=1):
+def evidence_in_levels(model, image, plate, levels=1):
     """Pixels, and the evidence in them and in larger cells."""
     pixels = pixels_of(image, plate, model, ALPHA > 0.01)
     maps = *evidence_of(pixels, ALPHA), pixels.inside, np.zeros(ALPHA.shape)
-    own = Evidence(*(np.pad(m, BORDER) for m in maps))
+    own = CellEvidence(*(np.pad(m, BORDER) for m in maps))
     cells = [own]
     for _ in range(levels - 1):
         cells.append(cells[-1].coarser())
@@ -52,10 +52,10 @@ def test_sums_of_alpha_before_a_plain_plate_are_off_by_as_much(model):
     for _ in range(40):
         color = rng.uniform((0.1, 0.3, 0.1), (0.2, 0.5, 0.3))
         image, plate = pictures(np.broadcast_to(color, (*SHAPE, 3)))
-        pixels, levels = told(model, image, plate)
+        pixels, levels = evidence_in_levels(model, image, plate)
         information, pull = evidence_of(pixels, ALPHA)
         off = np.sum(pull - information * ALPHA * pixels.use)
-        drawn = [p.sum() for p in rounded_pulls(pixels, ALPHA, levels)]
+        drawn = [p.sum() for p in rounding_pulls(pixels, ALPHA, levels)]
         scores.append(off / np.std(drawn))
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
@@ -63,8 +63,8 @@ def test_sums_of_alpha_before_a_plain_plate_are_off_by_as_much(model):
 def test_nothing_is_off_where_nothing_moved():
     """Exact: image and plate are rounded alike."""
     plate = rounded(np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3)))
-    pixels, levels = told(LINE, plate, plate)
-    for pull in rounded_pulls(pixels, np.zeros(SHAPE), levels):
+    pixels, levels = evidence_in_levels(LINE, plate, plate)
+    for pull in rounding_pulls(pixels, np.zeros(SHAPE), levels):
         assert_allclose(pull, 0, atol=1e-9)
 
 
@@ -73,20 +73,20 @@ def test_many_codes_are_not_off_together():
     plain = np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3))
     fine = plain * np.random.default_rng(1).uniform(0.5, 1.5, plain.shape)
     of_plain, of_fine = (
-        np.std([p.sum() for p in rounded_pulls(*with_alpha(plate))]) for plate in (plain, fine)
+        np.std([p.sum() for p in rounding_pulls(*with_alpha(plate))]) for plate in (plain, fine)
     )
     assert of_fine < of_plain / 5
 
 
 def with_alpha(plate):
-    pixels, levels = told(LINE, *pictures(plate))
+    pixels, levels = evidence_in_levels(LINE, *pictures(plate))
     return pixels, ALPHA, levels
 
 
 def test_cells_hold_the_sums_of_their_pixels():
     plate = np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3))
-    pixels, levels = told(LINE, *pictures(plate), levels=3)
-    fine, coarse = (rounded_pulls(pixels, ALPHA, levels[:n]) for n in (1, 3))
+    pixels, levels = evidence_in_levels(LINE, *pictures(plate), levels=3)
+    fine, coarse = (rounding_pulls(pixels, ALPHA, levels[:n]) for n in (1, 3))
     for own, of_cells in zip(fine, coarse, strict=True):
         assert of_cells.shape == levels[-1].mask.shape
         blocks = own[BORDER:-BORDER, BORDER:-BORDER].reshape(12, 4, 16, 4).sum(axis=(1, 3))
@@ -96,6 +96,7 @@ def test_cells_hold_the_sums_of_their_pixels():
 def test_light_that_never_was_codes_and_any_colors_are_not_off():
     image, plate = pictures(np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3)))
     floats = LinearImage(image.rgb, NOISE)
-    assert rounded_pulls(*told(LINE, floats, plate)[:1], ALPHA, told(LINE, floats, plate)[1]) == []
-    pixels, levels = told(ColorModel.any(), image, plate)
-    assert rounded_pulls(pixels, ALPHA, levels) == []
+    pixels, levels = evidence_in_levels(LINE, floats, plate)
+    assert rounding_pulls(pixels, ALPHA, levels) == []
+    pixels, levels = evidence_in_levels(ColorModel.any(), image, plate)
+    assert rounding_pulls(pixels, ALPHA, levels) == []

@@ -1,4 +1,4 @@
-"""A ball whose shadow lies beside and behind it."""
+"""A ball whose shadow lies next to and behind it."""
 
 from dataclasses import replace
 
@@ -50,10 +50,10 @@ def test_a_plate_in_shadow_tells_shadow_from_object():
     image, plate = (picture.with_noise(bm.NoiseModel(read_std=1e-4)) for picture in taken(COLORED))
     solver = bm.Shaded(plate=in_shadow(plate))
     solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
-    told = solution.known & solution.streak
-    assert told.mean() > 0.05
-    assert np.abs(solution.alpha - COLORED.layer.alpha)[told].max() < 1e-5
-    assert np.abs(solution.premultiplied - COLORED.layer.premultiplied)[told].max() < 1e-5
+    known = solution.known & solution.streak
+    assert known.mean() > 0.05
+    assert np.abs(solution.alpha - COLORED.layer.alpha)[known].max() < 1e-5
+    assert np.abs(solution.premultiplied - COLORED.layer.premultiplied)[known].max() < 1e-5
     assert np.any(solution.quality & Quality.SHADOW)
     plain = bm.solve(image, plate, MODEL, bm.Pixelwise(), matching=bm.Matching.NONE)
     assert off(COLORED, plain) > 0.05
@@ -65,8 +65,8 @@ def test_a_known_light_tells_shadow_from_object():
     image, plate = taken(flat)
     solver = bm.Shaded(light=tuple(LIGHT))
     solution = bm.solve(image, plate, None, solver, matching=bm.Matching.NONE)
-    told = solution.known & solution.streak
-    assert np.abs(solution.alpha - GRAY.layer.alpha)[told].max() < 1e-5
+    known = solution.known & solution.streak
+    assert np.abs(solution.alpha - GRAY.layer.alpha)[known].max() < 1e-5
     assert solution.model.rank == 1
 
 

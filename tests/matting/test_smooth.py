@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting import Grade, Pixelwise, Quality, Smooth, smooth_prior, solve
+from blurmatte.matting import Grade, Pixelwise, Quality, Smooth, solve
+from blurmatte.matting.smooth_field import FieldSettings
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import (
     Ball,
@@ -100,8 +101,8 @@ def test_far_less_noise_than_pixels_alone_and_an_honest_error(body, plate, most)
         ("two paints", "textured", 0.06),
     ],
 )
-def test_errors_of_compressed_color_are_told(body, plate, most):
-    """Honest: noise in compressed color is beside the streak another than within."""
+def test_errors_of_compressed_color_are_honest(body, plate, most):
+    """Honest: noise in compressed color around the streak differs from that within."""
     scores = []
     for seed in range(2):
         truth, image, without = taken(body, plate, seed, COMPRESSING)
@@ -114,7 +115,7 @@ def test_errors_of_compressed_color_are_told(body, plate, most):
     assert 0.83 < np.mean(score < 2) < 0.99
 
 
-def told_and_not(body, plate, seed):
+def known_and_not(body, plate, seed):
     """The truth, and solutions with and without what a file says of its compression."""
     truth, image, behind = taken(body, plate, seed, COMPRESSING)
     unknown = replace(image, meta=replace(image.meta, compression=None))
@@ -125,11 +126,11 @@ def test_a_file_that_says_how_it_was_compressed_is_undone():
     """Honest: colors that ran out of many points are known to have been there."""
     errors, scores = [], []
     for seed in range(2):
-        truth, *both = told_and_not("turning star", "colorful", seed)
+        truth, *both = known_and_not("turning star", "colorful", seed)
         errors.append([rmse(solution, truth) for solution in both])
         scores.append((both[0].alpha - truth.layer.alpha) / both[0].alpha_std)
-    told, not_told = np.mean(errors, axis=0)
-    assert told < 0.92 * not_told
+    known, unknown = np.mean(errors, axis=0)
+    assert known < 0.92 * unknown
     within = np.abs(scores)[:, truth.layer.alpha > 0]
     assert 0.6 < np.mean(within < 1) < 0.88
     assert np.mean(within < 2) > 0.88
@@ -139,17 +140,17 @@ def test_colors_that_ran_do_not_make_the_sum_larger():
     """Invariant: what a file lets run out of a ball is no larger ball."""
     sums = []
     for seed in range(2):
-        truth, *both = told_and_not("growing", "textured", seed)
+        truth, *both = known_and_not("growing", "textured", seed)
         total = truth.layer.alpha.sum()
         sums.append([solution.alpha[solution.streak].sum() / total - 1 for solution in both])
-    told, not_told = np.mean(sums, axis=0)
-    assert abs(told) < min(0.5 * not_told, 0.01)
+    known, unknown = np.mean(sums, axis=0)
+    assert abs(known) < min(0.5 * unknown, 0.01)
 
 
 def test_what_a_file_did_to_two_paints_is_left():
     """Invariant: their colors at rims are not known well enough to say what became of them."""
-    _, told, not_told = told_and_not("two paints", "textured", 0)
-    assert np.array_equal(told.alpha, not_told.alpha)
+    _, known, unknown = known_and_not("two paints", "textured", 0)
+    assert np.array_equal(known.alpha, unknown.alpha)
 
 
 def test_any_colors_before_texture():
@@ -235,11 +236,11 @@ def test_has_the_largest_weight_where_no_shape_explains_the_streak():
     assert rmse(solution, truth) < 0.03
 
 
-def test_an_answer_that_has_not_settled_is_told(monkeypatch):
+def test_warns_if_not_converged(monkeypatch):
     """Door: the last iterate comes with a warning."""
     truth, image, plate = taken("ball", "colorful")
-    monkeypatch.setattr(smooth_prior, "_STEPS", 2)
-    with pytest.warns(ConvergenceWarning, match="had not settled after 2 steps"):
+    monkeypatch.setattr(FieldSettings, "max_steps", 2)
+    with pytest.warns(ConvergenceWarning, match="had not converged after 2 steps"):
         solution = solve(image, plate, truth.model, Smooth())
     assert not solution.stats["smooth"]["converged"]
     assert np.isfinite(solution.alpha).all()

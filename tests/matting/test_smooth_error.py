@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 from numpy.testing import assert_allclose
 
+from blurmatte.matting.pyramid import BORDER, CellEvidence
 from blurmatte.matting.smooth_error import simulated_variance
-from blurmatte.matting.smooth_prior import BORDER, LEAST, Evidence, Prior, smoothed
+from blurmatte.matting.smooth_field import FieldSettings, Prior, fit_field
 
 SIDE, STD = 96, 0.1
 PRIOR = Prior(2, 0.04)
@@ -19,7 +20,12 @@ def with_a_rim(seed):
     mask = np.pad(np.hypot(x, y) < 46, BORDER)
     information = mask / STD**2
     noise = np.random.default_rng(seed).normal(size=field.shape) * np.sqrt(information)
-    evidence = Evidence(information, information * field + noise, mask, np.full(field.shape, LEAST))
+    evidence = CellEvidence(
+        information,
+        information * field + noise,
+        mask,
+        np.full(field.shape, FieldSettings.min_alpha),
+    )
     steep = np.hypot(*np.gradient(field)) > 0.03
     return field * mask, evidence, steep
 
@@ -28,13 +34,13 @@ def settled(evidence, scale=PRIOR.scale, local=False):
     """From rough to smooth."""
     field = None
     for larger in (16 * scale, 8 * scale, 4 * scale, 2 * scale):
-        field = smoothed(evidence, Prior(2, larger), field, 4)
-    return smoothed(evidence, Prior(2, scale), field, 8, local=local)
+        field = fit_field(evidence, Prior(2, larger), field, 4)
+    return fit_field(evidence, Prior(2, scale), field, 8, local=local)
 
 
 @cache
 def spreads(local):
-    """Root mean square of error over std, own and simulated, on rims and beside."""
+    """Root mean square of error over std, own and simulated, on rims and elsewhere."""
     found = []
     for seed in range(2):
         truth, evidence, steep = with_a_rim(seed)
@@ -83,7 +89,7 @@ def test_a_choice_that_noise_decides_is_part_of_the_error():
     assert jumping > 1.2 * steady
 
 
-def test_a_sum_that_is_always_too_small_is_told():
+def test_bias_of_a_sum_that_is_always_too_small_is_found():
     """Honest: where little is known, what is smooth is drawn to the nothing around it."""
     _, evidence, _ = with_a_rim(3)
     field = settled(evidence)

@@ -334,7 +334,7 @@ _CLAIMS_TOO_LITTLE = pytest.mark.xfail(
     ids=["file is known", "file is unknown"],
 )
 def test_errors_of_a_ball_whose_color_ran_are_honest(known):
-    """honest: chroma of a rim is a few pixels beside it."""
+    """honest: chroma of a rim is a few pixels off."""
     scene = Scene(
         plain_plate((128, 96), (0.3, 0.33, 0.36), 1),
         Trajectory.line((60, 46), (68, 52)),
@@ -387,7 +387,7 @@ def test_a_highlight_is_no_hole():
 
 
 def test_what_else_has_the_color_is_solved_by_all_pixels_together():
-    """honest: a handle beside the ball; smoother than each of its pixels alone."""
+    """honest: a handle next to the ball; smoother than each of its pixels alone."""
     truth = render(SCENE, 200)
     y, x = np.indices(SIZE[::-1])
     handle = (np.abs(x - 80) < 3) & (y > 16) & (y < 36) & (truth.layer.alpha == 0)

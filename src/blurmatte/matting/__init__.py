@@ -1,12 +1,12 @@
-"""Image + plate + colors → alpha and color."""
+"""From image, plate and colors to alpha and color, each with its error."""
 
 from blurmatte.matting.alternatives import Alternative as Alternative
-from blurmatte.matting.pixelwise import PixelMaps as PixelMaps
+from blurmatte.matting.maps import Grade as Grade
+from blurmatte.matting.maps import PixelMaps as PixelMaps
+from blurmatte.matting.maps import Quality as Quality
 from blurmatte.matting.pixelwise import Pixelwise as Pixelwise
 from blurmatte.matting.shaded import Shaded as Shaded
 from blurmatte.matting.smooth import Smooth as Smooth
-from blurmatte.matting.solution import Grade as Grade
-from blurmatte.matting.solution import Quality as Quality
 from blurmatte.matting.solution import Solution as Solution
 from blurmatte.matting.solve import solve as solve
 from blurmatte.matting.swept import Swept as Swept

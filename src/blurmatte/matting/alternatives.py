@@ -1,8 +1,8 @@
-"""What else fits a streak: each hypothesis with its color and how much alpha it has.
+"""Alternatives: the hypotheses that fit a streak, each with its color and total alpha.
 
-Where the plate has one hue, an object of more alpha and a color nearer to the plate's leaves the same
-light. Which of them it was follows from a shape or an assumption about color, and hypotheses differ
-by the color and by a factor of all of alpha.
+Where the plate has one hue, an object with more alpha and a color nearer to the plate's gives the same
+light. Only a shape or an assumption about color separates them, so hypotheses differ in color and in a
+factor common to all alpha.
 """
 
 from collections.abc import Sequence
@@ -13,15 +13,16 @@ import numpy.typing as npt
 
 from blurmatte.color import ColorModel
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
-from blurmatte.matting.calibrated import MAX_CONFIRMED, rms_difference
-from blurmatte.matting.light import light_given
+from blurmatte.matting.calibration import GRADE_LIMITS, rms_difference
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.object_light import light_given
 from blurmatte.radiometry import SRGB, LinearImage, light_in_srgb
 from blurmatte.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 
-MAX_ALTERNATIVES = 5  # that are listed, the answer's own included
-_COLORS = {1: "one paint", 2: "two paints", 3: "any colors"}
+MAX_ALTERNATIVES = 5  # listed, the result itself included
+_COLORS = "one paint", "two paints", "any colors"  # of rank 1, 2, 3
 _PATHS = {
     "line": "a straight line",
     "parabola": "a parabola",
@@ -34,22 +35,22 @@ _PATHS = {
 
 @dataclass(frozen=True)
 class Alternative:
-    """A hypothesis, as it differs from the answer.
+    """A hypothesis and its difference from the result.
 
     Parameters
     ----------
     name : str
-        In words, such as "disc on a parabola, one paint".
+        Such as "disc on a parabola, one paint".
     rgb : (float, float, float)
-        Its color, the mean over alpha; linear light in the colors of the image.
+        Its mean color, weighted by alpha; linear light in the primaries of the image.
     hex : str
-        The same as a screen shows it, sRGB-coded #rrggbb.
+        The same, sRGB-coded #rrggbb.
     weight : float
-        Of its evidence, 0…1.
+        Posterior probability, 0…1.
     alpha_factor : float
-        Sum of its alpha over that of the answer, where both are known.
+        Sum of its alpha over that of the result, where both are known.
     alpha_difference : float
-        Root mean square difference of its alpha from that of the answer.
+        Root mean square difference of its alpha from that of the result.
     radius : float or None
         Pixels; None if it has no shape.
 
@@ -80,8 +81,8 @@ class Alternative:
 
     @property
     def disagrees(self) -> bool:
-        """Whether its alpha differs from the answer's by more than a confirmed error."""
-        error, scale = MAX_CONFIRMED
+        """Whether its alpha differs from the result's by more than a confirmed error."""
+        error, scale = GRADE_LIMITS[Grade.CONFIRMED]
         return self.alpha_difference > error or abs(self.alpha_factor - 1) > scale
 
 
@@ -89,19 +90,19 @@ def alternative(
     hypothesis: Sweep | ColorModel,
     weight: float,
     estimate: AlphaEstimate,
-    answer: AlphaEstimate,
+    result: AlphaEstimate,
     pictures: tuple[LinearImage, LinearImage],
     box: tuple[int, int, int, int],
 ) -> Alternative:
-    """How a hypothesis differs from the answer.
+    """Compare a hypothesis with the result.
 
     Parameters
     ----------
     hypothesis : Sweep or ColorModel
-        A shape on a path, or the colors of an alpha without a shape.
+        A shape on a path, or the colors of a hypothesis without a shape.
     weight : float
-    estimate, answer : AlphaEstimate
-        Its alpha in the box, and that of the answer.
+    estimate, result : AlphaEstimate
+        Its alpha in the box, and that of the result.
     pictures : (LinearImage, LinearImage)
         Image and plate in the box, noise known.
     box : (int, int, int, int)
@@ -118,20 +119,20 @@ def alternative(
         (r, g, b),
         hex_of(np.array([r, g, b]), model),
         float(weight),
-        _alpha_factor(estimate, answer),
-        rms_difference(answer, estimate),
+        _alpha_factor(estimate, result),
+        rms_difference(result, estimate),
         radius,
     )
 
 
 def listed(alternatives: Sequence[Alternative], scores: Array) -> list[Alternative]:
-    """Those that matter or disagree with the answer, the likeliest first.
+    """Alternatives that matter or disagree with the result, in order of likelihood.
 
     Parameters
     ----------
     alternatives : sequence of Alternative
     scores : (n,) float
-        Negative log of their weights, up to a constant. The likeliest is the answer's own.
+        Negative log of their weights, up to a constant. The likeliest is the result's own.
     """
     own, *others = np.argsort(scores, kind="stable")
     kept = [alternatives[own]]
@@ -151,7 +152,7 @@ def hex_of(color: Array, model: ColorModel) -> str:
 def _mean_color(
     estimate: AlphaEstimate, model: ColorModel, image: LinearImage, plate: LinearImage
 ) -> Array:
-    """(3,) light of an object over its alpha; black where no light of it is known."""
+    """(3,) light of an object divided by its alpha; 0 if no light is known."""
     known = np.isfinite(estimate.alpha) & np.isfinite(estimate.alpha_std)
     alpha, std = (np.where(known, x, 0) for x in (estimate.alpha, estimate.alpha_std))
     P, P_std, _ = light_given(alpha, std, model, image, plate)
@@ -160,20 +161,20 @@ def _mean_color(
     return np.asarray(np.maximum(P[use].sum(axis=0) / total, 0))
 
 
-def _alpha_factor(estimate: AlphaEstimate, answer: AlphaEstimate) -> float:
-    """Sum of alpha over the answer's, where both are known."""
+def _alpha_factor(estimate: AlphaEstimate, result: AlphaEstimate) -> float:
+    """Sum of alpha over that of the result, where both are known."""
     both = np.isfinite(estimate.alpha) & np.isfinite(estimate.alpha_std)
-    both &= np.isfinite(answer.alpha) & np.isfinite(answer.alpha_std)
-    total = float(np.sum(np.asarray(answer.alpha)[both]))
+    both &= np.isfinite(result.alpha) & np.isfinite(result.alpha_std)
+    total = float(np.sum(np.asarray(result.alpha)[both]))
     own = float(np.sum(np.asarray(estimate.alpha)[both]))
     return max(own / total, 0.0) if total > 0 else 1.0
 
 
 def _name(hypothesis: Sweep | ColorModel) -> str:
-    """In words."""
+    """A name for people."""
     if isinstance(hypothesis, ColorModel):
-        return f"no shape, {_COLORS[hypothesis.rank]}"
+        return f"no shape, {_COLORS[hypothesis.rank - 1]}"
     path = _PATHS.get(hypothesis.family.name, f"a {hypothesis.family.name}")
     shadow = " with its shadow" if hypothesis.cast is not None else ""
-    colors = _COLORS[hypothesis.model.rank]
+    colors = _COLORS[hypothesis.model.rank - 1]
     return f"{hypothesis.silhouette.name}{shadow} on {path}, {colors}"

@@ -1,4 +1,4 @@
-"""One alpha from several hypotheses: Bayesian model averaging [Hoeting et al. 1999].
+"""Average alpha of several hypotheses: Bayesian model averaging [Hoeting et al. 1999].
 
 With weights w_k, alphas α_k and their variances V_k,
 
@@ -17,21 +17,21 @@ from blurmatte.checks import Floats
 
 Array = npt.NDArray[np.float64]
 
-MIN_WEIGHT = 1e-3  # of a hypothesis that is averaged
+MIN_WEIGHT = 1e-3  # of an averaged hypothesis
 
 
 @dataclass(frozen=True, eq=False)
 class AlphaEstimate:
-    """Alpha in a box, as one hypothesis has it.
+    """Alpha in a box by one hypothesis.
 
     Parameters
     ----------
     alpha, alpha_std : (h, w) float
-        Of each pixel; not finite where nothing is known.
+        Of each pixel; not finite where alpha is unknown.
     sum_std : float
         Standard deviation of the sum of alpha.
     scale_std : float
-        Relative standard deviation of a factor common to all pixels that is not in `alpha_std`.
+        Relative standard deviation of a factor common to all pixels, not included in `alpha_std`.
     """
 
     alpha: Floats
@@ -43,7 +43,7 @@ class AlphaEstimate:
 def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimate:
     """The average of hypotheses.
 
-    Where one knows nothing of a pixel, the others are averaged. Negligible weights count as 0.
+    At each pixel only those that know its alpha are averaged. Weights below `MIN_WEIGHT` count as 0.
 
     Parameters
     ----------

@@ -1,6 +1,7 @@
-"""What single pixels know of alpha: their information, and what they pull it to.
+"""Evidence of single pixels on alpha: their information, and their pull.
 
-In this file C is the image's light and B the plate's.
+The information is one over the variance of a pixel's own alpha, the pull that alpha times the
+information. In this file C is the image's light and B the plate's.
 """
 
 from dataclasses import dataclass, replace
@@ -11,50 +12,30 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.clipped import one_clipped
-from blurmatte.matting.mixed_plate import MixedPlate, evidence_at_edges
-from blurmatte.matting.pixelwise import in_strips
+from blurmatte.matting.maps import MIN_VARIANCE, in_strips
+from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.statistics import BLOCK_SIZES
 
 Array = npt.NDArray[np.float64]
 
-_UNTOLD = 100.0  # variance of clipped light: no more is known than that it is no ten times white
-_MEDIAN = 0.455  # of χ² of one
-_NEAR, _SURE = 2.0, 3.0  # pixels, over which light is averaged, and standard deviations of it
-_DARK = 1e-9  # a plate that tells nothing, but is divided by
-_TEXTURE_SCALE = 3.0  # pixels, a first neighborhood to compare textures in
-
 
 @dataclass(frozen=True, eq=False)
 class Pixels:
-    """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`.
+    """Light and noise of image and plate, as `evidence_of` needs them; made by `pixels_of`."""
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        With a noise variance of each value; of the image as the neighborhood's light has it.
-    model : ColorModel
-    inside, use : (h, w) bool
-        Where alpha may be other than 0, and where a pixel there tells of it.
-    mixed : MixedPlate or None
-    wide : LinearImage
-        The plate with the variance of its edges, too.
-    coarse : (h, w, 3) float, optional
-        The plate's light without its fine structure, if that is not to tell anything (`coarsely`).
-    """
-
-    image: LinearImage
-    plate: LinearImage
+    image: LinearImage  #: with a noise variance of each value, from the smoothed light
+    plate: LinearImage  #: with a noise variance of each value
     model: ColorModel
-    inside: Bools
-    use: Bools
+    inside: Bools  #: (h, w) where alpha may be other than 0
+    use: Bools  #: (h, w) where such a pixel has information
     mixed: MixedPlate | None
-    wide: LinearImage
-    coarse: Floats | None = None
+    wide: LinearImage  #: the plate with the variance of its edges added
+    coarse: Floats | None = None  #: (h, w, 3) plate without fine structure, if that is ignored
 
     @property
     def arrays(self) -> tuple[Floats, Floats, Floats, Floats]:
-        """C, B and their variances, but for what the plate's edges have more."""
+        """C, B and their variances, without those of the plate's edges."""
         return self.image.rgb, self.plate.rgb, self.image.variance, self.plate.variance
 
     @property
@@ -63,11 +44,21 @@ class Pixels:
         return self.image.rgb, self.plate.rgb, self.image.variance, self.wide.variance
 
 
-def coarsely(pixels: Pixels) -> Pixels:
-    """So that the plate's fine structure tells nothing.
+@dataclass(frozen=True, eq=False)
+class FirstEstimate:
+    """An estimate of alpha without a prior on the light of neighbors."""
 
-    Of what is faint and fine compression leaves out more where the object lies over it than where the
-    plate is seen alone. By that difference alpha would come out too large.
+    pixels: Pixels
+    alpha: Floats  #: (h, w)
+    variance: Floats  #: (h, w) of alpha
+    noise_factor: float  #: factor of the noise variance, for correlated noise
+
+
+def without_fine_structure(pixels: Pixels) -> Pixels:
+    """Pixels whose evidence ignores the plate's fine structure.
+
+    Compression removes more of faint, fine structure where the object covers it than in the plate. By
+    that difference alone alpha would be overestimated.
     """
     from scipy.ndimage import uniform_filter
 
@@ -82,14 +73,14 @@ def pixels_of(
     inside: Bools,
     mixed: MixedPlate | None = None,
 ) -> Pixels:
-    """What does not change with alpha.
+    """Light and noise of the pixels, independent of alpha.
 
     Parameters
     ----------
     image, plate : LinearImage
         Noise known.
     model : ColorModel
-        Of any rank. Of a line of colors a pixel may be clipped in one channel.
+        Of any rank. With rank 1 a pixel with one clipped channel has information.
     inside : (h, w) bool
         Where alpha may be other than 0.
     mixed : MixedPlate, optional
@@ -97,11 +88,10 @@ def pixels_of(
     """
     use = inside & image.valid & plate.valid
     V_C = smooth_variance(image).astype(image.rgb.dtype)
-    if (
-        model.rank == 1 and not (image.valid & plate.valid).all()
-    ):  # two channels still tell something
+    if model.rank == 1 and not (image.valid & plate.valid).all():
         clipped = inside & one_clipped(image, plate)
-        V_C[clipped[..., None] & ~(image.usable & plate.usable)] = _UNTOLD
+        # The variance of a clipped value, (10 × white)²: practically no information.
+        V_C[clipped[..., None] & ~(image.usable & plate.usable)] = 100.0
         use |= clipped
 
     def plain(picture: LinearImage, variance: Floats) -> LinearImage:
@@ -116,19 +106,18 @@ def pixels_of(
 def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     """Information and pull of each pixel, both 0 where it is clipped or not inside.
 
-    As though each pixel's noise were its own (`noise_inflation`). Of a line or plane of colors by the
-    closed form; of any colors by how much of the plate's texture is seen.
+    The noise of pixels counts as independent (see `noise_inflation`). For a line or plane of colors
+    from the closed form; for a model of rank 3 from the attenuation of the plate's texture.
 
     Parameters
     ----------
     pixels : Pixels
     alpha : (h, w)
-        About what alpha is, known from elsewhere than the pixel: by 1 − alpha the plate's noise counts.
+        An estimate independent of the pixel's noise: the plate's noise is weighted by 1 − alpha.
 
     Returns
     -------
     information, pull : (h, w) float
-        One over the variance of a pixel's own alpha, and that alpha times the information.
     """
     model, mixed, use = pixels.model, pixels.mixed, pixels.use
     if model.rank == 3:
@@ -144,24 +133,41 @@ def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
         C, B, V_C, V_B = (a[strip] for a in pixels.arrays)
         if pixels.coarse is not None:
             t, coarse = 1 - maps[0][strip][..., None], pixels.coarse[strip]
-            # What shines through of the fine structure is taken off; its noise is in C then.
+            # The visible fine structure is subtracted from C, and its noise added to that of C.
             C, B, V_C, V_B = C - t * (B - coarse), coarse, V_C + t**2 * V_B, np.zeros_like(V_B)
         evidence(C, B, V_C, V_B, N, *(m[strip] for m in maps))
 
     in_strips(rows, len(use))
     if mixed is not None:
-        at_edges = evidence_at_edges(mixed, pixels.image, pixels.plate, model, alpha)
+        at_edges = _at_edges(mixed, pixels.image, pixels.plate, model, alpha)
         for own, of_edges in zip((information, pull), at_edges, strict=True):
             own[mixed.edges] = of_edges * pixels.inside[mixed.edges]
+    return information, pull
+
+
+def _at_edges(
+    mixed: MixedPlate, image: LinearImage, plate: LinearImage, model: ColorModel, alpha: Floats
+) -> tuple[Array, Array]:
+    """Information and pull (n,) of the pixels at uncertain edges; for a line or plane of colors."""
+    from blurmatte.matting.evidence_kernel import evidence_of_matrices  # numba takes half a second
+
+    at = mixed.edges
+    light = (np.asarray(picture.rgb[at], float) for picture in (image, plate))
+    noise = (np.asarray(picture.variance[at], float) + MIN_VARIANCE for picture in (image, plate))
+    t = np.asarray(alpha, float)[at]
+    information, pull = np.zeros((2, len(t)))
+    N = np.ascontiguousarray(model.normals)
+    evidence_of_matrices(*light, *noise, mixed.covariance, N, t, information, pull)
     return information, pull
 
 
 def _of_texture(
     C: Array, B: Array, V_C: Array, V_B: Array, alpha: Array, use: Bools
 ) -> tuple[Array, Array]:
-    """Of any colors: ∇C = (1 − α)∇B, but for noise and what is painted on the object.
+    """Evidence for a model of rank 3: ∇C = (1 − α)∇B, except for noise and the object's own texture.
 
-    How much is painted is what a first alpha, of neighborhoods, leaves in all.
+    The variance of the object's texture is the excess of the residuals of a first alpha, averaged over
+    neighborhoods.
     """
     from scipy.ndimage import gaussian_filter
 
@@ -174,44 +180,43 @@ def _of_texture(
         v_C, v_B = np.roll(V_C, -1, axis) + V_C, np.roll(V_B, -1, axis) + V_B
         pairs.append((both[..., None], c, b, v_C, v_B))
 
-    def sums(painted: float) -> tuple[Array, Array]:
+    def sums(texture_variance: float) -> tuple[Array, Array]:
         information, pull = np.zeros((2, *use.shape))
         t = (1 - alpha)[..., None]
         for axis, (both, c, b, v_C, v_B) in enumerate(pairs):
-            weight = both / (v_C + t**2 * v_B + painted + 1e-14)
+            weight = both / (v_C + t**2 * v_B + texture_variance + 1e-14)
             for total, values in ((information, b * b), (pull, b * (b - c) - t * v_B)):
                 half = np.sum(weight * values, axis=-1) / 2
                 total += half + np.roll(half, 1, axis)
         return information, pull
 
-    information, pull = sums(0.0)
-    first: Array = gaussian_filter(pull, _TEXTURE_SCALE) / (
-        gaussian_filter(information, _TEXTURE_SCALE) + 1e-9
-    )
-    t = (1 - np.clip(first, 0, 1))[..., None]
-    left = [
-        np.median(((c - t * b) ** 2 - v_C - t**2 * v_B)[both[..., 0]]) / _MEDIAN
+    information, pull = (gaussian_filter(m, sigma=3.0) for m in sums(0.0))
+    t = (1 - np.clip(pull / (information + 1e-9), 0, 1))[..., None]
+    median_chi2 = 0.455  # of one degree of freedom
+    excess = [
+        np.median(((c - t * b) ** 2 - v_C - t**2 * v_B)[both[..., 0]]) / median_chi2
         for both, c, b, v_C, v_B in pairs
         if both.any()
     ]
-    return sums(max(float(np.mean(left)), 0.0)) if left else (information, pull)
+    return sums(max(float(np.mean(excess)), 0.0) if excess else 0.0)
 
 
-def least_alpha(pixels: Pixels, together: float) -> Floats:
-    """What alpha of each pixel cannot be less than, (h, w): no light of an object is negative.
+def min_alpha(pixels: Pixels, noise_inflation: float) -> Floats:
+    """Lower bound of alpha, (h, w), since the light of an object is not negative; −∞ without one.
 
-    In no channel (1 − α) B can be more than C. Of light of neighborhoods, and less by what noise may
-    be, so that next to nothing is told where there was no object; −∞ where no channel tells.
+    In no channel (1 − α) B can exceed C. The light is averaged with a Gaussian of 2 pixels and C raised
+    by three standard deviations, so that the bound is negligible where there was no object.
 
     Parameters
     ----------
     pixels : Pixels
-    together : float
-        By how much more noise adds up than if each pixel had its own.
+    noise_inflation : float
+        Factor by which correlation of noise raises the variance of sums.
     """
     from scipy.ndimage import gaussian_filter
 
-    C, B, V_C, V_B = (gaussian_filter(a, (_NEAR, _NEAR, 0)) for a in pixels.with_edges)
-    noise = np.sqrt((V_C + V_B) * together / (4 * np.pi * _NEAR**2))
-    least = np.max(1 - (C + _SURE * noise) / np.maximum(B, _DARK), axis=-1)
-    return np.where(pixels.use & (least > 0), least, -np.inf)
+    std_px = 2.0
+    C, B, V_C, V_B = (gaussian_filter(a, (std_px, std_px, 0)) for a in pixels.with_edges)
+    noise = np.sqrt((V_C + V_B) * noise_inflation / (4 * np.pi * std_px**2))
+    bound = np.max(1 - (C + 3.0 * noise) / np.maximum(B, 1e-9), axis=-1)
+    return np.where(pixels.use & (bound > 0), bound, -np.inf)

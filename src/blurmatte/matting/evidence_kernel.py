@@ -1,7 +1,7 @@
-"""The compiled loops over what each pixel knows of alpha.
+"""Compiled loops over the information of each pixel on alpha.
 
 In this file C, B, V_C, V_B, N are image, plate, their variances and the normals of the color model as
-in `kernel`, and l is the unit direction of a line of colors. Maps of a color are (h, w, 3).
+in `pixelwise_kernel`, and l is the unit direction of a line of colors. Maps of a color are (h, w, 3).
 """
 
 from typing import Any
@@ -9,51 +9,49 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-_FAST: dict[str, Any] = {
-    "error_model": "numpy",
-    "cache": True,
-    "nogil": True,
-    "fastmath": {"nsz", "arcp", "contract", "reassoc"},
-}
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+_FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
-_DOUBT = 5.0  # degrees of freedom of a t distribution: pixels that leave the model count less
+_STUDENT_DOF = 5.0  # degrees of freedom of the t distribution that downweights outliers
 
 
 @njit(inline="always", **_FAST)
 def _across(N, i, light):  # type: ignore[no-untyped-def]
+    """The part of light along a normal."""
     return N[0, i] * light[0] + N[1, i] * light[1] + N[2, i] * light[2]
 
 
 @njit(inline="always", **_FAST)
-def _both(N, i, j, V):  # type: ignore[no-untyped-def]
+def _covariance(N, i, j, V):  # type: ignore[no-untyped-def]
+    """Covariance of the parts of light along two normals, of independent channels."""
     return (
         N[0, i] * N[0, j] * V[0] + N[1, i] * N[1, j] * V[1] + N[2, i] * N[2, j] * V[2]
     )  # fmt: skip
 
 
 @njit(inline="always", **_FAST)
-def _told(b, d, s, v, t, lines):  # type: ignore[no-untyped-def]
-    """Information and pull of the equations d = α b with covariance s, of which t² v is the plate's."""
+def _weighted(b, d, s, v, t, lines):  # type: ignore[no-untyped-def]
+    """Information and pull of the equations d = α b of covariance s; t² v of it is the plate's."""
     (b0, b1), (d0, d1), (s00, s01, s11), (v00, v01, v11) = b, d, s, v
     det = s00 * s11 - s01 * s01
     q00, q01, q11 = s11 / det, -s01 / det, s00 / det
     A = b0 * b0 * q00 + 2 * b0 * b1 * q01 + b1 * b1 * q11
     p = b0 * d0 * q00 + (b0 * d1 + b1 * d0) * q01 + b1 * d1 * q11
-    trust = 1.0
+    weight = 1.0
     if lines == 2:
         total = d0 * d0 * q00 + 2 * d0 * d1 * q01 + d1 * d1 * q11
-        left = max(total - p * p / max(A, 1e-30), 0.0)
-        trust = (_DOUBT + 1) / (_DOUBT + left)
-    feigned = v00 * q00 + 2 * v01 * q01 + v11 * q11
-    return trust * A, trust * (p - t * feigned)
+        chi2 = max(total - p * p / max(A, 1e-30), 0.0)
+        weight = (_STUDENT_DOF + 1) / (_STUDENT_DOF + chi2)
+    bias = v00 * q00 + 2 * v01 * q01 + v11 * q11
+    return weight * A, weight * (p - t * bias)
 
 
 @njit(**_FAST)
 def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore[no-untyped-def]
-    """Write what each pixel of the mask says: information A, and pull A times its own alpha.
+    """Write the information A of each pixel of the mask, and its pull, A times its own alpha.
 
-    Noise in the plate is on both sides of the equation: the pull is without what that feigns. The
-    weights come from `alpha`, that of the neighborhood, so that they know nothing of the noise.
+    The plate's noise is on both sides of the equation; the bias of the pull by it is subtracted. The
+    weights come from `alpha`, that of the neighborhood, so that they are independent of the noise.
     """
     lines = N.shape[1]
     for y in range(mask.shape[0]):
@@ -63,7 +61,7 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
             t = 1.0 - alpha[y, x]
             B0, B1, B2 = float(B[y, x, 0]), float(B[y, x, 1]), float(B[y, x, 2])
             V = V_B[y, x, 0], V_B[y, x, 1], V_B[y, x, 2]
-            left_over = B0 - C[y, x, 0], B1 - C[y, x, 1], B2 - C[y, x, 2]
+            difference = B0 - C[y, x, 0], B1 - C[y, x, 1], B2 - C[y, x, 2]
             S = (
                 V_C[y, x, 0] + t * t * V[0],
                 V_C[y, x, 1] + t * t * V[1],
@@ -71,18 +69,19 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
             )
             b1, d1, v01, v11, s01, s11 = 0.0, 0.0, 0.0, 0.0, 0.0, 1.0
             if lines == 2:
-                b1, d1 = _across(N, 1, (B0, B1, B2)), _across(N, 1, left_over)
-                v01, v11 = _both(N, 0, 1, V), _both(N, 1, 1, V)
-                s01, s11 = _both(N, 0, 1, S), _both(N, 1, 1, S)
+                b1, d1 = _across(N, 1, (B0, B1, B2)), _across(N, 1, difference)
+                v01, v11 = _covariance(N, 0, 1, V), _covariance(N, 1, 1, V)
+                s01, s11 = _covariance(N, 0, 1, S), _covariance(N, 1, 1, S)
             b = _across(N, 0, (B0, B1, B2)), b1
-            d = _across(N, 0, left_over), d1
-            s, v = (_both(N, 0, 0, S), s01, s11), (_both(N, 0, 0, V), v01, v11)
-            information[y, x], pull[y, x] = _told(b, d, s, v, t, lines)
+            d = _across(N, 0, difference), d1
+            s = _covariance(N, 0, 0, S), s01, s11
+            v = _covariance(N, 0, 0, V), v01, v11
+            information[y, x], pull[y, x] = _weighted(b, d, s, v, t, lines)
 
 
 @njit(**_FAST)
 def evidence_of_matrices(C, B, V_C, V_B, K, N, alpha, information, pull):  # type: ignore[no-untyped-def]
-    """The same of pixels (n, 3) of which the plate's error is the matrix V_B + K."""
+    """As `evidence`, for pixels (n, 3) whose plate has the error covariance V_B + K."""
     lines = N.shape[1]
     b, d, s, v = np.zeros(2), np.zeros(2), np.zeros((2, 2)), np.zeros((2, 2))
     s[1, 1] = 1.0
@@ -101,15 +100,15 @@ def evidence_of_matrices(C, B, V_C, V_B, K, N, alpha, information, pull):  # typ
                     for e in range(3):
                         of_plate += N[c, i] * N[e, j] * K[k, c, e]
                 v[i, j], s[i, j] = of_plate, of_image + t * t * of_plate
-        information[k], pull[k] = _told(
+        information[k], pull[k] = _weighted(
             (b[0], b[1]), (d[0], d[1]), (s[0, 0], s[1, 0], s[1, 1]), (v[0, 0], v[1, 0], v[1, 1]),
             t, lines,
         )  # fmt: skip
 
 
 @njit(**_FAST)
-def left_over(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-def]
-    """Write (l × B)·C, of which nothing is alpha, and its variance, (2, h, w); 0 where not used."""
+def residual(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-def]
+    """Write (l × B)·C, which does not depend on alpha, and its variance, (2, h, w); 0 if not used."""
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             out[0, y, x], out[1, y, x] = 0.0, 0.0
@@ -126,7 +125,7 @@ def left_over(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-de
 
 @njit(**_FAST)
 def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
-    """Write m·C, m·B, m·V_B m and Var q of each pixel, as `shading` has them, (4, h, w)."""
+    """Write m·C, m·B, m·V_B m and Var q of each pixel as in `brightness_prior`, (4, h, w)."""
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             t, total, c, b, v = 1.0 - alpha[y, x], 0.0, 0.0, 0.0, 0.0
@@ -139,3 +138,58 @@ def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
             variance = 1.0 / total
             out[0, y, x], out[1, y, x] = c * variance, b * variance
             out[2, y, x], out[3, y, x] = v * variance * variance, variance
+
+
+@njit(**_COMPILED)
+def pull_of_codes(B, V_C, V_B, N, alpha, mask, color, image, plate):  # type: ignore[no-untyped-def]
+    """Convert light per code of red, green and blue into pull per code of luma and chroma.
+
+    In place, for image and plate (h, w, 3). `color` has a column for luma and each chroma: their red,
+    green and blue parts.
+    """
+    lines, of_light = N.shape[1], np.zeros(3)
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            t = 1.0 - alpha[y, x]
+            S = (
+                V_C[y, x, 0] + t * t * V_B[y, x, 0],
+                V_C[y, x, 1] + t * t * V_B[y, x, 1],
+                V_C[y, x, 2] + t * t * V_B[y, x, 2],
+            )
+            b, b1, s01, s11 = _across(N, 0, B[y, x]), 0.0, 0.0, 1.0
+            if lines == 2:
+                b1 = _across(N, 1, B[y, x])
+                s01, s11 = _covariance(N, 0, 1, S), _covariance(N, 1, 1, S)
+            s00 = _covariance(N, 0, 0, S)
+            scale = mask[y, x] / (s00 * s11 - s01 * s01)
+            w0, w1 = scale * (s11 * b - s01 * b1), scale * (s00 * b1 - s01 * b)
+            for c in range(3):
+                of_light[c] = w0 * N[c, 0] + (w1 * N[c, 1] if lines == 2 else 0.0)
+            for codes, weight in ((image, 1.0), (plate, t)):
+                p, q, r = (
+                    weight * of_light[0] * codes[y, x, 0],
+                    weight * of_light[1] * codes[y, x, 1],
+                    weight * of_light[2] * codes[y, x, 2],
+                )
+                for i in range(3):
+                    codes[y, x, i] = p * color[0, i] + q * color[1, i] + r * color[2, i]
+
+
+@njit(**_COMPILED)
+def add_rounded(of_image, image, of_plate, plate, mask, off, width, border, out):  # type: ignore[no-untyped-def]
+    """Add the pull of rounding errors to cells (n, h, w).
+
+    `of_image`, `of_plate` are codes (h, w, 3), `image`, `plate` the pull per code, and `off` (n, 3,
+    codes) the rounding error of each code.
+    """
+    for y in range(mask.shape[0]):
+        for x in range(mask.shape[1]):
+            if not mask[y, x]:
+                continue
+            i, j = border + y // width, border + x // width
+            for k in range(off.shape[0]):
+                total = 0.0
+                for c in range(3):
+                    total += plate[y, x, c] * off[k, c, of_plate[y, x, c]]
+                    total -= image[y, x, c] * off[k, c, of_image[y, x, c]]
+                out[k, i, j] += total

@@ -1,6 +1,7 @@
-"""Variance inflation of the noise within a streak.
+"""Variance inflation by correlated noise, around and within a streak.
 
-In this file C is the image's light and B the plate's.
+The noise inflation is the variance of a sum over a block divided by that of independent pixels. In this
+file C is the image's light and B the plate's.
 """
 
 from dataclasses import replace
@@ -10,7 +11,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.matting.evidence import Pixels, evidence_of
-from blurmatte.matting.pixelwise import in_strips
+from blurmatte.matting.maps import in_strips
 from blurmatte.statistics import (
     block_squares,
     block_sums,
@@ -20,58 +21,58 @@ from blurmatte.statistics import (
 
 Array = npt.NDArray[np.float64]
 
-BLOCK = 8  # pixels: width of the blocks of files, over which noise is correlated
+BLOCK_PX = 8  # width of blocks: the correlation length of noise in compressed files
 
 
 def noise_inflation(pixels: Pixels, alpha: Floats) -> float:
-    """Variance of noise summed over blocks, over that of independent pixels; 1 or more.
+    """Factor by which correlation raises the variance of sums of noise over blocks, 1 or more.
 
-    Outside the streak it is measured from the difference of image and plate. Compression makes other
-    noise where something moved. There, for a line l of colors, it is measured from the residual
-    (l × B)·C, which does not depend on alpha. A plane of colors has no such residual; there the fine
-    structure of alpha within the streak is compared with that outside. If the noise outside is
-    independent, the noise within is taken to be so too: fine detail of alpha would look like noise.
-    The parameters are those of `evidence_of`.
+    Around the streak it follows from the difference of image and plate. Within the streak, compression
+    leaves other noise. For a line l of colors it follows there from the equation without alpha,
+    (l × B)·C = 0. For a plane it follows from the fine structure of the pixels' alpha, compared with
+    that around the streak. If noise around the streak is independent, it is assumed so within:
+    otherwise true fine structure of alpha would count as noise. The parameters are those of
+    `evidence_of`.
     """
     valid = pixels.image.valid & pixels.plate.valid
     still = replace(pixels, inside=~pixels.inside, use=valid & ~pixels.inside)
     if pixels.model.rank == 1:
-        return max(_outside(still), _within(pixels, alpha, valid & pixels.inside))
+        return max(_around_streak(still), _within_streak(pixels, alpha, valid & pixels.inside))
     if pixels.model.rank == 3:
-        return _outside(still)
+        return _around_streak(still)
     of_alpha = evidence_of(still, np.zeros(alpha.shape))
-    inflation = _of_sums(*of_alpha, still.use)
+    inflation = _of_alpha(*of_alpha, still.use)
     if inflation == 1:
         return inflation
-    within, outside = (_fine_structure(*e) for e in (evidence_of(pixels, alpha), of_alpha))
-    return inflation * max(within / outside, 1.0)
+    within, around = (_fine_structure(*e) for e in (evidence_of(pixels, alpha), of_alpha))
+    return inflation * max(within / around, 1.0)
 
 
-def _outside(pixels: Pixels) -> float:
-    """Variance inflation of C − B outside the streak."""
+def _around_streak(pixels: Pixels) -> float:
+    """Noise inflation from the difference of image and plate."""
     C, B, V_C, V_B = (a[pixels.use] for a in pixels.with_edges)
     e = np.zeros(pixels.image.rgb.shape, C.dtype)
     e[pixels.use] = (C - B) / np.sqrt(np.maximum(V_C + V_B, 1e-14))
-    squares = block_squares(e, pixels.use, BLOCK).ravel()
+    squares = block_squares(e, pixels.use, BLOCK_PX).ravel()
     return significant_inflation(squares, len(squares))
 
 
-def _within(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
-    """Variance inflation of the residual (l × B)·C within the streak.
+def _within_streak(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
+    """Noise inflation from the equation without alpha, for a line of colors.
 
-    From differences of neighboring blocks: an error of l makes a residual common to all of them.
+    Differences of neighboring blocks are used: they cancel the residual of a slightly wrong color.
     """
-    from blurmatte.matting.evidence_kernel import left_over  # numba takes half a second
+    from blurmatte.matting.evidence_kernel import residual  # numba takes half a second
 
     l, rest = pixels.model.basis[:, 0], np.empty((2, *inside.shape))
 
     def rows(strip: slice) -> None:
         light = (a[strip] for a in pixels.with_edges)
-        left_over(*light, l, alpha[strip], inside[strip], rest[:, strip])
+        residual(*light, l, alpha[strip], inside[strip], rest[:, strip])
 
     in_strips(rows, len(inside))
-    e, variance, count = (block_sums(m, BLOCK) for m in (*rest, inside.astype(float)))
-    full = count > BLOCK**2 / 2
+    e, variance, count = (block_sums(m, BLOCK_PX) for m in (*rest, inside.astype(float)))
+    full = count > BLOCK_PX**2 / 2
     squares = []
     for a, b in ((np.s_[1:], np.s_[:-1]), (np.s_[:, 1:], np.s_[:, :-1])):
         both = full[a] & full[b]
@@ -79,25 +80,25 @@ def _within(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
     return significant_inflation(np.concatenate(squares), int(np.count_nonzero(full)))
 
 
-def _of_sums(information: Floats, pull: Floats, use: Bools) -> float:
-    """Variance inflation of alpha's noise outside the streak."""
+def _of_alpha(information: Floats, pull: Floats, use: Bools) -> float:
+    """Noise inflation from the pixels' own alpha around the streak."""
     variance, sums, count = (_window_sums(m) for m in (information, pull, use))
-    full = (count > BLOCK**2 / 2) & (variance > 0)
+    full = (count > BLOCK_PX**2 / 2) & (variance > 0)
     squares = sums[full] ** 2 / variance[full]
-    return significant_inflation(squares, len(squares) // BLOCK**2)
+    return significant_inflation(squares, len(squares) // BLOCK_PX**2)
 
 
 def _window_sums(values: Floats | Bools) -> Array:
-    """Sums over a block around each pixel, so that the result does not depend on a grid's origin."""
+    """Sums over a window around each pixel, independent of the position of a grid of blocks."""
     from scipy.ndimage import uniform_filter
 
-    return np.asarray(uniform_filter(values.astype(float), BLOCK, mode="constant") * BLOCK**2)
+    return np.asarray(uniform_filter(values.astype(float), BLOCK_PX, mode="constant") * BLOCK_PX**2)
 
 
 def _fine_structure(information: Floats, pull: Floats) -> float:
-    """Mean square of mixed fourth differences of 2 by 2 means, over their variance.
+    """Mean square of mixed fourth differences of means over 2 by 2 pixels, over their variance.
 
-    A smooth field has almost none. The result does not depend on the origin of a crop.
+    A smooth field contributes little to them, and the result does not depend on how pictures are cut.
     """
     I, p = (m[:-1, :-1] + m[1:, :-1] + m[:-1, 1:] + m[1:, 1:] for m in (information, pull))
     with np.errstate(divide="ignore", invalid="ignore"):

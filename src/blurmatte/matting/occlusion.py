@@ -1,8 +1,11 @@
-"""Where something still is in front of what moved: the plate is seen as if nothing had been there.
+"""Occlusion: where the plate is visible as if the object had not been there.
 
-In this file C is the image's light, B the plate's, s² the noise variance of C − B, and o the usual
-light of the object. Where alpha is known it changes a pixel by α (o − B); what is in front does not.
+In this file C is the image's light, B the plate's, s² the noise variance of C − B, and o the typical
+light of the object. Where the object is visible it changes a pixel by α (o − B); behind a static
+occluder it does not.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -12,59 +15,65 @@ from blurmatte.streaks import widened
 
 Array = npt.NDArray[np.float64]
 
-_NEIGHBORS = 3  # pixels across: one odd pixel is noise, a patch of them is something else
-_SEEN = 3.0  # expected change² over noise² of a patch that would not be missed
-_SEEN_ALONE = 9.0  # of a single pixel: noise hides it in 1 of 400
-_STILL = 2.0  # change² over noise²: the plate, if there is nothing else
-_SHADES = 0.3, 2.0  # times its usual light, what an object may send somewhere
-_MOST = 0.5  # of alpha, that may be hidden
-_CORE = 0.5  # of the largest alpha: a post in front crosses more than the rim
+
+@dataclass(frozen=True)
+class OcclusionSettings:
+    """Settings of the search for occluded pixels; ratios are of squared change and noise variance."""
+
+    patch_px: int = 3  #: width of patches: single outliers are noise
+    min_patch_ratio: float = 3.0  #: expected ratio from which the object is visible in a patch
+    min_pixel_ratio: float = 9.0  #: the same of a single pixel; noise hides it in 1 of 400
+    max_still_ratio: float = 2.0  #: measured ratio up to which only the plate is visible
+    min_brightness: float = 0.3  #: of the object, over its typical brightness
+    max_brightness: float = 2.0  #: of the object, over its typical brightness
+    min_relative_alpha: float = 0.5  #: of the largest; an occluder reaches the core of the sweep
+    max_hidden_fraction: float = 0.5  #: of total alpha
 
 
-def in_front(alpha: Array, light: Array, C: Array, B: Array, variance: Array, use: Bools) -> Bools:
-    """Where a sweep went, but the plate is seen as if it had not.
+def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, use: Bools) -> Bools:
+    """(h, w) True where a sweep covers a pixel, but the plate is visible unchanged.
 
-    Patches in which the object would be seen, and the plate is; or, where a wire is narrower than a
-    patch, a few pixels that each say so clearly. At the rims of what is in front each pixel speaks
-    for itself. What lies at the rim of the sweep alone is no more than a shape that is not quite right.
+    Seeds are patches in which the object would be visible and the plate is; for wires narrower than a
+    patch, three pixels of a patch that are clear each. Seeds grow into neighbors that look like the
+    plate. Regions only at the rim of the sweep are ignored: the fitted shape may be slightly wrong.
 
     Parameters
     ----------
     alpha : (h, w) float
         Of the sweep.
     light : (3,) float
-        Of the object, where it is all that is seen.
+        Of the object at alpha 1.
     C, B, variance : (h, w, 3) float
         Light of image and plate, and the noise variance of their difference.
     use : (h, w) bool
-        Where there is something to be believed.
-
-    Returns
-    -------
-    (h, w) bool
+        Pixels with valid data.
     """
     from scipy.ndimage import binary_propagation
 
+    S, width = OcclusionSettings, OcclusionSettings.patch_px
     use = use & (alpha > 0)
     still = np.where(use, np.mean((C - B) ** 2 / variance, axis=-1), 1)
-    # Where a shade of the object looks like the plate, nothing is to be seen of it.
-    shade = np.sum(light * B / variance, axis=-1) / np.maximum(
+    # The brightness of the object at which it resembles the plate most, and is least visible.
+    brightness = np.sum(light * B / variance, axis=-1) / np.maximum(
         np.sum(light**2 / variance, axis=-1), 1e-12
     )
-    shade = np.clip(shade, *_SHADES)[..., None]
-    seen = np.mean((alpha[..., None] * (shade * light - B)) ** 2 / variance, axis=-1)
-    core = (mean_of_neighbors(seen) > _SEEN) & (mean_of_neighbors(still) < _STILL)
-    alone = use & (seen > _SEEN_ALONE) & (still < _STILL)
-    several = (_NEIGHBORS - 0.5) / _NEIGHBORS**2
-    core = use & (core | (alone & (mean_of_neighbors(alone.astype(float)) > several)))
-    near = widened(core, _NEIGHBORS // 2 + 1)
-    found = core | (use & near & (still < np.minimum(seen, _SEEN)))
-    found = binary_propagation(found & (alpha > _CORE * alpha.max(initial=0)), mask=found)
-    return np.asarray(found & (alpha[found & use].sum() < _MOST * (alpha * use).sum()))
+    brightness = np.clip(brightness, S.min_brightness, S.max_brightness)[..., None]
+    expected = np.mean((alpha[..., None] * (brightness * light - B)) ** 2 / variance, axis=-1)
+    core = mean_of_neighbors(expected) > S.min_patch_ratio
+    core &= mean_of_neighbors(still) < S.max_still_ratio
+    single = use & (expected > S.min_pixel_ratio) & (still < S.max_still_ratio)
+    several = (width - 0.5) / width**2
+    core = use & (core | (single & (mean_of_neighbors(single.astype(float)) > several)))
+    near = widened(core, width // 2 + 1)
+    found = core | (use & near & (still < np.minimum(expected, S.min_patch_ratio)))
+    inner = alpha > S.min_relative_alpha * alpha.max(initial=0)
+    found = binary_propagation(found & inner, mask=found)
+    fraction_ok = alpha[found & use].sum() < S.max_hidden_fraction * (alpha * use).sum()
+    return np.asarray(found & fraction_ok)
 
 
 def mean_of_neighbors(values: npt.NDArray[np.floating]) -> Array:
-    """Mean over a patch of 3 by 3 pixels."""
+    """Mean over a patch around each pixel."""
     from scipy.ndimage import uniform_filter
 
-    return np.asarray(uniform_filter(values, _NEIGHBORS))
+    return np.asarray(uniform_filter(values, OcclusionSettings.patch_px))

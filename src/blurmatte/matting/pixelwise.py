@@ -1,79 +1,18 @@
-"""The closed form: each pixel alone, all of them in threads over strips of rows."""
+"""Pixelwise: the closed form of each pixel alone, in threads over strips of rows."""
 
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from itertools import pairwise
-from os import cpu_count
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_map
 from blurmatte.color import ColorModel
-from blurmatte.matting.solution import Quality
+from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, in_strips
 from blurmatte.radiometry import NoiseModel
 
 Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
-
-# Light is stored as float32, so no value is known better than to about 1e-6 of full scale. It also
-# keeps the fit's weights finite where image and plate are exact.
-LEAST_VARIANCE = 1e-12
-
-
-class PixelMaps(NamedTuple):
-    """What the closed form says of each pixel; reuse one as `out=` for the next picture.
-
-    alpha, alpha_std are (H, W) floats, premultiplied and premultiplied_std (H, W, 3) floats, and
-    quality (H, W) uint8 with the bits of `Quality`.
-    """
-
-    alpha: Floats
-    alpha_std: Floats
-    premultiplied: Floats
-    premultiplied_std: Floats
-    quality: npt.NDArray[np.uint8]
-
-    @classmethod
-    def empty(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
-        """Maps of a size, not filled."""
-        one, three = (height, width), (height, width, 3)
-        return cls(
-            np.empty(one, dtype), np.empty(one, dtype),
-            np.empty(three, dtype), np.empty(three, dtype), np.empty(one, np.uint8),
-        )  # fmt: skip
-
-    @classmethod
-    def zeros(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
-        """Maps of a size, 0 ± 0; what is never written takes no memory."""
-        one, three = (height, width), (height, width, 3)
-        return cls(
-            np.zeros(one, dtype), np.zeros(one, dtype),
-            np.zeros(three, dtype), np.zeros(three, dtype), np.zeros(one, np.uint8),
-        )  # fmt: skip
-
-    @property
-    def copied(self) -> "PixelMaps":
-        """The same in arrays of its own; views keep those of the whole picture."""
-        return PixelMaps(
-            self.alpha.copy(), self.alpha_std.copy(),
-            self.premultiplied.copy(), self.premultiplied_std.copy(), self.quality.copy(),
-        )  # fmt: skip
-
-    def write(self, box: tuple[int, int, int, int], maps: "PixelMaps") -> None:
-        """Write the maps of a box (x0, y0, x1, y1) there."""
-        for target, values in zip(self.within(box), maps, strict=True):
-            target[...] = values
-
-    def within(self, box: tuple[int, int, int, int]) -> "PixelMaps":
-        """Views of a box (x0, y0, x1, y1)."""
-        x0, y0, x1, y1 = box
-        place = slice(y0, y1), slice(x0, x1)
-        return PixelMaps(
-            self.alpha[place], self.alpha_std[place],
-            self.premultiplied[place], self.premultiplied_std[place], self.quality[place],
-        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -110,15 +49,15 @@ class Pixelwise:
         image, plate : (H, W, 3)
             Linear light as floats; or code values, uint8 or uint16, decoded by `tables`.
         model : ColorModel
-            Of one that holds all colors a pixel alone knows nothing: alpha is 0 and its error infinite.
+            With a model of rank 3 a single pixel has no information: alpha is 0, its error infinite.
         image_noise, plate_noise : NoiseModel or (H, W, 3) variances
             Variances per pixel are for light only, not for code values.
         flags : (H, W) uint8, optional
-            `Quality` bits known beforehand; the result's `quality` starts from them.
+            `Quality` bits already known; the result keeps them.
         tables : two (levels,) floats, optional
             Linear light of each code value of image and plate (`Transfer.table`).
         out : PixelMaps, optional
-            Where to write; its dtype is the one computed in. Filling fresh arrays takes twice as long.
+            Arrays to write to; their dtype is that of the computation. New arrays take twice as long.
 
         Returns
         -------
@@ -147,6 +86,7 @@ class Pixelwise:
 
 
 def _unknown(maps: PixelMaps, flags: npt.NDArray[np.uint8] | None) -> PixelMaps:
+    """Alpha and light 0 with an infinite error."""
     for values, stds in (
         (maps.alpha, maps.alpha_std),
         (maps.premultiplied, maps.premultiplied_std),
@@ -159,8 +99,8 @@ def _unknown(maps: PixelMaps, flags: npt.NDArray[np.uint8] | None) -> PixelMaps:
 def _compiled(
     image: Any, plate: Any, noise: list[NoiseModel | Floats], tables: Any, dtype: np.dtype[Any]
 ) -> tuple[Callable[..., None], tuple[Any, ...]]:
-    """The compiled loop for this kind of input, and its arguments up to the noise."""
-    from blurmatte.matting import kernel  # numba takes half a second to import
+    """The compiled loop for this kind of input, and its arguments from image to noise."""
+    from blurmatte.matting import pixelwise_kernel as kernel  # numba takes half a second to import
 
     C, B = (np.ascontiguousarray(a).reshape(-1) for a in (image, plate))
     if tables is not None:
@@ -170,7 +110,7 @@ def _compiled(
     if all(isinstance(n, NoiseModel) for n in noise):
         return kernel.solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))
     variances = (
-        (n.variance(light) if isinstance(n, NoiseModel) else n) + LEAST_VARIANCE
+        (n.variance(light) if isinstance(n, NoiseModel) else n) + MIN_VARIANCE
         for n, light in zip(noise, (image, plate), strict=True)
     )
     return kernel.solve_light_with_variances, (
@@ -178,28 +118,17 @@ def _compiled(
     )  # fmt: skip
 
 
-def in_strips(job: Callable[[slice], None], height: int) -> None:
-    """Do a job on strips of rows, on all processors; its kernels let go of the interpreter."""
-    with ThreadPoolExecutor(cpu_count()) as threads:
-        list(threads.map(job, _strips(height)))
-
-
-def _strips(height: int) -> list[slice]:
-    """Strips of rows, a few for each processor, so that none waits long for the last."""
-    edges = np.linspace(0, height, min(height, 8 * (cpu_count() or 1)) + 1).astype(int)
-    return [slice(a, b) for a, b in pairwise(edges)]
-
-
 def _normals(model: ColorModel, dtype: np.dtype[Any]) -> tuple[Any, ...]:
-    """Six numbers of the two normals, the second zero for a plane, and the second's variance pad."""
+    """Six numbers of two normals and the variance added to the second, which is zero for a plane."""
     normals = np.zeros((2, 3))
     normals[: 3 - model.rank] = model.normals.T
     return tuple(dtype.type(x) for x in (*normals.ravel(), model.rank - 1))
 
 
 def _coefficients(noise: NoiseModel | Floats, dtype: np.dtype[Any]) -> tuple[Any, ...]:
+    """Nine numbers of a noise model: those of 1, light and light² of each channel."""
     if not isinstance(noise, NoiseModel):
         raise TypeError("code values need a NoiseModel, not a variance for each pixel")
     coefficients = noise.coefficients.copy()
-    coefficients[:, 0] += LEAST_VARIANCE
+    coefficients[:, 0] += MIN_VARIANCE
     return tuple(dtype.type(x) for x in coefficients.ravel())

@@ -1,4 +1,4 @@
-"""Does the plate belong to the image? What the surroundings and the texture behind a streak say.
+"""Checks that the plate belongs to the image, by brightness around a streak and texture within.
 
 In this file C is the image's light and B the plate's.
 """
@@ -11,9 +11,6 @@ from blurmatte.errors import PlateWarning
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 
-_BLOCK = 8  # pixels: texture and the object's own edges stay alike over many pixels
-_MAX_GAIN = 0.01  # a plate brighter or darker by more scales alpha by several percent
-
 
 def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak) -> None:
     """Warn where image and plate look swapped, or differ in brightness around the streak.
@@ -21,7 +18,7 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
     Warns
     -----
     PlateWarning
-        One line that says what differs and what to do.
+        One line with the difference and what to do.
     """
     if _looks_swapped(image, plate, streak):
         warnings.warn(
@@ -31,7 +28,7 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
             stacklevel=3,
         )
     gain = _brightness_around(image, plate, streak)
-    if np.max(np.abs(gain)) > _MAX_GAIN:
+    if np.max(np.abs(gain)) > 0.01:  # alpha would be scaled by several percent
         said = ", ".join(
             f"{g:+.1%} in {name}" for g, name in zip(gain, ("R", "G", "B"), strict=True)
         )
@@ -44,18 +41,17 @@ def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak
 
 
 def _looks_swapped(image: LinearImage, plate: LinearImage, streak: Streak) -> bool:
+    """True if the image has over 10 % and four sigma more of the plate's texture."""
     gained, deviations = _texture_gained(image, plate, streak)
     return gained > 0.1 and deviations > 4
 
 
 def _texture_gained(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[float, float]:
-    """By how much more of the plate's texture is in the image than in the plate.
+    """Relative excess of the plate's texture in the image, and the same in standard deviations.
 
-    As a fraction, and in standard deviations.
-
-    Behind an object that was there for α of the exposure, 1 − α of the texture is left:
-    v = Σ⟨∇C, ∇B⟩ / Σ|∇B|² (less the noise in the sum) lies below 1. Seen the other way round, it
-    lies above.
+    Behind an object that covers α of the exposure, 1 − α of the texture remains:
+    v = Σ⟨∇C, ∇B⟩ / Σ|∇B|², without the noise in the sum, lies below 1. If image and plate are
+    swapped, it lies above.
     """
     image, plate = image.crop(streak.box), plate.crop(streak.box)
     inside = streak.mask[streak.rows_columns] & image.valid & plate.valid
@@ -69,8 +65,8 @@ def _texture_gained(image: LinearImage, plate: LinearImage, streak: Streak) -> t
         step_C, step_B = (np.roll(a, -1, axis) - a for a in (C, B))
         excess += np.sum(both * (step_B * (step_C - step_B) + noise), axis=-1)
         own += np.sum(both * (step_B**2 - noise), axis=-1)
-    # Texture and the object's own edges stay alike over many pixels: blocks scatter, not pixels.
-    rows, columns = (np.arange(n) // _BLOCK for n in inside.shape)
+    # Texture is correlated over many pixels, so the error follows from the scatter of 8-pixel blocks.
+    rows, columns = (np.arange(n) // 8 for n in inside.shape)
     block = (rows[:, None] * (columns[-1] + 1) + columns).ravel()
     more, all_own = (np.bincount(block, part.ravel()) for part in (excess, own))
     gain = float(more.sum() / max(all_own.sum(), 1e-30))
@@ -81,7 +77,7 @@ def _texture_gained(image: LinearImage, plate: LinearImage, streak: Streak) -> t
 def _brightness_around(
     image: LinearImage, plate: LinearImage, streak: Streak
 ) -> np.ndarray[tuple[int], np.dtype[np.float64]]:
-    """(3,) by which fraction the image is brighter than the plate next to the streak; 0 if unknown."""
+    """(3,) relative excess of the image's brightness around the streak; 0 if not significant."""
     x0, y0, x1, y1 = streak.box
     margin = max(8, (x1 - x0) // 4, (y1 - y0) // 4)
     box = streak.around(margin)
@@ -90,9 +86,12 @@ def _brightness_around(
     C, B = (np.asarray(p.rgb[still], float) for p in (image, plate))
     if len(B) < 100:
         return np.zeros(3)
-    # Medians: another thing that moves beside the streak has little say.
+    # Medians are robust to other moving objects near the streak.
     bright = B.mean(axis=0)
     difference = np.median(C - B, axis=0)
+    # The error of a median is 1.253 times that of a mean; 0.455 is the median of χ² of one.
     std = 1.253 * np.sqrt(np.median((C - B - difference) ** 2, axis=0) / 0.455 / len(B))
-    told = np.abs(difference) > 5 * std
-    return np.asarray(np.where(told & (bright > 0), difference / np.maximum(bright, 1e-6), 0.0))
+    significant = np.abs(difference) > 5 * std
+    return np.asarray(
+        np.where(significant & (bright > 0), difference / np.maximum(bright, 1e-6), 0.0)
+    )

@@ -1,14 +1,15 @@
 """Shaded: alpha of each pixel alone where the object's own shadow may lie on the plate.
 
-In this file C is the image's light, B the plate's, P the object's and S the part of the exposure that a
-pixel's plate lay in shadow: C = P + (1 − α − S) B + S B', B' the plate in shadow. A color model alone
-cannot tell α from S, for a shadow that only dims looks like a black object. Two things more can:
+In this file C is the image's light, B the plate's, P the object's and S the fraction of the exposure in
+which a pixel's plate was in shadow: C = P + (1 − α − S) B + S B', with B' the plate in shadow. A color
+model alone cannot separate α from S, because a shadow without hue looks like a black object. Either of
+two more quantities can:
 
-    the object's light o, constant all over it     C − B = α (o − B) − S B           two unknowns
+    the object's light o, constant over it         C − B = α (o − B) − S B           two unknowns
     the plate in shadow, of another hue            C − B = k l − α B + S (B' − B)    three
 
-The first takes the shadow to be black and S to be what is lost; l is the direction of a line of colors.
-Each is a weighted least-squares fit, and its covariance is the error.
+The first assumes a black shadow, and S is the lost fraction; l is the direction of a line of colors.
+Each is a weighted least-squares fit, and its covariance gives the errors.
 """
 
 from dataclasses import dataclass
@@ -18,40 +19,40 @@ import numpy.typing as npt
 
 from blurmatte.checks import check_same_size
 from blurmatte.color import ColorModel
-from blurmatte.matting.pixelwise import LEAST_VARIANCE, PixelMaps
-from blurmatte.matting.solution import Quality
+from blurmatte.matting.maps import (
+    MAX_CHI2,
+    MAX_RANGE_STDS,
+    MIN_VARIANCE,
+    PixelMaps,
+    Quality,
+    alpha_flags,
+    has_flag,
+)
 from blurmatte.radiometry import LinearImage
 
 Array = npt.NDArray[np.float64]
 
-_ROUNDS = 2  # to know by how much the plate shines through
-_SIGMAS = 3.0
-_CHI2_MISFIT = 16.0
-_LEAST = (
-    1e-12  # of the normal matrix: keeps what nothing tells finite, with an error beyond all bounds
-)
-
 
 @dataclass(frozen=True, eq=False)
 class Shaded:
-    """Solve each pixel alone, and the shadow that the object casts on the plate with it.
+    """Solve each pixel alone for alpha and the object's shadow on the plate.
 
-    Exactly one of two things must be known beside the color.
+    Give exactly one of `light` and `plate`.
 
     Parameters
     ----------
     light : three floats, optional
-        The object's light where it is opaque, linear, the same all over it: a matt thing in even light.
+        The object's linear light at alpha 1, constant over it: a matt object in uniform light.
     plate : LinearImage, optional
-        The plate in the object's shadow, everywhere where the shadow may have been. Where the shadow
-        only dims, and does not change the hue, nothing is told, and the error says so.
+        The plate in the object's shadow, wherever the shadow may have been. If the shadow does not
+        change the hue, there is no information, and the error is large.
     max_alpha_std : float
-        A pixel whose alpha is less certain than this is marked PLATE_IN_MODEL, > 0.
+        A pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL, > 0.
 
     Raises
     ------
     ValueError
-        If not exactly one of both is given, the light is none, or `max_alpha_std` is not positive.
+        If not exactly one is given, the light is not positive, or `max_alpha_std` is not positive.
     """
 
     light: tuple[float, float, float] | None = None
@@ -83,16 +84,16 @@ class Shaded:
         shaded: LinearImage | None,
         model: ColorModel,
     ) -> Array:
-        """Write the answer into maps of the closed form; returns S, (h, w).
+        """Write alpha and light into maps of the closed form; returns S, (h, w).
 
         Parameters
         ----------
         maps : PixelMaps
             Changed in place.
         image, plate : LinearImage
-            Of the maps' size, noise known.
+            Of the size of the maps, noise known.
         shaded : LinearImage or None
-            `self.plate`, matched to the image and cut to the same size, noise known.
+            `self.plate`, matched to the image and cropped to the same size, noise known.
         model : ColorModel
             Of rank 1.
         """
@@ -114,41 +115,29 @@ class Shaded:
         known = image.valid & plate.valid & (True if shaded is None else shaded.valid)
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
             target[known] = values[known]
-        self._mark(maps, alpha, alpha_std, _SIGMAS * std[..., 1] < S, chi2, known)
-        return np.where(known, S, 0)
-
-    def _mark(
-        self,
-        maps: PixelMaps,
-        alpha: Array,
-        alpha_std: Array,
-        dark: npt.NDArray[np.bool_],
-        chi2: Array,
-        known: npt.NDArray[np.bool_],
-    ) -> None:
-        out = np.abs(alpha - 0.5) > 0.5 + _SIGMAS * alpha_std
-        inside = (maps.quality & np.uint8(Quality.OUTSIDE)) == 0
+        dark = (std[..., 1] * MAX_RANGE_STDS < S) & ~has_flag(maps.quality, Quality.OUTSIDE)
         flags = (
             maps.quality & np.uint8(Quality.OUTSIDE)
-            | (alpha_std > self.max_alpha_std) * np.uint8(Quality.PLATE_IN_MODEL)
-            | out * np.uint8(Quality.OUT_OF_RANGE)
-            | (dark & inside) * np.uint8(Quality.SHADOW)
-            | (chi2 > _CHI2_MISFIT) * np.uint8(Quality.MISFIT)
+            | alpha_flags(alpha, alpha_std, self.max_alpha_std)
+            | dark * np.uint8(Quality.SHADOW)
+            | (chi2 > MAX_CHI2) * np.uint8(Quality.MISFIT)
         )
         maps.quality[known] = flags[known]
+        return np.where(known, S, 0)
 
 
 def _least_squares(
     X: Array, y: Array, image: LinearImage, plate: LinearImage
 ) -> tuple[Array, Array, Array]:
-    """Unknowns (h, w, p) of X (h, w, 3, p) and y (h, w, 3), their covariance, and χ² of the rest."""
+    """Unknowns (h, w, p) of X (h, w, 3, p) and y (h, w, 3), their covariance, and residual χ²."""
     through = np.ones(y.shape[:2])
-    for _ in range(_ROUNDS):
-        variance = image.variance + through[..., None] ** 2 * plate.variance + LEAST_VARIANCE
+    for _ in range(2):  # the weights depend on α and S
+        variance = image.variance + through[..., None] ** 2 * plate.variance + MIN_VARIANCE
         weighted = X / variance[..., None]
         normal = np.swapaxes(weighted, -1, -2) @ X
-        covariance = np.linalg.inv(normal + _LEAST * np.eye(X.shape[-1]))
+        # The small diagonal keeps undetermined unknowns finite, with a huge error.
+        covariance = np.linalg.inv(normal + 1e-12 * np.eye(X.shape[-1]))
         found = np.einsum("hwpq,hwcq,hwc->hwp", covariance, weighted, y)
         through = 1 - np.clip(found[..., 0] + found[..., 1], 0, 1)
-    left = y - np.einsum("hwcp,hwp->hwc", X, found)
-    return np.asarray(found), np.asarray(covariance), np.sum(left**2 / variance, axis=-1)
+    residual = y - np.einsum("hwcp,hwp->hwc", X, found)
+    return np.asarray(found), np.asarray(covariance), np.sum(residual**2 / variance, axis=-1)

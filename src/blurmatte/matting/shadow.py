@@ -1,15 +1,14 @@
-"""Which of the streak's pixels only lost light, as far as no sweep says where the object was.
+"""Shadow flags: pixels of the streak that only lost light, if no sweep locates the object.
 
-Black parts of an object look the same, and alpha is told as that of one. If it is a shadow, alpha is
-only what the light is of the object's brightness: by as much it may be off.
+Black parts of an object look the same, and alpha is that of such a part. If it is a shadow, alpha is
+only the light divided by the object's brightness; the difference is added to the error.
 """
 
 import numpy as np
 
 from blurmatte.checks import Bools
 from blurmatte.color import ColorModel, darker_pixels
-from blurmatte.matting.pixelwise import PixelMaps
-from blurmatte.matting.solution import Quality
+from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.shadow_mask import shadow_beside
@@ -21,10 +20,10 @@ def mark_shadow(
     plate: LinearImage,
     streak: Streak,
     model: ColorModel,
-    alone: bool,
+    without_sweep: bool,
     whole: bool,
 ) -> float:
-    """Mark what is only darker than the plate SHADOW, with an error that says so.
+    """Set the flag SHADOW where the image is only darker than the plate, and widen the error there.
 
     Parameters
     ----------
@@ -34,20 +33,20 @@ def mark_shadow(
         Noise known.
     streak : Streak
     model : ColorModel
-    alone : bool
-        Whether no path and shape have said where the object was. Then what brings clearly less light
-        than the rest of the object is a shadow, if the object has one color.
+    without_sweep : bool
+        Whether no sweep locates the object. Then, if it has one color, pixels with clearly less light
+        than the rest of the object are shadow.
     whole : bool
         Whether the whole streak only lost light.
 
     Returns
     -------
     float
-        By how much the sum of alpha is off if what was marked beside an object is its shadow.
+        Error of the sum of alpha if the marked pixels are the object's shadow.
     """
     box = streak.box
     place = slice(box[1], box[3]), slice(box[0], box[2])
-    if not whole and not (alone and model.rank == 1):
+    if not whole and not (without_sweep and model.rank == 1):
         return 0.0
     shadow = streak.mask
     if not whole:
@@ -57,25 +56,25 @@ def mark_shadow(
     maps.quality[place] |= marked * np.uint8(Quality.SHADOW)
     if whole or not marked.any():
         return 0.0
-    lit = _brightness(maps, model, streak.mask & ((maps.quality & np.uint8(Quality.SHADOW)) == 0))
-    return _doubt(maps.within(box), marked, model, lit)
+    lit = _brightness(maps, model, streak.mask & ~has_flag(maps.quality, Quality.SHADOW))
+    return _widen(maps.within(box), marked, model, lit)
 
 
-def _doubt(maps: PixelMaps, marked: Bools, model: ColorModel, brightness: float) -> float:
-    """Widen the error of what was marked by what is not there if it is a shadow; the sum of that."""
+def _widen(maps: PixelMaps, marked: Bools, model: ColorModel, brightness: float) -> float:
+    """Add the alpha in excess of the light to the error; the sum of the excess."""
     alpha = maps.alpha[marked].astype(float)
     light = np.nan_to_num(maps.premultiplied[marked] @ model.pole)
-    off = np.maximum(alpha - np.clip(light / max(brightness, 1e-12), 0, 1), 0)
-    maps.alpha_std[marked] = np.hypot(maps.alpha_std[marked], off)
-    return float(off.sum())
+    excess = np.maximum(alpha - np.clip(light / max(brightness, 1e-12), 0, 1), 0)
+    maps.alpha_std[marked] = np.hypot(maps.alpha_std[marked], excess)
+    return float(excess.sum())
 
 
 def _brightness(maps: PixelMaps, model: ColorModel, inside: Bools) -> float:
-    """Light of the object along its color, where it is all that is seen."""
+    """Light of the object along its color at alpha 1."""
     y, x = np.nonzero(inside)
-    seen = np.isfinite(maps.premultiplied_std[y, x]).all(axis=-1)
-    seen &= (maps.quality[y, x] & np.uint8(Quality.PLATE_IN_MODEL)) == 0
-    y, x = y[seen], x[seen]
+    known = np.isfinite(maps.premultiplied_std[y, x]).all(axis=-1)
+    known &= ~has_flag(maps.quality[y, x], Quality.PLATE_IN_MODEL)
+    y, x = y[known], x[known]
     alpha = np.clip(maps.alpha[y, x], 0, 1).astype(float)
     light = maps.premultiplied[y, x] @ model.pole
     return float(np.sum(light * alpha) / max(float(np.sum(alpha**2)), 1e-12))

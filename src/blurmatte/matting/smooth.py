@@ -1,10 +1,10 @@
-"""Smooth: alpha of all pixels together, for whatever no rigid silhouette describes.
+"""Smooth: alpha of all pixels together, for objects that no rigid silhouette describes.
 
-Each pixel says what it knows of alpha (`evidence`), with its information as weight; a prior says that
-alpha is smooth but for edges (`smooth_prior`). How smooth is found from the data: of several scales and
-both orders of differences those for which Stein's unbiased estimate of the error is least, on cells so
-large that this takes no time. Then it goes from coarse to fine. Where the image's file says how it let
-colors run together, that is undone with a first alpha, and all is done again.
+The evidence of each pixel (`evidence`) is combined with a prior by which alpha is smooth except at
+edges (`smooth_field`). The scale of the prior and the order of its differences minimize Stein's
+unbiased estimate of the error on large cells, where this is fast. The fit then proceeds from coarse to
+fine. Where the image's file has subsampled chroma, its blur is corrected with a first alpha,
+and the fit is repeated.
 """
 
 import warnings
@@ -16,104 +16,97 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color import ColorModel
 from blurmatte.errors import ConvergenceWarning
-from blurmatte.matting.evidence import Pixels, coarsely, evidence_of, least_alpha, pixels_of
-from blurmatte.matting.light import light_given
+from blurmatte.matting.brightness_prior import with_brightness
+from blurmatte.matting.evidence import (
+    FirstEstimate,
+    Pixels,
+    evidence_of,
+    min_alpha,
+    pixels_of,
+    without_fine_structure,
+)
+from blurmatte.matting.maps import PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.matting.mixed_plate import MixedPlate
-from blurmatte.matting.mixture import with_mixture
-from blurmatte.matting.noise_inflation import BLOCK, noise_inflation
-from blurmatte.matting.pixelwise import PixelMaps
-from blurmatte.matting.rounding import rounded_pulls
-from blurmatte.matting.shading import Told, with_shading
+from blurmatte.matting.mixture_prior import with_mixture
+from blurmatte.matting.noise_inflation import BLOCK_PX, noise_inflation
+from blurmatte.matting.object_light import light_given
+from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
+from blurmatte.matting.rounding import rounding_pulls
 from blurmatte.matting.smooth_error import simulated_variance
-from blurmatte.matting.smooth_prior import (
-    BORDER,
-    LEAST,
-    Evidence,
+from blurmatte.matting.smooth_field import (
     Field,
+    FieldSettings,
     Prior,
-    changes,
-    finer,
-    map_in_smaller_cells,
-    smoothed,
+    field_changes,
+    finer_field,
+    fit_field,
     sum_variance,
 )
-from blurmatte.matting.solution import Quality
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep import Compressed, file_of, image_before, light_of_colors
+from blurmatte.sweep.model.chroma_subsampling import (
+    Compressed,
+    file_of,
+    image_before,
+    light_of_colors,
+)
 
 Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
-_CELLS = 3000  # enough to tell how smooth alpha is
-_ENOUGH = (
-    100_000  # cells to tell its error: what has more of them changes little from one to the next
-)
-_TRIED = 15_000  # cells to try it in: some are enough to tell how wrong their neighbors are
-_PRIORS = tuple(
-    Prior(order, scale / 2.0**i) for order, scale in ((1, 1.28), (2, 1.92)) for i in range(7)
-)  # in large cells
-_SMOOTHER = 1.0, 0.5, 0.25  # times: noise of smaller cells is stronger
-_SAMPLES, _FINAL_SAMPLES = 2, 8
-_NEIGHBORHOOD = 2.0  # pixels, over which a first alpha is averaged
-_SIGMAS_OUT = 3.0
-_ANY_COLORS = 0.7  # power: of any colors, how much of noise that hangs together counts, in trials
+
+@dataclass(frozen=True)
+class SmoothSettings:
+    """Settings of the choice of the prior, and of the fit from coarse to fine."""
+
+    max_coarse_cells: int = 3000  #: of the coarsest level, on which all priors are compared
+    max_sampled_cells: int = 100_000  #: of sampled levels; finer cells are close to their neighbors
+    max_simulated_cells: int = 15_000  #: of the level on which the error is simulated
+    first_order_scale: float = 1.28  #: largest scale of priors of order 1, coarsest cells
+    second_order_scale: float = 1.92  #: of priors of order 2
+    scale_count: int = 7  #: compared scales, each half of the one before
+    refinements: tuple[float, ...] = (1.0, 0.5, 0.25)  #: factors of the scale on finer levels
+    samples: int = 2  #: of the posterior, while priors are compared
+    final_samples: int = 8  #: of the posterior, for the result
+    first_std_px: float = 2.0  #: of the Gaussian that smooths the first alpha
+    texture_noise_power: float = 0.7  #: exponent of the noise inflation for a model of rank 3
 
 
 @dataclass(frozen=True, eq=False)
-class _Found:
-    """Alpha of all pixels, and what led to it.
-
-    Parameters
-    ----------
-    pixels : Pixels
-    near : (h, w) float
-        Alpha by large cells.
-    together, weaker : float
-        By how much more noise adds up than if each pixel had its own, and how much of that counts.
-    levels : list of Evidence
-        From pixels to the largest cells.
-    cells : list of (Prior, Field)
-        From the largest cells to the smallest that tell how smooth alpha is.
-    prior : Prior
-    field : Field
-        In pixels, with a border.
-    shared : (h, w) float
-        Variance that neighbors have in common, besides.
-    """
+class _Fit:
+    """Alpha of all pixels, with the steps of the fit; maps are (h, w)."""
 
     pixels: Pixels
-    near: Floats
-    together: float
-    weaker: float
-    levels: list[Evidence]
-    cells: list[tuple[Prior, Field]]
+    near: Floats  #: a first alpha, smoothed
+    inflation: float  #: of noise by correlation
+    noise_factor: float  #: by which the noise variance was raised for it
+    levels: list[CellEvidence]  #: from pixels to the largest cells
+    coarse: list[tuple[Prior, Field]]  #: from the largest cells to those of the choice of the prior
     prior: Prior
-    field: Field
-    shared: Floats
+    field: Field  #: in pixels, with a border
+    shared: Floats  #: additional variance that neighbors share
 
     @property
     def finest(self) -> int:
-        """Levels below the smallest of the cells."""
-        return len(self.levels) - len(self.cells)
+        """Number of levels below those on which the prior was chosen."""
+        return len(self.levels) - len(self.coarse)
 
 
 @dataclass(frozen=True)
 class Smooth:
-    """All pixels of the streak together: alpha is smooth, but for edges.
+    """Solve all pixels of the streak together: alpha is smooth, except at edges.
 
-    Alpha is the mean of what evidence and prior leave possible. Its error is that of trials with a
-    known truth like it. The light is what alpha leaves of the image, within the model: its noise stays
-    that of the camera, and its details stay sharp.
+    Alpha is the posterior mean of evidence and prior. Its error is that of simulations with a similar,
+    known truth. The light follows from image and alpha within the model, so that it keeps the camera's
+    noise and full detail.
 
     Parameters
     ----------
     strength : float
-        Times as smooth as the data ask for, > 0; 1 is best on average.
+        Smoothness relative to the one estimated from the data, > 0; 1 has the least error on average.
     max_alpha_std : float
-        A pixel whose alpha is less certain than this is marked PLATE_IN_MODEL, > 0.
+        A pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL, > 0.
 
     Raises
     ------
@@ -136,184 +129,211 @@ class Smooth:
         plate: LinearImage,
         model: ColorModel,
         inside: Bools,
-        box: tuple[int, int, int, int],
+        box: Box,
         mixed: MixedPlate | None = None,
     ) -> dict[str, Any]:
-        """Write the answer into maps of the closed form.
+        """Write alpha and light into maps of the closed form.
 
         Parameters
         ----------
         maps : PixelMaps
             Of the closed form with the same model; changed in place.
         image, plate : LinearImage
-            What is in the box, noise known.
+            Within the box, noise known.
         model : ColorModel
-            Of any rank: of any colors, alpha is told by how much of the plate's texture shines through.
+            Of any rank; with rank 3 alpha follows from the attenuation of the plate's texture.
         inside : (h, w) bool
             Where in the box alpha may be other than 0.
-        box : (int, int, int, int)
-            Where to write.
+        box : Box
         mixed : MixedPlate, optional
             Where in the box the plate's edges are uncertain.
 
         Returns
         -------
         dict
-            The standard deviation of the sum of alpha, how smooth it is, and how the solution ended.
+            The standard deviation of the sum of alpha, the smoothness, and the convergence.
 
         Warns
         -----
         ConvergenceWarning
-            If the last step still changed the answer; it is the last one then.
+            If the last step still changed the result.
         """
         pixels = pixels_of(image, plate, model, inside, mixed)
         file = file_of(pixels.image)
-        if file is not None and model.rank == 1:  # what others show is not known well enough
-            pixels = _before_file(pixels, file, self._found(pixels).field)
-        found = self._found(pixels)
-        variance, of_sum = self._with_error(found)
-        field, prior = found.field, found.prior
-        if not field.converged:
-            warnings.warn(
-                f"alpha had not settled after {field.steps} steps and is that of the last one; choose "
-                "a smaller region, or less strength",
-                ConvergenceWarning,
-                stacklevel=3,
-            )
-        alpha, alpha_std = _inner(field.x), np.sqrt(_inner(variance))
-        P, P_std, _ = light_given(alpha, alpha_std, model, image, pixels.wide)
-        place = slice(box[1], box[3]), slice(box[0], box[2])
-        hidden = (maps.quality[place] & np.uint8(Quality.OCCLUDED)) != 0
+        if file is not None and model.rank == 1:  # of other models colors are too uncertain
+            pixels = _before_file(pixels, file, self._fit(pixels).field)
+        fit = self._fit(pixels)
+        variance, of_sum = self._with_error(fit)
+        _warn_unless_converged(fit.field)
+        alpha, alpha_std = _inner(fit.field.x), np.sqrt(_inner(variance))
+        self._write(maps.within(box), alpha, alpha_std, pixels, image)
+        smooth = {name: getattr(fit.prior, name) for name in ("order", "scale")}
+        smooth |= {name: getattr(fit.field, name) for name in ("steps", "converged")}
+        return {"sum_alpha_std": float(np.sqrt(of_sum)), "smooth": smooth}
+
+    def _write(
+        self, maps: PixelMaps, alpha: Floats, alpha_std: Floats, pixels: Pixels, image: LinearImage
+    ) -> None:
+        """Write alpha, light and quality inside the streak."""
+        inside = pixels.inside
+        P, P_std, _ = light_given(alpha, alpha_std, pixels.model, image, pixels.wide)
+        hidden = has_flag(maps.quality, Quality.OCCLUDED)
         P[hidden], P_std[hidden] = 0, np.inf
         for target, values in zip(maps, (alpha, alpha_std, P, P_std), strict=False):
-            np.copyto(target[place].T, values.T, "same_kind", inside.T)
-        out = np.abs(alpha - 0.5) > 0.5 + _SIGMAS_OUT * alpha_std
-        kept = Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT
-        flags = maps.quality[place] & np.uint8(kept)
-        flags |= (alpha_std > self.max_alpha_std) * np.uint8(Quality.PLATE_IN_MODEL)
-        flags |= out * np.uint8(Quality.OUT_OF_RANGE)
-        maps.quality[place][inside] = flags[inside]
-        return {
-            "sum_alpha_std": float(np.sqrt(of_sum)),
-            "smooth": {
-                "order": prior.order,
-                "scale": prior.scale,
-                "steps": field.steps,
-                "converged": field.converged,
-            },
-        }
+            np.copyto(target.T, values.T, "same_kind", inside.T)
+        kept = np.uint8(Quality.SATURATED | Quality.OCCLUDED | Quality.MISFIT)
+        flags = maps.quality & kept | alpha_flags(alpha, alpha_std, self.max_alpha_std)
+        maps.quality[inside] = flags[inside]
 
-    def _found(self, pixels: Pixels) -> "_Found":
-        """Alpha with a border, and what led to it."""
-        near = _local(evidence_of(pixels, np.zeros(pixels.inside.shape)))
-        together = noise_inflation(pixels, near)
-        # Of any colors too little is known: with the whole weight alpha was smooth, sure, and wrong.
-        weaker = together if pixels.model.rank < 3 else together**_ANY_COLORS
-        if together > 1 and pixels.model.rank == 2:
-            pixels = coarsely(pixels)
-        # Of a line alpha is known better than the neighborhoods that this takes.
-        least = (
-            least_alpha(pixels, together) if pixels.model.rank == 2 else np.full_like(near, LEAST)
-        )
-        own = _bordered(*evidence_of(pixels, near), pixels.inside, least)
-        levels = own.weaker(weaker).levels(_CELLS)
-        cells = _chosen(levels)
-        prior, field = cells[-1]
-        finest = len(levels) - len(cells)
+    def _fit(self, pixels: Pixels) -> _Fit:
+        """Fit alpha, from a first estimate to the finest level."""
+        near = _smoothed_alpha(evidence_of(pixels, np.zeros(pixels.inside.shape)))
+        inflation, rank = noise_inflation(pixels, near), pixels.model.rank
+        # Texture has little information: with the full inflation alpha is smooth, certain, and wrong.
+        power = 1.0 if rank < 3 else SmoothSettings.texture_noise_power
+        noise_factor = inflation**power
+        if inflation > 1 and rank == 2:
+            pixels = without_fine_structure(pixels)
+        lower = np.full_like(near, FieldSettings.min_alpha)
+        if (
+            rank == 2
+        ):  # of a line, alpha is more accurate than this bound, which needs neighborhoods
+            lower = min_alpha(pixels, inflation)
+        own = _bordered(*evidence_of(pixels, near), pixels.inside, lower)
+        levels = own.weaker(noise_factor).levels(SmoothSettings.max_coarse_cells)
+        coarse = _choose_priors(levels)
+        prior, field = coarse[-1]
+        finest = len(levels) - len(coarse)
         near, variance = (_in_pixels(m, levels[:finest]) for m in (field.x, field.variance))
-        renewed, shared = _renewed(pixels, near, variance, weaker, least)
-        levels = renewed.levels(_CELLS)
-        prior, field = self._in_detail(levels, prior, field, finest, pixels.model, _FINAL_SAMPLES)
-        return _Found(pixels, near, together, weaker, levels, cells, prior, field, shared)
+        renewed, shared = _with_neighbors(pixels, near, variance, noise_factor, lower)
+        levels = renewed.levels(SmoothSettings.max_coarse_cells)
+        samples = SmoothSettings.final_samples
+        prior, field = self._refined(levels, prior, field, finest, rank, samples)
+        return _Fit(pixels, near, inflation, noise_factor, levels, coarse, prior, field, shared)
 
-    def _with_error(self, found: "_Found") -> tuple[Floats, float]:
+    def _with_error(self, fit: _Fit) -> tuple[Floats, float]:
         """The variance of each pixel's alpha, with a border, and that of their sum."""
-        levels, together, weaker = found.levels, found.together, found.weaker
-        field, cells = found.field, 4 ** (len(levels) - 1)
-        of_sum = together / weaker * sum_variance(levels[-1], *found.cells[0], cells)
-        unsure = found.shared
-        if together > 1:
-            of_each, of_all = _of_rounding(found)
-            unsure, of_sum = unsure + of_each, of_sum + of_all
-        # Cells and pixels weigh what is known differently, and neither is sure to be right.
-        of_sum += (_total(field) - 4**found.finest * _total(found.cells[-1][1])) ** 2
-        lost = (1 - 1 / together) * _fine(field.x)
-        variance, off = self._variance(levels, found.prior, field, found.pixels.model)
-        return variance * together / weaker + np.pad(unsure, BORDER) + lost, of_sum + off
+        levels, inflation, noise_factor = fit.levels, fit.inflation, fit.noise_factor
+        field, cells = fit.field, 4 ** (len(levels) - 1)
+        of_sum = inflation / noise_factor * sum_variance(levels[-1], *fit.coarse[0], cells)
+        shared = fit.shared
+        if inflation > 1:
+            of_each, of_all = _of_rounding(fit)
+            shared, of_sum = shared + of_each, of_sum + of_all
+        # Cells and pixels weight the evidence differently; the difference of sums is a model error.
+        of_sum += (_total(field) - 4**fit.finest * _total(fit.coarse[-1][1])) ** 2
+        lost = (1 - 1 / inflation) * _fine_structure(field.x)
+        variance, bias_square = self._variance(levels, fit.prior, field, fit.pixels.model.rank)
+        variance = variance * inflation / noise_factor + np.pad(shared, BORDER) + lost
+        return variance, of_sum + bias_square
 
-    def _in_detail(
+    def _refined(
         self,
-        levels: Sequence[Evidence],
+        levels: Sequence[CellEvidence],
         prior: Prior,
         field: Field,
         finest: int,
-        model: ColorModel,
+        rank: int,
         samples: int,
         cells: int = 1,
     ) -> tuple[Prior, Field]:
-        """From the smallest cells that told the prior to the first level, of so many pixels each."""
+        """Fit the levels from `finest` to the first, of `cells` pixels per cell; with samples there.
+
+        Prior and field are those of the level `finest`, rank that of the color model.
+        """
         prior = replace(prior, scale=prior.scale / self.strength)
         for depth in reversed(range(max(finest, 1))):
             level = levels[depth]
             if depth < finest:
-                prior, field = prior.finer(), finer(field, level.mask.shape, prior.order)
-            told = depth == 0 and level.count < _ENOUGH
-            local = told and model.rank < 3
-            field = smoothed(level, prior, field, samples * told, cells * 4**depth, local)
+                prior, field = prior.finer(), finer_field(field, level.mask.shape, prior.order)
+            sampled = depth == 0 and level.count < SmoothSettings.max_sampled_cells
+            local = sampled and rank < 3
+            field = fit_field(level, prior, field, samples * sampled, cells * 4**depth, local)
         return prior, field
 
     def _variance(
-        self, levels: Sequence[Evidence], prior: Prior, field: Field, model: ColorModel
+        self, levels: Sequence[CellEvidence], prior: Prior, field: Field, rank: int
     ) -> tuple[Floats, float]:
-        """Of each pixel's alpha, as though noise took no detail, and of how the sum is off."""
-        depth = next(d for d, level in enumerate(levels) if level.count <= _TRIED)
+        """Variance of each pixel's alpha without lost fine structure, and of the sum's bias."""
+        limit, samples = SmoothSettings.max_simulated_cells, SmoothSettings.samples
+        depth = next(d for d, level in enumerate(levels) if level.count <= limit)
+        cells = 4**depth
 
-        def settled(drawn: Evidence) -> tuple[Prior, Field]:
-            levels = drawn.levels(_CELLS)
-            found = _chosen(levels, 4**depth)
+        def refit(drawn: CellEvidence) -> tuple[Prior, Field]:
+            levels = drawn.levels(SmoothSettings.max_coarse_cells)
+            found = _choose_priors(levels, cells)
             finest = len(levels) - len(found)
-            return self._in_detail(levels, *found[-1], finest, model, _SAMPLES, 4**depth)
+            return self._refined(levels, *found[-1], finest, rank, samples, cells)
 
         if depth > 0:
-            prior, field = settled(levels[depth])
-        variance, off = simulated_variance(
-            levels[depth], prior, field, lambda drawn: settled(drawn)[1].x, 4**depth
+            prior, field = refit(levels[depth])
+        variance, bias_square = simulated_variance(
+            levels[depth], prior, field, lambda drawn: refit(drawn)[1].x, cells
         )
-        if model.rank == 3:  # what is painted is no noise that could be drawn
+        if rank == 3:  # simulations do not contain the object's own texture
             variance = np.maximum(variance, field.variance)
         for level in reversed(levels[:depth]):
-            variance = map_in_smaller_cells(variance, level.mask.shape)
-        return variance, 16**depth * off
+            variance = upsampled(variance, level.mask.shape)
+        return variance, 16**depth * bias_square
 
 
-def _chosen(levels: Sequence[Evidence], cells: int = 1) -> list[tuple[Prior, Field]]:
-    """The prior of the least risk and its field, from the largest cells to the smallest that tell.
+def _warn_unless_converged(field: Field) -> None:
+    if not field.converged:
+        warnings.warn(
+            f"alpha had not converged after {field.steps} steps and is that of the last one; choose "
+            "a smaller region, or less strength",
+            ConvergenceWarning,
+            stacklevel=4,
+        )
 
-    Those of the first level are of so many pixels each.
 
-    Of pixels it is not asked for, unless there is nothing larger.
+def _choose_priors(levels: Sequence[CellEvidence], cells: int = 1) -> list[tuple[Prior, Field]]:
+    """The prior of the least risk and its field, from the coarsest to the finest sampled level.
+
+    The first level, of `cells` pixels per cell, is left out unless it is the only one.
     """
-    top = len(levels) - 1
-    found = [_least_risk(levels[top], _PRIORS, None, cells * 4**top)]
+    S, top = SmoothSettings, len(levels) - 1
+    priors = [
+        Prior(order, scale / 2.0**i)
+        for order, scale in ((1, S.first_order_scale), (2, S.second_order_scale))
+        for i in range(S.scale_count)
+    ]
+    found = [_least_risk(levels[top], priors, None, cells * 4**top)]
     for depth in range(top - 1, 0, -1):
         level, (prior, field) = levels[depth], found[-1]
-        if level.count >= _ENOUGH:
+        if level.count >= S.max_sampled_cells:
             break
-        prior, start = prior.finer(), finer(field, level.mask.shape, prior.order)
-        choice = [replace(prior, scale=prior.scale * part) for part in _SMOOTHER]
+        prior, start = prior.finer(), finer_field(field, level.mask.shape, prior.order)
+        choice = [replace(prior, scale=prior.scale * part) for part in S.refinements]
         found.append(_least_risk(level, choice, start, cells * 4**depth))
     return found
 
 
-def _in_pixels(values: Floats, levels: Sequence[Evidence]) -> Floats:
-    """A map of cells, from level to level down to pixels, without its border."""
+def _least_risk(
+    evidence: CellEvidence, priors: Sequence[Prior], start: Field | None, cells: int
+) -> tuple[Prior, Field]:
+    """The prior of the least risk and its field; each fit starts from the one before."""
+    found: list[tuple[Prior, Field]] = []
+    for _, scales in groupby(priors, lambda prior: prior.order):
+        field, risks = start, [np.inf]
+        for prior in scales:
+            field = fit_field(evidence, prior, field, SmoothSettings.samples, cells)
+            found.append((prior, field))
+            risks.append(field.risk)
+            if min(risks[-2:]) > min(risks):  # two in a row above the least: it only increases
+                break
+    return min(found, key=lambda trial: trial[1].risk)
+
+
+def _in_pixels(values: Floats, levels: Sequence[CellEvidence]) -> Floats:
+    """A map of cells, interpolated from level to level down to pixels, without its border."""
     for level in reversed(levels):
-        values = map_in_smaller_cells(values, level.mask.shape)
+        values = upsampled(values, level.mask.shape)
     return _inner(values)
 
 
 def _before_file(pixels: Pixels, file: Compressed, field: Field) -> Pixels:
-    """With the image as it was before its file let colors run together, if this is alpha."""
+    """Pixels of the image before chroma subsampling, given alpha."""
     alpha = np.asarray(np.clip(_inner(field.x), 0, 1), float)
     own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.std)
     image = image_before(pixels.image, pixels.plate, alpha, own, file)
@@ -324,72 +344,55 @@ def _total(field: Field) -> float:
     return float(field.x.sum(dtype=float))
 
 
-def _of_rounding(found: _Found) -> tuple[Floats, float]:
-    """Variance of each pixel's alpha and of their sum, of what a file rounded alike in neighbors."""
-    levels = found.levels
-    pulls = rounded_pulls(found.pixels, np.clip(found.near, 0, 1), levels)
+def _of_rounding(fit: _Fit) -> tuple[Floats, float]:
+    """Variance of each pixel's alpha and of their sum, from rounding errors that neighbors share."""
+    levels = fit.levels
+    pulls = rounding_pulls(fit.pixels, np.clip(fit.near, 0, 1), levels)
     if not pulls:
-        return np.zeros_like(found.near), 0.0
-    cells, pulls = 4 ** (len(levels) - 1), [p / found.together for p in pulls]
-    off = np.stack(changes(levels[-1], *found.cells[0], pulls, cells))
+        return np.zeros_like(fit.near), 0.0
+    cells, pulls = 4 ** (len(levels) - 1), [p / fit.inflation for p in pulls]
+    off = np.stack(field_changes(levels[-1], *fit.coarse[0], pulls, cells))
     of_sum = np.mean((cells * off.sum(axis=(1, 2))) ** 2)
-    share = 1 - 1 / found.together  # what noise each pixel has of its own spreads over codes
+    share = 1 - 1 / fit.inflation  # independent noise of pixels dithers the codes
     return share * _in_pixels(np.mean(off**2, axis=0), levels[:-1]), share * float(of_sum)
 
 
-def _fine(x: Floats) -> Floats:
-    """Mean square around each pixel of structure finer than a block: compression takes such."""
+def _fine_structure(x: Floats) -> Floats:
+    """Mean square around each pixel of structure finer than a block, which compression removes."""
     from scipy.ndimage import uniform_filter
 
-    fine = (x - uniform_filter(x, BLOCK)) ** 2
-    return np.asarray(uniform_filter(fine, BLOCK).clip(0))  # running sums may round below 0
+    fine = (x - uniform_filter(x, BLOCK_PX)) ** 2
+    return np.asarray(uniform_filter(fine, BLOCK_PX).clip(0))  # running sums may round below 0
 
 
-def _renewed(
-    pixels: Pixels, alpha: Floats, variance: Floats, weaker: float, least: Floats
-) -> tuple[Evidence, Floats]:
-    """What pixels tell, now that it is known what alpha is about, and of what light neighbors are.
-
-    And the variance that neighbors have in common.
-    """
+def _with_neighbors(
+    pixels: Pixels, alpha: Floats, variance: Floats, noise_factor: float, lower: Floats
+) -> tuple[CellEvidence, Floats]:
+    """Evidence given an alpha and its variance, with the prior on light; and the shared variance."""
     near = np.clip(alpha, 0, 1)
-    information, pull = (values / weaker for values in evidence_of(pixels, near))
-    shared, told = np.zeros_like(information), Told(pixels, near, variance, weaker)
+    information, pull = (values / noise_factor for values in evidence_of(pixels, near))
+    shared = np.zeros_like(information)
+    first = FirstEstimate(pixels, near, variance, noise_factor)
     if pixels.model.rank == 1:
-        information, pull = with_shading(told, information, pull)
+        information, pull = with_brightness(first, information, pull)
     elif pixels.model.rank == 2:
-        information, pull, shared = with_mixture(told, information, pull)
-    return _bordered(information, pull, pixels.inside, least), shared
+        information, pull, shared = with_mixture(first, information, pull)
+    return _bordered(information, pull, pixels.inside, lower), shared
 
 
-def _least_risk(
-    evidence: Evidence, priors: Sequence[Prior], start: Field | None, cells: int
-) -> tuple[Prior, Field]:
-    """The prior of the least risk, and what comes of it; each is begun where the one before ended."""
-    found: list[tuple[Prior, Field]] = []
-    for _, scales in groupby(priors, lambda prior: prior.order):
-        field, risks = start, [np.inf]
-        for prior in scales:
-            field = smoothed(evidence, prior, field, _SAMPLES, cells)
-            found.append((prior, field))
-            risks.append(field.risk)
-            if min(risks[-2:]) > min(risks):  # twice more than the least: it only grows from there
-                break
-    return min(found, key=lambda trial: trial[1].risk)
-
-
-def _local(evidence: tuple[Floats, Floats]) -> Floats:
-    """Alpha of neighborhoods."""
+def _smoothed_alpha(evidence: tuple[Floats, Floats]) -> Floats:
+    """Alpha of Gaussian neighborhoods."""
     from scipy.ndimage import gaussian_filter
 
-    information, pull = (gaussian_filter(e, _NEIGHBORHOOD) for e in evidence)
+    information, pull = (gaussian_filter(e, SmoothSettings.first_std_px) for e in evidence)
     return np.asarray(np.clip(pull / (information + 1e-9), 0, 1))
 
 
-def _bordered(information: Floats, pull: Floats, inside: Bools, least: Floats) -> Evidence:
-    least = np.maximum(least, LEAST).astype(information.dtype)
-    information, pull, least = (np.pad(m, BORDER) for m in (information, pull, least))
-    return Evidence(information, pull, np.pad(inside, BORDER), least)
+def _bordered(information: Floats, pull: Floats, inside: Bools, lower: Floats) -> CellEvidence:
+    """Evidence with a border, and with alpha not below the least of all pixels."""
+    lower = np.maximum(lower, FieldSettings.min_alpha).astype(information.dtype)
+    information, pull, lower = (np.pad(m, BORDER) for m in (information, pull, lower))
+    return CellEvidence(information, pull, np.pad(inside, BORDER), lower)
 
 
 def _inner(values: Floats) -> Floats:

@@ -1,10 +1,10 @@
-"""The compiled loops of `Smooth`: the equations of all pixels.
+"""Compiled loops of `Smooth`: the equations of all pixels.
 
 In this file A is the information of each pixel, D the differences of first or second order between
-neighbors, and L the Cholesky factor of the precision Γ = LLᵀ of those of each place: a lower triangle,
-row by row, (3 or 6, h, w). Γ itself is kept nowhere: rounded to float32 it may no longer be positive.
-Maps have a border of two pixels in which the mask is False, and all of them one dtype, which is the one
-computed in.
+neighbors, and L the Cholesky factor of the precision Γ = LLᵀ of the differences at each place: a lower
+triangle, row by row, (3 or 6, h, w). Γ itself is not stored: rounded to float32 it may not be positive
+definite. Maps have a border of two pixels in which the mask is False, and all have the dtype of the
+computation.
 """
 
 from typing import Any
@@ -16,13 +16,11 @@ _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": Tru
 _FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 _ROOT2 = np.sqrt(2.0)
-_ROUNDING = 1e-20  # of all that was gained
-_LEAST = 1e-30  # of a square that rounding may leave negative
 
 
 @njit(**_FAST)
 def doubled(values, border, out):  # type: ignore[no-untyped-def]
-    """Write a map of cells, but for its border, in cells of half the width, in between linear."""
+    """Write a map, without its border, in cells of half the width, interpolated linearly."""
     h, w = out.shape[0] - 2 * border, out.shape[1] - 2 * border
     bottom, right = values.shape[0] - border - 1, values.shape[1] - border - 1
     for i in range(h):
@@ -48,7 +46,7 @@ def forward(x, order, t):  # type: ignore[no-untyped-def]
                 t[0, i, j] = x[i, j + 1] - x[i, j]
                 t[1, i, j] = x[i + 1, j] - x[i, j]
         return
-    root2 = x.dtype.type(_ROOT2)  # a float64 would make all slower
+    root2 = x.dtype.type(_ROOT2)  # float64 would be slower
     for i in range(1, h - 1):
         for j in range(1, w - 1):
             twice = x[i, j] + x[i, j]
@@ -103,7 +101,7 @@ def weigh(root, order, t):  # type: ignore[no-untyped-def]
 
 @njit(**_FAST)
 def product(x, information, root, order, mask, t, y):  # type: ignore[no-untyped-def]
-    """Write (A + DᵀΓD) x within the mask; x is 0 outside. t is for the differences, (3, h, w)."""
+    """Write (A + DᵀΓD) x within the mask; x is 0 outside. t is scratch for differences, (3, h, w)."""
     h, w = x.shape
     zero = x.dtype.type(0)
     forward(x, order, t)
@@ -116,7 +114,7 @@ def product(x, information, root, order, mask, t, y):  # type: ignore[no-untyped
 
 @njit(**_FAST)
 def diagonal(information, root, order, mask):  # type: ignore[no-untyped-def]
-    """The diagonal of A + DᵀΓD; of no meaning outside the mask."""
+    """The diagonal of A + DᵀΓD; undefined outside the mask."""
     h, w = mask.shape
     out = information.copy()
     for i in range(1, h - 1):
@@ -170,13 +168,13 @@ def precision(squares, order, least, factor, root):  # type: ignore[no-untyped-d
             scale = factor / (a * p + b * q + d * r)
             l0 = np.sqrt(scale * p)
             l1 = scale * q / l0
-            l2 = np.sqrt(max(scale * (a * f - d * d) - l1 * l1, _LEAST))
+            l2 = np.sqrt(max(scale * (a * f - d * d) - l1 * l1, 1e-30))
             root[0, i, j], root[1, i, j], root[2, i, j] = l0, l1, l2
             if order == 2:
                 l3 = scale * r / l0
                 l4 = (scale * (b * d - a * e) - l3 * l1) / l2
                 root[3, i, j], root[4, i, j] = l3, l4
-                root[5, i, j] = np.sqrt(max(scale * (a * c - b * b) - l3 * l3 - l4 * l4, _LEAST))
+                root[5, i, j] = np.sqrt(max(scale * (a * c - b * b) - l3 * l3 - l4 * l4, 1e-30))
 
 
 @njit(**_FAST)
@@ -196,9 +194,9 @@ def spread(root, order, n, t):  # type: ignore[no-untyped-def]
 
 @njit(**_FAST)
 def conjugate_gradients(information, root, order, mask, b, x, steps, tolerance):  # type: ignore[no-untyped-def]
-    """Improve x towards (A + DᵀΓD) x = b; how many steps it took.
+    """Solve (A + DᵀΓD) x = b by conjugate gradients, starting at x, in place; the number of steps.
 
-    Ends where a step gains less than `tolerance` in log likelihood per pixel, or nothing but rounding.
+    Stops when a step gains less than `tolerance` in log likelihood per pixel, or only rounding errors.
     """
     h, w = mask.shape
     inverse = diagonal(information, root, order, mask)
@@ -227,21 +225,21 @@ def conjugate_gradients(information, root, order, mask, b, x, steps, tolerance):
             for j in range(w):
                 row += p[i, j] * q[i, j]
             pq += row
-        along, new = rz / pq, 0.0
-        gained += along * rz
-        far = x.dtype.type(along)
+        length, new = rz / pq, 0.0
+        gained += length * rz
+        step_x = x.dtype.type(length)
         for i in range(h):
             row = zero
             for j in range(w):
-                x[i, j] += far * p[i, j]
-                r[i, j] -= far * q[i, j]
+                x[i, j] += step_x * p[i, j]
+                r[i, j] -= step_x * q[i, j]
                 row += r[i, j] * r[i, j] * inverse[i, j]
             new += row
-        if along * rz <= max(tolerance * count, _ROUNDING * gained):
+        if length * rz <= max(tolerance * count, 1e-20 * gained):
             return step + 1
-        kept = x.dtype.type(new / rz)
+        beta = x.dtype.type(new / rz)
         for i in range(h):
             for j in range(w):
-                p[i, j] = inverse[i, j] * r[i, j] + kept * p[i, j]
+                p[i, j] = inverse[i, j] * r[i, j] + beta * p[i, j]
         rz = new
     return steps

@@ -1,8 +1,7 @@
-"""Solution: alpha and color of every pixel, each with its error, and what is known against it."""
+"""Solution: alpha and color of every pixel, each with its error and quality flags."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from enum import IntFlag, StrEnum, auto
 from typing import Any
 
 import numpy as np
@@ -11,28 +10,9 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Floats, check_kind, check_light, check_map
 from blurmatte.color import ColorModel
 from blurmatte.layer import Layer
+from blurmatte.matting.maps import Grade, Quality
 from blurmatte.radiometry import light_in_srgb
 from blurmatte.sweep import Sweep
-
-
-class Quality(IntFlag):
-    """Why a pixel should be used with care. 0: nothing is known against it."""
-
-    SATURATED = auto()  #: image or plate is clipped in a channel here, or missing
-    PLATE_IN_MODEL = auto()  #: the plate has a color the object could have; alpha is not known
-    OUT_OF_RANGE = auto()  #: alpha is outside [0, 1] by more than three sigma
-    MISFIT = auto()  #: image, plate and model disagree beyond the noise
-    OUTSIDE = auto()  #: nothing moved here: not part of the streak
-    SHADOW = auto()  #: only darker than the plate: a shadow, or a black object
-    OCCLUDED = auto()  #: something still is in front; alpha is that behind it
-
-
-class Grade(StrEnum):
-    """How well alpha is known, by its calibrated error."""
-
-    CONFIRMED = "confirmed"  #: error of alpha at most 0.02, of its scale at most 3 %
-    PLAUSIBLE = "plausible"  #: at most 0.05 and 10 %
-    ASSUMED = "assumed"  #: more: a color or a shape had to be assumed
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,7 +22,7 @@ class Solution:
     Parameters
     ----------
     alpha, alpha_std : (H, W) float
-        Fraction of the exposure the object was there, and its standard deviation; the raw
+        Fraction of the exposure the object covered the pixel, and its standard deviation; the raw
         estimate, not clipped, so that sums stay unbiased. Measure on these.
     premultiplied, premultiplied_std : (H, W, 3) float
         Light of the object, alpha times its color, linear, and its standard deviation.
@@ -53,10 +33,10 @@ class Solution:
     solver : str
         How it was solved, e.g. "Pixelwise(max_alpha_std=0.5)".
     stats : mapping
-        Numbers about the solve: the streak's box and pixels, the sum of alpha, the noise, what was done
-        to the plate, the sweep; docs/cli.md explains each under report.json.
+        Numbers about the solve: the streak's box and pixels, the sum of alpha, the noise, changes of
+        the plate, the sweep; docs/cli.md explains each under report.json.
     sweep : Sweep, optional
-        The shape on a path that alpha came from, if one explains the streak.
+        The fitted shape on a path, if one explains the streak.
 
     Raises
     ------
@@ -103,7 +83,7 @@ class Solution:
 
     @property
     def grade(self) -> Grade:
-        """How well alpha is known; `ASSUMED` if nothing says so."""
+        """How well alpha is known; `ASSUMED` if `stats` has no grade."""
         return Grade(self.stats.get("grade", Grade.ASSUMED))
 
     @property
@@ -113,18 +93,19 @@ class Solution:
 
     @property
     def known(self) -> Bools:
-        """(H, W) True where alpha is known at all: of a finite error that is not too large."""
-        told = (self.quality & Quality.PLATE_IN_MODEL) == 0
-        return np.asarray(told & np.isfinite(self.alpha_std))
+        """(H, W) True where alpha is known: its error is finite and not too large."""
+        certain = (self.quality & Quality.PLATE_IN_MODEL) == 0
+        return np.asarray(certain & np.isfinite(self.alpha_std))
 
     @property
     def layer(self) -> Layer:
-        """The object as a picture: alpha clipped to [0, 1], no negative light, and nothing where
-        alpha or light is unknown, something is in front, or nothing moved; of a camera RAW, in linear
-        sRGB. Compose with this; measure on `alpha`.
+        """The object as a picture, to composite with; measure on `alpha` instead.
+
+        Alpha is clipped to [0, 1] and light is not negative. Both are 0 where one of them is unknown,
+        occluded, or nothing moved. The light of a camera RAW is converted to linear sRGB.
         """
-        told = self.known & np.isfinite(self.premultiplied_std).all(axis=-1)
-        alpha = np.where(self.streak & told, np.clip(self.alpha, 0, 1), 0)
+        lit = self.known & np.isfinite(self.premultiplied_std).all(axis=-1)
+        alpha = np.where(self.streak & lit, np.clip(self.alpha, 0, 1), 0)
         seen = light_in_srgb(self.premultiplied, self.model.to_srgb)
         light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
         return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))

@@ -5,7 +5,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.matting import PixelMaps, Quality, solve
-from blurmatte.matting.carried_light import carry_light
+from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Camera, Scene, Shot, plain_plate, render
 from blurmatte.trajectory import Trajectory
@@ -37,7 +37,7 @@ def test_an_object_of_one_color_has_it_everywhere(size):
     lit = np.ones(SHAPE, bool)
     lit[5 : 5 + size, 8 : 8 + size] = False
     maps = maps_of(alpha, P, lit)
-    carry_light(maps, *pictures(alpha, P, lit))
+    inpaint_light(maps, *pictures(alpha, P, lit))
     assert_allclose(maps.premultiplied, P, atol=1e-10)
     assert_allclose(maps.premultiplied_std[~lit], 0.02 * np.broadcast_to(COLOR, (*SHAPE, 3))[~lit])
     assert np.all(maps.premultiplied_std[lit] == 0.01)
@@ -50,7 +50,7 @@ def test_the_error_is_how_much_neighbors_differ():
     lit = np.ones(SHAPE, bool)
     lit[15, 20] = False
     maps = maps_of(alpha, P, lit)
-    carry_light(maps, *pictures(alpha, P, lit))
+    inpaint_light(maps, *pictures(alpha, P, lit))
     assert_allclose(maps.premultiplied[15, 20], 0.6 * COLOR, rtol=0.15)
     assert_allclose(maps.premultiplied_std[15, 20], 0.4 * COLOR, rtol=0.1)
 
@@ -62,7 +62,7 @@ def test_clipped_channels_have_at_least_the_light_that_is_shown():
     image, plate = pictures(alpha, P, lit, top=1.0)
     assert image.clipped[~lit].all()
     maps = maps_of(alpha, P, lit)
-    carry_light(maps, image, plate)
+    inpaint_light(maps, image, plate)
     assert_allclose(maps.premultiplied[~lit], 1)
     assert np.all(maps.premultiplied_std[~lit] > 0.9 * (1 - 0.8 * COLOR))
 
@@ -72,7 +72,7 @@ def test_what_is_hidden_or_not_told_stays_empty(flag):
     alpha, lit = np.full(SHAPE, 0.5), np.ones(SHAPE, bool)
     lit[12:18, 15:25] = False
     maps = maps_of(alpha, alpha[..., None] * COLOR, lit, ~lit * np.uint8(flag))
-    carry_light(maps, *pictures(alpha, alpha[..., None] * COLOR, lit))
+    inpaint_light(maps, *pictures(alpha, alpha[..., None] * COLOR, lit))
     assert np.all(maps.premultiplied[~lit] == 0)
     assert np.all(np.isinf(maps.premultiplied_std[~lit]))
 
@@ -96,5 +96,5 @@ def test_a_blown_out_highlight_is_no_hole_in_the_layer():
 def test_nothing_is_carried_from_nothing():
     alpha, dark = np.full(SHAPE, 0.5), np.zeros(SHAPE, bool)
     maps = maps_of(alpha, alpha[..., None] * COLOR, dark)
-    carry_light(maps, *pictures(alpha, alpha[..., None] * COLOR, dark))
+    inpaint_light(maps, *pictures(alpha, alpha[..., None] * COLOR, dark))
     assert np.all(np.isinf(maps.premultiplied_std))

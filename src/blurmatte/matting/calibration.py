@@ -1,9 +1,9 @@
-"""The calibrated error of an average of hypotheses: for each pixel, and for what pixels share.
+"""The calibrated error of an average of hypotheses: for each pixel, and for the scale of alpha.
 
 In this file s is the claimed error of alpha over the streak and s' the calibrated one, root mean
-squares. What s' has beyond s is shared out: a part is an error of the rim's place, in proportion to the
-slope of alpha, a part is the same everywhere that the object may have been, and the rest is a common
-factor of alpha.
+squares. The excess variance s'² − s² has three parts: an error of the rim's position, in proportion to
+the slope of alpha; a constant error wherever the object may have been; and an error of a factor common
+to all alpha.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.matting.averaging import AlphaEstimate
-from blurmatte.matting.solution import Grade
+from blurmatte.matting.maps import Grade
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
@@ -25,40 +25,44 @@ from blurmatte.sweep.assess.calibration import (
 
 Array = npt.NDArray[np.float64]
 
-# Largest error of alpha, root mean square over the streak, and of its scale, relative.
-MAX_CONFIRMED, MAX_PLAUSIBLE = (0.02, 0.03), (0.05, 0.1)
-_RIM_SHARE, _EVEN_SHARE = 0.35, 0.1  # of the variance beyond the claim
-_RIM_FLOOR_PX = 0.03  # by which no rim's place is known better, root mean square
-_MIN_ALPHA = 0.004  # of the pixels of a streak
-_MIN_CLAIM = 1e-4
-_LARGE_CLAIM = 0.05  # of alpha, from which on claims are not too small
+# Largest error of alpha, root mean square over the streak, and largest relative error of its scale.
+GRADE_LIMITS = {Grade.CONFIRMED: (0.02, 0.03), Grade.PLAUSIBLE: (0.05, 0.1)}
+
+
+@dataclass(frozen=True)
+class CalibrationSettings:
+    """Settings of the calibrated error, and ranges of its terms."""
+
+    rim_share: float = 0.35  #: of the excess variance: position of the rim
+    constant_share: float = 0.1  #: of the excess variance: the same wherever the object may be
+    min_rim_error_px: float = 0.03  #: smallest error of the rim's position, root mean square
+    min_alpha: float = 0.004  #: of the pixels that count as streak
+    min_claim: float = 1e-4  #: smallest claimed error of alpha
+    large_claim: float = 0.05  #: claimed error of alpha from which on claims are not too small
+    max_color_spread: float = 0.5  #: radians
+    max_color_angle_std: float = 20.0  #: degrees
+    max_relative_size: float = 0.3  #: of the errors of radius and blur
+    max_noise_inflation: float = 1e3
+
+
+_S = CalibrationSettings
 
 
 @dataclass(frozen=True)
 class HypothesisSummary:
-    """What the calibration asks of one hypothesis.
-
-    Parameters
-    ----------
-    weight : float
-    rank : int
-        Of its colors.
-    has_shape : bool
-    inflation : float
-        Of its residuals' variance.
-    """
+    """Properties of one hypothesis that enter the calibration."""
 
     weight: float
-    rank: int
+    rank: int  #: of its color model
     has_shape: bool
-    inflation: float
+    inflation: float  #: variance inflation of its residuals
 
 
 def claimed_error(estimate: AlphaEstimate) -> float:
-    """s: root mean square over the streak of the error that an estimate claims."""
+    """s: root mean square over the streak of the standard deviation of an estimate."""
     std = np.hypot(estimate.alpha_std, estimate.scale_std * estimate.alpha)
-    use = (estimate.alpha > _MIN_ALPHA) & np.isfinite(std)
-    return max(float(np.sqrt(np.mean(std[use] ** 2))) if use.any() else 0.0, _MIN_CLAIM)
+    use = (estimate.alpha > _S.min_alpha) & np.isfinite(std)
+    return max(float(np.sqrt(np.mean(std[use] ** 2))) if use.any() else 0.0, _S.min_claim)
 
 
 def error_terms(
@@ -75,7 +79,7 @@ def error_terms(
     estimates : sequence of AlphaEstimate
         The hypotheses.
     summaries : sequence of HypothesisSummary
-        The same, in order; sweeps, the likeliest first, and then alphas without a shape.
+        Of the same hypotheses: first sweeps in order of likelihood, then those without a shape.
     diagnostics : Diagnostics
         Of the likeliest sweep.
     """
@@ -93,25 +97,21 @@ def error_terms(
         mean=float(np.mean([terms[i] for i in others])) if others else 0.0,
         least=min((terms[i] for i in others), default=0.0),
         correlation=float(np.log(summaries[best].inflation)),
-        color_spread=min(diagnostics.color_spread, _MAX_SPREAD),
-        color_angle=float(np.log1p(min(diagnostics.color_angle_std, _MAX_ANGLE_DEG))),
-        radius=float(np.log1p(100 * min(diagnostics.radius_error, _MAX_RELATIVE))),
-        blur=float(np.log1p(100 * min(diagnostics.blur_over_radius, _MAX_RELATIVE))),
+        color_spread=min(diagnostics.color_spread, _S.max_color_spread),
+        color_angle=float(np.log1p(min(diagnostics.color_angle_std, _S.max_color_angle_std))),
+        radius=float(np.log1p(100 * min(diagnostics.radius_error, _S.max_relative_size))),
+        blur=float(np.log1p(100 * min(diagnostics.blur_over_radius, _S.max_relative_size))),
         residuals=float(np.log(max(diagnostics.residual_excess, 1.0))),
-        noise=float(np.log(max(min(diagnostics.noise_inflation, _MAX_INFLATION), 1.0))),
+        noise=float(np.log(max(min(diagnostics.noise_inflation, _S.max_noise_inflation), 1.0))),
         without_shape=float(not summaries[best].has_shape),
-        small_claim=float(np.log(max(_LARGE_CLAIM / claim, 1.0))),
+        small_claim=float(np.log(max(_S.large_claim / claim, 1.0))),
     )
 
 
-# Beyond these, terms say no more.
-_MAX_SPREAD, _MAX_ANGLE_DEG, _MAX_RELATIVE, _MAX_INFLATION = 0.5, 20.0, 0.3, 1e3
-
-
 def rms_difference(average: AlphaEstimate, other: AlphaEstimate) -> float:
-    """Root mean square difference of alpha where either is."""
+    """Root mean square difference of alpha where either estimate has the object."""
     a, b = (np.where(np.isfinite(one.alpha), one.alpha, 0) for one in (average, other))
-    use = (a > _MIN_ALPHA) | (b > 5 * _MIN_ALPHA)
+    use = (a > _S.min_alpha) | (b > 5 * _S.min_alpha)
     return float(np.sqrt(np.mean((a - b)[use] ** 2))) if use.any() else 0.0
 
 
@@ -127,27 +127,29 @@ def calibrated(
     ----------
     average : AlphaEstimate
     estimates : sequence of AlphaEstimate
-        The hypotheses; the object may have been where any of them has it.
+        The hypotheses; the object may have been at any pixel that one of them covers.
     terms : ErrorTerms
     compressed : bool
-        Whether the image's file is.
+        Whether the image's file is compressed.
     """
     claim = claimed_error(average)
     file_class = COMPRESSED if compressed else UNCOMPRESSED
     error = min(claim * fitted_calibration().factor(terms, file_class), 1.0)
     alpha = np.asarray(average.alpha, float)
-    use = alpha > _MIN_ALPHA
+    use = alpha > _S.min_alpha
     slope = np.hypot(*np.gradient(np.clip(alpha, 0, 1)))
-    anywhere = np.any([np.nan_to_num(one.alpha) > _MIN_ALPHA for one in estimates], axis=0)
+    anywhere = np.any([np.nan_to_num(one.alpha) > _S.min_alpha for one in estimates], axis=0)
     beyond = max(error**2 - claim**2, 0.0)
     own = np.hypot(average.alpha_std, average.scale_std * alpha) * min(1.0, error / claim)
     slope_square, alpha_square = (
-        max(float(np.mean(x[use] ** 2)) if use.any() else 0.0, _MIN_CLAIM**2)
+        max(float(np.mean(x[use] ** 2)) if use.any() else 0.0, _S.min_claim**2)
         for x in (slope, alpha)
     )
-    variance = own**2 + beyond * (_RIM_SHARE * slope**2 / slope_square + _EVEN_SHARE * anywhere)
-    variance += (_RIM_FLOOR_PX * slope) ** 2
-    scale_square = beyond * (1 - _RIM_SHARE - _EVEN_SHARE) / alpha_square
+    variance = own**2 + beyond * (
+        _S.rim_share * slope**2 / slope_square + _S.constant_share * anywhere
+    )
+    variance += (_S.min_rim_error_px * slope) ** 2
+    scale_square = beyond * (1 - _S.rim_share - _S.constant_share) / alpha_square
     return replace(
         average,
         alpha_std=np.where(np.isfinite(average.alpha_std), np.sqrt(variance), np.inf),
@@ -166,10 +168,7 @@ def graded(estimate: AlphaEstimate) -> dict[str, Any]:
 
 def grade_of(error: float, scale: float) -> Grade:
     """The grade of an error of alpha, and of the relative error of its scale."""
-    for grade, (most_error, most_scale) in (
-        (Grade.CONFIRMED, MAX_CONFIRMED),
-        (Grade.PLAUSIBLE, MAX_PLAUSIBLE),
-    ):
-        if error <= most_error and scale <= most_scale:
+    for grade, (max_error, max_scale) in GRADE_LIMITS.items():
+        if error <= max_error and scale <= max_scale:
             return grade
     return Grade.ASSUMED

@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from blurmatte.matting import calibrated as module
+from blurmatte.matting import calibration as module
 from blurmatte.matting.averaging import AlphaEstimate, averaged
-from blurmatte.matting.calibrated import (
-    MAX_CONFIRMED,
-    MAX_PLAUSIBLE,
+from blurmatte.matting.calibration import (
+    GRADE_LIMITS,
     HypothesisSummary,
     calibrated,
     claimed_error,
@@ -18,7 +17,7 @@ from blurmatte.matting.calibrated import (
     grade_of,
     graded,
 )
-from blurmatte.matting.solution import Grade
+from blurmatte.matting.maps import Grade
 from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
@@ -30,6 +29,7 @@ from blurmatte.sweep.assess.calibration import (
 
 SHAPE = (40, 60)
 PLAIN = Diagnostics()
+MAX_CONFIRMED, MAX_PLAUSIBLE = GRADE_LIMITS[Grade.CONFIRMED], GRADE_LIMITS[Grade.PLAUSIBLE]
 _RIM_FLOOR_PX = 0.03  # pixels: the least error of a rim's place
 
 

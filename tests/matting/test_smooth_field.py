@@ -7,13 +7,12 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.matting import smooth_kernel as compiled
-from blurmatte.matting.smooth_prior import (
-    BORDER,
-    LEAST,
-    Evidence,
+from blurmatte.matting.pyramid import BORDER, CellEvidence
+from blurmatte.matting.smooth_field import (
+    FieldSettings,
     Prior,
-    finer,
-    smoothed,
+    finer_field,
+    fit_field,
     sum_variance,
 )
 
@@ -30,14 +29,14 @@ def bump():
 
 
 def least(field):
-    return np.full_like(field, LEAST)
+    return np.full_like(field, FieldSettings.min_alpha)
 
 
 def settled(evidence, order, samples):
     """From rough to smooth, and of all that what has the least risk."""
     field, found = None, []
     for scale in 0.64 / 2.0 ** np.arange(9):
-        field = smoothed(evidence, Prior(order, float(scale)), field, samples)
+        field = fit_field(evidence, Prior(order, float(scale)), field, samples)
         found.append(field)
     return min(found, key=lambda field: field.risk)
 
@@ -47,7 +46,7 @@ def noisy(seed, std=0.1):
     rng = np.random.default_rng(seed)
     information = mask * rng.uniform(0.3, 3, truth.shape) / std**2
     noise = rng.normal(size=truth.shape) * np.sqrt(information)
-    return truth, Evidence(information, information * truth + noise, mask, least(truth))
+    return truth, CellEvidence(information, information * truth + noise, mask, least(truth))
 
 
 @pytest.mark.parametrize("order", [1, 2])
@@ -65,7 +64,7 @@ def test_less_noise_and_an_honest_error(order):
 @pytest.mark.parametrize("prior", PRIORS)
 def test_sure_cells_stay(prior):
     truth, evidence = noisy(0, std=1e-7)
-    assert_allclose(smoothed(evidence, prior, None, 2).x, truth, atol=1e-5)
+    assert_allclose(fit_field(evidence, prior, None, 2).x, truth, atol=1e-5)
 
 
 def test_cells_that_know_nothing_are_filled_from_their_neighbors():
@@ -88,7 +87,7 @@ def test_risk_is_that_of_the_truth():
     for seed in range(6):
         truth, evidence = noisy(seed)
         for prior in (Prior(1, 0.003), Prior(1, 0.03), Prior(2, 0.1), Prior(2, 1.0)):
-            field = smoothed(evidence, prior, None, 16)
+            field = fit_field(evidence, prior, None, 16)
             true = np.mean((evidence.information * (field.x - truth) ** 2)[evidence.mask])
             cells = np.count_nonzero(evidence.mask)
             found.append((field.risk / cells + 1, true))
@@ -100,35 +99,35 @@ def test_risk_is_that_of_the_truth():
 def test_nothing_is_far_above_one():
     _, evidence = noisy(2)
     high = replace(evidence, pull=3 * evidence.pull)
-    assert smoothed(high, PRIORS[1], None, 2).x.max() < 1.05
+    assert fit_field(high, PRIORS[1], None, 2).x.max() < 1.05
 
 
 def test_nothing_is_far_below_what_it_must_be():
     truth, evidence = noisy(2, std=0.5)
-    least = np.where(evidence.mask, truth - 0.05, LEAST)
+    least = np.where(evidence.mask, truth - 0.05, FieldSettings.min_alpha)
     short = []
-    for known in (evidence, replace(evidence, least=least)):
+    for known in (evidence, replace(evidence, lower=least)):
         field = None
         for _ in range(2):
-            field = smoothed(known, PRIORS[1], field, 2)
+            field = fit_field(known, PRIORS[1], field, 2)
         short.append(np.clip(least - field.x, 0, None)[evidence.mask].mean())
     assert short[1] < 0.05 * short[0]
 
 
 def test_a_least_of_cells_is_the_mean_of_its_pixels():
     _, evidence = noisy(4)
-    rising = replace(evidence, least=0.01 * np.indices(evidence.mask.shape)[1])
+    rising = replace(evidence, lower=0.01 * np.indices(evidence.mask.shape)[1])
     coarse = rising.coarser()
     whole = coarse.mask[12:20, 12:20]
     assert whole.all()
     x = 2 * np.arange(12, 20) - BORDER + 0.5
-    assert_allclose(coarse.least[12:20, 12:20], np.broadcast_to(0.01 * x, (8, 8)))
+    assert_allclose(coarse.lower[12:20, 12:20], np.broadcast_to(0.01 * x, (8, 8)))
 
 
 @pytest.mark.parametrize("prior", PRIORS)
 def test_variance_of_the_sum_is_that_of_the_inverse(prior):
     _, evidence = noisy(3)
-    field = smoothed(evidence, prior, None, 4)
+    field = fit_field(evidence, prior, None, 4)
     root = np.zeros(field.squares.shape)
     of_all = np.full(field.x.shape, prior.scale**2)
     compiled.precision(field.squares, prior.order, of_all, 2.0, root)
@@ -146,15 +145,15 @@ def test_coarser_cells_hold_all_that_is_known():
     assert_allclose(coarse.pull.sum(), evidence.pull.sum())
     assert not coarse.mask[:BORDER].any()
     assert not coarse.mask[:, -BORDER:].any()
-    maps = evidence.information, evidence.pull, evidence.mask, evidence.least
-    odd = Evidence(*(m[:-1, :-1] for m in maps))
+    maps = evidence.information, evidence.pull, evidence.mask, evidence.lower
+    odd = CellEvidence(*(m[:-1, :-1] for m in maps))
     assert odd.coarser().mask.shape == coarse.mask.shape
 
 
 def test_a_field_is_as_smooth_in_smaller_cells():
     truth, evidence = noisy(5)
-    coarse = smoothed(evidence.coarser(), Prior(2, 0.16), None, 2, 4)
-    start = finer(coarse, truth.shape, 2)
+    coarse = fit_field(evidence.coarser(), Prior(2, 0.16), None, 2, 4)
+    start = finer_field(coarse, truth.shape, 2)
     assert start.x.shape == truth.shape
     assert np.sqrt(np.mean((start.x - truth)[evidence.mask] ** 2)) < 0.08
     assert Prior(2, 0.04).finer() == Prior(2, 0.01)
@@ -163,6 +162,6 @@ def test_a_field_is_as_smooth_in_smaller_cells():
 
 def test_the_same_every_time():
     _, evidence = noisy(6)
-    first, second = (smoothed(evidence, PRIORS[0], None, 3) for _ in range(2))
+    first, second = (fit_field(evidence, PRIORS[0], None, 3) for _ in range(2))
     assert np.array_equal(first.x, second.x)
     assert np.array_equal(first.variance, second.variance)

@@ -6,9 +6,9 @@ from numpy.testing import assert_allclose
 from scipy.optimize import minimize_scalar
 
 from blurmatte.color import ColorModel
-from blurmatte.matting import kernel
-from blurmatte.matting.pixelwise import PixelMaps, Pixelwise
-from blurmatte.matting.solution import Quality
+from blurmatte.matting import pixelwise_kernel as kernel
+from blurmatte.matting.maps import PixelMaps, Quality
+from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.radiometry import NoiseModel
 
 COUNT = 60
@@ -111,9 +111,7 @@ def test_variance_of_light_is_the_noise_model():
         assert_allclose(seen, noise.variance(np.full(3, light)), rtol=1e-6)
 
 
-def test_bits_are_those_of_quality():
-    names = (
-        *("SATURATED", "PLATE_IN_MODEL", "OUT_OF_RANGE", "MISFIT", "OUTSIDE"),
-        *("SHADOW", "OCCLUDED"),
-    )
-    assert [getattr(kernel, name) for name in names] == [Quality[name].value for name in names]
+def test_flags_of_the_kernel_are_bytes_with_the_bits_of_quality():
+    flags = kernel._PLATE_IN_MODEL, kernel._OUT_OF_RANGE, kernel._MISFIT, kernel._UNKNOWN
+    assert [flag.dtype for flag in flags] == [np.uint8] * 4
+    assert [int(flag) for flag in flags] == [2, 4, 8, Quality.SATURATED | Quality.OCCLUDED]

@@ -1,4 +1,4 @@
-"""Numbers about a solution that people ask for: sums, errors, noise, the plate's match, the sweep."""
+"""Summary statistics of a solution: sums, errors, noise, match of the plate, sweep."""
 
 from dataclasses import asdict
 from typing import Any
@@ -8,22 +8,21 @@ import numpy.typing as npt
 
 from blurmatte.background import Match, agreement
 from blurmatte.color import ColorModel
-from blurmatte.matting.pixelwise import PixelMaps
-from blurmatte.matting.solution import Quality
+from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 from blurmatte.sweep import Sweep
 
 
-def streak_measures(
+def streak_summary(
     maps: PixelMaps, model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> dict[str, Any]:
-    """Numbers about the streak that people ask for first."""
+    """Numbers of pixels, sum of alpha, and their errors."""
     y, x = streak.rows_columns
-    told = (maps.quality[y, x] & np.uint8(Quality.PLATE_IN_MODEL)) == 0
-    inside = streak.mask[y, x] & told & np.isfinite(maps.alpha_std[y, x])
+    certain = ~has_flag(maps.quality[y, x], Quality.PLATE_IN_MODEL)
+    inside = streak.mask[y, x] & certain & np.isfinite(maps.alpha_std[y, x])
     alpha, std = (np.asarray(m[y, x][inside], float) for m in (maps.alpha, maps.alpha_std))
-    flagged = (maps.quality[y, x][inside] & np.uint8(Quality.MISFIT)) != 0
+    flagged = has_flag(maps.quality[y, x][inside], Quality.MISFIT)
     return {
         "pixels": int(np.count_nonzero(streak.mask)),
         "pixels_known": int(np.count_nonzero(inside)),
@@ -36,11 +35,11 @@ def streak_measures(
     }
 
 
-def sweep_measures(sweep: Sweep) -> dict[str, Any]:
-    """Path, outline and size, and the error of the sum that they make."""
+def sweep_summary(sweep: Sweep) -> dict[str, Any]:
+    """Path, outline and size, and the error of the sum of alpha."""
     return {
         "sum_alpha_std": sweep.area_std(),
-        "alpha_scale_std": 0.0,  # the color's part is in the area's already
+        "alpha_scale_std": 0.0,  # that of the color is part of the area's
         "sweep": {
             "silhouette": sweep.silhouette.name,
             "path": sweep.family.name,
@@ -58,14 +57,14 @@ def sweep_measures(sweep: Sweep) -> dict[str, Any]:
     }
 
 
-def match_measures(match: Match, image: LinearImage, plate: LinearImage) -> dict[str, Any]:
-    """What was done to the plate, and how well it fits now."""
+def match_summary(match: Match, image: LinearImage, plate: LinearImage) -> dict[str, Any]:
+    """Changes of the plate to match the image, and the remaining difference."""
     everywhere, at_edges = agreement(image, plate)
     return {**match.facts, "agreement": everywhere, "edge_agreement": at_edges}
 
 
-def noise_measures(picture: LinearImage) -> Any:
-    """The noise as plain numbers for a report."""
+def noise_summary(picture: LinearImage) -> Any:
+    """The noise as plain numbers."""
     noise = picture.noise
     if isinstance(noise, NoiseModel):
         names = ("gain", "read_std", "relative_std")
@@ -76,9 +75,9 @@ def noise_measures(picture: LinearImage) -> Any:
 def _scale_std(
     model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak, inside: Any
 ) -> float:
-    """By which fraction the uncertain color may scale all of alpha together.
+    """Relative standard deviation of the sum of alpha by the uncertainty of the color.
 
-    A standard deviation per pixel cannot say this, for the color errs alike in all of them.
+    All pixels share this error, so standard deviations of pixels do not contain it.
     """
     if not inside.any() or not model.covariance.any():
         return 0.0

@@ -1,4 +1,4 @@
-"""What the light of a pixel tells of its alpha, if neighbors have about the same mixture of colors."""
+"""Information of a pixel's light on its alpha, if neighbors have a similar mixture of colors."""
 
 from dataclasses import replace
 
@@ -8,9 +8,8 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Smooth, solve
-from blurmatte.matting.evidence import evidence_of, pixels_of
-from blurmatte.matting.mixture import with_mixture
-from blurmatte.matting.shading import Told
+from blurmatte.matting.evidence import FirstEstimate, evidence_of, pixels_of
+from blurmatte.matting.mixture_prior import with_mixture
 from blurmatte.metrics import calibration
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Change, Scene, Shot, render, two_hue_plate
@@ -23,10 +22,10 @@ BETWEEN = 0.3 * ORANGE + 0.5 * BLUE  # a plate of which no equation tells alpha
 BESIDE, OBJECT = np.s_[:, :32], np.s_[8:-8, 60:92]
 
 
-def told(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
+def evidence_of_mixture(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
     """What is known of an object that fills the right half by 0.4, of so much orange.
 
-    Its alpha is known; beside it one that is wrong was found, and is as uncertain.
+    Its alpha is known; around it a wrong alpha of the same uncertainty was found.
     """
     rng = np.random.default_rng(seed)
     B = np.broadcast_to(plate, (*SHAPE, 3)).copy()
@@ -38,12 +37,12 @@ def told(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
     pixels = pixels_of(image, LinearImage(B, np.full(B.shape, 1e-12)), MODEL, np.ones(SHAPE, bool))
     near = np.where(alpha > 0, alpha, wrong)
     variance = np.where(alpha > 0, 1e-4, wrong**2)
-    return alpha, Told(pixels, near, variance, 1.0), evidence_of(pixels, near)
+    return alpha, FirstEstimate(pixels, near, variance, 1.0), evidence_of(pixels, near)
 
 
 def test_light_of_one_mixture_tells_alpha_where_no_equation_does():
     """Exact, but for little noise."""
-    alpha, before, own = told()
+    alpha, before, own = evidence_of_mixture()
     information, pull, shared = with_mixture(before, *own)
     assert own[0].max() < 1e-3 * np.median(information)
     assert_allclose((pull / information)[OBJECT], 0.4, atol=2e-3)
@@ -54,20 +53,20 @@ def test_light_of_one_mixture_tells_alpha_where_no_equation_does():
 
 @pytest.mark.parametrize("wrong", [0.0, 0.2, 0.4])
 def test_where_light_is_the_plates_nothing_was_whatever_was_thought(wrong):
-    _, before, own = told(0.9, 0.004, wrong)
+    _, before, own = evidence_of_mixture(0.9, 0.004, wrong)
     information, pull, _ = with_mixture(before, *own)
     assert abs(pull[BESIDE].sum() / information[BESIDE].sum()) < 0.005
     assert np.median(information[BESIDE]) > 1 / 0.03**2
 
 
 def test_a_neighborhood_knows_as_much_as_its_mixture():
-    """Honest: of the means of patches, if the mixture there is another than beside them."""
+    """Honest: of the means of patches, if the mixture there differs from that around them."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 6.0
     scores = []
     for seed in range(12):
         phase, angle = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2)
         wave = np.sin(np.cos(angle) * x + np.sin(angle) * y + phase)
-        _, before, own = told(0.8 + 0.2 * wave, 0.004, seed=seed)
+        _, before, own = evidence_of_mixture(0.8 + 0.2 * wave, 0.004, seed=seed)
         information, pull, _ = (
             values[OBJECT].reshape(6, 8, 4, 8).sum(axis=(1, 3))
             for values in with_mixture(before, *own)
@@ -76,18 +75,20 @@ def test_a_neighborhood_knows_as_much_as_its_mixture():
     assert 0.2 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
-def test_nothing_is_told_where_colors_scatter_about_the_plates():
+def test_no_information_where_colors_scatter_about_the_plates():
     """Invariant: the closed form stays as it is."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     spots = ((x // 5 + y // 5) % 2).astype(float)
-    _, before, own = told(0.2 + 0.36 * spots, 0.002, plate=0.38 * ORANGE + 0.62 * BLUE)
+    _, before, own = evidence_of_mixture(
+        0.2 + 0.36 * spots, 0.002, plate=0.38 * ORANGE + 0.62 * BLUE
+    )
     information, _, shared = with_mixture(before, *own)
     assert_allclose(information[OBJECT], own[0][OBJECT])
     assert np.all(shared[OBJECT] == 0)
 
 
-def test_nothing_is_told_of_nothing():
-    _, before, own = told()
+def test_no_information_without_an_object():
+    _, before, own = evidence_of_mixture()
     before = replace(before, alpha=np.zeros(SHAPE))
     information, pull, shared = with_mixture(before, *own)
     assert_allclose(information, own[0])

@@ -1,4 +1,4 @@
-"""The compiled loop of `light_given`, whose letters it uses."""
+"""The compiled loop of `light_given`; letters as in `object_light`."""
 
 from typing import Any
 
@@ -7,13 +7,10 @@ from numba import njit
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
-_SINGULAR = 1e-9  # of the best told dimension
-_LEAST_VARIANCE = 1e-14
-
 
 @njit(inline="always", **_COMPILED)
 def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
-    """Of a symmetric matrix, by its lower triangle; so is what it returns."""
+    """Lower triangle of the inverse of a symmetric matrix, from its lower triangle."""
     p, q, r = c * f - e * e, d * e - b * f, b * e - c * d
     scale = 1.0 / (a * p + b * q + d * r)
     return (
@@ -33,7 +30,7 @@ def light(C, B, V_C, V_B, usable, alpha, alpha_std, M, rank, P, P_std, chi2):  #
                 rest[c] = C[y, x, c] - t * B[y, x, c]
                 W[c] = 0.0
                 if usable[y, x, c]:
-                    W[c] = 1.0 / max(V_C[y, x, c] + t * t * V_B[y, x, c], _LEAST_VARIANCE)
+                    W[c] = 1.0 / max(V_C[y, x, c] + t * t * V_B[y, x, c], 1e-14)
                     count += 1
                 for i in range(3):
                     weighed[c, i] = W[c] * M[c, i]
@@ -45,21 +42,21 @@ def light(C, B, V_C, V_B, usable, alpha, alpha_std, M, rank, P, P_std, chi2):  #
                 d += M[c, 2] * weighed[c, 0]
                 e += M[c, 2] * weighed[c, 1]
                 f += M[c, 2] * weighed[c, 2]
-            told = count >= rank
+            solvable = count >= rank
             if count < 3 and rank == 1:
-                told = told and a > 0
+                solvable = solvable and a > 0
             elif count < 3 and rank == 2:
-                told = told and a * c2 - b * b > _SINGULAR * (a + c2) ** 2
+                solvable = solvable and a * c2 - b * b > 1e-9 * (a + c2) ** 2
             if rank < 3:
                 f = 1.0
             if rank < 2:
                 c2 = 1.0
             somewhere, squares = alpha[y, x] != 0, 0.0
-            if told:
+            if solvable:
                 i00, i10, i11, i20, i21, i22 = _inverse(a, b, c2, d, e, f)
             for c in range(3):
                 light, std = 0.0, 0.0
-                if somewhere and not told:
+                if somewhere and not solvable:
                     std = np.inf
                 elif somewhere:
                     m0, m1, m2 = M[c, 0], M[c, 1], M[c, 2]
@@ -75,7 +72,7 @@ def light(C, B, V_C, V_B, usable, alpha, alpha_std, M, rank, P, P_std, chi2):  #
                     std = np.sqrt(own + (slope * alpha_std[y, x]) ** 2)
                 P[y, x, c], P_std[y, x, c] = light, std
                 squares += (rest[c] - light) ** 2 * W[c]
-            # No light is free where nothing was; of any colors none is left where something was.
+            # Where alpha is 0 no light is fitted; a model of rank 3 leaves no degree of freedom.
             left = count - rank if somewhere else count
             chi2[y, x] = squares / max(left, 1)
             if left <= 0 and not (count == 3 and rank == 3):

@@ -1,4 +1,4 @@
-"""What the light of a pixel tells of its alpha, if its neighbors are about as bright."""
+"""Information of a pixel's light on its alpha, if neighbors have a similar brightness."""
 
 from dataclasses import replace
 
@@ -8,8 +8,8 @@ from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
 from blurmatte.matting import Smooth, solve
-from blurmatte.matting.evidence import evidence_of, pixels_of
-from blurmatte.matting.shading import Told, with_shading
+from blurmatte.matting.brightness_prior import _along_line, with_brightness
+from blurmatte.matting.evidence import FirstEstimate, evidence_of, pixels_of
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Camera, Change, Scene, Sheet, Shot, plain_plate, render
 from blurmatte.trajectory import Trajectory
@@ -22,7 +22,7 @@ WALL = np.array([0.15, 0.25, 0.45])
 DARK = np.s_[:, 40:56]
 
 
-def told(alpha, seed=0, brightness=1.0, plate=None, std=STD):
+def evidence_at(alpha, seed=0, brightness=1.0, plate=None, std=STD):
     """What is known of an object of this alpha before a wall with a black stripe."""
     rng = np.random.default_rng(seed)
     B = np.broadcast_to(WALL, (*SHAPE, 3)).copy()
@@ -33,13 +33,13 @@ def told(alpha, seed=0, brightness=1.0, plate=None, std=STD):
     image = LinearImage(C + rng.normal(0, std, C.shape), NoiseModel(read_std=std))
     pixels = pixels_of(image, LinearImage(B, np.full(B.shape, 1e-12)), MODEL, np.ones(SHAPE, bool))
     near = np.full(SHAPE, float(np.mean(alpha)))
-    return Told(pixels, near, np.full(SHAPE, 0.01), 1.0), evidence_of(pixels, near)
+    return FirstEstimate(pixels, near, np.full(SHAPE, 0.01), 1.0), evidence_of(pixels, near)
 
 
 def test_before_black_the_light_tells_alpha():
     """Exact, but for little noise."""
-    before, own = told(0.5, std=1e-4)
-    information, pull = with_shading(before, *own)
+    before, own = evidence_at(0.5, std=1e-4)
+    information, pull = with_brightness(before, *own)
     assert own[0][DARK].max() < 1e-3 * own[0][:, :32].min()
     assert information[DARK].min() > 1e2
     assert_allclose((pull / information)[DARK], 0.5, atol=2e-3)
@@ -47,27 +47,27 @@ def test_before_black_the_light_tells_alpha():
 
 @pytest.mark.parametrize("scatter", [0.0, 0.1])
 def test_a_neighborhood_knows_as_much_as_its_brightness(scatter):
-    """Honest: of the mean over the stripe, if the brightness there is another than beside it."""
+    """Honest: of the mean over the stripe, if the brightness there is different from that around it."""
     scores = []
     for seed in range(24):
         phase, angle = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2)
         y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 25.0
         brightness = 1 + scatter * np.sin(np.cos(angle) * x + np.sin(angle) * y + phase)
-        before, own = told(0.4, seed, brightness)
-        information, pull = (values[DARK] for values in with_shading(before, *own))
+        before, own = evidence_at(0.4, seed, brightness)
+        information, pull = (values[DARK] for values in with_brightness(before, *own))
         scores.append((pull.sum() / information.sum() - 0.4) * np.sqrt(information.sum()))
     assert 0.1 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
 @pytest.mark.parametrize("contrast", [0.0, 0.1])
-def test_pixels_are_told_twice_and_their_mean_once(contrast):
+def test_differences_get_information_twice_and_the_mean_once(contrast):
     """Invariant: the light tells differences; what all have in common is the closed form's."""
-    before, own = told(0.5, brightness=1 + contrast * np.sin(np.arange(SHAPE[1]) / 25.0))
-    beside = np.s_[:, 8:24]
-    information, pull = (values[beside] for values in with_shading(before, *own))
-    alone, of_own = own[1][beside] / own[0][beside], own[0][beside].sum()
+    before, own = evidence_at(0.5, brightness=1 + contrast * np.sin(np.arange(SHAPE[1]) / 25.0))
+    around = np.s_[:, 8:24]
+    information, pull = (values[around] for values in with_brightness(before, *own))
+    alone, of_own = own[1][around] / own[0][around], own[0][around].sum()
     assert np.std(pull / information) < 0.85 * np.std(alone)
-    apart = pull.sum() / information.sum() - own[1][beside].sum() / of_own
+    apart = pull.sum() / information.sum() - own[1][around].sum() / of_own
     assert abs(apart) < 0.3 / np.sqrt(of_own)
     assert 1.2 * of_own < information.sum() < 2 * of_own
 
@@ -78,30 +78,30 @@ def test_brightness_is_that_of_alpha_before_it_was_smoothed(blur):
     from scipy.ndimage import gaussian_filter
 
     ridges = 0.3 + 0.3 * np.cos(np.arange(SHAPE[1]) * (np.pi / 4)) * np.ones(SHAPE)
-    before, own = told(ridges, std=0.001)
+    before, own = evidence_at(ridges, std=0.001)
     smooth = gaussian_filter(ridges, (0, blur), mode="wrap")
-    information, pull = with_shading(replace(before, alpha=smooth), *own)
+    information, pull = with_brightness(replace(before, alpha=smooth), *own)
     off = np.sum((pull - information * ridges)[DARK]) / np.sum((information * ridges)[DARK])
     assert abs(off) < 0.01
 
 
-def test_before_black_alone_nothing_is_told():
-    before, own = told(0.5, plate=0)
-    for with_it, without in zip(with_shading(before, *own), own, strict=True):
+def test_a_black_plate_alone_gives_no_information():
+    before, own = evidence_at(0.5, plate=0)
+    for with_it, without in zip(with_brightness(before, *own), own, strict=True):
         assert np.array_equal(with_it, without)
 
 
 def test_noise_along_the_line_is_its_own():
     """Exact: not correlated with that of the equations across."""
-    before, _ = told(0.3)
+    before, _ = evidence_at(0.3)
     V = np.array([1.0, 2.0, 5.0]) * 1e-4
     l = MODEL.basis[:, 0]
     pixels = before.pixels
     image = pixels.image.with_noise(np.broadcast_to(V, pixels.image.rgb.shape))
-    uneven = Told(
+    uneven = FirstEstimate(
         pixels_of(image, pixels.plate, MODEL, pixels.inside), before.alpha, before.variance, 1.0
     )
-    *_, variance = uneven.along()
+    *_, variance = _along_line(uneven)
     assert_allclose(variance[5, 5], 1 / (l @ (l / V)), rtol=1e-4)
     m = l / V * variance[5, 5]
     assert_allclose(m @ np.diag(V) @ MODEL.normals, 0, atol=1e-12)

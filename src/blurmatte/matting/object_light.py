@@ -1,12 +1,12 @@
-"""The light that an alpha leaves to the object.
+"""Light of the object, given alpha.
 
 In this file P is the premultiplied light, M (3, rank) a basis of the color model and V the noise
-variance of C − (1 − α) B. Given α, the light within the model that fits best is
+variance of C − (1 − α) B. The light within the model that fits best is
 
     P = M (MᵀV⁻¹M)⁻¹ MᵀV⁻¹ (C − (1 − α) B),    Var P = M (MᵀV⁻¹M)⁻¹ Mᵀ + (dP/dα)² Var α.
 
-A clipped channel has no weight: its light is what the others make of the model, as long as there are
-as many of them as the model has dimensions. One of the plate matters only where it is seen.
+A clipped channel has no weight: its light follows from the other channels and the model, if at least
+as many channels remain as the model has dimensions. A clipped plate matters only where it is visible.
 """
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
-from blurmatte.matting.pixelwise import in_strips
+from blurmatte.matting.maps import in_strips
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.residuals import OPAQUE
 
@@ -24,18 +24,18 @@ Array = npt.NDArray[np.float64]
 def light_given(
     alpha: Floats, alpha_std: Floats, model: ColorModel, image: LinearImage, plate: LinearImage
 ) -> tuple[Array, Array, Array]:
-    """P (h, w, 3), its standard deviation, and χ² of what is left; no light where alpha is 0.
+    """P (h, w, 3), its standard deviation, and reduced χ² (h, w) of the residuals.
 
-    Where too many channels are clipped P is 0, with an infinite standard deviation. χ² is 1 where no
-    channel is left to check with.
+    P is 0 where alpha is 0. Where too many channels are clipped P is 0 with an infinite standard
+    deviation. χ² is 1 where no degree of freedom remains.
     """
-    from blurmatte.matting.light_kernel import light  # numba takes half a second
+    from blurmatte.matting.object_light_kernel import light  # numba takes half a second
 
     M = np.zeros((3, 3))
     M[:, : model.rank] = model.basis
     whole = (image.valid & plate.valid).all()
-    seen = np.asarray(alpha < OPAQUE)[..., None]  # of the plate
-    usable = np.ones(image.rgb.shape, bool) if whole else image.usable & (plate.usable | ~seen)
+    visible = np.asarray(alpha < OPAQUE)[..., None]  # the plate
+    usable = np.ones(image.rgb.shape, bool) if whole else image.usable & (plate.usable | ~visible)
     alpha, alpha_std = (np.ascontiguousarray(a, float) for a in (alpha, alpha_std))
     kind = np.result_type(image.rgb, plate.rgb)
     given = image.rgb, plate.rgb, image.variance, plate.variance

@@ -1,4 +1,4 @@
-"""The closed form, pixel by pixel, compiled.
+"""Compiled loops of the closed form, pixel by pixel.
 
 In this file C is the image's light, B the plate's, P the object's premultiplied light, s² the noise
 variance of C − (1 − α)B per channel, S = diag(s²), and N the (3, K) normals of the color model: K = 2
@@ -12,7 +12,8 @@ is a straight-line fit in α with covariance Σ = NᵀSN. With A = bᵀΣ⁻¹b,
     P = M (C − (1 − α)B)    M = I − S N Σ⁻¹ Nᵀ          the nearest color of the model
     Var P = M S Mᵀ + (MB)(MB)ᵀ Var α
 
-One normal is written as two of which the second is zero and has variance 1: one path serves both.
+A plane has one normal. A second one, zero with variance 1, is added, so that one loop serves lines and
+planes.
 """
 
 from typing import Any
@@ -20,7 +21,9 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-# Not "nnan" and "ninf": a pixel that cannot answer has an infinite error, and that must survive.
+from blurmatte.matting.maps import MAX_CHI2, MAX_RANGE_STDS, Quality
+
+# Without "nnan" and "ninf": the error of a pixel without information is infinite and must stay so.
 _FAST = {"nsz", "arcp", "contract", "reassoc", "afn"}
 _COMPILED: dict[str, Any] = {
     "error_model": "numpy",
@@ -33,13 +36,9 @@ _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _INFINITE = np.float32(np.inf)
 _TINY = np.float32(1e-30)  # keeps 0/0 at 0 where the plate is black; far below any A
 
-# Bits of `Quality`, which imports more than a kernel should.
-SATURATED, PLATE_IN_MODEL, OUT_OF_RANGE, MISFIT, OUTSIDE, SHADOW, OCCLUDED = (
-    np.uint8(1 << i) for i in range(7)
-)
-_UNSEEN = np.uint8(SATURATED | OCCLUDED)
-_SIGMAS_OUT = np.float32(3)
-_CHI2_MISFIT = np.float32(16)  # four sigma: 1 good pixel in 16,000
+_PLATE_IN_MODEL, _OUT_OF_RANGE = np.uint8(Quality.PLATE_IN_MODEL), np.uint8(Quality.OUT_OF_RANGE)
+_MISFIT, _UNKNOWN = np.uint8(Quality.MISFIT), np.uint8(Quality.SATURATED | Quality.OCCLUDED)
+_MAX_RANGE_STDS, _MAX_CHI2 = np.float32(MAX_RANGE_STDS), np.float32(MAX_CHI2)
 
 
 @njit(inline="always", **_COMPILED)
@@ -50,7 +49,7 @@ def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
 
 @njit(inline="always", **_COMPILED)
 def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
-    """(α, Var α, χ², P, Var P) of one pixel; C, B, vC, vB are triples, N six numbers and the pad."""
+    """(α, Var α, χ², P, Var P) of one pixel; C, B, vC, vB are triples, N two normals and the pad."""
     n00, n01, n02, n10, n11, n12, pad = N
     b1 = n00 * B[0] + n01 * B[1] + n02 * B[2]
     b2 = n10 * B[0] + n11 * B[1] + n12 * B[2]
@@ -58,7 +57,7 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
     d1 = n00 * e0 + n01 * e1 + n02 * e2
     d2 = n10 * e0 + n11 * e1 + n12 * e2
 
-    # The plate's noise shines through by 1 − α: a plain fit tells how much, well enough for a weight.
+    # The plate's noise counts by 1 − α. An unweighted fit of α is accurate enough for a weight.
     plain = (b1 * d1 + b2 * d2) / (b1 * b1 + b2 * b2 + _TINY)
     through = _ONE - min(max(plain, _ZERO), _ONE)
     s0 = vC[0] + through * through * vB[0]
@@ -77,7 +76,7 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
     chi2 = crossed * crossed / A
 
     inverse = _ONE / det
-    r1, r2 = alpha * b1 - d1, alpha * b2 - d2  # Nᵀ(C − (1 − α)B): what leaves the model
+    r1, r2 = alpha * b1 - d1, alpha * b2 - d2  # Nᵀ(C − (1 − α)B): residual across the model
     g1, g2 = (S22 * r1 - S12 * r2) * inverse, (S11 * r2 - S12 * r1) * inverse
     f1, f2 = w1 * inverse, w2 * inverse
     t = _ONE - alpha
@@ -100,26 +99,26 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
 def _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
     a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
     std = np.sqrt(variance)
-    lost = _ZERO if quality[i] & _UNSEEN == 0 else _INFINITE
+    lost = _ZERO if quality[i] & _UNKNOWN == 0 else _INFINITE
     alpha[i], alpha_std[i] = a, std + lost
     P[3 * i], P[3 * i + 1], P[3 * i + 2] = P0, P1, P2
     P_std[3 * i] = np.sqrt(v0) + lost
     P_std[3 * i + 1] = np.sqrt(v1) + lost
     P_std[3 * i + 2] = np.sqrt(v2) + lost
-    reach = _SIGMAS_OUT * std
+    reach = _MAX_RANGE_STDS * std
     quality[i] |= (
-        (std > max_std) * PLATE_IN_MODEL
-        | ((a < -reach) | (a > _ONE + reach)) * OUT_OF_RANGE
-        | (chi2 > _CHI2_MISFIT) * MISFIT
+        (std > max_std) * _PLATE_IN_MODEL
+        | ((a < -reach) | (a > _ONE + reach)) * _OUT_OF_RANGE
+        | (chi2 > _MAX_CHI2) * _MISFIT
     )
 
 
 @njit(**_COMPILED)
 def solve_light(C, B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
-    """Solve a run of pixels given as light; all arrays flat, three values a pixel in C, B, P, P_std.
+    """Solve pixels given as light; all arrays are flat, with three values a pixel in C, B, P, P_std.
 
-    vC and vB are nine numbers, the coefficients of 1, light, light² of each channel: a tuple, for an
-    array could be what the loop writes to, and the compiler would not do several pixels at once.
+    vC and vB are nine numbers, the coefficients of 1, light, light² of each channel. They are tuples:
+    an array might alias an output, which would keep the compiler from vectorizing the loop.
     """
     for i in range(alpha.shape[0]):
         c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
@@ -132,7 +131,7 @@ def solve_light(C, B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality): 
 
 @njit(**_COMPILED)
 def solve_light_with_variances(C, B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
-    """The same where vC and vB are flat arrays, one variance for each value of C and B."""
+    """As `solve_light`, but vC and vB are flat arrays with a variance for each value of C and B."""
     for i in range(alpha.shape[0]):
         c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
         b = (B[3 * i], B[3 * i + 1], B[3 * i + 2])
@@ -150,9 +149,9 @@ def _look_up(codes, table, light):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def solve_codes(C, B, table_C, table_B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
-    """The same for code values: decoded a thousand pixels at a time, while they are in the cache.
+    """As `solve_light`, but for code values, decoded in blocks of 1024 pixels that fit the cache.
 
-    A table look-up inside the loop over pixels would keep the compiler from doing several at once.
+    A table look-up inside the loop over pixels would keep the compiler from vectorizing it.
     """
     step = 1024
     light_C, light_B = np.empty(3 * step, table_C.dtype), np.empty(3 * step, table_B.dtype)

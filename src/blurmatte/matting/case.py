@@ -1,0 +1,178 @@
+"""Case: pictures, streak, colors and hypotheses of one solve, and the fits of single pixels.
+
+Except for `Pixelwise`, only a box around the streak is solved. Outside it alpha is 0 and OUTSIDE.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.background import Match
+from blurmatte.checks import Bools, Box, check_map
+from blurmatte.color import ColorModel
+from blurmatte.matting.clipped import solve_clipped
+from blurmatte.matting.inpainting import inpaint_light
+from blurmatte.matting.maps import PixelMaps, Quality
+from blurmatte.matting.mask_growth import grown_mask
+from blurmatte.matting.mixed_plate import MixedPlate, mixed_plate, solve_mixed_plate
+from blurmatte.matting.pixelwise import Pixelwise
+from blurmatte.matting.shaded import Shaded
+from blurmatte.matting.smooth import Smooth
+from blurmatte.matting.swept import Swept
+from blurmatte.radiometry import LinearImage, NoiseModel
+from blurmatte.streaks import Streak
+from blurmatte.sweep import Hypotheses, Sweep
+
+Solver = Pixelwise | Smooth | Swept | Shaded
+
+MARGIN_PX = 16  # around a streak, of pixels where nothing moved
+
+
+@dataclass(frozen=True, eq=False)
+class Pictures:
+    """Image and matched plate, noise known; the image is not valid where it is occluded."""
+
+    image: LinearImage
+    plate: LinearImage
+    match: Match
+    hidden: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """Pictures, streak, solver, colors and sweeps of one solve."""
+
+    pictures: Pictures
+    found: Streak  #: where image and given plate differ
+    model: ColorModel
+    solver: Solver | None  #: None averages all hypotheses
+    hypotheses: Hypotheses | None  #: None if the solver needs no sweep
+
+    @property
+    def is_exact(self) -> bool:
+        """Whether the given colors have no error."""
+        return not self.model.covariance.any()
+
+    @cached_property
+    def image(self) -> LinearImage:
+        """With the noise found by the sweep, which codecs hide; see `Diagnostics.noise_inflation`."""
+        return _with_inflated_noise(self.pictures.image, self.hypotheses)
+
+    @cached_property
+    def plate(self) -> LinearImage:
+        """With the noise found by the sweep, and the light changed by the object if sweeps were fitted."""
+        plate = self.pictures.plate if self.hypotheses is None else self.hypotheses.plate
+        return _with_inflated_noise(plate, self.hypotheses)
+
+    @property
+    def streak(self) -> Streak:
+        """Where image and that plate differ."""
+        return self.found if self.hypotheses is None else self.hypotheses.streak
+
+    @cached_property
+    def grown_streak(self) -> Streak:
+        """The streak with its faint rims if it was detected; a given streak as it is."""
+        if np.isnan(self.streak.evidence):
+            return self.streak
+        return grown_mask(self.streak, self.image, self.plate, self.model)
+
+    def within(self, box: Box) -> tuple[LinearImage, LinearImage, MixedPlate]:
+        """Image and plate in a box, and where the plate's edges are uncertain."""
+        inside = self.streak.mask[box[1] : box[3], box[0] : box[2]]
+        image, plate = self.image.crop(box), self.plate.crop(box)
+        return image, plate, mixed_plate(image, plate, image.valid & plate.valid & ~inside)
+
+    def box_with(self, sweeps: Sequence[Sweep]) -> Box:
+        """A box around streak and sweeps, with a margin."""
+        boxes = np.array([self.streak.around(MARGIN_PX), *(sweep.box for sweep in sweeps)])
+        x0, y0 = boxes[:, :2].min(axis=0)
+        x1, y1 = boxes[:, 2:].max(axis=0)
+        return int(x0), int(y0), int(x1), int(y1)
+
+    def closed_form(self, box: Box, out: PixelMaps | None = None) -> PixelMaps:
+        """Maps of the whole picture from the closed form of each pixel in a box.
+
+        Pixels with one clipped channel and those at uncertain edges are solved by their own equations.
+
+        Parameters
+        ----------
+        box : Box
+        out : PixelMaps, optional
+            Arrays to write to.
+        """
+        solver = self.solver if isinstance(self.solver, Pixelwise) else Pixelwise()
+        flags = self._flags()
+        image, plate, model = self.image.crop(box), self.plate.crop(box), self.model
+        whole = image.size == self.image.size
+        place = rows_columns(box, (0, 0, *self.image.size))
+        near = solver(
+            image.rgb, plate.rgb, model, _noise(image), _noise(plate),
+            flags=flags[place], out=out if whole else None,
+        )  # fmt: skip
+        solve_clipped(near, image, plate, model, solver.max_alpha_std)
+        maps = near if whole else _in_picture(near, box, flags, out)
+        around = self.streak.around(MARGIN_PX)
+        C, B, mixed = self.within(around)
+        solve_mixed_plate(maps.within(around), mixed, C, B, model, solver.max_alpha_std)
+        return maps
+
+    def smooth(self, solver: Smooth, maps: PixelMaps) -> dict[str, Any]:
+        """Write alpha and light by `Smooth` into maps of the closed form; its numbers."""
+        box = self.grown_streak.around(MARGIN_PX)
+        inside = self.grown_streak.mask[box[1] : box[3], box[0] : box[2]]
+        C, B, mixed = self.within(box)
+        numbers = solver(maps, C, B, self.model, inside, box, mixed)
+        inpaint_light(maps.within(box), C, B)
+        return numbers
+
+    def _flags(self) -> npt.NDArray[np.uint8]:
+        """(H, W) quality that does not depend on the solver."""
+        hidden = self.pictures.hidden
+        saturated = ~(self.image.valid & self.plate.valid) & ~hidden
+        return np.asarray(
+            saturated * np.uint8(Quality.SATURATED)
+            | ~self.streak.mask * np.uint8(Quality.OUTSIDE)
+            | hidden * np.uint8(Quality.OCCLUDED),
+            np.uint8,
+        )
+
+
+def rows_columns(part: Sequence[int], box: Box) -> tuple[slice, slice]:
+    """Rows and columns of a part (x0, y0, x1, y1) of the picture in a box of it."""
+    (x, y), (x0, y0, x1, y1) = box[:2], part
+    return slice(y0 - y, y1 - y), slice(x0 - x, x1 - x)
+
+
+def _in_picture(
+    near: PixelMaps, box: Box, flags: npt.NDArray[np.uint8], out: PixelMaps | None
+) -> PixelMaps:
+    """Maps of a picture from those of a box, 0 elsewhere."""
+    height, width = flags.shape
+    maps = PixelMaps.zeros(height, width, near.alpha.dtype) if out is None else out
+    if out is not None:
+        check_map("out", out.premultiplied, (height, width, 3))
+        for values in out:
+            values[...] = 0
+    maps.quality[...] = flags
+    maps.write(box, near)
+    return maps
+
+
+def _noise(picture: LinearImage) -> Any:
+    """The noise, which is not None after `with_noise`."""
+    return picture.noise
+
+
+def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:
+    """The picture with the noise inflation of the best sweep."""
+    factor = 1.0 if hypotheses is None else hypotheses.best.diagnostics.noise_inflation
+    if factor == 1:
+        return picture
+    noise = picture.noise
+    if isinstance(noise, NoiseModel):  # a model needs less memory than a variance for each pixel
+        return picture.with_noise(NoiseModel.from_coefficients(factor * noise.coefficients))
+    return picture.with_noise(factor * picture.variance)

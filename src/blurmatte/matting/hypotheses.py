@@ -1,0 +1,207 @@
+"""Average of hypotheses: sweeps, and alpha without a shape, weighted by their evidence."""
+
+import logging
+from dataclasses import asdict, dataclass, replace
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Box
+from blurmatte.color import ColorModel
+from blurmatte.matting.alternatives import alternative, listed
+from blurmatte.matting.averaging import AlphaEstimate, averaged
+from blurmatte.matting.calibration import (
+    HypothesisSummary,
+    calibrated,
+    claimed_error,
+    error_terms,
+    graded,
+)
+from blurmatte.matting.case import MARGIN_PX, Case, Solver, rows_columns
+from blurmatte.matting.inpainting import inpaint_light
+from blurmatte.matting.maps import PixelMaps, Quality, has_flag
+from blurmatte.matting.object_light import light_given
+from blurmatte.matting.smooth import Smooth
+from blurmatte.matting.summary import streak_summary, sweep_summary
+from blurmatte.matting.swept import Swept
+from blurmatte.radiometry import LinearImage
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.assess.calibration import fitted_calibration
+from blurmatte.sweep.assess.model_selection import (
+    Evidence,
+    hypothesis_scores,
+    hypothesis_weights,
+)
+
+_LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
+
+
+@dataclass(frozen=True, eq=False)
+class _Shapeless:
+    """Alpha by `Smooth` with some colors, the maps of its box, and its evidence."""
+
+    model: ColorModel
+    maps: PixelMaps
+    box: Box
+    sum_std: float
+    scale_std: float
+    evidence: Evidence
+
+    def within(self, box: Box) -> AlphaEstimate:
+        """Its alpha in a box."""
+        inside = ~has_flag(self.maps.quality, Quality.OUTSIDE)
+        both = [max(a, b) for a, b in zip(self.box[:2], box[:2], strict=True)]
+        both += [min(a, b) for a, b in zip(self.box[2:], box[2:], strict=True)]
+        alpha, std = np.zeros((2, box[3] - box[1], box[2] - box[0]))
+        for values, source in ((alpha, self.maps.alpha), (std, self.maps.alpha_std)):
+            own = np.where(inside, source, 0)[rows_columns(both, self.box)]
+            values[rows_columns(both, box)] = own
+        return AlphaEstimate(alpha, std, self.sum_std, self.scale_std)
+
+
+@dataclass(frozen=True, eq=False)
+class _Hypotheses:
+    """Weighted hypotheses: sweeps, the likeliest first, then those without a shape."""
+
+    sweeps: list[Sweep]
+    shapeless: list[_Shapeless]
+    evidence: list[Evidence]
+    weights: npt.NDArray[np.float64]  #: (n,); they sum to 1
+    box: Box
+    estimates: list[AlphaEstimate]  #: of all, in the box
+
+    @classmethod
+    def of(cls, case: Case) -> "_Hypotheses":
+        """Sweeps of a case, and hypotheses without a shape unless it has a solver."""
+        assert case.hypotheses is not None
+        sweeps = list(case.hypotheses.sweeps)
+        if case.solver is None:
+            _LOG.info("solving alpha without a shape")
+        shapeless = [] if case.solver is not None else _without_shape(case)
+        evidence = [*case.hypotheses.evidence, *(one.evidence for one in shapeless)]
+        box = case.box_with(sweeps)
+        estimates = [AlphaEstimate(*sweep.within(box), sweep.area_std()) for sweep in sweeps]
+        estimates += [one.within(box) for one in shapeless]
+        return cls(sweeps, shapeless, evidence, hypothesis_weights(evidence), box, estimates)
+
+    @property
+    def best(self) -> Sweep | _Shapeless:
+        """The one of the largest weight."""
+        found: list[Sweep | _Shapeless] = [*self.sweeps, *self.shapeless]
+        return found[int(np.argmax(self.weights))]
+
+    @property
+    def summaries(self) -> list[HypothesisSummary]:
+        """Of all, for the calibration."""
+        models = [one.model for one in self.sweeps] + [one.model for one in self.shapeless]
+        return [
+            HypothesisSummary(float(w), model.rank, i < len(self.sweeps), one.inflation)
+            for i, (w, model, one) in enumerate(
+                zip(self.weights, models, self.evidence, strict=True)
+            )
+        ]
+
+
+def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMaps, dict[str, Any]]:
+    """Average the sweeps of a case, and alpha without a shape unless its solver is `Swept`.
+
+    Returns
+    -------
+    case : Case
+        With solver and colors of the likeliest hypothesis.
+    maps : PixelMaps
+    numbers : dict
+        For `Solution.stats`.
+    """
+    found = _Hypotheses.of(case)
+    box, best = found.box, found.best
+    average = averaged(found.estimates, found.weights)
+    diagnostics = found.sweeps[0].diagnostics
+    terms = error_terms(average, found.estimates, found.summaries, diagnostics)
+    claim, compressed = claimed_error(average), case.image.meta.sharing is not None
+    average = calibrated(average, found.estimates, terms, compressed)
+    maps = case.closed_form(box, out)
+    C, B, mixed = case.within(box)
+    solver: Solver = Swept() if isinstance(best, Sweep) else Smooth()
+    model = best.model
+    if isinstance(best, Sweep):
+        model = case.model if case.is_exact else model
+        Swept()(maps, best, average, C, mixed.widened(B), box)
+    else:
+        _write(maps, best, average, C, B, box)
+    inpaint_light(maps.within(box), C, B)
+    numbers = {
+        **sweep_summary(found.sweeps[0]),
+        "sum_alpha_std": average.sum_std,
+        "alpha_scale_std": average.scale_std,
+        "weights": found.weights.tolist(),
+        "alternatives": _alternatives(found, average, (C, B)),
+        "claimed_error": claim,
+        "error_terms": asdict(terms),
+        "grade_reasons": fitted_calibration().reasons(terms),
+        **graded(average),
+    }
+    return replace(case, model=model, solver=solver), maps, numbers
+
+
+def _alternatives(
+    found: _Hypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
+) -> tuple[dict[str, Any], ...]:
+    """The listed hypotheses as plain numbers."""
+    models: list[Sweep | ColorModel] = [*found.sweeps, *(one.model for one in found.shapeless)]
+    alternatives = [
+        alternative(one, weight, estimate, average, pictures, found.box)
+        for one, weight, estimate in zip(models, found.weights, found.estimates, strict=True)
+    ]
+    return tuple(map(asdict, listed(alternatives, hypothesis_scores(found.evidence))))
+
+
+def _without_shape(case: Case) -> list[_Shapeless]:
+    """Hypotheses with the likeliest line of colors, and the likeliest plane if that is likelier."""
+    assert case.hypotheses is not None
+    if case.is_exact:
+        return [_shapeless(case)]
+    models: dict[int, ColorModel] = {}
+    for sweep in case.hypotheses.sweeps:
+        if sweep.model.rank < 3:
+            models.setdefault(sweep.model.rank, sweep.model)
+        if sweep.model.rank == 1:
+            break
+    return [_shapeless(replace(case, model=model)) for model in models.values()]
+
+
+def _shapeless(case: Case) -> _Shapeless:
+    """Alpha by `Smooth` with the colors of the case."""
+    assert case.hypotheses is not None
+    box = case.grown_streak.around(MARGIN_PX)
+    maps = case.closed_form(box)
+    numbers = case.smooth(Smooth(), maps)
+    summary = streak_summary(maps, case.model, case.image, case.plate, case.streak)
+    scale_std = summary["alpha_scale_std"]
+    near = maps.within(box)
+    std = np.hypot(near.alpha_std, scale_std * near.alpha)
+    known = np.isfinite(std) & ~has_flag(near.quality, Quality.OUTSIDE)
+    alpha, alpha_std = (np.zeros(maps.alpha.shape) for _ in range(2))
+    place = rows_columns(box, (0, 0, *case.image.size))
+    alpha[place], alpha_std[place] = np.where(known, near.alpha, 0), np.where(known, std, 0)
+    evidence = case.hypotheses.evidence_of(alpha, alpha_std)
+    return _Shapeless(case.model, near.copied, box, numbers["sum_alpha_std"], scale_std, evidence)
+
+
+def _write(
+    maps: PixelMaps,
+    likeliest: _Shapeless,
+    average: AlphaEstimate,
+    image: LinearImage,
+    plate: LinearImage,
+    box: Box,
+) -> None:
+    """Write an average whose likeliest hypothesis has no shape, and its light."""
+    maps.write(likeliest.box, likeliest.maps)
+    near = maps.within(box)
+    alpha, std = average.alpha, average.alpha_std
+    P, P_std, _ = light_given(alpha, std, likeliest.model, image, plate)
+    for target, values in zip(near, (alpha, std, P, P_std), strict=False):
+        target[...] = values
+    near.quality[alpha > 0] &= ~np.uint8(Quality.OUTSIDE)

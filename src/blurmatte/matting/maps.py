@@ -1,0 +1,115 @@
+"""Maps of a solution with their quality flags, and threads over strips of rows."""
+
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from enum import IntFlag, StrEnum, auto
+from itertools import pairwise
+from os import cpu_count
+from typing import Any, NamedTuple
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Box, Floats
+
+# Light is stored as float32, so no value is known to better than about 1e-6 of full scale. The bound
+# also keeps weights finite where image and plate have no noise.
+MIN_VARIANCE = 1e-12
+MAX_RANGE_STDS = 3.0  # standard deviations by which alpha may lie outside [0, 1]
+MAX_CHI2 = 16.0  # of one degree of freedom: four standard deviations, 1 good pixel in 16,000
+
+
+class Quality(IntFlag):
+    """Why a pixel should be used with care. 0: nothing is known against it."""
+
+    SATURATED = auto()  #: image or plate is clipped in a channel here, or missing
+    PLATE_IN_MODEL = auto()  #: the plate has a color the object could have; alpha is not known
+    OUT_OF_RANGE = auto()  #: alpha is outside [0, 1] by more than three sigma
+    MISFIT = auto()  #: image, plate and model disagree beyond the noise
+    OUTSIDE = auto()  #: nothing moved here: not part of the streak
+    SHADOW = auto()  #: only darker than the plate: a shadow, or a black object
+    OCCLUDED = auto()  #: a static object is in front; alpha is that behind it
+
+
+class Grade(StrEnum):
+    """How well alpha is known, by its calibrated error."""
+
+    CONFIRMED = "confirmed"  #: error of alpha at most 0.02, of its scale at most 3 %
+    PLAUSIBLE = "plausible"  #: at most 0.05 and 10 %
+    ASSUMED = "assumed"  #: more: a color or a shape had to be assumed
+
+
+class PixelMaps(NamedTuple):
+    """Alpha, light, their errors and quality of each pixel; reuse it as `out=` for the next picture.
+
+    alpha, alpha_std are (H, W) floats, premultiplied and premultiplied_std (H, W, 3) floats, and
+    quality (H, W) uint8 with the bits of `Quality`.
+    """
+
+    alpha: Floats
+    alpha_std: Floats
+    premultiplied: Floats
+    premultiplied_std: Floats
+    quality: npt.NDArray[np.uint8]
+
+    @classmethod
+    def empty(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
+        """Maps of a size, not filled."""
+        return cls._new(np.empty, height, width, dtype)
+
+    @classmethod
+    def zeros(cls, height: int, width: int, dtype: npt.DTypeLike = np.float32) -> "PixelMaps":
+        """Maps of a size, 0 ± 0; pages that are never written take no memory."""
+        return cls._new(np.zeros, height, width, dtype)
+
+    @classmethod
+    def _new(cls, new: Any, height: int, width: int, dtype: npt.DTypeLike) -> "PixelMaps":
+        one, three = (height, width), (height, width, 3)
+        light = new(three, dtype), new(three, dtype)
+        return cls(new(one, dtype), new(one, dtype), *light, new(one, np.uint8))
+
+    @property
+    def copied(self) -> "PixelMaps":
+        """A copy that does not share memory with larger maps."""
+        return PixelMaps._make(values.copy() for values in self)
+
+    def write(self, box: Box, maps: "PixelMaps") -> None:
+        """Write the maps of a box (x0, y0, x1, y1)."""
+        for target, values in zip(self.within(box), maps, strict=True):
+            target[...] = values
+
+    def within(self, box: Box) -> "PixelMaps":
+        """Views of a box (x0, y0, x1, y1)."""
+        x0, y0, x1, y1 = box
+        return PixelMaps._make(values[y0:y1, x0:x1] for values in self)
+
+
+def has_flag(quality: npt.NDArray[np.uint8], flags: Quality) -> Bools:
+    """(H, W) True where any of the flags is set."""
+    return np.asarray((quality & np.uint8(flags)) != 0)
+
+
+def alpha_flags(alpha: Floats, alpha_std: Floats, max_alpha_std: float) -> npt.NDArray[np.uint8]:
+    """PLATE_IN_MODEL where alpha is too uncertain, and OUT_OF_RANGE where it is not in [0, 1].
+
+    Parameters
+    ----------
+    alpha, alpha_std : (...) float
+    max_alpha_std : float
+        Largest standard deviation of an alpha that counts as known.
+    """
+    outside = np.abs(alpha - 0.5) > 0.5 + MAX_RANGE_STDS * alpha_std
+    uncertain = (alpha_std > max_alpha_std) * np.uint8(Quality.PLATE_IN_MODEL)
+    return np.asarray(uncertain | outside * np.uint8(Quality.OUT_OF_RANGE), np.uint8)
+
+
+def in_strips(job: Callable[[slice], None], height: int) -> None:
+    """Run a job on strips of rows in threads; compiled loops release the interpreter's lock."""
+    with ThreadPoolExecutor(cpu_count()) as threads:
+        list(threads.map(job, _strips(height)))
+
+
+def _strips(height: int) -> list[slice]:
+    """Several strips of rows for each processor, so that all finish at about the same time."""
+    edges = np.linspace(0, height, min(height, 8 * (cpu_count() or 1)) + 1).astype(int)
+    return [slice(a, b) for a, b in pairwise(edges)]

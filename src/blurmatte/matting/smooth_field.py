@@ -1,0 +1,317 @@
+"""A field of alpha, smooth except at edges, estimated from evidence in cells.
+
+In this file A is the information of each cell, x alpha, and D x its differences of first or second
+order in all directions: a vector at each place. The differences are normal with a precision matrix Γ
+of each place, which has a Wishart prior of ν degrees of freedom and scale σ. So the differences follow
+a t distribution: most are small, a few are edges, and along an edge they stay small. Given x, the mean
+of Γ is (ν + 1)(νσ²I + E[Dx Dxᵀ])⁻¹; given Γ, x is normal with information H = A + DᵀΓD. Both steps
+alternate. The expectation is over the posterior of x, because the best x alone would be too smooth. It
+is taken from samples H⁻¹(√A ξ + DᵀL η) with normal ξ and η and LLᵀ = Γ, whose covariance is H⁻¹.
+
+The scale may vary. If Γ is right, DxᵀΓDx of the mean x is, summed over a neighborhood, about equal to
+the effective number of parameters there, the sum of A times the variance [MacKay 1992]. The square of
+the local scale is multiplied by their ratio. The precision of each place follows well-determined
+edges; the scale follows edges with little evidence at each place, and the flat areas between them.
+"""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from os import cpu_count
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Bools, Floats
+from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """Settings of the estimate of a field."""
+
+    prior_dof: float = 1.0  #: ν; one, since edges are common
+    precision_window: int = 3  #: cells across over which E[Dx Dxᵀ] is averaged
+    variance_window: int = 5  #: cells across over which sampled variances are averaged
+    local_dof: float = 12.0  #: effective parameters that determine a local scale to 40 %
+    local_prior_dof: float = 1.0  #: effective parameters that the scale of the field counts as
+    rounds: int = 2  #: alternations of both steps
+    max_steps: int = 300  #: of conjugate gradients
+    tolerance: float = 1e-5  #: gain of log likelihood per cell below which these stop
+    min_alpha: float = -0.05  #: at 0 only positive noise would remain, and sums would be too large
+    bound_std: float = 0.01  #: standard deviation by which a bound may be violated
+
+
+@dataclass(frozen=True)
+class Prior:
+    """Smoothness of a field."""
+
+    order: int  #: of the differences: 1 of neighbors, 2 of these differences
+    scale: float  #: of a difference, in the cells of the level
+
+    def finer(self) -> "Prior":
+        """In cells of half the width."""
+        return Prior(self.order, self.scale / 2**self.order)
+
+
+@dataclass(frozen=True, eq=False)
+class Field:
+    """Posterior of a field."""
+
+    x: Floats  #: (h, w) mean
+    variance: Floats  #: (h, w)
+    squares: Array  #: (3 or 6, h, w) E[Dx Dxᵀ] of neighbors: the lower triangle, row by row
+    roughness: Floats  #: (h, w) square of the local scale over that of the prior
+    residual_chi2: float  #: of all cells
+    freedom: float  #: degrees of freedom of this χ²
+    steps: int  #: of the last solution
+    converged: bool  #: whether it stopped before the largest number of steps
+
+    @property
+    def risk(self) -> float:
+        """Unbiased estimate of the squared error times the information, summed [Stein 1981].
+
+        Up to a constant.
+        """
+        return self.residual_chi2 - 2 * self.freedom
+
+
+def fit_field(
+    evidence: CellEvidence,
+    prior: Prior,
+    start: Field | None,
+    samples: int,
+    cells: int = 1,
+    local: bool = False,
+) -> Field:
+    """Fit a field to evidence and prior.
+
+    Parameters
+    ----------
+    evidence : CellEvidence
+    prior : Prior
+    start : Field or None
+        From a coarser level or another prior.
+    samples : int
+        Samples of the posterior. With 0 only the mean changes, which suffices for cells much smaller
+        than the structure of the field.
+    cells : int
+        Pixels per cell; its differences count as many times.
+    local : bool
+        Whether to fit the local scale.
+    """
+    A, mask, rounds = evidence.information, evidence.mask, FieldSettings.rounds
+    rng = np.random.default_rng(0)
+    noise = [rng.standard_normal((4, *mask.shape)).astype(A.dtype) for _ in range(samples)]
+    field = start or _initial(evidence, prior)
+    root, held = _precision(prior, field, cells), np.zeros(mask.shape, np.int8)
+    for turn in range(rounds):
+        x = field.x.copy()
+        beyond = mask * (np.int8(x > 1) - np.int8(x < evidence.lower))
+        if turn > 0 and noise:
+            root = _precision(prior, field, cells)
+        elif turn > 0 and np.array_equal(beyond, held):
+            break
+        held = beyond
+        drawn, steps = _solve_with_samples(evidence, root, prior.order, held, x, noise)
+        field = replace(field, x=x, steps=steps, converged=steps < FieldSettings.max_steps)
+        if noise:
+            traces = [
+                np.sum(n[0] * np.sqrt(A) * z, dtype=float)
+                for n, z in zip(noise, drawn, strict=True)
+            ]
+            chi2, known = _residual_chi2(evidence, x)
+            variance = pooled_variance(np.mean(np.square(drawn), axis=0), mask)
+            if local and turn < rounds - 1:
+                factor = _roughness_factor(x, root, prior.order, A * variance, mask)
+                field = replace(field, roughness=field.roughness * factor)
+            field = replace(
+                field,
+                variance=variance,
+                squares=_squares(x, drawn, prior.order),
+                residual_chi2=chi2,
+                freedom=known - float(np.mean(traces)),
+            )
+    return field
+
+
+def _solve_with_samples(
+    evidence: CellEvidence,
+    root: Floats,
+    order: int,
+    held: npt.NDArray[np.int8],
+    x: Floats,
+    noise: list[Floats],
+) -> tuple[list[Floats], int]:
+    """Write the mean into x; samples around it, and the steps that the mean took.
+
+    Cells beyond a bound (`held` is 1 above and −1 below) get information on its value.
+    """
+    A, mask = evidence.information, evidence.mask
+    weight = A.dtype.type(FieldSettings.bound_std**-2.0)
+    above, below = (weight * (held == side) for side in (1, -1))
+    drawn = [np.zeros_like(x) for _ in noise]
+    jobs: list[tuple[Floats, Floats, Floats]]
+    jobs = [(A + above + below, evidence.pull + above + below * evidence.lower, x)]
+    for n, z in zip(noise, drawn, strict=True):
+        # The lower bound does not reduce the variance: it holds pixels without object or information.
+        jobs.append((A + above, _disturbed(A + above, root, order, mask, n), z))
+    return drawn, _solve_all(root, order, mask, jobs, FieldSettings.max_steps)
+
+
+def sum_variance(evidence: CellEvidence, prior: Prior, field: Field, cells: int = 1) -> float:
+    """Variance of the sum of a field over all pixels, `cells` of which make a cell."""
+    ones = evidence.mask.astype(float)
+    return float(field_changes(evidence, prior, field, [ones], cells)[0].sum()) * cells**2
+
+
+def field_changes(
+    evidence: CellEvidence,
+    prior: Prior,
+    field: Field,
+    pulls: list[Array],
+    cells: int = 1,
+    tolerance: float = 0.0,
+) -> list[Array]:
+    """Changes of a field by changes of the pull (h, w), for each of these."""
+    root, A = _precision(prior, field, cells).astype(float), evidence.information.astype(float)
+    found = [np.zeros(A.shape) for _ in pulls]
+    jobs: list[tuple[Floats, Floats, Floats]]
+    jobs = [(A, pull, x) for pull, x in zip(pulls, found, strict=True)]
+    _solve_all(root, prior.order, evidence.mask, jobs, 2 * FieldSettings.max_steps, tolerance)
+    return found
+
+
+def finer_field(field: Field, shape: tuple[int, ...], order: int) -> Field:
+    """The start for the level of half the width."""
+    from blurmatte.matting.smooth_kernel import doubled  # numba takes half a second
+
+    squares = np.zeros((len(field.squares), *shape))
+    for part, of_level in zip(squares, field.squares / 4**order, strict=True):
+        doubled(of_level, BORDER, part)
+    maps = field.x, field.variance, field.roughness
+    x, variance, roughness = (upsampled(values, shape) for values in maps)
+    roughness = np.maximum(roughness, np.float32(1e-6))  # 0 in the border, where it is a divisor
+    return replace(field, x=x, variance=variance, squares=squares, roughness=roughness)
+
+
+def pooled_variance(variance: Floats, mask: Bools) -> Floats:
+    """Means over neighbors in the mask, since few samples determine a variance only roughly."""
+    from scipy.ndimage import uniform_filter
+
+    width = FieldSettings.variance_window
+    near, share = (uniform_filter(v, width) for v in (variance * mask, mask.astype(float)))
+    return np.asarray(np.where(mask, near.clip(0) / share.clip(1e-9), 0), variance.dtype)
+
+
+def local_mean(values: Floats, parameters: Floats, mask: Bools) -> Array:
+    """Gaussian means over neighborhoods of `FieldSettings.local_dof` effective parameters on average.
+
+    Parameters
+    ----------
+    values : (h, w) float
+    parameters : (h, w) float
+        Effective parameters of each cell: information times variance.
+    mask : (h, w) bool
+    """
+    from scipy.ndimage import gaussian_filter
+
+    total = max(np.sum(parameters * mask, dtype=float), 1.0)
+    area = FieldSettings.local_dof * np.count_nonzero(mask) / total  # 4πs²
+    inside = np.where(mask, values, 0).astype(float)
+    return np.asarray(gaussian_filter(inside, np.sqrt(area / (4 * np.pi)), mode="constant"))
+
+
+def _roughness_factor(
+    x: Floats, root: Floats, order: int, parameters: Floats, mask: Bools
+) -> Floats:
+    """Factor (h, w) of the square of the local scale; `parameters` is that of `local_mean`."""
+    from blurmatte.matting.smooth_kernel import forward, weigh  # numba takes half a second
+
+    t = np.zeros((3, *x.shape), x.dtype)
+    forward(x, order, t)
+    weighed = t.copy()
+    weigh(root, order, weighed)
+    squares = np.sum(t * weighed, axis=0, dtype=float)
+    expected = np.asarray(parameters * mask, float)
+    total = expected.sum()
+    if not (total > 0 and squares.sum() > 0):
+        return np.ones_like(x)
+    near, usual = (
+        local_mean(m, parameters, mask) for m in (squares * total / squares.sum(), expected)
+    )
+    mean = total / np.count_nonzero(mask)
+    prior = FieldSettings.local_prior_dof / FieldSettings.local_dof * mean
+    return np.asarray((prior + near) / (prior + usual), x.dtype)
+
+
+def _precision(prior: Prior, field: Field, cells: int) -> Floats:
+    """L of Γ, for differences that count for `cells` pixels."""
+    from blurmatte.matting.smooth_kernel import precision  # numba takes half a second
+
+    nu = FieldSettings.prior_dof
+    root = np.empty(field.squares.shape, field.x.dtype)
+    least = nu * prior.scale**2 * field.roughness
+    precision(field.squares, prior.order, least, cells * (nu + 1), root)
+    return root
+
+
+def _initial(evidence: CellEvidence, prior: Prior) -> Field:
+    """A field of 0 with the differences of the prior."""
+    zero = np.zeros_like(evidence.information)
+    squares = np.zeros((3 * prior.order, *zero.shape))
+    squares[[0, 2, 5][: prior.order + 1]] = prior.scale**2
+    return Field(zero, zero, squares, np.ones_like(zero), np.inf, 0.0, 0, False)
+
+
+def _solve_all(
+    root: Floats,
+    order: int,
+    mask: Bools,
+    jobs: list[tuple[Floats, Floats, Floats]],
+    max_steps: int,
+    tolerance: float = FieldSettings.tolerance,
+) -> int:
+    """Solve for each (information, right-hand side, solution) in place; steps of the first."""
+    from blurmatte.matting.smooth_kernel import conjugate_gradients  # numba takes half a second
+
+    def solve(job: tuple[Floats, Floats, Floats]) -> int:
+        A, b, x = job
+        return int(conjugate_gradients(A, root, order, mask, b, x, max_steps, tolerance))
+
+    with ThreadPoolExecutor(cpu_count()) as threads:
+        return list(threads.map(solve, jobs))[0]  # noqa: RUF015  all must have ended
+
+
+def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats) -> Floats:
+    """A right-hand side whose solution has the covariance H⁻¹."""
+    from blurmatte.matting.smooth_kernel import backward, spread
+
+    b: Floats = np.sqrt(A) * normal[0] * mask
+    t = np.zeros((3, *mask.shape), b.dtype)
+    spread(root, order, normal[1:], t)
+    backward(t, order, mask, b)
+    return b
+
+
+def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
+    """E[Dx Dxᵀ] of the mean and samples around it."""
+    from scipy.ndimage import uniform_filter
+
+    from blurmatte.matting.smooth_kernel import forward, outer
+
+    t, total = np.zeros((3, *x.shape), x.dtype), np.zeros((3 * order, *x.shape))
+    for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):
+        forward(values, order, t)
+        outer(t, order, weight, total)
+    width = FieldSettings.precision_window
+    return np.asarray(uniform_filter(total, (0, width, width)), float)
+
+
+def _residual_chi2(evidence: CellEvidence, x: Floats) -> tuple[float, int]:
+    """χ² of the residuals of all cells, and how many cells have information."""
+    known = evidence.information > 0
+    A = evidence.information[known]
+    chi2 = (evidence.pull[known] - A * x[known]) ** 2 / A
+    return float(np.sum(chi2, dtype=float)), len(A)
