@@ -64,7 +64,7 @@ class Case:
 
     @cached_property
     def plate(self) -> LinearImage:
-        """With the noise found by the sweep, and the light changed by the object if sweeps were fitted."""
+        """As `image`; if sweeps were fitted, the plate in the light that the object changed."""
         plate = self.pictures.plate if self.hypotheses is None else self.hypotheses.plate
         return _with_inflated_noise(plate, self.hypotheses)
 
