@@ -88,7 +88,7 @@ def test_errors_are_honest(case):
         solver = bm.Shaded(plate=shaded) if case == "plate" else bm.Shaded(light=tuple(LIGHT))
         solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
         at = solution.known & solution.streak
-        z += list(((solution.alpha - truth.layer.alpha) / solution.alpha_std)[at])
+        z += list((solution.alpha - truth.layer.alpha)[at] / solution.alpha_std[at])
     assert 0.85 < np.std(z) < 1.2
 
 
