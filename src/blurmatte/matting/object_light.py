@@ -16,7 +16,7 @@ from blurmatte.checks import Floats
 from blurmatte.color import ColorModel
 from blurmatte.matting.maps import in_strips
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.model.residuals import OPAQUE
+from blurmatte.sweep.fit.residuals import OPAQUE
 
 Array = npt.NDArray[np.float64]
 

@@ -14,7 +14,7 @@ from blurmatte.matting.occlusion import mean_of_neighbors, occluded
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_3
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.model.residuals import OPAQUE
+from blurmatte.sweep.fit.residuals import OPAQUE
 
 Array = npt.NDArray[np.float64]
 

@@ -34,15 +34,15 @@ from blurmatte.sweep.fit.multistart import (
 )
 from blurmatte.sweep.fit.outline import fit_outline
 from blurmatte.sweep.fit.relighting import lighting_of
-from blurmatte.sweep.fit.shadow import fit_with_shadow
-from blurmatte.sweep.model.cast_shadow import CastShadow
-from blurmatte.sweep.model.color_prior import ColorPrior
-from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.residuals import (
+from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     noise_inflation,
     variance_inflation,
 )
+from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
+from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import Sweep
@@ -56,7 +56,6 @@ _DECISIVE_WEIGHT = 0.993  # of other light on the plate: 150 to 1
 _MIN_WEIGHT = 1e-3  # of a hypothesis that is refined
 _SAME_ALPHA = 0.01  # root mean square difference of two fits that are one
 _MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
-_TIMES = np.linspace(0, 1, 33)
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,9 +95,10 @@ class Hypotheses:
     def best_evidence(self, observation: Observation) -> Evidence:
         """The evidence for the likeliest in another observation."""
         sweep = self.best
-        alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, observation).alpha
+        pixels, radius = observation.pixels, float(sweep.shape[0])
+        alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, pixels).alpha
         if sweep.cast is not None:
-            S = sweep.cast.missing(sweep.family, sweep.path, float(sweep.shape[0]), observation)
+            S = sweep.cast.missing(sweep.family, sweep.path, radius, pixels)
             observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
         return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
 
@@ -378,7 +378,7 @@ def _discs(
     def best(search: Multistart) -> tuple[list[State], list[State]]:
         if start is None:
             return search.best()
-        curve = start.family.at(start.path, _TIMES)[0]
+        curve = start.family.curve(start.path)
         disc = search.of_one_paint.near(start.family, curve, start.radius)
         return [disc], [with_varied_colors(disc)]
 
@@ -399,6 +399,5 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     state = candidate.state
     alpha = state.swept.alpha
     if candidate.cast is not None:
-        S = candidate.cast.of(observation, state)
-        observation = replace(observation, B=candidate.cast.on(observation.B, S, alpha))
+        observation = in_shadow(observation, state, candidate.cast)
     return evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)

@@ -9,6 +9,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.assess.diagnostics import Diagnostics, diagnosed
 from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import (
     Blur,
@@ -17,9 +18,8 @@ from blurmatte.sweep.model.chroma_subsampling import (
     image_before,
     light_of_colors,
 )
-from blurmatte.sweep.model.observation import empty_observation
 from blurmatte.sweep.model.path import PathFamily
-from blurmatte.sweep.model.residuals import variance_inflation
+from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, Swept
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
@@ -244,9 +244,7 @@ class Sweep:
         """
         if self.cast is None:
             return plate
-        S = self.cast.missing(
-            self.family, self.path, self.shape[0], empty_observation(box, self.size)
-        )
+        S = self.cast.missing(self.family, self.path, self.shape[0], Pixels.of_box(box))
         shaded = self.cast.on(np.asarray(plate.rgb, float), S, self.within(box)[0])
         return replace(plate.with_noise(plate.variance), rgb=shaded.astype(plate.rgb.dtype))
 
@@ -256,9 +254,7 @@ class Sweep:
         return float(np.sqrt(total @ self.covariance @ total))
 
     def _swept(self, box: tuple[int, int, int, int], shape: Array) -> Swept:
-        return self.silhouette.sweep(
-            self.family, self.path, shape, empty_observation(box, self.size)
-        )
+        return self.silhouette.sweep(self.family, self.path, shape, Pixels.of_box(box))
 
 
 def _radius_slope(silhouette: Silhouette, shape: Array) -> Array:

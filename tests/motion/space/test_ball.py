@@ -70,7 +70,7 @@ def test_alpha_is_fraction_of_time_that_rays_meet_the_ball(lens):
     )
     path, shape = np.array([22.0, 20, 45, 27]), np.array([7.0, 0.3])
     ball = PerspectiveBall.in_observation(lens, data)
-    alpha = ball.sweep(LINE, path, shape, data).alpha
+    alpha = ball.sweep(LINE, path, shape, data.pixels).alpha
     nodes, _ = at_nodes(lens, path, shape)
     cells = 12
     at = (np.arange(cells) + 0.5) / cells - 0.5
@@ -93,11 +93,11 @@ def test_derivatives_match_differences():
     )
     ball = PerspectiveBall.in_observation(LENS, data)
     p = np.array([50.0, 35, 85, 45, 115, 40, 14.0, 0.1, 0.05])
-    swept = ball.sweep(PARABOLA, p[:6], p[6:], data)
+    swept = ball.sweep(PARABOLA, p[:6], p[6:], data.pixels)
     x = np.linspace(-1, 1, 120)[None] + np.linspace(-0.5, 1, 70)[:, None] ** 2
     for i in range(9):
         d = 1e-4 * np.eye(9)[i]
-        up, down = (ball.sweep(PARABOLA, q[:6], q[6:], data).alpha for q in (p + d, p - d))
+        up, down = (ball.sweep(PARABOLA, q[:6], q[6:], data.pixels).alpha for q in (p + d, p - d))
         numeric = np.sum(x * (up - down)) / 2e-4
         assert_allclose(np.sum(x * swept.by_parameters[..., i]), numeric, rtol=0.01, atol=0.02)
 

@@ -23,8 +23,8 @@ from blurmatte.rendering import Ball, Change, Sheet
 from blurmatte.sweep.assess.diagnostics import Diagnostics, diagnosed
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.residuals import residual_excess, variance_inflation
 
 SQUARE = replace(BALL, body=Sheet(24, 24, GREEN), change=Change(turned=(0, 0, 0.4)))
 TWO_PAINTS = replace(

@@ -26,8 +26,8 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball, Change, Scene
 from blurmatte.sweep.fit.growth import fit_growing, growing
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
-from blurmatte.sweep.model.residuals import variance_inflation
 
 NEARER = Scene(WALL, along(LINE), Ball(10, GREEN, ambient=1.0), Change(scale=(0.75, 1.35)))
 AWAY = Scene(TILES, along(ARC), Ball(10, GREEN, ambient=1.0), Change(scale=(1.4, 0.8)))

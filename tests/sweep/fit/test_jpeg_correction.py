@@ -32,7 +32,7 @@ from blurmatte.sweep.fit.jpeg_correction import (
 )
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.silhouette import BLUR_OF_FILES, Silhouette
+from blurmatte.sweep.model.silhouette import ShapeLimits, Silhouette
 from blurmatte.sweep.sweep import Sweep
 
 SCENE = FLAT_BEFORE_TILES[LINE]
@@ -55,7 +55,7 @@ def test_the_blur_of_a_file_is_what_it_says():
     assert chroma_blur_std(state) == state.observation.compression.spread > 0
 
 
-@pytest.mark.parametrize(("softness", "blur"), [(0.8, 0.8), (5.0, BLUR_OF_FILES)])
+@pytest.mark.parametrize(("softness", "blur"), [(0.8, 0.8), (5.0, ShapeLimits.max_file_blur_px)])
 def test_the_blur_of_an_unknown_file_is_that_of_the_rim(softness, blur):
     """At most what files blur."""
     state = fitted(camera=CAMERA)

@@ -27,8 +27,8 @@ from blurmatte.rendering import Ball, Change, Scene, Sheet
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.outline import fit_outline
 from blurmatte.sweep.fit.outline_start import changing, outlined, stretched, turning
+from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.residuals import variance_inflation
 
 PATH = along(LINE)
 EGG = Scene(WALL, PATH, Ball(12, GREEN, ambient=1.0), Change(squash=(1.5, 1.5), squash_angle=0.9))

@@ -1,4 +1,4 @@
-"""A disc and the shadow that it casts: found together, and told from a disc without one."""
+"""A disc and the shadow that it casts: found together, and distinguished from a disc without one."""
 
 from dataclasses import replace
 from functools import cache
@@ -14,8 +14,8 @@ from blurmatte.rendering import Ball, Scene, Shadow, Shot, plain_plate, render, 
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.multistart import start_along
-from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow
-from blurmatte.sweep.model.cast_shadow import CastShadow, in_shadow
+from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow, in_shadow
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
 from blurmatte.trajectory import Trajectory
@@ -95,7 +95,17 @@ def test_the_disc_is_in_the_observation_with_its_shadow():
     """exact"""
     _, observation = observed(BALL, 1)
     disc, cast = fit_with_shadow(minimize(true_disc(observation), BOUNDS), BOUNDS)
-    S = cast.of(observation, disc)
-    expected = cast.on(observation.B, S, disc.swept.alpha)
+    expected = in_shadow(observation, disc, cast).B
     assert np.abs(disc.observation.B - expected).max() < 0.02
     assert disc.observation.C is observation.C
+
+
+def test_in_shadow_changes_the_plate_alone():
+    """invariant: noise and image stay."""
+    _, observation = observed(BALL)
+    cast = CastShadow(np.array(SHADOW.offset), SHADOW.softness, np.array(SHADOW.strength))
+    shaded = in_shadow(observation, true_disc(observation), cast)
+    assert shaded.C is observation.C
+    assert shaded.B_variance is observation.B_variance
+    assert np.all(shaded.B <= observation.B)
+    assert np.any(shaded.B < 0.8 * observation.B)

@@ -9,18 +9,16 @@ from numpy.testing import assert_allclose
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Ball, Scene, Shadow, plain_plate, render
 from blurmatte.streaks import Streak
-from blurmatte.sweep.model.cast_shadow import CastShadow, in_shadow
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import observation_around
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.silhouette import DISC
-from blurmatte.sweep.model.state import state_at
 from blurmatte.trajectory import Trajectory
 
 SIZE = (160, 112)
 GREEN = np.array([0.25, 0.7, 0.12])
 WALL = plain_plate(SIZE, (0.42, 0.41, 0.4), 4)
-WAY = Trajectory.line((60, 48), (96, 58))
+PATH = Trajectory.line((60, 48), (96, 58))
 RADIUS = 12.0
 SHADOW = Shadow((-9.0, 15.0), softness=3.5, strength=(0.5, 0.45, 0.4))
 CAST = CastShadow(np.array(SHADOW.offset), SHADOW.softness, np.array(SHADOW.strength))
@@ -29,7 +27,7 @@ CAST = CastShadow(np.array(SHADOW.offset), SHADOW.softness, np.array(SHADOW.stre
 @cache
 def observed(shadow=SHADOW):
     """Truth and observation of a streak with all of its shadow, without noise."""
-    truth = render(Scene(WALL, WAY, Ball(RADIUS, GREEN), shadow=shadow), 256)
+    truth = render(Scene(WALL, PATH, Ball(RADIUS, GREEN), shadow=shadow), 256)
     moved = (truth.layer.alpha > 0) | (truth.shadow.max(axis=-1) > 0.002)
     image, plate = (
         LinearImage(x.rgb, np.full_like(x.rgb, 1e-6)) for x in (truth.image, truth.plate)
@@ -37,8 +35,8 @@ def observed(shadow=SHADOW):
     return truth, observation_around(Streak(moved), 8, image, plate, ColorPrior(np.eye(3)))
 
 
-def disc_in(observation, radius=RADIUS):
-    return state_at(observation, LINE, WAY.xy.ravel(), DISC, DISC.start(radius))
+def missing(observation):
+    return CAST.missing(LINE, PATH.xy.ravel(), RADIUS, observation.pixels)
 
 
 def within(observation, whole):
@@ -50,7 +48,7 @@ def within(observation, whole):
 def test_missing_light_is_that_of_a_rendered_shadow():
     """oracle: the silhouette, moved and blurred, of many moments, where the object is not in front."""
     truth, observation = observed()
-    S = CAST.of(observation, disc_in(observation))
+    S = missing(observation)
     assert_allclose(S[..., None] * CAST.strength, within(observation, truth.shadow), atol=0.003)
 
 
@@ -67,26 +65,16 @@ def test_coarse_pixels_have_the_mean_of_fine_ones():
     """invariant"""
     _, observation = observed()
     coarse = observation.coarser(2)
-    small = CAST.of(observation, disc_in(observation))
+    small = missing(observation)
     h, w = (2 * (n // 2) for n in small.shape)
     means = small[:h, :w].reshape(h // 2, 2, w // 2, 2).mean(axis=(1, 3))
-    assert_allclose(CAST.of(coarse, disc_in(coarse)), means, atol=0.02)
+    assert_allclose(missing(coarse), means, atol=0.02)
 
 
 def test_is_possible_bounds_the_strength():
     assert CAST.is_possible
     for strength in ([0, 0.6, 0.5], [0.04, 0, 0], [0.01, 0.01, 0.01], [0.93, 0.7, 1]):
         assert not replace(CAST, strength=np.array(strength)).is_possible
-
-
-def test_in_shadow_changes_the_plate_alone():
-    """invariant: noise and image stay."""
-    _, observation = observed()
-    shaded = in_shadow(observation, disc_in(observation), CAST)
-    assert shaded.C is observation.C
-    assert shaded.B_variance is observation.B_variance
-    assert np.all(shaded.B <= observation.B)
-    assert np.any(shaded.B < 0.8 * observation.B)
 
 
 def test_numbers_are_plain():

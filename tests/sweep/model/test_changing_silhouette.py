@@ -7,8 +7,8 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
-from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import ARC, LINE
+from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette, moments
 
 SIZE = W, H = 48, 36
@@ -39,11 +39,7 @@ every_kind = pytest.mark.parametrize("silhouette", SHAPES, ids=name_of)
 
 
 def canvas():
-    """An observation without light."""
-    light, some = np.zeros((H, W, 3)), np.ones((H, W), bool)
-    return Observation(
-        light, light, light, light, some.astype(float), some, some, some, SIZE, (0.0, 0.0)
-    )
+    return Pixels((H, W))
 
 
 def at_moment(silhouette, shape, t):
@@ -153,8 +149,8 @@ def test_a_thing_that_narrows_at_rest_is_wider_at_first():
 
 
 def test_moments_are_close_where_growth_moves_the_rim():
-    fast = GROWING._way(LINE, REST, np.array([60.0, 2.0]), canvas())
-    slow = GROWING._way(LINE, REST, np.array([60.0, 0.1]), canvas())
+    fast = GROWING._motion(LINE, REST, np.array([60.0, 2.0]), canvas())
+    slow = GROWING._motion(LINE, REST, np.array([60.0, 0.1]), canvas())
     assert len(fast.t) > len(slow.t) == len(moments(LINE, REST, 1.0)[0])
     assert np.diff(60 * np.exp(2 * (fast.t - 0.5))).max() < 1
 

@@ -11,8 +11,8 @@ from scipy.linalg import expm
 from scipy.signal import fftconvolve
 
 from blurmatte.rendering.coverage import disc_coverage
-from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import ARC, BOUNCE, FROM_REST, LINE
+from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette, moments
 
 SIZE = W, H = 40, 30
@@ -37,15 +37,11 @@ every_kind = pytest.mark.parametrize("silhouette", SHAPES, ids=lambda silhouette
 
 
 def canvas(width=W, height=H, origin=(0.0, 0.0)):
-    """An observation without light."""
-    light, some = np.zeros((height, width, 3)), np.ones((height, width), bool)
-    return Observation(
-        light, light, light, light, some.astype(float), some, some, some, SIZE, origin
-    )
+    return Pixels((height, width), origin)
 
 
-def swept(silhouette, family=ARC, path=ROUND, observation=None):
-    return silhouette.sweep(family, path, SHAPES[silhouette], observation or canvas())
+def swept(silhouette, family=ARC, path=ROUND, pixels=None):
+    return silhouette.sweep(family, path, SHAPES[silhouette], pixels or canvas())
 
 
 def counted(silhouette, family, path, shape, n=8, times=160):
@@ -133,13 +129,13 @@ def centroid(alpha):
 
 @every_kind
 def test_derivatives_are_those_of_small_steps(silhouette):
-    observation, shape, step = canvas(), SHAPES[silhouette], 1e-4
+    pixels, shape, step = canvas(), SHAPES[silhouette], 1e-4
     J = swept(silhouette).by_parameters
     n, everything = len(ROUND), np.concatenate([ROUND, shape])
     assert J.shape == (H, W, len(everything)) == (H, W, n + silhouette.size)
     for i, along in enumerate(step * np.eye(len(everything))):
         there, back = (
-            silhouette.sweep(ARC, p[:n], p[n:], observation).alpha
+            silhouette.sweep(ARC, p[:n], p[n:], pixels).alpha
             for p in (everything + along, everything - along)
         )
         slope = (there - back) / (2 * step)
@@ -163,10 +159,10 @@ def test_derivatives_add_up_to_that_of_the_area(silhouette):
 
 @every_kind
 def test_alpha_is_cropped_at_the_border(silhouette):
-    whole, part = swept(silhouette), swept(silhouette, observation=canvas(11, 9, (14.0, 10.0)))
+    whole, part = swept(silhouette), swept(silhouette, pixels=canvas(11, 9, (14.0, 10.0)))
     assert_allclose(part.alpha, whole.alpha[10:19, 14:25], rtol=0, atol=1e-12)
     assert_allclose(part.by_parameters, whole.by_parameters[10:19, 14:25], rtol=0, atol=1e-11)
-    nowhere = swept(silhouette, observation=canvas(8, 9, (200.0, 10.0)))
+    nowhere = swept(silhouette, pixels=canvas(8, 9, (200.0, 10.0)))
     assert not nowhere.alpha.any()
     assert not nowhere.by_parameters.any()
 
@@ -174,7 +170,7 @@ def test_alpha_is_cropped_at_the_border(silhouette):
 @pytest.mark.parametrize("by", [2, 5])
 @every_kind
 def test_alpha_on_coarse_pixels_is_the_mean_of_blocks(silhouette, by):
-    fine, coarse = swept(silhouette), swept(silhouette, observation=canvas().coarser(by))
+    fine, coarse = swept(silhouette), swept(silhouette, pixels=canvas().coarser(by))
     assert_allclose(
         coarse.alpha, block_means(fine.alpha, by), rtol=0, atol=0.01 if by == 2 else 0.03
     )
@@ -206,10 +202,8 @@ def mirrored(silhouette, shape):
 
 @pytest.mark.parametrize("silhouette", [ELLIPSE, OUTLINE, SPINNING], ids=lambda s: s.name)
 def test_a_mirrored_picture_has_a_mirrored_alpha(silhouette):
-    path, observation = np.array([*ROUND[[1, 0, 3, 2]], -ROUND[4]]), canvas(H, W)
-    mirror = silhouette.sweep(
-        ARC, path, mirrored(silhouette, SHAPES[silhouette]), observation
-    ).alpha
+    path, pixels = np.array([*ROUND[[1, 0, 3, 2]], -ROUND[4]]), canvas(H, W)
+    mirror = silhouette.sweep(ARC, path, mirrored(silhouette, SHAPES[silhouette]), pixels).alpha
     assert_allclose(mirror.T, swept(silhouette).alpha, rtol=0, atol=1e-9)
 
 
@@ -323,13 +317,13 @@ def test_a_soft_rim_is_a_blurred_one(silhouette):
 
 @every_soft_kind
 def test_derivatives_of_soft_rims_are_those_of_small_steps(silhouette):
-    shape, step, observation, n = SOFT[silhouette], 1e-4, canvas(), len(ROUND)
-    J = silhouette.sweep(ARC, ROUND, shape, observation).by_parameters
+    shape, step, pixels, n = SOFT[silhouette], 1e-4, canvas(), len(ROUND)
+    J = silhouette.sweep(ARC, ROUND, shape, pixels).by_parameters
     everything = np.concatenate([ROUND, shape])
     assert J.shape == (H, W, n + silhouette.size)
     for i, along in enumerate(step * np.eye(len(everything))):
         there, back = (
-            silhouette.sweep(ARC, p[:n], p[n:], observation).alpha
+            silhouette.sweep(ARC, p[:n], p[n:], pixels).alpha
             for p in (everything + along, everything - along)
         )
         slope = (there - back) / (2 * step)
@@ -361,7 +355,7 @@ def test_moments_cover_the_exposure_in_short_steps():
     assert np.linalg.norm(np.diff(BOUNCE.at(path, t)[0], axis=0), axis=1).max() < 1
     assert len(moments(BOUNCE, far, 1.0)[0]) > 5 * len(t)
     assert_array_equal(moments(BOUNCE, far, 20.0)[0], t)
-    assert len(moments(BOUNCE, path, 1.0, rim_way=200)[0]) > 3 * len(t)
+    assert len(moments(BOUNCE, path, 1.0, rim_motion=200)[0]) > 3 * len(t)
     assert_array_equal(moments(BOUNCE, path + 1e-7, 1.0)[0], t)
 
 

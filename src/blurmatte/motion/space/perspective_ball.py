@@ -21,6 +21,7 @@ import numpy.typing as npt
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
+from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, Swept, moments
 
 Array = npt.NDArray[np.float64]
@@ -56,18 +57,18 @@ class PerspectiveBall(Silhouette):
         rays, slopes = intrinsics.rays(pixels), intrinsics.ray_slopes(pixels) * data.scale
         return cls(intrinsics=intrinsics, rays=rays, slopes=np.ascontiguousarray(slopes))
 
-    def sweep(self, family: PathFamily, path: Array, shape: Array, data: Observation) -> Swept:
+    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> Swept:
         """Alpha of a moving ball, and its derivatives."""
         from blurmatte.motion.space import perspective_ball_kernel  # numba: half a second
 
         assert isinstance(family, Polynomial)
-        alpha = np.zeros(data.weight.shape)
+        alpha = np.zeros(pixels.shape)
         J = np.zeros((*alpha.shape, len(path) + len(shape)))
-        t, weights = moments(family, path, data.scale)
+        t, weights = moments(family, path, pixels.scale)
         nodes, by_parameters = at_nodes(self.intrinsics, path, shape)
         basis = family.weights(t)
         X, D = basis @ nodes, np.einsum("tk,kcp->tcp", basis, by_parameters)
-        boxes = self._boxes(X, data)
+        boxes = self._boxes(X, pixels)
         perspective_ball_kernel.flight(X, D, weights, boxes, self.rays, self.slopes, alpha, J)
         return Swept(alpha, J)
 
@@ -75,7 +76,7 @@ class PerspectiveBall(Silhouette):
         """The nearest shape with a radius within bounds."""
         return np.concatenate([np.clip(shape[:1], *bounds), shape[1:]])
 
-    def _boxes(self, X: Array, data: Observation) -> npt.NDArray[np.int64]:
+    def _boxes(self, X: Array, within: Pixels) -> npt.NDArray[np.int64]:
         """(T, 4) boxes of the pixels that may see a ball at X (T, 3), radii.
 
         5 % and two pixels larger than the box of the points on its outline.
@@ -83,10 +84,10 @@ class PerspectiveBall(Silhouette):
         points = self.intrinsics.project(outline(X, _OUTLINE_POINTS))
         center = self.intrinsics.project(X)[:, None]
         with np.errstate(invalid="ignore"):
-            reach = 1.05 * np.abs(points - center).max(axis=1) + 2.0 * data.scale
-            low = (center[:, 0] - reach - data.origin) / data.scale
-            high = (center[:, 0] + reach - data.origin) / data.scale
-        h, w = data.weight.shape
+            reach = 1.05 * np.abs(points - center).max(axis=1) + 2.0 * within.scale
+            low = (center[:, 0] - reach - within.origin) / within.scale
+            high = (center[:, 0] + reach - within.origin) / within.scale
+        h, w = within.shape
         seen = np.isfinite(low + high).all(axis=1, keepdims=True)
         low, high = np.where(seen, low, 0), np.where(seen, high, 0)
         low, high = np.clip(np.floor(low), 0, (w, h)), np.clip(np.ceil(high), 0, (w, h))

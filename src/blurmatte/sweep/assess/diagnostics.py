@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.sweep.fit.candidate import Candidate
-from blurmatte.sweep.model.feasibility import rejection
-from blurmatte.sweep.model.residuals import (
+from blurmatte.sweep.fit.feasibility import rejection
+from blurmatte.sweep.fit.residuals import (
     outlier_fraction,
     residual_excess,
     variance_inflation,

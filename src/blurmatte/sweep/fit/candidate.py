@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 from blurmatte.radiometry import Transfer
 from blurmatte.sweep.fit.jpeg_correction import chroma_blur_std, corrected_for_file
-from blurmatte.sweep.model.cast_shadow import PARAMETERS, CastShadow
-from blurmatte.sweep.model.residuals import colors_are_correlated
+from blurmatte.sweep.fit.residuals import colors_are_correlated
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.state import State
 
 
@@ -29,7 +29,7 @@ class Candidate:
     @property
     def parameters(self) -> int:
         """How many path, shape and shadow have."""
-        return self.state.size + (PARAMETERS if self.cast is not None else 0)
+        return self.state.size + (CastShadow.size if self.cast is not None else 0)
 
     @classmethod
     def before_file(

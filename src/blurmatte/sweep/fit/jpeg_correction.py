@@ -9,12 +9,8 @@ from dataclasses import replace
 from blurmatte.radiometry import Transfer
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.silhouette import BLUR_OF_FILES
+from blurmatte.sweep.model.silhouette import ShapeLimits
 from blurmatte.sweep.model.state import State
-
-_ROUNDS = 2
-_MAX_RADIUS_RATIO = 2.0  # by which the radius may change
-_MAX_STEPS = 15
 
 
 def corrected_for_file(state: State, transfer: Transfer) -> State:
@@ -28,10 +24,10 @@ def corrected_for_file(state: State, transfer: Transfer) -> State:
         Of the file.
     """
     observed, blur = state.observation, chroma_blur_std(state)
-    bounds = state.shape[0] / _MAX_RADIUS_RATIO, state.shape[0] * _MAX_RADIUS_RATIO
-    for _ in range(_ROUNDS):
+    bounds = state.shape[0] / 2, state.shape[0] * 2
+    for _ in range(2):  # the second correction starts from the shape of the first
         before = light_before_file(observed, state, transfer, blur)
-        state = minimize(state.relit(before), bounds, _MAX_STEPS, ROUGH_TOLERANCE)
+        state = minimize(state.relit(before), bounds, max_steps=15, tolerance=ROUGH_TOLERANCE)
     return state
 
 
@@ -43,7 +39,7 @@ def chroma_blur_std(state: State) -> float:
     compression = state.observation.compression
     if compression is not None:
         return compression.spread
-    return min(state.silhouette.softness(state.shape), BLUR_OF_FILES)
+    return min(state.silhouette.softness(state.shape), ShapeLimits.max_file_blur_px)
 
 
 def light_before_file(

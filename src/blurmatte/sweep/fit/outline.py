@@ -22,8 +22,8 @@ from blurmatte.sweep.fit.ranking import (
     best_of,
     bic_penalty,
 )
+from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
-from blurmatte.sweep.model.residuals import variance_inflation
 from blurmatte.sweep.model.state import State
 
 _RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels of a disc on large pixels

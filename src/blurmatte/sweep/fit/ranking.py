@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.sweep.model.feasibility import is_admissible
+from blurmatte.sweep.fit.feasibility import is_admissible
+from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.residuals import variance_inflation
 from blurmatte.sweep.model.state import State
 
 # Units of log likelihood, about 150 to 1: decisive on the scale of Kass and Raftery (1995).

@@ -1,16 +1,17 @@
 """A disc and the shadow that it casts, fitted by block-coordinate descent."""
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
-from blurmatte.sweep.model.cast_shadow import PARAMETERS, CastShadow, in_shadow
+from blurmatte.sweep.fit.residuals import variance_inflation
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE
-from blurmatte.sweep.model.residuals import variance_inflation
 from blurmatte.sweep.model.state import State
 
 Array = npt.NDArray[np.float64]
@@ -46,7 +47,7 @@ def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, Ca
     fits = [_alternated(start, None, bounds, _COARSE_ROUNDS) for start in starts]
     best, cast = min(fits, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / variance_inflation(best)
-    if not cast.is_possible or gain < bic_penalty(coarse, PARAMETERS):
+    if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
         return None
     fine = best.on(disc.observation)
     best, cast = _alternated(fine, cast, bounds, _FINE_ROUNDS)
@@ -66,6 +67,12 @@ def _alternated(
             break
     assert cast is not None
     return disc, cast
+
+
+def in_shadow(observation: Observation, state: State, cast: CastShadow) -> Observation:
+    """An observation with the plate in the shadow that a disc casts."""
+    S = cast.missing(state.family, state.path, float(state.shape[0]), observation.pixels)
+    return replace(observation, B=cast.on(observation.B, S, state.swept.alpha))
 
 
 def fit_cast(observation: Observation, disc: State, start: CastShadow | None = None) -> CastShadow:
@@ -96,12 +103,14 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     products = np.matmul(by_strength.swapaxes(1, 2), by_strength).reshape(-1, 9)
     pulls = np.matmul(missing[:, None, :], by_strength)[:, 0]
 
+    pixels = observation.pixels
+
     def shadow(x: Array, strength: Array) -> CastShadow:
         return CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, strength)
 
     def solved(x: Array) -> tuple[Array, Array]:
         """Residuals with the best strength, and that."""
-        S = shadow(x, np.ones(3)).of(observation, disc).ravel()
+        S = shadow(x, np.ones(3)).missing(disc.family, disc.path, radius, pixels).ravel()
         normal = ((S * S) @ products).reshape(3, 3) + _TINY * np.eye(3)
         t = np.clip(np.linalg.solve(normal, S @ pulls), 0, 1)
         explained = (by_strength.reshape(-1, 3) @ t).reshape(-1, 3)

@@ -1,29 +1,21 @@
 """The shadow that a disc casts on a flat background behind it, and that moves with it.
 
-In this file o is where the disc is at a moment, and s, from 0 to 1, how dark its shadow is there: the
-disc, moved by an offset and blurred, for lamps are no points. Over the exposure the part t S of the
-plate's light is missing, S = ∫ (1 − o) s, with t the part of each channel's light that came from the
-lamp: C = P + (1 − α − t S) B. It is as if the plate were darker, B (1 − t S / (1 − α)).
+In this file o is the coverage of the disc at a moment, and s, from 0 to 1, the darkness of its shadow:
+the disc, moved by an offset and blurred, for lamps are extended. Over the exposure the part t S of the
+plate's light is missing, S = ∫ (1 − o) s, with t the part of each channel's light that comes from the
+lamp: C = P + (1 − α − t S) B. This equals a darker plate, B (1 − t S / (1 − α)).
 """
 
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
-from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
-
-PARAMETERS = 6  # offset, softness, and the strength in each channel
-# Strength in the channel that loses most, and that of the least over it: lamps are white.
-_MIN_STRENGTH, _MAX_STRENGTH, _MIN_STRENGTH_RATIO = 0.04, 0.95, 0.5
-_PROFILE_NODES, _BLUR_REACH = 65, 3.5  # of a profile; standard deviations of its blur
-_TIMES, _STEP = (33, 257), 1.0  # fewest and most; pixels from one to the next
-_TINY = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,15 +32,21 @@ class CastShadow:
         t of each channel, 0…1.
     """
 
+    size: ClassVar[int] = 6  # parameters
+    MIN_STRENGTH: ClassVar[float] = 0.04  # of the channel that loses most
+    MAX_STRENGTH: ClassVar[float] = 0.95  # of the same channel: other light reaches the plate too
+    MIN_STRENGTH_RATIO: ClassVar[float] = 0.5  # smallest over largest: lamps are about white
+
     offset: Array
     softness: float
     strength: Array
 
     @property
     def is_possible(self) -> bool:
-        """Whether a lamp casts it: in all channels, and not as the only light."""
+        """True if a lamp that is white, but not the only light, can cast it."""
         least, most = float(self.strength.min()), float(self.strength.max())
-        return _MIN_STRENGTH <= most <= _MAX_STRENGTH and least >= _MIN_STRENGTH_RATIO * most
+        visible = self.MIN_STRENGTH <= most <= self.MAX_STRENGTH
+        return visible and least >= self.MIN_STRENGTH_RATIO * most
 
     @property
     def numbers(self) -> dict[str, Any]:
@@ -59,52 +57,42 @@ class CastShadow:
             "strength": tuple(float(t) for t in self.strength),
         }
 
-    def missing(
-        self, family: PathFamily, path: Array, radius: float, observation: Observation
-    ) -> Array:
-        """(h, w) S of a disc of a radius that moves along a path, in the pixels of an observation."""
+    def missing(self, family: PathFamily, path: Array, radius: float, pixels: Pixels) -> Array:
+        """(h, w) S of a disc of a radius (pixels of the picture) that moves along a path."""
         from blurmatte.sweep.model import (
             cast_shadow_kernel as cast_kernel,
         )  # numba takes half a second to import
 
-        centers = _centers_of(family, path, observation)
-        profile, step = _profile(radius / observation.scale, self.softness / observation.scale)
-        S = np.zeros(observation.weight.shape)
-        offset, radius = self.offset / observation.scale, radius / observation.scale
+        centers = _centers_of(family, path, pixels)
+        offset, radius, scale = self.offset / pixels.scale, radius / pixels.scale, pixels.scale
+        profile, step = _profile(radius, self.softness / scale)
+        S = np.zeros(pixels.shape)
         cast_kernel.add_shadow(centers, offset, radius, profile, step, S)
         return S
 
-    def of(self, observation: Observation, state: State) -> Array:
-        """(h, w) S that a disc casts."""
-        return self.missing(state.family, state.path, float(state.shape[0]), observation)
-
     def on(self, B: Array, S: Array, alpha: Array) -> Array:
-        """(h, w, 3) the plate in this shadow, as it is seen around the object."""
-        left = 1 - S[..., None] * self.strength / np.maximum(1 - alpha, _TINY)[..., None]
+        """(h, w, 3) the plate in this shadow, as it is visible around the object."""
+        left = 1 - S[..., None] * self.strength / np.maximum(1 - alpha, 1e-9)[..., None]
         return np.asarray(B * np.clip(left, 0, 1))
 
 
-def in_shadow(observation: Observation, state: State, cast: CastShadow) -> Observation:
-    """An observation with the plate in the shadow that a disc casts."""
-    S = cast.of(observation, state)
-    return replace(observation, B=cast.on(observation.B, S, state.swept.alpha))
-
-
-def _centers_of(family: PathFamily, path: Array, observation: Observation) -> Array:
-    """(T, 2) centers of what goes along a path, at even times, in the pixels of an observation."""
-    curve = family.at(path, np.linspace(0, 1, 33))[0]
+def _centers_of(family: PathFamily, path: Array, pixels: Pixels) -> Array:
+    """(T, 2) centers on a path at 33 to 257 equally spaced times, about one a pixel."""
+    curve = family.curve(path)
     length = float(np.linalg.norm(np.diff(curve, axis=0), axis=1).sum())
-    count = int(np.clip(length / (_STEP * observation.scale), *_TIMES))
+    count = int(np.clip(length / pixels.scale, 33, 257))
     times = (np.arange(count) + 0.5) / count
-    centers = family.at(path, times)[0] - np.array(observation.origin)
-    return np.asarray(centers / observation.scale)
+    centers = family.at(path, times)[0] - np.array(pixels.origin)
+    return np.asarray(centers / pixels.scale)
 
 
 def _profile(radius: float, softness: float) -> tuple[Array, float]:
-    """How dark the shadow is every step from its middle, and the step: a noncentral χ² of two."""
+    """Darkness of the shadow at 65 distances from its center, and their step, pixels.
+
+    It is the distribution function of a noncentral χ² with two degrees of freedom.
+    """
     from scipy.special import chndtr
 
-    reach = radius + _BLUR_REACH * softness
-    at = np.linspace(0, reach, _PROFILE_NODES)
+    at = np.linspace(0, radius + 3.5 * softness, 65)
     dark = chndtr((radius / softness) ** 2, 2, (at / softness) ** 2)
-    return np.where(np.isfinite(dark), dark, at < radius), reach / (_PROFILE_NODES - 1)
+    return np.where(np.isfinite(dark), dark, at < radius), float(at[1])

@@ -12,6 +12,7 @@ from blurmatte.streaks.morphology import widened
 from blurmatte.streaks.streak import Streak
 from blurmatte.sweep.model.chroma_subsampling import LUMA, Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -78,6 +79,12 @@ class Observation:
     noise_inflation: float = 1.0
     chroma_error: Array | None = None
     compression: Compression | None = None
+
+    @property
+    def pixels(self) -> Pixels:
+        """Where the pixels are."""
+        h, w = self.weight.shape
+        return Pixels((h, w), self.origin, self.scale)
 
     @property
     def pitch(self) -> float:
@@ -166,7 +173,7 @@ class Observation:
         def means(x: Array) -> Array:
             return np.asarray(cell_means(x, by), dtype=float)
 
-        middle = (by - 1) / 2 * self.scale
+        pixels = self.pixels.coarser(by)
         return Observation(
             means(self.C),
             means(self.B),
@@ -177,33 +184,13 @@ class Observation:
             means(self.streak.astype(float)) > 0,
             means(self.near.astype(float)) > 0,
             self.size,
-            (self.origin[0] + middle, self.origin[1] + middle),
+            pixels.origin,
             self.color,
-            self.scale * by,
+            pixels.scale,
             self.grain,
             self.noise_inflation,
             None if self.chroma_error is None else means(self.chroma_error),
         )
-
-
-def empty_observation(box: tuple[int, int, int, int], size: tuple[int, int]) -> Observation:
-    """The pixels of a box (x0, y0, x1, y1) of a picture, without light."""
-    x0, y0, x1, y1 = box
-    no_light, one = np.zeros((y1 - y0, x1 - x0, 0)), np.ones((y1 - y0, x1 - x0))
-    origin = float(x0), float(y0)
-    everywhere = one > 0
-    return Observation(
-        no_light,
-        no_light,
-        no_light,
-        no_light,
-        one,
-        everywhere,
-        everywhere,
-        everywhere,
-        size,
-        origin,
-    )
 
 
 def observation_around(

@@ -27,8 +27,12 @@ class PathFamily(ABC):
         """Points xy (T, 2) and their derivatives D (T, 2, n)."""
 
     def kink(self, p: Array) -> float | None:
-        """When its velocity jumps; None if never."""
+        """Time at which the velocity jumps; None if it does not."""
         return None
+
+    def curve(self, p: Array) -> Array:
+        """(33, 2) points at equally spaced times, pixels."""
+        return self.at(p, np.linspace(0, 1, 33))[0]
 
     @abstractmethod
     def starts(self, curve: Array) -> list[Array]:

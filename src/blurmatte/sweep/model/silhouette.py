@@ -1,8 +1,8 @@
-"""Silhouettes: alpha of a shape on its way, in the pixels of some data, and its derivatives.
+"""Silhouettes: alpha of a moving shape in some pixels, and its derivatives.
 
-In this file `shape` is the parameters of a silhouette (m,). Seen from its center the rim is ρ(φ)
-away at the angle φ from +x towards +y, the center of no particular meaning but that all of the rim
-can be seen from it. How ρ follows from the parameters stands in `rim_kernel`.
+In this file `shape` is the parameters of a silhouette (m,). The rim lies at the distance ρ(φ) from the
+center at the angle φ from +x towards +y: the shape is star-shaped about its center. `rim_kernel`
+defines ρ by the parameters.
 """
 
 from dataclasses import dataclass
@@ -13,26 +13,59 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.model.linear_maps import changed, exponential, most_shrinking, turned
-from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
+from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
 
-_PARTS = 48  # of the exposure, equally long
-_SOFT_PARTS = 8  # where nothing is sharp, neither the rim nor the path
-_GAUSS = 1 / np.sqrt(
-    12
-)  # of a piece, how far its two moments are from its middle: exact for cubics
-_STEP, _MOST = 0.7, 200  # pixels between two moments, and how many in a part at most
-_PIXEL = 1 / 12  # variance of a box as wide as a pixel
-_ANGLES = 360
-_LONGEST = 2.0  # half the log of its length over its width: 55 times as long as wide
-_JAGGED = 1.0  # of log R, √2 of its root mean square: a star of five points has half of it
-BLUR_OF_FILES = 2.0  # pixels, the most that files blur colors: blocks of 4 share none
-_FASTEST = 2.0  # logarithm by which a length changes: to 7.4 times what it was, or by two such
-_MIDDLE = 0.5  # of the exposure
-_SHARP = 0.2  # pixels: a pixel's width hides less
-_DEFOCUSED = 0.3  # of a radius, by which a lens may blur a rim; more hides the shape
+
+@dataclass(frozen=True)
+class ShapeLimits:
+    """Bounds of the parameters of a silhouette.
+
+    Parameters
+    ----------
+    max_log_stretch : float
+        Half the log of length over width: 55 times as long as wide.
+    max_coefficients : float
+        Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points has
+        half of it.
+    max_log_rate : float
+        Logarithm by which a length changes during the exposure: 7.4 times.
+    min_blur_px : float
+        Standard deviation of the rim's blur: a pixel's width hides less.
+    max_file_blur_px : float
+        Standard deviation by which files blur colors: blocks of 4 pixels share a color.
+    max_lens_blur : float
+        Standard deviation by which a lens blurs the rim, of the radius; more hides the shape.
+    """
+
+    max_log_stretch: float = 2.0
+    max_coefficients: float = 1.0
+    max_log_rate: float = 2.0
+    min_blur_px: float = 0.2
+    max_file_blur_px: float = 2.0
+    max_lens_blur: float = 0.3
+
+
+@dataclass(frozen=True)
+class TimeSampling:
+    """Moments at which a moving shape is drawn.
+
+    Parameters
+    ----------
+    parts, soft_parts : int
+        Equal parts of the exposure that are subdivided; fewer where rim and path are smooth.
+    max_step_px : float
+        Distance between two moments.
+    max_per_part : int
+        Moments in a part.
+    """
+
+    parts: int = 48
+    soft_parts: int = 8
+    max_step_px: float = 0.7
+    max_per_part: int = 200
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,31 +86,30 @@ class Swept:
 class Silhouette:
     """Discs, ellipses, or outlines of higher order; each kind contains the simpler ones.
 
-    The parameters are the radius in pixels, of an ellipse also two of its stretch, of an outline
-    two more for every order from 3 on, then by how many radians it turns, then how it changes, and
-    at last the standard deviation, in pixels, of what its rim is blurred by: half the radius of the
-    circle of confusion of a lens. Size, area and outline are those in the middle of the exposure.
+    The parameters are the radius in pixels, two numbers of the stretch of an ellipse, two more for
+    every order of an outline from 3 on, the turn in radians, the rates of change, and the standard
+    deviation in pixels of the rim's blur: half the radius of the circle of confusion of a lens. Size,
+    area and outline are those in the middle of the exposure.
 
-    What changes is at the exposure fraction t the shape under the map exp((t − ½) G), before it
-    turns, with G = [[g + a, b], [b, g − a]] and the parameters g, a, b, natural logarithms: it comes
-    nearer by g, and is stretched by (a, b) as a thing is that is foreshortened less and less. A disc
-    has only g.
+    A shape that changes is mapped by exp((t − ½) G) at the exposure fraction t, before it turns, with
+    G = [[g + a, b], [b, g − a]] and the rates g, a, b, natural logarithms: g is growth, as of an object
+    that approaches, and (a, b) a change of foreshortening. A disc has only g.
 
     Parameters
     ----------
     order : int
         Of the Fourier series of the outline: 1 is a disc, 2 an ellipse.
     turns : bool
-        It turns evenly during the exposure, in the plane of the picture.
+        It rotates at constant rate in the plane of the picture.
     soft : bool
         Its rim is blurred: by the lens, or by the file.
     changes : bool
-        Its size, and if it is no disc its proportions, change evenly during the exposure.
+        Its size, and unless it is a disc its proportions, change at constant rates.
 
     Raises
     ------
     ValueError
-        If `order` is less than 1, or a disc turns, which nobody can see.
+        If `order` is less than 1, or a disc turns, which is not observable.
     """
 
     order: int = 1
@@ -93,7 +125,7 @@ class Silhouette:
 
     @property
     def name(self) -> str:
-        """What to call it."""
+        """Name in messages and files."""
         kind = {1: "disc", 2: "ellipse"}.get(self.order, f"outline of order {self.order}")
         if self.order == 1:
             return f"growing {kind}" if self.changes else kind
@@ -102,12 +134,12 @@ class Silhouette:
 
     @property
     def size(self) -> int:
-        """How many parameters."""
+        """Number of parameters."""
         return 2 * self.order - 1 + self.turns + self._changing + self.soft
 
     @property
     def _changing(self) -> int:
-        """How many parameters tell how it changes."""
+        """Number of rates of change."""
         return self.changes * (1 if self.order == 1 else 3)
 
     def start(self, half_width: float) -> Array:
@@ -115,7 +147,7 @@ class Silhouette:
         return np.array([half_width, *np.zeros(self.size - 1)])
 
     def like(self, other: "Silhouette", shape: Array) -> Array:
-        """Parameters (m,) of the shape of another silhouette, as far as this one can have it."""
+        """Parameters (m,) of the shape of another silhouette; those that this one lacks are dropped."""
         mine = self.start(shape[0])
         known = min(2 * self.order - 1, 2 * other.order - 1)
         mine[1:known] = shape[1:known]
@@ -128,24 +160,26 @@ class Silhouette:
         return mine
 
     def possible(self, shape: Array, bounds: tuple[float, float]) -> Array:
-        """The nearest shape with a radius within bounds, and a rim that leaves something to see."""
+        """The shape clipped to radius bounds (pixels) and to `ShapeLimits`."""
         near = shape.copy()
-        near[0] = np.clip(shape[0], *bounds)
-        near[self._rates] = np.clip(shape[self._rates], -_FASTEST, _FASTEST)
+        near[0], rate = np.clip(shape[0], *bounds), ShapeLimits.max_log_rate
+        near[self._rates] = np.clip(shape[self._rates], -rate, rate)
         if self.soft:
-            near[-1] = np.clip(shape[-1], _SHARP, max(BLUR_OF_FILES, _DEFOCUSED * near[0]))
+            lens = ShapeLimits.max_lens_blur * near[0]
+            largest = max(ShapeLimits.max_file_blur_px, lens)
+            near[-1] = np.clip(shape[-1], ShapeLimits.min_blur_px, largest)
         return near
 
     def extreme(self, shape: Array) -> bool:
-        """Whether it may get so long, or is so jagged, that it is no outline of a thing any more."""
+        """True if it gets too long or its rim is too jagged for `ShapeLimits`."""
         if self.order == 1:
             return False
         long = np.linalg.norm(shape[1:3]) + np.linalg.norm(self.rates(shape)[1:]) / 2
         jagged = np.linalg.norm(self._coefficients(shape))
-        return bool(long > _LONGEST or jagged > _JAGGED)
+        return bool(long > ShapeLimits.max_log_stretch or jagged > ShapeLimits.max_coefficients)
 
-    def sweep(self, family: PathFamily, path: Array, shape: Array, data: Observation) -> Swept:
-        """Alpha of a shape that goes along a path; the path may leave the data.
+    def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> Swept:
+        """Alpha of a shape that moves along a path; the path may leave the pixels.
 
         Parameters
         ----------
@@ -153,52 +187,46 @@ class Silhouette:
         path : (n,) float
             Its parameters, pixels of the picture.
         shape : (m,) float
-            Pixels of the picture, radians by which it turns, logarithms, and pixels again.
-        data : Observation
-            Where to look.
+            Its parameters, pixels of the picture.
+        pixels : Pixels
         """
         from blurmatte.sweep.model import (
             silhouette_kernel as kernel,
         )  # numba takes half a second to import
 
-        alpha = np.zeros(data.weight.shape)
+        alpha, scale = np.zeros(pixels.shape), pixels.scale
         J = np.zeros((*alpha.shape, len(path) + self.size))
-        way, soft = self._way(family, path, shape, data), self.softness(shape) / data.scale
+        motion, soft = self._motion(family, path, shape, pixels), self.softness(shape) / scale
         if self.order == 1:
-            radius, growth = shape[0] / data.scale, shape[1] if self.changes else 0.0
-            late = way.t - _MIDDLE
-            kernel.disc(
-                way.xy, way.D, way.weights, radius, growth, late, self.changes, soft, alpha, J
-            )
-            J[..., len(path)] /= data.scale
+            radius, growth = shape[0] / scale, shape[1] if self.changes else 0.0
+            t, weights, xy, D = motion
+            kernel.disc(xy, D, weights, radius, growth, t - 0.5, self.changes, soft, alpha, J)
+            J[..., len(path)] /= scale
         else:
-            self._cover(way, shape, data.scale, self._stretch(shape)[1], alpha, J)
+            self._cover(motion, shape, scale, alpha, J)
         if self.soft:
-            J[..., -1] /= data.scale
+            J[..., -1] /= scale
         return Swept(alpha, J)
 
-    def _way(self, family: PathFamily, path: Array, shape: Array, data: Observation) -> "_Way":
-        """Where it is when, for how long."""
-        soft = self.softness(shape) / data.scale
-        rim_way = 0.0
+    def _motion(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> "_Motion":
+        """Moments, their weights and the centers."""
+        scale, rim_motion = pixels.scale, 0.0
         if self.turns or self.changes:
             rate = abs(self.turn(shape)) + 2 * most_shrinking(self.rates(shape))
-            rim_way = rate * self.reach(shape)
-        t, weights = moments(family, path, data.scale, rim_way, soft)
+            rim_motion = rate * self.reach(shape)
+        t, weights = moments(family, path, scale, rim_motion, self.softness(shape) / scale)
         xy, D = family.at(path, t)
-        return _Way(t, weights, (xy - data.origin) / data.scale, D / data.scale)
+        return _Motion(t, weights, (xy - pixels.origin) / scale, D / scale)
 
-    def _cover(
-        self, way: "_Way", shape: Array, scale: float, by_A: Array, alpha: Array, J: Array
-    ) -> None:
-        """Add what a shape covers to alpha and J, as `kernel.sweep` does."""
+    def _cover(self, motion: "_Motion", shape: Array, scale: float, alpha: Array, J: Array) -> None:
+        """Add the coverage of a shape to alpha and J, as `kernel.sweep` does."""
         from blurmatte.sweep.model import rim_kernel
         from blurmatte.sweep.model import (
             silhouette_kernel as kernel,
         )  # numba takes half a second to import
 
-        t, weights, xy, D = way
-        A, by_A = self._stretch(shape)[0] / scale, by_A / scale
+        t, weights, xy, D = motion
+        A, by_A = (x / scale for x in self._stretch(shape))
         coefficients, soft = self._coefficients(shape), self.softness(shape) / scale
         reach = kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
         rim = rim_kernel.lattice_around(A, coefficients, kernel.variance_of(soft), reach)
@@ -212,8 +240,8 @@ class Silhouette:
         return self._maps(shape, t)[0]
 
     def _maps(self, shape: Array, t: Array) -> tuple[Array, Array]:
-        """`map_at` (T, 2, 2), and derivatives (T, 2, 2, l) by how it turns and changes."""
-        late, count = t - _MIDDLE, len(t)
+        """`map_at` (T, 2, 2), and derivatives (T, 2, 2, l) by turn and rates."""
+        late, count = t - 0.5, len(t)
         maps, by = np.broadcast_to(np.eye(2), (count, 2, 2)), np.zeros((count, 2, 2, 0))
         if self.changes:
             maps, by = changed(self.rates(shape), late)
@@ -224,24 +252,24 @@ class Silhouette:
 
     def area(self, shape: Array) -> float:
         """Area in the middle of the exposure, pixels²."""
-        return float(np.pi * shape[0] ** 2 * np.mean(self._star(shape, _ANGLES) ** 2))
+        return float(np.pi * shape[0] ** 2 * np.mean(self._star(shape, count=360) ** 2))
 
     def radius(self, shape: Array) -> float:
         """Radius of the disc of the same area in the middle of the exposure, pixels."""
         return float(np.sqrt(self.area(shape) / np.pi))
 
     def reach(self, shape: Array) -> float:
-        """How far the rim is from the center at most, at any moment, pixels.
+        """Largest distance of the rim from the center at any moment, pixels.
 
-        Under exp(τ G) with a symmetric G a distance is a convex function of τ: it is largest at an end.
+        Under exp(τ G) with a symmetric G a distance is a convex function of τ, largest at an end.
         """
-        rim = self.outline(shape, _ANGLES)
+        rim = self.outline(shape, count=360)
         if self.changes:
-            rim = np.concatenate(rim @ self.map_at(shape, _ENDS).transpose(0, 2, 1))
+            rim = np.concatenate(rim @ self.map_at(shape, np.array([0.0, 1.0])).transpose(0, 2, 1))
         return float(np.linalg.norm(rim, axis=1).max())
 
     def left_out(self, shape: Array) -> float:
-        """How far the rim may be off by the orders that it cannot have here, pixels."""
+        """Error of the rim from truncating its Fourier series, pixels: the size of the last order."""
         if self.order < 3:
             return 0.0
         return float(shape[0] * np.linalg.norm(self._coefficients(shape)[-2:]))
@@ -253,29 +281,29 @@ class Silhouette:
         return np.asarray(self._star(shape, count)[:, None] * circle @ A.T)
 
     def turn(self, shape: Array) -> float:
-        """By how much it turns during the exposure, radians from +x towards +y."""
+        """Rotation during the exposure, radians from +x towards +y."""
         return float(shape[2 * self.order - 1]) if self.turns else 0.0
 
     def rates(self, shape: Array) -> Array:
-        """(3,) logarithms (g, a, b) by which it changes during the exposure; 0 if it does not."""
+        """(3,) rates (g, a, b) of change during the exposure, logarithms; 0 if it does not change."""
         rates = np.zeros(3)
         rates[: self._changing] = shape[self._rates]
         return rates
 
     @property
     def _rates(self) -> slice:
-        """Which parameters tell how it changes."""
+        """Positions of the rates among the parameters."""
         first = 2 * self.order - 1 + self.turns
         return slice(first, first + self._changing)
 
     def softness(self, shape: Array) -> float:
-        """Standard deviation by which the rim is blurred, pixels; 0 if it is sharp."""
+        """Standard deviation of the rim's blur, pixels; 0 if it is sharp."""
         return float(shape[-1]) if self.soft else 0.0
 
     def mapped(self, shape: Array, by: Array) -> Array:
-        """Parameters (m,) of the image of a shape under a linear map (2, 2) that mirrors nothing.
+        """Parameters (m,) of the image of a shape under a linear map (2, 2) of positive determinant.
 
-        Of a disc only the size changes; how it changes stays.
+        A disc changes its size alone; the rates are kept.
         """
         from scipy.linalg import logm, polar
 
@@ -317,11 +345,8 @@ class Silhouette:
         return np.asarray(np.exp(self._coefficients(shape) @ waves))
 
 
-class _Way(NamedTuple):
-    """Times (T,), parts of the exposure (T,), centers (T, 2) and their derivatives (T, 2, n).
-
-    Pixels of the data.
-    """
+class _Motion(NamedTuple):
+    """Times (T,), fractions of the exposure (T,), centers (T, 2), pixels, and derivatives (T, 2, n)."""
 
     t: Array
     weights: Array
@@ -331,36 +356,45 @@ class _Way(NamedTuple):
 
 DISC, ELLIPSE = Silhouette(1), Silhouette(2)
 
-_ENDS = np.array([0.0, 1.0])  # of the exposure
-
 
 def moments(
-    family: PathFamily, path: Array, scale: float, rim_way: float = 0, soft: float = 0
+    family: PathFamily, path: Array, scale: float, rim_motion: float = 0, soft: float = 0
 ) -> tuple[Array, Array]:
-    """Times (T,) in the middles of pieces of the exposure, and how long these are, of sum 1.
+    """Midpoints (T,) of pieces of the exposure, and their durations, which sum to 1.
 
-    Pieces are shorter where the rim is fast. The times stay the same when a path changes a little,
-    so that alpha changes smoothly; as the crow flies is not enough where one part is folded. rim_way
-    is how far a turn or a change moves the rim, pixels of the picture; soft is the softness in units of
-    scale. Of a soft rim on a path without a kink alpha is so smooth in time that two moments of Gauss's
-    do for a piece of two of its standard deviations.
+    Pieces are shorter where the rim is fast. The times stay the same when a path changes slightly, so
+    that alpha is a smooth function of the path. A soft rim on a path without a kink makes alpha smooth
+    in time: a piece of two standard deviations of the blur has two Gauss–Legendre nodes.
+
+    Parameters
+    ----------
+    family : PathFamily
+    path : (n,) float
+    scale : float
+        Width of a pixel, pixels of the picture.
+    rim_motion : float
+        Distance by which turn and change move the rim, pixels of the picture.
+    soft : float
+        Standard deviation of the rim's blur, in units of `scale`.
     """
     from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
 
     even = soft > 0 and family.kink(path) is None
-    parts = _SOFT_PARTS if even else _PARTS
-    step = 2 * max(float(np.sqrt(_PIXEL + soft**2)), _STEP) if even else _STEP
+    parts = TimeSampling.soft_parts if even else TimeSampling.parts
+    step = TimeSampling.max_step_px
+    if even:
+        step = 2 * max(float(np.sqrt(1 / 12 + soft**2)), step)  # a pixel's variance, and the blur's
     xy, _ = family.at(path, _even(parts))
-    t, lengths = path_kernel.pieces(xy, rim_way / parts, step * scale, _MOST)
+    t, lengths = path_kernel.pieces(xy, rim_motion / parts, step * scale, TimeSampling.max_per_part)
     if not even:
         return t, lengths
-    pairs = t[:, None] + _GAUSS * lengths[:, None] * np.array([-1, 1])
+    pairs = t[:, None] + 1 / np.sqrt(12) * lengths[:, None] * np.array([-1, 1])
     return pairs.ravel(), np.repeat(lengths / 2, 2)
 
 
 @cache
 def _even(parts: int) -> Array:
-    """(parts + 1,) times that part the exposure."""
+    """(parts + 1,) ends of equal parts of the exposure."""
     return np.linspace(0, 1, parts + 1)
 
 

@@ -14,8 +14,6 @@ from blurmatte.sweep.model.student_t import loss, student_weight
 
 Array = npt.NDArray[np.float64]
 
-_TIMES = np.linspace(0, 1, 33)
-
 
 @dataclass(frozen=True, eq=False)
 class State:
@@ -60,7 +58,7 @@ class State:
     @property
     def curve(self) -> Array:
         """(33, 2) points of the path at equally spaced times, pixels."""
-        return self.family.at(self.path, _TIMES)[0]
+        return self.family.curve(self.path)
 
     @property
     def mean_color(self) -> Array:
@@ -121,7 +119,7 @@ def state_at(
     shape: Array,
 ) -> State:
     """What a path and a shape leave unexplained."""
-    swept = silhouette.sweep(family, path, shape, observation)
+    swept = silhouette.sweep(family, path, shape, observation.pixels)
     field, e, cost = _explained(observation, swept.alpha)
     return State(observation, family, path, silhouette, shape, swept, field, e, cost)
 

@@ -7,7 +7,7 @@ import pytest
 from tests.sweep.scenes import BALL, BALLS, ONE_PAINT, disc_at, observed
 
 from blurmatte.rendering import Ball
-from blurmatte.sweep.model.feasibility import (
+from blurmatte.sweep.fit.feasibility import (
     MAX_LIGHT,
     inside_mask,
     is_admissible,

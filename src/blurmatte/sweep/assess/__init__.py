@@ -1,0 +1,1 @@
+"""Diagnostics and weights of fitted sweeps, and the calibration of their errors."""

@@ -1,0 +1,1 @@
+"""Search for the sweeps that fit an observation, and statistics of their residuals."""
