@@ -1,4 +1,4 @@
-"""fuse_colors: colors that several frames found for one object, as one."""
+"""fuse_colors: inverse-covariance fusion of the colors of one object in several frames."""
 
 from collections.abc import Sequence
 
@@ -6,13 +6,11 @@ import numpy as np
 
 from blurmatte.color.model import ColorModel
 
-_LEAST = 1e-5  # radians: no color is known better
-
 
 def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
-    """The weighted mean of lines, each counting by its information.
+    """The mean of lines weighted by inverse covariance.
 
-    Where they differ by more than their covariances say, the result's is larger.
+    If the lines differ by more than their covariances predict, the result's covariance is inflated.
     """
     if len(models) == 1:
         return models[0]
@@ -21,9 +19,8 @@ def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
         mean /= np.linalg.norm(mean)
         T = np.linalg.svd(mean[:, None])[0][:, 1:]
         offsets = [T.T @ model.pole / (mean @ model.pole) for model in models]
-        weights = [
-            np.linalg.inv(T.T @ model.covariance @ T + _LEAST**2 * np.eye(2)) for model in models
-        ]
+        smallest = 1e-5**2 * np.eye(2)  # radians²: no color is known better
+        weights = [np.linalg.inv(T.T @ model.covariance @ T + smallest) for model in models]
         covariance = np.linalg.inv(sum(weights))
         step = covariance @ sum(w @ t for w, t in zip(weights, offsets, strict=True))
         mean = mean + T @ step

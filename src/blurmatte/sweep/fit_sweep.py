@@ -24,15 +24,14 @@ from blurmatte.sweep.assess.model_selection import (
     in_observation,
 )
 from blurmatte.sweep.fit.candidate import Candidate
-from blurmatte.sweep.fit.growth import fit_growing
 from blurmatte.sweep.fit.multistart import (
-    QUICK_RADII,
     Multistart,
+    MultistartSettings,
     fitted_to_hue,
     with_principal_axes,
     with_varied_colors,
 )
-from blurmatte.sweep.fit.outline import fit_outline
+from blurmatte.sweep.fit.outline import fit_growing, fit_outline
 from blurmatte.sweep.fit.relighting import lighting_of
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
@@ -50,12 +49,37 @@ from blurmatte.sweep.sweep import Sweep
 Array = npt.NDArray[np.float64]
 
 _FREE = ColorPrior(np.eye(3))
-_MAX_STREAKS, _MIN_EVIDENCE_RATIO = 5, 0.01  # that are fitted; of the strongest
-_EXPLAINED_INFLATION = 1.2  # of variance, of residuals that no other shape improves
-_DECISIVE_WEIGHT = 0.993  # of other light on the plate: 150 to 1
-_MIN_WEIGHT = 1e-3  # of a hypothesis that is refined
-_SAME_ALPHA = 0.01  # root mean square difference of two fits that are one
-_MAX_BLUR_OF_SOLIDS = 0.1  # of the radius: shadows are softer
+
+
+@dataclass(frozen=True)
+class HypothesisSettings:
+    """Which streaks are fitted, and which hypotheses are fitted, refined and kept.
+
+    Parameters
+    ----------
+    max_streaks : int
+        That are compared.
+    min_evidence_ratio : float
+        Evidence of a streak over that of the strongest.
+    max_explained_inflation : float
+        Variance inflation of residuals that another shape or light does not reduce.
+    min_light_weight : float
+        Weight of other light on the plate: 150 to 1.
+    min_refined_weight : float
+        Weight of a hypothesis that is refined.
+    min_alpha_difference : float
+        Relative root mean square difference of alpha of two hypotheses.
+    max_solid_blur : float
+        Blur of the rim over the radius; shadows are softer.
+    """
+
+    max_streaks: int = 5
+    min_evidence_ratio: float = 0.01
+    max_explained_inflation: float = 1.2
+    min_light_weight: float = 0.993
+    min_refined_weight: float = 1e-3
+    min_alpha_difference: float = 0.01
+    max_solid_blur: float = 0.1
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,14 +200,15 @@ def likeliest_streak(
     model : ColorModel, optional
         What is known of the color.
     """
-    least = _MIN_EVIDENCE_RATIO * streaks[0].evidence
-    strong = [streak for streak in streaks[:_MAX_STREAKS] if streak.evidence >= least]
+    settings = HypothesisSettings
+    min_evidence = settings.min_evidence_ratio * streaks[0].evidence
+    strong = [s for s in streaks[: settings.max_streaks] if s.evidence >= min_evidence]
     if len(strong) < 2:
         return streaks[0]
     lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
     scored: list[tuple[float, Streak]] = []
     for streak in lit or strong:
-        search = Multistart.of(streak, image, plate, _prior(model).of_one_paint, QUICK_RADII)
+        search = _quick_search(streak, image, plate, _prior(model).of_one_paint)
         explained = explained_fraction(search.quick())
         scored.append((streak.evidence * (2 * explained - 1), streak))
     score, likeliest = max(scored, key=lambda one: one[0])
@@ -215,7 +240,8 @@ def _in_likelier_light(
 
     Both are compared in the noise that was measured: light that changed is no noise.
     """
-    if found.best.diagnostics.variance_inflation < _EXPLAINED_INFLATION:
+    settings = HypothesisSettings
+    if found.best.diagnostics.variance_inflation < settings.max_explained_inflation:
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     lit = lighting_of(image, found.plate, found.streak, observation)
@@ -228,7 +254,8 @@ def _in_likelier_light(
     before = found.best_evidence(observation)
     after = other.best_evidence(lighting.lit(observation))
     after = replace(after, cost=after.cost + lighting.cost)
-    return other if hypothesis_weights([before, after])[1] > _DECISIVE_WEIGHT else found
+    weight = hypothesis_weights([before, after])[1]
+    return other if weight > settings.min_light_weight else found
 
 
 def _fit_before(
@@ -241,17 +268,18 @@ def _fit_before(
     """All hypotheses before one plate."""
     search, one_paint, varied = _discs(image, plate, streak, model, start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
-    if variance_inflation(one_paint[0]) > _EXPLAINED_INFLATION:
+    explained = HypothesisSettings.max_explained_inflation
+    if variance_inflation(one_paint[0]) > explained:
         grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied)]
         candidates += [Candidate(state) for state in grown if state.silhouette.changes]
-        if variance_inflation(grown[0]) > _EXPLAINED_INFLATION:
+        if variance_inflation(grown[0]) > explained:
             candidates += _other_shapes(search, one_paint[0], image, plate, streak)
     observation = search.observation
     evidence = [_evidence(observation, c) for c in candidates]
     weights = hypothesis_weights(evidence)
     compared = []
     for candidate, known, weight in zip(candidates, evidence, weights, strict=True):
-        if weight > _MIN_WEIGHT:
+        if weight > HypothesisSettings.min_refined_weight:
             compared.append(_refined(candidate, known, image, search))
         else:
             compared.append((Sweep.of(candidate, image), known))
@@ -282,7 +310,7 @@ def fit_disc(
         as they are.
     """
     color = _prior(model) if model is not None else _FREE.of_one_paint
-    search = Multistart.of(streak, image, plate, color, QUICK_RADII)
+    search = _quick_search(streak, image, plate, color)
     disc = search.quick()
     inflation = noise_inflation(disc)
     if inflation > 1:
@@ -337,9 +365,10 @@ def _distinct(
 ) -> list[tuple[Sweep, Evidence]]:
     """Without those that are a likelier one again: paths of one family with nearly the same alpha."""
     kept: list[tuple[Sweep, Evidence]] = []
+    smallest = HypothesisSettings.min_alpha_difference
     for sweep, evidence in compared:
         alike = (one for one, _ in kept if one.family is sweep.family)
-        if not any(one.rms_difference(sweep) < _SAME_ALPHA for one in alike):
+        if not any(one.rms_difference(sweep) < smallest for one in alike):
             kept.append((sweep, evidence))
     return kept
 
@@ -347,7 +376,7 @@ def _distinct(
 def _is_solid(sweep: Sweep) -> bool:
     """Whether its rim is sharp, as that of no soft shadow is."""
     known = sweep.diagnostics
-    return not known.rejection and known.blur_over_radius < _MAX_BLUR_OF_SOLIDS
+    return not known.rejection and known.blur_over_radius < HypothesisSettings.max_solid_blur
 
 
 def _with_shadow(
@@ -361,7 +390,7 @@ def _with_shadow(
     lit = replace(image, valid=image.valid & ~dark)
     rest = replace(streak, mask=streak.mask & ~dark)
     color = search.observation.of_one_paint.color
-    start = Multistart.of(rest, lit, plate, color, QUICK_RADII).quick()
+    start = _quick_search(rest, lit, plate, color).quick()
     return fit_with_shadow(start.on(disc.observation), search.bounds)
 
 
@@ -388,6 +417,12 @@ def _discs(
         search = search.with_noise_inflated(inflation)
         discs = best(search)
     return search, *discs
+
+
+def _quick_search(
+    streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
+) -> Multistart:
+    return Multistart.of(streak, image, plate, color, MultistartSettings.quick_radii)
 
 
 def _prior(model: ColorModel | None) -> ColorPrior:

@@ -27,26 +27,25 @@ from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
-MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 if it leaves but noise
-MAX_RADIUS_ERROR = 0.25  # of the radius: more says nothing of the size
-MAX_SPREAD_OF_ONE_COLOR = (
+MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 for noise alone
+_MAX_RADIUS_ERROR = 0.25  # standard deviation of the radius, of the radius
+_MAX_ONE_COLOR_SPREAD = (
     0.1  # radians across the mean color: noise, gloss and two lamps of one paint
 )
-_POINTS = 129
 
 
 @dataclass(frozen=True, eq=False)
 class Sweep:
-    """A shape that went along a path during the exposure.
+    """A shape that moved along a path during the exposure.
 
     Parameters
     ----------
     family : PathFamily
-        Of what kind the path is.
+        Kind of the path.
     path : (n,) float
         Its parameters, pixels.
     silhouette : Silhouette
-        Of what kind the shape is.
+        Kind of the shape.
     shape : (m,) float
         Its parameters; the first is a radius in pixels.
     model : ColorModel
@@ -56,9 +55,9 @@ class Sweep:
     size : (int, int)
         (width, height) of the picture.
     diagnostics : Diagnostics
-        What is known for and against it.
+        Evidence for and against it.
     cast : CastShadow, optional
-        The shadow that it cast on the plate, if that was fitted with it.
+        The shadow that it cast on the plate, if one was fitted.
     """
 
     family: PathFamily
@@ -79,7 +78,7 @@ class Sweep:
 
     @classmethod
     def of(cls, candidate: Candidate, image: LinearImage) -> "Sweep":
-        """What a candidate says of the image that it was fitted to."""
+        """The sweep of a candidate: parameters, colors and their covariance in an image."""
         state = candidate.state
         inflation = variance_inflation(state) * VARIANCE
         H, _ = state.information()
@@ -104,13 +103,13 @@ class Sweep:
 
     @property
     def rejection(self) -> str:
-        """Why it does not explain the streak, to follow "the fit"; empty if it does."""
+        """Reason why it does not explain the streak, to follow "the fit"; empty if it does."""
         d = self.diagnostics
         if d.rejection:
             return d.rejection
         if not d.converged:
             return "did not converge"
-        if d.radius_error > MAX_RADIUS_ERROR:
+        if d.radius_error > _MAX_RADIUS_ERROR:
             return f"leaves the radius open by {d.radius_error:.0%}"
         if d.residual_excess > MAX_RESIDUAL_EXCESS:
             return (
@@ -121,8 +120,8 @@ class Sweep:
 
     @property
     def trajectory(self) -> Trajectory:
-        """Where the center was. The direction of time is not known."""
-        t = np.linspace(0, 1, _POINTS)
+        """Positions of the center. The direction of time is unknown."""
+        t = np.linspace(0, 1, 129)
         return Trajectory(self.family.at(self.path, t)[0], t)
 
     @property
@@ -148,15 +147,12 @@ class Sweep:
 
     @property
     def outline(self) -> Array:
-        """(129, 2) points once around the shape, seen from its center; the last is the first.
-
-        In the middle of the exposure.
-        """
-        points = self.silhouette.outline(self.shape, _POINTS - 1)
+        """(129, 2) closed outline in the middle of the exposure, pixels from the center."""
+        points = self.silhouette.outline(self.shape, count=128)
         return np.concatenate([points, points[:1]])
 
     def outline_at(self, t: float) -> Array:
-        """(129, 2) points once around the object in the picture at exposure fraction t, pixels."""
+        """(129, 2) closed outline in the picture at exposure fraction t, pixels."""
         when = np.array([t])
         (linear,), (center,) = (
             self.silhouette.map_at(self.shape, when),
@@ -171,7 +167,7 @@ class Sweep:
 
     @property
     def alpha_std(self) -> Array:
-        """(H, W) standard deviation of alpha, neighbors much alike."""
+        """(H, W) standard deviation of alpha; errors of neighbors are correlated."""
         return self.within((0, 0, *self.size))[1]
 
     @property
@@ -185,7 +181,7 @@ class Sweep:
     def within(self, box: tuple[int, int, int, int]) -> tuple[Array, Array]:
         """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels.
 
-        The order that an outline cannot have are taken to be as large as the last that it has.
+        The omitted orders of an outline count as one of the size of its last order.
         """
         swept = self._swept(box, self.shape)
         J = swept.by_parameters
@@ -208,14 +204,14 @@ class Sweep:
     def before_file(
         self, image: LinearImage, plate: LinearImage, box: tuple[int, int, int, int]
     ) -> LinearImage:
-        """What is in a box of the image, before its file blurred the colors of neighbors.
+        """A box of the image before its file blurred the colors of neighbors.
 
         The image itself if its file did not, or if the object may have any colors.
 
         Parameters
         ----------
         image, plate : LinearImage
-            What is in the box (x0, y0, x1, y1).
+            Their pixels in the box (x0, y0, x1, y1).
         """
         file = self._file(image)
         if file is None or self.model.rank == 3:
@@ -230,17 +226,17 @@ class Sweep:
         return 0.0 if file is None else file.std
 
     def _file(self, image: LinearImage) -> File | None:
-        """What became of the image's code values."""
+        """The file's effect on the image's code values."""
         blur = self.diagnostics.chroma_blur
         return file_of(image) or (Blur(blur) if blur > 0 else None)
 
     def in_shadow(self, plate: LinearImage, box: tuple[int, int, int, int]) -> LinearImage:
-        """What is in a box of the plate, in the shadow that the object casts on it; itself without.
+        """A box of the plate in the shadow that the object casts on it; unchanged without a shadow.
 
         Parameters
         ----------
         plate : LinearImage
-            What is in the box (x0, y0, x1, y1).
+            Its pixels in the box (x0, y0, x1, y1).
         """
         if self.cast is None:
             return plate
@@ -274,7 +270,7 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
     axes, length = observation.color.axes, max(float(np.linalg.norm(field.mean)), 1e-9)
     rank = observation.color.rank
     if rank == 3:
-        rank = 1 + int(np.count_nonzero(field.spread[1:] > MAX_SPREAD_OF_ONE_COLOR * length))
+        rank = 1 + int(np.count_nonzero(field.spread[1:] > _MAX_ONE_COLOR_SPREAD * length))
     if rank == 3:
         return ColorModel.any()
     weight = state.weights * state.swept.alpha**2

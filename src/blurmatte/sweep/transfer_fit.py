@@ -1,7 +1,7 @@
 """fit_transfer: which transfer curves a streak allows.
 
-Light mixes linearly, code values do not. With a wrong curve what is left across the color bends along
-every rim, and hangs together; where all of the plate has one color it may not be seen.
+Light mixes linearly, code values do not. With a wrong curve the residuals across the color are
+correlated along every rim; before a plate of one color this may not be observable.
 """
 
 from collections.abc import Sequence
@@ -21,18 +21,19 @@ from blurmatte.sweep.model.color_prior import ColorPrior
 
 CURVES = SRGB, REC709, gamma(1.8), gamma(2.2), gamma(2.6), LINEAR
 
-_ALIKE = 1.3  # times the least that is left: no reason to prefer one
-_EXPLAINED = 2.0  # coherence of what is no disc of one color with any curve
+# Variance inflation: of curves that cannot be preferred, over the least; and of residuals that no disc
+# of one color explains with any curve.
+_MAX_INFLATION_RATIO, _MAX_EXPLAINED_INFLATION = 1.3, 2.0
 
 
 @dataclass(frozen=True)
 class TransferFit:
-    """What a streak says about the curve of its code values.
+    """Variance inflation of a streak's residuals for several transfer curves.
 
     Parameters
     ----------
     curves : sequence of Transfer
-        What was tried, first the one that the pictures had been decoded with.
+        The curve that the pictures were decoded with, then the others.
     left : sequence of float
         Variance inflation of the residuals of the best disc of one color with each; 1 is noise.
     """
@@ -44,13 +45,15 @@ class TransferFit:
     def possible(self) -> tuple[Transfer, ...]:
         """The curves that explain the streak, the best first; all if none does."""
         order = sorted(zip(self.left, self.curves, strict=True), key=lambda pair: pair[0])
-        least, _ = order[0]
-        most = np.inf if least > _EXPLAINED else _ALIKE * max(least, 1)
-        return tuple(curve for left, curve in order if left <= most)
+        smallest, _ = order[0]
+        limit = _MAX_INFLATION_RATIO * max(smallest, 1)
+        if smallest > _MAX_EXPLAINED_INFLATION:
+            limit = np.inf
+        return tuple(curve for inflation, curve in order if inflation <= limit)
 
     @property
     def best(self) -> Transfer:
-        """The curve that the pictures had been decoded with if it is possible, else the likeliest."""
+        """The curve that the pictures were decoded with if it is possible, else the likeliest."""
         return self.curves[0] if self.curves[0] in self.possible else self.possible[0]
 
 
@@ -70,7 +73,7 @@ def fit_transfer(
         Where the object moved; the strongest of `find_streaks` if not given. It should be round and
         of one color.
     curves : sequence of Transfer
-        What to try beside the curve that the pictures were decoded with.
+        Tried in addition to the curve that the pictures were decoded with.
 
     Returns
     -------
@@ -79,7 +82,7 @@ def fit_transfer(
     Raises
     ------
     PlateError
-        If the pictures hold light that never was encoded, or were decoded with different curves.
+        If the pictures hold light that was never encoded, or were decoded with different curves.
     MotionError
         If nothing moved.
     """
@@ -114,7 +117,7 @@ def _inflation_of_one_color(streak: Streak, image: LinearImage, plate: LinearIma
 
 
 def _decoded_again(picture: LinearImage, curve: Transfer) -> LinearImage:
-    """The picture as it would have been read with another curve; its noise is not known any more."""
+    """The picture decoded with another curve; its noise is unknown."""
     declared = picture.meta.transfer
     assert declared is not None
     rgb = curve.decode(declared.encode(picture.rgb)).astype(picture.rgb.dtype)

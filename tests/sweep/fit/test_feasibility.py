@@ -8,7 +8,7 @@ from tests.sweep.scenes import BALL, BALLS, ONE_PAINT, disc_at, observed
 
 from blurmatte.rendering import Ball
 from blurmatte.sweep.fit.feasibility import (
-    MAX_LIGHT,
+    PhysicalLimits,
     inside_mask,
     is_admissible,
     rejection,
@@ -37,7 +37,7 @@ def test_the_truth_is_admissible(family):
 
 def test_a_shape_that_is_too_small_needs_more_light_than_white():
     small = disc_at(observed(PALE, color=ONE_PAINT), radius=4.0)
-    assert small.mean_color.max() > MAX_LIGHT
+    assert small.mean_color.max() > PhysicalLimits.max_light
     assert rejection(small) == "needs more light than white"
     assert not is_admissible(small)
     assert is_admissible(disc_at(observed(PALE, color=ONE_PAINT)))

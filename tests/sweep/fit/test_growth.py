@@ -24,8 +24,8 @@ from tests.sweep.scenes import (
 )
 
 from blurmatte.rendering import Ball, Change, Scene
-from blurmatte.sweep.fit.growth import fit_growing, growing
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
+from blurmatte.sweep.fit.outline import fit_growing, growing
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 

@@ -25,8 +25,7 @@ from tests.sweep.scenes import (
 
 from blurmatte.rendering import Ball, Change, Scene, Sheet
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.outline import fit_outline
-from blurmatte.sweep.fit.outline_start import changing, outlined, stretched, turning
+from blurmatte.sweep.fit.outline import changing, fit_outline, outlined, stretched, turning
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import LINE
 

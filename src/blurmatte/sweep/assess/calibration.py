@@ -1,15 +1,15 @@
 """The error of alpha, calibrated against the truth of two renderers.
 
-Fits err by what no model has, and say less than they should: of rendered pictures both the error of
-alpha and what the fit claimed are known. In this file s is the claimed error of alpha, the root mean
+Fits underestimate their error, for no model is complete. The error of alpha is known for rendered
+pictures. In this file s is the claimed error of alpha, the root mean
 square over the streak, and
 
     log (s' / s) = b + Σ_j c_j t_j,    c_j ≥ 0,
 
 is its calibration with the terms t_j of `ErrorTerms`, fitted by quantile regression (pinball loss) on
 scenes of which the data file names the provenance, and conformal for each class of file: s' is
-multiplied so that twice s' is exceeded by the same fraction of the pictures of each class, each of a
-kind of thing that was left out of the fit.
+multiplied so that twice s' is exceeded by the same fraction of the pictures of each class; each picture
+shows a kind of object that was left out of the fit.
 """
 
 import json
@@ -26,7 +26,7 @@ _DATA = "calibration.json"
 
 @dataclass(frozen=True)
 class ErrorTerms:
-    """What makes an error larger than claimed; each is 0 or more, and 0 if nothing says so.
+    """Causes of an error larger than claimed, each 0 or more; 0 means no evidence for the cause.
 
     Disagreements are log(1 + d/s) with the root mean square difference d of alpha.
 
@@ -80,7 +80,7 @@ class ErrorTerms:
             raise ValueError(f"terms must be 0 or more, got {wrong[0]} = {getattr(self, wrong[0])}")
 
 
-# What a term is about, in the words of `explain.grade`.
+# Subject of each term, a key of `explain.grade`.
 REASONS = {
     "shapeless": "shape",
     "one_paint": "disagreement",
@@ -111,7 +111,7 @@ class Calibration:
     class_factors : mapping of str to float
         By which the errors of a class of files are multiplied.
     provenance : str
-        On what it was fitted.
+        Data of the fit.
     """
 
     intercept: float
@@ -120,21 +120,18 @@ class Calibration:
     provenance: str = ""
 
     def factor(self, terms: ErrorTerms, file_class: str) -> float:
-        """By which a claimed error is multiplied."""
+        """Factor of a claimed error."""
         exponent = self.intercept + sum(self._parts(terms).values())
         return float(self.class_factors[file_class] * np.exp(exponent))
 
     def reasons(self, terms: ErrorTerms) -> list[str]:
-        """What the terms that increase the error most are about, the largest first."""
+        """Subjects of up to three terms that increase the error most, the largest first."""
         parts = sorted(self._parts(terms).items(), key=lambda part: -part[1])
-        largest = [REASONS[name] for name, part in parts if part > _MIN_REASON]
-        return list(dict.fromkeys(largest))[:_MAX_REASONS]
+        largest = [REASONS[name] for name, part in parts if part > 0.2]  # 22 % of the error
+        return list(dict.fromkeys(largest))[:3]
 
     def _parts(self, terms: ErrorTerms) -> dict[str, float]:
         return {name: self.coefficients.get(name, 0.0) * t for name, t in asdict(terms).items()}
-
-
-_MIN_REASON, _MAX_REASONS = 0.2, 3  # of the log of the error; how many are named
 
 
 @cache

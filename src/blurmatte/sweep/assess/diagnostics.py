@@ -1,4 +1,4 @@
-"""Diagnostics of a fitted sweep: named, dimensionless statistics, with what they are if it is right."""
+"""Diagnostics of a fitted sweep: dimensionless statistics, and their values for a correct model."""
 
 from dataclasses import dataclass
 
@@ -15,12 +15,12 @@ from blurmatte.sweep.fit.residuals import (
 
 @dataclass(frozen=True)
 class Diagnostics:
-    """What is known for and against a fitted sweep; the defaults say nothing against it.
+    """Evidence for and against a fitted sweep; the defaults are those of a correct model.
 
     Parameters
     ----------
     rejection : str
-        Why it is physically impossible, to follow "the fit"; empty if it is not.
+        Reason why it is physically impossible, to follow "the fit"; empty if it is possible.
     converged : bool
         The fit ended within its bounds.
     residual_excess : float

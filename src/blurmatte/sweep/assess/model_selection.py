@@ -6,7 +6,7 @@ noise, as the light by which alpha changes a pixel,
 
     V = V_C + (1 − α)² V_B + σ_α² (k̄ − B)²,
 
-so that a hypothesis that claims little and errs is unlikely, and one that claims much gains little.
+so that a hypothesis with an error larger than claimed is unlikely, and a large claim gains little.
 Costs are divided by the variance inflation of the likeliest, for residuals are correlated, and every
 fitted parameter costs half a log of the number of pixels.
 """
@@ -18,16 +18,14 @@ import numpy.typing as npt
 
 from blurmatte.statistics import block_squares
 from blurmatte.sweep.model.color_field import fit_field
-from blurmatte.sweep.model.observation import BLOCK_SIZES, Observation
+from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.student_t import loss, student_weight
 
 Array = npt.NDArray[np.float64]
 
 # Units of log likelihood for each pixel by which an alpha without a shape seems likelier, for it was
-# fitted to the noise of the same pixels; chosen on the parts learn and tune of the second truth.
+# fitted to the noise of the same pixels; calibrated on rendered scenes.
 OPTIMISM = 0.3
-_MIN_ALPHA = 0.002  # of alpha without a shape, which is noise
-_MIN_VARIANCE = 1e-14
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ def evidence_of(
         That were fitted, colors apart.
     """
     weight = observation.weight
-    alpha = np.where(alpha > _MIN_ALPHA, np.clip(alpha, 0, 1), 0)
+    alpha = np.where(alpha > 0.002, np.clip(alpha, 0, 1), 0)  # less is noise of alpha
     observation = observation.along_colors(alpha)
     C, B, V_C, V_B = observation.light
     field, _ = fit_field((C, B, V_C, V_B), alpha, weight, observation.pitch, observation.color)
@@ -77,13 +75,13 @@ def evidence_of(
     light = C, B, V_C, V_B
     field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
     chi2 = (e**2).sum(axis=0)
-    noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, _MIN_VARIANCE)
+    noise = np.maximum(observation.light[2] + (1 - alpha)[..., None] ** 2 * V_B, 1e-14)
     added = (alpha_std**2)[..., None] * by_alpha / noise
     normalization = 0.5 * np.log1p(added).sum(axis=-1)
     cost = float((weight * (loss(chi2) + normalization)).sum()) + field.cost
     limited = np.moveaxis(e * np.sqrt(student_weight(chi2)), 0, -1)
     inside = (alpha > 0) & observation.valid
-    correlated = (block_squares(limited, inside, size) for size in BLOCK_SIZES)
+    correlated = (block_squares(limited, inside, size) for size in BlockStatistics.sizes_px)
     inflation = max(1.0, *(float(s.mean()) for s in correlated if len(s)), 1.0)
     cost += OPTIMISM * float(np.count_nonzero(alpha_std))
     return Evidence(cost, inflation, parameters, float(weight.sum()))

@@ -28,7 +28,7 @@ class Candidate:
 
     @property
     def parameters(self) -> int:
-        """How many path, shape and shadow have."""
+        """Number of parameters of path, shape and shadow."""
         return self.state.size + (CastShadow.size if self.cast is not None else 0)
 
     @classmethod

@@ -1,4 +1,4 @@
-"""Curves through the middle of a streak: where a fit can begin."""
+"""Curves through the middle of a streak, from which fits start."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,11 +6,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_POINTS = 33
-
 
 def depth_of(mask: Bools) -> Array:
-    """(h + 2, w + 2) how far each pixel of a streak and its holes is from what is outside, pixels.
+    """(h + 2, w + 2) distance of each pixel of a streak and its holes from the outside, pixels.
 
     Padded by one pixel; the largest is the radius of the largest disc that fits.
     """
@@ -20,11 +18,11 @@ def depth_of(mask: Bools) -> Array:
 
 
 def center_curve(depth: Array, radius: float) -> Array:
-    """Points (m, 2) equally far from each other where a disc of this radius may have gone.
+    """Equally spaced points (m, 2) of a path of a disc of this radius within the streak.
 
-    A disc lies within the streak if its center lies in the streak's core, of pixels as deep as its
-    radius. The curve is the middle of the pixels at equal distance from one end, on ways within the
-    core; of a core without length, a short line.
+    A disc lies within the streak if its center lies in the streak's core, the pixels as deep as its
+    radius. The curve joins the means of the pixels at equal geodesic distance from one end of the core;
+    a core without length gives a short line.
     """
     from scipy.ndimage import label
 
@@ -43,15 +41,15 @@ def center_curve(depth: Array, radius: float) -> Array:
 
 
 def _distance_from_an_end(mask: Bools) -> Array:
-    """(h, w) length of the shortest way within the mask from the pixel farthest from any one."""
+    """(h, w) geodesic distance within the mask from one of its ends, pixels."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import dijkstra
 
     index = np.full(mask.shape, -1)
     index[mask] = np.arange(np.count_nonzero(mask))
-    ways = [(0, 1, 1.0), (1, 0, 1.0), (1, 1, np.sqrt(2)), (1, -1, np.sqrt(2))]
+    edges = [(0, 1, 1.0), (1, 0, 1.0), (1, 1, np.sqrt(2)), (1, -1, np.sqrt(2))]
     rows, columns, lengths = [], [], []
-    for dy, dx, length in ways:
+    for dy, dx, length in edges:
         a = index[: mask.shape[0] - dy, max(0, -dx) : mask.shape[1] - max(0, dx)]
         b = index[dy:, max(0, dx) : mask.shape[1] - max(0, -dx)]
         both = (a >= 0) & (b >= 0)
@@ -84,5 +82,5 @@ def _along_main_axis(mask: Bools, length: float) -> Array:
 def _evenly(points: Array) -> Array:
     """Equally spaced points of a polyline."""
     s = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
-    at = np.linspace(0, s[-1], _POINTS)
+    at = np.linspace(0, s[-1], 33)
     return np.stack([np.interp(at, s, points[:, i]) for i in (0, 1)], axis=1)

@@ -1,4 +1,6 @@
-"""Whether a sweep is physically possible: its path, its light, and what of it is visible."""
+"""Physical admissibility of a sweep: its path, its light, and its visible fraction."""
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -7,54 +9,73 @@ from blurmatte.sweep.model.state import State
 
 Array = npt.NDArray[np.float64]
 
-MAX_LIGHT = 1.2  # mean light of an object, where the sensor's white is 1
-_MIN_LIGHT = -0.1  # of the brightest channel: noise of a dark one
-_MIN_VISIBLE_FRACTION = 0.5  # of the total alpha, on valid pixels
-_TIMES, _MAX_OUTSIDE_FRACTION = 129, 0.01  # of the path, outside the mask
-_MAX_TURN_RAD = 3.5  # within the object's own width: half a circle, and rounding
+
+@dataclass(frozen=True)
+class PhysicalLimits:
+    """Limits of a sweep that is physically possible.
+
+    Parameters
+    ----------
+    max_light : float
+        Mean light of the object, where the sensor's white is 1.
+    min_light : float
+        Of a channel, of the brightest one; noise may make a dark channel negative.
+    min_visible_fraction : float
+        Of the total alpha, on valid pixels.
+    max_outside_fraction : float
+        Of the path, outside the mask.
+    max_turn_rad : float
+        Turn of the path within the object's own width: half a circle, and rounding.
+    """
+
+    max_light: float = 1.2
+    min_light: float = -0.1
+    min_visible_fraction: float = 0.5
+    max_outside_fraction: float = 0.01
+    max_turn_rad: float = 3.5
 
 
 def is_admissible(state: State) -> bool:
-    """Whether nothing physical rules it out."""
+    """True if the sweep is physically possible."""
     return not rejection(state)
 
 
 def rejection(state: State) -> str:
-    """Why it is physically impossible, to follow "the fit"; empty if it is not."""
+    """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
     light = state.mean_color
-    if light.max() > MAX_LIGHT:
+    if light.max() > PhysicalLimits.max_light:
         return "needs more light than white"
-    if light.min() < _MIN_LIGHT * light.max():
+    if light.min() < PhysicalLimits.min_light * light.max():
         return "needs negative light"
     if not inside_mask(state):
         return "leaves the streak"
     if self_overlaps(state):
         return "doubles back within its own width"
     alpha = state.swept.alpha
-    if alpha[~state.observation.valid].sum() >= (1 - _MIN_VISIBLE_FRACTION) * alpha.sum():
+    hidden = alpha[~state.observation.valid].sum()
+    if hidden >= (1 - PhysicalLimits.min_visible_fraction) * alpha.sum():
         return "lies mostly where the pictures are clipped or hidden"
     return ""
 
 
 def inside_mask(state: State) -> bool:
-    """Whether the path stays near the streak wherever it is within the picture."""
+    """True if the path stays near the streak where it is within the picture."""
     observation = state.observation
-    xy, _ = state.family.at(state.path, np.linspace(0, 1, _TIMES))
+    xy, _ = state.family.at(state.path, np.linspace(0, 1, 129))
     visible = np.all((xy > -0.5) & (xy < np.array(observation.size) - 0.5), axis=1)
     at = (xy[visible] - observation.origin) / observation.scale
     h, w = observation.near.shape
     x, y = np.clip(np.rint(at), 0, (w - 1, h - 1)).astype(int).T
-    # Large pixels may end before the picture does: one of them beyond is still within.
+    # Blocks may cover less than the picture: one block beyond counts as within.
     beyond = np.any((at < -1) | (at > (w, h)), axis=1)
     outside = np.count_nonzero(beyond | ~observation.near[y, x])
-    return bool(outside <= _MAX_OUTSIDE_FRACTION * _TIMES)
+    return bool(outside <= PhysicalLimits.max_outside_fraction * len(xy))
 
 
 def self_overlaps(state: State) -> bool:
-    """Whether the path turns back twice, or all around, within the object's own width.
+    """True if the path reverses twice, or circles, within the object's own width.
 
-    Nor does it bounce where it goes no further than its radius before and after: a line leaves the
-    same picture.
+    Also if it bounces and both pieces are shorter than the radius: a line gives the same picture.
     """
     steps = np.diff(state.curve, axis=0) @ np.array([1, 1j])
     turned = float(np.abs(np.angle(steps[1:] * steps[:-1].conj())).sum())
@@ -63,4 +84,7 @@ def self_overlaps(state: State) -> bool:
         xy, _ = state.family.at(state.path, np.array([0, kink, 1]))
         if np.linalg.norm(np.diff(xy, axis=0), axis=1).max() < state.shape[0]:
             return True
-    return turned > _MAX_TURN_RAD and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned
+    return (
+        turned > PhysicalLimits.max_turn_rad
+        and float(np.abs(steps).sum()) < 2 * state.shape[0] * turned
+    )

@@ -1,6 +1,6 @@
 """Levenberg–Marquardt steps from a start to the nearest path and shape of the least cost."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -9,28 +9,54 @@ from blurmatte.sweep.model.state import State
 
 Array = npt.NDArray[np.float64]
 
-MAX_STEPS = 40
 ROUGH_TOLERANCE = 0.1  # units of log likelihood, on large pixels, and where fits are compared
-TOLERANCE = 1e-2  # units of log likelihood
-_MAX_TRIALS = 8  # of the damping in one step
-_FIRST_DAMPING, _MIN_DAMPING = 1e-2, 1e-7  # of the curvature
-_DAMPING_AFTER_FAILURE = 0.1  # of the curvature: less hardly changes a step that failed
-_MIN_GAIN_RATIO = 0.25  # of the promised gain; a smaller one increases the damping
-_MIN_CURVATURE = 1e-10  # of the largest
-_MAX_MOVE = 0.5  # of the radius, or two pixels, in a step
-_MAX_BEND = 0.3  # of the radius, or radians, in a step
-_BOUND_STEP = 1e-9  # pixels; a parameter that cannot take it is held at a bound
+
+
+@dataclass(frozen=True)
+class LevenbergMarquardt:
+    """Settings of the damping and of the step length.
+
+    Parameters
+    ----------
+    first_damping, min_damping : float
+        Of the curvature.
+    damping_after_failure : float
+        Of the curvature; less hardly changes a step that failed.
+    increase, decrease : float
+        Factors of the damping after bad and good steps.
+    max_trials : int
+        Dampings in one step.
+    min_gain_ratio : float
+        Of the predicted gain; a smaller gain increases the damping.
+    min_curvature : float
+        Of the largest curvature.
+    max_move : float
+        In a step, of the radius; two pixels if that is more.
+    max_bend : float
+        In a step, of the radius or radians.
+    """
+
+    first_damping: float = 1e-2
+    min_damping: float = 1e-7
+    damping_after_failure: float = 0.1
+    increase: float = 6
+    decrease: float = 5
+    max_trials: int = 8
+    min_gain_ratio: float = 0.25
+    min_curvature: float = 1e-10
+    max_move: float = 0.5
+    max_bend: float = 0.3
 
 
 def minimize(
     start: State,
     bounds: tuple[float, float],
-    max_steps: int = MAX_STEPS,
-    tolerance: float = TOLERANCE,
+    max_steps: int = 40,
+    tolerance: float = 1e-2,
 ) -> State:
-    """Follow the cost down from a start.
+    """Minimize the cost from a start.
 
-    It has converged where no step gains more than the tolerance and the radius is not at a bound.
+    The result has converged if no step gains more than the tolerance and the radius is within bounds.
 
     Parameters
     ----------
@@ -41,26 +67,27 @@ def minimize(
     tolerance : float
         Units of log likelihood.
     """
-    state, damping = start, _FIRST_DAMPING
+    settings = LevenbergMarquardt
+    state, damping = start, settings.first_damping
     for _ in range(max_steps):
         H, g = state.information()
         held = _held(state, g, bounds)
         H[held], H[:, held], g[held] = 0, 0, 0
         if not np.diag(H).any():
-            return state  # it has left the picture
-        scales = np.sqrt(np.maximum(np.diag(H), 0) + _MIN_CURVATURE * np.diag(H).max())
+            return state  # the object is outside of the picture
+        scales = np.sqrt(np.maximum(np.diag(H), 0) + settings.min_curvature * np.diag(H).max())
         curvature, slope = H / np.outer(scales, scales), g / scales
-        for _ in range(_MAX_TRIALS):
-            damped = curvature + (damping + _MIN_CURVATURE) * np.eye(len(H))
+        for _ in range(settings.max_trials):
+            damped = curvature + (damping + settings.min_curvature) * np.eye(len(H))
             step = -np.linalg.lstsq(damped, slope)[0] / scales
-            promised = -float(g @ step) / 2
-            if promised < tolerance:
+            predicted = -float(g @ step) / 2
+            if predicted < tolerance:
                 return _ended(state, bounds)
             tried = _moved(state, np.asarray(step, float), bounds)
             gain = state.cost - tried.cost
             if gain > 0:
                 break
-            damping = max(6 * damping, _DAMPING_AFTER_FAILURE)
+            damping = _increased(damping)
         else:
             return _ended(state, bounds)
         state = tried
@@ -68,11 +95,16 @@ def minimize(
             return state
         if gain < tolerance:
             return _ended(state, bounds)
-        if gain < _MIN_GAIN_RATIO * promised:
-            damping = max(6 * damping, _DAMPING_AFTER_FAILURE)
+        if gain < settings.min_gain_ratio * predicted:
+            damping = _increased(damping)
         else:
-            damping = max(damping / 5, _MIN_DAMPING)
+            damping = max(damping / settings.decrease, settings.min_damping)
     return state
+
+
+def _increased(damping: float) -> float:
+    settings = LevenbergMarquardt
+    return max(settings.increase * damping, settings.damping_after_failure)
 
 
 def _ended(state: State, bounds: tuple[float, float]) -> State:
@@ -80,20 +112,21 @@ def _ended(state: State, bounds: tuple[float, float]) -> State:
 
 
 def _held(state: State, g: Array, bounds: tuple[float, float]) -> npt.NDArray[np.bool_]:
-    """(size,) which parameters are at a bound, and would go beyond."""
+    """(size,) which parameters are at a bound that a step along −g would cross."""
     n = len(state.path)
-    beyond = state.shape - _BOUND_STEP * np.sign(g[n:])
+    beyond = state.shape - 1e-9 * np.sign(g[n:])
     held = np.zeros(state.size, bool)
     held[n:] = state.silhouette.possible(beyond, bounds) != beyond
     return held
 
 
 def _moved(state: State, step: Array, bounds: tuple[float, float]) -> State:
-    """The state after a step, which is shortened to where the model is about linear."""
+    """The state after a step, shortened to where the model is about linear."""
     n, soft = len(state.path), int(state.silhouette.soft)
     lengths = [*step[: n + 1], *step[len(step) - soft :]]
-    far = np.abs(lengths).max() / max(_MAX_MOVE * state.shape[0], 2 * state.observation.scale)
-    bent = np.abs(step[n + 1 : len(step) - soft]).max(initial=0) / _MAX_BEND
-    step = step / max(far, bent, 1)
+    max_move = max(LevenbergMarquardt.max_move * state.shape[0], 2 * state.observation.scale)
+    moved = np.abs(lengths).max() / max_move
+    bent = np.abs(step[n + 1 : len(step) - soft]).max(initial=0) / LevenbergMarquardt.max_bend
+    step = step / max(moved, bent, 1)
     shape = state.silhouette.possible(state.shape + step[n:], bounds)
     return state.moved(state.path + step[:n], shape)

@@ -1,7 +1,7 @@
 """Multistart: from the outline of a streak to the discs that explain it best, on paths of all families.
 
-Fits go from coarse to fine: every family of paths is fitted on large pixels, from several curves
-through the streak, and the best few go on to small pixels.
+The search is coarse to fine: every family of paths is fitted on large pixels from several curves
+through the streak, and the best few are refined on small pixels.
 """
 
 from collections.abc import Sequence
@@ -26,22 +26,45 @@ from blurmatte.sweep.model.state import State, state_at
 Array = npt.NDArray[np.float64]
 
 FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
-_RADII = 1.0, 0.75, 1.2, 0.5  # of the half width, of discs that fits start from
-QUICK_RADII = (0.8,)  # of the half width, for one of many frames
-_MIN_RADIUS, _MAX_RADIUS = 0.25, 1.6  # of the half width
-_COARSE_RADIUS, _FINE_RADIUS = 4.0, 16.0  # pixels of a disc on large and on small pixels
-_MAX_PIXELS = 80_000  # of an observation; larger ones are averaged
-_MARGIN = 2.5  # half widths around a streak
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
-_MASK_MARGIN = 0.3  # of the half width, that masks are widened by at most
-_COARSE_STEPS, _FINE_STEPS = 25, 25
-_COARSE_TOLERANCE = 0.3  # units of log likelihood
-_FINALISTS = 2
-_FIRST_SOFTNESS = 0.7  # pixels
-_FREE_BRIGHTNESS = 10.0  # standard deviation, linear light: much more than any
-_MAX_STD_RATIO = (
-    3.0  # of the radius, from hue alone and with brightness, that are about as well known
-)
+
+
+@dataclass(frozen=True)
+class MultistartSettings:
+    """Settings of the search; lengths are in half widths of the streak unless they say pixels.
+
+    Parameters
+    ----------
+    radii, quick_radii : tuple of float
+        Radii of the discs that fits start from, for one picture and for one of many frames.
+    radius_bounds : (float, float)
+    margin : float
+        Around the streak.
+    coarse_radius_px, fine_radius_px : float
+        Radius of a disc on large and on small pixels.
+    max_pixels : int
+        Of an observation; larger ones are averaged.
+    max_steps : int
+        Of one fit.
+    coarse_tolerance : float
+        On large pixels, units of log likelihood.
+    max_finalists : int
+        Families of paths that are refined.
+    first_blur_px : float
+        Standard deviation of the rim's blur that fits of soft discs start from.
+    """
+
+    radii: tuple[float, ...] = (1.0, 0.75, 1.2, 0.5)
+    quick_radii: tuple[float, ...] = (0.8,)
+    radius_bounds: tuple[float, float] = (0.25, 1.6)
+    margin: float = 2.5
+    coarse_radius_px: float = 4.0
+    fine_radius_px: float = 16.0
+    max_pixels: int = 80_000
+    max_steps: int = 25
+    coarse_tolerance: float = 0.3
+    max_finalists: int = 2
+    first_blur_px: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +75,7 @@ class Multistart:
     ----------
     observation, coarse : Observation
     curves : sequence of ((n, 2) float, float)
-        Curves through the streak, and the radius of a disc that may have moved along it.
+        Curves through the streak, and the radius of a disc that may have moved along each.
     bounds : (float, float)
         Of the radius, pixels.
     middle : (2,) float
@@ -72,38 +95,41 @@ class Multistart:
         image: LinearImage,
         plate: LinearImage,
         color: ColorPrior,
-        radii: Sequence[float] = _RADII,
+        radii: Sequence[float] = MultistartSettings.radii,
     ) -> "Multistart":
-        """For what left a streak, from discs of these parts of its half width."""
+        """The search in a streak, from discs of these radii, fractions of its half width."""
+        settings = MultistartSettings
         x0, y0, x1, y1 = streak.box
-        depth, wider = _depth_in(streak)
-        half_width = float(depth.max()) - wider
-        observation = observation_around(streak, int(_MARGIN * half_width) + 4, image, plate, color)
+        depth, dilation = _depth_in(streak)
+        half_width = float(depth.max()) - dilation
+        margin = int(settings.margin * half_width) + 4
+        observation = observation_around(streak, margin, image, plate, color)
         observation = replace(observation, grain=half_width / NODES_PER_RADIUS)
-        observation = observation.coarse_enough(half_width, _FINE_RADIUS)
-        crowded = np.sqrt(observation.weight.size / _MAX_PIXELS)
-        observation = observation.coarser(max(1, int(np.ceil(crowded))))
+        observation = observation.coarse_enough(half_width, settings.fine_radius_px)
+        excess = np.sqrt(observation.weight.size / settings.max_pixels)
+        observation = observation.coarser(max(1, int(np.ceil(excess))))
         observation = observation.raised(observation.correlated_noise())
-        coarse = observation.coarse_enough(half_width, _COARSE_RADIUS)
+        low, high = settings.radius_bounds
+        coarse = observation.coarse_enough(half_width, settings.coarse_radius_px)
         return cls(
             observation,
             coarse,
             [
-                (center_curve(depth, radius + wider) + np.array([x0, y0]), radius)
-                for radius in (part * half_width for part in radii)
+                (center_curve(depth, radius + dilation) + np.array([x0, y0]), radius)
+                for radius in (fraction * half_width for fraction in radii)
             ],
-            (_MIN_RADIUS * half_width, _MAX_RADIUS * half_width),
+            (low * half_width, high * half_width),
             np.array([x0 + x1 - 1, y0 + y1 - 1]) / 2,
         )
 
     def with_noise_inflated(self, by: float) -> "Multistart":
-        """With so many times the variance of noise."""
+        """With the variance of noise multiplied by a factor."""
         return replace(self, observation=self.observation.raised(by), coarse=self.coarse.raised(by))
 
     def best(self) -> tuple[list[State], list[State]]:
-        """The best discs of one paint, and of colors that vary, each the best first.
+        """The best discs of one paint, and of colors that vary; the best of each comes first.
 
-        One paint leaves a wrong shape the least freedom, and goes first.
+        One paint is fitted first: it leaves a wrong shape the least freedom.
         """
         one_paint = self.of_one_paint
         fits = one_paint._from_all_curves()
@@ -128,23 +154,22 @@ class Multistart:
     def near(self, family: PathFamily, curve: Array, radius: float) -> State:
         """The best fit that starts from a curve (33, 2) and a radius, or from a line there.
 
-        The curve is moved over the streak: the next frame of a clip shows about the same elsewhere.
+        The curve is centered on the streak: the next frame shows about the same path elsewhere.
         """
         curve = curve + self.middle - (curve.min(axis=0) + curve.max(axis=0)) / 2
         fits = self._fits(curve, radius, tuple(dict.fromkeys((family, LINE))))
         return self.softened(best_of([self._refined(fit) for fit in fits]))
 
     def softened(self, state: State) -> State:
-        """The same with a blurred rim, if that is likelier: lenses blur, and files blur color."""
+        """The same with a blurred rim, if that is likelier."""
         soft = replace(state.silhouette, soft=True)
-        start = state.of_kind(soft)
-        shape = start.shape.copy()
-        shape[-1] = max(shape[-1], _FIRST_SOFTNESS * state.observation.scale)
-        fitted = minimize(start.moved(start.path, shape), self.bounds, _FINE_STEPS)
+        start, settings = state.of_kind(soft), MultistartSettings
+        blur = max(start.shape[-1], settings.first_blur_px * state.observation.scale)
+        fitted = minimize(start.with_parameter(-1, blur), self.bounds, settings.max_steps)
         return best_of([state, fitted])
 
     def _from_all_curves(self) -> list[State]:
-        """On large pixels: all families from the first curve, the best one and lines from others."""
+        """Fits on large pixels: all families on the first curve, the best one and lines on others."""
         (curve, radius), *others = self.curves
         fits = self._fits(curve, radius, FAMILIES)
         for curve, radius in others:
@@ -159,62 +184,67 @@ class Multistart:
         return [state for _, state in ranked(thread_map(self.softened, ends))]
 
     def _fits(self, curve: Array, radius: float, families: Sequence[PathFamily]) -> list[State]:
-        """On large pixels, from a curve."""
+        """Fits on large pixels that start from a curve."""
         starts = [
             start_along(self.coarse, family, path, radius)
             for family in families
             for path in family.starts(curve)
         ]
-        return [minimize(s, self.bounds, _COARSE_STEPS, _COARSE_TOLERANCE) for s in starts]
+        settings = MultistartSettings
+        return [
+            minimize(start, self.bounds, settings.max_steps, settings.coarse_tolerance)
+            for start in starts
+        ]
 
     def _finalists(self, fits: Sequence[State]) -> list[State]:
-        """The best of each family, of those that may turn out to be the best of all."""
+        """The best of each family, of those that refinement may make the best of all."""
         best: dict[PathFamily, State] = {}
         for behind, state in ranked(fits):
             if behind < 4 * DECISIVE_LOG_BAYES_FACTOR:
                 best.setdefault(state.family, state)
-        return list(best.values())[:_FINALISTS]
+        return list(best.values())[: MultistartSettings.max_finalists]
 
     def _refined(self, state: State) -> State:
-        """A fit on small pixels that starts there."""
+        """The fit on small pixels that starts there."""
         start = with_principal_axes(state.on(self.observation))
-        return minimize(start, self.bounds, _FINE_STEPS, ROUGH_TOLERANCE)
+        return minimize(start, self.bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE)
 
 
 def half_width_of(streak: Streak) -> float:
     """Half the width of a streak, pixels."""
-    depth, wider = _depth_in(streak)
-    return float(depth.max()) - wider
+    depth, dilation = _depth_in(streak)
+    return float(depth.max()) - dilation
 
 
 def _depth_in(streak: Streak) -> tuple[Array, float]:
-    """Depth of the pixels in a streak's box, and by how much its mask is widened, pixels."""
+    """Depth of the pixels in a streak's box, and the dilation of its mask, pixels."""
     x0, y0, x1, y1 = streak.box
     depth = depth_of(streak.mask[y0:y1, x0:x1])
-    return depth, min((streak.cell - 1) / 2, _MASK_MARGIN * float(depth.max()))
+    return depth, min((streak.cell - 1) / 2, 0.3 * float(depth.max()))
 
 
 def start_along(observation: Observation, family: PathFamily, path: Array, radius: float) -> State:
-    """A disc on a path, with the axes of color of the light that its alpha leaves."""
+    """A disc on a path, with color axes along the light that its alpha implies."""
     state = state_at(observation, family, path, DISC, DISC.start(radius))
     return with_principal_axes(state)
 
 
 def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
-    """The same fitted to hue alone, for one paint, if that determines the radius about as well.
+    """The same fitted to hue alone, for one paint, if that determines the radius to within three times.
 
-    Shade falls off towards the rim faster than a smooth field can, which biases the radius and, where
-    one side is darker, the center. Hue does not depend on it.
+    Shading changes faster near the rim than a smooth field, which biases the radius and, where one
+    side is darker, the center. Hue does not depend on shading.
     """
     if state.observation.color.varied > 1:
         return state
     start = with_principal_axes(state)
     start = start.relit(start.observation.raised(variance_inflation(start)))
     observation = start.observation
-    error = np.broadcast_to(_FREE_BRIGHTNESS * observation.color.axes[:, 0], observation.C.shape)
+    # A standard deviation of 10, linear light, along the mean color: brightness has no influence.
+    error = np.broadcast_to(10 * observation.color.axes[:, 0], observation.C.shape)
     known = 0.0 if observation.chroma_error is None else observation.chroma_error
     fitted = minimize(start.relit(replace(observation, chroma_error=known + error)), bounds)
-    alike = _radius_std(fitted) < _MAX_STD_RATIO * _radius_std(start)
+    alike = _radius_std(fitted) < 3 * _radius_std(start)
     return fitted if fitted.converged and alike else state
 
 
@@ -226,7 +256,7 @@ def _radius_std(state: State) -> float:
 
 
 def with_principal_axes(state: State) -> State:
-    """The same with axes along the colors of the light that its alpha leaves."""
+    """The same with color axes along the light that its alpha implies."""
     return state.relit(state.observation.along_colors(state.swept.alpha))
 
 

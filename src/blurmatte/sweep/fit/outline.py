@@ -1,22 +1,18 @@
-"""Outlines: from the best disc to the shape that the observation asks for.
+"""Search for shapes other than a disc of constant size: outlines, and growing discs.
 
-Fits of ellipses and of outlines of higher order start from the disc's path and from others on large
-pixels, for a disc that stands for something else takes detours. The shape of the least Bayesian
-information criterion goes on to small pixels, where its order grows as long as that pays.
+Fits of ellipses and of outlines of higher order start on large pixels from the disc's path and from
+other paths, for the path of a disc fitted to another shape is biased. The shape of the least Bayesian
+information criterion is refined on small pixels, where its order increases while the criterion falls.
+
+A growing disc is a ball that approaches or recedes; only which end of the path is larger is observable.
 """
 
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.outline_start import (
-    changing,
-    crosswise,
-    outlined,
-    straighter,
-    stretched,
-    turning,
-)
 from blurmatte.sweep.fit.ranking import (
     DECISIVE_LOG_BAYES_FACTOR,
     best_of,
@@ -24,13 +20,44 @@ from blurmatte.sweep.fit.ranking import (
 )
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
-from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.silhouette import Silhouette
+from blurmatte.sweep.model.state import State, state_at
 
-_RADIUS, _SOFT_RADIUS = 8.0, 4.0  # pixels of a disc on large pixels
-_COARSE_ORDERS, _FINE_ORDERS = (2, 4, 8), (4, 8, 12)
-_MIN_RADIUS, _MAX_RADIUS = 0.25, 2.5  # of the disc's radius
-_MAX_COARSE_STEPS, _MAX_FINE_STEPS = 20, 15
-_EXPLAINED_INFLATION = 1.3  # of variance, of residuals that no shape improves
+
+@dataclass(frozen=True)
+class OutlineSearch:
+    """Settings of the search for shapes.
+
+    Parameters
+    ----------
+    coarse_radius_px, soft_coarse_radius_px : float
+        Radius of a disc on large pixels, with a sharp and with a soft rim.
+    first_order : int
+        Of the outlines that all searches start with.
+    coarse_orders, fine_orders : tuple of int
+        Tried on large pixels from the best outline, and on small pixels in turn.
+    radius_bounds : (float, float)
+        Of the disc's radius.
+    max_coarse_steps, max_fine_steps : int
+    max_growth_steps : int
+        Of a growing disc on large pixels.
+    growths : tuple of float
+        Log growth that fits start from.
+    max_explained_inflation : float
+        Variance inflation of residuals that other shapes do not reduce.
+    """
+
+    coarse_radius_px: float = 8.0
+    soft_coarse_radius_px: float = 4.0
+    first_order: int = 6
+    coarse_orders: tuple[int, ...] = (2, 4, 8)
+    fine_orders: tuple[int, ...] = (4, 8, 12)
+    radius_bounds: tuple[float, float] = (0.25, 2.5)
+    max_coarse_steps: int = 20
+    max_fine_steps: int = 15
+    max_growth_steps: int = 15
+    growths: tuple[float, ...] = (-0.5, 0.5)
+    max_explained_inflation: float = 1.3
 
 
 def fit_outline(disc: State) -> State:
@@ -41,49 +68,154 @@ def fit_outline(disc: State) -> State:
     disc : State
         Where a fit of a disc of one paint ended.
     """
-    bounds = _MIN_RADIUS * disc.shape[0], _MAX_RADIUS * disc.shape[0]
-    radius = _SOFT_RADIUS if disc.silhouette.soft else _RADIUS
-    coarse = disc.observation.coarse_enough(float(disc.shape[0]), radius)
-    start = minimize(disc.on(coarse), bounds, _MAX_COARSE_STEPS, ROUGH_TOLERANCE)
+    settings = OutlineSearch
+    low, high = settings.radius_bounds
+    bounds = low * disc.shape[0], high * disc.shape[0]
+    (start,) = _fitted([_on_large_pixels(disc)], bounds)
     shapes = [outlined(start), replace(outlined(start), order=2)]
+    explained = settings.max_explained_inflation
     found = _fitted((start.of_kind(shape) for shape in shapes), bounds)
-    if not _could_pay(start, best_of(found)) and variance_inflation(start) < _EXPLAINED_INFLATION:
+    if not _could_pay(start, best_of(found)) and variance_inflation(start) < explained:
         return disc
     for starts in (straighter, stretched, crosswise, turning, changing):
         found += _fitted(starts(start, best_of(found)), bounds)
-        if variance_inflation(best_of(found)) < _EXPLAINED_INFLATION:
+        if variance_inflation(best_of(found)) < explained:
             break
     best = best_of([start, *found])
     if best is start:
         return disc
-    others = [best.of_kind(replace(best.silhouette, order=k)) for k in _COARSE_ORDERS]
+    others = [best.of_kind(replace(best.silhouette, order=k)) for k in settings.coarse_orders]
     others += [best.along(family) for family in (LINE, ARC, PARABOLA) if family is not best.family]
     best = best_of([start, best, *_fitted(others, bounds)])
     if best is start:
         return disc
-    fine = minimize(best.on(disc.observation), bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
+    fine = minimize(best.on(disc.observation), bounds, settings.max_fine_steps, ROUGH_TOLERANCE)
     return best_of([disc, _of_higher_order(fine, bounds)])
 
 
-def _fitted(starts: Iterable[State], bounds: tuple[float, float]) -> list[State]:
+def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
+    """The growing disc of the least Bayesian information criterion; the disc if its own is less.
+
+    Parameters
+    ----------
+    disc : State
+        Where a fit of a disc ended.
+    bounds : (float, float)
+        Of the radius, pixels.
+    """
+    settings, coarse = OutlineSearch, _on_large_pixels(disc)
+    best = best_of([coarse, *_fitted(growing(coarse), bounds, settings.max_growth_steps)])
+    if best is coarse:
+        return disc
+    fine = minimize(best.on(disc.observation), bounds, settings.max_fine_steps, ROUGH_TOLERANCE)
+    return best_of([disc, fine])
+
+
+def _on_large_pixels(disc: State) -> State:
+    soft, sharp = OutlineSearch.soft_coarse_radius_px, OutlineSearch.coarse_radius_px
+    radius = soft if disc.silhouette.soft else sharp
+    return disc.on(disc.observation.coarse_enough(float(disc.shape[0]), radius))
+
+
+def _fitted(
+    starts: Iterable[State],
+    bounds: tuple[float, float],
+    max_steps: int = OutlineSearch.max_coarse_steps,
+) -> list[State]:
     """Fits on large pixels."""
-    return [minimize(s, bounds, _MAX_COARSE_STEPS, ROUGH_TOLERANCE) for s in starts]
+    return [minimize(start, bounds, max_steps, ROUGH_TOLERANCE) for start in starts]
 
 
-def _could_pay(disc: State, richest: State) -> bool:
-    """Whether an ellipse would be taken if it gained as much as the richest shape."""
-    gain = (disc.cost - richest.cost) / variance_inflation(richest)
+def _could_pay(disc: State, most_general: State) -> bool:
+    """True if an ellipse would be preferred with the gain of the most general shape."""
+    gain = (disc.cost - most_general.cost) / variance_inflation(most_general)
     return gain > bic_penalty(disc.observation, 2) + DECISIVE_LOG_BAYES_FACTOR
 
 
 def _of_higher_order(state: State, bounds: tuple[float, float]) -> State:
-    """The same with an order that is higher as long as that pays: small pixels show more."""
-    for order in _FINE_ORDERS:
+    """The same with the order increased while the criterion falls: small pixels show more detail."""
+    for order in OutlineSearch.fine_orders:
         if order <= state.silhouette.order:
             continue
         richer = state.of_kind(replace(state.silhouette, order=order))
-        richer = minimize(richer, bounds, _MAX_FINE_STEPS, ROUGH_TOLERANCE)
+        richer = minimize(richer, bounds, OutlineSearch.max_fine_steps, ROUGH_TOLERANCE)
         if best_of([state, richer]) is state:
             break
         state = richer
     return state
+
+
+def straighter(disc: State, best: State) -> Iterable[State]:
+    """The disc's path as a line and as an arc."""
+    for family in (LINE, ARC):
+        if family is not disc.family:
+            yield disc.along(family).of_kind(outlined(disc))
+
+
+def stretched(disc: State, best: State) -> Iterable[State]:
+    """Ellipses stretched along the disc's path, on lines shortened or extended by as much."""
+    silhouette, radius = outlined(disc), disc.shape[0]
+    ends = disc.along(LINE).curve[[0, -1]]
+    direction = (ends[1] - ends[0]) / max(float(np.linalg.norm(ends[1] - ends[0])), 1e-9)
+    angle = np.arctan2(direction[1], direction[0])
+    for ratio in (0.5, 1.7, 3.0):  # of the radii along and across the path
+        out = (1 - ratio) * radius * direction
+        if (ends[1] - ends[0] + 2 * out) @ direction <= 0:
+            continue
+        shape = silhouette.like(disc.silhouette, disc.shape)
+        shape[0] = radius * np.sqrt(ratio)
+        shape[1:3] = 0.5 * np.log(ratio) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
+        longer = np.linspace(ends[0] - out, ends[1] + out, 33)
+        yield state_at(disc.observation, LINE, LINE.starts(longer)[0], silhouette, shape)
+
+
+def crosswise(disc: State, best: State) -> Iterable[State]:
+    """An ellipse as long as the disc's path, on short lines along and across that."""
+    xy, _ = disc.family.at(disc.path, np.linspace(0, 1, 65))
+    middle, spread = xy.mean(axis=0), np.cov(xy.T)
+    variances, axes = np.linalg.eigh(spread)
+    width, silhouette = disc.shape[0], outlined(disc)
+    length = width + np.sqrt(3 * variances[1])
+    angle, stretch = np.arctan2(axes[1, 1], axes[0, 1]), 0.5 * np.log(length / width)
+    shape = silhouette.like(disc.silhouette, disc.shape)
+    shape[0] = 0.85 * np.sqrt(length * width)
+    shape[1:3] = stretch * np.cos(2 * angle), stretch * np.sin(2 * angle)
+    for axis in axes.T:
+        path = LINE.starts(middle + np.linspace(-0.4, 0.4, 33)[:, None] * width * axis)[0]
+        yield state_at(disc.observation, LINE, path, silhouette, shape)
+
+
+def turning(disc: State, best: State) -> Iterable[State]:
+    """The best shape so far, and discs on its path, a line and an arc, turning in both senses."""
+    yield best.of_kind(replace(outlined(disc), turns=True))
+    for family in dict.fromkeys((best.family, LINE, ARC)):
+        start = disc.along(family).of_kind(replace(outlined(disc), turns=True))
+        for turn in (-1.0, 1.0):  # radians
+            yield start.with_parameter(2 * start.silhouette.order - 1, turn)
+
+
+def changing(disc: State, best: State) -> Iterable[State]:
+    """The best shape so far, and discs on its path and on a line, whose proportions may change.
+
+    The rates start at 0: fits from several rates converge to the same ones.
+    """
+    yield best.of_kind(replace(best.silhouette, changes=True))
+    for family in dict.fromkeys((best.family, LINE)):
+        yield disc.along(family).of_kind(replace(outlined(disc), changes=True))
+
+
+def outlined(disc: State) -> Silhouette:
+    """Outlines of the first order, with a rim as soft as that of a disc."""
+    return replace(disc.silhouette, order=OutlineSearch.first_order)
+
+
+def growing(disc: State) -> Iterable[State]:
+    """Discs on the path and on simpler ones that grow towards either end.
+
+    Growth replaces what a change of speed along the path may have approximated.
+    """
+    silhouette = replace(disc.silhouette, changes=True)
+    for family in dict.fromkeys((disc.family, LINE, PARABOLA)):
+        start = disc.along(family).of_kind(silhouette)
+        for growth in OutlineSearch.growths:
+            yield start.with_parameter(1, growth)

@@ -1,6 +1,6 @@
-"""thread_map: the same done with several things at once, on all cores.
+"""thread_map: a function applied to several arguments at once, on all cores.
 
-Nearly all of a descent is compiled code, which lets go of the interpreter.
+Fits run mostly in compiled code, which releases the interpreter's lock.
 """
 
 from collections.abc import Callable, Iterable
@@ -13,7 +13,7 @@ T = TypeVar("T")
 
 
 def thread_map(function: Callable[[S], T], things: Iterable[S]) -> list[T]:
-    """What a function says of each, in their order; the first exception is raised."""
+    """Results of a function in the order of its arguments; the first exception is raised."""
     several = list(things)
     if len(several) < 2:
         return [function(thing) for thing in several]

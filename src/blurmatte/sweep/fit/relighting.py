@@ -9,15 +9,15 @@ from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.observation import Observation
 
 _MIN_LOSS = 0.02  # of the plate's light: less hardly changes alpha, and costs a search
-_MAX_REMAINING = 0.9  # of a streak's pixels; fewer lose light alone, and a search without them pays
+_MAX_REMAINING_FRACTION = 0.9  # of a streak's pixels; a smaller streak justifies another search
 
 
 def lighting_of(
     image: LinearImage, plate: LinearImage, streak: Streak, observation: Observation
 ) -> tuple[Lighting, Streak] | None:
-    """The light on the plate as far as it is seen without knowing the object, and the streak in it.
+    """The light on the plate, estimated without a model of the object, and the streak in that light.
 
-    None where the plate hardly gets darker, or the streak hardly smaller.
+    None if the plate hardly gets darker, or the streak hardly smaller.
     """
     lighting = fit_lighting(observation)
     if lighting.change.min() > -_MIN_LOSS:
@@ -29,12 +29,12 @@ def lighting_of(
     finer = replace(observation, grain=observation.grain * width / half_width_of(streak))
     lighting = fit_lighting(finer)
     rest = _streak_within(streak, image, lighting.on(plate))
-    if rest is None or rest.mask.sum() > _MAX_REMAINING * streak.mask.sum():
+    if rest is None or rest.mask.sum() > _MAX_REMAINING_FRACTION * streak.mask.sum():
         return None
     return lighting, rest
 
 
 def _streak_within(streak: Streak, image: LinearImage, plate: LinearImage) -> Streak | None:
-    """What is left of a streak."""
+    """The strongest streak before this plate that overlaps a streak."""
     parts = [part for part in find_streaks(image, plate) if (part.mask & streak.mask).any()]
     return parts[0] if parts else None

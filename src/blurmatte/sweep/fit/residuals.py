@@ -1,45 +1,43 @@
-"""Statistics of the residuals that a sweep leaves: their correlation, outliers, and the noise."""
+"""Statistics of the residuals of a sweep: correlation, outliers, explained change, noise."""
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.statistics import MEDIAN_3, QUANTILE_999_3, block_squares
 from blurmatte.streaks import widened
-from blurmatte.sweep.model.observation import BLOCK_SIZES
+from blurmatte.sweep.model.observation import BlockStatistics
 from blurmatte.sweep.model.state import State
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-OPAQUE = 0.999  # alpha, at which nothing of the plate is seen
-_MARGIN = 3  # pixels around a sweep in which its residuals count
-_TRIMMED_INSIDE = 0.1  # of the blocks: tolerates occluders and holes
-_TRIMMED_OUTSIDE = 0.3  # of the blocks: tolerates what else moved
-_MAX_REPEATED_CHI2 = 0.3  # median outside, of a codec that repeats what stands still
-_MAX_NOISE = 0.3  # of the change of a pixel, which noise must not exceed
+OPAQUE = 0.999  # alpha from which the plate is invisible
+_MAX_REPEATED_CHI2 = 0.3  # median outside the streak of codecs that repeat static parts
+_MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
 
 
 def variance_inflation(state: State) -> float:
     """Variance of block sums of residuals over that of independent pixels, 1 or more.
 
-    The larger of both block sizes, within the sweep. A likelihood counts so many times too much.
+    The larger of both block sizes, within the sweep. The log likelihood is too large by this factor.
     """
     inside, _ = _places(state)
     e = _weighted(state)
-    return max(1.0, *(_of_blocks(e, inside, 0.0, size) for size in BLOCK_SIZES))
+    return max(1.0, *(_of_blocks(e, inside, 0.0, size) for size in BlockStatistics.sizes_px))
 
 
 def residual_excess(state: State) -> float:
     """Correlation of residuals within the sweep over that of the noise outside; about 1 if it fits.
 
-    Each is the variance of block sums over that of pixels, so that a wrong noise level cancels.
+    Each is the variance of block sums over that of pixels: an error of the noise level cancels.
     """
     e = _weighted(state)
     inside, outside = _places(state)
+    blocks = BlockStatistics
     ratios = [
-        _correlation(e, inside, _TRIMMED_INSIDE, size)
-        / max(_correlation(e, outside, _TRIMMED_OUTSIDE, size), 1.0)
-        for size in BLOCK_SIZES
+        _correlation(e, inside, blocks.trimmed_inside, size)
+        / max(_correlation(e, outside, blocks.trimmed_outside, size), 1.0)
+        for size in BlockStatistics.sizes_px
     ]
     return float(np.exp(np.mean(np.log(np.maximum(ratios, 1e-6)))))
 
@@ -63,9 +61,9 @@ def outlier_fraction(state: State) -> float:
 def noise_inflation(state: State) -> float:
     """Variance of the noise within a sweep over the one that was measured, 1 or more.
 
-    Codecs of clips repeat what stands still, so that its noise is less than that of what moves. 1
-    where the noise outside the streak is not repeated, and where the residuals are too large a part of
-    the change to be noise.
+    Codecs of clips repeat static parts, whose noise is then less than that of moving parts. 1 if the
+    noise outside the streak is not repeated, and if the residuals are too large compared with the
+    change to be noise.
     """
     observation, alpha = state.observation, state.swept.alpha
     _, outside = _places(state)
@@ -77,14 +75,14 @@ def noise_inflation(state: State) -> float:
     inflation = float(np.median(state.chi2[inside])) / MEDIAN_3
     variance = (observation.C_variance + observation.B_variance)[inside]
     change = float(np.mean((observation.C - observation.B)[inside] ** 2))
-    explains = inflation * float(np.mean(variance)) < _MAX_NOISE**2 * change
+    explains = inflation * float(np.mean(variance)) < _MAX_NOISE_RATIO**2 * change
     return inflation if inflation > 1 and explains else 1.0
 
 
 def colors_are_correlated(state: State) -> bool:
-    """Whether the noise of color is correlated between pixels, as chroma subsampling makes it.
+    """True if the noise of color is correlated between pixels, which chroma subsampling causes.
 
-    A lens blurs no noise. Light that varies slowly has no influence.
+    Blur by a lens does not correlate noise, and slow variation of light has no influence.
     """
     observation = state.observation
     _, outside = _places(state)
@@ -116,14 +114,14 @@ def _weighted(state: State) -> Array:
 
 
 def _places(state: State) -> tuple[Bools, Bools]:
-    """Where the sweep is, but for opaque pixels; and where it is not."""
+    """Masks of the sweep without opaque pixels, and of the background."""
     observation, alpha = state.observation, state.swept.alpha
-    near = widened((alpha > 0) | observation.streak, _MARGIN)
+    near = widened((alpha > 0) | observation.streak, BlockStatistics.margin_px)
     return near & observation.valid & (alpha < OPAQUE), ~near & observation.valid
 
 
 def _correlation(e: Array, use: Bools, trimmed: float, size: int) -> float:
-    """Mean square of block sums over that of pixels; 1 where there is nothing."""
+    """Mean square of block sums over that of pixels; 1 if there are no pixels."""
     if not use.any():
         return 1.0
     pixels = _trimmed_mean((e**2).mean(axis=-1)[use], trimmed)

@@ -1,7 +1,7 @@
 """A disc and the shadow that it casts, fitted by block-coordinate descent."""
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -16,23 +16,47 @@ from blurmatte.sweep.model.state import State
 
 Array = npt.NDArray[np.float64]
 
-_RADIUS = 8.0  # pixels of a disc on large pixels, enough for it and its shadow
-_COARSE_ROUNDS, _FINE_ROUNDS = 10, 4
-_MAX_STEPS = 10  # of the disc in a round
-_CONVERGED_DIFFERENCE = 2e-3  # of alpha, in a round
-_FIRST_DISTANCES = 0.7, 1.4, 2.2  # radii, of eight directions each
-_MAX_DISTANCE = 6.0  # radii
-_SOFTNESS = 0.03, 0.3, 1.0  # radii: least, at first, most
-_DIRECTIONS = 8
-_DIFFERENCE = 0.02  # of a radius, for numerical derivatives
-_CAUCHY_SCALE = 2.5  # standard deviations
-_MAX_EVALUATIONS = 12
-_COST_TOLERANCE, _PLACE_TOLERANCE = 1e-4, 1e-3  # of both themselves: the next round refines them
-_TINY = 1e-9
+
+@dataclass(frozen=True)
+class ShadowSearch:
+    """Settings of the search for a shadow; lengths are in radii of the disc.
+
+    Parameters
+    ----------
+    coarse_radius_px : float
+        Radius of a disc on large pixels, on which both disc and shadow are resolved.
+    coarse_rounds, fine_rounds : int
+        Of block-coordinate descent, on large and on small pixels.
+    max_disc_steps : int
+        Of the disc in a round.
+    converged_difference : float
+        Relative change of alpha in a round.
+    first_distances : tuple of float
+        From the disc's center to the shadow's, at the start of a fit.
+    first_directions : int
+        Of each of these distances.
+    max_distance : float
+    min_softness, first_softness, max_softness : float
+    cauchy_scale : float
+        Of the loss, standard deviations.
+    """
+
+    coarse_radius_px: float = 8.0
+    coarse_rounds: int = 10
+    fine_rounds: int = 4
+    max_disc_steps: int = 10
+    converged_difference: float = 2e-3
+    first_distances: tuple[float, ...] = (0.7, 1.4, 2.2)
+    first_directions: int = 8
+    max_distance: float = 6.0
+    min_softness: float = 0.03
+    first_softness: float = 0.3
+    max_softness: float = 1.0
+    cauchy_scale: float = 2.5
 
 
 def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, CastShadow] | None:
-    """A disc in its own shadow, if that is possible and likelier than the disc alone.
+    """A disc with its own shadow, if that is possible and likelier than the disc alone.
 
     Parameters
     ----------
@@ -40,30 +64,30 @@ def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, Ca
     bounds : (float, float)
         Of the radius, pixels.
     """
-    coarse = disc.observation.coarse_enough(float(disc.shape[0]), _RADIUS)
+    coarse = disc.observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
     on_coarse = disc.on(coarse)
     straight = on_coarse.along(LINE)
     starts = (on_coarse,) if straight is on_coarse else (straight, on_coarse)
-    fits = [_alternated(start, None, bounds, _COARSE_ROUNDS) for start in starts]
+    fits = [_alternated(start, None, bounds, ShadowSearch.coarse_rounds) for start in starts]
     best, cast = min(fits, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / variance_inflation(best)
     if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
         return None
     fine = best.on(disc.observation)
-    best, cast = _alternated(fine, cast, bounds, _FINE_ROUNDS)
+    best, cast = _alternated(fine, cast, bounds, ShadowSearch.fine_rounds)
     return (best, cast) if cast.is_possible and best.cost < disc.cost else None
 
 
 def _alternated(
     disc: State, cast: CastShadow | None, bounds: tuple[float, float], rounds: int
 ) -> tuple[State, CastShadow]:
-    """Shadow and disc in turn until they agree; the disc is in the observation with the shadow."""
-    plain = disc.observation
+    """Fit shadow and disc in turn until both converge; the disc's plate is in the shadow."""
+    plain, settings = disc.observation, ShadowSearch
     for _ in range(rounds):
         cast = fit_cast(plain, disc, cast)
         shaded = disc.relit(in_shadow(plain, disc, cast))
-        before, disc = disc, minimize(shaded, bounds, _MAX_STEPS, ROUGH_TOLERANCE)
-        if rms_difference(before, disc) < _CONVERGED_DIFFERENCE:
+        before, disc = disc, minimize(shaded, bounds, settings.max_disc_steps, ROUGH_TOLERANCE)
+        if rms_difference(before, disc) < settings.converged_difference:
             break
     assert cast is not None
     return disc, cast
@@ -76,9 +100,9 @@ def in_shadow(observation: Observation, state: State, cast: CastShadow) -> Obser
 
 
 def fit_cast(observation: Observation, disc: State, start: CastShadow | None = None) -> CastShadow:
-    """The shadow that explains most of what a disc leaves; it need not be possible.
+    """The shadow that minimizes the residuals of a disc; it need not be possible.
 
-    Where the object was, only light across its mean color counts: along it is shading.
+    Where the object was, residuals along its mean color are ignored, for shading causes them.
 
     Parameters
     ----------
@@ -87,13 +111,13 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     disc : State
     start : CastShadow, optional
     """
-    observation = observation.coarse_enough(float(disc.shape[0]), _RADIUS)
+    observation = observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
     color = disc.mean_color
     radius, disc = float(disc.shape[0]), disc.on(observation)
     alpha = disc.swept.alpha
     std = np.sqrt(observation.C_variance + observation.B_variance)
     over_noise = np.sqrt(observation.weight)[..., None] / std
-    unit = color / max(float(np.linalg.norm(color)), _TINY)
+    unit = color / max(float(np.linalg.norm(color)), 1e-9)
     across = np.where((alpha > 0)[..., None, None], np.eye(3) - np.outer(unit, unit), np.eye(3))
     known = across * over_noise[..., None]
     light = (1 - alpha)[..., None] * observation.B - observation.C
@@ -111,19 +135,19 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     def solved(x: Array) -> tuple[Array, Array]:
         """Residuals with the best strength, and that."""
         S = shadow(x, np.ones(3)).missing(disc.family, disc.path, radius, pixels).ravel()
-        normal = ((S * S) @ products).reshape(3, 3) + _TINY * np.eye(3)
+        normal = ((S * S) @ products).reshape(3, 3) + 1e-9 * np.eye(3)
         t = np.clip(np.linalg.solve(normal, S @ pulls), 0, 1)
         explained = (by_strength.reshape(-1, 3) @ t).reshape(-1, 3)
         return (missing - S[:, None] * explained).ravel(), t
 
-    place = None
+    first = None
     if start is not None:
-        place = np.array([*start.offset / radius, np.log(start.softness / radius)])
-    x = _placed(lambda x: solved(x)[0], place)
+        first = np.array([*start.offset / radius, np.log(start.softness / radius)])
+    x = _minimized(lambda x: solved(x)[0], first)
     return shadow(x, solved(x)[1])
 
 
-def _placed(residuals: Callable[[Array], Array], start: Array | None) -> Array:
+def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     """(3,) offset (x, y) and log softness, in radii, of the least residuals.
 
     Parameters
@@ -135,30 +159,32 @@ def _placed(residuals: Callable[[Array], Array], start: Array | None) -> Array:
     """
     from scipy.optimize import least_squares
 
+    settings, difference = ShadowSearch, 0.02  # radii, of numerical derivatives
+
     def cost(x: Array) -> float:
-        return float(np.sum(np.log1p((residuals(x) / _CAUCHY_SCALE) ** 2)))
+        return float(np.sum(np.log1p((residuals(x) / settings.cauchy_scale) ** 2)))
 
     def slopes(x: Array) -> Array:
-        steps = _DIFFERENCE * np.eye(3)
+        steps = difference * np.eye(3)
         ahead, behind = (
             np.stack([residuals(x + sign * step) for step in steps], axis=-1) for sign in (1, -1)
         )
-        return np.asarray((ahead - behind) / (2 * _DIFFERENCE))
+        return np.asarray((ahead - behind) / (2 * difference))
 
-    least, first, most = np.log(_SOFTNESS)
+    softness = settings.min_softness, settings.first_softness, settings.max_softness
+    lowest, first, highest = np.log(softness)
     if start is None:
-        angles = np.linspace(0, 2 * np.pi, _DIRECTIONS, endpoint=False)
+        angles = np.linspace(0, 2 * np.pi, settings.first_directions, endpoint=False)
         starts = (
             np.array([d * np.cos(a), d * np.sin(a), first])
-            for d in _FIRST_DISTANCES
+            for d in settings.first_distances
             for a in angles
         )
         start = min(starts, key=cost)
-    far = _MAX_DISTANCE
-    bounds = (-far, -far, least), (far, far, most)
+    far = settings.max_distance
+    bounds = (-far, -far, lowest), (far, far, highest)
     end = least_squares(
         residuals, np.clip(start, *bounds), slopes, bounds,
-        loss="cauchy", f_scale=_CAUCHY_SCALE, max_nfev=_MAX_EVALUATIONS,
-        ftol=_COST_TOLERANCE, xtol=_PLACE_TOLERANCE,
-    )  # fmt: skip
+        loss="cauchy", f_scale=settings.cauchy_scale, max_nfev=12, ftol=1e-4, xtol=1e-3,
+    )  # fmt: skip  # rough: the next round refines both
     return np.asarray(end.x)

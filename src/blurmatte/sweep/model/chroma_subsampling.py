@@ -1,14 +1,14 @@
-"""The light of a picture before its file blurred the colors of neighbors.
+"""Chroma subsampling: the light of a picture before its file blurred the colors of neighbors.
 
-Most files keep the brightness of each pixel, but the color of several together, and compression leaves
-out the fine structure of color. They do so with code values, so that what it comes to depends on how
-bright both sides of a rim are: in linear light a rim is not only softer, it seems to lie elsewhere.
+Most files store the brightness of each pixel but average the color of several, and compression removes
+the fine structure of color. Both act on code values, so that their effect depends on the brightness of
+both sides of a rim: in linear light the rim is blurred and also displaced.
 
-In this file luma is the weighted mean of a pixel's three code values, as files weigh them, and chroma
-is what remains without it. F is what the file makes of a picture: of a JPEG that is known, and for
-other files it is a normal blur of chroma. A model predicts the picture M = P + (1 − α) B before the
-file. But the plate's colors were blurred by its own file too: M' is the same with F B in place of B,
-and M' − F M is added to the code values. It is 0 where nothing moved.
+In this file luma is the weighted mean of a pixel's three code values (BT.601), and chroma the
+difference from it. F is the effect of the file on a picture: the known compression of a JPEG, or a
+Gaussian blur of chroma for other files. A model predicts the picture M = P + (1 − α) B before the
+file. The plate's colors were blurred by its own file: M' is the same with F B in place of B, and M' −
+F M is added to the code values. It is 0 where nothing moved.
 """
 
 from dataclasses import dataclass, replace
@@ -23,24 +23,22 @@ from blurmatte.radiometry import SRGB, Compression, LinearImage, Transfer
 Array = npt.NDArray[np.float64]
 
 LUMA = np.array([0.299, 0.587, 0.114])  # BT.601, as JPEG has it
-_AROUND = 2.0  # times the blur, over which colors are averaged
-_MIN_LUMA = 0.05  # of a unit color
 
 
 @dataclass(frozen=True)
 class Blur:
-    """A file of which no more is known than how much it blurs chroma.
+    """A file with a Gaussian blur of chroma.
 
     Parameters
     ----------
     std : float
-        Standard deviation of G, pixels.
+        Standard deviation of the blur, pixels.
     """
 
     std: float
 
     def seen(self, codes: Array) -> Array:
-        """(h, w, 3) code values as the file has them."""
+        """(h, w, 3) code values after the file."""
         from scipy.ndimage import gaussian_filter
 
         chroma = codes - (codes @ LUMA)[..., None]
@@ -49,7 +47,7 @@ class Blur:
 
 @dataclass(frozen=True)
 class Compressed:
-    """A file that says how it was compressed.
+    """A file of known compression.
 
     Parameters
     ----------
@@ -65,17 +63,17 @@ class Compressed:
     def of(
         cls, compression: Compression, light: Floats, variance: Floats, transfer: Transfer
     ) -> "Compressed":
-        """With noise as it is in the picture: what was taken away of it hardly matters."""
+        """The file with the noise of the picture; the noise that compression removed hardly matters."""
         codes = np.sqrt(variance) / transfer.slope(light)
         return cls(compression, float(np.median(codes)))
 
     @property
     def std(self) -> float:
-        """Pixels by which chroma runs."""
+        """Standard deviation of the blur of chroma, pixels."""
         return self.compression.spread
 
     def seen(self, codes: Array) -> Array:
-        """(h, w, 3) code values as the file has them, on average."""
+        """(h, w, 3) expected code values after the file."""
         return self.compression.expected(codes, self.noise)
 
 
@@ -83,7 +81,7 @@ File = Blur | Compressed
 
 
 def file_of(image: LinearImage) -> Compressed | None:
-    """The file of an image whose noise is known, if that says how it was compressed."""
+    """The file of an image whose noise is known, if its compression is known."""
     compression, transfer = image.meta.sharing, image.meta.transfer or SRGB
     if compression is None:
         return None
@@ -92,14 +90,14 @@ def file_of(image: LinearImage) -> Compressed | None:
 
 @dataclass(frozen=True, eq=False)
 class ChromaBlur:
-    """Image and plate, and the file in which the image's colors ran together.
+    """Image and plate, and the file that blurred the image's colors.
 
     Parameters
     ----------
     C, B : (h, w, 3) float
         Light of image and plate.
     file : Blur or Compressed
-        What became of the image's code values.
+        Effect on the image's code values.
     transfer : Transfer
         Of the file.
     """
@@ -115,7 +113,7 @@ class ChromaBlur:
 
     @cached_property
     def _plate(self) -> Array:
-        """(h, w, 3) light of the plate as it would come out of the file."""
+        """(h, w, 3) light of the plate after the image's file."""
         codes = self.transfer.encode(np.asarray(self.B, float))
         return np.asarray(self.transfer.decode(self.file.seen(codes)))
 
@@ -152,10 +150,10 @@ def image_before(
 def light_of_colors(
     image: LinearImage, plate: LinearImage, alpha: Array, basis: Array, std: float
 ) -> Array:
-    """(h, w, 3) light that an alpha leaves, with the colors that neighbors have.
+    """(h, w, 3) light of the object, C − (1 − α) B, with the mean color of its neighborhood.
 
-    The brightness is that of each pixel; the direction within the model is that of the light around,
-    which a file preserves.
+    The brightness is that of each pixel; the direction within the model is that of a Gaussian
+    neighborhood of twice the blur, which the file preserves.
 
     Parameters
     ----------
@@ -171,7 +169,7 @@ def light_of_colors(
     axes = np.linalg.qr(basis)[0]
     P = np.asarray(image.rgb, float) - (1 - alpha)[..., None] * plate.rgb
     P = np.where((alpha > 0)[..., None], P @ axes @ axes.T, 0)
-    around = gaussian_filter(P, (_AROUND * std, _AROUND * std, 0))
+    around = gaussian_filter(P, (2 * std, 2 * std, 0))
     around /= np.maximum(np.linalg.norm(around, axis=-1, keepdims=True), 1e-12)
-    brightness = (P @ LUMA) / np.maximum(around @ LUMA, _MIN_LUMA)
+    brightness = (P @ LUMA) / np.maximum(around @ LUMA, 0.05)
     return np.asarray(np.maximum(brightness, 0)[..., None] * around)

@@ -1,7 +1,7 @@
-"""What is known of an object's colors before the picture is looked at: axes of color space.
+"""ColorPrior: a Gaussian prior of an object's colors along axes of color space.
 
-The axes are orthonormal directions of linear RGB in which colors vary independently. Of a color model
-the first axes span the model, and the others are those that its colors leave by no more than its error.
+The axes are orthonormal directions of linear RGB along which colors vary independently. The first axes
+span the color model; along the others colors deviate from it by no more than its error.
 """
 
 from dataclasses import dataclass, replace
@@ -13,21 +13,19 @@ from blurmatte.color.model import ColorModel
 
 Array = npt.NDArray[np.float64]
 
-_EXACT_STD_RAD = 1e-3  # of a model that is given without an error
-
 
 @dataclass(frozen=True, eq=False)
 class ColorPrior:
-    """Axes of color space, and how far colors may leave the first of them.
+    """Axes of color space, and the spread of colors along them.
 
     Parameters
     ----------
     axes : (3, 3) float
         Orthonormal columns, linear RGB.
     rank : int
-        Along how many of them the mean color is free; 3 if nothing is known.
+        Number of axes along which the mean color is free; 3 if nothing is known.
     varied : int
-        Along how many of them the spread of colors is estimated; it is small along the others.
+        Number of axes along which the spread of colors is estimated; it is small along the others.
     angle_std : float
         Standard deviation of the angle between colors and the first `rank` axes, radians.
     """
@@ -44,17 +42,18 @@ class ColorPrior:
 
     @classmethod
     def of(cls, model: ColorModel) -> "ColorPrior":
-        """What a color model says."""
+        """The prior of a color model."""
         if model.rank == 3:
             return cls(np.eye(3))
         axes = np.linalg.svd(model.basis)[0]
         axes[:, 0] *= np.sign(axes[:, 0].sum())
         std = np.radians(model.angle_std) if model.covariance.any() else 0.0
-        return cls(axes, model.rank, model.rank, float(np.hypot(std, _EXACT_STD_RAD)))
+        std = float(np.hypot(std, 1e-3))  # radians, of a model without an error
+        return cls(axes, model.rank, model.rank, std)
 
     @classmethod
     def along(cls, mean: Array, moments: Array) -> "ColorPrior":
-        """Nothing is known: axes along a mean color (3,) and the second moments (3, 3) about it."""
+        """No prior knowledge: axes along a mean color (3,) and the second moments (3, 3) about it."""
         unit = mean / max(float(np.linalg.norm(mean)), 1e-12)
         across = np.eye(3) - np.outer(unit, unit)
         _, vectors = np.linalg.eigh(across @ moments @ across + 1e-12 * across)

@@ -17,14 +17,27 @@ from blurmatte.sweep.model.pixels import Pixels
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_FAR_WEIGHT = 0.1  # of pixels far from a streak, which are many
-_MIN_PITCH = 2.0  # pixels, of a color field
-BLOCK_SIZES = (
-    4,
-    8,
-)  # pixels, over which the noise of files and the residuals of wrong shapes correlate
-_MARGIN, _TRIMMED = 3, 0.3  # pixels around a streak; of the blocks: tolerates what else moved
-_MIN_ALPHA = 0.02  # of pixels that show a color
+
+@dataclass(frozen=True)
+class BlockStatistics:
+    """Blocks of pixels over which the correlation of noise and of residuals is measured.
+
+    Parameters
+    ----------
+    sizes_px : tuple of int
+        Widths: the noise of files and the residuals of wrong shapes correlate over such distances.
+    margin_px : int
+        Around a streak, where pixels do not count as background.
+    trimmed_inside : float
+        Fraction of the blocks of a sweep that is dropped: tolerates occluders and holes.
+    trimmed_outside : float
+        Fraction of the background's blocks that is dropped: tolerates other moving objects.
+    """
+
+    sizes_px: tuple[int, ...] = (4, 8)
+    margin_px: int = 3
+    trimmed_inside: float = 0.1
+    trimmed_outside: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +102,7 @@ class Observation:
     @property
     def pitch(self) -> float:
         """`grain` in the pixels here, at least two."""
-        return max(self.grain / self.scale, _MIN_PITCH)
+        return max(self.grain / self.scale, 2.0)
 
     @cached_property
     def light(self) -> tuple[Array, Array, Array, Array]:
@@ -110,14 +123,14 @@ class Observation:
         return replace(self, color=self.color.of_one_paint)
 
     def along_colors(self, alpha: Array) -> "Observation":
-        """With axes along the mean color and the largest spread, if no color is known.
+        """The same with axes along the mean color and the largest spread, if no color is known.
 
         Parameters
         ----------
         alpha : (h, w) float
             Of the object of these colors.
         """
-        weight = self.weight * (alpha > _MIN_ALPHA)
+        weight = self.weight * (alpha > 0.02)  # fainter pixels do not show the color
         total = float((weight * alpha**2).sum())
         if self.color.rank < 3 or total == 0:
             return self
@@ -129,7 +142,7 @@ class Observation:
         return replace(self, color=color)
 
     def chroma_blur(self, transfer: Transfer, blur: float = 0.0) -> ChromaBlur:
-        """What the file made of colors: what it says, or else a blur of so many pixels."""
+        """The file's effect on colors: its own compression if known, else a blur of so many pixels."""
         if self.compression is None:
             return ChromaBlur(self.C, self.B, Blur(blur / self.scale), transfer)
         variance = self.C_variance / self.noise_inflation
@@ -137,11 +150,11 @@ class Observation:
         return ChromaBlur(self.C, self.B, file, transfer)
 
     def with_light(self, C: Array) -> "Observation":
-        """With other light of the image."""
+        """The same with other light of the image."""
         return replace(self, C=np.ascontiguousarray(C))
 
     def raised(self, by: float) -> "Observation":
-        """With that many times the variance of noise."""
+        """The same with the variance of noise multiplied by a factor."""
         C_variance, B_variance = by * self.C_variance, by * self.B_variance
         return replace(
             self,
@@ -153,20 +166,23 @@ class Observation:
     def correlated_noise(self) -> float:
         """Variance of block sums of C − B outside the streak over that of independent noise.
 
-        At least 1: compression correlates noise, and light that changed far from the object acts alike.
+        At least 1. Compression correlates noise; changes of light far from the object have the same
+        effect.
         """
-        outside = ~widened(self.streak, _MARGIN) & self.valid & (self.weight > 0)
+        blocks = BlockStatistics
+        outside = ~widened(self.streak, blocks.margin_px) & self.valid & (self.weight > 0)
         e = (self.C - self.B) / np.sqrt(self.C_variance + self.B_variance)
-        squares = [block_squares(e, outside, size).mean(axis=1) for size in BLOCK_SIZES]
-        trimmed = [np.sort(s)[: int((1 - _TRIMMED) * len(s)) + 1] for s in squares if len(s)]
+        squares = [block_squares(e, outside, size).mean(axis=1) for size in blocks.sizes_px]
+        kept = 1 - blocks.trimmed_outside
+        trimmed = [np.sort(s)[: int(kept * len(s)) + 1] for s in squares if len(s)]
         return max(1.0, *(float(s.mean()) for s in trimmed), 1.0)
 
     def coarse_enough(self, radius: float, pixels: float) -> "Observation":
-        """On pixels so large that a radius (pixels of the picture) has that many, or a few more."""
+        """The same on the largest blocks of which a radius (pixels of the picture) has so many."""
         return self.coarser(max(1, int(radius / (pixels * self.scale))))
 
     def coarser(self, by: int) -> "Observation":
-        """Means over blocks of `by` by `by` pixels; the rest at the far sides is cut."""
+        """Means over blocks of `by` by `by` pixels; an incomplete last row or column is dropped."""
         if by == 1:
             return self
 
@@ -200,7 +216,7 @@ def observation_around(
     plate: LinearImage,
     color: ColorPrior,
 ) -> Observation:
-    """A streak and so many pixels around it, of two pictures whose noise is known."""
+    """A streak and a margin around it, pixels, of two pictures whose noise is known."""
     from scipy.ndimage import distance_transform_edt
 
     box, size = streak.around(margin), image.size
@@ -214,7 +230,7 @@ def observation_around(
         B,
         smooth_variance(image),
         smooth_variance(plate),
-        np.where(valid, np.where(near, 1, _FAR_WEIGHT), 0),
+        np.where(valid, np.where(near, 1, 0.1), 0),  # pixels far from the streak are many
         valid,
         mask,
         near,
@@ -227,7 +243,7 @@ def observation_around(
 
 
 def _chroma_error(change: Array, compression: Compression | None) -> Array | None:
-    """(h, w, 3) of a change of light, whose chroma was blurred: about what a second blur changes."""
+    """(h, w, 3) error of a change of light whose chroma was blurred: the effect of a second blur."""
     from scipy.ndimage import gaussian_filter
 
     if compression is None:

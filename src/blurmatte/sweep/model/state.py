@@ -1,4 +1,4 @@
-"""State: path and shape of a sweep, the colors that suit them, and their residuals."""
+"""State: path and shape of a sweep, their most probable colors, and the residuals."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -17,7 +17,7 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Path and shape, and how well they explain an observation.
+    """Path and shape, and their fit to an observation.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class State:
     family : PathFamily
     path : (n,) float
     silhouette : Silhouette
-        Of what kind the shape is.
+        Kind of the shape.
     shape : (m,) float
     swept : Swept
         Alpha and its derivatives.
@@ -52,7 +52,7 @@ class State:
 
     @property
     def size(self) -> int:
-        """How many parameters path and shape have."""
+        """Number of parameters of path and shape."""
         return len(self.path) + len(self.shape)
 
     @property
@@ -93,8 +93,14 @@ class State:
         """Another path and shape of the same kinds."""
         return state_at(self.observation, self.family, path, self.silhouette, shape)
 
+    def with_parameter(self, index: int, value: float) -> "State":
+        """Another value of one parameter of the shape."""
+        shape = self.shape.copy()
+        shape[index] = value
+        return self.moved(self.path, shape)
+
     def of_kind(self, silhouette: Silhouette) -> "State":
-        """The same shape, as far as another kind of silhouette can have it."""
+        """The same shape as another kind of silhouette, which may lack some of its parameters."""
         shape = silhouette.like(self.silhouette, self.shape)
         return state_at(self.observation, self.family, self.path, silhouette, shape)
 
@@ -106,7 +112,7 @@ class State:
         return state_at(self.observation, family, path, self.silhouette, self.shape)
 
     def relit(self, observation: Observation) -> "State":
-        """The same in other light of the same pixels, in which alpha is what it was."""
+        """The same path and shape in an observation of the same pixels: alpha is not computed again."""
         field, e, cost = _explained(observation, self.swept.alpha)
         return replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
 
@@ -118,7 +124,7 @@ def state_at(
     silhouette: Silhouette,
     shape: Array,
 ) -> State:
-    """What a path and a shape leave unexplained."""
+    """The state of a path and a shape: alpha, colors, residuals and cost."""
     swept = silhouette.sweep(family, path, shape, observation.pixels)
     field, e, cost = _explained(observation, swept.alpha)
     return State(observation, family, path, silhouette, shape, swept, field, e, cost)
