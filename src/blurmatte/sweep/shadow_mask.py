@@ -1,9 +1,11 @@
-"""Where a shadow lies beside an object: the plate is darker there, and none of its light is seen.
+"""Mask of an object's shadow: the plate is darker there, and no light of the object is added.
 
-Light of an object's color and a darker plate are told apart wherever they have different hues: in a
-small window, with image C, plate B and the object's unit color l, C − B = k l − a B is a straight-line
-fit in k and a. The object brings light with it, k is about a times its brightness; a shadow does not.
+Light of an object's color and a darker plate are distinguishable where their hues differ. In a small
+window, with image C, plate B and the object's unit color l, C − B = k l − a B is a linear regression
+for k and a. For the object k is about a times its brightness; for a shadow it is 0.
 """
+
+from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
@@ -15,33 +17,61 @@ from blurmatte.streaks import Streak, widened, without_thin_parts
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-_WINDOWS = 5, 11, 21  # pixels: dark shadows may be narrow, faint ones need more of them
-_LIGHTLESS, _SHADED = 0.2, 0.85  # of the object's light: a shadow, and where it lies on the object
-_UNDERSIDE = 0.4  # of the object's light: less than where a lamp above leaves a ball dark
-_SIGMAS = 4.0
-_RIM = 2  # pixels
-_LEAST, _MOST = 0.03, 0.8  # of the streak: of what is darker all over, no part is its shadow
-_BESIDE = 4  # pixels: files let a streak's colors run that far
-_ENOUGH = 20  # windows beside a streak, to tell noise from
-_MEDIAN = 0.455  # of the square of a normal variable
+
+@dataclass(frozen=True)
+class ShadowMaskSettings:
+    """Settings of the detection of a shadow; light is in units of the object's own.
+
+    Parameters
+    ----------
+    windows_px : tuple of int
+        Widths: dark shadows may be narrow, faint ones need larger windows.
+    max_shadow_light : float
+        Of a shadow on the plate.
+    max_shaded_light : float
+        Of a shadow that lies on the object too.
+    max_underside_light : float
+        The same if the shape is unknown: less than a lamp above leaves on the underside of a ball.
+    threshold_std : float
+        Of the noise.
+    rim_px : int
+        Dilation of the mask.
+    min_fraction, max_fraction : float
+        Of the streak; a streak that is darker all over has no part that is its shadow.
+    bleed_px : int
+        Distance over which files spread a streak's colors.
+    min_windows : int
+        Outside of a streak, to measure the noise of windows.
+    """
+
+    windows_px: tuple[int, ...] = (5, 11, 21)
+    max_shadow_light: float = 0.2
+    max_shaded_light: float = 0.85
+    max_underside_light: float = 0.4
+    threshold_std: float = 4.0
+    rim_px: int = 2
+    min_fraction: float = 0.03
+    max_fraction: float = 0.8
+    bleed_px: int = 4
+    min_windows: int = 20
 
 
 def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color: Array) -> Bools:
-    """Where a shadow lies around an object that was not measured yet.
+    """Mask of the shadow of an object whose shape is unknown.
 
     Parameters
     ----------
     image, plate : LinearImage
         Of known noise.
     streak : Streak
-        Where light of the object shows.
+        Where light of the object is visible.
     color : (3,) float
         Unit color of the object.
 
     Returns
     -------
     (H, W) bool
-        As of `shadow_beside`. Where it lies on the object too is not known before its shape is.
+        As of `shadow_beside`; the part that lies on the object is not found without its shape.
     """
     y, x = streak.rows_columns
     use = (streak.mask & image.valid & plate.valid)[y, x]
@@ -49,8 +79,10 @@ def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color:
     light, lost, _ = _light_and_loss(*(one[use] for one in sums[:4]))
     lost = np.clip(lost, 0, 1)
     brightness = float(np.sum(light * lost) / max(float(np.sum(lost**2)), 1e-12))
-    around = Streak.from_box(streak.around(_WINDOWS[-1]), image.size)
-    found = shadow_beside(image, plate, around, color, brightness, _UNDERSIDE)
+    around = Streak.from_box(streak.around(ShadowMaskSettings.windows_px[-1]), image.size)
+    found = shadow_beside(
+        image, plate, around, color, brightness, ShadowMaskSettings.max_underside_light
+    )
     return found if (streak.mask & ~found).any() else np.zeros_like(found)
 
 
@@ -60,9 +92,9 @@ def shadow_beside(
     streak: Streak,
     color: Array,
     brightness: float,
-    shaded: float = _SHADED,
+    shaded: float = ShadowMaskSettings.max_shaded_light,
 ) -> Bools:
-    """Where a streak is the shadow of an object of another place.
+    """Mask of the part of a streak that is the shadow of an object elsewhere in it.
 
     Parameters
     ----------
@@ -72,38 +104,38 @@ def shadow_beside(
     color : (3,) float
         Unit color of the object.
     brightness : float
-        Light along it, where the object is all that is seen.
+        Light along it where the object is opaque.
     shaded : float
-        Of the object's light, where the shadow lies on it too: what adjoins the shadow and brings
-        less is taken for it.
+        Fraction of the object's light below which pixels next to the shadow count as shadow too.
 
     Returns
     -------
     (H, W) bool
-        Empty if there is no more than noise can feign. Black parts of an object look the same.
+        Empty if it is not significant. Black parts of an object cannot be distinguished from a shadow.
     """
     from scipy.ndimage import binary_propagation
 
-    box = streak.around(_WINDOWS[-1])
+    box = streak.around(ShadowMaskSettings.windows_px[-1])
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
     image, plate = image.crop(box), plate.crop(box)
     valid = image.valid & plate.valid
-    use, beside = valid & inside, valid & ~widened(inside, _BESIDE)
-    least = _LIGHTLESS * brightness, shaded * brightness
+    settings = ShadowMaskSettings
+    use, background = valid & inside, valid & ~widened(inside, settings.bleed_px)
+    limits = settings.max_shadow_light * brightness, shaded * brightness
     products = _products(image, plate, color)
-    less = [_less(products, use, beside, least, window) for window in _WINDOWS]
-    lightless, dim = np.any(less, axis=0)
-    core = use & lightless  # from here the shadow may reach onto the object
+    masks = [_darker_than(products, use, background, limits, n) for n in settings.windows_px]
+    lightless, dim = np.any(masks, axis=0)
+    core = use & lightless  # the shadow may extend onto the object
     found = np.zeros(streak.mask.shape, bool)
     reach = binary_propagation(core, mask=use & dim)
-    if _LEAST < np.count_nonzero(reach) / np.count_nonzero(inside) < _MOST:
-        found[box[1] : box[3], box[0] : box[2]] = widened(reach, _RIM)
-    whole = not (streak.mask & ~found).any()  # of a small streak the rim may be all that is left
+    if _is_part(reach, inside):
+        found[box[1] : box[3], box[0] : box[2]] = widened(reach, ShadowMaskSettings.rim_px)
+    whole = not (streak.mask & ~found).any()  # the rim may cover a small streak
     return np.zeros_like(found) if whole else found
 
 
 def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
-    """Where a streak is the plate, but darker: a shadow, as far as it is seen without a color.
+    """Mask of the part of a streak that is the plate, but darker; no color is needed.
 
     Parameters
     ----------
@@ -114,7 +146,7 @@ def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
     Returns
     -------
     (H, W) bool
-        Empty if it is hardly any, or most, of the streak.
+        Empty if it is hardly any or most of the streak.
     """
     y, x = streak.rows_columns
     inside = streak.mask[y, x]
@@ -122,9 +154,15 @@ def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
         darker_pixels(image.crop(streak.box), plate.crop(streak.box)) & inside
     )
     found = np.zeros(streak.mask.shape, bool)
-    if _LEAST < np.count_nonzero(dark) / np.count_nonzero(inside) < _MOST:
-        found[y, x] = widened(dark, _RIM)
+    if _is_part(dark, inside):
+        found[y, x] = widened(dark, ShadowMaskSettings.rim_px)
     return found
+
+
+def _is_part(dark: Bools, inside: Bools) -> bool:
+    """True if a shadow is a part of the streak, neither hardly any nor most of it."""
+    fraction = np.count_nonzero(dark) / np.count_nonzero(inside)
+    return bool(ShadowMaskSettings.min_fraction < fraction < ShadowMaskSettings.max_fraction)
 
 
 def _products(image: LinearImage, plate: LinearImage, color: Array) -> list[Array]:
@@ -142,32 +180,39 @@ def _light_and_loss(p: Array, q: Array, u: Array, w: Array) -> tuple[Array, Arra
     return (q * u - p * w) / det, (p * u - w) / det, det
 
 
-def _less(
-    products: list[Array], use: Bools, beside: Bools, leasts: tuple[float, float], window: int
+def _darker_than(
+    products: list[Array],
+    use: Bools,
+    background: Bools,
+    limits: tuple[float, float],
+    window: int,
 ) -> tuple[Bools, Bools]:
-    """Where it is darker, a part a of the plate missing, and clearly less light than a · each least.
+    """Masks where a fraction a of the plate is missing and the light is below a times each limit.
 
-    Where noise hangs together windows of it say less: how much so is seen beside the streak.
+    Both are tests at `threshold_std`. Correlated noise inflates the variance of windows; the
+    inflation is measured in the background.
     """
+    settings = ShadowMaskSettings
     p, q, k, a, unit = _of_windows(products, use, window)
-    far = _sums(beside, window) > (1 - 1 / window) * window**2
-    if np.count_nonzero(far) > _ENOUGH:
-        *_, a_beside, unit_beside = _of_windows(products, beside, window)
-        z2 = a_beside[far] ** 2 / np.maximum(unit_beside[far], 1e-30)
-        unit = unit * max(float(np.median(z2)) / _MEDIAN, 1.0)
-    lost = (k * p < a * q) & (a > _SIGMAS * np.sqrt(unit))
+    far = _sums(background, window) > (1 - 1 / window) * window**2
+    if np.count_nonzero(far) > settings.min_windows:
+        *_, a_far, unit_far = _of_windows(products, background, window)
+        z2 = a_far[far] ** 2 / np.maximum(unit_far[far], 1e-30)
+        median = 0.455  # of χ² with one degree of freedom
+        unit = unit * max(float(np.median(z2)) / median, 1.0)
+    lost = (k * p < a * q) & (a > settings.threshold_std * np.sqrt(unit))
 
-    def lacking(least: float) -> Bools:
-        std = np.sqrt(np.maximum(unit * (q - 2 * least * p + least**2), 0))
-        return np.asarray(lost & (k - least * a < -_SIGMAS * std))
+    def lacking(limit: float) -> Bools:
+        std = np.sqrt(np.maximum(unit * (q - 2 * limit * p + limit**2), 0))
+        return np.asarray(lost & (k - limit * a < -settings.threshold_std * std))
 
-    return lacking(leasts[0]), lacking(leasts[1])
+    return lacking(limits[0]), lacking(limits[1])
 
 
 def _of_windows(
     products: list[Array], use: Bools, window: int
 ) -> tuple[Array, Array, Array, Array, Array]:
-    """B·l, B·B, k and a of windows, and the variance of a if each pixel has noise of its own."""
+    """B·l, B·B, k and a of windows, and the variance of a for independent noise."""
     n = np.maximum(_sums(use, window), 1)
     p, q, u, w, variance = (_sums(np.where(use, x, 0), window) / n for x in products)
     k, a, det = _light_and_loss(p, q, u, w)

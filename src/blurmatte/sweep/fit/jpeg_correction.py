@@ -1,7 +1,7 @@
-"""A sweep in the light before its file blurred the colors of neighbors.
+"""Correction of a fit for its file, which blurred the colors of neighbors.
 
-The file's model (`chroma_subsampling`) says what the file made of the light that the sweep predicts.
-The difference is taken off the image, and the sweep is fitted again.
+`chroma_subsampling` predicts the file's effect on the light of a sweep. This effect is subtracted from
+the image, and the sweep is fitted again.
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ def corrected_for_file(state: State, transfer: Transfer) -> State:
     Parameters
     ----------
     state : State
-        In the light as the file has it.
+        Fitted to the light of the file.
     transfer : Transfer
         Of the file.
     """
@@ -34,7 +34,7 @@ def corrected_for_file(state: State, transfer: Transfer) -> State:
 def chroma_blur_std(state: State) -> float:
     """Standard deviation by which the file blurred chroma, pixels.
 
-    It is what the file says; or else what the rim seems to be blurred by.
+    That of the file's compression if known, else the blur of the fitted rim.
     """
     compression = state.observation.compression
     if compression is not None:
@@ -45,7 +45,7 @@ def chroma_blur_std(state: State) -> float:
 def light_before_file(
     observed: Observation, state: State, transfer: Transfer, blur: float
 ) -> Observation:
-    """An observation without what the file did to the light that a state predicts."""
+    """An observation corrected for the file's effect on the light that a state predicts."""
     alpha = state.swept.alpha
     own = state.field.light(alpha) @ state.observation.color.axes.T
     light = observed.chroma_blur(transfer, blur).before(alpha, own)

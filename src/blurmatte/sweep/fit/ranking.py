@@ -1,7 +1,7 @@
 """Ranking of fitted states by the Bayesian information criterion [Schwarz 1978].
 
-A likelihood counts less where residuals are correlated: costs are divided by the variance inflation of
-the state of the least cost.
+Correlated residuals carry less information: costs are divided by the variance inflation of the state of
+the least cost.
 """
 
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ DECISIVE_LOG_BAYES_FACTOR = 5.0
 
 
 def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
-    """States, and by how much each is worse than the best, units of log likelihood; the best first.
+    """Score above the best, units of log likelihood, and state; sorted, the best first.
 
-    Inadmissible states are left out if there are others. The time at which a velocity jumps counts
-    twice, for noise suits one of many [Yao 1988].
+    Inadmissible states are dropped if there are others. The time of a kink counts as two parameters,
+    for noise favors one of many times [Yao 1988].
     """
     admissible = [state for state in states if is_admissible(state)] or list(states)
     likeliest = min(admissible, key=lambda state: state.cost)
@@ -41,7 +41,7 @@ def best_of(states: Sequence[State]) -> State:
 
 
 def bic_penalty(observation: Observation, parameters: int) -> float:
-    """Units of log likelihood that so many parameters cost."""
+    """Penalty of a number of parameters, units of log likelihood."""
     return 0.5 * parameters * float(np.log(max(observation.weight.sum(), 2)))
 
 

@@ -1,4 +1,4 @@
-"""The part of an exposure in which a shadow was seen beside the object that cast it, compiled."""
+"""Fraction of the exposure in which a shadow was visible, compiled."""
 
 from typing import Any
 
@@ -10,10 +10,10 @@ _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": Tru
 
 @njit(**_COMPILED)
 def add_shadow(centers, offset, radius, profile, step, S):  # type: ignore[no-untyped-def]
-    """Add to S (h, w) the mean over all centers (T, 2) of how dark it is where no disc is in front.
+    """Add to S (h, w) the mean darkness over all centers (T, 2) where the disc does not cover it.
 
-    The shadow of a disc lies `offset` from it; `profile` (n,) is how dark it is every `step` pixels
-    from its middle. Of pixels that a rim covers in part a part is in front.
+    The shadow's center is at `offset` from the disc's; `profile` (n,) is its darkness every `step`
+    pixels from its center. Pixels at the rim are covered in part.
     """
     h, w = S.shape
     reach = step * (len(profile) - 1)

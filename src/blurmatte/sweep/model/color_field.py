@@ -1,7 +1,7 @@
 """The colors of an object that moves, as a Gaussian random field over the picture.
 
-What is painted on a thing is smeared by its motion, so that its color changes little within a fraction
-of its radius. In this file α k is the light of the object, k = Σ_j φ_j k_j with bilinear hats φ_j
+Motion blurs the texture of an object, so that its color changes little within a fraction of its radius.
+In this file α k is the light of the object, k = Σ_j φ_j k_j with bilinear hats φ_j
 around the nodes j of a grid, and along each axis c of color space (`color_prior`)
 
     e = (C − (1 − α) B − α k) / √V,    V = V_C + (1 − α)² V_B
@@ -11,10 +11,10 @@ is the residual. The nodes' colors have the prior density of
     Σ |k_i − k_j|²/(2 τ²) + Σ |k_j − m|²/(2 κ²)
 
 along each axis, the first sum over neighbors. The mean m is free; κ, the spread about it, and τ, the
-change from node to node, are estimated. An object of one paint has a spread along its own color alone,
-where light and shade vary; one of two paints, or in the light of two lamps, along two axes. The cost
-includes the volume of the posterior, so that it is the negative log marginal likelihood of alpha, and
-objects of one color need no other model than those of many.
+change from node to node, are estimated. An object of one paint has a spread along its own color
+alone, for shading varies; one of two paints, or in the light of two lamps, along two axes. The cost
+includes the volume of the posterior: it is the negative log marginal likelihood of alpha, and the
+same model holds for objects of one color and of many.
 """
 
 from dataclasses import dataclass
@@ -29,22 +29,39 @@ Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Light = tuple[Array, Array, Array, Array]
 
-_ROUNDS = 4  # of colors, then their spread and the pixels' weights
-_FIRST_SPREAD = 0.5, 0.2, 0.2  # of the mean color's length, along each axis
-_MIN_SPREAD = 0.004  # of the mean color's length
-_MIN_LENGTH = 1e-3  # of a color, linear light
+
+@dataclass(frozen=True)
+class FieldSettings:
+    """Settings of the fit of a field.
+
+    Parameters
+    ----------
+    rounds : int
+        Of the colors, then their spread and the pixels' weights.
+    first_spread : (3,) float
+        Along each axis, of the mean color's length.
+    min_spread : float
+        Of the mean color's length.
+    min_length : float
+        Of the mean color, linear light.
+    """
+
+    rounds: int = 4
+    first_spread: tuple[float, float, float] = (0.5, 0.2, 0.2)
+    min_spread: float = 0.004
+    min_length: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Nodes wherever an object was.
+    """Nodes of the cells that an object covered.
 
     Parameters
     ----------
     pitch : float
         Pixels from node to node.
     number : (rows, columns) int
-        Of each node, −1 where there is none.
+        Number of each node, −1 where there is none.
     neighbors : (2, k) int
         Pairs of adjacent nodes, the lower number first.
     width : int
@@ -78,7 +95,7 @@ class Grid:
 
     @property
     def size(self) -> int:
-        """How many nodes."""
+        """Number of nodes."""
         return int(self.number.max()) + 1
 
     def differences(self) -> Array:
@@ -107,7 +124,7 @@ class ColorField:
     mean, mean_std, spread, change : (3,) float
         m, its standard deviation, κ and τ.
     rank : int
-        Along how many axes the mean is free.
+        Number of axes along which the mean is free.
     """
 
     grid: Grid
@@ -185,10 +202,11 @@ def fit_field(
     from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
 
     grid = Grid.over(alpha, pitch)
+    fit = FieldSettings
     settings = np.array(
         [
-            _ROUNDS, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
-            *_FIRST_SPREAD, _MIN_SPREAD, _MIN_LENGTH,
+            fit.rounds, color.rank, color.varied, color.angle_std, DEGREES_OF_FREEDOM,
+            *fit.first_spread, fit.min_spread, fit.min_length,
         ]
     )  # fmt: skip
     colors, prior, mean, mean_std, spread, change, cost, e = color_field_kernel.fit(

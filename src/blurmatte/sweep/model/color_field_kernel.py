@@ -15,7 +15,7 @@ _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": Tru
 
 @njit(**_COMPILED)
 def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
-    """Write 0 to the corners of all cells in which the object was."""
+    """Write 0 to the corners of all cells that the object covered."""
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             if alpha[y, x] > 0:
@@ -25,7 +25,7 @@ def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
-    """Write the four nodes around a pixel, and their hats there."""
+    """Write the four nodes around a pixel, and the values of their hats."""
     j, i = int(y / pitch), int(x / pitch)
     v, u = y / pitch - j, x / pitch - i
     nodes[0], nodes[1] = number[j, i], number[j, i + 1]
@@ -36,8 +36,9 @@ def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def seen(C, B, V_C, V_B, alpha, pitch, number):  # type: ignore[no-untyped-def]
-    """Of the n pixels where the object was: row and column (n, 2), nodes (n, 4), alpha times their hats
-    (n, 4), and over the noise, (n, 3), light less that of the plate, and 1.
+    """Row and column (n, 2), nodes (n, 4) and alpha times their hats (n, 4) of the n covered pixels.
+
+    Then their residual light C − (1 − α) B over the noise, and 1 over the noise, (n, 3) each.
     """
     h, w = alpha.shape
     count = np.count_nonzero(alpha)
@@ -61,6 +62,15 @@ def seen(C, B, V_C, V_B, alpha, pitch, number):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
+def _weights_at(at, weight):  # type: ignore[no-untyped-def]
+    """Weights (n,) of pixels in rows and columns `at` (n, 2)."""
+    found = np.empty(len(at))
+    for k in range(len(at)):
+        found[k] = weight[at[k, 0], at[k, 1]]
+    return found
+
+
+@njit(**_COMPILED)
 def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped-def]
     """Add the normal equations of pixels, as `seen` has them, of weight (n,)."""
     for k in range(len(weight)):
@@ -80,10 +90,7 @@ def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped
 def equations(C, B, V_C, V_B, alpha, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
     """Add the nodes' normal equations: lower bands (3, width, m) and right sides (3, m)."""
     at, nodes, hats, P, sharp = seen(C, B, V_C, V_B, alpha, pitch, number)
-    here = np.empty(len(at))
-    for k in range(len(at)):
-        here[k] = weight[at[k, 0], at[k, 1]]
-    _add(nodes, hats, P, sharp, here, band, right)
+    _add(nodes, hats, P, sharp, _weights_at(at, weight), band, right)
 
 
 @njit(**_COMPILED)
@@ -102,12 +109,8 @@ def residuals(C, B, V_C, V_B, alpha, pitch, number, colors, e):  # type: ignore[
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
             a = alpha[y, x]
-            if a == 0:
-                for c in range(3):
-                    V = V_C[y, x, c] + V_B[y, x, c]
-                    e[c, y, x] = (C[y, x, c] - B[y, x, c]) / np.sqrt(V)
-                continue
-            corners(y, x, pitch, number, nodes, hats)
+            if a > 0:
+                corners(y, x, pitch, number, nodes, hats)
             for c in range(3):
                 k = _color(a, nodes, hats, colors, c)
                 V = V_C[y, x, c] + (1 - a) * (1 - a) * V_B[y, x, c]
@@ -129,7 +132,7 @@ def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def _any(J, y, x):  # type: ignore[no-untyped-def]
-    """Whether a derivative at a pixel is not 0; NumPy's takes as long as all the rest."""
+    """True if a derivative at a pixel is not 0; a loop is much faster than NumPy here."""
     for p in range(J.shape[2]):  # noqa: SIM110  compiled
         if J[y, x, p] != 0:
             return True
@@ -140,8 +143,8 @@ def _any(J, y, x):  # type: ignore[no-untyped-def]
 def by_alpha(J, C, B, V_C, V_B, alpha, weight, pitch, number, colors, e, cross):  # type: ignore[no-untyped-def]
     """Half the curvature (n, n) and gradient (n,) of a sum of squares; J (h, w, n) are derivatives.
 
-    Adds those by the nodes' colors too to cross (3, m, n). The noise depends on alpha as well: that
-    comes to the same as if the plate were its best estimate, as in `residuals`.
+    Adds the mixed curvature with the nodes' colors to cross (3, m, n). The noise depends on alpha as
+    well, which is equivalent to replacing the plate by its best estimate, as in `residuals`.
     """
     h, w, n = J.shape
     H, g = np.zeros((n, n)), np.zeros(n)
@@ -180,7 +183,7 @@ def by_alpha(J, C, B, V_C, V_B, alpha, weight, pitch, number, colors, e, cross):
 def _factor_columns(columns):  # type: ignore[no-untyped-def]
     """Replace the band's transpose (n, width) by that of the Cholesky factor.
 
-    What is read in turn lies side by side: several times as fast as in the band itself.
+    Elements read in turn are contiguous: several times as fast as in the band itself.
     """
     n, width = columns.shape
     for j in range(n):
@@ -258,7 +261,7 @@ def fit_axis(band, right, differences, spread, change, free, prior, colors):  # 
 
 @njit(**_COMPILED)
 def _mode_of(band, right, spread, free, prior, volume, colors):  # type: ignore[no-untyped-def]
-    """The same of a prior that is known, with the sum of the logs of its factor's diagonal."""
+    """As `fit_axis`, given the prior and the sum of the logs of its factor's diagonal."""
     width, n = band.shape
     posterior = np.empty((n, width))
     for k in range(width):
@@ -289,7 +292,7 @@ def _mode_of(band, right, spread, free, prior, volume, colors):  # type: ignore[
 
 @njit(**_COMPILED)
 def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def]
-    """Spread and change of the nodes (n,), weighted by how well these are known."""
+    """Spread and change of the nodes (n,), weighted by the precision of their data."""
     away, sure = 0.0, 1e-9
     n = len(colors)
     known = np.empty(n)
@@ -312,26 +315,24 @@ def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, se
     change (3,) of each; the cost, and the residuals (3, h, w).
 
     `settings` are: rounds, rank, varied, the deviation of colors across the model, the degrees of
-    freedom of the residuals' t distribution, the first spreads (3) and the least one, of the mean
-    color's length, and the least length.
+    freedom of the residuals' t distribution, the first spreads (3) and the smallest one, of the mean
+    color's length, and the smallest length.
     """
     rounds, rank, varied = int(settings[0]), int(settings[1]), int(settings[2])
-    across, freedom, least, shortest = settings[3], settings[4], settings[8], settings[9]
+    across, freedom, min_spread, min_length = settings[3], settings[4], settings[8], settings[9]
     width, n = differences.shape
     at, nodes, hats, P, sharp = seen(C, B, V_C, V_B, alpha, pitch, number)
-    own_weight = np.empty(len(at))
-    for k in range(len(at)):
-        own_weight[k] = weight[at[k, 0], at[k, 1]]
+    own_weight = _weights_at(at, weight)
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
     _add(nodes, hats, P, sharp, own_weight, band, right)
     length = 0.0
     for c in range(3):
         total = band[c, 0].sum() + 2 * band[c, 1:].sum()
         length += (right[c].sum() / max(total, 1e-9)) ** 2
-    length = max(np.sqrt(length), shortest)
+    length = max(np.sqrt(length), min_length)
     spread, change = np.empty(3), np.empty(3)
     for c in range(3):
-        spread[c] = length * (settings[5 + c] if c < varied else max(across, least))
+        spread[c] = length * (settings[5 + c] if c < varied else max(across, min_spread))
         change[c] = spread[c]
     used, changed = spread.copy(), change.copy()
     prior, colors = np.empty((3, width, n)), np.empty((n, 3))
@@ -350,7 +351,10 @@ def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, se
             colors[:, c] = own
             if c < varied:
                 away, step = scales(band[c], prior[c], own, mean[c], neighbors)
-                spread[c], change[c] = max(away, least * length), max(step, least * length)
+                spread[c], change[c] = (
+                    max(away, min_spread * length),
+                    max(step, min_spread * length),
+                )
         if turn + 1 < rounds:
             for k in range(len(at)):
                 chi2 = 0.0
@@ -369,7 +373,7 @@ def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, se
 
 @njit(**_COMPILED)
 def marginalize(H, cross, C, B, V_C, V_B, alpha, weight, pitch, number, prior, rank):  # type: ignore[no-untyped-def]
-    """Subtract from a curvature H (p, p) what colors could explain; cross is (3, n, p).
+    """Subtract from a curvature H (p, p) the part that colors can explain; cross is (3, n, p).
 
     Along the first `rank` axes the mean color is free, too.
     """

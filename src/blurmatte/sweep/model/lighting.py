@@ -1,7 +1,7 @@
 """The light on the plate near an object, as a smooth Gaussian random field of its change.
 
-An object takes light from what is behind it and bounces some: the plate is B (1 + ρ) where the object
-was seen, ρ smooth. Lamps are about white, so that ρ is one number for all channels. In this file
+An object shadows the background and reflects light onto it: the plate is B (1 + ρ) near the object, ρ
+smooth. Lamps are about white, so that ρ is the same in all channels. In this file
 ρ = Σ_j φ_j ρ_j with bilinear hats φ_j around the nodes of a grid over the whole observation,
 
     C = (1 + ρ) B + noise
@@ -26,11 +26,32 @@ from blurmatte.sweep.model.student_t import student_weight
 
 Array = npt.NDArray[np.float64]
 
-_ROUNDS = 6  # of the field, then its amplitude and the pixels' weights
-_FIRST_SPREAD, _FIRST_STEP = 0.3, 0.15  # of the plate's light, as a shadow near a wall
-_MIN_SPREAD = 1e-4  # of the plate's light
-_LEAST, _MOST = -0.95, 0.5  # of the plate's light
-_GRAINS = 2.0  # of an observation, from node to node: half the half width of a streak
+
+@dataclass(frozen=True)
+class LightingSettings:
+    """Settings of the fit of ρ; all but rounds and pitch are fractions of the plate's light.
+
+    Parameters
+    ----------
+    rounds : int
+        Of the field, then its amplitude and the pixels' weights.
+    first_spread, first_step : float
+        κ and τ at the start, as of a shadow near a wall.
+    min_spread : float
+        Of κ and τ.
+    min_change, max_change : float
+        Of ρ.
+    pitch : float
+        From node to node, in those of the color field: half the half width of a streak.
+    """
+
+    rounds: int = 6
+    first_spread: float = 0.3
+    first_step: float = 0.15
+    min_spread: float = 1e-4
+    min_change: float = -0.95
+    max_change: float = 0.5
+    pitch: float = 2.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,7 +61,7 @@ class Lighting:
     Parameters
     ----------
     change, std : (h, w) float
-        ρ in the observation's pixels, and its standard deviation if its neighbors were known.
+        ρ in the observation's pixels, and its standard deviation given its neighbors.
     cost : float
         Negative log prior density of its nodes, and the log volume of their posterior.
     origin : (float, float)
@@ -56,20 +77,20 @@ class Lighting:
     scale: float
 
     def is_possible(self, alpha: Array) -> bool:
-        """Whether an object of this alpha can leave this light.
+        """True if an object of this alpha can cause this change.
 
-        Its shadow moves with it: nowhere is it seen for a larger part of the exposure.
+        Its shadow moves with it: no pixel is in shadow for longer than some pixel is covered.
         """
         return bool(-self.change.min() <= alpha.max())
 
     def lit(self, observation: Observation) -> Observation:
-        """An observation of the same pixels in this light."""
+        """An observation of the same pixels with the plate in this light."""
         factor = (1 + self.change)[..., None]
         variance = observation.B_variance + (self.std[..., None] * observation.B) ** 2
         return replace(observation, B=factor * observation.B, B_variance=variance)
 
     def on(self, plate: LinearImage) -> LinearImage:
-        """The plate in this light; nothing changes far from the observation."""
+        """The plate in this light; pixels outside of the observation do not change."""
         change, std = (self._in_picture(x, plate) for x in (self.change, self.std))
         B = plate.rgb * (1 + change)[..., None]
         variance = plate.variance + (std[..., None] * plate.rgb) ** 2
@@ -92,9 +113,9 @@ class Lighting:
 
 
 def fit_lighting(observation: Observation) -> Lighting:
-    """The change of the plate's light, before an object of which nothing is known.
+    """The change of the plate's light, estimated without a model of the object.
 
-    Pixels whose light has another hue than the plate's have little influence: that is the object.
+    Pixels of another hue than the plate's show the object and have little influence.
 
     Parameters
     ----------
@@ -107,24 +128,26 @@ def fit_lighting(observation: Observation) -> Lighting:
     )  # numba takes half a second
 
     shape = observation.weight.shape
-    pitch = _GRAINS * observation.pitch
+    settings = LightingSettings
+    pitch = settings.pitch * observation.pitch
     grid = Grid.over(np.ones(shape), pitch)
     light = observation.C, observation.B, observation.C_variance, observation.B_variance
     differences, n = grid.differences(), grid.size
     prior, nodes = np.empty((grid.width, n)), np.empty(n)
-    spread, step, cost = _FIRST_SPREAD, _FIRST_STEP, 0.0
+    spread, step, cost = settings.first_spread, settings.first_step, 0.0
     chi2, change, std = np.empty(shape), np.empty(shape), np.empty(shape)
     lighting_kernel.chi2_of_best(*light, chi2)
-    for _ in range(_ROUNDS):
+    for _ in range(settings.rounds):
         weight = observation.weight * student_weight(chi2)
         band, right = np.zeros((grid.width, n)), np.zeros(n)
         lighting_kernel.equations(*light, weight, pitch, grid.number, band, right)
         cost, _, _ = color_field_kernel.fit_axis(
             band, right, differences, spread, step, False, prior, nodes
         )
-        lighting_kernel.values(pitch, grid.number, np.clip(nodes, _LEAST, _MOST), change)
+        clipped = np.clip(nodes, settings.min_change, settings.max_change)
+        lighting_kernel.values(pitch, grid.number, clipped, change)
         lighting_kernel.chi2(*light, change, chi2)
         lighting_kernel.values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
         away, steps = color_field_kernel.scales(band, prior, nodes, 0.0, grid.neighbors)
-        spread, step = max(float(away), _MIN_SPREAD), max(float(steps), _MIN_SPREAD)
+        spread, step = (max(float(x), settings.min_spread) for x in (away, steps))
     return Lighting(change, std, float(cost), observation.origin, observation.scale)

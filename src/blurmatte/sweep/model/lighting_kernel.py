@@ -60,7 +60,7 @@ def chi2(C, B, V_C, V_B, change, out):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def chi2_of_best(C, B, V_C, V_B, out):  # type: ignore[no-untyped-def]
-    """The same given the change that suits each pixel best: what light of other hues leaves."""
+    """As `chi2` for the best change of each pixel: the residual is light of other hues."""
     for y in range(out.shape[0]):
         for x in range(out.shape[1]):
             s, t, total = 1e-30, 0.0, 0.0

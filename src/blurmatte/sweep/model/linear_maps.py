@@ -1,7 +1,7 @@
-"""Linear maps of the plane by which shapes are stretched, turn, and change during the exposure.
+"""Linear maps of the plane: stretch, rotation, and change of shapes during the exposure.
 
-A change has three rates (g, a, b), natural logarithms: after the part τ of the exposure it is the map
-exp(τ G) with G = [[g + a, b], [b, g − a]].
+A change has three rates (g, a, b), natural logarithms: after the fraction τ of the exposure it is the
+map exp(τ G) with G = [[g + a, b], [b, g − a]].
 """
 
 from typing import Any
@@ -13,7 +13,6 @@ Array = npt.NDArray[np.float64]
 
 _BY_A, _BY_B = np.array([[1.0, 0], [0, -1]]), np.array([[0, 1.0], [1, 0]])
 _QUARTER = np.array([[0, -1.0], [1, 0]])  # of a turn, from +x towards +y
-_SMALL = 1e-4  # a smaller stretch is taken for this one, which makes lengths wrong by 5e-9 of them
 
 
 def exponential(a: Any, b: Any) -> tuple[Array, Array, Array]:
@@ -26,7 +25,7 @@ def exponential(a: Any, b: Any) -> tuple[Array, Array, Array]:
     a, b : float or (T, 1, 1) float
     """
     one, S = np.eye(2), a * _BY_A + b * _BY_B
-    m = np.maximum(np.hypot(a, b), _SMALL)
+    m = np.maximum(np.hypot(a, b), 1e-4)  # a smaller m changes lengths by 5e-9 of them
     even, odd = np.cosh(m), np.sinh(m) / m
     more = (even - odd) / m**2  # the derivative of `odd` by m²/2
     both = odd * one + more * S
@@ -40,7 +39,7 @@ def changed(rates: Array, late: Array) -> tuple[Array, Array]:
     ----------
     rates : (3,) float
     late : (T,) float
-        τ, parts of the exposure.
+        τ, fractions of the exposure.
     """
     (g, a, b), late = rates, late[:, None, None]
     unit, by_a, by_b = exponential(a * late, b * late)
@@ -57,7 +56,7 @@ def turned(turn: float, late: Array, maps: Array, by: Array) -> tuple[Array, Arr
     turn : float
         Radians from +x towards +y.
     late : (T,) float
-        τ, parts of the exposure.
+        τ, fractions of the exposure.
     maps : (T, 2, 2) float
     by : (T, 2, 2, l) float
         Derivatives of the maps by some parameters.
@@ -70,5 +69,5 @@ def turned(turn: float, late: Array, maps: Array, by: Array) -> tuple[Array, Arr
 
 
 def most_shrinking(rates: Array) -> float:
-    """Logarithm by which a change shrinks a length at most in half an exposure, 0 or more."""
+    """Largest logarithm by which a change shrinks a length in half an exposure, 0 or more."""
     return float(abs(rates[0]) + np.hypot(rates[1], rates[2])) / 2

@@ -1,4 +1,4 @@
-"""Families of paths: parameters → where the center is during the exposure, and its derivatives.
+"""Families of paths: parameters → positions of the center during the exposure, and derivatives.
 
 In this file `p` is the parameters of a family (n,), `t` times (T,) from 0 to 1; a path is xy (T, 2)
 with its derivatives D (T, 2, n) by the parameters, all in pixels. Every family holds the straight
@@ -20,7 +20,7 @@ class PathFamily(ABC):
     """Paths of one kind."""
 
     name: ClassVar[str]
-    size: ClassVar[int]  # how many parameters
+    size: ClassVar[int]  # number of parameters
 
     @abstractmethod
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
@@ -36,7 +36,7 @@ class PathFamily(ABC):
 
     @abstractmethod
     def starts(self, curve: Array) -> list[Array]:
-        """Parameters (n,) of paths along `curve` (m, 2), points equally far from each other."""
+        """Parameters (n,) of paths along `curve` (m, 2), equally spaced points."""
 
 
 @dataclass(frozen=True)
@@ -50,12 +50,12 @@ class Polynomial(PathFamily):
 
     @property
     def name(self) -> str:  # type: ignore[override]
-        """What to call it."""
+        """Name in messages and files."""
         return ("line", "parabola", "cubic")[self.degree - 1]
 
     @property
     def size(self) -> int:  # type: ignore[override]
-        """How many parameters."""
+        """Number of parameters."""
         return 2 * (self.degree + 1)
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
@@ -79,8 +79,8 @@ class Polynomial(PathFamily):
 class Arc(PathFamily):
     """Along a circle at constant speed.
 
-    The parameters are start, end, and how far the middle of the way lies off the chord, to the left
-    of it as seen with y up; 0 is a straight line.
+    The parameters are start, end, and the offset of the path's middle from the chord, positive to
+    the left of it as seen with y up; 0 is a straight line.
     """
 
     name = "arc"
@@ -102,7 +102,22 @@ class Arc(PathFamily):
         return [np.array([*a, *b, off])]
 
 
-class Bounce(PathFamily):
+class Kinked(PathFamily):
+    """Families whose last parameter is the time at which the velocity jumps."""
+
+    earliest: ClassVar[float] = 0.02
+    latest: ClassVar[float] = 0.98
+
+    def kink(self, p: Array) -> float:
+        """Time at which the velocity jumps, within its bounds."""
+        return float(np.clip(p[-1], self.earliest, self.latest))
+
+    def _is_held(self, p: Array) -> bool:
+        """True if that time is at a bound."""
+        return not self.earliest < self.kink(p) < self.latest
+
+
+class Bounce(Kinked):
     """Two straight pieces, each at its own constant speed.
 
     The parameters are start, contact, end and the time of the contact.
@@ -115,16 +130,11 @@ class Bounce(PathFamily):
         """Along the one piece, then the other."""
         from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
 
-        contact = self.kink(p)
-        xy, D = path_kernel.bounce(p, contact, not 0.02 < contact < 0.98, t)
+        xy, D = path_kernel.bounce(p, self.kink(p), self._is_held(p), t)
         return xy, D
 
-    def kink(self, p: Array) -> float:
-        """The time of the contact."""
-        return float(np.clip(p[6], 0.02, 0.98))
-
     def starts(self, curve: Array) -> list[Array]:
-        """The corner is where the curve is farthest from its chord, or at a third or two of it."""
+        """The corner is the point farthest from the chord, or at one or two thirds of the curve."""
         a, b = curve[0], curve[-1]
         along = (b - a) / max(float(np.linalg.norm(b - a)), 1e-9)
         off = np.abs(along[0] * (curve - a)[:, 1] - along[1] * (curve - a)[:, 0])
@@ -133,7 +143,7 @@ class Bounce(PathFamily):
         return [np.concatenate([a, curve[i], b, [i / last]]) for i in sorted(corners)]
 
 
-class FromRest(PathFamily):
+class FromRest(Kinked):
     """At rest, then straight at constant speed; backwards in time, a stop.
 
     The parameters are start, end and the time of the departure.
@@ -141,21 +151,17 @@ class FromRest(PathFamily):
 
     name = "from rest"
     size = 5
+    earliest = 0.0
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
-        """Nowhere, then along the line."""
+        """At the start until the departure, then along the line."""
         from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
 
-        departure = self.kink(p)
-        xy, D = path_kernel.from_rest(p, departure, not 0 < departure < 0.98, t)
+        xy, D = path_kernel.from_rest(p, self.kink(p), self._is_held(p), t)
         return xy, D
 
-    def kink(self, p: Array) -> float:
-        """The time of the departure."""
-        return float(np.clip(p[4], 0, 0.98))
-
     def starts(self, curve: Array) -> list[Array]:
-        """A line from one of its ends to the other."""
+        """A line from either end of the curve to the other."""
         return [np.concatenate([a, b, [0.3]]) for a, b in (curve[[0, -1]], curve[[-1, 0]])]
 
 

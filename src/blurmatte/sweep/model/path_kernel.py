@@ -1,7 +1,7 @@
-"""Points of paths and their derivatives by the parameters, and where to take them, compiled.
+"""Points of paths, their derivatives by the parameters, and the sampling of time, compiled.
 
-In this file p (n,) is the parameters of a path, as the families in `path` have them, pixels but for
-times, which go from 0 to 1; a path is its points xy (T, 2), pixels, at times t (T,), and D (T, 2, n)
+In this file p (n,) is the parameters of a path, as in the families of `path`: pixels, and times from 0
+to 1. A path is its points xy (T, 2), pixels, at times t (T,), and D (T, 2, n)
 their derivatives by p.
 """
 
@@ -11,9 +11,6 @@ import numpy as np
 from numba import njit
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
-
-_TINY = 1e-30  # no more than rounding
-_STRAIGHT = 1e-4  # radians: half an arc that turns by less is a parabola to rounding
 
 
 @njit(**_COMPILED)
@@ -36,20 +33,20 @@ def polynomial(p, weights, t):  # type: ignore[no-untyped-def]
 def arc(p, t):  # type: ignore[no-untyped-def]
     """A circle through start and end, its middle p[4] off the chord.
 
-    Half of the arc turns by φ, tan(φ/2) = p[4] / half chord; seen from the middle of the arc the
-    point turns evenly. In units of half the chord a point is at sin(φ s)/sin φ along and
-    (cos(φ s) − cos φ)/sin φ off it, s from −1 to 1; for small φ both go over into s and a parabola.
+    Half of the arc turns by φ, tan(φ/2) = p[4] / half chord. In units of half the chord a point is at
+    sin(φ s)/sin φ along it and (cos(φ s) − cos φ)/sin φ off it, s from −1 to 1; for small φ these tend
+    to s and a parabola.
     """
     xy, D = np.empty((len(t), 2)), np.empty((len(t), 2, 5))
     half = ((p[2] - p[0]) / 2, (p[3] - p[1]) / 2)
     normal = (-half[1], half[0])
-    length, off = np.sqrt(half[0] ** 2 + half[1] ** 2 + _TINY), p[4]
+    length, off = np.sqrt(half[0] ** 2 + half[1] ** 2 + 1e-30), p[4]
     phi = 2 * np.arctan(off / length)
     by_off = 2 * length / (length**2 + off**2)
     by_length = -2 * off / (length**2 + off**2)
     for i in range(len(t)):
         s = 2 * t[i] - 1
-        if abs(phi) < _STRAIGHT:
+        if abs(phi) < 1e-4:  # radians: a parabola to rounding
             along, across = s * (1 + phi**2 * (1 - s**2) / 6), phi * (1 - s**2) / 2
             more_along, more_across = s * phi * (1 - s**2) / 3, (1 - s**2) / 2
         else:
@@ -78,11 +75,11 @@ def bounce(p, contact, held, t):  # type: ignore[no-untyped-def]
         start, duration = (0, contact) if first else (2, 1 - contact)
         u = t[i] / contact if first else (t[i] - contact) / (1 - contact)
         for c in range(2):
-            way = p[start + 2 + c] - p[start + c]
-            xy[i, c] = p[start + c] + u * way
+            chord = p[start + 2 + c] - p[start + c]
+            xy[i, c] = p[start + c] + u * chord
             D[i, c, start + c], D[i, c, start + 2 + c] = 1 - u, u
             if not held:
-                D[i, c, 6] = (-u if first else u - 1) / duration * way
+                D[i, c, 6] = (-u if first else u - 1) / duration * chord
     return xy, D
 
 
@@ -93,28 +90,28 @@ def from_rest(p, departure, held, t):  # type: ignore[no-untyped-def]
     for i in range(len(t)):
         u = max((t[i] - departure) / (1 - departure), 0.0)
         for c in range(2):
-            way = p[2 + c] - p[c]
-            xy[i, c] = p[c] + u * way
+            chord = p[2 + c] - p[c]
+            xy[i, c] = p[c] + u * chord
             D[i, c, c], D[i, c, 2 + c] = 1 - u, u
             if not held and t[i] > departure:
-                D[i, c, 4] = (t[i] - 1) / (1 - departure) ** 2 * way
+                D[i, c, 4] = (t[i] - 1) / (1 - departure) ** 2 * chord
     return xy, D
 
 
 @njit(**_COMPILED)
-def pieces(xy, more, step, most):  # type: ignore[no-untyped-def]
-    """Middles of pieces of the exposure and how long they are, from points at even times.
+def pieces(xy, extra, step, max_count):  # type: ignore[no-untyped-def]
+    """Midpoints of pieces of the exposure and their durations, from points at even times.
 
-    A part between two points is cut into as many pieces as it, or one beside it, is `step` long, with
-    `more` added to each, and into no more than `most`.
+    The number of pieces between two points is the length of this part or its longer neighbor, plus
+    `extra`, over `step`; at most `max_count`.
     """
     parts = len(xy) - 1
-    way, counts, total = np.empty(parts), np.empty(parts, np.int64), 0
+    length, counts, total = np.empty(parts), np.empty(parts, np.int64), 0
     for i in range(parts):
-        way[i] = np.hypot(xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]) + more
+        length[i] = np.hypot(xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]) + extra
     for i in range(parts):
-        far = max(way[i], way[max(i - 1, 0)], way[min(i + 1, parts - 1)])
-        counts[i] = max(int(min(np.ceil(far / step), most)), 1)
+        longest = max(length[i], length[max(i - 1, 0)], length[min(i + 1, parts - 1)])
+        counts[i] = max(int(min(np.ceil(longest / step), max_count)), 1)
         total += counts[i]
     t, lengths, n = np.empty(total), np.empty(total), 0
     for i in range(parts):

@@ -1,6 +1,6 @@
-"""Where the rim of a silhouette is nearest to a point, and how it is bent there, compiled.
+"""Distance of points from the rim of a silhouette, and its normal and curvature, compiled.
 
-In this file the rim of a silhouette is, seen from its center, the curve A q(ψ), where A is a linear
+In this file the rim of a silhouette, relative to its center, is the curve A q(ψ), where A is a linear
 map with det A > 0 and q a star around the unit circle,
 
     q(ψ) = R(ψ) (cos ψ, sin ψ),    log R(ψ) = Σ aₖ cos kψ + bₖ sin kψ,   k = 3, 4, …
@@ -8,8 +8,8 @@ map with det A > 0 and q a star around the unit circle,
 Its slope by ψ is R A (g, 1) in polar coordinates, with g = (log R)′, and its curvature
 κ = det A (1 + g² − (log R)″) / (R |A (g, 1)|³).
 
-All that is told once for a lattice of points around the shape, and read off it at every moment of its
-way: asked anew in every pixel, it took three times as long.
+These are computed once on a lattice of points around the shape and interpolated at every moment of the
+path, which is three times as fast as to compute them in every pixel.
 """
 
 import math
@@ -20,17 +20,8 @@ from numba import njit
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
-_SHARPEST = 2.0  # per pixel, the largest curvature that a half plane is corrected for
-# Pixels between nodes for a radius of 1 and a sharp rim; with the root of that and of how soft the rim
-# is, as all errors of alpha stay alike.
-_LATTICE = 0.125
-_OF_PIXEL = (
-    1 / 12
-)  # variance of a box as wide as a pixel, which is all that a sharp rim is blurred by
-_FAR = 1e3  # pixels: surely in or out
-_STEPS, _CLOSE = 8, 1e-10  # radians: in double precision the rim's nearest point is told no better
-_NEAR_CENTER = 0.3  # of its radius from the center of the circle: there steps would leap
-_FEW = 64  # points of a rim, at least
+PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide, the blur of a sharp rim; pixels²
+_MAX_CURVATURE = 2.0  # per pixel, that a half plane is corrected for
 
 
 @njit(**_COMPILED)
@@ -58,26 +49,26 @@ def rim_at(c, s, A, coefficients):  # type: ignore[no-untyped-def]
     long = np.sqrt(tx * tx + ty * ty)
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
     curvature = R * R * area * (1 + g * g - bend) / (long * long * long)
-    return R, px, py, tx, ty, long, min(max(curvature, -_SHARPEST), _SHARPEST)
+    return R, px, py, tx, ty, long, min(max(curvature, -_MAX_CURVATURE), _MAX_CURVATURE)
 
 
 @njit(**_COMPILED)
 def edge(x, y, c, s, A, coefficients):  # type: ignore[no-untyped-def]
-    """How far inside the rim a point is, normal and curvature there, R, the angle's cosine and sine.
+    """Signed distance inside the rim, normal and curvature there, R, the angle's cosine and sine.
 
-    c and s are those of an angle near the one at which the rim is nearest. It is gone there in steps
-    along the circle that the rim is bent as.
+    c and s are those of an angle near the one of the rim's nearest point, which is found by Newton-like
+    steps along the osculating circle, to the rounding of double precision.
     """
     R, px, py, tx, ty, long, curvature = rim_at(c, s, A, coefficients)
-    for _ in range(_STEPS):
+    for _ in range(8):
         away_x, away_y = x - px, y - py
         along = (away_x * tx + away_y * ty) / long
         depth = curvature * (away_y * tx - away_x * ty) / long
-        turn = along / (long * max(1 - depth, _NEAR_CENTER))
+        turn = along / (long * max(1 - depth, 0.3))  # near the circle's center steps diverge
         ct, st = np.cos(turn), np.sin(turn)
         c, s = c * ct - s * st, s * ct + c * st
         R, px, py, tx, ty, long, curvature = rim_at(c, s, A, coefficients)
-        if abs(turn) < _CLOSE:
+        if abs(turn) < 1e-10:
             break
     nx, ny = ty / long, -tx / long
     return (px - x) * nx + (py - y) * ny, nx, ny, curvature, R, c, s
@@ -89,11 +80,11 @@ def around(A, coefficients, step):  # type: ignore[no-untyped-def]
 
     Point, normal, the angle's cosine and sine.
     """
-    long = 0.0
-    for i in range(_FEW):
-        turn = 2 * np.pi * i / _FEW
+    fewest, long = 64, 0.0
+    for i in range(fewest):
+        turn = 2 * np.pi * i / fewest
         long = max(long, rim_at(np.cos(turn), np.sin(turn), A, coefficients)[5])
-    count = max(int(2 * np.pi * long / step), _FEW)
+    count = max(int(2 * np.pi * long / step), fewest)
     points = np.empty((count, 6))
     for i in range(count):
         turn = 2 * np.pi * i / count
@@ -105,19 +96,21 @@ def around(A, coefficients, step):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def lattice_around(A, coefficients, variance, reach):  # type: ignore[no-untyped-def]
-    """What `edge` says at nodes h apart (rows, columns, 8); x and y of the first, h, and a polygon.
+    """Results of `edge` at nodes h apart (rows, columns, 8); x and y of the first, h, and a polygon.
 
-    Inside, normal, curvature, the rim's point R (cos ψ, sin ψ) and the angle's cosine and sine. Inside
-    is less by κ/2 times a variance, and beyond `reach` only far in or out. Linear between nodes, it
-    lies κ h²/12 below the true distance in the mean; that is put back. The polygon (k, 2) goes around
-    all that is not surely out.
+    Distance inside, normal, curvature, the rim's point R (cos ψ, sin ψ) and the angle's cosine and
+    sine. The distance is reduced by κ/2 times a variance; beyond `reach` it is ±1000 pixels. Linear
+    interpolation between nodes lies κ h²/12 below the true distance on average, which is corrected.
+    The polygon (k, 2) encloses all points within reach.
     """
-    # Powers of two, and nodes that stay where they are when a shape changes a little, so that alpha
-    # changes smoothly.
+    # Powers of two: the nodes stay in place when a shape changes slightly, so that alpha is smooth.
+    # The spacing is 1/8 pixel for a sharp rim of radius 1, and grows so that the error of alpha is
+    # constant.
     area = A[0, 0] * A[1, 1] - A[0, 1] * A[1, 0]
-    h = 2.0 ** math.floor(math.log2(_LATTICE * (area * variance / _OF_PIXEL) ** 0.25))
+    spacing = 0.125 * (area * variance / PIXEL_VARIANCE) ** 0.25
+    h = 2.0 ** math.floor(math.log2(spacing))
     off = (h * h / 6 - variance) / 2
-    reach += abs(off) * _SHARPEST + 3 * h
+    reach += abs(off) * _MAX_CURVATURE + 3 * h
     points = around(A, coefficients, h)
     polygon = points[:, :2] + reach * points[:, 2:4]
     x0 = (math.floor(polygon[:, 0].min() / h) - 1) * h
@@ -127,7 +120,7 @@ def lattice_around(A, coefficients, variance, reach):  # type: ignore[no-untyped
     nearest = nearest_of(points, x0, y0, h, reach, rows, columns)
     lattice = np.zeros((rows, columns, 8))
     for j in range(rows):
-        side = -_FAR
+        side = -1e3
         for i in range(columns):
             k = nearest[j, i]
             if k < 0:
@@ -135,14 +128,14 @@ def lattice_around(A, coefficients, variance, reach):  # type: ignore[no-untyped
                 continue
             x, y = x0 + i * h, y0 + j * h
             inside, nx, ny, bent, R, c, s = edge(x, y, points[k, 4], points[k, 5], A, coefficients)
-            side = _FAR if inside > 0 else -_FAR
+            side = 1e3 if inside > 0 else -1e3
             lattice[j, i] = (inside + bent * off, nx, ny, bent, R * c, R * s, c, s)
     return lattice, x0, y0, h, polygon
 
 
 @njit(**_COMPILED)
 def nearest_of(points, x0, y0, h, reach, rows, columns):  # type: ignore[no-untyped-def]
-    """Which of some points is nearest to each node (rows, columns), −1 if none is within reach."""
+    """Index of the point nearest to each node (rows, columns), −1 if none is within reach."""
     nearest = np.full((rows, columns), -1)
     least = np.full((rows, columns), reach * reach)
     for k in range(len(points)):

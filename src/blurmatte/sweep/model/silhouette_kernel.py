@@ -1,16 +1,15 @@
-"""Alpha of a silhouette on its way, and its derivatives, compiled.
+"""Alpha of a moving silhouette, and its derivatives, compiled.
 
-In this file a rim is what `rim_kernel` tells of it: how far inside it a point is, the normal, and the
-curvature κ of the nearest point of it. It comes as data: what is compiled here and kept would not
-know of a change there.
+In this file a rim is given by `rim_kernel`: the signed distance inside it, the normal, and the
+curvature κ of its nearest point.
 
-A pixel takes part in the shape as in the half plane beyond the tangent at that point. On average
-over a pixel a rim of curvature κ lies κ/24 inside its tangent; that is taken off the distance, so
-that the sum over all pixels is the area. A lens out of focus makes a uniform disc of a point, its
-circle of confusion, of the variance σ² = ρ²/4 for the radius ρ; σ is `soft`. With the pixel's
-variance, 1/12, the edge of a half plane is taken to be that of a disc of the variance
-15/16 (σ² + 1/12) blurred by a normal distribution of the rest, as it is where ρ is √5 pixels. Then
-κ (σ² + 1/12)/2 is taken off.
+The coverage of a pixel is that by the half plane beyond the tangent at that point. On average over a
+pixel a rim of curvature κ lies κ/24 inside its tangent; this is subtracted from the distance, so that
+the sum over all pixels is the area. A lens out of focus images a point as a uniform disc, its circle
+of confusion, of the variance σ² = ρ²/4 for the radius ρ; σ is `soft`. With the pixel's variance,
+1/12, the edge profile of a half plane is that of a disc of the variance 15/16 (σ² + 1/12) convolved
+with a normal distribution of the rest, which is exact where ρ is √5 pixels; κ (σ² + 1/12)/2 is
+subtracted.
 """
 
 import math
@@ -21,23 +20,20 @@ import numpy.typing as npt
 from numba import njit
 from scipy.special import ndtr
 
+from blurmatte.sweep.model.rim_kernel import PIXEL_VARIANCE
+
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
 
-_REACH = 0.7072  # pixels: half the diagonal of one; what is farther from the rim is in or out
-_PIXEL = 1 / 12  # variance of a box as wide as a pixel
-_TAIL = 3.0  # standard deviations from a soft rim, where all is in or out
-_NORMAL = 0.25  # of them, what of a soft edge is that of a normal distribution, not of a disc
-_NODES = 64  # per standard deviation, so that Taylor's polynomials are exact to 1e-7
-_TINY = 1e-18  # of the square of a normal
-_POINTS = 64  # across a disc: what is that smooth they integrate exactly
+_MAX_DISTANCE_STD = 3.0  # from a soft rim: pixels farther away are in or out
+_NODES_PER_STD = 64  # of the tabulated edge: Taylor's polynomials are exact to 1e-7
 
 
 @njit(**_COMPILED)
 def covered(s, nx, ny):  # type: ignore[no-untyped-def]
-    """Part of a pixel that lies inside a straight edge, and its derivative by the distance s.
+    """Fraction of a pixel inside a straight edge, and its derivative by the distance s.
 
-    s is how far inside the edge the pixel's center is; (nx, ny) is the unit normal of the edge. The
-    edge's profile is a box of width a = max(|nx|, |ny|) blurred by one of width b, the other.
+    s is the distance of the pixel's center inside the edge; (nx, ny) is the unit normal of the edge.
+    The edge's profile is a box of width a = max(|nx|, |ny|) blurred by one of width b, the other.
     """
     a, b = abs(nx), abs(ny)
     if a < b:
@@ -53,39 +49,41 @@ def covered(s, nx, ny):  # type: ignore[no-untyped-def]
 
 
 def _tabulated() -> npt.NDArray[np.float64]:
-    """Part of an edge of variance 1, its density and the derivatives of that, at the nodes (k, 4).
+    """Profile of an edge of variance 1, its density and two derivatives of that, at nodes (k, 4).
 
-    A disc's edge has the density of half an ellipse, which Chebyshev's nodes of the second kind
-    integrate with anything smooth: it is a mean of normal distributions.
+    A disc's edge has the density of half an ellipse. Chebyshev's nodes of the second kind integrate it
+    with any smooth function, so that the profile is a mean of normal distributions.
     """
-    angles = np.arange(1, _POINTS + 1) * np.pi / (_POINTS + 1)
-    weights = 2 / (_POINTS + 1) * np.sin(angles) ** 2
-    points = 2 * math.sqrt(1 - _NORMAL**2) * np.cos(angles)
-    z = np.arange(-_TAIL * _NODES, _TAIL * _NODES + 1) / _NODES
-    u = (z[:, None] - points) / _NORMAL
-    density = np.exp(-(u**2) / 2) / (math.sqrt(2 * math.pi) * _NORMAL)
-    slope, bend = -u / _NORMAL * density, (u**2 - 1) / _NORMAL**2 * density
+    count, normal_std = 64, 0.25  # quadrature nodes; standard deviation of the normal part
+    angles = np.arange(1, count + 1) * np.pi / (count + 1)
+    weights = 2 / (count + 1) * np.sin(angles) ** 2
+    points = 2 * math.sqrt(1 - normal_std**2) * np.cos(angles)
+    last = _MAX_DISTANCE_STD * _NODES_PER_STD
+    z = np.arange(-last, last + 1) / _NODES_PER_STD
+    u = (z[:, None] - points) / normal_std
+    density = np.exp(-(u**2) / 2) / (math.sqrt(2 * math.pi) * normal_std)
+    slope, bend = -u / normal_std * density, (u**2 - 1) / normal_std**2 * density
     return np.stack([ndtr(u), density, slope, bend], axis=1) @ weights
 
 
-_EDGE = _tabulated()  # the functions themselves take four times as long as all the rest of a sweep
+_EDGE = _tabulated()  # evaluated anew, these functions would dominate the time of a sweep
 
 
 @njit(**_COMPILED)
 def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped-def]
-    """Part of a pixel inside an edge that is blurred by `soft`, its derivatives by s and by `soft`.
+    """Fraction of a pixel inside an edge blurred by `soft`, its derivatives by s and by `soft`.
 
-    s is how far inside the edge the pixel's center is, less κ (σ² + 1/12)/2; soft 0 is a sharp edge.
-    wide is 1/√(σ² + 1/12): to divide by that for each pixel took a third of the time.
+    s is the distance of the pixel's center inside the edge, less κ (σ² + 1/12)/2; soft 0 is a sharp
+    edge. wide is 1/√(σ² + 1/12), computed once.
     """
     if soft == 0:
         part, gain = covered(s, nx, ny)
         return part, gain, 0.0
     z = s * wide
-    if abs(z) > _TAIL:
+    if abs(z) > _MAX_DISTANCE_STD:
         return (1.0 if z > 0 else 0.0), 0.0, 0.0
-    node = int((z + _TAIL) * _NODES + 0.5)
-    at = node * (1 / _NODES) - _TAIL
+    node = int((z + _MAX_DISTANCE_STD) * _NODES_PER_STD + 0.5)
+    at = node * (1 / _NODES_PER_STD) - _MAX_DISTANCE_STD
     d, density, slope, bend = z - at, _EDGE[node, 1], _EDGE[node, 2], _EDGE[node, 3]
     part = _EDGE[node, 0] + d * (density + d * (slope / 2 + d * bend / 6))
     gain = (density + d * (slope + d * bend / 2)) * wide
@@ -94,19 +92,19 @@ def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped
 
 @njit(**_COMPILED)
 def variance_of(soft):  # type: ignore[no-untyped-def]
-    """Variance of what the edge of a half plane becomes, pixels²."""
-    return _PIXEL + soft * soft
+    """Variance of the edge profile of a half plane, pixels²."""
+    return PIXEL_VARIANCE + soft * soft
 
 
 @njit(**_COMPILED)
 def reach_of(soft):  # type: ignore[no-untyped-def]
-    """How far from the rim pixels are partly inside."""
-    return _REACH if soft == 0 else _TAIL * np.sqrt(variance_of(soft))
+    """Largest distance from the rim at which pixels are partly inside; half a diagonal if sharp."""
+    return 0.7072 if soft == 0 else _MAX_DISTANCE_STD * np.sqrt(variance_of(soft))
 
 
 @njit(**_COMPILED)
 def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: ignore[no-untyped-def]
-    """What `sweep` does for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
+    """`sweep` for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
 
     The logarithm of the radius is larger by growth times late (T,), for whose factor J has one more if
     it `grows`. If J has room for yet one more, that is for `soft`.
@@ -169,7 +167,7 @@ def spans(polygon, L, cx, cy, left, right):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
-    """The value k a part u of the way from node i to the next, and v from j, linear on the way."""
+    """The value k at the fraction u from node i to the next, and v from node j, bilinear."""
     above = (1 - u) * lattice[j, i, k] + u * lattice[j, i + 1, k]
     below = (1 - u) * lattice[j + 1, i, k] + u * lattice[j + 1, i + 1, k]
     return (1 - v) * above + v * below
@@ -185,16 +183,16 @@ def largest_stretch(L):  # type: ignore[no-untyped-def]
 
 @njit(**_COMPILED)
 def sweep(xy, D, weights, maps, by_maps, changes, rim, A, by_A, coefficients, soft, alpha, J):  # type: ignore[no-untyped-def]
-    """Add to alpha (h, w) and J (h, w, n + j + k + l), zeros, what a shape covers on its way.
+    """Add the coverage of a moving shape to alpha (h, w) and J (h, w, n + j + k + l), zeros.
 
-    The rim is told by `rim_kernel.lattice_around`, with the variance and the reach of this softness,
-    the reach as many times larger as the maps shrink at most. xy (T, 2) are the centers in pixels of
-    the data, D (T, 2, n) their derivatives, weights (T,) parts of the exposure; by_A (2, 2, j) are the
+    The rim is from `rim_kernel.lattice_around`, with the variance and the reach of this softness, the
+    reach multiplied by the largest factor by which the maps shrink. xy (T, 2) are the centers in
+    pixels, D (T, 2, n) their derivatives, weights (T,) parts of the exposure; by_A (2, 2, j) are the
     derivatives of A by some parameters, coefficients (k,) are a₃, b₃, a₄, b₄, … At each moment the
     shape is mapped by maps (T, 2, 2), whose derivatives are by_maps (T, 2, 2, l). If J has room for
     one more, that is for `soft`.
 
-    Maps turn the shape and, if it `changes`, do any other thing of positive determinant. With L the
+    Maps are rotations or, if it `changes`, any of positive determinant. With L the
     map, n the normal of the rim at s inside, N = |L⁻ᵀ n|, the mapped rim has the normal L⁻ᵀ n / N and
     the curvature κ / (det² L N³), and lies s / N away, to first order.
     """
@@ -232,7 +230,7 @@ def sweep(xy, D, weights, maps, by_maps, changes, rim, A, by_A, coefficients, so
                 _, nx, ny, curvature, px, py, co, si = at
                 mx, my = a * nx + c * ny, b * nx + d * ny
                 if changes:
-                    N = np.sqrt((mx * mx + my * my) / max(nx * nx + ny * ny, _TINY))
+                    N = np.sqrt((mx * mx + my * my) / max(nx * nx + ny * ny, 1e-18))
                     mx, my = mx / N, my / N
                     bent = curvature / (area * area * N * N * N)
                     inside = (inside + curvature * variance / 2) / N - bent * variance / 2

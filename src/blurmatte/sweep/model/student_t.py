@@ -1,4 +1,4 @@
-"""Student's t distribution of residuals: noise, and now and then an outlier."""
+"""Student's t distribution of residuals: normal noise with occasional outliers."""
 
 import numpy as np
 import numpy.typing as npt
@@ -6,9 +6,9 @@ import numpy.typing as npt
 Array = npt.NDArray[np.float64]
 
 DEGREES_OF_FREEDOM = 6.0
-
-# Variance of an estimate over its inverse curvature with these weights, if residuals are normal.
-VARIANCE = 1.129
+VARIANCE = (
+    1.129  # of an estimate over its inverse curvature with these weights, for normal residuals
+)
 
 
 def loss(chi2: Array) -> Array:
