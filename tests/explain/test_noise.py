@@ -14,7 +14,7 @@ def noise_fit(spread, coherence=1.0, rounding=0.0, relative=0.0, changed=0.0):
     return NoiseFit(sensor, NoiseModel(read_std=rounding), covariance, (), (), (), ratios, changed)
 
 
-def test_noise_is_told_in_electrons():
+def test_noise_is_given_in_electrons():
     """Exact."""
     said = explain(noise_fit(0.01))
     assert said[0].startswith("Gain, light per electron: 0.0002000 ± 0.0000020, ")
@@ -23,18 +23,18 @@ def test_noise_is_told_in_electrons():
     assert said[3:] == ["Every pixel has noise of its own."]
 
 
-def test_what_else_noise_is_made_of():
-    """Exact: rounding, a fraction of light, what changed, and how it hangs together."""
+def test_rounding_correlation_and_changed_pixels_are_reported():
+    """Exact: rounding, a fraction of light, changed pixels, and correlation."""
     said = " ".join(explain(noise_fit(0.01, 4.0, 0.006, 0.01, 0.125)))
     assert "White is" not in said
     assert "And this fraction of the light: 0.010000 ± 0.000050, " in said
     assert "Rounding to code values makes 0.43 of the variance at light 0.2" in said
-    assert "Noise hangs together over 2.0, 2.0, 2.0 px (R, G, B), " in said
+    assert "Noise is correlated over 2.0, 2.0, 2.0 px (R, G, B), " in said
     assert "8x8: 4," in said
     assert "12.5% of the pixels changed by more than noise" in said
 
 
-def test_gain_and_read_noise_that_are_not_told_apart():
+def test_inseparable_gain_and_read_noise_are_reported():
     """Exact."""
     said = explain(noise_fit(0.9))
     assert any(line.startswith("The light is too even") for line in said)

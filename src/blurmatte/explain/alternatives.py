@@ -1,4 +1,4 @@
-"""Which other colors fit a streak, with how much alpha; and the interval of the common factor."""
+"""Other colors that fit a streak, with their alpha; and the interval of the common factor."""
 
 from blurmatte.matting import Alternative, Grade, Solution
 
@@ -14,7 +14,7 @@ def alternatives_of(solution: Solution) -> list[Alternative]:
 
 
 def alternatives_in_words(solution: Solution) -> list[str]:
-    """What else fits, and the interval of the common factor of alpha; both without a full stop."""
+    """Alternatives, and the interval of the common factor of alpha; both without a full stop."""
     return [*also_fits(solution), *factor_interval(solution)]
 
 

@@ -1,10 +1,10 @@
-"""Which colors an object may have, and what told them."""
+"""The possible colors of an object, and their evidence."""
 
 import numpy as np
 
 from blurmatte.color import ColorModel
 
-_OPEN = 30.0  # degrees: evidence that leaves more than this tells nothing worth a number
+_MAX_STD_DEG = 30.0  # of evidence that is worth a number
 _EVIDENCE = {
     "hue variation": "the hues of the plate behind the streak alone",
     "shape": "the shape of the streak and the hues together",
@@ -27,13 +27,13 @@ def color_in_words(model: ColorModel) -> list[str]:
 
 
 def _directions(model: ColorModel) -> str:
-    told = " and ".join(
+    colors = " and ".join(
         f"({', '.join(f'{x:.3f}' for x in color)})" for color in np.round(model.rgb, 3) + 0.0
     )
     space = "linear RGB" if model.to_srgb is None else "camera's own linear RGB"
     if model.rank == 1:
-        return f"One paint and its shades: all multiples of the {space} color {told}."
-    return f"Two paints and their mixtures: a plane of colors between {space} {told}."
+        return f"One paint and its shades: all multiples of the {space} color {colors}."
+    return f"Two paints and their mixtures: a plane of colors between {space} {colors}."
 
 
 def _evidence(model: ColorModel) -> list[str]:
@@ -42,14 +42,14 @@ def _evidence(model: ColorModel) -> list[str]:
     sentences = []
     for name, std in model.evidence.items():
         source = _EVIDENCE.get(name, f"{name} alone")
-        told = f"to {std:.2g}°" if std < _OPEN else "nothing"
-        sentences.append(f"From {source}: {told}.")
+        accuracy = f"to {std:.2g}°" if std < _MAX_STD_DEG else "nothing"
+        sentences.append(f"From {source}: {accuracy}.")
     return sentences
 
 
 def _possible(model: ColorModel) -> list[str]:
-    """What else the color may be, if that can be told apart."""
-    told = [" and ".join(other.hex) for other in model.possible]
-    if len(set(told)) == 1:
+    """The limits of the color, if they differ from it in 8 bits."""
+    limits = [" and ".join(other.hex) for other in model.possible]
+    if len(set(limits)) == 1:
         return []
-    return [f"In 95 of 100 cases no further away than {told[1]} or {told[5]}."]
+    return [f"In 95 of 100 cases no further away than {limits[1]} or {limits[5]}."]

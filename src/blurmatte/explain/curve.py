@@ -1,4 +1,4 @@
-"""What curves say, and how well one was measured."""
+"""Transfer curves in words, and the accuracy of a measured one."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Why a large part of an answer is unknown or cannot be true, and what to do."""
+"""Warnings: why a large part of an answer is unknown or impossible, and what to do."""
 
 import math
 
@@ -9,27 +9,25 @@ from blurmatte.matting import Quality, Solution
 
 _ALL_SHADOW = (
     "Only light was lost: all of this may be a shadow, or an object that is black, or darker than the "
-    "plate and of its hue; the picture cannot tell. Alpha holds only if something of the given color "
-    "was there."
+    "plate and of its hue; the picture does not show which. Alpha holds only if something of the "
+    "given color was there."
 )
-_MANY = 0.25  # of the streak's pixels: more than a few odd ones
-_NOT_ALONE = 0.05  # of the known pixels: more than noise puts out of range
-_HIGHEST, _ABOVE = 1.02, 0.005  # alpha that may still be called 1; share of pixels beyond it
+_MIN_FLAGGED_FRACTION = 0.25  # of the streak's pixels, for a warning
 _REMEDY = {
     Quality.SATURATED: "is clipped in the image or the plate and cannot be known; expose shorter",
     Quality.PLATE_IN_MODEL: "lies before a plate of the object's own colors: nothing can be known "
     "there; allow fewer colors, or take the pictures before another background",
     Quality.SHADOW: "is only darker than the plate: a shadow, or something black, which the picture "
-    "cannot tell; choose a region without it",
+    "does not separate; choose a region without it",
     Quality.MISFIT: "does not fit the color: pick the object's color where it is sharp or opaque, "
     "give two colors (rank 2), or choose a region that holds the object alone",
 }
 
 
 def doubts(solution: Solution) -> list[str]:
-    """What nobody should overlook: why a large part of the answer is unknown or cannot be true.
+    """Warnings that a large part of the answer is unknown or impossible.
 
-    One sentence each, with what to do; none for a sound solution.
+    One sentence each, with a remedy; none for a sound solution.
     """
     inside = solution.quality[solution.streak]
     if not inside.size:
@@ -42,9 +40,9 @@ def doubts(solution: Solution) -> list[str]:
         for flag in _REMEDY
     }
     if shape_is_likeliest(solution) and solution.stats["sweep"].get("shadow") is not None:
-        del shares[Quality.SHADOW]  # it is the object's own, as is said of it
+        del shares[Quality.SHADOW]  # `sweep_in_words` describes the object's own
     said = [f"{share:.0%} of the streak {_REMEDY[flag]}." for flag, share in shares.items()
-            if share > _MANY]  # fmt: skip
+            if share > _MIN_FLAGGED_FRACTION]  # fmt: skip
     return _no_object(solution) or [*said, *_impossible(solution)]
 
 
@@ -59,19 +57,19 @@ def _no_object(solution: Solution) -> list[str]:
 
 
 def _impossible(solution: Solution) -> list[str]:
-    """Alpha far out of its range, by more than noise."""
+    """Warnings of alpha out of its range by more than noise."""
     known = solution.streak & solution.known
     alpha, margin = solution.alpha[known], 3 * solution.alpha_std[known]
     if not alpha.size:
         return []
-    above, below = np.mean(alpha > _HIGHEST + margin), np.mean(alpha < -margin)
+    above, below = np.mean(alpha > 1.02 + margin), np.mean(alpha < -margin)
     said = []
-    if above > _ABOVE:
+    if above > 0.005:
         said.append(
             f"Alpha goes up to {alpha_peak(solution):.2f}, which cannot be (above 1 in {above:.1%} "
             "of the streak): the color is too near to the plate's, or the plate does not fit."
         )
-    if below > _NOT_ALONE:
+    if below > 0.05:  # noise alone puts fewer pixels out of range
         said.append(
             f"Alpha is below 0 in {below:.0%} of the streak, which cannot be: a shadow or another "
             "thing is in it, or the color is wrong."
@@ -80,13 +78,13 @@ def _impossible(solution: Solution) -> list[str]:
 
 
 def alpha_peak(solution: Solution) -> float:
-    """How far alpha goes up where it is known, but for the topmost half percent; 0 if nowhere."""
+    """The 99.5 % quantile of known alpha; 0 if no pixel is known."""
     alpha = solution.alpha[solution.streak & solution.known]
     return max(float(np.percentile(alpha, 99.5)), 0.0) if alpha.size else 0.0
 
 
 def sum_std(solution: Solution) -> float:
-    """Of the sum of alpha: from the noise, and from the color."""
+    """Standard deviation of the sum of alpha, from the noise and from the color."""
     stats = solution.stats
     by_color = stats.get("sum_alpha", 0) * stats.get("alpha_scale_std", 0)
     return math.hypot(stats.get("sum_alpha_std", 0), by_color)

@@ -1,4 +1,4 @@
-"""explain: what colors, solutions, plates, noise, curves and motions say, in plain words."""
+"""explain: colors, solutions, plates, noise, curves and motions in plain words."""
 
 from blurmatte.background import PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
@@ -33,7 +33,7 @@ Explained = (
 
 
 def explain(thing: Explained) -> list[str]:
-    """Sentences about what was found or measured, for people who do not know the words.
+    """Sentences about a result, for people who do not know the technical terms.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""How well alpha is known, in one sentence: grade, error, and what causes most of it."""
+"""The accuracy of alpha in one sentence: grade, error, and its main causes."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -44,7 +44,7 @@ def grade_in_words(solution: Solution) -> list[str]:
 
 
 def _errors(stats: Mapping[str, Any], grade: Grade) -> list[str]:
-    """What is known of alpha and its sum: one standard deviation each."""
+    """Errors of alpha and of its sum, one standard deviation each."""
     error, scale = stats.get("alpha_error"), stats.get("alpha_scale_std")
     said = []
     if grade is Grade.ASSUMED and scale:

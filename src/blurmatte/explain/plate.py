@@ -1,4 +1,4 @@
-"""What a plate says of itself."""
+"""A plate and its noise in words."""
 
 from collections.abc import Iterator
 

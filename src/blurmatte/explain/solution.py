@@ -1,4 +1,4 @@
-"""What a solution says: what explains it, how much of it there is, and what is known against it."""
+"""A solution in words: its explanation, the sum of alpha, and the evidence against it."""
 
 import math
 from collections.abc import Mapping
@@ -27,7 +27,7 @@ _AGAINST = {
 
 
 def solution_in_words(solution: Solution) -> list[str]:
-    """Sentences: the grade, what else fits, then what nobody should overlook, then everything else."""
+    """Sentences: the grade, alternatives, warnings, then everything else."""
     stats = solution.stats
     return [
         *(f"{line}." for line in grade_in_words(solution)),
@@ -45,7 +45,7 @@ def solution_in_words(solution: Solution) -> list[str]:
 
 
 def _smooth(stats: Mapping[str, Any]) -> list[str]:
-    """How alpha was found, if no shape told it."""
+    """How alpha was found without a shape."""
     smooth = stats.get("smooth")
     if smooth is None:
         return []
@@ -75,7 +75,7 @@ def _area(solution: Solution) -> list[str]:
 
 
 def _condition(model: ColorModel) -> str:
-    """What the sum rests on, beside the noise."""
+    """Assumption of the sum of alpha, apart from the noise."""
     if not model.evidence and model.rank < 3:
         return ", if the given color is right"
     if set(model.evidence) == {"samples"}:
@@ -90,7 +90,7 @@ def _touches_border(solution: Solution) -> bool:
 
 
 def _match(stats: Mapping[str, Any]) -> list[str]:
-    """How the plate was changed to match the image, and how well they agree now."""
+    """The correction of the plate to match the image, and their agreement."""
     match = stats.get("match")
     if match is None:
         return []

@@ -1,4 +1,4 @@
-"""Which shape went along which path, and how well that explains the streak."""
+"""A fitted shape and path in words, and how well they explain the streak."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -8,13 +8,13 @@ import numpy as np
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.matting import Solution
 
-_MIN_SOFTNESS = 1.0  # pixels: a rim that is sharper looks sharp
+_MIN_BLUR_PX = 1.0  # of the rim; less is not visible
 _PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}
 _VERBS = {"turning": "turns", "changing": "changes"}  # of silhouettes, by their names
 
 
 def shape_is_likeliest(solution: Solution) -> bool:
-    """Whether a shape on a path was fitted, and no alpha without a shape has a larger weight."""
+    """True if a shape on a path was fitted and no alpha without a shape has a larger weight."""
     return "sweep" in solution.stats and not solution.solver.startswith("Smooth")
 
 
@@ -33,7 +33,7 @@ def sweep_in_words(solution: Solution) -> list[str]:
 
 
 def _outweighed(sweep: Mapping[str, Any], weights: Sequence[float]) -> list[str]:
-    """That alpha without a shape has a larger weight."""
+    """The case in which alpha without a shape has a larger weight."""
     shape = _shape_on_path(sweep)
     return [
         f"Alpha without a shape explains the streak better: its weight is {max(weights):.2f}. "
@@ -57,7 +57,7 @@ def _explained(sweep: Mapping[str, Any], solution: Solution) -> list[str]:
 
 
 def _softness(softness: float) -> list[str]:
-    if softness < _MIN_SOFTNESS:
+    if softness < _MIN_BLUR_PX:
         return []
     return [f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."]
 

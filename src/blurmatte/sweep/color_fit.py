@@ -28,27 +28,28 @@ def fit_color(
 ) -> ColorModel:
     """Find the object's colors from its streak alone (in place of [GC07 §3.1]).
 
-    The color of the sweep that explains the streak (`fit_sweep`), which knows the time spent on each
-    pixel and uses the hues of the plate as well. Where none explains it, that of hues and feasibility
-    if they determine one.
+    The color of the sweep that explains the streak (`fit_sweep`), which models the time spent on each
+    pixel and uses the hues of the plate as well. If none explains it, the color from hues and
+    feasibility if they determine one.
 
     Parameters
     ----------
     image : LinearImage or sequence of LinearImage
-        Several frames of one object tell its color better; those that tell nothing are left out.
+        Several frames of one object determine its color better; frames that do not determine it are
+        ignored.
     plate : LinearImage
         The same size; noise that is not known is measured.
     streak : Streak, optional
         Where the object moved; if not given, it is chosen as by `solve`. Of one image only.
     max_brightness : float
-        The brightest that the object's largest channel can be, linear light, 1 = sensor white; of
-        use where no shape explains the streak.
+        Upper bound of the object's largest channel, linear light, 1 = sensor white; used if no shape
+        explains the streak.
 
     Returns
     -------
     ColorModel
         Rank 1, or 2 if only two paints, highlights or two lights explain the streak, or 3 if only
-        any colors do; with the covariance of its direction and what each kind of evidence says.
+        any colors do; with the covariance of its direction and the error by each kind of evidence.
 
     Raises
     ------
@@ -114,8 +115,9 @@ def color_of(
 def _hue_std(model: ColorModel, image: LinearImage, plate: LinearImage, streak: Streak) -> float:
     """Standard deviation of the color from the hues of the plate alone, degrees; infinite if open.
 
-    With alpha free in each pixel what remains is r = n · C, n ∝ l × B: turning l by t changes it by
-    t · (B × C) / |l × B|. The information in that, less what noise alone would feign.
+    With alpha free in each pixel the residual is r = n · C, n ∝ l × B: a rotation of l by t changes
+    it by t · (B × C) / |l × B|. The information of these residuals, less its expectation for noise
+    alone.
     """
     y, x = np.nonzero(streak.mask & image.valid & plate.valid)
     C, B, V_C, V_B = (
@@ -128,10 +130,10 @@ def _hue_std(model: ColorModel, image: LinearImage, plate: LinearImage, streak: 
     length2 = np.sum(normal**2, axis=1) + 1e-12
     r_variance = np.sum((V_C + V_B) * normal**2, axis=1) / length2 + 1e-14
     slope = np.cross(B, C) @ T
-    feigned = [np.sum(V_C * np.cross(t, B) ** 2 + V_B * np.cross(C, t) ** 2, axis=1) for t in T.T]
+    by_noise = [np.sum(V_C * np.cross(t, B) ** 2 + V_B * np.cross(C, t) ** 2, axis=1) for t in T.T]
     weight = 1 / (length2 * r_variance)
     information = (slope * weight[:, None]).T @ slope
-    information -= np.diag([np.sum(weight * f) for f in feigned])
-    scatter = np.sqrt(2 * np.sum((weight[:, None] * np.stack(feigned, axis=1)) ** 2, axis=0))
-    least = float(np.linalg.eigvalsh(information)[0])
-    return float(np.degrees(least**-0.5)) if least > 3 * scatter.max() else float("inf")
+    information -= np.diag([np.sum(weight * f) for f in by_noise])
+    scatter = np.sqrt(2 * np.sum((weight[:, None] * np.stack(by_noise, axis=1)) ** 2, axis=0))
+    smallest = float(np.linalg.eigvalsh(information)[0])
+    return float(np.degrees(smallest**-0.5)) if smallest > 3 * scatter.max() else float("inf")

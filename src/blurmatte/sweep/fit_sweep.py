@@ -1,7 +1,7 @@
 """fit_sweep: image, plate and streak → Sweep.
 
 Multistart fits of discs, outlines and discs with their shadow are hypotheses about one observation;
-`Hypotheses` has them all with their weights, `fit_sweep` returns the likeliest.
+`Hypotheses` holds them with their weights, `fit_sweep` returns the likeliest.
 """
 
 from collections.abc import Sequence
@@ -84,20 +84,20 @@ class HypothesisSettings:
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Sweeps that may have left a streak, and the evidence for each.
+    """Sweeps that may explain a streak, and the evidence for each.
 
     Parameters
     ----------
     observation : Observation
-        In which all are compared.
+        The data of all comparisons.
     sweeps : tuple of Sweep
         The likeliest first.
     evidence : tuple of Evidence
         Of each sweep.
     plate : LinearImage
-        In the light that the object left it, with its error.
+        In the light that the object left on it, with its error.
     streak : Streak
-        What moved before that plate.
+        The part of the picture that moved before that plate.
     """
 
     observation: Observation
@@ -141,22 +141,21 @@ def fit_sweep(
     *,
     start: Sweep | None = None,
 ) -> Sweep:
-    """Find path, silhouette and color of an object from the streak that it left.
+    """Find path, silhouette and color of an object from its streak.
 
     The likeliest of a disc, an outline, and a disc with the shadow that it casts, on the likeliest
-    path. `Sweep.diagnostics` and `Sweep.rejection` say how well it explains the streak.
+    path. `Sweep.diagnostics` and `Sweep.rejection` assess the fit.
 
     Parameters
     ----------
     image, plate : LinearImage
         With the object, and without; same size.
     streak : Streak, optional
-        Where it moved. If not given, the strongest thing that moved.
+        Where it moved. If not given, the likeliest streak.
     model : ColorModel, optional
-        What is known of the color, as well as its covariance says.
+        Prior of the color with its covariance.
     start : Sweep, optional
-        Of another frame of a clip, in which the object moved about the same way elsewhere, to start
-        from; which is faster.
+        Of another frame of a clip, with about the same path elsewhere; a faster start of the fit.
 
     Returns
     -------
@@ -186,10 +185,10 @@ def likeliest_streak(
     streaks: Sequence[Streak],
     model: ColorModel | None = None,
 ) -> Streak:
-    """The streak in which a disc explains most evidence, less that which it does not explain.
+    """The streak with the most evidence that a disc explains, less that which it does not explain.
 
-    A person who moves may leave more evidence than a ball, but no disc explains it. A shadow may as
-    well, and moves with its object: streaks that brought light go first.
+    A moving person may change more pixels than a ball, but no disc explains them. So may a shadow,
+    which moves with its object: streaks that add light are preferred.
 
     Parameters
     ----------
@@ -198,7 +197,7 @@ def likeliest_streak(
     streaks : sequence of Streak
         The strongest first, which is returned if a disc explains none by more than half.
     model : ColorModel, optional
-        What is known of the color.
+        Prior of the color.
     """
     settings = HypothesisSettings
     min_evidence = settings.min_evidence_ratio * streaks[0].evidence
@@ -224,7 +223,8 @@ def fit_hypotheses(
 ) -> Hypotheses:
     """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep`.
 
-    Before the plate as it is, or in the light that the object left it if that is decisively likelier.
+    Before the plate as it is, or in the light that the object left on it if that is decisively
+    likelier.
     """
     found = _fit_before(image, plate, streak, model, start)
     found = _in_likelier_light(found, image, model, start)
@@ -236,9 +236,9 @@ def fit_hypotheses(
 def _in_likelier_light(
     found: Hypotheses, image: LinearImage, model: ColorModel | None, start: Sweep | None
 ) -> Hypotheses:
-    """Hypotheses before the plate in the light that the object left it, if they are likelier.
+    """Hypotheses before the plate in the light that the object left on it, if they are likelier.
 
-    Both are compared in the noise that was measured: light that changed is no noise.
+    Both are compared with the measured noise: changed light would inflate its estimate.
     """
     settings = HypothesisSettings
     if found.best.diagnostics.variance_inflation < settings.max_explained_inflation:
@@ -306,8 +306,8 @@ def fit_disc(
     Returns
     -------
     Sweep
-        It need not explain the streak: `Sweep.rejection` says. Colors that the file blurred are taken
-        as they are.
+        It need not explain the streak, see `Sweep.rejection`. Colors that the file blurred are not
+        corrected.
     """
     color = _prior(model) if model is not None else _FREE.of_one_paint
     search = _quick_search(streak, image, plate, color)
@@ -324,10 +324,10 @@ def _refined(
     image: LinearImage,
     search: Multistart,
 ) -> tuple[Sweep, Evidence]:
-    """The sweep of a candidate before its file, and of one paint by hue alone; its evidence.
+    """The sweep of a candidate corrected for its file, and fitted to hue if of one paint; its evidence.
 
     If the fit to hue is likelier than the candidate with all of its light, the candidate had not
-    reached the maximum of its likelihood: colors and evidence are those of the fit to hue then.
+    reached the maximum of its likelihood: colors and evidence are then those of the fit to hue.
     """
     transfer = image.meta.transfer or SRGB
     candidate = Candidate.before_file(candidate.state, transfer, candidate.cast)
@@ -350,7 +350,7 @@ def _refined(
 def _other_shapes(
     search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> list[Candidate]:
-    """An outline, and the disc with its shadow, if there is one, also if it grows in that."""
+    """An outline, and the disc with its shadow if there is one, of constant size and growing."""
     found = [Candidate(fit_outline(disc))]
     shaded = _with_shadow(search, disc, image, plate, streak)
     if shaded is not None:
@@ -363,7 +363,7 @@ def _other_shapes(
 def _distinct(
     compared: Sequence[tuple[Sweep, Evidence]],
 ) -> list[tuple[Sweep, Evidence]]:
-    """Without those that are a likelier one again: paths of one family with nearly the same alpha."""
+    """Without duplicates: paths of one family with nearly the same alpha as a likelier hypothesis."""
     kept: list[tuple[Sweep, Evidence]] = []
     smallest = HypothesisSettings.min_alpha_difference
     for sweep, evidence in compared:
@@ -374,7 +374,7 @@ def _distinct(
 
 
 def _is_solid(sweep: Sweep) -> bool:
-    """Whether its rim is sharp, as that of no soft shadow is."""
+    """True if its rim is sharper than that of a soft shadow."""
     known = sweep.diagnostics
     return not known.rejection and known.blur_over_radius < HypothesisSettings.max_solid_blur
 
@@ -382,7 +382,7 @@ def _is_solid(sweep: Sweep) -> bool:
 def _with_shadow(
     search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> tuple[State, CastShadow] | None:
-    """The disc with its shadow, or the one found where the plate is not only darker."""
+    """The disc with its shadow, fitted from the disc or from the part that is not only darker."""
     shaded = fit_with_shadow(disc, search.bounds)
     dark = darkness(image, plate, streak)
     if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
@@ -401,7 +401,7 @@ def _discs(
     model: ColorModel | None,
     start: Sweep | None,
 ) -> tuple[Multistart, list[State], list[State]]:
-    """The best discs of one paint and of colors that vary, in noise as loud as they find it."""
+    """The best discs of one paint and of colors that vary, with the noise that they estimate."""
     search = Multistart.of(streak, image, plate, _prior(model))
 
     def best(search: Multistart) -> tuple[list[State], list[State]]:
@@ -430,7 +430,7 @@ def _prior(model: ColorModel | None) -> ColorPrior:
 
 
 def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
-    """Of a candidate, in the light as the file has it."""
+    """Evidence for a candidate in the light of the file."""
     state = candidate.state
     alpha = state.swept.alpha
     if candidate.cast is not None:
