@@ -27,7 +27,7 @@ def test_what_else_the_color_may_be():
     assert len(explain(ColorModel(basis, covariance * 1e-9, {"shape": 1e-4}))) == 2
 
 
-def test_evidence_is_told_and_nothing_is_nothing():
+def test_accuracy_of_each_evidence_is_stated():
     given = ColorModel.from_hex("#ff0000")
     evidence = {"hue variation": 0.123, "feasibility": np.inf, "shape": 2.0}
     model = ColorModel(given.basis, np.eye(3) * 1e-4, evidence)

@@ -9,7 +9,7 @@ from blurmatte.explain import explain
 from blurmatte.radiometry import SRGB, Transfer
 
 
-def test_a_curve_is_told_by_the_nearest_name():
+def test_a_curve_is_compared_with_the_nearest_named_one():
     said = explain(Transfer.from_table("x", 2 * SRGB.table(4081)))
     assert said[0] == "Nearest to srgb, which is off by up to 0.0% of full scale."
     assert said[1] == "Light 0, 0.4281 and 2 at code values 0, 1/2 and 1."

@@ -20,7 +20,7 @@ def test_the_sum_of_alpha_is_an_area(solution):
     assert "not explained by the color model 10.0%" in said
 
 
-def test_what_limits_the_sum_is_told(solution):
+def test_limits_of_the_sum_are_stated(solution):
     said = " ".join(
         explain(
             solution(
@@ -34,7 +34,7 @@ def test_what_limits_the_sum_is_told(solution):
     assert "1 other thing moved" in said
 
 
-def test_what_is_in_front_is_told(changed):
+def test_occluders_are_stated(changed):
     said = " ".join(explain(changed(quality=(1, Quality.OCCLUDED))))
     assert "behind something still 10.0%" in said
 
@@ -45,7 +45,7 @@ def test_samples_are_only_as_good_as_the_pixels_that_were_picked(solution):
     assert "if the sampled pixels show nothing but the object: the area" in said
 
 
-def test_noise_is_told_at_medium_light(solution):
+def test_noise_is_stated_at_medium_light(solution):
     noise = {"gain": (0, 0, 0), "read_std": (0.002,) * 3, "relative_std": (0, 0, 0)}
     said = explain(solution(image_noise=noise, plate_noise={"median_std": 0.001}))
     assert "Noise (std, white is 1): 0.002 in the image, 0.001 in the plate." in said

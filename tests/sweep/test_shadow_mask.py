@@ -1,4 +1,4 @@
-"""shadow_beside: what is darker but shows nothing of the object's light."""
+"""shadow_beside: pixels that are darker without light of the object."""
 
 from functools import cache
 
@@ -31,14 +31,14 @@ PLATES = {
     "colorful": colorful_plate(SIZE, 2, tile=24),
     "textured": textured_plate(SIZE, 5),
 }
-WAY = Trajectory.line((60, 48), (120, 66))
+PATH = Trajectory.line((60, 48), (120, 66))
 
 
 @cache
 def rendered(plate, strength):
     """A ball, and its shadow unless it has no strength."""
     shadow = Shadow((8, 22), strength=(strength,) * 3) if strength else None
-    return render(Scene(PLATES[plate], WAY, Ball(13, GREEN), shadow=shadow), 160)
+    return render(Scene(PLATES[plate], PATH, Ball(13, GREEN), shadow=shadow), 160)
 
 
 def taken(plate, seed=0, strength=0.5):
@@ -86,7 +86,7 @@ def test_without_a_shadow_nothing_is_found(plate):
 
 @pytest.mark.parametrize("plate", PLATES)
 def test_darkness_finds_the_shadow_without_a_color(plate):
-    """Most of the shadow beside the object, and nothing where the object brings its light."""
+    """Most of the shadow next to the object, and nothing where the object adds light."""
     truth, image, without = taken(plate)
     alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
     found = darkness(image, without, find_streaks(image, without)[0])
@@ -97,7 +97,7 @@ def test_darkness_finds_the_shadow_without_a_color(plate):
 @pytest.mark.parametrize("seed", range(4))
 def test_compression_noise_is_no_shadow(seed):
     """Honest: its noise is correlated over many pixels."""
-    truth = render(Scene(plain_plate(SIZE, (0.3, 0.33, 0.36), seed), WAY, Ball(10, ORANGE)))
+    truth = render(Scene(plain_plate(SIZE, (0.3, 0.33, 0.36), seed), PATH, Ball(10, ORANGE)))
     camera = Camera(code_std=1 / 255, jpeg_quality=95, chroma="4:2:0")
     shot = Shot(truth.scene, camera, plate_frames=5, seed=seed)
     image, without = with_noise(*shot.photograph(truth))

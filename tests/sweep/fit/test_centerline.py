@@ -25,7 +25,7 @@ def distance(points, path):
 
 
 def ends_apart(curve, path):
-    """How far the ends of a curve are from those of a path, whichever way it goes."""
+    """Largest distance of the ends of a curve from those of a path, in the better direction."""
     ends = path.at([0, 1])
     return min(np.linalg.norm(curve[[i, -1 - i]] - ends, axis=1).max() for i in (0, -1))
 
@@ -101,7 +101,7 @@ def test_only_the_largest_piece_counts():
 def test_a_turned_picture_turns_the_curve():
     mask = stroke(LINE, 8)
     curve, turned = center_curve(depth_of(mask), 6), center_curve(depth_of(mask.T), 6)[:, ::-1]
-    way = min(np.abs(curve - turned).max(), np.abs(curve - turned[::-1]).max())
-    assert way < 2.5
+    distance = min(np.abs(curve - turned).max(), np.abs(curve - turned[::-1]).max())
+    assert distance < 2.5
     shifted = center_curve(depth_of(np.roll(mask, (5, -9), axis=(0, 1))), 6)
     assert_allclose(shifted, curve + np.array([-9, 5]), rtol=0, atol=1e-9)

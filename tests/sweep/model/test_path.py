@@ -140,9 +140,9 @@ def test_a_start_along_a_smooth_path_of_the_family_is_that_path(family):
 def test_a_start_along_evenly_spaced_points_of_a_throw_is_near_it():
     thrown = np.array([*A, 44, 34, *B])
     fine, _ = PARABOLA.at(thrown, np.linspace(0, 1, 2000))
-    way = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
-    even = np.linspace(0, way[-1], 33)
-    curve = np.stack([np.interp(even, way, v) for v in fine.T], axis=1)
+    length = np.concatenate([[0], np.cumsum(np.linalg.norm(np.diff(fine, axis=0), axis=1))])
+    even = np.linspace(0, length[-1], 33)
+    curve = np.stack([np.interp(even, length, v) for v in fine.T], axis=1)
     for family in (PARABOLA, CUBIC):
         (start,) = family.starts(curve)
         assert distance(family.at(start, T)[0], fine).max() < 1
