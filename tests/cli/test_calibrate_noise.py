@@ -74,7 +74,7 @@ def test_measures_noise_of_one_picture(folder, given):
     ("arguments", "said"),
     [
         (["f0.png"], "f0.png: give several frames of a still scene, or --plate"),
-        (["f0.png", "--region", "5,5,9,9"], "there are 16 pixels to measure noise in"),
+        (["f0.png", "--region", "5,5,9,9"], "16 pixels are usable to measure noise"),
         (["f0.png", "--region", "5,5,900,9"], "region 5,5,900,9 must lie in the picture"),
         (["f0.png", "--region", "5,5"], "--region must be x0,y0,x1,y1"),
         (["f0.png", "f1.png", "--plate", "f2.png"], "--plate is for one picture, got 2"),

@@ -85,7 +85,7 @@ def test_curve_file_equals_named_transfer(bracket, tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "has no exposure time; give exposure_times (--exposures"),
+        ([], "has no exposure time; give --exposures 1/60,1/15"),
         (["--exposures", "1/60,x"], "--exposures must be seconds like 1/60,1/15,0.5, got '1/60,x'"),
         (["--exposures", "1/0,1,2"], "--exposures must be seconds"),
         (["--exposures", "1,2"], "--exposures must be 3 numbers, got 2"),

@@ -308,7 +308,7 @@ def test_edit_refuses_in_one_line(scene, tmp_path, options, words):
         ("compose", (), "Missing option '--over'"),
         ("compose", ("--over", "beach.png"), "--fit cover"),
         ("compose", ("--over", "beach.png", "--place", "1"), "--place must be x,y"),
-        ("compose", ("--over", "beach.png", "--place", "900,2"), "beside the picture"),
+        ("compose", ("--over", "beach.png", "--place", "900,2"), "outside the picture"),
         ("compose", ("--over", "beach.png", "--fit", "cover", "--scale", "2"), "give one"),
         ("remove", (), "Missing option '--image'"),
         ("remove", ("--image", "image.png"), "Missing option '--plate'"),
