@@ -93,7 +93,7 @@ def save_results(
 
 
 def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
-    """Write a plate, and a sheet to look at beside it: both or none.
+    """Write a plate, and a sheet of it for inspection: both or none.
 
     Parameters
     ----------

@@ -268,8 +268,9 @@ def _error_panel(part: Solution) -> Panel:
         share = float(np.mean(flagged[part.streak])) if part.streak.any() else 0.0
         if share >= 0.0005:
             legend.append((color, f"{name} {share:.1%}"))
-    pixels = np.where(part.streak[..., None], pixels, (pixels * 0.45).astype(np.uint8))
-    return Panel(pixels, "error", "std of alpha; dim outside the streak", legend)
+    outside = heat_codes(np.zeros_like(position)) // 2
+    pixels = np.where(part.streak[..., None], pixels, outside)
+    return Panel(pixels, "error", "std of alpha in the streak", legend)
 
 
 def _whole(image: LinearImage, solution: Solution) -> Panel:
