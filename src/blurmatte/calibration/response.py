@@ -9,6 +9,11 @@ where h has an empirical prior (`response_prior`), b is the black level, and eac
 few percent. All are fitted jointly: x is eliminated place by place (variable projection), the other
 parameters follow by Gauss-Newton steps from the residuals of code values. The covariance of the
 posterior gives the errors.
+
+The prior is similar to that of M. D. Grossberg and S. K. Nayar, Modeling the Space of Camera Response
+Functions, PAMI 26 (10), 2004. The curve is determined by ratios of exposure (the same authors,
+Determining the Camera Response from Images: What Is Knowable? PAMI 25 (11), 2003): if all times are
+wrong by a power, so is the curve.
 """
 
 from collections.abc import Sequence
@@ -149,18 +154,6 @@ def fit_response(
     ResponseError
         If the pictures do not determine a curve: they are clipped, have no code values in common, or
         the scene moved.
-
-    Notes
-    -----
-    The prior is similar to that of [1]_. The curve is determined by ratios of exposure [2]_: if all
-    times are wrong by a power, so is the curve.
-
-    References
-    ----------
-    .. [1] M. D. Grossberg, S. K. Nayar: Modeling the Space of Camera Response Functions.
-       PAMI 26 (10), 2004.
-    .. [2] M. D. Grossberg, S. K. Nayar: Determining the Camera Response from Images: What Is Knowable?
-       PAMI 25 (11), 2003.
     """
     if not (np.isfinite(time_std) and 0 <= time_std <= 1):
         raise ValueError(f"time_std must lie between 0 and 1, got {time_std}")
