@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.linalg import expm
 
+from blurmatte.sweep.model import silhouette_kernel
 from blurmatte.sweep.model.path import ARC, LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette, moments
@@ -183,3 +184,18 @@ def test_names_and_sizes():
     ]  # fmt: skip
     for silhouette, shape in SHAPES.items():
         assert silhouette.size == len(shape)
+
+
+def test_points_without_a_rim_normal_keep_their_distance():
+    """Exact: where rims on two sides are equally far, the lattice has the normal 0."""
+    lattice = np.zeros((9, 9, 8))
+    lattice[..., 0], lattice[..., 3] = 0.3, 0.5  # distance inside, curvature
+    square = np.array([[-2.0, -2], [2, -2], [2, 2], [-2, 2]])
+    alpha, J = np.zeros((7, 7)), np.zeros((7, 7, 9))
+    silhouette_kernel.sweep(
+        np.full((1, 2), 3.0), np.zeros((1, 2, 2)), np.ones(1), np.diag([1.2, 0.9])[None],
+        np.zeros((1, 2, 2, 3)), True, (lattice, -2.0, -2.0, 0.5, square), np.eye(2),
+        np.zeros((2, 2, 3)), np.zeros(0), 0.9, alpha, J,
+    )  # fmt: skip
+    assert np.isfinite(J).all()
+    assert 0.5 < alpha[3, 3] < 0.75

@@ -229,8 +229,9 @@ def sweep(xy, D, weights, maps, by_maps, changes, rim, A, by_A, coefficients, so
                     at[e] = between(lattice, p, q, u, v, e)
                 _, nx, ny, curvature, px, py, co, si = at
                 mx, my = a * nx + c * ny, b * nx + d * ny
-                if changes:
-                    N = np.sqrt((mx * mx + my * my) / max(nx * nx + ny * ny, 1e-18))
+                length2 = nx * nx + ny * ny  # 0 where rims on two sides are equally far
+                if changes and length2 > 1e-12:
+                    N = np.sqrt((mx * mx + my * my) / length2)
                     mx, my = mx / N, my / N
                     bent = curvature / (area * area * N * N * N)
                     inside = (inside + curvature * variance / 2) / N - bent * variance / 2
