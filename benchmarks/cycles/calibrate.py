@@ -83,11 +83,11 @@ def gather(root: Path, cameras: Sequence[str], limit: int | None, processes: int
     done = {(one.part, one.scene, one.camera) for one in known}
     pictures = find_pictures(root, (LEARN, OWN), cameras)[:limit]
     missing = [p for p in pictures if (p.part, p.scene, p.camera) not in done]
-    for _, end in run_each(missing, _sample, processes):
-        if end.result is not None:
-            known.append(end.result)
+    for _, sample in run_each(_sample, missing, processes):
+        if isinstance(sample, Sample):
+            known.append(sample)
             with path.open("a", encoding="utf-8") as journal:
-                journal.write(json.dumps(vars(end.result)) + "\n")
+                journal.write(json.dumps(vars(sample)) + "\n")
     return known
 
 

@@ -122,17 +122,19 @@ def test_table_has_a_row_for_each_kind():
 
 
 def test_samples_are_read_back_from_the_journal(tmp_path, monkeypatch):
-    """exact: an interrupted run goes on, and solves what is missing only."""
+    """exact: a second run solves only what is missing."""
     samples = {one.scene: one for one in made_up(4)}
     pictures = [SimpleNamespace(part="learn", scene=name, camera="png") for name in samples]
     solved = []
 
-    def run(missing, work, processes):
-        for picture in missing:
-            solved.append(picture.scene)
-            found = None if picture.scene == "s2" else samples[picture.scene]  # no answer
-            yield picture, SimpleNamespace(result=found)
+    def sample(picture):
+        solved.append(picture.scene)
+        return None if picture.scene == "s2" else samples[picture.scene]  # no answer
 
+    def run(function, jobs, processes):
+        return ((job, function(job)) for job in jobs)
+
+    monkeypatch.setattr(calibrate, "_sample", sample)
     monkeypatch.setattr(calibrate, "run_each", run)
     monkeypatch.setattr(calibrate, "find_pictures", lambda root, parts, cameras: pictures)
     assert read_samples(tmp_path / JOURNAL) == []
@@ -142,6 +144,14 @@ def test_samples_are_read_back_from_the_journal(tmp_path, monkeypatch):
     assert solved == ["s0", "s1", "s2", "s3"]
     assert everything == read_samples(tmp_path / JOURNAL)
     assert [one.scene for one in everything] == ["s0", "s1", "s3"]
+
+
+def test_arguments_of_run_each_are_in_its_own_order(tmp_path, monkeypatch):
+    """door: a picture that cannot be solved is no sample."""
+    pictures = [SimpleNamespace(part="learn", scene="s", camera="png")]
+    monkeypatch.setattr(calibrate, "_sample", repr)
+    monkeypatch.setattr(calibrate, "find_pictures", lambda root, parts, cameras: pictures)
+    assert gather(tmp_path, ["png"], None, 1) == []
 
 
 def test_calibrate_writes_what_the_package_reads(tmp_path, monkeypatch):
