@@ -160,7 +160,7 @@ def _rows(
         plate,
         model,
         several=task.several,
-        numbers=frames.numbers,
+        numbers=frames.frame_numbers,
         rate=task.rate,
         skip=len(finished),
         workers=workers,

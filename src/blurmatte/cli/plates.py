@@ -12,7 +12,7 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, by, say, say_json, with_progress
 from blurmatte.cli.output_checks import check_ending, check_folder, check_other
 from blurmatte.cli.quantities import frame_range
-from blurmatte.cli.selection import Clip, FrameRange, Out, Reading, files_of
+from blurmatte.cli.selection import Clip, FrameRange, Out, Reading, chosen_frames, files_of
 
 
 @command(
@@ -30,14 +30,14 @@ def plate(
 
     As .exr it keeps its error. A sheet to look at is written next to it, as NAME_overview.png.
     """
-    frame_range("--frames", frames, 1.0)
+    frame_range("--frames", frames)
     curve = reading.curve
     check_ending(out, "a plate", ".exr", ".png", ".tif", ".jpg")
     check_folder(out.parent)
     check_other(out, *files_of(source))
     with about(Path(source[0])):
         clip = bm.read_frames(source[0] if len(source) == 1 else source, curve, reading.max_pixels)
-        clip = clip[frame_range("--frames", frames, clip.rate)]
+        clip = chosen_frames(clip, frames)
         fit = bm.make_plate(_watched(clip))
     with about(out):
         written = bm.save_plate(out, fit)

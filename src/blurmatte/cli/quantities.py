@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import math
 import re
+from bisect import bisect_left
+from collections.abc import Sequence
 
 _PLAIN = r"\s*[-+]?(\d+\.?\d*|\.\d+)\s*"
+_ROUNDING_S = 1e-3  # of times as people type them
 _FRAME = r"\d*|\d+(\.\d*)?s"
 _UNITS = {
     "length": {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001, "km": 1000.0},  # meters
@@ -40,7 +43,12 @@ def box(name: str, text: str) -> tuple[int, int, int, int]:
     return x0, y0, x1, y1
 
 
-def frame_range(name: str, text: str | None, rate: float | None) -> slice:
+def frame_range(
+    name: str,
+    text: str | None,
+    times: Sequence[float] | None = (),
+    places: Sequence[int] | None = None,
+) -> slice:
     """Frames from START to STOP (excluded), every STEP-th: numbers, or seconds like 2.5s.
 
     Parameters
@@ -49,8 +57,10 @@ def frame_range(name: str, text: str | None, rate: float | None) -> slice:
         Of the option.
     text : str or None
         START:STOP or START:STOP:STEP; parts may be left out.
-    rate : float or None
-        Frames per second.
+    times : sequence of float or None
+        Of all frames, seconds, in order.
+    places : sequence of int or None
+        Numbers of all frames, in order; None for 0, 1, …
     """
     if text is None:
         return slice(None)
@@ -62,21 +72,24 @@ def frame_range(name: str, text: str | None, rate: float | None) -> slice:
         )
     if step and int(step) < 1:
         raise ValueError(f"{name} must have a step of at least 1, got {text!r}")
-    first, last = (_frame(name, part, rate) for part in (start, stop))
+    first, last = (_frame(name, part, times, places) for part in (start, stop))
     return slice(first, last, int(step) if step else None)
 
 
-def _frame(name: str, text: str, rate: float | None) -> int | None:
-    """A frame's number, of what counts frames or, with an s behind it, seconds."""
+def _frame(
+    name: str, text: str, times: Sequence[float] | None, places: Sequence[int] | None
+) -> int | None:
+    """Index of the first frame at or after a number or, with an s behind it, a time in seconds."""
     if not re.fullmatch(_FRAME, text):
         raise ValueError(
             f"{name} must have frames as a number like 120, or seconds like 4.5s, got {text!r}"
         )
     if not text.endswith("s"):
-        return int(text) if text else None
-    if rate is None:
-        raise ValueError(f"{name} {text}: pictures have no time; count them")
-    return round(float(text[:-1]) * rate)
+        number = int(text) if text else None
+        return number if number is None or places is None else bisect_left(places, number)
+    if times is None:
+        raise ValueError(f"{name} {text}: the frames have no times; count them")
+    return bisect_left(times, float(text[:-1]) - _ROUNDING_S)
 
 
 def number(text: str) -> float:

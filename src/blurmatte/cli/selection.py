@@ -15,7 +15,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.console import GENERAL, about, option
-from blurmatte.cli.quantities import box, is_box, numbers
+from blurmatte.cli.quantities import box, frame_range, is_box, numbers
 
 OBJECT = "The object"
 ROWS = "a folder, ####, %04d or '*' too"
@@ -291,6 +291,22 @@ def matching_of(name: str) -> bm.Matching | None:
     return None if name == "auto" else bm.Matching(name)
 
 
+def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Frames[bm.LinearImage]:
+    """The frames of --frames; ValueError if there are none."""
+    chosen = frames[frame_range("--frames", text, frames.times, frames.places)]
+    first, last = (frames.times or (0.0, 0.0))[0], (frames.times or (0.0, 0.0))[-1]
+    if len(chosen) == 0:
+        span = "" if frames.times is None else f"; they are from {first:.4g} s to {last:.4g} s"
+        raise ValueError(f"look at --frames: there are no such frames{span}")
+    if "s" in (text or "") and first * (frames.rate or 0) > 1:
+        warnings.warn(
+            f"its first frame is at {first:.4g} s; the seconds of --frames are those of the file",
+            bm.BlurmatteWarning,
+            stacklevel=2,
+        )
+    return chosen
+
+
 def with_folders(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     """Each file and the folder for its results: `out` itself if there is but one."""
     paths = expanded(images)
@@ -316,7 +332,8 @@ def expanded(texts: Iterable[str]) -> list[Path]:
 def _expanded(text: str) -> list[Path]:
     path = Path(text)
     if path.is_dir():
-        found = [p for p in path.iterdir() if p.suffix.lower() in _PICTURES]
+        visible = (p for p in path.iterdir() if not p.name.startswith("."))
+        found = [p for p in visible if p.suffix.lower() in _PICTURES]
     elif path.exists() or not _is_pattern(path):
         return [path]
     else:

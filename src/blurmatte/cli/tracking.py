@@ -15,7 +15,7 @@ from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json
 from blurmatte.cli.output_checks import SHEET, check_file, check_other
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
-from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
+from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading, chosen_frames
 
 RUN = "The run"
 
@@ -51,7 +51,7 @@ class Chosen:
     def __post_init__(self) -> None:
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
             raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
-        frame_range("--frames", self.frames, 1.0)
+        frame_range("--frames", self.frames)
 
 
 @dataclass(frozen=True)
@@ -193,9 +193,7 @@ def _frames(
     with about(Path(clip[0])):
         source = clip[0] if len(clip) == 1 else clip
         frames = bm.read_frames(source, reading.curve, reading.max_pixels)
-        frames = frames[frame_range("--frames", chosen.frames, frames.rate)]
-        if len(frames) == 0:
-            raise ValueError("look at --frames: there are no such frames")
+        frames = chosen_frames(frames, chosen.frames)
         _check_times(physics, chosen.rate or frames.rate, frames.size[1])
         if physics.ball is not None:
             check_camera(physics.ball.lens, frames.size)

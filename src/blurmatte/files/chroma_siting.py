@@ -1,7 +1,21 @@
-"""Filter graphs of FFmpeg for the position of subsampled chroma in a video frame."""
+"""Position of subsampled chroma in video frames: FFmpeg's filter graphs, and where edges show it.
 
+Between two materials chroma C is a linear function of luma L, whether the edge is sharp, out of focus
+or moving. With C and L averaged alike, and δ the position of a chroma sample from the middle of the
+luma samples that share it, C ≈ a + b (L + δ L′). In each window a, b and δ are fitted by least
+squares; windows share δ, and its error is that of their scatter (a sandwich estimate).
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
 from fractions import Fraction
+from itertools import islice
 from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+Array = npt.NDArray[np.float64]
 
 # 4:2:0 shares the chroma of two columns at the left one: players and cameras assume this where it is
 # not stated (ITU-T H.264, figure E-1). FFmpeg alone would put it between the columns.
@@ -28,6 +42,120 @@ def rec709_converter(frame: Any, pixels: str) -> Any:
     return filter_graph(frame, ("scale", _TO_BT709), ("format", pixels))
 
 
+@dataclass(frozen=True)
+class SitingTest:
+    """Which frames show where chroma lies, and how certain that must be."""
+
+    frame_step: int = 8  # frames are compared until they are certain
+    max_frame: int = 64
+    window: int = 8  # chroma samples: two materials in most
+    min_r2: float = 0.5  # of chroma as a linear function of luma, in a window
+    min_windows: float = 6.0  # effective number
+    min_deviation: float = 4.0  # standard deviations off the other position
+    max_std_px: float = 0.1  # of luma
+    max_off_px: float = 0.25  # half the distance of the positions
+
+
+def siting_of(frames: Iterable[Any]) -> str:
+    """Where the edges in the first `VideoFrame`s show that chroma lies, in FFmpeg's words.
+
+    At the first of two columns, "left", or between them, "center"; of two rows at the first, "topleft"
+    and "top"; "" if columns do not share chroma, or the edges do not show it.
+    """
+    test = SitingTest()
+    columns: list[Array] = []
+    rows: list[Array] = []
+    for frame in islice(frames, 0, test.max_frame + 1, test.frame_step):
+        by_two = _shared_by_two(frame)
+        if not by_two[1]:
+            return ""
+        planes = _planes(frame, by_two)
+        columns.append(_window_sums(*planes, axis=1))
+        if by_two[0]:
+            rows.append(_window_sums(*planes, axis=0))
+        left = _at_first(columns)
+        if left is not None:
+            top = bool(rows) and _at_first(rows) is True
+            return ("topleft" if left else "top") if top else "left" if left else "center"
+    return ""
+
+
+def with_siting(frame: Any, siting: str) -> Any:
+    """The frame, marked as having its chroma there; "": as `left_sited`."""
+    return _marked(frame, siting) if siting else left_sited(frame)
+
+
+def _shared_by_two(frame: Any) -> tuple[bool, bool]:
+    """True where two rows, and where two columns share chroma, in planes that can be read here."""
+    form = frame.format
+    if form.is_rgb or not form.is_planar or form.is_big_endian or len(frame.planes) < 3:
+        return False, False
+    halves = (
+        form.chroma_height(frame.height) == -(-frame.height // 2),
+        form.chroma_width(frame.width) == -(-frame.width // 2),
+    )
+    return halves[0], halves[1]
+
+
+def _planes(frame: Any, by_two: tuple[bool, bool]) -> tuple[Array, Array]:
+    """(h, w) luma, averaged over the pixels that share chroma, and (2, h, w) chroma."""
+    kind = np.uint8 if frame.format.components[0].bits <= 8 else np.uint16
+    luma, *chroma = (
+        np.frombuffer(plane, kind).reshape(plane.height, -1)[:, : plane.width].astype(float)
+        for plane in frame.planes[:3]
+    )
+    if by_two[0]:
+        luma = (luma[:-1:2] + luma[1::2]) / 2
+    luma = (luma[:, :-1:2] + luma[:, 1::2]) / 2
+    h, w = luma.shape
+    return luma, np.stack(chroma)[:, :h, :w]
+
+
+def _window_sums(luma: Array, chroma: Array, axis: int) -> Array:
+    """(n, 2) numerators and denominators of δ along an axis, in pixels of luma, of each window."""
+    smooth = _windows(_smoothed(luma)[1:-1, 1:-1])
+    slope = (np.roll(_smoothed(luma), -1, axis) - np.roll(_smoothed(luma), 1, axis)) / 4
+    slope = _windows(slope[1:-1, 1:-1])
+    square = np.maximum((smooth**2).sum(axis=-1, keepdims=True), 1e-9)
+    slope = slope - (slope * smooth).sum(axis=-1, keepdims=True) / square * smooth
+    sums = np.zeros((len(smooth), 2))
+    for plane in chroma:
+        seen = _windows(_smoothed(plane)[1:-1, 1:-1])
+        b = (seen * smooth).sum(axis=-1, keepdims=True) / square
+        used = (b**2 * square)[:, 0] > SitingTest.min_r2 * (seen**2).sum(axis=-1)
+        parts = np.stack([b * (seen - b * smooth) * slope, b**2 * slope**2]).sum(axis=-1)
+        sums += np.where(used, parts, 0).T
+    return sums
+
+
+def _smoothed(plane: Array) -> Array:
+    """Binomial mean over 3 x 3 samples, without the outer ones."""
+    plane = (plane[:-2] + 2 * plane[1:-1] + plane[2:]) / 4
+    return np.asarray((plane[:, :-2] + 2 * plane[:, 1:-1] + plane[:, 2:]) / 4)
+
+
+def _windows(plane: Array) -> Array:
+    """(n, window²) samples of each window, less their mean."""
+    side = SitingTest.window
+    h, w = (count // side * side for count in plane.shape)
+    tiles = plane[:h, :w].reshape(h // side, side, w // side, side).swapaxes(1, 2)
+    tiles = tiles.reshape(-1, side**2)
+    return np.asarray(tiles - tiles.mean(axis=1, keepdims=True))
+
+
+def _at_first(parts: list[Array]) -> bool | None:
+    """True if δ is that of the first of two pixels, False if of their middle, None if uncertain."""
+    test, (n, d) = SitingTest(), np.concatenate(parts).T
+    if not d.sum() ** 2 > test.min_windows * (d**2).sum():
+        return None
+    offset = n.sum() / d.sum()
+    std = np.sqrt(((n - offset * d) ** 2).sum()) / d.sum()
+    first = offset < -0.25
+    here, other = (-0.5, 0.0) if first else (0.0, -0.5)
+    certain = std < test.max_std_px and abs(offset - other) > test.min_deviation * std
+    return bool(first) if certain and abs(offset - here) < test.max_off_px else None
+
+
 def left_sited(frame: Any) -> Any:
     """The frame, marked as having its chroma at the left column if it is 4:2:2 [BT.601].
 
@@ -41,6 +169,10 @@ def left_sited(frame: Any) -> Any:
     half = frame.format.chroma_width(width) < width, frame.format.chroma_height(height) < height
     if half != (True, False) or frame.color_range == ColorRange.JPEG:
         return frame
-    graph = filter_graph(frame, ("setparams", "chroma_location=left"))
+    return _marked(frame, "left")
+
+
+def _marked(frame: Any, siting: str) -> Any:
+    graph = filter_graph(frame, ("setparams", f"chroma_location={siting}"))
     graph.push(frame)
     return graph.pull()

@@ -8,7 +8,7 @@ import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from itertools import islice
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +17,14 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files.chroma_siting import left_sited
+from blurmatte.files.chroma_siting import siting_of, with_siting
+from blurmatte.files.clip_geometry import (
+    Orientation,
+    check_progressive,
+    check_square_pixels,
+    orientation_of,
+)
+from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
 from blurmatte.files.errors import check_exists, check_size
 from blurmatte.files.icc import Matrix, Profile
@@ -25,6 +32,7 @@ from blurmatte.layer import Layer
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
 
+_ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
 
 # x, y of red, green and blue; 5 is for 625 lines, 6 for 525 lines.
@@ -46,12 +54,16 @@ class Clip:
     ----------
     path : Path
         The file.
-    count : int
-        Number of frames, for some clips an estimate.
     size : (width, height)
-        After rotation, pixels.
-    rate : float or None
-        Frames per second, on average.
+        Upright, pixels.
+    timing : Timing
+        Number and times of the frames.
+    orientation : Orientation
+        Of the stored frames.
+    decoder : str
+        Name of FFmpeg's decoder; "" for the usual one.
+    siting : str
+        Where the edges of a scene show that its chroma lies, in FFmpeg's words; "" if they do not.
     encoding : Profile
         Curves, and the matrix to the primaries of sRGB.
     bits : int
@@ -63,9 +75,11 @@ class Clip:
     """
 
     path: Path
-    count: int
     size: tuple[int, int]
-    rate: float | None
+    timing: Timing
+    orientation: Orientation
+    decoder: str
+    siting: str
     encoding: Profile
     bits: int
     white: int
@@ -73,46 +87,52 @@ class Clip:
 
 
 def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel: int) -> Clip:
-    """Read the properties of a clip and decode its first frame.
+    """Read the properties of a clip and decode its first frames.
 
     Raises
     ------
     FileError
-        If it cannot be read, has no video, or its encoding of light is not supported.
+        If it cannot be read, has no video, or its geometry or encoding of light is not supported.
 
     Warns
     -----
     BlurmatteWarning
-        If the file is truncated.
+        If the file is truncated, holds several videos, or was not taken at the rate it is played at.
     TransferWarning
         If the clip does not state how code values encode light, and they are taken as Rec. 709.
     """
     with _opened(path) as (container, stream):
-        rate = stream.average_rate
-        count = stream.frames or sum(p.size > 0 for p in container.demux(stream))
-        available = _available_frames(stream, count)
-    if available < 0.9 * count:  # rates are averages, and durations are rounded
-        warnings.warn(
-            f"{path}: copy or export it again if it should be complete; "
-            f"it ends after about {available} of {count} frames",
-            BlurmatteWarning,
-            stacklevel=stacklevel + 1,
-        )
-        count = available
+        size = stream.width, stream.height
+        check_size(path, size, max_pixels)
+        check_square_pixels(path, size, stream.sample_aspect_ratio)
+        videos = len(_videos(container))
+        if videos > 1:
+            warnings.warn(
+                f"{path}: extract another one if that is meant; it holds {videos} videos, and the "
+                "first is read",
+                BlurmatteWarning,
+                stacklevel=stacklevel + 1,
+            )
+        timing = timing_of(path, container, stream, stacklevel + 1)
+        decoder = _decoder_with_alpha(path, stream)
     with _opened(path) as (container, stream):
-        check_size(path, (stream.width, stream.height), max_pixels)
-        first = next(container.decode(stream), None)
+        decoded = _packets_decoded(container, stream, decoder)
+        first = next(decoded, None)
         if first is None:
             raise FileError(f"{path}: copy or export it again; no frame can be decoded")
+        check_progressive(path, first, stream.codec_context.field_order)
+        orientation = orientation_of(path, first)
         encoding = Profile(
             (_curve(path, first, transfer, stacklevel + 1),) * 3, _matrix(path, first)
         )
         bits = max(part.bits for part in first.format.components)
         return Clip(
             path=path,
-            count=count,
-            size=_size(first),
-            rate=float(rate) if rate else None,
+            size=orientation.size(first),
+            timing=timing,
+            orientation=orientation,
+            decoder=decoder,
+            siting=siting_of(chain([first], decoded)),
             encoding=encoding,
             bits=bits,
             white=_white(first, bits),
@@ -120,13 +140,40 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         )
 
 
-def _available_frames(stream: Any, stated: int) -> int:
-    """Number of frames in the duration of a `VideoStream`; `stated` if the duration is unknown."""
-    rate, unit = stream.average_rate, stream.time_base
-    if not (rate and unit and stream.duration):
-        return stated
-    frames: int = round(stream.duration * unit * rate)
-    return frames
+def _videos(container: Any) -> list[Any]:
+    """The video streams that are no cover pictures and have a known size."""
+    from av.stream import Disposition
+
+    still = Disposition.attached_pic | Disposition.timed_thumbnails
+    videos = (stream for stream in container.streams.video if not stream.disposition & still)
+    return [one for one in videos if one.codec_context is not None and one.width and one.height]
+
+
+def _decoder_with_alpha(path: Path, stream: Any) -> str:
+    """Name of the decoder of VP8 and VP9 that reads their alpha; "" if the usual one does."""
+    from av import codecs_available
+
+    if stream.metadata.get("alpha_mode") != "1" or stream.codec.name not in _ALPHA_DECODERS:
+        return ""
+    name = _ALPHA_DECODERS[stream.codec.name]
+    if name not in codecs_available:
+        raise FileError(
+            f"{path}: export ProRes 4444, EXR or PNG; its alpha needs {name}, which this PyAV lacks"
+        )
+    return name
+
+
+def _packets_decoded(container: Any, stream: Any, decoder: str) -> Iterator[Any]:
+    """The `VideoFrame`s of a stream."""
+    if not decoder:
+        stream.thread_type = "AUTO"
+        yield from container.decode(stream)
+        return
+    from av import CodecContext
+
+    context = CodecContext.create(decoder, "r")
+    for packet in container.demux(stream):
+        yield from context.decode(packet)
 
 
 def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
@@ -141,9 +188,10 @@ def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
     for number, frame in _decoded(clip, numbers):
         codes = _codes(clip, frame)
         light = to_srgb_primaries(table.take(codes), clip.encoding)
-        when = f" ({frame.time:.2f} s)" if frame.time is not None else ""
+        time = clip.timing.of(frame)
+        when = f" ({time:.2f} s)" if time is not None else ""
         name = f"{clip.path.name} frame {number}{when}"
-        meta = Meta(name, curve, 2**clip.bits, time=frame.time)
+        meta = Meta(name, curve, 2**clip.bits, time=time)
         yield LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
 
 
@@ -167,23 +215,32 @@ def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:
 
 def _decoded(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
     """Numbers and `VideoFrame`s."""
+    count = 0
     with _opened(clip.path) as (container, stream):
-        stream.thread_type = "AUTO"
-        frames = enumerate(container.decode(stream))
-        for number, frame in islice(frames, numbers.start, numbers.stop, numbers.step):
-            size = _size(frame)
-            if size != clip.size:
+        for number, frame in enumerate(_packets_decoded(container, stream, clip.decoder)):
+            if number >= numbers.stop:
+                return
+            count = number + 1
+            if number not in numbers:
+                continue
+            check_progressive(clip.path, frame, 0)
+            orientation = orientation_of(clip.path, frame)
+            size = orientation.size(frame)
+            if size != clip.size or orientation != clip.orientation:
                 raise FileError(
                     f"{clip.path}: cut the clip at frame {number}; it has {size[0]}x{size[1]} pixels, "
-                    f"but the first frame has {clip.size[0]}x{clip.size[1]}"
+                    f"but the first frame has {clip.size[0]}x{clip.size[1]}, or it is turned otherwise"
                 )
             yield number, frame
-
-
-def _size(frame: Any) -> tuple[int, int]:
-    """Width and height after rotation."""
-    sideways = frame.rotation % 180 != 0
-    return (frame.height, frame.width) if sideways else (frame.width, frame.height)
+        hidden = stream.codec.name == "vp8"  # packets of references that are not shown
+    missing = min(clip.timing.count, numbers.stop) - count
+    if missing > 0 and not hidden:
+        warnings.warn(
+            f"{clip.path}: copy or export it again; {missing} of {clip.timing.count} frames cannot be "
+            "decoded",
+            BlurmatteWarning,
+            stacklevel=3,
+        )
 
 
 def _white(frame: Any, bits: int) -> int:
@@ -223,7 +280,7 @@ def _codes(clip: Clip, frame: Any, alpha: bool = False) -> npt.NDArray[Any]:
         H273.BT709 if frame.height >= 720 else H273.BT601
     )  # as players treat clips without a matrix
     codes = (
-        left_sited(frame)
+        with_siting(frame, clip.siting)
         .reformat(
             format=form,
             src_colorspace=default if frame.colorspace == H273.UNSPECIFIED else None,
@@ -232,7 +289,7 @@ def _codes(clip: Clip, frame: Any, alpha: bool = False) -> npt.NDArray[Any]:
         )
         .to_ndarray()
     )
-    return np.rot90(codes, round(frame.rotation / 90))  # both are counterclockwise
+    return clip.orientation.upright(codes)
 
 
 def _unclipped(clip: Clip, codes: npt.NDArray[Any]) -> Bools:
@@ -307,9 +364,12 @@ def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
     check_exists(path, "give a clip, or the pictures in it")
     try:
         with av.open(str(path)) as container:
-            if not container.streams.video:
-                raise FileError(f"{path}: give a clip with pictures; the file holds no video")
-            yield container, container.streams.video[0]
+            videos = _videos(container)
+            if not videos:
+                raise FileError(
+                    f"{path}: give a clip with pictures; the file holds no video, or none of known size"
+                )
+            yield container, videos[0]
     except av.FFmpegError as error:
         raise FileError(
             f"{path}: copy or export it again; it is no clip, or it is damaged ({error.strerror})"

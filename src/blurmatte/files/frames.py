@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, overload
 
@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import MAX_PIXELS, check_kind
-from blurmatte.errors import FileError, TransferWarning
+from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import moved_together, replacing
 from blurmatte.files.clip_reading import Clip, decode_frames, decode_layers, open_clip
 from blurmatte.files.clip_writing import save_animation, save_h264, save_prores
 from blurmatte.files.errors import EXTENSIONS
 from blurmatte.files.reading import read, read_layer
-from blurmatte.files.sequences import Source, numbering, source_paths
+from blurmatte.files.sequences import Source, numbered_places, numbering, source_paths
 from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry.image import LinearImage
@@ -56,16 +56,28 @@ class Frames(Sequence[Frame]):
         Frames of the source per second, on average; None for pictures.
     load : callable
         Reads the frames of a range of indices, in order.
+    times : tuple of float, optional
+        Of all frames of a clip, seconds.
+    places : tuple of int, optional
+        Of all pictures of a sequence in which numbers are missing: the numbers in their names, from 0
+        at the first, in units of the usual step.
     """
 
     numbers: range
     size: tuple[int, int]
     rate: float | None
     load: Callable[[range], Iterator[Frame]] = field(repr=False)
+    times: tuple[float, ...] | None = field(default=None, repr=False)
+    places: tuple[int, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.numbers.step < 1:
             raise ValueError(f"steps must be 1 or more, got {self.numbers.step}")
+
+    @property
+    def frame_numbers(self) -> list[int]:
+        """Number of each frame; missing pictures are counted."""
+        return [n if self.places is None else self.places[n] for n in self.numbers]
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -234,7 +246,10 @@ def _frames(
                 f"{clip.path}: give a .mov of ProRes 4444 with alpha, or a sequence of EXR or PNG; "
                 "the clip has no alpha and holds no layers"
             )
-        return Frames(range(clip.count), clip.size, clip.rate, partial(decode, clip))
+        timing = clip.timing
+        rate = timing.playback_rate if decode is decode_layers else timing.rate
+        numbers = range(timing.count)
+        return Frames(numbers, clip.size, rate, partial(decode, clip), timing.times)
     warned: list[Warning | str] = []
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
 
@@ -252,7 +267,25 @@ def _frames(
                 )
             yield frame
 
-    return Frames(range(len(paths)), size, None, load)
+    places = numbered_places(paths)
+    if places is not None:
+        _warn_of_missing(paths, places)
+    return Frames(range(len(paths)), size, None, load, places=places)
+
+
+def _warn_of_missing(paths: Sequence[Path], places: Sequence[int]) -> None:
+    missing = [
+        f"{paths[k].name} to {paths[k + 1].name}"
+        for k, (a, b) in enumerate(pairwise(places))
+        if b > a + 1
+    ]
+    more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
+    warnings.warn(
+        f"{paths[0].parent}: add the missing pictures if you have them; numbers are missing from "
+        f"{', '.join(missing[:3])}{more}, and frames are counted by the numbers in their names",
+        BlurmatteWarning,
+        stacklevel=4,
+    )
 
 
 def _read(

@@ -8,6 +8,8 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import glob, has_magic
+from itertools import pairwise
+from math import gcd
 from pathlib import Path
 
 from blurmatte.errors import FileError
@@ -86,18 +88,45 @@ def source_paths(source: Source) -> list[Path]:
     if numbers is not None:
         found = numbers.files()
     elif path.is_dir():
-        found = [p for p in path.iterdir() if p.suffix.lower() in EXTENSIONS]
+        found = [p for p in path.iterdir() if is_visible(p) and p.suffix.lower() in EXTENSIONS]
         if not found:
             raise FileError(
                 f"{path}: name a clip or pictures; the folder holds no {', '.join(EXTENSIONS)}"
             )
     elif has_magic(str(source)) and not path.exists():
-        found = [Path(p) for p in glob(str(source))]
+        found = [p for p in map(Path, glob(str(source))) if is_visible(p)]
     else:
         return [path]
     if not found:
         raise FileError(f"{source}: name a clip or pictures; no file matches")
     return sorted(found, key=_natural_order)
+
+
+def is_visible(path: Path) -> bool:
+    """False for hidden files, like the ._ files that macOS leaves on other disks."""
+    return not path.name.startswith(".")
+
+
+def numbered_places(paths: Sequence[Path]) -> tuple[int, ...] | None:
+    """Places of the pictures of a sequence by the numbers in their names, in units of their step.
+
+    None if no number is missing, or names do not differ in one rising number alone.
+    """
+    names = [re.split(r"(\d+)", path.name) for path in paths]
+    if (
+        len(names) < 3
+        or len({(path.parent, len(n)) for path, n in zip(paths, names, strict=True)}) > 1
+    ):
+        return None
+    differing = [k for k, parts in enumerate(zip(*names, strict=True)) if len(set(parts)) > 1]
+    if len(differing) != 1 or differing[0] % 2 == 0:
+        return None
+    numbers = [int(parts[differing[0]]) for parts in names]
+    steps = [b - a for a, b in pairwise(numbers)]
+    step = gcd(*steps)
+    if min(steps) < 1 or max(steps) == step:
+        return None
+    return tuple((number - numbers[0]) // step for number in numbers)
 
 
 def _natural_order(path: Path) -> list[tuple[int, str]]:

@@ -173,6 +173,20 @@ class FrameMotion:
         return row | {"others": self.others, "reason": self.reason}
 
 
+def in_intervals(rows: Sequence[FrameSightings] | Sequence[FrameMotion]) -> list[float]:
+    """When each row was taken, in usual intervals between frames; its number if times are not known."""
+    numbers = [float(row.frame) for row in rows]
+    known = {row.frame: row.time for row in rows if row.time is not None}
+    if len(known) < max(len(set(numbers)), 2):
+        return numbers
+    times = np.array(list(known.values()))
+    interval = float(np.median(np.diff(times) / np.diff(list(known))))
+    if not interval > 0:
+        return numbers
+    # Rounded, so that the frames of a constant rate have whole numbers.
+    return [round((known[row.frame] - times[0]) / interval, 6) for row in rows]
+
+
 def main_track(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     """The rows of the track with the most frames."""
     numbers = [row.track for row in rows if row.track is not None]

@@ -6,7 +6,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import check_kind
-from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting, check_rows
+from blurmatte.motion.clip.detections import (
+    FrameMotion,
+    FrameSightings,
+    Sighting,
+    check_rows,
+    in_intervals,
+)
 from blurmatte.motion.clip.track_outliers import Scatter, doubted, scatter_of, with_scatter
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 
@@ -111,9 +117,10 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
         circle from frame to frame.
     """
     check_rows(rows)
-    seen = [(row, row.sighting) for row in rows if row.sighting is not None]
-    own = [with_scatter(s, 1 / row.place_scatter, 1 / row.radius_scatter) for row, s in seen]
-    return scatter_of([row.frame for row, _ in seen], own)
+    taken = in_intervals(rows)
+    seen = [(t, row, row.sighting) for t, row in zip(taken, rows, strict=True) if row.sighting]
+    own = [with_scatter(s, 1 / row.place_scatter, 1 / row.radius_scatter) for _, row, s in seen]
+    return scatter_of([t for t, *_ in seen], own)
 
 
 def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
@@ -133,10 +140,10 @@ def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]
 
 def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     """The rows with doubts of outliers, and errors multiplied by the scatter of each object."""
-    compared = list(rows)
+    compared, taken = list(rows), in_intervals(rows)
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
-        frames = [rows[k].frame for k in of]
+        frames = [taken[k] for k in of]
         seen = doubted(frames, [one for k in of if (one := rows[k].sighting) is not None])
         place, radius = _inflation(scatter_of(frames, seen))
         for k, sighting in zip(of, seen, strict=True):

@@ -131,7 +131,7 @@ def sightings(
         True if several objects have the color: up to 16 streaks of a frame are measured instead of 3.
         Streaks with less than a tenth of the strongest one's light are always ignored.
     numbers : iterable of int, optional
-        The frames' numbers; 0, 1, … if not given.
+        The frames' numbers; if not given, 0, 1, …, or those of a sequence with missing pictures.
     rate : float, optional
         Frames per second; replaces the times in the frames.
     skip : int
@@ -155,6 +155,8 @@ def sightings(
     model = replace(model, to_srgb=first.meta.to_srgb)
     color = MatchedFilter.of(plate, first, model) if model.rank == 1 else None
     detect = _Detector(plate, model, color, noise_of(first), rate, several)
+    if numbers is None and getattr(frames, "places", None) is not None:
+        numbers = frames.frame_numbers  # type: ignore[attr-defined]
     where = list(numbers)[skip:] if numbers is not None else count(skip)
     with shared(workers) as processes:
         yield from processes.in_order(detect, zip(where, frames[skip:], strict=False))

@@ -67,8 +67,11 @@ class Scatter:
         return float((max(self.place, self.radius) - 1) / std)
 
 
-def scatter_of(frames: Sequence[int], seen: Sequence[Sighting]) -> Scatter | None:
-    """The scatter of detections of one object, one in each frame; None for too few frames."""
+def scatter_of(frames: Sequence[float], seen: Sequence[Sighting]) -> Scatter | None:
+    """The scatter of detections of one object, one in each frame; None for too few frames.
+
+    `frames` are the times of the frames, in usual intervals between them.
+    """
     return _scatter(*_residuals(frames, seen)[1:])
 
 
@@ -81,7 +84,7 @@ def _scatter(errors: Array, unsteady: Array) -> Scatter | None:
     return Scatter(float(place), float(radius), int(np.count_nonzero(known)), relative)
 
 
-def doubted(frames: Sequence[int], seen: Sequence[Sighting]) -> list[Sighting]:
+def doubted(frames: Sequence[float], seen: Sequence[Sighting]) -> list[Sighting]:
     """The detections, with doubts for outliers of position or radius.
 
     The largest outlier is found first, and then excluded from the others' neighbors.
@@ -117,7 +120,7 @@ def with_scatter(sighting: Sighting, place: float, radius: float) -> Sighting:
     )
 
 
-def _residuals(frames: Sequence[int], seen: Sequence[Sighting]) -> tuple[Array, Array, Array]:
+def _residuals(frames: Sequence[float], seen: Sequence[Sighting]) -> tuple[Array, Array, Array]:
     """Residuals of position and radius, NaN if unknown.
 
     (n, 2) in pixels, (n, 2) in standard deviations, (n,) of a single radius, relative.

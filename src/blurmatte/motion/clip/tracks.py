@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion.clip.detections import FrameSightings, Sighting
+from blurmatte.motion.clip.detections import FrameSightings, Sighting, in_intervals
 
 Array = npt.NDArray[np.float64]
 
@@ -66,10 +66,10 @@ class Track:
         """Sum of the evidence of its detections."""
         return sum(s.evidence for s in self.seen.values())
 
-    def predict(self) -> None:
-        """Predict the state in the next frame; a is the standard deviation of the acceleration."""
-        F = np.eye(4) + np.eye(4, k=2)
-        G = np.vstack([np.eye(2) / 2, np.eye(2)])
+    def predict(self, step: float) -> None:
+        """Predict the state after some frame intervals; a is the acceleration's standard deviation."""
+        F = np.eye(4) + step * np.eye(4, k=2)
+        G = np.vstack([step**2 * np.eye(2) / 2, step * np.eye(2)])
         speed = float(np.linalg.norm(self.state[2:]))
         a = self.blur + TrackSettings.velocity_change * speed
         self.state = F @ self.state
@@ -119,12 +119,13 @@ def tracks_of(frames: Sequence[FrameSightings], similar: bool = False) -> list[T
     places = np.array([s.place for frame in frames for s in frame.found])
     extent = float(np.ptp(places, axis=0).max()) if len(places) else 0.0
     tracks: list[Track] = []
-    for index, frame in enumerate(frames):
+    steps = np.diff(in_intervals(frames), prepend=0.0).tolist()
+    for index, (frame, step) in enumerate(zip(frames, steps, strict=True)):
         alive = [
             track for track in tracks if index - max(track.seen) <= TrackSettings.max_lost_frames
         ]
         for track in alive:
-            track.predict()
+            track.predict(step)
         pairs = _pairs(alive, frame.found, similar)
         lost = [t for n, t in enumerate(alive) if n not in pairs and len(t.seen) > 1]
         for n, b in pairs.items():
