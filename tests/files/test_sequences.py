@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from blurmatte.errors import FileError
-from blurmatte.files.sequences import numbering
+from blurmatte.files.sequences import numbered_places, numbering, source_paths
 
 
 @pytest.mark.parametrize(
@@ -46,3 +46,29 @@ def test_names_without_a_number():
     assert numbering(Path("100%.exr")) is None
     with pytest.raises(FileError, match=r"keep one number in the name, .* it has 2"):
         numbering(Path("shot##_####.exr"))
+
+
+@pytest.mark.parametrize(
+    ("names", "places"),
+    [
+        (["f0000.jpg", "f0001.jpg", "f0004.jpg", "f0005.jpg"], (0, 1, 4, 5)),
+        (["f7.jpg", "f9.jpg", "f13.jpg"], (0, 1, 3)),  # every second one was kept
+        (["take2_98.exr", "take2_99.exr", "take2_101.exr"], (0, 1, 3)),
+        (["f0000.jpg", "f0002.jpg", "f0004.jpg"], None),
+        (["f1.jpg", "f2.jpg"], None),
+        (["f3.jpg", "f1.jpg", "f2.jpg"], None),  # another order than that of their numbers
+        (["a1_1.jpg", "a1_2.jpg", "a2_4.jpg"], None),  # two numbers
+        (["a.jpg", "b.jpg", "d.jpg"], None),
+    ],
+)
+def test_places_count_missing_numbers(names, places):
+    # exact
+    assert numbered_places([Path("in") / name for name in names]) == places
+
+
+def test_hidden_files_are_no_pictures(tmp_path):
+    # exact: macOS leaves ._ files on other disks
+    for name in ("f0.jpg", "f1.jpg", "._f0.jpg", ".f2.jpg"):
+        (tmp_path / name).write_bytes(b"x")
+    for source in (tmp_path, str(tmp_path / "*.jpg"), tmp_path / "f#.jpg"):
+        assert [path.name for path in source_paths(source)] == ["f0.jpg", "f1.jpg"]

@@ -34,6 +34,8 @@ class Known:
         Exposure time and its error, seconds.
     line_time : float
         Of a rolling shutter, seconds.
+    place_std : (float, float)
+        Error in x and y that all places share, pixels.
     """
 
     scale_of: Callable[[float, float], bm.Scale | None]
@@ -42,6 +44,7 @@ class Known:
     gravity: Gravity | None
     time: Length | None
     line_time: float
+    place_std: tuple[float, float] = (0.0, 0.0)
 
     def scale(self, rows: Rows) -> bm.Scale | None:
         """Meters per pixel of the object in these rows."""
@@ -139,8 +142,17 @@ def table(
             ball = places[k]
             unit, moved = "m", known.moved_in_space(ball, row.sighting)
             place = dict.fromkeys(bm.BallPlace.names) if ball is None else ball.numbers()
-        lines.append(row.numbers() | place | _speed(moved, unit, known, row))
+        lines.append(_numbers(row, known) | place | _speed(moved, unit, known, row))
     return lines
+
+
+def _numbers(row: bm.FrameMotion, known: Known) -> dict[str, Any]:
+    """Those of the row, with the errors that all places share."""
+    numbers = row.numbers()
+    for name, std in zip(("x_std", "y_std"), known.place_std, strict=True):
+        if numbers[name] is not None:
+            numbers[name] = math.hypot(numbers[name], std)
+    return numbers
 
 
 def words(rows: Rows, color: str, several: bool) -> list[str]:

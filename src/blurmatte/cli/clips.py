@@ -115,12 +115,16 @@ class ClipTask:
 
 @dataclass(frozen=True, eq=False)
 class Measured:
-    """What the frames show: the plate, the object's color, where it was, and in space if asked."""
+    """What the frames show: the plate, the object's color, where it was, and in space if asked.
+
+    `place_std` is the error in x and y that all places share, pixels.
+    """
 
     plate: bm.LinearImage
     model: bm.ColorModel
     rows: list[bm.FrameMotion]
     places: Places | None
+    place_std: tuple[float, float]
 
 
 def measure_frames(
@@ -132,6 +136,7 @@ def measure_frames(
     if count is None:
         count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
     with about(task.source):
+        frames = frames.for_plate(plate)
         if plate is None:
             with waiting("making the plate"):
                 plate = bm.make_plate(frames).plate
@@ -141,9 +146,9 @@ def measure_frames(
                     model = bm.clip_color(frames, plate, workers)
             rows = _rows(task, frames, plate, model, finished, workers)
             if task.ball is None:
-                return Measured(plate, model, rows, None)
+                return Measured(plate, model, rows, None, frames.place_std)
             places = task.ball.places(frames, plate, rows, model, workers)
-    return Measured(plate, model, rows, places)
+    return Measured(plate, model, rows, places, frames.place_std)
 
 
 def _rows(

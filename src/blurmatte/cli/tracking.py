@@ -232,6 +232,7 @@ def _answer(
         physics.gravity_vector,
         physics.exposure_seconds,
         physics.line_seconds,
+        measured.place_std,
     )
     with about(task.source):
         found = summaries(rows, places, task.several, known)

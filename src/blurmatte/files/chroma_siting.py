@@ -1,15 +1,15 @@
-"""Position of subsampled chroma in video frames: FFmpeg's filter graphs, and where edges show it.
+"""Position of subsampled chroma in video frames: FFmpeg's filter graphs, and where pictures show it.
 
-Between two materials chroma C is a linear function of luma L, whether the edge is sharp, out of focus
-or moving. With C and L averaged alike, and δ the position of a chroma sample from the middle of the
-luma samples that share it, C ≈ a + b (L + δ L′). In each window a, b and δ are fitted by least
-squares; windows share δ, and its error is that of their scatter (a sandwich estimate).
+Between two materials chroma C is a linear function of luma L, whether the edge is sharp or out of
+focus. With C and L averaged alike, and δ the position of a chroma sample from the middle of the luma
+samples that share it, C ≈ a + b (L + δ L′). In each window a, b and δ are fitted by least squares;
+windows share δ, and its error is that of their scatter (a sandwich estimate). With the chroma of a
+plate instead of L, its whole texture determines δ.
 """
 
-from collections.abc import Iterable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from fractions import Fraction
-from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -44,44 +44,45 @@ def rec709_converter(frame: Any, pixels: str) -> Any:
 
 @dataclass(frozen=True)
 class SitingTest:
-    """Which frames show where chroma lies, and how certain that must be."""
+    """How certain the position of chroma must be."""
 
-    frame_step: int = 8  # frames are compared until they are certain
-    max_frame: int = 64
-    window: int = 8  # chroma samples: two materials in most
-    min_r2: float = 0.5  # of chroma as a linear function of luma, in a window
-    min_windows: float = 6.0  # effective number
+    window: int = 6  # samples: two materials in most
+    min_r2: float = 0.8  # of chroma as a linear function of luma, in a window
+    code_std: float = 0.3  # of rounding, added to the residuals of windows
+    min_windows: float = 10.0  # effective number
     min_deviation: float = 4.0  # standard deviations off the other position
     max_std_px: float = 0.1  # of luma
     max_off_px: float = 0.25  # half the distance of the positions
 
 
-def siting_of(frames: Iterable[Any]) -> str:
-    """Where the edges in the first `VideoFrame`s show that chroma lies, in FFmpeg's words.
+def siting_of(frame: Any) -> str | None:
+    """Where the edges in a `VideoFrame` show that chroma lies, in FFmpeg's words.
 
     At the first of two columns, "left", or between them, "center"; of two rows at the first, "topleft"
-    and "top"; "" if columns do not share chroma, or the edges do not show it.
+    and "top"; "" if the edges do not show it, None if columns do not share chroma.
     """
-    test = SitingTest()
-    columns: list[Array] = []
-    rows: list[Array] = []
-    for frame in islice(frames, 0, test.max_frame + 1, test.frame_step):
-        by_two = _shared_by_two(frame)
-        if not by_two[1]:
-            return ""
-        planes = _planes(frame, by_two)
-        columns.append(_window_sums(*planes, axis=1))
-        if by_two[0]:
-            rows.append(_window_sums(*planes, axis=0))
-        left = _at_first(columns)
-        if left is not None:
-            top = bool(rows) and _at_first(rows) is True
-            return ("topleft" if left else "top") if top else "left" if left else "center"
-    return ""
+    by_two = _shared_by_two(frame)
+    if not by_two[1]:
+        return None
+    luma, chroma = _planes(frame, by_two)
+    left, top = (_at_first(_window_sums([luma] * 2, list(chroma), axis, 2)) for axis in (1, 0))
+    return _name(left, by_two[0] and top is True)
 
 
-def with_siting(frame: Any, siting: str) -> Any:
-    """The frame, marked as having its chroma there; "": as `left_sited`."""
+def siting_against(seen: Sequence[Array], plate: Sequence[Array]) -> str:
+    """Where chroma lies by a plate: `seen` (n, H, W) is that of a frame decoded as "left"."""
+    left = _at_first(_window_sums(plate, seen, 1, 1), -0.5)
+    return _name(left, _at_first(_window_sums(plate, seen, 0, 1)) is True)
+
+
+def _name(left: bool | None, top: bool) -> str:
+    if left is None:
+        return ""
+    return ("topleft" if left else "top") if top else "left" if left else "center"
+
+
+def with_siting(frame: Any, siting: str | None) -> Any:
+    """The frame, marked as having its chroma there; else as `left_sited`."""
     return _marked(frame, siting) if siting else left_sited(frame)
 
 
@@ -111,21 +112,30 @@ def _planes(frame: Any, by_two: tuple[bool, bool]) -> tuple[Array, Array]:
     return luma, np.stack(chroma)[:, :h, :w]
 
 
-def _window_sums(luma: Array, chroma: Array, axis: int) -> Array:
-    """(n, 2) numerators and denominators of δ along an axis, in pixels of luma, of each window."""
-    smooth = _windows(_smoothed(luma)[1:-1, 1:-1])
-    slope = (np.roll(_smoothed(luma), -1, axis) - np.roll(_smoothed(luma), 1, axis)) / 4
-    slope = _windows(slope[1:-1, 1:-1])
-    square = np.maximum((smooth**2).sum(axis=-1, keepdims=True), 1e-9)
-    slope = slope - (slope * smooth).sum(axis=-1, keepdims=True) / square * smooth
-    sums = np.zeros((len(smooth), 2))
-    for plane in chroma:
-        seen = _windows(_smoothed(plane)[1:-1, 1:-1])
-        b = (seen * smooth).sum(axis=-1, keepdims=True) / square
-        used = (b**2 * square)[:, 0] > SitingTest.min_r2 * (seen**2).sum(axis=-1)
-        parts = np.stack([b * (seen - b * smooth) * slope, b**2 * slope**2]).sum(axis=-1)
-        sums += np.where(used, parts, 0).T
-    return sums
+def _window_sums(luma: Sequence[Array], chroma: Sequence[Array], axis: int, pixels: int) -> Array:
+    """(n, 2) numerators and denominators of δ along an axis, in pixels of luma, of each window.
+
+    `pixels` are those of luma in a sample.
+    """
+    sums = []
+    for known, plane in zip(luma, chroma, strict=True):
+        smoothed = _smoothed(known)
+        slope = (np.roll(smoothed, -1, axis) - np.roll(smoothed, 1, axis)) / (2 * pixels)
+        L, C, D = (_windows(a[1:-1, 1:-1]) for a in (smoothed, _smoothed(plane), slope))
+        square = np.maximum(_dot(L, L), 1e-9)
+        D = D - _dot(D, L) / square * L
+        b = _dot(C, L) / square
+        rest = C - b * L
+        left = _dot(rest, rest) - _dot(rest, D) ** 2 / np.maximum(_dot(D, D), 1e-9)
+        weight = 1 / (SitingTest.code_std**2 + np.maximum(left, 0) / L.shape[1])
+        weight = weight * (b**2 * square > SitingTest.min_r2 * _dot(C, C))
+        sums.append(np.hstack([weight * b * _dot(rest, D), weight * b**2 * _dot(D, D)]))
+    return np.asarray(sum(sums))
+
+
+def _dot(a: Array, b: Array) -> Array:
+    """(n, 1) inner product of each window."""
+    return np.asarray((a * b).sum(axis=1, keepdims=True))
 
 
 def _smoothed(plane: Array) -> Array:
@@ -138,22 +148,22 @@ def _windows(plane: Array) -> Array:
     """(n, window²) samples of each window, less their mean."""
     side = SitingTest.window
     h, w = (count // side * side for count in plane.shape)
-    tiles = plane[:h, :w].reshape(h // side, side, w // side, side).swapaxes(1, 2)
-    tiles = tiles.reshape(-1, side**2)
+    rows = plane[:h, :w].reshape(h // side, side, w // side, side)
+    tiles = rows.swapaxes(1, 2).reshape(-1, side**2)
     return np.asarray(tiles - tiles.mean(axis=1, keepdims=True))
 
 
-def _at_first(parts: list[Array]) -> bool | None:
-    """True if δ is that of the first of two pixels, False if of their middle, None if uncertain."""
-    test, (n, d) = SitingTest(), np.concatenate(parts).T
+def _at_first(sums: Array, middle: float = 0.0) -> bool | None:
+    """True if δ less `middle` is that of the first of two pixels, False if 0, None if uncertain."""
+    test, (n, d) = SitingTest(), sums.T
     if not d.sum() ** 2 > test.min_windows * (d**2).sum():
         return None
     offset = n.sum() / d.sum()
     std = np.sqrt(((n - offset * d) ** 2).sum()) / d.sum()
-    first = offset < -0.25
-    here, other = (-0.5, 0.0) if first else (0.0, -0.5)
+    offset += middle
+    here, other = (-0.5, 0.0) if offset < -0.25 else (0.0, -0.5)
     certain = std < test.max_std_px and abs(offset - other) > test.min_deviation * std
-    return bool(first) if certain and abs(offset - here) < test.max_off_px else None
+    return here < 0 if certain and abs(offset - here) < test.max_off_px else None
 
 
 def left_sited(frame: Any) -> Any:

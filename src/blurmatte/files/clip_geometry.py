@@ -40,6 +40,11 @@ class Orientation:
         shown = np.swapaxes(codes, 0, 1) if self.transposed else codes
         return shown[:: -1 if self.upside_down else 1, :: -1 if self.left_right else 1]
 
+    def stored(self, codes: npt.NDArray[Any]) -> npt.NDArray[Any]:
+        """The inverse of `upright`."""
+        codes = codes[:: -1 if self.upside_down else 1, :: -1 if self.left_right else 1]
+        return np.swapaxes(codes, 0, 1) if self.transposed else codes
+
 
 def orientation_of(path: Path, frame: Any) -> Orientation:
     """The orientation that the display matrix of a `VideoFrame` states.

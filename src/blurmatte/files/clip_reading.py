@@ -7,17 +7,16 @@ by the matrix and range of the stream; here R'G'B' becomes light with the primar
 import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Bools, Floats
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files.chroma_siting import siting_of, with_siting
+from blurmatte.files.chroma_siting import siting_against, siting_of, with_siting
 from blurmatte.files.clip_geometry import (
     Orientation,
     check_progressive,
@@ -33,6 +32,7 @@ from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
+MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
 
 # x, y of red, green and blue; 5 is for 625 lines, 6 for 525 lines.
@@ -62,8 +62,8 @@ class Clip:
         Of the stored frames.
     decoder : str
         Name of FFmpeg's decoder; "" for the usual one.
-    siting : str
-        Where the edges of a scene show that its chroma lies, in FFmpeg's words; "" if they do not.
+    siting : str or None
+        Where its chroma lies, in FFmpeg's words; "" if not known, None if it is not subsampled.
     encoding : Profile
         Curves, and the matrix to the primaries of sRGB.
     bits : int
@@ -79,11 +79,17 @@ class Clip:
     timing: Timing
     orientation: Orientation
     decoder: str
-    siting: str
+    siting: str | None
     encoding: Profile
     bits: int
     white: int
     alpha: bool
+
+    @property
+    def place_std(self) -> tuple[float, float]:
+        """Error of all places in x and in y, pixels: 0 or the largest, if chroma's is not known."""
+        std = MAX_CHROMA_SHIFT_PX / 2**0.5 if self.siting == "" else 0.0
+        return (0.0, std) if self.orientation.transposed else (std, 0.0)
 
 
 def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel: int) -> Clip:
@@ -132,7 +138,7 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             timing=timing,
             orientation=orientation,
             decoder=decoder,
-            siting=siting_of(chain([first], decoded)),
+            siting=siting_of(first),
             encoding=encoding,
             bits=bits,
             white=_white(first, bits),
@@ -153,7 +159,8 @@ def _decoder_with_alpha(path: Path, stream: Any) -> str:
     """Name of the decoder of VP8 and VP9 that reads their alpha; "" if the usual one does."""
     from av import codecs_available
 
-    if stream.metadata.get("alpha_mode") != "1" or stream.codec.name not in _ALPHA_DECODERS:
+    tags = {name.lower(): text for name, text in stream.metadata.items()}
+    if tags.get("alpha_mode") != "1" or stream.codec.name not in _ALPHA_DECODERS:
         return ""
     name = _ALPHA_DECODERS[stream.codec.name]
     if name not in codecs_available:
@@ -169,9 +176,9 @@ def _packets_decoded(container: Any, stream: Any, decoder: str) -> Iterator[Any]
         stream.thread_type = "AUTO"
         yield from container.decode(stream)
         return
-    from av import CodecContext
+    from av import VideoCodecContext
 
-    context = CodecContext.create(decoder, "r")
+    context: Any = VideoCodecContext.create(decoder, "r")
     for packet in container.demux(stream):
         yield from context.decode(packet)
 
@@ -193,6 +200,38 @@ def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
         name = f"{clip.path.name} frame {number}{when}"
         meta = Meta(name, curve, 2**clip.bits, time=time)
         yield LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
+
+
+def sited_by(clip: Clip, plate: LinearImage | None, number: int) -> Clip:
+    """The clip, with its chroma where that of frame `number` agrees with a plate of the scene.
+
+    Warns
+    -----
+    BlurmatteWarning
+        If neither it nor the edges of the scene show where chroma lies.
+    """
+    if clip.siting is None:
+        return clip
+    if plate is not None and plate.size == clip.size:
+        upright = replace(clip, siting="left", orientation=Orientation())
+        for frame in decode_frames(upright, range(number, number + 1)):
+            shown = clip.orientation.stored(plate.rgb)
+            pair = (_chroma(clip, light) for light in (frame.rgb, shown))
+            clip = replace(clip, siting=siting_against(*pair) or clip.siting)
+    if not clip.siting:
+        warnings.warn(
+            "neither the file nor edges of the scene show where its subsampled chroma lies: all places "
+            f"may be up to {MAX_CHROMA_SHIFT_PX:g} px off alike, to one side",
+            BlurmatteWarning,
+            stacklevel=3,
+        )
+    return clip
+
+
+def _chroma(clip: Clip, light: Floats) -> list[npt.NDArray[np.float64]]:
+    """Two differences of code values, which luma does not change."""
+    codes = 255 * np.asarray(clip.encoding.curves[0].encode(np.maximum(light, 0)), float)
+    return [codes[..., c] - codes[..., 1] for c in (0, 2)]
 
 
 def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:

@@ -63,6 +63,7 @@ def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timin
     import av
 
     stamps: list[int | None] = []
+    partial = False
     ends: dict[int, Fraction] = {}
     try:
         for packet in container.demux():
@@ -72,10 +73,15 @@ def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timin
                 ends[packet.stream_index] = max(end, ends.get(packet.stream_index, end))
             if packet.stream_index == stream.index and packet.size and not packet.is_discard:
                 stamps.append(packet.pts)
+                partial = packet.is_corrupt
     except av.FFmpegError:
         pass  # the end of a truncated file
+    if partial:
+        stamps.pop()
     rate = float(stream.average_rate) if stream.average_rate else None
-    missing = _missing_at_end(container, stream, ends, rate or 0.0)
+    missing = partial + _missing_at_end(container, stream, ends, rate or 0.0)
+    if "mp4" not in container.format.name:  # whose edit lists hide frames
+        missing = max(missing, stream.frames - len(stamps))
     if missing >= max(_MIN_MISSING_FRAMES, _MIN_MISSING_FRACTION * len(stamps)):
         warnings.warn(
             f"{path}: copy or export it again if it should be complete; "
@@ -87,10 +93,10 @@ def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timin
     if len(known) < len(stamps) or not known:
         return Timing(len(stamps), rate, rate, None, {})
     known.sort()
-    exact, spacing = _on_grid(known, stream)
+    exact, constant = _on_grid(known, stream)
     times = tuple(float(t * stream.time_base) for t in exact)
     timing = Timing(len(times), rate, rate, times, dict(zip(known, times, strict=True)))
-    return _as_captured(path, timing, _capture_rate(container, stream), spacing, stacklevel + 1)
+    return _as_captured(path, timing, _capture_rate(container, stream), constant, stacklevel + 1)
 
 
 def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], rate: float) -> int:
@@ -110,8 +116,8 @@ def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], r
     return max(round(float(stated - max(end, end - start)) * rate), 0)
 
 
-def _on_grid(stamps: list[int], stream: Any) -> tuple[list[Fraction | int], Fraction | None]:
-    """The stamps, in ticks, exact if they are rounded times of a constant rate; and its spacing."""
+def _on_grid(stamps: list[int], stream: Any) -> tuple[list[Fraction | int], bool]:
+    """The stamps, in ticks, exact if they are rounded times of a rate; True if none is left out."""
     offsets = np.array(stamps) - stamps[0]
     for rate in (stream.base_rate, stream.average_rate, stream.guessed_rate):
         ticks = 1 / (rate * stream.time_base) if rate else Fraction(0)
@@ -119,11 +125,10 @@ def _on_grid(stamps: list[int], stream: Any) -> tuple[list[Fraction | int], Frac
             continue
         number = np.rint(offsets / float(ticks)).astype(int)
         rounding = offsets - number * float(ticks)
-        if np.ptp(rounding) <= 1 and np.all(np.diff(number) > 0):
-            first = stamps[0] + Fraction(float(rounding.max() + rounding.min()) / 2)
-            exact: list[Fraction | int] = [first + int(n) * ticks for n in number]
-            return exact, ticks if np.all(np.diff(number) == 1) else None
-    return list(stamps), None
+        if np.ptp(rounding) < 1.001 and np.all(np.diff(number) > 0):
+            exact: list[Fraction | int] = [stamps[0] + int(n) * ticks for n in number]
+            return exact, bool(np.all(np.diff(number) == 1))
+    return list(stamps), False
 
 
 def _capture_rate(container: Any, stream: Any) -> tuple[str, float] | None:

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, pairwise
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar, overload
 
@@ -17,7 +17,13 @@ import numpy.typing as npt
 from blurmatte.checks import MAX_PIXELS, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import moved_together, replacing
-from blurmatte.files.clip_reading import Clip, decode_frames, decode_layers, open_clip
+from blurmatte.files.clip_reading import (
+    Clip,
+    decode_frames,
+    decode_layers,
+    open_clip,
+    sited_by,
+)
 from blurmatte.files.clip_writing import save_animation, save_h264, save_prores
 from blurmatte.files.errors import EXTENSIONS
 from blurmatte.files.reading import read, read_layer
@@ -56,8 +62,8 @@ class Frames(Sequence[Frame]):
         Frames of the source per second, on average; None for pictures.
     load : callable
         Reads the frames of a range of indices, in order.
-    times : tuple of float, optional
-        Of all frames of a clip, seconds.
+    clip : Clip, optional
+        The clip, if they are frames of one.
     places : tuple of int, optional
         Of all pictures of a sequence in which numbers are missing: the numbers in their names, from 0
         at the first, in units of the usual step.
@@ -67,12 +73,47 @@ class Frames(Sequence[Frame]):
     size: tuple[int, int]
     rate: float | None
     load: Callable[[range], Iterator[Frame]] = field(repr=False)
-    times: tuple[float, ...] | None = field(default=None, repr=False)
+    clip: Clip | None = field(default=None, repr=False)
     places: tuple[int, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.numbers.step < 1:
             raise ValueError(f"steps must be 1 or more, got {self.numbers.step}")
+
+    @property
+    def times(self) -> tuple[float, ...] | None:
+        """Of all frames of a clip, seconds; None if they are not known."""
+        return None if self.clip is None else self.clip.timing.times
+
+    @property
+    def place_std(self) -> tuple[float, float]:
+        """Error of all places in x and in y, pixels, if it is not known where chroma lies."""
+        return (0.0, 0.0) if self.clip is None else self.clip.place_std
+
+    def for_plate(self: "Frames[LinearImage]", plate: LinearImage | None) -> "Frames[LinearImage]":
+        """The frames to be measured before a plate: their chroma where it agrees with the plate.
+
+        Where subsampled chroma lies is seldom in a file. Give None for a plate that was made of them:
+        then only the edges of the scene count.
+
+        Warns
+        -----
+        BlurmatteWarning
+            If nothing shows where chroma lies, or the numbers of pictures show that some are missing.
+        """
+        if self.places is not None:
+            missing = sorted(set(range(self.places[-1])) - set(self.places))
+            listed = ", ".join(map(str, missing[:5])) + (" …" if len(missing) > 5 else "")
+            warnings.warn(
+                f"add the missing pictures if you have them: counted from the first, {listed} of "
+                f"{self.places[-1] + 1} are missing, and times follow the numbers in the names",
+                BlurmatteWarning,
+                stacklevel=2,
+            )
+        if self.clip is None or not self.numbers:
+            return self
+        clip = sited_by(self.clip, plate, self.numbers[0])
+        return replace(self, clip=clip, load=partial(decode_frames, clip))
 
     @property
     def frame_numbers(self) -> list[int]:
@@ -249,7 +290,7 @@ def _frames(
         timing = clip.timing
         rate = timing.playback_rate if decode is decode_layers else timing.rate
         numbers = range(timing.count)
-        return Frames(numbers, clip.size, rate, partial(decode, clip), timing.times)
+        return Frames(numbers, clip.size, rate, partial(decode, clip), clip)
     warned: list[Warning | str] = []
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
 
@@ -267,25 +308,7 @@ def _frames(
                 )
             yield frame
 
-    places = numbered_places(paths)
-    if places is not None:
-        _warn_of_missing(paths, places)
-    return Frames(range(len(paths)), size, None, load, places=places)
-
-
-def _warn_of_missing(paths: Sequence[Path], places: Sequence[int]) -> None:
-    missing = [
-        f"{paths[k].name} to {paths[k + 1].name}"
-        for k, (a, b) in enumerate(pairwise(places))
-        if b > a + 1
-    ]
-    more = f" and {len(missing) - 3} more" if len(missing) > 3 else ""
-    warnings.warn(
-        f"{paths[0].parent}: add the missing pictures if you have them; numbers are missing from "
-        f"{', '.join(missing[:3])}{more}, and frames are counted by the numbers in their names",
-        BlurmatteWarning,
-        stacklevel=4,
-    )
+    return Frames(range(len(paths)), size, None, load, places=numbered_places(paths))
 
 
 def _read(

@@ -1,6 +1,8 @@
 """Frames of a clip: their noise, and the plate in their light."""
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +11,20 @@ from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.statistics import MAD_TO_STD
 
 Noise = NoiseModel | npt.NDArray[np.floating]
+
+
+@runtime_checkable
+class ClipFrames(Protocol):
+    """Frames of a clip, or of a sequence with missing pictures."""
+
+    @property
+    def frame_numbers(self) -> list[int]:
+        """Number of each frame."""
+        ...
+
+    def for_plate(self, plate: LinearImage | None) -> Sequence[LinearImage]:
+        """The frames, their chroma where it agrees with a plate if one was given."""
+        ...
 
 
 def with_default_noise(frame: LinearImage, noise: Noise) -> LinearImage:

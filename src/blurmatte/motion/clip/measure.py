@@ -22,7 +22,13 @@ from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
 from blurmatte.motion.clip.color import clip_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
-from blurmatte.motion.clip.frames import Noise, noise_of, plate_in_light_of, with_default_noise
+from blurmatte.motion.clip.frames import (
+    ClipFrames,
+    Noise,
+    noise_of,
+    plate_in_light_of,
+    with_default_noise,
+)
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.workers import Workers, shared
@@ -91,12 +97,23 @@ def measure_clip(
         As in `sightings`.
     """
     check_kind("model", model, ColorModel | None, 'use blurmatte.ColorModel.from_hex("#d8ff3c")')
+    numbers = frames.frame_numbers if isinstance(frames, ClipFrames) else None
+    if isinstance(frames, ClipFrames):
+        frames = frames.for_plate(plate)
     if plate is None:
         plate = make_plate(frames).plate
     with shared(workers) as processes:
         if model is None:
             model = clip_color(frames, plate, processes)
-        seen = sightings(frames, plate, model, several=several, rate=rate, workers=processes)
+        seen = sightings(
+            frames,
+            plate,
+            model,
+            several=several,
+            numbers=numbers,
+            rate=rate,
+            workers=processes,
+        )
         return link_objects(seen) if several else link_sightings(seen)
 
 
@@ -131,7 +148,7 @@ def sightings(
         True if several objects have the color: up to 16 streaks of a frame are measured instead of 3.
         Streaks with less than a tenth of the strongest one's light are always ignored.
     numbers : iterable of int, optional
-        The frames' numbers; if not given, 0, 1, …, or those of a sequence with missing pictures.
+        The frames' numbers; 0, 1, … if not given.
     rate : float, optional
         Frames per second; replaces the times in the frames.
     skip : int
@@ -155,8 +172,6 @@ def sightings(
     model = replace(model, to_srgb=first.meta.to_srgb)
     color = MatchedFilter.of(plate, first, model) if model.rank == 1 else None
     detect = _Detector(plate, model, color, noise_of(first), rate, several)
-    if numbers is None and getattr(frames, "places", None) is not None:
-        numbers = frames.frame_numbers  # type: ignore[attr-defined]
     where = list(numbers)[skip:] if numbers is not None else count(skip)
     with shared(workers) as processes:
         yield from processes.in_order(detect, zip(where, frames[skip:], strict=False))

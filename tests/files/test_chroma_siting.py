@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from blurmatte.errors import BlurmatteWarning
+from blurmatte.files import read_frames
+from blurmatte.files.chroma_siting import filter_graph, siting_of
+from blurmatte.radiometry import REC709, LinearImage
+
+av = pytest.importorskip("av")
+
+SCALE = "flags=bicubic+accurate_rnd:out_color_matrix=bt709:out_range=limited:out_chroma_loc="
+
+
+def edges(seed=3):
+    """(192, 256, 3) codes of patches of many colors, slightly out of focus."""
+    from scipy.ndimage import gaussian_filter
+
+    random, codes = np.random.default_rng(seed), np.full((192, 256, 3), 128.0)
+    for _ in range(300):
+        x, y, w, h = random.integers(0, (250, 186, 60, 60))
+        codes[y : y + h + 4, x : x + w + 4] = random.uniform(30, 225, 3)
+    return np.rint(gaussian_filter(codes, (0.7, 0.7, 0))).astype(np.uint8)
+
+
+def texture(seed=3):
+    """(192, 256, 3) codes of soft spots, brightness and colors independent."""
+    from scipy.ndimage import gaussian_filter
+
+    random = np.random.default_rng(seed)
+    noise = gaussian_filter(random.normal(size=(192, 256, 3)), (4, 4, 0))
+    return np.clip(128 + 30 * noise / noise.std(), 20, 235).astype(np.uint8)
+
+
+def sited(codes, siting, pixels="yuv420p"):
+    """The frame of these codes, its chroma averaged there by FFmpeg, and not saying so."""
+    frame = av.VideoFrame.from_ndarray(codes, format="rgb24")
+    graph = filter_graph(frame, ("scale", SCALE + siting), ("format", pixels))
+    graph.push(frame)
+    return graph.pull()
+
+
+def save(path, codes, siting):
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream("libx264", rate=25, options={"qp": "4"})
+        stream.width, stream.height, stream.pix_fmt = 256, 192, "yuv420p"
+        context = stream.codec_context
+        context.color_trc = context.color_primaries = context.colorspace = context.color_range = 1
+        for _ in range(3):
+            clip.mux(stream.encode(sited(codes, siting)))
+        clip.mux(stream.encode())
+    return path
+
+
+@pytest.mark.parametrize("siting", ["left", "center", "topleft", "top"])
+@pytest.mark.parametrize("seed", [3, 4])
+def test_edges_show_where_chroma_lies(siting, seed):
+    # oracle: FFmpeg put it there
+    assert siting_of(sited(edges(seed), siting)) == siting
+
+
+@pytest.mark.parametrize("siting", ["left", "center"])
+def test_edges_show_it_in_ten_bits_and_4_2_2(siting):
+    # oracle
+    assert siting_of(sited(edges(), siting, "yuv420p10le")) == siting
+    assert siting_of(sited(edges(), siting, "yuv422p")) == siting
+
+
+def test_nothing_is_claimed_without_edges_or_sharing():
+    # exact
+    assert siting_of(sited(texture(), "center")) == ""
+    assert siting_of(sited(np.full((192, 256, 3), 90, np.uint8), "left")) == ""
+    assert siting_of(sited(edges(), "left", "yuv444p")) is None
+
+
+@pytest.mark.parametrize("siting", ["left", "center", "topleft", "top"])
+def test_a_plate_shows_where_chroma_lies(tmp_path, siting):
+    # oracle: colors are then where the plate has them
+    codes = texture()
+    plate = LinearImage(REC709.decode(codes / 255).astype(np.float32))
+    frames = read_frames(save(tmp_path / "a.mp4", codes, siting))
+    with pytest.warns(BlurmatteWarning, match="up to 0.65 px off"):
+        assert frames.for_plate(None).place_std == (pytest.approx(0.65 / 2**0.5), 0)
+    matched = frames.for_plate(plate)
+    assert (matched.clip.siting, matched.place_std) == (siting, (0, 0))
+    off = 255 * (REC709.encode(matched[1].rgb) - codes / 255)[4:-4, 4:-4]
+    assert np.sqrt(np.mean(off**2)) < 2.0
