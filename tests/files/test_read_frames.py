@@ -299,6 +299,55 @@ def test_empty_source_is_rejected(tmp_path):
             read_frames(source)
 
 
+@pytest.mark.parametrize("order", ["tff", "bff"])
+def test_interlaced_clip_is_rejected(tmp_path, order):
+    # door
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream("libx264", rate=25, options={"x264-params": f"{order}=1"})
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "yuv444p"
+        for code in pictures():
+            clip.mux(stream.encode(av.VideoFrame.from_ndarray(code).reformat(format="yuv444p")))
+        clip.mux(stream.encode())
+    with pytest.raises(FileError, match=r"a\.mp4: deinterlace it .* two fields"):
+        read_frames(path, REC709)
+
+
+def test_clip_of_unknown_codec_and_size_is_rejected(tmp_path):
+    # door: the name of the codec is damaged
+    path = save_clip(tmp_path / "a.mp4", pictures(), "libx264", "yuv420p", matrix=1, full=False)
+    path.write_bytes(path.read_bytes().replace(b"avc1", b"xxxx"))
+    with pytest.raises(FileError, match=r"a\.mp4: .*no video, or none of known size"):
+        read_frames(path, REC709)
+
+
+@pytest.mark.parametrize("degrees", [90, 180, 270])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_frames_are_shown_upright(tmp_path, degrees, mirrored):
+    # oracle: FFmpeg says counterclockwise, then mirrored
+    codes, path = pictures(1), tmp_path / "a.mp4"
+    with av.open(str(path), "w") as clip:
+        stream = clip.add_stream("libx264rgb", rate=25, options={"qp": "0"})
+        stream.width, stream.height, stream.pix_fmt = 96, 64, "rgb24"
+        stream.set_display_rotation(degrees, mirrored, False)
+        clip.mux(stream.encode(av.VideoFrame.from_ndarray(codes[0])))
+        clip.mux(stream.encode())
+    shown = np.rot90(codes[0], degrees // 90)[:, :: -1 if mirrored else 1]
+    frames = read_frames(path, REC709)
+    assert frames.size == shown.shape[1::-1]
+    assert_allclose(frames[0].rgb, REC709.decode(shown / 255), rtol=1e-5)
+
+
+def test_missing_pictures_are_warned_of_before_measuring(tmp_path):
+    # exact
+    for number in (3, 4, 7, 9):
+        write(tmp_path / f"f{number}.exr", LinearImage(np.zeros((4, 5, 3), np.float32)))
+    frames = read_frames(tmp_path)
+    assert frames[1:].frame_numbers == [1, 4, 6]
+    with pytest.warns(BlurmatteWarning, match="counted from the first, 2, 3, 5 of 7 are missing"):
+        frames.for_plate(None)
+
+
 def test_large_frames_are_rejected(tmp_path):
     # door
     path = save_clip(tmp_path / "a.mkv", pictures(1))

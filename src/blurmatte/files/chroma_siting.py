@@ -99,10 +99,11 @@ def _shared_by_two(frame: Any) -> tuple[bool, bool]:
 
 
 def _planes(frame: Any, by_two: tuple[bool, bool]) -> tuple[Array, Array]:
-    """(h, w) luma, averaged over the pixels that share chroma, and (2, h, w) chroma."""
-    kind = np.uint8 if frame.format.components[0].bits <= 8 else np.uint16
+    """(h, w) luma, averaged over the pixels that share chroma, and (2, h, w) chroma, as 8 bits."""
+    bits = frame.format.components[0].bits
+    kind, scale = np.uint8 if bits <= 8 else np.uint16, 2.0 ** (8 - bits)
     luma, *chroma = (
-        np.frombuffer(plane, kind).reshape(plane.height, -1)[:, : plane.width].astype(float)
+        scale * np.frombuffer(plane, kind).reshape(plane.height, -1)[:, : plane.width]
         for plane in frame.planes[:3]
     )
     if by_two[0]:

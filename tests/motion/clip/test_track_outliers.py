@@ -62,6 +62,24 @@ def test_errors_are_multiplied_by_significant_scatter():
             assert_allclose(np.array(given), np.array(times) * std)
 
 
+@pytest.mark.parametrize("gaps", [False, True])
+def test_irregular_times_are_no_scatter(gaps):
+    """Honest: a steady motion whose frames come early and late, or with gaps in their numbers."""
+    rng = np.random.default_rng(5)
+    numbers = np.sort(rng.choice(80, 60, replace=False)) if gaps else np.arange(60)
+    times = numbers / 30 + (0 if gaps else rng.uniform(-0.008, 0.008, 60))
+    frames = []
+    for number, time, frame in zip(numbers.tolist(), times.tolist(), clip(rng), strict=True):
+        x, y = np.array([10 + 400 * time, 20 + 300 * time]) + rng.normal(0, STD, 2)
+        sighting = replace(frame.found[0], x=x, y=y, angle=0.6)
+        frames.append(FrameSightings(number, None if gaps else time, (sighting,)))
+    rows = link_sightings(frames)
+    assert {row.track for row in rows} == {1}
+    assert frame_scatter(rows).place == pytest.approx(1, abs=0.3)
+    assert rows[0].place_scatter == 1
+    assert not any(row.sighting.doubts for row in rows)
+
+
 def test_curved_path_uses_more_neighbors():
     """Honest: around a circle of eleven frames the truncation error does not add to the scatter."""
     rng = np.random.default_rng(4)
