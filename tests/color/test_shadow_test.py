@@ -1,4 +1,4 @@
-"""only_light_lost: a shadow, or an object that no picture can tell from one."""
+"""may_be_shadow: a shadow, or an object that no picture can tell from one."""
 
 from dataclasses import replace
 
@@ -155,7 +155,7 @@ def test_soft_shadow_is_rejected_without_a_color(plate, find):
 def test_sharp_dark_streak_is_solved_and_marked(plate):
     """honest: it may be a dark object, and it may be none; all of it is marked."""
     solution = solve(*shadow(plate))
-    assert solution.stats["only_light_lost"]
+    assert solution.stats["may_be_shadow"]
     assert solution.grade is Grade.ASSUMED
     assert solution.stats["grade_reasons"][0] == "shadow"
     marked = (solution.quality & Quality.SHADOW) != 0
@@ -166,7 +166,7 @@ def test_sharp_dark_streak_is_solved_and_marked(plate):
 def test_any_color_keeps_the_shadow_marked(solver):
     """honest: to say that nothing is known leaves the answer assumed."""
     solution = solve(*shadow("textured", softness=3.0), ColorModel.any(), solver)
-    assert solution.stats["only_light_lost"]
+    assert solution.stats["may_be_shadow"]
     assert solution.grade is Grade.ASSUMED
     assert doubts(solution)[0].startswith("Only light was lost: all of this may be a shadow")
 
@@ -175,7 +175,7 @@ def test_given_color_is_used_and_all_pixels_are_marked():
     """honest: the words say that all may be a shadow, the flags where."""
     image, plate = shadow("colorful")
     solution = solve(image, plate, ColorModel.from_hex("#c03020"), Pixelwise())
-    assert solution.stats["only_light_lost"]
+    assert solution.stats["may_be_shadow"]
     said = doubts(solution)
     assert len(said) == 1
     assert said[0].startswith("Only light was lost: all of this may be a shadow")

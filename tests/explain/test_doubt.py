@@ -49,7 +49,7 @@ def test_clipped_pixels_that_are_known_are_no_doubt(changed):
 
 
 def test_what_may_all_be_a_shadow_is_the_doubt_of_all(solution):
-    (doubt,) = doubts(solution(only_light_lost=True))
+    (doubt,) = doubts(solution(may_be_shadow=True))
     assert doubt.startswith(
         "Only light was lost: all of this may be a shadow, or an object that is"
     )

@@ -404,7 +404,7 @@ def test_a_black_ball_is_solved_as_assumed():
     truth = render(scene, 160)
     shot = Shot(scene, Camera(code_std=1 / 255), plate_frames=3, seed=0)
     solution = solve(*shot.photograph(truth))
-    assert solution.stats["only_light_lost"]
+    assert solution.stats["may_be_shadow"]
     assert solution.grade is Grade.ASSUMED
     assert solution.stats["grade_reasons"][0] == "shadow"
     off = root_mean_square((solution.alpha - truth.layer.alpha)[truth.layer.alpha > 0])

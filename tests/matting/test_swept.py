@@ -283,7 +283,7 @@ def test_a_wrong_color_is_solved_as_assumed(wall, solver):
 
 
 @pytest.mark.xfail(strict=True, reason="a shadow that touches the disc makes it 5 % smaller")
-def test_a_shadow_beside_the_object_is_none_of_it():
+def test_alpha_of_a_shadow_next_to_the_object_is_zero():
     """Alpha is 0 there, and the pixels are marked; the closed form alone takes it for the object."""
     scene = replace(SCENE, shadow=Shadow((4, 20)))
     truth, image, plate = taken(scene, 3)

@@ -10,7 +10,7 @@ from blurmatte.errors import PlateError
 from blurmatte.files import read
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, render
-from blurmatte.streaks import Streak, find_streak_within, find_streaks, joined_behind
+from blurmatte.streaks import Streak, find_streak_within, find_streaks, merge_across_occluder
 from blurmatte.streaks.evidence import StreakSettings
 from blurmatte.trajectory import Trajectory
 
@@ -253,14 +253,16 @@ def test_region_returns_its_streak_or_itself(paint):
     assert find_streak_within(elsewhere, paint.image, paint.plate) is elsewhere
 
 
-def test_joined_behind_connects_parts_on_both_sides():
+def test_merge_across_occluder_joins_parts_on_both_sides():
     """Exact: two parts on both sides of a post are joined, a third one elsewhere is not."""
     parts = [Streak.from_box(box, (80, 40)) for box in
              ((10, 10, 30, 20), (40, 12, 60, 22), (10, 34, 14, 38))]  # fmt: skip
     occluder = np.zeros((40, 80), bool)
     occluder[:, 30:40] = True
-    joined = joined_behind(parts, occluder)
+    joined = merge_across_occluder(parts, occluder)
     assert [s.box[::2] for s in joined] == [(10, 60), (10, 14)]
     assert joined[0].mask[15, 30:40].all()
     assert not joined[0].mask[30:, 30:40].any()
-    assert [s.box for s in joined_behind(parts, np.zeros_like(occluder))] == [s.box for s in parts]
+    assert [s.box for s in merge_across_occluder(parts, np.zeros_like(occluder))] == [
+        s.box for s in parts
+    ]

@@ -1,4 +1,4 @@
-"""shadow_beside: pixels that are darker without light of the object."""
+"""cast_shadow_mask: pixels that are darker without light of the object."""
 
 from functools import cache
 
@@ -20,7 +20,7 @@ from blurmatte.rendering import (
 )
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep import fit_sweep
-from blurmatte.sweep.shadow_mask import darkness, shadow_around, shadow_beside
+from blurmatte.sweep.shadow_mask import cast_shadow_mask, darkness, shadow_around
 from blurmatte.trajectory import Trajectory
 
 SIZE = (192, 144)
@@ -58,7 +58,7 @@ def light_of(truth):
 def test_finds_the_shadow_and_spares_most_of_the_object(plate):
     truth, image, without = taken(plate)
     alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
-    found = shadow_beside(image, without, find_streaks(image, without)[0], *light_of(truth))
+    found = cast_shadow_mask(image, without, find_streaks(image, without)[0], *light_of(truth))
     assert np.mean(found[(shadow > 0.1) & (alpha == 0)]) > 0.95
     assert np.mean(found[(shadow < 0.01) & (alpha > 0.1)]) < 0.3
 
@@ -79,7 +79,7 @@ def test_a_shadow_is_found_before_the_object_is_fitted(plate):
 @pytest.mark.parametrize("plate", PLATES)
 def test_without_a_shadow_nothing_is_found(plate):
     truth, image, without = taken(plate, strength=0)
-    assert not shadow_beside(
+    assert not cast_shadow_mask(
         image, without, find_streaks(image, without)[0], *light_of(truth)
     ).any()
 
@@ -102,21 +102,21 @@ def test_compression_noise_is_no_shadow(seed):
     shot = Shot(truth.scene, camera, plate_frames=5, seed=seed)
     image, without = with_noise(*shot.photograph(truth))
     streak = find_streaks(image, without)[0]
-    assert not shadow_beside(image, without, streak, *light_of(truth)).any()
+    assert not cast_shadow_mask(image, without, streak, *light_of(truth)).any()
 
 
 def test_noise_is_no_shadow():
     """A region in which nothing moved."""
     truth, image, without = taken("plain", strength=0)
     still = Streak.from_box((130, 90, 180, 140), SIZE)
-    assert not shadow_beside(image, without, still, *light_of(truth)).any()
+    assert not cast_shadow_mask(image, without, still, *light_of(truth)).any()
 
 
 def test_a_black_object_stays_whole():
     """Of an object that brings no light, all would be shadow."""
     truth, image, without = taken("plain")
     streak = find_streaks(image, without)[0]
-    assert not shadow_beside(image, without, streak, truth.model.pole, 0.0).any()
+    assert not cast_shadow_mask(image, without, streak, truth.model.pole, 0.0).any()
 
 
 def test_a_dark_streak_is_not_removed_completely():
@@ -127,7 +127,7 @@ def test_a_dark_streak_is_not_removed_completely():
     valid[40:60, 54:58] = False
     streak, noise = Streak.from_box((50, 40, 62, 60), SIZE), NoiseModel(read_std=0.003)
     image, plate = LinearImage(dark, noise, valid), LinearImage(light, noise)
-    found = shadow_beside(image, plate, streak, GREEN / np.linalg.norm(GREEN), 0.6)
+    found = cast_shadow_mask(image, plate, streak, GREEN / np.linalg.norm(GREEN), 0.6)
     assert (streak.mask & ~found).any()
 
 

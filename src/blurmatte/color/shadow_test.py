@@ -17,7 +17,7 @@ from blurmatte.checks import Bools
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.statistics import block_sums
-from blurmatte.streaks import Streak, shift_variance, widened
+from blurmatte.streaks import Streak, dilated, shift_variance
 
 Array = npt.NDArray[np.float64]
 
@@ -179,7 +179,7 @@ def _other_motion(lost: Array, inside: Bools) -> Bools:
     settings = ShadowSettings
     threshold = max(settings.min_other_motion * usual, settings.min_other_motion_chi2)
     much: Bools = uniform_filter(shared, settings.block_px) > threshold
-    return widened(much & ~inside, settings.block_px)
+    return dilated(much & ~inside, settings.block_px)
 
 
 def _energy(x: Array, inside: Bools, outside: Bools) -> float:

@@ -32,7 +32,7 @@ def doubts(solution: Solution) -> list[str]:
     inside = solution.quality[solution.streak]
     if not inside.size:
         return []
-    if solution.stats.get("only_light_lost", False):
+    if solution.stats.get("may_be_shadow", False):
         return [_ALL_SHADOW]
     unknown = ~solution.known[solution.streak]
     shares = {

@@ -99,7 +99,7 @@ def pixels_of(
 
     V_B = np.ascontiguousarray(plate.variance, plate.rgb.dtype)
     plate = plain(plate, V_B)
-    wide = plate if mixed is None or not mixed.edges.any() else mixed.widened(plate)
+    wide = plate if mixed is None or not mixed.edges.any() else mixed.with_edge_variance(plate)
     return Pixels(plain(image, V_C), plate, model, inside, use, mixed, wide)
 
 

@@ -127,7 +127,7 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     model = best.model
     if isinstance(best, Sweep):
         model = case.model if case.is_exact else model
-        Swept()(maps, best, average, C, mixed.widened(B), box)
+        Swept()(maps, best, average, C, mixed.with_edge_variance(B), box)
     else:
         _write(maps, best, average, C, B, box)
     inpaint_light(maps.within(box), C, B)

@@ -46,8 +46,8 @@ class MixedPlate:
     edges: Bools  #: (h, w)
     covariance: Array  #: (n, 3, 3) κK of these pixels, light²
 
-    def widened(self, plate: LinearImage) -> LinearImage:
-        """The plate with the variance of its edges added for each channel."""
+    def with_edge_variance(self, plate: LinearImage) -> LinearImage:
+        """The plate with the variance of its edges added, for each channel."""
         variance = np.array(plate.variance)
         variance[self.edges] += np.diagonal(self.covariance, axis1=-2, axis2=-1)
         return plate.with_noise(variance)

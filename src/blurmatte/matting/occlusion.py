@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.streaks import widened
+from blurmatte.streaks import dilated
 
 Array = npt.NDArray[np.float64]
 
@@ -64,7 +64,7 @@ def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     single = use & (expected > S.min_pixel_ratio) & (still < S.max_still_ratio)
     several = (width - 0.5) / width**2
     core = use & (core | (single & (mean_of_neighbors(single.astype(float)) > several)))
-    near = widened(core, width // 2 + 1)
+    near = dilated(core, width // 2 + 1)
     found = core | (use & near & (still < np.minimum(expected, S.min_patch_ratio)))
     inner = alpha > S.min_relative_alpha * alpha.max(initial=0)
     found = binary_propagation(found & inner, mask=found)

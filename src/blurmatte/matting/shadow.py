@@ -11,7 +11,7 @@ from blurmatte.color import ColorModel, darker_pixels
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
-from blurmatte.sweep.shadow_mask import shadow_beside
+from blurmatte.sweep.shadow_mask import cast_shadow_mask
 
 
 def mark_shadow(
@@ -51,7 +51,7 @@ def mark_shadow(
     shadow = streak.mask
     if not whole:
         brightness = _brightness(maps, model, streak.mask)
-        shadow = shadow_beside(image, plate, streak, model.pole, brightness)
+        shadow = cast_shadow_mask(image, plate, streak, model.pole, brightness)
     marked = (shadow & streak.mask)[place] & darker_pixels(image.crop(box), plate.crop(box))
     maps.quality[place] |= marked * np.uint8(Quality.SHADOW)
     if whole or not marked.any():

@@ -22,7 +22,7 @@ from blurmatte.matting.solution import Solution
 from blurmatte.matting.summary import match_summary, noise_summary, streak_summary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
-from blurmatte.streaks import Streak, check_streak, joined_behind, require_streaks
+from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.sweep import Sweep, fit_hypotheses, likeliest_streak
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
@@ -134,7 +134,7 @@ def _case_of(
     _LOG.info("finding the streak")
     found = [streak] if streak is not None else []
     if not found:
-        found = joined_behind(require_streaks(image, plate), pictures.hidden)
+        found = merge_across_occluder(require_streaks(image, plate), pictures.hidden)
     if model is not None and model.to_srgb != image.meta.to_srgb:
         model = replace(model, to_srgb=image.meta.to_srgb)
     model, hypotheses = _of_light(solver, model), None
@@ -187,7 +187,7 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         "image_noise": noise_summary(image),
         "plate_noise": noise_summary(plate),
         "match": match_summary(case.pictures.match, image, plate),
-        "only_light_lost": only_lost,
+        "may_be_shadow": only_lost,
         "exposure_time": image.meta.exposure_time,
         **numbers,
     }

@@ -3,9 +3,9 @@
 from blurmatte.streaks.evidence import shift_variance as shift_variance
 from blurmatte.streaks.find import find_streak_within as find_streak_within
 from blurmatte.streaks.find import find_streaks as find_streaks
-from blurmatte.streaks.find import joined_behind as joined_behind
+from blurmatte.streaks.find import merge_across_occluder as merge_across_occluder
 from blurmatte.streaks.find import require_streaks as require_streaks
-from blurmatte.streaks.morphology import widened as widened
-from blurmatte.streaks.morphology import without_thin_parts as without_thin_parts
+from blurmatte.streaks.morphology import dilated as dilated
+from blurmatte.streaks.morphology import opened as opened
 from blurmatte.streaks.streak import Streak as Streak
 from blurmatte.streaks.streak import check_streak as check_streak

@@ -10,7 +10,7 @@ from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks.evidence import StreakSettings, evidence
-from blurmatte.streaks.morphology import cells_to_pixels, widened, without_thin_parts
+from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
 from blurmatte.streaks.streak import Streak
 
 
@@ -46,8 +46,8 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     image, plate = with_noise(image, plate)
     cell = int(np.ceil(np.sqrt(image.valid.size / StreakSettings.max_cells)))
     T = evidence(image, plate, cell)
-    moved = without_thin_parts(StreakSettings.possible < T)  # thin: a shifted edge of the plate
-    labels, _ = ndimage.label(widened(moved, StreakSettings.closing), np.ones((3, 3)))
+    moved = opened(StreakSettings.possible < T)  # thin: a shifted edge of the plate
+    labels, _ = ndimage.label(dilated(moved, StreakSettings.closing), np.ones((3, 3)))
     streaks = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
@@ -114,7 +114,7 @@ def _strong_parts(T: Floats) -> list[Bools]:
     typical = float(np.quantile(T[T > 0], 0.9))
     weakest = StreakSettings.min_relative_contrast**2 * typical
     strong = np.asarray(max(StreakSettings.possible, weakest) < T)
-    near = widened(strong, StreakSettings.closing)
+    near = dilated(strong, StreakSettings.closing)
     pieces, count = ndimage.label(near, np.ones((3, 3)))
     tops = ndimage.maximum(T, pieces, np.arange(1, count + 1))
     return [
@@ -127,15 +127,15 @@ def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[in
     from scipy import ndimage
 
     rim, closing = StreakSettings.rim, StreakSettings.closing
-    joined = widened(np.pad(part, rim), closing)
-    grown = widened(ndimage.binary_fill_holes(joined), rim - closing)
+    joined = dilated(np.pad(part, rim), closing)
+    grown = dilated(ndimage.binary_fill_holes(joined), rim - closing)
     cells = np.zeros([-(-side // cell) + 2 * rim for side in shape], bool)
     cells[tuple(slice(s.start, s.stop + 2 * rim) for s in place)] = grown
     return cells_to_pixels(cells[rim:-rim, rim:-rim], cell, shape)
 
 
-def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
-    """The streaks, after joining the first with those that continue it behind an occluder.
+def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
+    """Merge the first streak with those that continue it on the other side of an occluder.
 
     Parameters
     ----------
@@ -147,7 +147,7 @@ def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
     Returns
     -------
     list of Streak
-        The mask of the first includes the hidden part between.
+        The first is the merged one; its mask includes the hidden part between.
     """
     from scipy.ndimage import binary_dilation, distance_transform_edt
 
@@ -156,7 +156,8 @@ def joined_behind(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
     across = int(2 * distance_transform_edt(np.pad(occluder, 1)).max())
 
     def behind(mask: Bools) -> Bools:
-        grown = widened(mask, StreakSettings.rim)
+        """The part of the occluder within its width of a mask."""
+        grown = dilated(mask, StreakSettings.rim)
         return np.asarray(
             occluder & binary_dilation(grown, iterations=across, mask=occluder | grown)
         )

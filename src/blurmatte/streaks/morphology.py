@@ -5,7 +5,7 @@ import numpy as np
 from blurmatte.checks import Bools
 
 
-def without_thin_parts(mask: Bools) -> Bools:
+def opened(mask: Bools) -> Bools:
     """Opening of a mask (H, W) by a square of 3 x 3 pixels."""
     inside = np.pad(mask, 2)
     for combine in (np.logical_and, np.logical_or):
@@ -14,7 +14,7 @@ def without_thin_parts(mask: Bools) -> Bools:
     return np.asarray(inside)
 
 
-def widened(mask: Bools, by: int) -> Bools:
+def dilated(mask: Bools, by: int) -> Bools:
     """Dilation of a mask (H, W) by so many steps along rows and columns."""
     for _ in range(by):
         before, mask = mask, mask.copy()

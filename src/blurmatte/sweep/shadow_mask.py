@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak, widened, without_thin_parts
+from blurmatte.streaks import Streak, dilated, opened
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -71,7 +71,7 @@ def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color:
     Returns
     -------
     (H, W) bool
-        As of `shadow_beside`; the part that lies on the object is not found without its shape.
+        As of `cast_shadow_mask`; the part that lies on the object is not found without its shape.
     """
     y, x = streak.rows_columns
     use = (streak.mask & image.valid & plate.valid)[y, x]
@@ -80,13 +80,13 @@ def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color:
     lost = np.clip(lost, 0, 1)
     brightness = float(np.sum(light * lost) / max(float(np.sum(lost**2)), 1e-12))
     around = Streak.from_box(streak.around(ShadowMaskSettings.windows_px[-1]), image.size)
-    found = shadow_beside(
+    found = cast_shadow_mask(
         image, plate, around, color, brightness, ShadowMaskSettings.max_underside_light
     )
     return found if (streak.mask & ~found).any() else np.zeros_like(found)
 
 
-def shadow_beside(
+def cast_shadow_mask(
     image: LinearImage,
     plate: LinearImage,
     streak: Streak,
@@ -120,7 +120,7 @@ def shadow_beside(
     image, plate = image.crop(box), plate.crop(box)
     valid = image.valid & plate.valid
     settings = ShadowMaskSettings
-    use, background = valid & inside, valid & ~widened(inside, settings.bleed_px)
+    use, background = valid & inside, valid & ~dilated(inside, settings.bleed_px)
     limits = settings.max_shadow_light * brightness, shaded * brightness
     products = _products(image, plate, color)
     masks = [_darker_than(products, use, background, limits, n) for n in settings.windows_px]
@@ -129,7 +129,7 @@ def shadow_beside(
     found = np.zeros(streak.mask.shape, bool)
     reach = binary_propagation(core, mask=use & dim)
     if _is_part(reach, inside):
-        found[box[1] : box[3], box[0] : box[2]] = widened(reach, ShadowMaskSettings.rim_px)
+        found[box[1] : box[3], box[0] : box[2]] = dilated(reach, ShadowMaskSettings.rim_px)
     whole = not (streak.mask & ~found).any()  # the rim may cover a small streak
     return np.zeros_like(found) if whole else found
 
@@ -150,12 +150,10 @@ def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
     """
     y, x = streak.rows_columns
     inside = streak.mask[y, x]
-    dark = without_thin_parts(
-        darker_pixels(image.crop(streak.box), plate.crop(streak.box)) & inside
-    )
+    dark = opened(darker_pixels(image.crop(streak.box), plate.crop(streak.box)) & inside)
     found = np.zeros(streak.mask.shape, bool)
     if _is_part(dark, inside):
-        found[y, x] = widened(dark, ShadowMaskSettings.rim_px)
+        found[y, x] = dilated(dark, ShadowMaskSettings.rim_px)
     return found
 
 
@@ -203,6 +201,7 @@ def _darker_than(
     lost = (k * p < a * q) & (a > settings.threshold_std * np.sqrt(unit))
 
     def lacking(limit: float) -> Bools:
+        """Where the light is below `limit` times the lost fraction of the plate."""
         std = np.sqrt(np.maximum(unit * (q - 2 * limit * p + limit**2), 0))
         return np.asarray(lost & (k - limit * a < -settings.threshold_std * std))
 

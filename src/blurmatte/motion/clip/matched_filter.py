@@ -9,7 +9,7 @@ from blurmatte.checks import Bools
 from blurmatte.color import may_be_shadow, projected_energy, projection_vectors
 from blurmatte.color.model import ColorModel
 from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import Streak, find_streaks, widened, without_thin_parts
+from blurmatte.streaks import Streak, dilated, find_streaks, opened
 
 Array = npt.NDArray[np.floating]
 Place = tuple[slice, ...]
@@ -81,8 +81,8 @@ class MatchedFilter:
         # 0.6745 is the median of |x| for standard normal x; noise of video is correlated.
         inflation = max(float(np.median(np.abs(strength[::4, ::4]))) / 0.6745, 1.0)
         strength /= inflation
-        there = without_thin_parts(strength > settings.extent_std)
-        near = widened(there, settings.closing_px)
+        there = opened(strength > settings.extent_std)
+        near = dilated(there, settings.closing_px)
         labels, _ = ndimage.label(near, np.ones((3, 3)))
         places = ndimage.find_objects(labels)
         parts: list[tuple[float, Place, Bools]] = []
@@ -104,7 +104,7 @@ def _max_parts(several: bool) -> int:
 
 
 def _strong(strength: Array) -> Bools | None:
-    """Mask of the strong pixels of a part, filled and widened; None if they are too few.
+    """Mask of the strong pixels of a part, filled and dilated; None if they are too few.
 
     `_padding()` pixels larger than the part on each side.
     """
@@ -115,8 +115,8 @@ def _strong(strength: Array) -> Bools | None:
     strong = strength > max(settings.extent_std, settings.min_strength_fraction * usual)
     if np.count_nonzero(strong) < settings.min_area_px:
         return None
-    filled = binary_fill_holes(widened(np.pad(strong, _padding()), settings.closing_px))
-    return widened(filled, settings.margin_px - settings.closing_px)
+    filled = binary_fill_holes(dilated(np.pad(strong, _padding()), settings.closing_px))
+    return dilated(filled, settings.margin_px - settings.closing_px)
 
 
 def _padding() -> int:

@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.statistics import MEDIAN_3, QUANTILE_999_3, block_squares
-from blurmatte.streaks import widened
+from blurmatte.streaks import dilated
 from blurmatte.sweep.model.observation import BlockStatistics
 from blurmatte.sweep.model.state import State
 
@@ -116,7 +116,7 @@ def _weighted(state: State) -> Array:
 def _places(state: State) -> tuple[Bools, Bools]:
     """Masks of the sweep without opaque pixels, and of the background."""
     observation, alpha = state.observation, state.swept.alpha
-    near = widened((alpha > 0) | observation.streak, BlockStatistics.margin_px)
+    near = dilated((alpha > 0) | observation.streak, BlockStatistics.margin_px)
     return near & observation.valid & (alpha < OPAQUE), ~near & observation.valid
 
 

@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from blurmatte.radiometry import Compression, LinearImage, Transfer, smooth_variance
 from blurmatte.statistics import block_squares, cell_means
-from blurmatte.streaks.morphology import widened
+from blurmatte.streaks.morphology import dilated
 from blurmatte.streaks.streak import Streak
 from blurmatte.sweep.model.chroma_subsampling import LUMA, Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior
@@ -170,7 +170,7 @@ class Observation:
         effect.
         """
         blocks = BlockStatistics
-        outside = ~widened(self.streak, blocks.margin_px) & self.valid & (self.weight > 0)
+        outside = ~dilated(self.streak, blocks.margin_px) & self.valid & (self.weight > 0)
         e = (self.C - self.B) / np.sqrt(self.C_variance + self.B_variance)
         squares = [block_squares(e, outside, size).mean(axis=1) for size in blocks.sizes_px]
         kept = 1 - blocks.trimmed_outside
