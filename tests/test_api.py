@@ -1,4 +1,4 @@
-"""The public face: its names are a decision, each is documented, and importing it is cheap."""
+"""The public API: its names are fixed, each is documented, and importing it is fast."""
 
 import inspect
 import subprocess
@@ -152,7 +152,7 @@ SIGHTINGS = [bm.FrameSightings(0, 0.0, ())]
         (lambda: bm.read_layers(["a.exr"], "srgb"), "transfer must be a Transfer"),
     ],
 )
-def test_an_argument_of_another_kind_is_named(call, words):
-    """Door: with what it should be, before anything is done."""
+def test_wrong_type_of_an_argument_is_named(call, words):
+    """Door: with the expected type, before any work."""
     with pytest.raises(TypeError, match=words):
-        next(call())  # what is told one by one is asked for
+        next(call())  # generators raise when the first item is requested

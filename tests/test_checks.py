@@ -1,4 +1,4 @@
-"""Each check names the argument, the rule and the fact."""
+"""Each check names the argument, the rule and the value."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ from blurmatte.checks import (
 )
 
 
-def test_good_values_pass():
+def test_valid_values_pass():
     check_light("image", np.zeros((2, 3, 3), np.float32))
     check_map("alpha", np.zeros((2, 3)), (2, 3))
     check_map("valid", np.zeros((2, 3), bool), (2, 3), kinds="b")
@@ -26,14 +26,14 @@ def test_good_values_pass():
     check_box((0, 1, 9, 2), (3, 2))
 
 
-def test_another_kind():
+def test_check_kind_names_argument_and_type():
     words = "number must be a int or float, got str; such as 3"
     with pytest.raises(TypeError, match=words):
         check_kind("number", "3", int | float | None, "such as 3")
 
 
 @pytest.mark.parametrize("box", [(-1, 0, 2, 2), (1, 0, 1, 2), (3, 0, 5, 2), (0, 2, 2, 1)])
-def test_a_box_with_nothing_in_it(box):
+def test_rejects_empty_boxes(box):
     with pytest.raises(ValueError, match=r"begin in the picture of 3x2 pixels, got \("):
         check_box(box, (3, 2))
 
@@ -49,12 +49,12 @@ def test_a_box_with_nothing_in_it(box):
         (np.zeros((2, 0, 3)), ValueError, r"got \(2, 0, 3\)"),
     ],
 )
-def test_not_light(value, error, words):
+def test_rejects_arrays_that_are_no_light(value, error, words):
     with pytest.raises(error, match=words):
         check_light("image", value)
 
 
-def test_not_a_map():
+def test_rejects_arrays_that_are_no_map():
     with pytest.raises(TypeError, match="alpha must be a NumPy array, got float"):
         check_map("alpha", 0.5, (2, 3))
     with pytest.raises(TypeError, match="alpha must have a dtype of kind 'f', got bool"):
@@ -63,18 +63,18 @@ def test_not_a_map():
         check_map("alpha", np.zeros((3, 2)), (2, 3))
 
 
-def test_not_points():
+def test_rejects_arrays_that_are_no_points():
     with pytest.raises(ValueError, match=r"pixels must have the shape \(..., 2\), got \(4, 3\)"):
         check_points("pixels", np.zeros((4, 3)), 2)
     assert check_points("pixels", [1, 2], 2).dtype == float
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-def test_not_finite(bad):
+def test_rejects_values_that_are_not_finite(bad):
     with pytest.raises(ValueError, match="rgb must be finite"):
         check_finite("rgb", np.array([0, bad, 1]))
 
 
-def test_sizes_that_differ():
+def test_rejects_different_sizes():
     with pytest.raises(ValueError, match="image is 3x2 pixels and plate 2x3; they must show"):
         check_same_size("image", (3, 2), "plate", (2, 3))

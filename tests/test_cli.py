@@ -1,4 +1,4 @@
-"""Every command, and the whole list of what people feed to them by mistake."""
+"""Every command, with correct input and with common mistakes."""
 
 import json
 import os
@@ -35,7 +35,7 @@ NAMES = [
 
 @pytest.fixture(scope="module")
 def scene(tmp_path_factory):
-    """A folder with image.png, plate.png (16 bit) and a mask, and what is true of them."""
+    """A folder with image.png, plate.png (16 bit) and a mask, and their truth."""
     folder = tmp_path_factory.mktemp("scene")
     path = bm.Trajectory.line((30, 34), (90, 46))
     body = bm.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
@@ -51,7 +51,7 @@ def scene(tmp_path_factory):
 
 @pytest.fixture
 def here(scene, tmp_path):
-    """A copy of the scene that a test may spoil."""
+    """A copy of the scene that a test may change."""
     shutil.copytree(scene, tmp_path / "scene")
     return tmp_path / "scene"
 
@@ -68,13 +68,13 @@ def good(*args):
 
 
 def solve(scene, out):
-    """Results of the scene in a folder, by the solver that takes the least time."""
+    """Results of the scene in a folder, by the fastest solver."""
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     return good("solve", *files, *FAST, "--out", out)
 
 
 def complaint(result):
-    """The one line that a command ended with."""
+    """The last line of a command."""
     assert result.exit_code == 2, (result.stdout, result.stderr)
     assert "Traceback" not in result.stderr
     (line,) = result.stderr.splitlines()
@@ -106,7 +106,7 @@ def test_solve_writes_all_results(scene, tmp_path):
 
 @pytest.fixture
 def graded(monkeypatch):
-    """A function: from now on solutions have this grade, and errors that fit it."""
+    """A function: from now on solutions have this grade, and matching errors."""
     usual = bm.solve
 
     def of(grade, **others):
@@ -137,7 +137,7 @@ def test_first_line_is_the_grade(scene, tmp_path, graded):
     assert f"{first}." in good("info", tmp_path / "layer.exr").stdout.splitlines()
 
 
-def test_second_line_is_what_else_fits(scene, tmp_path, graded):
+def test_second_line_names_alternatives(scene, tmp_path, graded):
     own = {"name": "disc on an arc, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
     own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": 8.0}
     other = {**own, "hex": "#a04020", "weight": 0.1, "alpha_factor": 1.3}
@@ -162,14 +162,14 @@ def test_grade_below_required_sets_exit_code_and_keeps_files(
     assert (said in result.stderr) == lesser
 
 
-def test_answer_without_a_grade_meets_no_requirement(scene, tmp_path):
+def test_solution_without_a_grade_fails_every_requirement(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR, *FAST)
     result = run("solve", *files, "--out", tmp_path / "o", "--require", "plausible")
     assert result.exit_code == ExitCode.LOW_GRADE
     assert "image.png: it has no grade, --require asks for plausible" in result.stderr
 
 
-def test_failed_image_outweighs_a_lesser_grade(here, tmp_path, graded):
+def test_exit_code_of_a_failed_image_precedes_that_of_a_lesser_grade(here, tmp_path, graded):
     graded("assumed")
     (here / "broken.png").write_text("not a picture")
     images = here / "image.png", here / "broken.png"
@@ -210,7 +210,7 @@ def test_layer_is_empty_outside_streak(scene, tmp_path):
         (["--region", "MASK"], 1, {"shape", "hue variation"}),
     ],
 )
-def test_every_form_of_color(scene, tmp_path, options, rank, evidence):
+def test_accepts_every_form_of_color(scene, tmp_path, options, rank, evidence):
     files = {"SHARP": scene / "sharp.png", "MASK": scene / "mask.png"}
     options = [files.get(option, option) for option in options]
     out = tmp_path / "m.json"
@@ -326,7 +326,7 @@ def test_warns_of_wrong_color(scene, tmp_path):
     assert "in_words" in (tmp_path / "report.json").read_text("utf-8")
 
 
-def test_several_images_get_a_folder_each_and_one_may_fail(here, tmp_path):
+def test_several_images_have_a_folder_each_and_one_may_fail(here, tmp_path):
     shutil.copy(here / "image.png", here / "throw2.png")
     shutil.copy(here / "image.png", here / "throw1.png")
     (here / "throw3.png").write_text("not a picture")
@@ -339,7 +339,7 @@ def test_several_images_get_a_folder_each_and_one_may_fail(here, tmp_path):
     assert sorted(content(out / "throw2")) == NAMES
 
 
-def test_refuses_two_images_of_one_name(here, tmp_path):
+def test_rejects_images_of_equal_names(here, tmp_path):
     (tmp_path / "b").mkdir()
     shutil.copy(here / "image.png", tmp_path / "b")
     images = here / "image.png", tmp_path / "b" / "image.png"
@@ -348,7 +348,7 @@ def test_refuses_two_images_of_one_name(here, tmp_path):
     assert not (tmp_path / "o").exists()
 
 
-def test_compose(scene, tmp_path):
+def test_compose_puts_the_layer_over_a_background(scene, tmp_path):
     solve(scene, tmp_path)
     sea = tmp_path / "sea.png"
     light = np.random.default_rng(0).uniform(0, 0.5, (200, 200, 3)).astype(np.float32)
@@ -370,7 +370,7 @@ def test_compose(scene, tmp_path):
     assert "only one fit" in complaint(odd)
 
 
-def test_info_of_a_picture(scene, tmp_path):
+def test_info_describes_a_picture(scene, tmp_path):
     said = good("info", scene / "image.png").stdout
     assert "image.png: PNG, 128x80 pixels, 16 bit RGB" in said
     assert "transfer: srgb (its tags" in said
@@ -386,7 +386,7 @@ def test_info_of_a_picture(scene, tmp_path):
     assert answer.stderr == ""
 
 
-def test_info_of_results(scene, tmp_path):
+def test_info_describes_results(scene, tmp_path):
     files = (scene / "image.png", "--plate", scene / "plate.png", "--color", COLOR)
     good("solve", *files, "--out", tmp_path)
     solution = good("info", tmp_path / "layer.exr").stdout
@@ -419,7 +419,7 @@ def test_info_of_results(scene, tmp_path):
     ],
 )
 def test_names_file_whose_name_is_too_long(arguments):
-    """Door: what the system says of it, with the name."""
+    """Door: with the message of the system and the name."""
     assert "x" * 300 in complaint(run(*arguments))
 
 
@@ -471,7 +471,7 @@ def test_refuses_unwritable_or_unreadable_files_first(arguments, said):
     ],
 )
 def test_refuses_to_replace_its_input(arguments, kept, tmp_path, monkeypatch):
-    """Door: nor is the sheet of a solution."""
+    """Door: also the sheet of a solution."""
     monkeypatch.chdir(tmp_path)
     for name in ("i.png", "p.png", "l.exr", "overview.png"):
         Path(name).write_bytes(b"not to be lost")
@@ -481,7 +481,7 @@ def test_refuses_to_replace_its_input(arguments, kept, tmp_path, monkeypatch):
     assert Path(kept).read_bytes() == b"not to be lost"
 
 
-def test_opaque_picture_is_no_layer(tmp_path):
+def test_rejects_opaque_pictures_as_layers(tmp_path):
     bm.write(tmp_path / "full.png", bm.Layer(np.ones((9, 9)), np.full((9, 9, 3), 0.2)))
     said = good("info", tmp_path / "full.png").stdout
     assert "layer" not in said
@@ -588,7 +588,7 @@ BAD = [
 
 @pytest.mark.parametrize(("name", "forge"), BAD, ids=lambda x: getattr(x, "__name__", x))
 @pytest.mark.parametrize("spoiled", ["image", "plate"])
-def test_a_bad_picture_is_one_line_and_nothing_changes(here, tmp_path, name, forge, spoiled):
+def test_bad_picture_gives_one_line_and_writes_nothing(here, tmp_path, name, forge, spoiled):
     bad = here / "für Ärger 猫" / name
     bad.parent.mkdir()
     says = forge(bad, here)
@@ -609,7 +609,7 @@ def test_a_bad_picture_is_one_line_and_nothing_changes(here, tmp_path, name, for
 
 @pytest.mark.parametrize("code", [0, 255])
 @pytest.mark.parametrize("kind", ["png", "jpg"])
-def test_black_and_clipped_pictures(tmp_path, code, kind):
+def test_rejects_black_and_clipped_pictures(tmp_path, code, kind):
     for name in ("image", "plate"):
         Image.new("RGB", (64, 48), (code,) * 3).save(tmp_path / f"{name}.{kind}")
     files = (tmp_path / f"image.{kind}", "--plate", tmp_path / f"plate.{kind}")
@@ -619,7 +619,7 @@ def test_black_and_clipped_pictures(tmp_path, code, kind):
     assert not (tmp_path / "o").exists()
 
 
-def test_one_pixel(tmp_path):
+def test_rejects_pictures_of_one_pixel(tmp_path):
     for name in ("image", "plate"):
         Image.new("RGB", (1, 1), (10, 20, 30)).save(tmp_path / f"{name}.png")
     files = (tmp_path / "image.png", "--plate", tmp_path / "plate.png")
@@ -739,13 +739,13 @@ def test_reports_wrong_usage_in_one_line(words, says):
     assert line.endswith("--help")
 
 
-def test_an_empty_pattern_is_named(scene, tmp_path):
+def test_pattern_without_files_is_named(scene, tmp_path):
     pattern = scene / "no*.png"
     line = complaint(run("solve", pattern, "--plate", scene / "plate.png", "--out", tmp_path / "o"))
     assert f"{pattern}: there are no such files" in line
 
 
-def test_no_memory_is_one_line(scene, tmp_path, monkeypatch):
+def test_out_of_memory_gives_one_line(scene, tmp_path, monkeypatch):
     def full(*args, **kwargs):
         raise MemoryError
 
@@ -859,7 +859,7 @@ def test_render_writes_pictures_and_truth(rendered):
     assert bm.read(folder / "overview.png").size == (4 * 72, 48)
 
 
-def test_render_puts_one_scene_into_the_folder_itself(rendered, tmp_path):
+def test_render_writes_a_single_scene_into_the_folder(rendered, tmp_path):
     result = good("render", rendered / "one.toml", "--out", tmp_path / "x")
     assert result.stdout.strip() == str(tmp_path / "x" / "overview.png")
     same = (tmp_path / "x" / "image.png").read_bytes()
@@ -890,7 +890,7 @@ def test_render_refuses_in_one_line(args, says):
     assert says in complaint(run("render", *args))
 
 
-def test_score_of_our_own_answers(rendered, tmp_path):
+def test_score_of_solutions_has_every_metric(rendered, tmp_path):
     for name in ("one", "two"):
         scene = rendered / "scenes" / name
         files = (scene / "image.png", "--plate", scene / "plate.png")
@@ -907,7 +907,7 @@ def test_score_of_our_own_answers(rendered, tmp_path):
     assert 0.2 < scores["one"]["alpha_spread"] < 1.3  # calibrated on harder scenes than this
 
 
-def test_score_of_one_file(rendered, tmp_path):
+def test_score_accepts_one_file(rendered, tmp_path):
     scene = rendered / "scenes" / "one"
     bm.write(tmp_path / "mine.png", bm.read_layer(scene / "truth" / "layer.exr"))
     rows = good("score", tmp_path / "mine.png", "--truth", scene).stdout.splitlines()
@@ -915,7 +915,7 @@ def test_score_of_one_file(rendered, tmp_path):
     assert rows[1].split()[:2] == ["one", "yes"]
 
 
-def test_a_scene_without_a_result_is_a_miss(rendered, tmp_path):
+def test_scene_without_a_result_counts_as_a_miss(rendered, tmp_path):
     shutil.copytree(rendered / "scenes" / "one" / "truth", tmp_path / "one")
     result = good("score", tmp_path, "--truth", rendered / "scenes")
     assert result.stderr == "blurmatte: two: no result, a miss\n"
@@ -941,7 +941,7 @@ def test_score_refuses_in_one_line(rendered, tmp_path):
     assert "holds no scene with its truth" in says
 
 
-def test_a_broken_result_among_many_is_named_and_counts_as_a_miss(rendered, tmp_path):
+def test_damaged_result_is_named_and_counts_as_a_miss(rendered, tmp_path):
     for name in ("one", "two"):
         shutil.copytree(rendered / "scenes" / name / "truth", tmp_path / name)
     (tmp_path / "two" / "layer.exr").write_bytes(b"nothing")
@@ -965,7 +965,7 @@ def test_swatches_are_drawn_on_terminals_only(monkeypatch):
 
 
 def bent(scene, folder, exponent):
-    """The same pictures in files that were written with another curve."""
+    """The same pictures in files that were encoded with another curve."""
     for name in ("image.png", "plate.png"):
         with Image.open(scene / name) as picture:
             light = bm.SRGB.decode(np.asarray(picture, float) / 255)

@@ -1,4 +1,4 @@
-"""Where the command begins."""
+"""The installed command and the module."""
 
 import subprocess
 import sys
@@ -36,7 +36,7 @@ def test_installed_command_is_run():
     ],
 )
 def test_run_ends_without_traceback(error, code, said):
-    """Door: also while all the rest is imported."""
+    """Door: also during imports."""
     command = [sys.executable, "-c", RAISES.format(error)]
     ended = subprocess.run(command, capture_output=True, text=True)
     assert (ended.returncode, ended.stdout, ended.stderr) == (code, "", said)

@@ -21,7 +21,7 @@ GROUP = typer.main.get_command(app)
 
 
 def commands(group, before=""):
-    """Every command by the words that call it: `solve`, or two of a group of commands."""
+    """Every command by its words: `solve`, or two for a group of commands."""
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, f"{before}{name} ")
@@ -42,7 +42,7 @@ def calls():
 
 
 @pytest.mark.parametrize("call", sorted(set(calls())))
-def test_calls_are_understood(call):
+def test_documented_calls_are_valid(call):
     name, *arguments = shlex.split(call)
     if name.startswith("--") or arguments == ["--help"]:
         assert name in {"--help", *OPTIONS, *GROUP.commands}
@@ -52,7 +52,7 @@ def test_calls_are_understood(call):
     COMMANDS[name].make_context(name, arguments)  # raises what a user would see
 
 
-def test_there_are_calls_to_check():
+def test_documents_contain_calls():
     assert len(set(calls())) > 20
 
 
@@ -103,7 +103,7 @@ def test_the_map_of_packages_is_complete():
     assert packages == tree
 
 
-def test_short_documents_stay_short():
+def test_short_documents_keep_their_limits():
     limits = {"README.md": 300, **{name: 60 for name in TEXTS if "/decisions/0" in name}}
     assert len(limits) > 8
     for name, limit in limits.items():
@@ -111,7 +111,7 @@ def test_short_documents_stay_short():
     assert len(TEXTS["docs/design.md"].encode()) <= 15_000
 
 
-def test_the_picture_is_small():
+def test_picture_of_the_readme_is_small():
     path = ROOT / "docs" / "overview.png"
     assert path.stat().st_size < 500_000
     with Image.open(path) as picture:

@@ -1,4 +1,4 @@
-"""The gallery's scripts print the pictures that are shown."""
+"""The gallery's scripts reproduce the pictures shown."""
 
 import runpy
 import sys
@@ -19,7 +19,7 @@ def named(path):
 
 
 @pytest.mark.parametrize("page", [named(page) for page in PAGES])
-def test_pages_print_what_is_shown(page, tmp_path, monkeypatch):
+def test_pages_reproduce_their_pictures(page, tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "argv", [str(page), str(tmp_path)])
     monkeypatch.setattr(sys, "path", [*sys.path])
     runpy.run_path(str(page), run_name="__main__")

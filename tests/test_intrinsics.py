@@ -1,4 +1,4 @@
-"""Intrinsics: space to pixels and back."""
+"""Intrinsics: projection from space to pixels and its inverse."""
 
 import numpy as np
 import pytest
@@ -24,8 +24,8 @@ def matrix(lens):
 
 
 @lenses
-def test_pixels_are_those_of_opencv(lens):
-    """oracle: both ways."""
+def test_projection_agrees_with_opencv(lens):
+    """oracle: in both directions."""
     cv2 = pytest.importorskip("cv2")
     K, zero = matrix(lens), np.zeros(3)
     if lens.fisheye:
@@ -42,16 +42,16 @@ def test_pixels_are_those_of_opencv(lens):
 
 
 @lenses
-def test_rays_undo_the_projection(lens):
-    """exact: to rounding, and in the middle too."""
+def test_rays_invert_the_projection(lens):
+    """exact: to rounding, at the center too."""
     there = np.concatenate([X, [[0, 0, 1.0]]])
     rays = lens.rays(lens.project(there))
     assert_allclose(rays, there / np.linalg.norm(there, axis=1, keepdims=True), atol=1e-11)
 
 
 @lenses
-def test_a_small_disc_is_as_large_as_the_magnification_says(lens):
-    """oracle: the area that a narrow cone of rays has in the picture."""
+def test_area_of_a_small_disc_is_that_of_the_magnification(lens):
+    """oracle: the area of a narrow cone of rays in the picture."""
     pixel = np.array([420.0, 330.0])
     center, angle = lens.rays(pixel), 2 * np.pi * np.arange(256) / 256
     u, v = np.linalg.svd(center[None])[2][1:]
@@ -62,8 +62,8 @@ def test_a_small_disc_is_as_large_as_the_magnification_says(lens):
     assert_allclose(lens.magnification(pixel), np.sqrt(area / np.pi) / rho, rtol=3e-4)
 
 
-def test_what_the_model_does_not_reach_is_not_known():
-    """exact: beyond where the distortion turns back, behind the camera, and past 90° of a fisheye."""
+def test_points_outside_the_model_are_nan():
+    """exact: beyond the turning point of the distortion, behind the camera, past 90° of a fisheye."""
     barrel = Intrinsics(100, 100, 0, 0, np.array([-0.3, 0, 0, 0]))
     assert np.isnan(barrel.undistort([[90.0, 0]])).all()
     assert np.isnan(barrel.undistort([[600.0, 300.0]])).all()
@@ -73,7 +73,7 @@ def test_what_the_model_does_not_reach_is_not_known():
 
 
 def test_focal_lengths_in_millimeters():
-    """exact: of a sensor's width, and of the diagonal for the 35 mm equivalent."""
+    """exact: for a sensor's width, and for the diagonal of the 35 mm equivalent."""
     lens = Intrinsics.from_focal_length(50, (6000, 4000), sensor_width=36, std=0.5)
     assert_allclose(lens.values, [8333.333, 8333.333, 2999.5, 1999.5], rtol=1e-6)
     assert_allclose(lens.std[:2], 8333.333 / 100, rtol=1e-6)
@@ -92,8 +92,8 @@ def test_focal_lengths_in_millimeters():
         ((1, 1, 2, 3, np.zeros(4), False, np.eye(4)), r"covariance must be finite, \(8, 8\)"),
     ],
 )
-def test_door(arguments, says):
-    """door: what, what it must be, what it was."""
+def test_rejects_wrong_arguments(arguments, says):
+    """door: argument, rule and value."""
     with pytest.raises(ValueError, match=says):
         Intrinsics(*arguments)
     with pytest.raises(ValueError, match="sensor_width must be positive"):

@@ -1,4 +1,4 @@
-"""A layer over the plate it was taken from gives the image back."""
+"""Layer: compositing over a background, and edits."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ def layer():
     return Layer(alpha, alpha[..., None] * [0.8, 0.4, 0.2])
 
 
-def test_over_is_the_mixture(layer):
+def test_over_is_the_compositing_equation(layer):
     plate = LinearImage(np.array([[[0.1, 0.2, 0.3]] * 3]), noise=NoiseModel(gain=1e-3),
                         valid=np.array([[True, False, True]]), meta=Meta("wall.png"))  # fmt: skip
     image = layer.over(plate)
@@ -26,7 +26,7 @@ def test_over_is_the_mixture(layer):
     assert image.meta.source == "wall.png"
 
 
-def test_over_the_plate_gives_the_image_back(rendering):
+def test_over_the_plate_is_the_image(rendering):
     assert_allclose(rendering.layer.over(rendering.plate).rgb, rendering.image.rgb, atol=1e-15)
 
 
@@ -47,7 +47,7 @@ def test_dtype_is_kept(layer):
     assert single.over(plate).rgb.dtype == single.straight().dtype == np.float32
 
 
-def test_face(layer):
+def test_repr_and_size(layer):
     assert layer.size == (3, 1)
     assert repr(layer) == "Layer(3x1, alpha up to 1.00)"
 
@@ -66,18 +66,18 @@ def test_face(layer):
         (np.ones((1, 3)), np.ones((1, 3)), ValueError, "premultiplied must have the shape"),
     ],
 )
-def test_door(alpha, premultiplied, error, words):
+def test_rejects_wrong_arguments(alpha, premultiplied, error, words):
     with pytest.raises(error, match=words):
         Layer(alpha, premultiplied)
 
 
-def test_sizes_that_differ(layer):
+def test_rejects_different_sizes(layer):
     with pytest.raises(ValueError, match="the layer is 3x1 pixels and the background 2x2"):
         layer.over(LinearImage(np.ones((2, 2, 3))))
 
 
-def test_a_background_of_a_camera_is_seen_as_srgb(layer):
-    """Exact: else the object would be put before colors of another kind."""
+def test_camera_background_is_converted_to_srgb(layer):
+    """Exact: object and background have the same primaries."""
     to_srgb = ((2.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.5, 1.5))
     meta = Meta(color_space="camera", to_srgb=to_srgb)
     image = layer.over(LinearImage(np.array([[[0.1, 0.2, 0.3]] * 3]), meta=meta))
@@ -96,7 +96,7 @@ def test_fading_multiplies_alpha_and_keeps_the_color(rendering):
         assert_allclose(faded.straight()[inside], layer.straight()[inside], atol=1e-12)
 
 
-def test_alpha_ends_at_one_and_shading_stays(rendering):
+def test_alpha_is_at_most_one_and_shading_is_kept(rendering):
     # exact: [GC07 Fig. 4], "note preserved shading"
     layer = rendering.layer
     faded = layer.fade(10)
@@ -158,7 +158,7 @@ def test_hex_is_srgb(layer):
     assert_allclose(layer.recolor("#ff8000").color, [1, 0.21586, 0], atol=1e-5)
 
 
-def test_the_box_is_around_what_is_there():
+def test_box_encloses_the_object():
     alpha = np.zeros((9, 12))
     alpha[2:5, 3:11] = 0.5
     assert Layer(alpha, np.zeros((9, 12, 3))).box == (3, 2, 11, 5)
@@ -183,7 +183,7 @@ def test_placing_scales_area_and_keeps_the_color(paint):
         assert_allclose([(x0 + x1 - 1) / 2, (y0 + y1 - 1) / 2], [250, 200], atol=1.5)
 
 
-def test_what_stands_out_is_cut_off(rendering):
+def test_parts_outside_are_cropped(rendering):
     # oracle: placed where there is room, and cropped then
     layer = rendering.layer
     cut, whole = layer.place((60, 40), (3, 39)), layer.place((360, 340), (153, 189))
@@ -226,6 +226,6 @@ def in_32_bits(layer):
         (lambda layer: EMPTY.amplify(3), "the layer is empty"),
     ],
 )
-def test_edits_door(layer, change, words):
+def test_edits_reject_wrong_arguments(layer, change, words):
     with pytest.raises(ValueError, match=words):
         change(layer)

@@ -99,7 +99,7 @@ def test_edits_run(pictures, monkeypatch):
     assert names["whole"].alpha.max() <= 1
 
 
-def test_a_clip_gives_the_plate(pictures, monkeypatch):
+def test_plate_example_runs(pictures, monkeypatch):
     monkeypatch.chdir(pictures)
     image, plate = bm.read("throw.png", bm.SRGB), bm.read("empty_room.png", bm.SRGB)
     lights = [plate.rgb] * 60
@@ -112,7 +112,7 @@ def test_a_clip_gives_the_plate(pictures, monkeypatch):
     assert np.array_equal(bm.read("plate.exr").variance, names["fit"].plate.variance)
 
 
-def test_motion_of_a_solution_is_measured(pictures, monkeypatch, capsys):
+def test_motion_example_runs(pictures, monkeypatch, capsys):
     monkeypatch.chdir(pictures)
     image, plate = bm.read("throw.png", bm.SRGB), bm.read("empty_room.png", bm.SRGB)
     Path("out").mkdir(exist_ok=True)
@@ -125,7 +125,7 @@ def test_motion_of_a_solution_is_measured(pictures, monkeypatch, capsys):
     assert "km/h" in capsys.readouterr().out
 
 
-def test_every_frame_of_a_fall_is_measured(pictures, monkeypatch, capsys):
+def test_fall_example_runs(pictures, monkeypatch, capsys):
     monkeypatch.chdir(pictures)
     plate = bm.read("empty_room.png", bm.SRGB)
     ball = bm.Ball(7, 0.9 * bm.ColorModel.from_hex("#d8ff3c").rgb[0], ambient=0.6)

@@ -1,3 +1,5 @@
+"""Folders of results: files, reports and errors."""
+
 import json
 import os
 import resource
@@ -51,7 +53,7 @@ def room_for(size):
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
 
 
-def test_everything_is_there_and_comes_back(tmp_path, solved):
+def test_all_files_are_written_and_round_trip(tmp_path, solved):
     folder = tmp_path / "a" / "b"
     written = bm.save_results(folder, *solved, command="blurmatte solve …", warnings=["swapped?"])
     assert [path.name for path in written] == NAMES
@@ -67,7 +69,7 @@ def test_everything_is_there_and_comes_back(tmp_path, solved):
         assert overview.width == 1800
 
 
-def test_color_is_shown_where_alpha_is_sure(tmp_path, solved):
+def test_color_is_displayed_where_alpha_is_certain(tmp_path, solved):
     bm.save_results(tmp_path, *solved)
     solution = solved[2]
     color = bm.read(tmp_path / "color.png").rgb
@@ -115,7 +117,7 @@ def test_the_report_has_the_grade_and_the_calibrated_errors(tmp_path, solved):
     assert report["in_words"][0].startswith("plausible: alpha within 0.03, its sum within 4 %; ")
 
 
-def test_the_report_has_what_else_fits(tmp_path, solved):
+def test_the_report_has_the_alternatives(tmp_path, solved):
     image, plate, solution = solved
     own = {"name": "no shape, one paint", "rgb": (0.4, 0.1, 0.02), "hex": "#aa5a27"}
     own |= {"weight": 0.9, "alpha_factor": 1.0, "alpha_difference": 0.0, "radius": None}
@@ -167,7 +169,7 @@ def test_a_full_disk_changes_nothing(tmp_path, solved, size):
     assert not (tmp_path / "new").exists()
 
 
-def test_a_path_through_a_file_is_one_line(tmp_path, solved):
+def test_file_as_parent_folder_gives_one_line(tmp_path, solved):
     (tmp_path / "file").write_text("mine")
     for folder in (tmp_path / "file", tmp_path / "file" / "below"):
         with pytest.raises(bm.FileError) as caught:
@@ -177,7 +179,7 @@ def test_a_path_through_a_file_is_one_line(tmp_path, solved):
     assert (tmp_path / "file").read_text() == "mine"
 
 
-def test_a_folder_in_the_way_is_named(tmp_path, solved):
+def test_folder_of_the_name_of_a_file_is_named(tmp_path, solved):
     (tmp_path / "layer.exr").mkdir()
     with pytest.raises(bm.FileError, match=r"layer\.exr: move or rename this folder"):
         bm.save_results(tmp_path, *solved)
@@ -185,7 +187,7 @@ def test_a_folder_in_the_way_is_named(tmp_path, solved):
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
-def test_a_closed_folder_is_one_line(tmp_path, solved):
+def test_unwritable_folder_gives_one_line(tmp_path, solved):
     (tmp_path / "closed").mkdir(mode=0o500)
     with pytest.raises(bm.FileError, match="Permission denied"):
         bm.save_results(tmp_path / "closed", *solved)
@@ -198,7 +200,7 @@ def test_folders_have_the_usual_permissions(tmp_path, solved):
     assert stat.S_IMODE(ours) == stat.S_IMODE(usual)
 
 
-def test_sizes_must_agree(tmp_path, solved):
+def test_rejects_different_sizes(tmp_path, solved):
     image, plate, solution = solved
     with pytest.raises(ValueError, match="plate is 96x30"):
         bm.save_results(tmp_path / "o", image, bm.LinearImage(plate.rgb[:30]), solution)

@@ -1,4 +1,4 @@
-"""Trajectory: points, lengths, constant speed, and what the door refuses."""
+"""Trajectory: points, lengths, constant speed, and errors of wrong arguments."""
 
 import numpy as np
 import pytest
@@ -24,7 +24,7 @@ def test_at_is_linear_between_its_points_and_holds_at_the_ends():
 
 @pytest.mark.parametrize("middle", [(0, -5), (3, -4), (-4, 3), (0, 5), (-3, -4)])
 def test_arc_lies_on_the_circle_through_its_points(middle):
-    """Start (5, 0) and end (-5, 0) on the circle around the origin: by way of the middle."""
+    """Start (5, 0) and end (-5, 0) on the circle around the origin, via its middle."""
     arc = Trajectory.arc((5, 0), middle, (-5, 0), points=1001)
     assert_allclose(np.hypot(*arc.xy.T), 5)
     assert_allclose(arc.xy[[0, -1]], [(5, 0), (-5, 0)], atol=1e-12)
@@ -33,7 +33,7 @@ def test_arc_lies_on_the_circle_through_its_points(middle):
     assert_allclose(np.linalg.norm(np.diff(arc.xy, axis=0), axis=1), arc.length / 1000)
 
 
-def test_arc_may_take_the_long_way_round():
+def test_arc_may_be_longer_than_half_a_circle():
     center, angles = np.array([30, 40]), np.radians([0, 200, 300])
     start, middle, end = center + 10 * np.stack([np.cos(angles), np.sin(angles)], axis=1)
     arc = Trajectory.arc(start, middle, end, points=2001)
@@ -52,7 +52,7 @@ def test_parabola_is_a_throw():
     assert_allclose(np.diff(path.xy, 2, axis=0), np.tile([0, 60 / 64**2], (63, 1)), atol=1e-12)
 
 
-def test_parabola_along_its_velocity_is_a_line_that_gets_faster():
+def test_parabola_along_its_velocity_is_an_accelerated_line():
     path = Trajectory.parabola((0, 0), (10, 0), (20, 0))
     assert_allclose(path.at(0.5), (7.5, 0))
     assert path.length == pytest.approx(20)
@@ -64,14 +64,14 @@ def test_bounce_turns_at_its_contact():
     assert_allclose(path.at([0.125, 0.25, 0.625]), [(5, 5), (10, 10), (14, 7)])
 
 
-def test_from_rest_stays_and_then_goes():
+def test_from_rest_stays_and_then_moves():
     path = Trajectory.from_rest((3, 4), (9, 12), until=0.6)
     assert_allclose(path.at([0, 0.6, 0.8, 1]), [(3, 4), (3, 4), (6, 8), (9, 12)])
     assert path.length == 10
 
 
 @pytest.mark.parametrize("t", [0, 0.3, 0.75, 1])
-def test_a_part_goes_the_same_way(t):
+def test_part_follows_the_same_path(t):
     whole = Trajectory.arc((5, 0), (0, 5), (-5, 0))
     assert_allclose(whole.part(0.2, 0.9).at(t), whole.at(0.2 + 0.7 * t), atol=1e-12)
     assert len(whole.part(0, 1).t) == len(whole.t)
@@ -86,19 +86,19 @@ def test_a_part_goes_the_same_way(t):
         (lambda: Trajectory.line((0, 0), (1, 1)).part(0.5, 0.5), "0 <= start < end <= 1"),
     ],
 )
-def test_door_of_the_ways_to_make_one(make, says):
+def test_constructors_reject_wrong_paths(make, says):
     with pytest.raises(ValueError, match=says):
         make()
 
 
-def test_nothing_reaches_in_from_outside():
+def test_points_are_copied():
     xy = np.zeros((2, 2))
     path = Trajectory(xy, np.array([0, 1]))
     xy[:] = 7
     assert_allclose(path.xy, 0)
 
 
-def test_prints_on_one_line():
+def test_repr_is_one_line():
     assert repr(Trajectory.line((1, 2), (4, 6))) == (
         "Trajectory((1.0, 2.0) to (4.0, 6.0), 5.0 px, 2 points)"
     )
@@ -116,12 +116,12 @@ def test_prints_on_one_line():
         ([[0, 0], [1, 1]], [0, np.nan], "t must increase"),
     ],
 )
-def test_door(xy, t, says):
+def test_rejects_wrong_arguments(xy, t, says):
     with pytest.raises(ValueError, match=says):
         Trajectory(np.array(xy), np.array(t))
 
 
-def test_door_of_the_constructors():
+def test_constructors_reject_wrong_arguments():
     with pytest.raises(ValueError, match="end must be one point"):
         Trajectory.line((0, 0), (1, 2, 3))
     with pytest.raises(ValueError, match="middle must lie between"):

@@ -111,7 +111,7 @@ def test_recovers_light_field():
     assert np.abs(np.median(flat, axis=(0, 2)) - 1).max() < 0.01
 
 
-def test_matching_limits_the_model():
+def test_matching_restricts_the_model():
     """invariant"""
     image, plate = photographed(RENDERING, Drift(shift=(1.4, 0.5), gain=(1.05, 1.0, 0.95)), 6)
     fits = {m: bm.fit_match(image, plate, m) for m in bm.Matching}

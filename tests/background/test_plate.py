@@ -60,7 +60,7 @@ def test_plate_equals_scene_without_noise(scene):
     assert np.sqrt(fit.plate.variance).max() < 1e-5
     covered = np.mean([(with_ball(scene, i) != scene).any(axis=-1) for i in range(40)], axis=0)
     assert_allclose(fit.coverage[:20], 1)
-    middle = np.s_[27:38, 20:70]  # around it lies a rim that is not used
+    middle = np.s_[27:38, 20:70]  # without the unused rim
     assert (fit.coverage[middle] <= 1 - covered[middle] + 1e-6).all()
     assert (fit.coverage[middle] >= 1 - covered[middle] - 4 / 40 - 1e-6).all()
 
@@ -242,7 +242,7 @@ def test_accepts_plain_wall():
     assert make_plate(images(noisy(wall, 0.004, i) for i in range(12))).plate.valid.all()
 
 
-def test_rejects_cut_with_its_place(scene):
+def test_error_for_a_cut_names_its_frame(scene):
     # door
     frames = [noisy(scene if i < 12 else scene[::-1, ::-1], 0.004, i) for i in range(30)]
     with pytest.raises(PlateError, match="cut between frame 11 and frame 12"):

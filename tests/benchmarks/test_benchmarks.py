@@ -1,4 +1,4 @@
-"""Benchmarks make the tables they declare, and the report says what the tables say."""
+"""Benchmarks write the tables that they declare, and the report agrees with the tables."""
 
 import subprocess
 import sys
@@ -45,7 +45,7 @@ TABLE = Table(
 
 @pytest.fixture
 def machine(monkeypatch):
-    """Tests must not depend on the commit and the processor."""
+    """A fixed machine: tests must not depend on commit and processor."""
     monkeypatch.setattr("benchmarks.table.machine", lambda: "a machine")
 
 
@@ -83,7 +83,7 @@ def test_every_benchmark_is_found():
         ({"lines": "plate"}, "lines needs y"),
     ],
 )
-def test_a_table_refuses_what_does_not_fit(change, match):
+def test_table_rejects_inconsistent_fields(change, match):
     with pytest.raises(ValueError, match=match):
         replace(TABLE, **change)
 
@@ -91,7 +91,7 @@ def test_a_table_refuses_what_does_not_fit(change, match):
 # Trials
 
 
-def test_trials_stay_with_their_setting(monkeypatch):
+def test_trials_keep_their_setting(monkeypatch):
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "1")
     monkeypatch.setattr(trials, "ProcessPoolExecutor", lambda *_: ThreadPoolExecutor())
     got = trials.over_seeds(lambda a, b, seed: (a, b, seed), [("x", 1), ("x", 2)], False, seeds=3)
@@ -99,7 +99,7 @@ def test_trials_stay_with_their_setting(monkeypatch):
 
 
 def test_direction_errors_are_those_of_the_true_color():
-    """A line 0.02 off along one axis of its covariance, where it claims 0.01."""
+    """A line 0.02 off along one axis of its covariance, with a stated error of 0.01."""
     along, first, second = np.eye(3)
     covariance = 0.01**2 * np.outer(first, first) + 0.05**2 * np.outer(second, second)
     model = ColorModel(along[:, None], covariance)
@@ -108,7 +108,7 @@ def test_direction_errors_are_those_of_the_true_color():
     assert_allclose(std, [0.01, 0.05])
 
 
-def test_an_attempt_tells_refusals_from_answers():
+def test_attempt_distinguishes_rejections_and_answers():
     truth = trials.rendering("plain", 0)
     image, plate = trials.photograph(truth, Camera(code_std=trials.CODE), 0)
     assert trials.attempt(plate, plate, truth.model, truth).errors is None  # nothing moved
@@ -123,7 +123,7 @@ def test_an_attempt_tells_refusals_from_answers():
 
 @pytest.fixture
 def dirty(monkeypatch, machine, tmp_path):
-    """A checkout with a change that is not committed, and where its results are."""
+    """A checkout with an uncommitted change, and the folder of its results."""
     folder = tmp_path / "docs" / "results"
     monkeypatch.setattr(table_module, "RESULTS", folder)
     monkeypatch.setattr(table_module, "QUICK_RESULTS", tmp_path / "out")
@@ -131,7 +131,7 @@ def dirty(monkeypatch, machine, tmp_path):
     return folder
 
 
-def test_results_are_not_published_from_a_dirty_tree(dirty):
+def test_dirty_tree_publishes_no_results(dirty):
     with pytest.raises(DirtyTreeError, match=r"changed: src/blurmatte/layer\.py\nCommit first, or"):
         publish(TABLE, dirty)
     assert not dirty.exists()
@@ -150,7 +150,7 @@ def test_results_are_not_published_from_a_dirty_tree(dirty):
     ],
     ids=lambda value: " ".join(value) if isinstance(value, list) else "",
 )
-def test_programs_refuse_a_dirty_tree_before_they_measure(
+def test_programs_reject_a_dirty_tree_before_measuring(
     dirty, tmp_path, monkeypatch, main, options, written
 ):
     calls = []
@@ -193,7 +193,7 @@ def test_changed_and_new_files_are_found_but_not_results(tmp_path, monkeypatch):
 # Battery
 
 
-def test_the_battery_counts_what_pytest_wrote(tmp_path):
+def test_battery_counts_agree_with_pytest(tmp_path):
     junit = tmp_path / "battery.xml"
     junit.write_text(
         """<testsuites><testsuite name="pytest" errors="1" failures="1" skipped="1" tests="6" time="90">
@@ -230,7 +230,7 @@ def test_a_published_table_is_read_back(tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("machine")
-def test_the_report_says_what_the_tables_say(tmp_path):
+def test_report_agrees_with_the_tables(tmp_path):
     folder = tmp_path / "results"
     drawn = replace(TABLE, name=FIRST[1], question="Second?", x="noise", lines="plate", y="error")
     for table in (
@@ -250,7 +250,7 @@ def test_the_report_says_what_the_tables_say(tmp_path):
     assert said.count("a machine") == 3
 
 
-def test_the_report_refuses_other_files(tmp_path):
+def test_report_rejects_other_files(tmp_path):
     (tmp_path / "notes.csv").write_text("a,b\n1,2\n")
     with pytest.raises(ValueError, match="must start with question"):
         write_report(tmp_path)
@@ -282,7 +282,7 @@ def test_a_drawing_shows_every_line_of_every_panel(tmp_path, monkeypatch):
 
 
 @pytest.mark.usefixtures("machine")
-def test_a_failure_stops_nothing_and_is_named(tmp_path, capsys):
+def test_failing_benchmark_is_named_and_others_run(tmp_path, capsys):
     def broken(quick):
         raise RuntimeError("no luck")
 
@@ -297,7 +297,7 @@ def test_a_failure_stops_nothing_and_is_named(tmp_path, capsys):
 
 @pytest.mark.usefixtures("machine")
 @pytest.mark.parametrize(("failing", "code"), [(False, 0), (True, 1)])
-def test_the_program_tells_failure_by_its_exit(tmp_path, monkeypatch, capsys, failing, code):
+def test_failure_sets_the_exit_code(tmp_path, monkeypatch, capsys, failing, code):
     def made(quick):
         if failing:
             raise RuntimeError("no luck")

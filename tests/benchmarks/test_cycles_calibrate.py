@@ -1,4 +1,4 @@
-"""The fit of the calibration: a made-up relation is recovered, and kinds that are left out stay so."""
+"""The fit of the calibration: a synthetic relation is recovered, and held-out kinds stay unseen."""
 
 import json
 import sys
@@ -65,7 +65,7 @@ def ratios(content, samples):
     ])  # fmt: skip
 
 
-def test_fit_recovers_a_made_up_relation():
+def test_fit_recovers_a_synthetic_relation():
     """honest: coefficients within a few standard errors; the intercept is that of the quantile."""
     from scipy.stats import norm
 
@@ -78,14 +78,14 @@ def test_fit_recovers_a_made_up_relation():
 
 
 def test_the_calibrated_error_is_the_quantile_of_the_errors():
-    """exact but for rounding: a line through a quantile has so many of the samples below it."""
+    """exact up to rounding: the stated fraction of the samples is below a quantile line."""
     samples = made_up()
     content = {**fit(samples, ""), "class_factors": {COMPRESSED: 1.0, UNCOMPRESSED: 1.0}}
     assert_allclose(np.mean(ratios(content, samples) < 1), QUANTILE, atol=0.03)
 
 
 def test_no_coefficient_is_negative():
-    """Where the truth would have one, it is 0."""
+    """It is 0 where the true one is negative."""
     content = fit(made_up(coefficients={"mean": -0.8, "radius": 1.5}), "")
     assert all(c >= 0 for c in content["coefficients"].values())
     assert content["coefficients"]["mean"] == 0
@@ -105,8 +105,8 @@ def test_twice_the_error_is_exceeded_by_one_of_twenty_of_a_class(compressed):
     assert content["class_factors"][COMPRESSED] > 1.5 * content["class_factors"][UNCOMPRESSED]
 
 
-def test_left_out_ratios_do_not_depend_on_other_samples_of_the_kind():
-    """exact: the fit for a kind has not seen it."""
+def test_held_out_ratios_do_not_depend_on_samples_of_their_kind():
+    """exact: they are excluded from the fit."""
     samples = made_up(150)
     stars = np.array([one.kind == "star" for one in samples])
     wild = [replace(s, error=100 * s.error) if s.kind == "star" else s for s in samples]
@@ -146,15 +146,15 @@ def test_samples_are_read_back_from_the_journal(tmp_path, monkeypatch):
     assert [one.scene for one in everything] == ["s0", "s1", "s3"]
 
 
-def test_arguments_of_run_each_are_in_its_own_order(tmp_path, monkeypatch):
-    """door: a picture that cannot be solved is no sample."""
+def test_picture_that_cannot_be_solved_is_no_sample(tmp_path, monkeypatch):
+    """door: jobs are called with the arguments in their order."""
     pictures = [SimpleNamespace(part="learn", scene="s", camera="png")]
     monkeypatch.setattr(calibrate, "_sample", repr)
     monkeypatch.setattr(calibrate, "find_pictures", lambda root, parts, cameras: pictures)
     assert gather(tmp_path, ["png"], None, 1) == []
 
 
-def test_calibrate_writes_what_the_package_reads(tmp_path, monkeypatch):
+def test_package_reads_what_calibrate_writes(tmp_path, monkeypatch):
     """exact"""
     samples = made_up(60)
     path = tmp_path / "calibration.json"

@@ -17,7 +17,7 @@ from benchmarks.cycles.rendering import mixed
 PLACE = Place("gray_room", "lamp")
 
 
-def test_there_are_400_scenes_of_25_kinds_with_names_of_their_own():
+def test_catalog_has_400_scenes_of_25_kinds_with_unique_names():
     names = [s.name for s in scenes()]
     assert len(names) >= 400
     assert len(set(names)) == len(names)
@@ -33,7 +33,7 @@ def test_parts_share_neither_kinds_nor_rooms_nor_cameras():
         assert not kinds[0] & kinds[1]
 
 
-def test_a_scene_is_the_same_each_time():
+def test_scenes_are_deterministic():
     assert scene("thrown ball", 3).mapping() == scene("thrown ball", 3).mapping()
     assert scene("thrown ball", 3).mapping() != scene("thrown ball", 4).mapping()
 
@@ -72,12 +72,12 @@ def test_paths_stay_in_the_picture(kind):
         assert np.all((made.path > 0) & (made.path < np.array(made.place.size)))
 
 
-def test_a_part_of_a_run_holds_all_parts():
+def test_part_of_a_run_has_scenes_of_all_parts():
     first = mixed(PARTS)[:40]
     assert {s.part for s in first} == set(PARTS)
 
 
-def test_the_picture_is_composed_of_its_truth():
+def test_picture_is_the_composition_of_its_truth():
     rng = np.random.default_rng(1)
     alpha, light = rng.uniform(0, 1, (12, 18)), rng.uniform(0, 1, (12, 18, 3))
     plate = rng.uniform(0, 1, (12, 18, 3))
@@ -97,7 +97,7 @@ def test_enlarging_keeps_a_linear_field():
 
 @pytest.fixture
 def rendered(tmp_path):
-    """A scene as the renderer leaves it: a gray disc of radius 9 before a plate of noise."""
+    """A scene as written by the renderer: a gray disc of radius 9 before a plate of noise."""
     job = scene("matte ball", 0).mapping() | {"alpha_std": 0.001, "rolling_shutter": 0.0}
     rng = np.random.default_rng(2)
     y, x = np.mgrid[:48, :72]
@@ -116,7 +116,7 @@ def rendered(tmp_path):
     return tmp_path, job["name"], alpha
 
 
-def test_pictures_of_all_cameras_have_the_truth(rendered):
+def test_pictures_of_all_cameras_agree_with_the_truth(rendered):
     root, name, alpha = rendered
     assert photograph_scene(root, name) == len(SETUPS["learn"])
     picture = Picture(root, "learn", name, "png")
@@ -129,7 +129,7 @@ def test_pictures_of_all_cameras_have_the_truth(rendered):
     assert np.sqrt(np.mean((image.rgb - predicted) ** 2)) < 3 / 255
 
 
-def test_a_lens_blurs_the_truth_too(rendered):
+def test_truth_is_blurred_by_the_lens(rendered):
     root, name, alpha = rendered
     photograph_scene(root, name)
     seen = Picture(root, "learn", name, "phone").truth().layer.alpha
@@ -137,7 +137,7 @@ def test_a_lens_blurs_the_truth_too(rendered):
     assert np.abs(np.diff(seen, axis=0)).max() < np.abs(np.diff(alpha, axis=0)).max()
 
 
-def test_photographing_again_writes_nothing(rendered):
+def test_second_run_writes_nothing(rendered):
     root, name, _ = rendered
     photograph_scene(root, name)
     assert photograph_scene(root, name) == 0

@@ -1,4 +1,4 @@
-"""Scores on pictures with a known truth: numbers against an oracle, and a journal that is continued."""
+"""Scores of pictures with a known truth: comparison with an oracle, and a journal that resumes."""
 
 import json
 import sys
@@ -59,7 +59,7 @@ def outcome(root):
 
 @pytest.fixture
 def in_this_process(monkeypatch):
-    """Jobs that were asked for, in this process."""
+    """Runs jobs in this process and records them."""
     asked = []
 
     def run_each(function, jobs, processes):
@@ -72,7 +72,7 @@ def in_this_process(monkeypatch):
 
 
 def made_up(scene="a", method=OURS, part="learn", rmse=0.01, **changes):
-    """An answer that claims an error of 0.01, or a rejection if `why` is given."""
+    """A synthetic answer with a claimed error of 0.01, or a rejection with the reason `why`."""
     z = Deviations.of(np.array([0.5, -1.5]))
     errors = Errors(
         rmse, 0.01, 0.0, 1.0, rmse, 0.02, 1e-4, 0.5, 2.0, -3.0, z, None, (1.0, -1.0), radius_z=0.5
@@ -124,7 +124,7 @@ def test_errors_equal_those_computed_directly(root, outcome):
 
 
 def test_errors_of_path_and_color_are_few_sigma(outcome):
-    """Of a line the mean position is its middle, known along two axes; so is the color."""
+    """The mean position of a line is its middle, known along two axes; likewise the color."""
     assert len(outcome.errors.path_z) == len(outcome.errors.color_z) == 2
     assert np.abs([*outcome.errors.path_z, *outcome.errors.color_z]).max() < 5
     assert outcome.errors.iou > 0.95
@@ -132,7 +132,7 @@ def test_errors_of_path_and_color_are_few_sigma(outcome):
 
 
 def test_path_z_is_the_offset_of_the_middle(root):
-    """Exact: a truth that lies 1 pixel aside adds 1 / std along the axes of the covariance."""
+    """Exact: a true path shifted by 1 pixel adds 1 / std along the axes of the covariance."""
     picture = Picture(root, "learn", "ball_0", "png")
     solution, truth = solve(*picture.read()), picture.truth()
     right = np.array([1.0, 0.0])
@@ -154,8 +154,8 @@ def test_empty_layer_loses_all_alpha(root):
     assert (errors.shown_bias, errors.covered, errors.claimed, errors.ratio) == (-1, 0, None, None)
 
 
-def test_nearest_of_two_crossing_objects_counts(root):
-    """Exact: an answer that is one of the two has no error."""
+def test_error_is_that_of_the_nearer_of_two_crossing_objects(root):
+    """Exact: an answer equal to one of them has no error."""
     truth = Picture(root, "learn", "ball_0", "png").truth()
     half = Layer(truth.layer.alpha / 2, truth.layer.premultiplied / 2)
     errors = errors_of(half, truth, (truth.layer, half), FACTS)
@@ -228,14 +228,14 @@ def test_cut_off_last_line_is_dropped(tmp_path):
     assert read_journal(path) == [made_up("a"), made_up("c")]
 
 
-def test_damage_elsewhere_is_refused(tmp_path):
+def test_damaged_lines_before_the_last_are_rejected(tmp_path):
     path = tmp_path / "journal.jsonl"
     path.write_text('{"key": 1}\n' + made_up().to_json() + "\n")
     with pytest.raises(ValueError, match="no outcome"):
         read_journal(path)
 
 
-def test_a_later_run_does_only_what_is_missing(tmp_path, in_this_process, monkeypatch):
+def test_second_run_computes_only_missing_outcomes(tmp_path, in_this_process, monkeypatch):
     monkeypatch.setattr(scoring, "attempt", lambda job: replace(made_up(), key=job.key))
     write_scene(tmp_path, "a", 0)
     (tmp_path / "pictures/learn/unfinished/png/truth").mkdir(parents=True)
@@ -251,7 +251,7 @@ def test_a_later_run_does_only_what_is_missing(tmp_path, in_this_process, monkey
 
 
 @pytest.mark.parametrize("removed", ["truth/path.json", "image.png"])
-def test_picture_that_is_rendered_again_meanwhile_is_left_to_a_later_run(
+def test_picture_rendered_during_a_run_is_scored_by_the_next(
     tmp_path, in_this_process, monkeypatch, removed
 ):
     attempt = scoring.attempt
@@ -266,7 +266,7 @@ def test_picture_that_is_rendered_again_meanwhile_is_left_to_a_later_run(
     assert in_this_process == [("a", OURS)]
 
 
-def test_unknown_method_is_refused(tmp_path):
+def test_rejects_unknown_methods(tmp_path):
     with pytest.raises(ValueError, match="method must be one of blurmatte"):
         scoring.score(tmp_path, names=["blurmat"])
 
@@ -295,20 +295,20 @@ def endless():
         sum(range(1000))
 
 
-def test_limit_stops_python_code_and_the_process_goes_on():
+def test_time_limit_stops_python_code_and_keeps_the_process():
     with workers.cpu_limit(0.01), pytest.raises(workers.OutOfTime):
         endless()
     assert sum(range(10)) == 45
 
 
-def test_limit_ends_a_process_that_does_not_come_back():
+def test_time_limit_ends_a_blocked_process():
     within = "__import__('benchmarks.cycles.workers').cycles.workers"
     job = f"[c := {within}.cpu_limit(0.05), c.__enter__(), sum(range(10**9))]"
     ((_, ended),) = workers.run_each(eval, [job], 1)
     assert ended.by_limit
 
 
-def test_picture_beyond_the_limit_is_no_answer(root):
+def test_picture_beyond_the_time_limit_has_no_answer(root):
     """The outcome is that of the empty layer."""
     journal = scoring.score(root, cameras=["png"], names=["published"], limit=1e-3, processes=1)
     outcomes = read_journal(journal)
@@ -336,7 +336,7 @@ def test_check_lists_numbers_that_differ(tmp_path):
 # Tables
 
 
-def test_tables_say_what_the_journal_says(tmp_path):
+def test_tables_agree_with_the_journal(tmp_path):
     wrong = made_up("b", rmse=0.05, cpu_seconds=8.0)
     rejected = made_up("c", rmse=0.3, why="nothing moved")
     late = made_up("d", rmse=0.3, why="no answer within 60 CPU s", cpu_seconds=60.0)
@@ -362,7 +362,7 @@ def test_tables_say_what_the_journal_says(tmp_path):
     assert_allclose(rows["alpha"][1:5:2], [np.sqrt((0.5**2 + 1.5**2) / 2), 0.5])
 
 
-def test_sealed_part_is_in_tables_that_ask_for_it(tmp_path):
+def test_sealed_part_is_in_tables_that_select_it(tmp_path):
     append(tmp_path / "journal.jsonl", [made_up("a"), made_up("e", part="sealed")])
     table, _ = tables.tables(tables.selected(tmp_path, sealed=True, commit="abc"))
     rows = [row for row in table.rows if row[2] == "sealed"]
@@ -370,13 +370,13 @@ def test_sealed_part_is_in_tables_that_ask_for_it(tmp_path):
     assert "held back" not in table.notes
 
 
-def test_tables_of_another_commit_are_refused(tmp_path):
+def test_rejects_tables_of_another_commit(tmp_path):
     append(tmp_path / "journal.jsonl", [made_up()])
     with pytest.raises(ValueError, match="of commit xyz, it holds those of abc"):
         tables.selected(tmp_path, commit="xyz")
 
 
-def test_truth_without_its_facts_is_refused(tmp_path):
+def test_rejects_truth_without_facts(tmp_path):
     picture = write_scene(tmp_path, "a", 0)
     path, again = picture.folder / "truth" / "truth.json", replace(picture)
     fields = json.loads(path.read_text())

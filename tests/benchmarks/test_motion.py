@@ -1,4 +1,4 @@
-"""The bound of the benchmark of motion is that of the scene."""
+"""The Cramér–Rao bound of the benchmark of motion."""
 
 import sys
 from pathlib import Path
@@ -14,22 +14,22 @@ from blurmatte.rendering import Ball, Scene, colorful_plate, render
 from blurmatte.trajectory import Trajectory
 
 
-def test_discs_are_drawn_as_they_are_rendered():
+def test_discs_agree_with_the_renderer():
     """Oracle: the scene's own alpha."""
     truth = motion.random_scene(6, 12, 0)
     p = np.array([*truth.trajectory.xy.ravel(), truth.scene.body.radius])
     assert_allclose(motion.drawn(p, truth.image.size, 400), truth.layer.alpha, atol=1e-4)
 
 
-def test_the_bound_grows_as_the_noise():
-    """Exact: rounding is noise of 1/12."""
+def test_bound_is_proportional_to_the_noise():
+    """Exact: rounding is noise of variance 1/12."""
     truth = motion.random_scene(6, 12, 0)
     first, second = (motion.bounds(truth, noise) for noise in (1, 2))
     assert_allclose(second / first, np.sqrt((4 + 1 / 12) / (1 + 1 / 12)), rtol=1e-6)
 
 
-def test_the_bound_of_a_transposed_scene():
-    """Invariant: x and y change places, nothing else does."""
+def test_bound_of_a_transposed_scene_is_transposed():
+    """Invariant: x and y are exchanged."""
     plate, ball = colorful_plate((60, 48), 1, tile=12), Ball(7, np.array([0.7, 0.4, 0.1]), 1.0)
     ends = np.array([[20.0, 18.0], [38.0, 27.0]])
     first, second = (

@@ -16,7 +16,9 @@ OTHERS = [
     method
     for method in methods()
     if not method.name.startswith("blurmatte")
-    and (not method.name.endswith("best") or method.name == "pm rw, best")  # all go the same way
+    and (
+        not method.name.endswith("best") or method.name == "pm rw, best"
+    )  # one of those with equal code
 ]
 
 
@@ -72,7 +74,7 @@ def test_published_alpha_is_the_least_squares_solution_of_equation_5(case):
     np.testing.assert_allclose(layer.premultiplied[used][inside], expected[inside], atol=1e-3)
 
 
-def test_a_trimap_knows_only_what_is_certain(case):
+def test_trimap_contains_only_certain_pixels(case):
     trimap = other.trimap_of(case.truth)
     assert (case.truth.alpha[trimap == 0] == 0).all()
     assert (case.truth.alpha[trimap == 1] > 0.9 * case.truth.alpha.max()).all()

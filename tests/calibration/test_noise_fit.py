@@ -1,4 +1,4 @@
-"""The sensor's noise from variances at several levels of light, and what rounding adds."""
+"""The fit of sensor noise to variances at several levels of light, and rounding."""
 
 import numpy as np
 import pytest
@@ -52,7 +52,7 @@ def test_outlying_level_hardly_changes_the_fit():
 
 
 def test_one_level_determines_only_the_sum():
-    """Honest: neither gain nor read noise errs by less than they might be exchanged for each other."""
+    """Honest: the errors of gain and read noise include their exchange for each other."""
     x = np.full(5, 0.2)
     theta, covariance, _ = fit_sensor(x, np.full(5, 1e-4), np.full(5, 0.01), np.zeros(5))
     assert_allclose(theta[0] + 0.2 * theta[1], 1e-4, rtol=1e-6)
@@ -95,7 +95,7 @@ def test_noise_is_the_sum_of_sensor_and_rounding():
 
 
 def test_std_of_roots_agrees_with_that_of_squares():
-    """Exact: half the relative error, and the root of it where there is nothing."""
+    """Exact: half the relative error; at 0 the root of the error."""
     fit = fit_of(spread=0.01)
     assert_allclose(fit.gain_std, 0.01 * 2e-4)
     assert_allclose(fit.read_std_std, 0.005 * 0.002, rtol=0.01)
@@ -113,7 +113,7 @@ def test_separable_if_gain_or_read_noise_is_certain():
 
 
 def test_scale_is_the_root_of_the_largest_inflation():
-    """Exact: of the square that errs alike."""
+    """Exact: of squares of equal pixels."""
     coherence = np.array([[2, 4, 9, 9], [1, 1, 1, 1], [0.9, 0.8, 0.9, 0.7]])
     assert_allclose(fit_of(coherence).scale, [3, 1, 1])
 

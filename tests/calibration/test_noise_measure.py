@@ -84,7 +84,7 @@ def test_noise_of_code_values_includes_rounding():
 @pytest.mark.parametrize("kind", ["frames", "within", "against"])
 @pytest.mark.parametrize("noise", [SENSOR, UNEQUAL], ids=["sensor", "unequal"])
 def test_std_of_gain_and_read_noise_is_calibrated(kind, noise):
-    """Honest: over seeds. Where no noise is a fraction of light, errors leave open that some is."""
+    """Honest: over seeds; errors include a possible noise proportional to the light."""
     scores = []
     for seed in range(8):
         pictures = frames(SMALL, 2, noise, seed)
@@ -120,7 +120,7 @@ def moving(light, radius, count):
 
 @pytest.mark.parametrize("radius", [10, 40])
 def test_moving_objects_are_rejected(radius):
-    """Invariant; the larger one covers a third of the picture in one frame or another."""
+    """Invariant; the larger one covers a third of some frames."""
     fit = measure_noise(frames(list(moving(RAMP, radius, 6)), 6))
     check(fit)
     swept = np.any([scene != RAMP for scene in moving(RAMP, radius, 6)], axis=(0, -1)).mean()
@@ -157,8 +157,8 @@ def test_clipped_pixels_are_ignored():
     check(measure_noise(frames(light, 6, bits=8)))
 
 
-def test_frames_are_taken_one_by_one():
-    """Invariant: an iterator is as good as a list."""
+def test_accepts_iterators():
+    """Invariant: with the result of a list."""
     pictures = frames(SMALL, 3)
     assert measure_noise(iter(pictures)).sensor == measure_noise(pictures).sensor
 
@@ -186,7 +186,7 @@ def test_object_before_the_plate_is_rejected():
 
 
 def test_compressed_noise_is_correlated():
-    """Oracle: over large areas compression keeps noise, and what it takes from pixels comes back."""
+    """Oracle: compression preserves noise over large areas, and reduces it in pixels."""
     fit = measure_noise(frames(RAMP, 4, bits=8, jpeg_quality=95))
     middle = np.full(3, 0.3)
     single = fit.noise.variance(middle) / SENSOR.variance(middle)
@@ -197,13 +197,13 @@ def test_compressed_noise_is_correlated():
 
 
 def test_demosaiced_noise_is_correlated():
-    """Oracle: red and blue of a mosaic were seen in one pixel of four, green in two."""
+    """Oracle: red and blue of a mosaic are measured in one pixel of four, green in two."""
     fit = measure_noise(frames(RAMP, 4, bayer=True))
     assert_allclose(fit.scale, [2.45, 1.67, 2.45], rtol=0.1)
 
 
 def test_texture_everywhere_gives_an_upper_bound():
-    """Invariant: never less than the noise, and its scale tells."""
+    """Invariant: at least the noise, with a scale above 1."""
     fit = measure_noise_within(frames(TEXTURE, 1)[0], np.ones((240, 320), bool))
     light = np.full(3, 0.25)
     assert np.all(fit.noise.variance(light) > 2 * SENSOR.variance(light))
@@ -220,7 +220,7 @@ def test_edges_in_an_even_region_are_rejected():
 
 
 def test_one_level_of_light_does_not_separate_gain_and_read_noise():
-    """Honest: and it says so; the sum is right."""
+    """Honest: the fit is marked as inseparable; the sum is correct."""
     region = np.zeros((240, 320), bool)
     region[50:150, 200:300] = True
     (picture,) = frames(np.full((240, 320, 3), 0.3), 1)

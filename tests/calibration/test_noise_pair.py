@@ -1,4 +1,4 @@
-"""NoiseModel is what it says, and fit_noise measures what the camera did."""
+"""NoiseModel equals its formula, and fit_noise recovers the noise of the camera."""
 
 import warnings
 
@@ -94,7 +94,7 @@ def test_measures_eight_bit_files(paint, code_std, plate_part):
     true_image, true_plate = code_noise(code_std), code_noise(code_std * plate_part)
     assert_allclose(np.hypot(image, plate), np.hypot(true_image, true_plate), rtol=0.1)
     assert_allclose(np.mean(image / true_image), 1, atol=0.1)
-    # A plate without noise of its own is told from the sum only as well as that is known.
+    # Noise of the plate alone is the difference of two uncertain variances.
     assert_allclose(np.mean(plate / true_image), np.mean(true_plate / true_image), atol=0.15)
 
 

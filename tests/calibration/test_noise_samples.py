@@ -1,4 +1,4 @@
-"""Noise without the scene: of frames, and of an even region."""
+"""Noise samples without the scene: of frames, and of a uniform region."""
 
 from itertools import pairwise
 
@@ -32,7 +32,7 @@ def test_mean_square_of_frames_is_the_variance(count):
 
 
 def test_parabola_has_no_residual():
-    """Exact; and what is left of noise is as large as it was."""
+    """Exact; and the variance of the noise is preserved."""
     y, x = np.mgrid[:70, :90] / 50
     even = (0.2 + 0.1 * x + 0.05 * y * y - 0.03 * x * y)[..., None] * [1, 0.8, 0.6]
     region = np.zeros((70, 90), bool)

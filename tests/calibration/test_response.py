@@ -1,4 +1,6 @@
-"""A camera's curve from a bracket: known curves come back, errors are honest, bad ones are refused."""
+"""A camera's curve from a bracket: known curves are recovered, errors calibrated, bad brackets
+rejected.
+"""
 
 from dataclasses import replace
 
@@ -15,7 +17,7 @@ V = np.arange(256) / 255
 
 
 def inverse(decode):
-    """The way from light to code values, found by table."""
+    """The curve from light to code values, inverted by table."""
     codes = np.linspace(0, 1, 20001)
     light = decode(codes)
     return lambda x: np.interp(x, light, codes)
@@ -58,11 +60,11 @@ def scene(rng, size=(120, 90)):
     return light * np.exp(0.3 * np.sin(x / 17) + 0.2 * np.cos(y / 13))[..., None]
 
 
-def shoot(light, decode, times, rng, sigma=1.5, told=None, gray=False):
-    """8-bit pictures of `light`; `told` is what their files say of the exposure times."""
+def shoot(light, decode, times, rng, sigma=1.5, declared=None, gray=False):
+    """8-bit pictures of `light`; `declared` are the exposure times of their files."""
     pictures = []
     middle = np.exp(np.mean(np.log(times)))
-    for time, name in zip(times, told or times, strict=True):
+    for time, name in zip(times, declared or times, strict=True):
         codes = inverse(decode)(np.minimum(light * time / middle, 1))
         codes = np.rint(255 * codes + rng.normal(0, sigma, codes.shape)).clip(0, 255)
         pictures.append(as_read(codes / 255, name, gray))
@@ -76,7 +78,7 @@ def as_read(codes, time=None, gray=False):
 
 @pytest.mark.parametrize("name", CURVES)
 def test_five_exposures_give_the_curve_to_a_hundredth(name):
-    """Oracle: the curve that made the pictures; film-like white is less well known, and says so."""
+    """Oracle: the curve of the pictures; the shoulder of film is less certain, with larger errors."""
     rng = np.random.default_rng(3)
     fit = bm.fit_response(shoot(scene(rng), CURVES[name], FIVE, rng, gray=True))
     error = np.abs(fit.transfer.decode(V) - CURVES[name](V))
@@ -91,7 +93,7 @@ def errors(times, seed, time_std):
     rng = np.random.default_rng(seed)
     decode = CURVES[("gamma2.2", "srgb", "smooth_s", "filmic")[seed % 4]]
     true = tuple(np.array(times) * np.exp(rng.normal(0, time_std, len(times))))
-    pictures = shoot(scene(rng), decode, true, rng, told=times, gray=True)
+    pictures = shoot(scene(rng), decode, true, rng, declared=times, gray=True)
     fit = bm.fit_response(pictures, time_std=time_std)
     return fit.transfer.decode(V[:-1]) - decode(V[:-1]), fit.std[:-1]
 
@@ -100,14 +102,14 @@ def errors(times, seed, time_std):
     ("times", "time_std"), [((1 / 64, 1 / 16, 1 / 4), 0.02), ((1 / 32, 1 / 16), 0.02)]
 )
 def test_std_of_the_curve_is_calibrated(times, time_std):
-    """Honest: for several curves and wrong times, errors spread as the reported ones."""
+    """Honest: for several curves and wrong times, errors have the stated spread."""
     z = np.concatenate([np.divide(*errors(times, seed, time_std)) for seed in range(8)])
     assert 0.6 < np.sqrt(np.mean(z**2)) < 1.5
     assert np.mean(np.abs(z) < 2) > 0.85
 
 
 def test_fewer_pictures_and_uncertain_times_increase_errors():
-    """Invariant: what tells less is worth less."""
+    """Invariant: less information gives larger errors."""
     rng = np.random.default_rng(0)
     five = shoot(scene(rng), bm.SRGB.decode, FIVE, rng, gray=True)
     stds = [
@@ -118,18 +120,18 @@ def test_fewer_pictures_and_uncertain_times_increase_errors():
 
 
 def test_nominal_times_are_corrected():
-    """Oracle: of 1/15 that is 1/16 and 1/250 that is 1/256, only what they have in common stays."""
+    """Oracle: times of 1/16 declared as 1/15 and so on; only a common factor remains."""
     rng = np.random.default_rng(1)
     nominal = (1 / 250, 1 / 125, 1 / 60, 1 / 30, 1 / 15)
     true = (1 / 256, 1 / 128, 1 / 64, 1 / 32, 1 / 16)
-    fit = bm.fit_response(shoot(scene(rng), bm.SRGB.decode, true, rng, told=nominal, gray=True))
+    fit = bm.fit_response(shoot(scene(rng), bm.SRGB.decode, true, rng, declared=nominal, gray=True))
     assert np.abs(fit.transfer.decode(V) - bm.SRGB.decode(V)).max() < 0.012
     steps = np.diff(np.log(fit.exposure_times)) - np.log(2)
     assert np.ptp(steps) < np.ptp(np.diff(np.log(nominal))) / 3
 
 
 def test_motion_and_clipping_do_not_bias_the_curve():
-    """Invariant: 4 % of one picture shows something else, and another is a third clipped."""
+    """Invariant: 4 % of one picture has moved, and a third of another is clipped."""
     rng = np.random.default_rng(2)
     light = scene(rng)
     pictures = shoot(light, bm.SRGB.decode, FIVE, rng)
@@ -170,7 +172,7 @@ def test_detects_channels_with_different_curves():
 
 
 def test_curve_increases_from_black_to_one():
-    """Invariant: whatever the noise, and where nothing was seen."""
+    """Invariant: for any noise, and where there are no data."""
     rng = np.random.default_rng(6)
     light = np.clip(scene(rng), 0.05, 0.3)
     fit = bm.fit_response(shoot(light, bm.SRGB.decode, (1 / 20, 1 / 10), rng, sigma=3, gray=True))
@@ -227,13 +229,13 @@ def test_rejects_wrong_arguments(pictures, times, says):
     ],
 )
 def test_rejects_brackets_that_do_not_determine_a_curve(pictures, says):
-    """Door: one line that says what is wrong with the pictures."""
+    """Door: one line with the cause."""
     with pytest.raises(bm.ResponseError, match=says):
         bm.fit_response(pictures)
 
 
 def test_rejects_arrays():
-    """Door: a picture without its exposure time and levels says too little."""
+    """Door: arrays have neither exposure time nor levels."""
     with pytest.raises(TypeError, match="pictures must be LinearImages, got ndarray"):
         bm.fit_response([flat(0.5, 1), flat(0.6, 2).rgb])
 
@@ -262,6 +264,6 @@ def test_rejects_decoded_pictures_and_profiles():
 
 
 def test_uniform_scene_gives_a_large_std():
-    """Honest: two brightnesses of one gray say little, and that is told."""
+    """Honest: two brightnesses of one gray have little information."""
     fit = bm.fit_response([flat(0.4, 1), flat(0.55, 2)])
     assert fit.std.max() > 0.01

@@ -146,8 +146,8 @@ def test_answers_as_json(folder, arguments, names, monkeypatch, tmp_path):
     assert names <= json.loads(result.stdout).keys()
 
 
-def test_rows_of_pictures_have_one_form_everywhere(folder, tmp_path):
-    """Exact: a pattern, numbers and a folder are the same pictures."""
+def test_patterns_of_pictures_are_equal_in_every_command(folder, tmp_path):
+    """Exact: pattern, numbers and folder give the same pictures."""
     for k in (1, 2, 10):
         (tmp_path / f"f.{k:04d}.png").write_bytes((folder / "image.png").read_bytes())
     options = "--plate", folder / "plate.png", "--solver", "pixelwise", "--color", "#ffbc43"
@@ -172,5 +172,5 @@ def test_rows_of_pictures_have_one_form_everywhere(folder, tmp_path):
         ("line_time needs exposure_time, for", "--line-time needs --exposure, for"),
     ],
 )
-def test_messages_speak_of_options(python, shell):
+def test_messages_name_options(python, shell):
     assert in_options(python) == shell

@@ -35,7 +35,7 @@ def calibrate(*args):
 
 
 def test_measures_noise_of_frames(folder, tmp_path):
-    """Oracle: what the camera was given; the file and the plot are there."""
+    """Oracle: the noise of the camera; file and plot are written."""
     plot = tmp_path / "plot.png"
     result = calibrate(folder / "f*.png", "--out", tmp_path / "n.json", "--plot", plot)
     assert result.exit_code == 0, result.stderr
@@ -61,7 +61,7 @@ def test_warns_of_guessed_transfer_once(folder, tmp_path):
 
 @pytest.mark.parametrize("given", [("--plate", "f1.png"), ("--region", "10,10,150,110")])
 def test_measures_noise_of_one_picture(folder, given):
-    """Oracle: electrons of white, from one picture and something else."""
+    """Oracle: electrons at white, from one picture of another scene."""
     option, value = given
     result = calibrate(folder / "f0.png", option, folder / value if "plate" in option else value)
     assert result.exit_code == 0, result.stderr
@@ -127,7 +127,7 @@ def test_solve_uses_noise_of_file(scene, tmp_path):
 
 
 def test_color_uses_noise_of_file(scene, monkeypatch):
-    """Exact: the noise that the fit is given is that of the file, of image and plate."""
+    """Exact: the fit is given the noise of the file, for image and plate."""
     given = []
 
     def fit_color(image, plate, streak):
@@ -142,7 +142,7 @@ def test_color_uses_noise_of_file(scene, monkeypatch):
 
 
 def test_info_prints_noise_of_file(scene):
-    """Exact; and that of a model stays what it was."""
+    """Exact; a noise model is unchanged."""
     said = run("info", scene / "noise.json").stdout.splitlines()
     assert said[0].startswith("NoiseModel(std ")
     assert said[1] == "gain: 0.0002, 0.0001, 0.0004"

@@ -46,7 +46,7 @@ def bracket(tmp_path_factory):
 
 
 def test_measures_prints_draws_and_uses_curve(bracket, tmp_path):
-    """Oracle: the curve that coded the pictures comes out of them, and decodes them."""
+    """Oracle: the curve of the pictures is recovered, and decodes them."""
     curve, plot = tmp_path / "mycam.json", tmp_path / "mycam.png"
     pictures = (bracket / "?.png", "--exposures", ",".join(TIMES))
     said = good("calibrate", "response", *pictures, "--out", curve, "--plot", plot)

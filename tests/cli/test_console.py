@@ -1,4 +1,4 @@
-"""What a person who waits sees."""
+"""Progress on a terminal."""
 
 import io
 

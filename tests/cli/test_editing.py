@@ -1,4 +1,4 @@
-"""blurmatte edit, remove, compose, stack, paints and show: layers in, pictures and layers out."""
+"""blurmatte edit, remove, compose, stack, paints and show."""
 
 import numpy as np
 import pytest
@@ -118,7 +118,7 @@ def test_remove_puts_plate_inside_streak_only(scene, own, tmp_path):
 
 
 def test_edited_jpeg_keeps_profile_and_exif(scene, tmp_path):
-    """As photographers work: three pictures from a tripod, and one comes out."""
+    """Three pictures from a tripod, and one result."""
     for name in ("image", "plate"):
         exif = Image.Exif()
         exif[0x010F] = "a camera"
@@ -147,7 +147,7 @@ def _srgb_profile():
 
 
 def test_transfer_applies_to_pictures_not_to_exr(scene, own, tmp_path):
-    """Layers and EXRs hold light, whatever curve the pictures have."""
+    """Layers and EXR files hold linear light."""
     for name in ("image", "plate"):
         bm.write(
             tmp_path / f"{name}.png", (codes_of(scene / f"{name}.png") // 257).astype(np.uint8)

@@ -1,4 +1,4 @@
-"""blurmatte measure: words, numbers, a table, the picture, and one line where something is wrong."""
+"""blurmatte measure and locate: sentences, numbers, tables, pictures, and errors of one line."""
 
 import json
 import re
@@ -46,7 +46,7 @@ def run(*arguments):
 
 
 def test_measure_prints_sentences(measure):
-    """Exact: in words, with what is missing."""
+    """Exact: including missing inputs."""
     result = measure()
     assert (result.exit_code, result.stderr) == (0, "")
     found = re.match(r"Motion\(around \(([\d.]+), ([\d.]+)\), ", result.stdout)
@@ -57,7 +57,7 @@ def test_measure_prints_sentences(measure):
 
 
 def test_measured_numbers_are_right(measure, tmp_path):
-    """Oracle: the scene that was rendered; JSON on the output and in a file agree."""
+    """Oracle: the rendered scene; JSON on the output and in a file agree."""
     numbers = json.loads(measure("--json", "--out", tmp_path / "m.json").stdout)
     assert json.loads((tmp_path / "m.json").read_text()) == numbers
     true = {"x": 48, "y": 35, "length": LENGTH, "radius": RADIUS, "angle": np.arctan2(14, 44)}
@@ -86,7 +86,7 @@ def test_writes_csv_of_one_row(measure, tmp_path):
     ],
 )
 def test_all_forms_of_scale_agree(measure, options, meters):
-    """Exact: three ways to the same."""
+    """Exact: three forms of one scale."""
     result = measure(*options, "--exposure", "20ms", "--line-time", "0", "--json")
     numbers = json.loads(result.stdout)
     assert numbers["mean_speed"] == pytest.approx(LENGTH * meters / 0.02, rel=0.02)
@@ -94,7 +94,7 @@ def test_all_forms_of_scale_agree(measure, options, meters):
 
 
 def test_direction_corrects_rolling_shutter(measure):
-    """Exact: down is slower than it looks, up faster, not knowing is between."""
+    """Exact: downwards is slower than it appears, upwards faster, unknown is between."""
     speeds = [
         json.loads(measure("--exposure", "2ms", "--line-time", "15us", "--json", *going).stdout)
         for going in (("--going", "down"), (), ("--going", "up"))
@@ -105,7 +105,7 @@ def test_direction_corrects_rolling_shutter(measure):
 
 
 def test_draws_overlay(measure, folder, tmp_path):
-    """Exact: as wide as the other sheets."""
+    """Exact: of the width of other sheets."""
     result = measure("--overlay", tmp_path / "m.png", "--image", folder / "image.png")
     assert result.exit_code == 0
     with Image.open(tmp_path / "m.png") as picture:
@@ -161,7 +161,7 @@ def test_refuses_file_without_solution(folder):
 
 
 def test_camera_gives_depth_of_ball(locate, tmp_path):
-    """Oracle: a ball of 18 px that is 20 mm wide, 900 px of focal length; not without a radius."""
+    """Oracle: a ball of 18 px and 20 mm, focal length 900 px; an error without a radius."""
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     answer = locate(
         "--diameter", "20mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
@@ -178,7 +178,9 @@ def test_camera_gives_depth_of_ball(locate, tmp_path):
 
 
 def test_plate_gives_flight_in_depth(folder, locate, tmp_path):
-    """Oracle: with the plate the depth is that of the disc, and the line of sight is measured too."""
+    """Oracle: with the plate the depth is that of the disc, and the motion along the line of sight is
+    measured.
+    """
     bm.write(tmp_path / "lens.json", bm.Intrinsics(900, 900, 47.5, 35.5))
     asked = "--radius", "10mm", "--exposure", "1/50", "--camera", tmp_path / "lens.json"
     pictures = "--image", folder / "image.png", "--plate", folder / "plate.png"
@@ -201,7 +203,7 @@ def test_speed_gives_depth(locate, tmp_path):
 
 
 def test_four_points_give_speed_on_plane(locate):
-    """Oracle: a square seen from straight above, 1 cm for a pixel."""
+    """Oracle: a square seen vertically from above, 1 cm per pixel."""
     corners = [("0,0", "0,0"), ("90,0", "90cm,0"), ("90,70", "90cm,0.7"), ("0,70", "0,70cm")]
     plane = [word for at, is_at in corners for word in ("--on-plane", f"{at}={is_at}")]
     answer = json.loads(locate(*plane, "--exposure", "10ms", "--json").stdout)
@@ -210,7 +212,7 @@ def test_four_points_give_speed_on_plane(locate):
 
 
 def test_refuses_rotation_of_disc(measure):
-    """Door: one line, and the exit code of data that cannot answer."""
+    """Door: one line, and the exit code of undetermined data."""
     refused = measure("--rotation")
     assert refused.exit_code == 2
     assert "Traceback" not in refused.stderr

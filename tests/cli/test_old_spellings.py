@@ -1,4 +1,4 @@
-"""Command lines of version 0.1: what they are today, and that they work."""
+"""Command lines of version 0.1: their current spelling, and that they work."""
 
 import shlex
 
@@ -41,13 +41,13 @@ from blurmatte.cli.old_spellings import modern
         ("", None),
     ],
 )  # fmt: skip
-def test_translates_to_the_spelling_of_today(old, new):
+def test_translates_to_the_current_spelling(old, new):
     args, changed = modern(shlex.split(old))
     assert args == shlex.split(old if new is None else new)
     assert changed == (new is not None)
 
 
-def test_works_with_one_line_that_gives_the_new_spelling(tmp_path, monkeypatch):
+def test_old_spelling_works_and_names_the_new_one(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     result = CliRunner().invoke(app, ["measure", "nowhere.mp4", "--start", "4"])
     warning, refusal = result.stderr.splitlines()

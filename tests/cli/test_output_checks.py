@@ -1,4 +1,4 @@
-"""Output that cannot be written is refused before anything is read, and no file is written."""
+"""Output that cannot be written is rejected before anything is read."""
 
 import pytest
 from typer.testing import CliRunner

@@ -1,4 +1,4 @@
-"""blurmatte plate: a clip in, a plate and its sheet out, or one line."""
+"""blurmatte plate: a plate and its sheet from a clip, and errors of one line."""
 
 import numpy as np
 import pytest

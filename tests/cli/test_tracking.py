@@ -1,4 +1,4 @@
-"""blurmatte track: the table, the sheet, going on, one line where something is wrong."""
+"""blurmatte track: table, sheet, resumption, and errors of one line."""
 
 import csv
 import json
@@ -51,7 +51,7 @@ def rows_of(path):
 
 
 def test_table_matches_rendered_motion(track, tmp_path):
-    """Oracle: the places that were rendered, all frames, the direction of time, meters per second."""
+    """Oracle: rendered positions in all frames, the direction of time, meters per second."""
     result = track(
         "--out", tmp_path / "t.csv", "--rate", 25, "--diameter", "16mm", "--exposure", "1/100"
     )
@@ -69,7 +69,7 @@ def test_table_matches_rendered_motion(track, tmp_path):
 
 
 def test_speed_allows_for_rolling_shutter():
-    """Exact: length / (T + τ Δy); half of the difference, if the direction is not known."""
+    """Exact: length / (T + τ Δy); half of the correction if the direction is unknown."""
     down = bm.Sighting(
         60, 40, 0.1, 0.1, 0.0, 6, 8, 0.1, 0.1, 100.0, 0.0, 0.9, 0.01, 5.0, 0.1,
         30, 0, 90, 80, "#ffffff", 1.0, "sweep", "parabola", "disc", 1.0, False, True, "",
@@ -104,7 +104,7 @@ def test_all_file_formats_agree(track, tmp_path):
 
 
 def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
-    """Exact: interrupted after two frames, cut within a line, gone on with: the same table."""
+    """Exact: interrupted after two frames, truncated within a line and resumed: the same table."""
     out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
     track("--out", out)
     whole = out.read_bytes()
@@ -137,7 +137,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
 
 
 def test_draws_sheet_of_clip(track, tmp_path, folder):
-    """Exact: it is there, with a color from a file."""
+    """Exact: written, with a color from a file."""
     path = tmp_path / "path.png"
     result = track("--overlay", path, "--color", folder / "color.json", "--frames", ":2")
     assert "Found in 2 of 2 frames" in result.stdout
@@ -147,7 +147,7 @@ def test_draws_sheet_of_clip(track, tmp_path, folder):
 
 
 def test_follows_several_objects(track, tmp_path):
-    """Exact: where there is one, the same table; each has its words and its fall."""
+    """Exact: for one object the same table; each object has sentences and a fall."""
     track("--out", tmp_path / "one.csv", "--rate", 25)
     answer = json.loads(track("--several", "--json", "--rate", 25, "--gravity", 9.81).stdout)
     track("--out", tmp_path / "all.csv", "--rate", 25, "--several")
@@ -167,7 +167,7 @@ def test_follows_several_objects(track, tmp_path):
 
 
 def test_gravity_gives_scale(track, tmp_path):
-    """Oracle: of a camera on its side; a scale that was given is checked; down it does not fall."""
+    """Oracle: a camera on its side; a given scale is checked; downwards the fall is rejected."""
     asked = "--rate", 25, "--gravity", "-9.81,0±0.01", "--json"
     answer = json.loads(track(*asked, "--exposure", "1/100").stdout)
     scale, std = (answer["fall"][name] for name in ("meters_per_pixel", "meters_per_pixel_std"))
@@ -220,7 +220,7 @@ def test_track_refuses_in_one_line(track, options, complaint, tmp_path, monkeypa
 
 
 def test_starts_no_more_processes_than_frames(track, monkeypatch):
-    """Exact: a thousand were, whatever there was for them to do."""
+    """Exact."""
     asked = []
     monkeypatch.setattr(bm, "Workers", lambda count: asked.append(count) or Workers(1))
     track("--workers", 1000, "--frames", ":2")

@@ -1,4 +1,4 @@
-"""blurmatte track with a camera: places in space, their fall, wrong options in one line."""
+"""blurmatte track with a camera: positions in space, their fall, and errors of one line."""
 
 import csv
 import json
@@ -62,7 +62,7 @@ def answer(track, folder):
 
 
 def test_places_and_speeds_match_rendered_flight(answer):
-    """Oracle: depth to 2 %, speed to 3 % between the ends, all within 4.5 errors."""
+    """Oracle: depth to 2 %, speed to 3 % between the ends, all within 4.5 standard errors."""
     for k, row in enumerate(answer["rows"]):
         X, v = flight(k / RATE), VELOCITY + k / RATE * GRAVITY
         assert row["ball_source"] == "ball"
@@ -79,7 +79,7 @@ def test_places_and_speeds_match_rendered_flight(answer):
 
 
 def test_fall_gives_gravity_and_tilt(answer):
-    """Oracle: its size, its direction before a tilted camera, and that lengths are right."""
+    """Oracle: its magnitude, its direction for a tilted camera, and correct lengths."""
     fall = answer["fall"]
     g, std = fall["acceleration_in_m_per_s2"], fall["acceleration_in_m_per_s2_std"]
     assert abs(g - 9.80665) < 3 * std < 0.5
@@ -92,7 +92,7 @@ def test_fall_gives_gravity_and_tilt(answer):
 
 
 def test_writes_table_and_sheet_in_space(answer, folder):
-    """Exact: additional columns, as printed; the sheet is as wide as ever."""
+    """Exact: additional columns, as printed; the sheet has its usual width."""
     with (folder / "t.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert set(bm.BallPlace.names) < rows[0].keys() == answer["rows"][0].keys()
@@ -102,7 +102,7 @@ def test_writes_table_and_sheet_in_space(answer, folder):
 
 
 def test_fall_reveals_wrong_radius(track):
-    """Exact: the diameter as radius; the words of each object say what to look at."""
+    """Exact: the diameter as radius; the sentences name the cause."""
     said = " ".join(
         track("--rate", RATE, "--radius", "40mm", "--several", "--frames", ":4").stdout.splitlines()
     )
@@ -114,7 +114,7 @@ def test_fall_reveals_wrong_radius(track):
 
 
 def test_refuses_camera_of_other_size(track, folder):
-    """Door: of a known size it is refused, of an unknown one it is warned of; times are missing."""
+    """Door: a known size is rejected, an unknown one gives a warning; times are missing."""
     fields = json.loads((folder / "cam.json").read_text())
     (folder / "other.json").write_text(json.dumps({**fields, "size": [480, 360]}))
     refused = track("--radius", "2cm", camera="other.json")

@@ -1,4 +1,4 @@
-"""Where light of a color shows."""
+"""Projection of light on an object's color."""
 
 import numpy as np
 from numpy.testing import assert_allclose
@@ -21,7 +21,7 @@ def plate_of(rng, shape=(20, 60)):
     return LinearImage(rng.uniform(0.2, 0.8, (*shape, 3)), NOISE)
 
 
-def test_light_is_read_off_whatever_alpha_is():
+def test_projected_light_does_not_depend_on_alpha():
     rng = np.random.default_rng(0)
     plate = plate_of(rng)
     alpha, light = rng.uniform(0, 1, (2, 20, 60))
@@ -30,7 +30,7 @@ def test_light_is_read_off_whatever_alpha_is():
     assert_allclose(np.einsum("hwc,hwc->hw", m, image.rgb), light, rtol=0, atol=2e-5)
 
 
-def test_its_variance_is_that_of_noise():
+def test_variance_of_projected_light_is_that_of_noise():
     rng = np.random.default_rng(1)
     plate = plate_of(rng, (100, 100))
     image = before(plate, np.zeros((100, 100)), np.zeros((100, 100)))
@@ -43,7 +43,7 @@ def test_its_variance_is_that_of_noise():
     )
 
 
-def test_light_of_another_color_is_none():
+def test_light_of_another_color_projects_to_zero():
     rng = np.random.default_rng(3)
     plate = plate_of(rng)
     alpha, light = np.zeros((2, 20, 60))
@@ -56,7 +56,7 @@ def test_light_of_another_color_is_none():
     assert streak_of_color([hand, ball], image, plate, MODEL) is ball
 
 
-def test_what_sends_most_light_of_the_color_is_chosen_and_no_shadow():
+def test_streak_of_most_light_of_the_color_is_chosen():
     rng = np.random.default_rng(2)
     plate = plate_of(rng)
     alpha, light = np.zeros((2, 20, 60))

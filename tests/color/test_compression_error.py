@@ -1,4 +1,4 @@
-"""What a file does to a color that hues tell: recompressed as it was written, and claimed."""
+"""Compression error of a color: recompression as the file was written, and its standard error."""
 
 from dataclasses import replace
 from functools import cache
@@ -21,7 +21,7 @@ PATH = Trajectory.line((50, 46), (110, 66))
 
 @cache
 def taken(width, seed=0):
-    """Image and plate of a thing so many pixels wide, and where it was."""
+    """Image and plate of an object of a given width, and its mask."""
     scene = Scene(colorful_plate(SIZE, seed, tile=18), PATH, Sheet(20, width, GREEN))
     truth = render(scene, 120)
     camera = Camera(code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
@@ -35,15 +35,15 @@ def off(model):
 
 
 def test_recompressed_images_of_the_true_color_equal_the_photograph():
-    """honest: it differs from it within the streak hardly more than beside, where noise differs."""
+    """honest: residuals within the streak are hardly larger than outside, where noise differs."""
     image, plate, streak = taken(14)
     (light,), behind = recompressed(LINE, image, plate, streak, 1)
-    within, beside = (
+    within, outside = (
         np.sqrt(np.mean((light.rgb - image.rgb)[where] ** 2))
         for where in (streak.mask, ~streak.mask)
     )
-    assert 0.5 * beside < within < 2 * beside
-    assert np.sqrt(np.mean((behind.rgb - plate.rgb) ** 2)) < beside
+    assert 0.5 * outside < within < 2 * outside
+    assert np.sqrt(np.mean((behind.rgb - plate.rgb) ** 2)) < outside
 
 
 def test_recompressed_images_have_independent_noise():
@@ -65,7 +65,7 @@ def test_color_of_uncompressed_rendering_is_found():
 
 @pytest.mark.battery
 def test_std_with_compression_is_calibrated():
-    """A thin thing in a file: neither surer than it may be, nor much less sure."""
+    """A thin object in a file: neither overconfident nor much too cautious."""
     models = [fit_color_from_hues(*taken(10, seed)) for seed in range(6)]
     z2 = [(off(model) / model.angle_std) ** 2 for model in models]
     assert 0.2 < np.mean(z2) < 2

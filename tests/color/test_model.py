@@ -1,4 +1,4 @@
-"""ColorModel: a subspace through black, from what people have at hand, with a true covariance."""
+"""ColorModel: a subspace through black from given colors or samples, with a calibrated covariance."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ def shades(rng, rank, count=200):
 
 
 def angle(a, b):
-    """Degrees between two poles, whichever way they point."""
+    """Degrees between two poles, regardless of sign."""
     return np.degrees(np.arcsin(np.linalg.norm(np.cross(a, b))))
 
 
@@ -43,13 +43,13 @@ def test_pole_of_a_line_is_its_direction_of_a_plane_its_normal():
     assert_allclose(angle(plane.pole, unit(np.cross(ORANGE, BLUE))), 0, atol=1e-6)
 
 
-def test_line_is_the_color_at_its_brightest():
+def test_color_of_rank_1_has_maximum_1():
     model = ColorModel.from_samples(0.1 * ORANGE[None], std=0)
     assert_allclose(model.rgb, [ORANGE / 0.7])
 
 
 @pytest.mark.parametrize("rank", [1, 2])
-def test_every_color_lies_between_those_it_shows(rank):
+def test_displayed_colors_enclose_the_samples(rank):
     colors = shades(np.random.default_rng(0), rank)
     model = ColorModel.from_samples(colors, rank)
     mixture = np.linalg.lstsq(model.rgb.T, colors.T)[0]
@@ -76,7 +76,7 @@ def test_given_colors_have_no_covariance():
 
 @pytest.mark.parametrize("rank", [1, 2])
 def test_least_squares_minimizes_the_distances(rank):
-    """Oracle: no direction of a fine grid around the answer leaves less distance."""
+    """Oracle: no direction of a fine grid around the answer has a smaller distance."""
     rng = np.random.default_rng(0)
     samples = shades(rng, rank) + rng.normal(0, 0.03, (200, 3))
     model = ColorModel.from_samples(samples, rank)
@@ -196,7 +196,7 @@ def test_rejects_rank_2_for_noisy_samples_of_one_hue(count):
             ColorModel.from_samples(one_paint, rank=2)
 
 
-def test_any_colors():
+def test_any_colors_have_rank_3():
     model = ColorModel.any()
     assert (model.rank, model.normals.shape) == (3, (3, 0))
     assert repr(model) == "ColorModel(rank 3, any colors)"

@@ -1,4 +1,4 @@
-"""The paper's formula: right on exact light, and its known flaw on noisy light."""
+"""The published formula: exact without noise, with its known bias for noisy light."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ WALL = np.array([0.3, 0.35, 0.45])
 
 
 def streak_colors(B, rng):
-    """Image colors before plate colors B (n, 3), in any shade and at any alpha."""
+    """Image colors before plate colors B (n, 3), for any shade and alpha."""
     alpha, shade = rng.uniform(0.1, 0.9, (2, len(B), 1))
     return alpha * shade * PAINT + (1 - alpha) * B
 
@@ -48,11 +48,9 @@ def test_accepts_pictures_and_lists_of_pixels():
 
 
 @pytest.mark.parametrize(("plate_std", "off"), [(0, 1), (0.005, 12)])
-def test_noise_biases_it_to_the_plate_color(plate_std, off):
-    """The flaw that `fit_color` must not have.
-
-    Noise of the image adds |B|² I − B Bᵀ, least along the plate; noise of the plate as much of C,
-    which is between the plate and the paint.
+def test_noise_biases_the_formula_to_the_plate_color(plate_std, off):
+    """The bias that `fit_color` must not have. Noise of the image adds |B|² I − B Bᵀ, which is least
+    along the plate; noise of the plate adds the same of C, between plate and paint.
     """
     rng = np.random.default_rng(3)
     wall = plain_plate((60, 50), WALL, 4).reshape(-1, 3)

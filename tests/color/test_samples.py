@@ -13,7 +13,7 @@ PAINT = np.array([0.9, 0.45, 0.05])
 
 
 def photos(length, plate, noise=NOISE):
-    """A noisy picture of a ball of radius 20 that moves `length` pixels, plate and true alpha."""
+    """A noisy picture of a ball of radius 20 that moves by `length` pixels, plate and true alpha."""
     rng = np.random.default_rng(7)
     path = Trajectory.line((90 - length / 2, 60), (90 + length / 2, 62))
     truth = render(Scene(plate, path, Ball(20, PAINT)))

@@ -1,4 +1,4 @@
-"""may_be_shadow: a shadow, or an object that no picture can tell from one."""
+"""may_be_shadow: shadows, and dark objects that are indistinguishable from one."""
 
 from dataclasses import replace
 
@@ -46,7 +46,7 @@ COVERED = {name: render(Scene(PLATES["gray"], WAY, body), 100).layer.alpha
 
 
 def shadow(plate, body="ball", camera="8 bits", strength=(0.5, 0.5, 0.5), softness=0.0, seed=0):
-    """Image and plate of a shadow that moved, of an object that is out of the picture."""
+    """Image and plate of a moving shadow whose object is outside the picture."""
     from scipy.ndimage import gaussian_filter
 
     alpha = gaussian_filter(COVERED[body], softness) if softness else COVERED[body]
@@ -82,8 +82,8 @@ SHADOWS = [
 
 
 @pytest.mark.parametrize("scene", SHADOWS, ids=lambda s: f"{s[0]}, {s[1]}, {s[2]}, {s[3]}")
-def test_shadows_may_be_shadows(scene):
-    """honest: of any plate, depth, softness and camera, of the plate's hue or slightly another."""
+def test_shadows_are_recognized(scene):
+    """honest: for any plate, depth, softness and camera, of the plate's hue or slightly different."""
     plate, body, camera, depth, softness = scene
     for hue in (0.0, 0.06):
         strength = np.minimum(depth * (1 + hue * np.array([-1, 0, 1])), 1)
@@ -98,7 +98,7 @@ def test_objects_with_light_are_no_shadows(plate, color):
 
 
 def test_motion_next_to_the_streak_does_not_hide_an_object():
-    """Invariant: it is no noise in which the object's own light would be lost."""
+    """Invariant: it is not taken for noise that would hide the object's light."""
     wall, rng = plain_plate((240, 128), (0.3, 0.33, 0.36), 1), np.random.default_rng(0)
     purple = Scene(wall, Trajectory.line((40, 50), (200, 70)), Ball(13, (0.36, 0.2, 0.34)))
     yellow = Scene(wall, Trajectory.line((150, 20), (190, 32)), Ball(9, (0.7, 0.75, 0.1)))
@@ -112,14 +112,14 @@ def test_motion_next_to_the_streak_does_not_hide_an_object():
         assert not may_be_shadow(picture, behind, streak)
 
 
-def test_black_objects_may_be_shadows():
-    """honest: of an object that sends nothing no picture knows."""
+def test_black_objects_are_taken_for_possible_shadows():
+    """honest: an object without light is indistinguishable."""
     assert may_be_shadow(*strongest(dark("textured", (0, 0, 0))))
     assert may_be_shadow(*strongest(dark("gray", (0.1, 0.1, 0.1))))  # nor of gray before gray
 
 
 def test_result_does_not_depend_on_channel_order():
-    """invariant: no channel is another than the others."""
+    """invariant: channels are equivalent."""
     for pictures in (shadow("colorful"), dark("colorful", (0.2, 0.05, 0.05))):
         image, plate, streak = strongest(pictures)
         turned = [replace(p, rgb=p.rgb[..., [2, 0, 1]]) for p in (image, plate)]
@@ -129,7 +129,7 @@ def test_result_does_not_depend_on_channel_order():
 
 
 def test_darker_pixels_are_those_of_the_shadow():
-    """honest: nothing beside it, nor an object."""
+    """honest: none outside, and none of an object."""
     image, plate = shadow("colorful")
     found = darker_pixels(image, plate)
     assert found[COVERED["ball"] > 0.2].mean() > 0.95
@@ -144,7 +144,7 @@ def test_darker_pixels_are_those_of_the_shadow():
 @pytest.mark.parametrize("find", [solve, fit_color, fit_sweep], ids=lambda f: f.__name__)
 @pytest.mark.parametrize("plate", ["gray", "colorful"])
 def test_soft_shadow_is_rejected_without_a_color(plate, find):
-    """door: what it is, and what to do."""
+    """door: with cause and remedy."""
     with pytest.raises(
         ColorModelError, match=r"only light was lost: .* give its color \(--color, model=\)"
     ):
@@ -153,7 +153,7 @@ def test_soft_shadow_is_rejected_without_a_color(plate, find):
 
 @pytest.mark.parametrize("plate", ["gray", "textured"])
 def test_sharp_dark_streak_is_solved_and_marked(plate):
-    """honest: it may be a dark object, and it may be none; all of it is marked."""
+    """honest: it may be a dark object or a shadow; all pixels are marked."""
     solution = solve(*shadow(plate))
     assert solution.stats["may_be_shadow"]
     assert solution.grade is Grade.ASSUMED
@@ -164,7 +164,7 @@ def test_sharp_dark_streak_is_solved_and_marked(plate):
 
 @pytest.mark.parametrize("solver", [None, Smooth()], ids=["averaged", "smooth"])
 def test_any_color_keeps_the_shadow_marked(solver):
-    """honest: to say that nothing is known leaves the answer assumed."""
+    """honest: with unknown colors the grade stays assumed."""
     solution = solve(*shadow("textured", softness=3.0), ColorModel.any(), solver)
     assert solution.stats["may_be_shadow"]
     assert solution.grade is Grade.ASSUMED
@@ -172,7 +172,7 @@ def test_any_color_keeps_the_shadow_marked(solver):
 
 
 def test_given_color_is_used_and_all_pixels_are_marked():
-    """honest: the words say that all may be a shadow, the flags where."""
+    """honest: a warning says that it may be a shadow; flags mark the pixels."""
     image, plate = shadow("colorful")
     solution = solve(image, plate, ColorModel.from_hex("#c03020"), Pixelwise())
     assert solution.stats["may_be_shadow"]
@@ -185,6 +185,6 @@ def test_given_color_is_used_and_all_pixels_are_marked():
 
 
 def test_unchanged_region_is_no_shadow():
-    """honest: a region beside the shadow."""
+    """honest: a region next to the shadow."""
     image, plate = shadow("colorful")
     assert not may_be_shadow(image, plate, Streak.from_box((110, 80, 150, 108), SIZE))

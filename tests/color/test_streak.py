@@ -1,4 +1,4 @@
-"""The color line from a streak: right, no surer than it may be, and none where none is known."""
+"""The color line from a streak: accuracy, standard error, and errors if it is undetermined."""
 
 from colorsys import hsv_to_rgb
 from dataclasses import replace
@@ -68,7 +68,7 @@ def taken(scene, code_std, seed):
 
 
 def quick_fit(image, plate):
-    """`fit_color_from_hues`, less the two fits that only say which evidence there was."""
+    """`fit_color_from_hues` without the two fits that only separate kinds of evidence."""
     pixels = streak._streak_pixels(image, plate, find_streaks(image, plate)[0])
     l, covariance = posterior.posterior(evidence.Evidence(True, True, np.inf), pixels)
     model = ColorModel(l[:, None], covariance)
@@ -78,7 +78,7 @@ def quick_fit(image, plate):
 
 
 def normalised2(model, color):
-    """Squared error in units of the reported covariance: χ² with two degrees of freedom."""
+    """Squared error relative to the stated covariance: χ² with two degrees of freedom."""
     tangent = np.linalg.svd(model.pole[:, None])[0][:, 1:]
     error = tangent.T @ color / (model.pole @ color)
     return error @ np.linalg.solve(tangent.T @ model.covariance @ tangent, error)
@@ -101,7 +101,7 @@ def scene():
 
 @pytest.mark.parametrize("std", [1e-6, 1e-4])
 def test_exact_without_noise(std):
-    """As exact as light is said to be, and far more exact than that: there is no noise in it."""
+    """To the stated accuracy, and far better, because there is no noise."""
     truth = random_scene(3)[0]
     image, plate = (p.with_noise(NoiseModel(read_std=std)) for p in (truth.image, truth.plate))
     model = fit_color_from_hues(image, plate, Streak(truth.layer.alpha > 0.02))
@@ -124,7 +124,7 @@ def test_evidence_holds_the_std_of_each_kind(scene):
 
 
 def columns(rng, count=12, exact=False):
-    """Random pixels; `exact`: their image color is a mixture of l and the plate's. And l."""
+    """Random pixels and a color l; in those of `exact` the image is a mixture of l and the plate."""
     l, B = posterior.unit(rng.uniform(0.1, 1, 3)), rng.uniform(0.1, 1, (count, 3))
     C = rng.uniform(0.1, 1, (count, 3))
     if exact:
@@ -135,14 +135,14 @@ def columns(rng, count=12, exact=False):
 
 
 def brute_force(l, C, B):
-    """(k, α) and the rest of C = k l + (1 − α) B by least squares."""
+    """(k, α) and the residual of C = k l + (1 − α) B by least squares."""
     mix = np.stack([l, B], axis=1)
     k, through = np.linalg.lstsq(mix, C, rcond=None)[0]
     return np.array([k, 1 - through]), C - mix @ [k, through]
 
 
 def test_closed_form_is_least_squares():
-    """r, α and k of many directions at once, against each pixel alone."""
+    """r, α and k of many directions at once agree with those of single pixels."""
     rng = np.random.default_rng(0)
     _, p = columns(rng)
     directions = rng.uniform(0, 1, (5, 3))
@@ -225,7 +225,7 @@ def test_plate_of_one_hue_gives_the_truth_or_an_error(seeds):
 
 @pytest.mark.battery
 def test_rims_of_an_opaque_object_do_not_bias():
-    """What hides the plate here, and not a little further on, is told before no plate of one hue."""
+    """A plate of one hue: uncovered pixels next to opaque ones determine no wrong color."""
     answers = 0
     for seed in range(24, 40):
         rng = np.random.default_rng(seed)
@@ -246,7 +246,9 @@ def test_rims_of_an_opaque_object_do_not_bias():
 
 
 def test_rejects_negative_light():
-    """A plate between two paints: one of them is that of the plate, and less than none of the other."""
+    """A plate between two paints, one of which has the plate's color: the fit needs less than none of
+    the other.
+    """
     paints = np.array([[0.13, 0.41, 0.05], [0.2, 0.2, 0.5]])
     path = Trajectory.line((53, 40), (59, 40))
     for seed in range(3):
@@ -261,7 +263,7 @@ def test_rejects_negative_light():
 
 @pytest.mark.parametrize("seeds", FEW_OR_MANY)
 def test_two_paints_give_a_mixture_or_an_error(seeds):
-    """A line between both paints is the best one, if not a good one."""
+    """A line between both paints fits best, though not well."""
     wrong = 0
     for seed in seeds:
         truth, paints = random_scene(seed, two_paints=True)
@@ -287,12 +289,12 @@ def test_error_for_one_hue_suggests_remedies():
     assert "or bound its brightness" in said
 
 
-# Whatever the names of the channels and the exposure
+# Invariance to channel order and exposure
 
 
 @pytest.mark.parametrize("order", [(1, 0, 2), (2, 1, 0), (1, 2, 0)])
 def test_swapped_channels_swap_the_answer(scene, order):
-    """Up to the resolution of the grid, a small part of the error."""
+    """Up to the resolution of the grid, a small fraction of the error."""
     _, image, plate = scene
     swapped = (replace(p, rgb=p.rgb[..., order]) for p in (image, plate))
     here, there = quick_fit(image, plate), quick_fit(*swapped)
@@ -313,7 +315,7 @@ def test_result_does_not_depend_on_exposure(scene, factor):
 
 
 def test_lower_brightness_bound_excludes_more_directions():
-    """And rules in nothing."""
+    """And admits no further ones."""
     l, p = columns(np.random.default_rng(2), exact=True)
     grid = np.concatenate([l[None], posterior._octant(5)])
     a = evidence.closed_form(grid, p)
@@ -342,7 +344,7 @@ def test_feasibility_of_alpha_and_brightness(alpha, k, bound, possible):
     assert (cost.item() == 0) == possible
 
 
-def test_a_bound_of_brightness_never_widens(scene):
+def test_brightness_bound_never_increases_the_std(scene):
     truth, image, plate = scene
     brightest = truth.layer.straight().max()
     free, bounded = (
@@ -351,7 +353,7 @@ def test_a_bound_of_brightness_never_widens(scene):
     assert bounded.angle_std < 1.02 * free.angle_std
 
 
-def test_same_pictures_same_answer(scene):
+def test_result_is_deterministic(scene):
     _, image, plate = scene
     assert np.array_equal(quick_fit(image, plate).pole, quick_fit(image, plate).pole)
 
@@ -418,7 +420,7 @@ def test_rejects_different_sizes(scene):
         fit_color_from_hues(scene[1], LinearImage(scene[2].rgb[:, :50]))
 
 
-def test_the_bounded_cost_has_the_right_spread_for_normal_residuals():
+def test_bounded_cost_has_the_expected_spread_for_normal_residuals():
     z, step = np.linspace(-9, 9, 20001, retstep=True)
     normal = np.exp(-(z**2) / 2) / np.sqrt(2 * np.pi)
     slope = np.gradient(evidence._bounded(z), step) / 2

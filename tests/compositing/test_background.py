@@ -6,13 +6,13 @@ from blurmatte.compositing import cover, light_gain
 from blurmatte.radiometry import LinearImage
 
 
-def test_the_same_size_is_the_same_picture():
+def test_background_of_equal_size_is_unchanged():
     picture = LinearImage(np.random.default_rng(0).uniform(size=(9, 7, 3)))
     assert cover(picture, (7, 9)) is picture
 
 
 @pytest.mark.parametrize("size", [(40, 30), (30, 30), (10, 60), (200, 100), (1, 1), (81, 60)])
-def test_any_size_is_covered_with_the_same_light(size):
+def test_background_of_any_size_keeps_its_light(size):
     picture = LinearImage(np.full((60, 80, 3), [0.2, 0.5, 7.0], np.float32))
     covered = cover(picture, size)
     assert covered.size == size
@@ -20,7 +20,7 @@ def test_any_size_is_covered_with_the_same_light(size):
     assert_allclose(covered.rgb, np.broadcast_to([0.2, 0.5, 7.0], covered.rgb.shape), rtol=1e-5)
 
 
-def test_it_is_scaled_about_its_middle():
+def test_background_is_scaled_around_its_center():
     x = np.broadcast_to(np.arange(80.0)[:, None], (60, 80, 3)).astype(np.float32)
     half = cover(LinearImage(x), (30, 30))
     assert_allclose(
@@ -28,7 +28,7 @@ def test_it_is_scaled_about_its_middle():
     )
 
 
-def test_light_is_averaged_and_not_sharpened():
+def test_background_is_averaged_without_overshoot():
     checks = np.indices((64, 64)).sum(axis=0) % 2
     picture = LinearImage(checks[..., None].repeat(3, axis=-1).astype(np.float32))
     small = cover(picture, (8, 8)).rgb
@@ -38,7 +38,7 @@ def test_light_is_averaged_and_not_sharpened():
     assert cover(step, (100, 100)).rgb.max() <= 1 + 1e-6
 
 
-def test_what_is_not_valid_stays_so():
+def test_invalid_pixels_stay_invalid():
     valid = np.ones((60, 80), bool)
     valid[30, 40] = False
     covered = cover(LinearImage(np.ones((60, 80, 3), np.float32), valid=valid), (40, 30))
@@ -46,7 +46,7 @@ def test_what_is_not_valid_stays_so():
     assert covered.valid.mean() > 0.98
 
 
-def test_no_size_at_all_is_refused():
+def test_rejects_empty_sizes():
     with pytest.raises(ValueError, match="1 or more"):
         cover(LinearImage(np.ones((4, 4, 3))), (0, 5))
 
@@ -57,14 +57,14 @@ def test_light_gain_is_the_ratio_of_mean_light():
     assert_allclose(light_gain(bright, plate), [3, 1, 0.25])
 
 
-def test_light_gain_leaves_out_what_is_not_valid():
+def test_light_gain_excludes_invalid_pixels():
     rgb = np.full((2, 2, 3), 0.5)
     rgb[0, 0] = 50
     valid = np.array([[False, True], [True, True]])
     assert_allclose(light_gain(LinearImage(rgb, valid=valid), LinearImage(np.ones((1, 1, 3)))), 0.5)
 
 
-def test_no_light_to_compare_with_is_refused():
+def test_light_gain_rejects_pictures_without_light():
     black, white = LinearImage(np.zeros((2, 2, 3))), LinearImage(np.ones((2, 2, 3)))
     with pytest.raises(ValueError, match="no light on average"):
         light_gain(white, black)

@@ -1,4 +1,4 @@
-"""How long each of two paints was there."""
+"""split_exposure: the fraction of the exposure for which each of two paints was in a pixel."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def solved(image, plate, noise):
 
 
 @pytest.mark.filterwarnings("ignore")  # all of the picture moves; nothing is left to compare with
-def test_the_split_of_exact_data_is_exact():
+def test_split_of_exact_data_is_exact():
     fraction, image, plate = two_paints()
     exposures = split_exposure(solved(image, plate, NoiseModel(read_std=1e-9)), RED, BLUE)
     assert exposures.known.mean() > 0.95
@@ -44,7 +44,7 @@ def test_the_split_of_exact_data_is_exact():
 
 
 @pytest.mark.filterwarnings("ignore")
-def test_brightness_that_both_paints_share_does_not_matter():
+def test_split_does_not_depend_on_common_brightness():
     _, image, plate = two_paints()
     solution = solved(image, plate, NOISE)
     one, two = (split_exposure(solution, s * RED, s * BLUE) for s in (1.0, 0.25))
@@ -53,7 +53,7 @@ def test_brightness_that_both_paints_share_does_not_matter():
 
 @pytest.mark.filterwarnings("ignore")
 def test_errors_are_no_larger_than_stated():
-    """Honest, as the bound that it says it is: 68 of 100 or more within one, and not far below."""
+    """Honest: the stated error is an upper bound; at least 68 of 100 errors are within it."""
     fraction, image, plate = two_paints((90, 60))
     rng = np.random.default_rng(2)
     noisy = [add_noise(light, NOISE, rng) for light in (image, plate)]
@@ -76,7 +76,7 @@ def test_unknown_pixels_have_fraction_0_and_infinite_std():
     assert not exposures.fraction[quality != 0].any()
 
 
-def test_door(paint):
+def test_rejects_wrong_arguments(paint):
     shape = (2, 2)
     solution = Solution(np.ones(shape), np.ones(shape), np.ones((*shape, 3)), np.ones((*shape, 3)),
                         np.zeros(shape, np.uint8), paint.model, "test")  # fmt: skip

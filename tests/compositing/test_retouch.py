@@ -1,4 +1,4 @@
-"""The picture is another where its object is, and the same where it is not."""
+"""Retouching changes the picture inside the streak only."""
 
 from dataclasses import replace
 
@@ -14,14 +14,14 @@ from blurmatte.streaks import Streak
 
 
 def exact(rendering):
-    """The closed form of exact data: noise far below rounding."""
+    """The closed form of exact data, with noise far below rounding."""
     little = NoiseModel(read_std=1e-9)
     image, plate = (p.with_noise(little) for p in (rendering.image, rendering.plate))
     streak = Streak(rendering.layer.alpha > 0)
     return image, plate, solve(image, plate, rendering.model, Pixelwise(), streak=streak)
 
 
-def test_a_layer_over_its_plate_is_the_image_and_over_another_the_scene_there(rendering):
+def test_unchanged_layer_gives_the_image_and_over_another_plate_the_scene_there(rendering):
     # exact, from the solution and not from the truth: 1/65535 and 1e-6
     image, plate, solution = exact(rendering)
     assert_allclose(solution.layer.over(plate).rgb, image.rgb, atol=1 / 65535)
@@ -30,14 +30,14 @@ def test_a_layer_over_its_plate_is_the_image_and_over_another_the_scene_there(re
     assert_allclose(solution.layer.over(other).rgb, truth, atol=1e-6)
 
 
-def test_nothing_changed_is_the_same_picture(rendering):
+def test_unchanged_layer_gives_the_same_picture(rendering):
     picture, changed = retouch(rendering.image, rendering.layer, rendering.layer)
     assert_array_equal(picture.rgb, rendering.image.rgb)
     assert not changed.any()
 
 
 @pytest.mark.parametrize("factor", [0.0, 0.5, 2.0])
-def test_fading_in_the_picture_is_fading_over_the_plate(rendering, factor):
+def test_fading_in_the_picture_equals_fading_over_the_plate(rendering, factor):
     # exact
     faded = rendering.layer.fade(factor)
     picture, changed = retouch(rendering.image, rendering.layer, faded, rendering.plate)
@@ -46,8 +46,8 @@ def test_fading_in_the_picture_is_fading_over_the_plate(rendering, factor):
     assert_array_equal(changed, rendering.layer.alpha > 0)
 
 
-def test_what_the_layer_does_not_explain_stays(paint):
-    """Grain and shadow of the picture are in the faded picture, too."""
+def test_residual_of_the_layer_is_kept(paint):
+    """Grain and shadow of the picture are in the faded picture."""
     grain = np.random.default_rng(3).normal(0, 0.01, paint.image.rgb.shape)
     image = replace(paint.image, rgb=paint.image.rgb + grain)
     faded = paint.layer.fade(0.5)
@@ -55,14 +55,14 @@ def test_what_the_layer_does_not_explain_stays(paint):
     assert_allclose(picture.rgb - faded.over(paint.plate).rgb, grain, atol=1e-12)
 
 
-def test_a_new_color_needs_no_plate(paint):
+def test_recoloring_needs_no_plate(paint):
     blue = paint.layer.recolor("#2040ff")
     without, _ = retouch(paint.image, paint.layer, blue)
     with_plate, _ = retouch(paint.image, paint.layer, blue, paint.plate)
     assert_allclose(without.rgb, with_plate.rgb, atol=1e-12)
 
 
-def test_removed_is_the_plate_within_and_the_image_outside(rendering):
+def test_removal_gives_the_plate_inside_and_the_image_outside(rendering):
     # exact: bit-identical outside; the plate itself inside
     streak = rendering.layer.alpha > 0
     picture, changed = remove(rendering.image, rendering.plate, streak)
@@ -71,7 +71,7 @@ def test_removed_is_the_plate_within_and_the_image_outside(rendering):
     assert_array_equal(picture.rgb[~streak], rendering.image.rgb[~streak])
 
 
-def test_what_the_plate_does_not_know_is_not_removed(paint):
+def test_pixels_unknown_in_the_plate_are_not_removed(paint):
     streak = paint.layer.alpha > 0
     valid = np.ones_like(streak)
     y, x = (part[0] for part in np.nonzero(streak))
@@ -82,7 +82,7 @@ def test_what_the_plate_does_not_know_is_not_removed(paint):
     assert_array_equal(picture.rgb[y, x], paint.image.rgb[y, x])
 
 
-def test_door(paint):
+def test_rejects_wrong_arguments(paint):
     layer, image = paint.layer, paint.image
     with pytest.raises(ValueError, match="give the plate"):
         retouch(image, layer, layer.fade(0.5))

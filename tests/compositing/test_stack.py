@@ -1,4 +1,4 @@
-"""Many layers are put over a plate as one."""
+"""stack: many layers as one."""
 
 from itertools import pairwise
 
@@ -24,7 +24,7 @@ def flights():
         yield render(Scene(plate, Trajectory.line(start, end), ball))
 
 
-def test_stacked_layers_are_put_over_one_after_another():
+def test_stack_equals_layers_over_one_another():
     # oracle
     shots = list(flights())
     picture = shots[0].plate
@@ -34,8 +34,8 @@ def test_stacked_layers_are_put_over_one_after_another():
     assert_allclose(together.over(shots[0].plate).rgb, picture.rgb, atol=1e-12)
 
 
-def test_a_long_exposure_is_the_scene_exposed_for_so_long():
-    """Exact: exposed three times as long, the renderer gets the same picture, as far as it samples."""
+def test_long_exposure_equals_a_rendering_of_that_exposure():
+    """Exact up to time sampling: three contiguous exposures equal one of three times the length."""
     shots = list(flights())
     whole = long_exposure(shot.layer for shot in shots)
     truth = render(Scene(shots[0].plate.rgb, Trajectory.line(STOPS[0], STOPS[-1]),
@@ -44,13 +44,13 @@ def test_a_long_exposure_is_the_scene_exposed_for_so_long():
     assert_allclose(whole.over(truth.plate).rgb, truth.image.rgb, atol=2e-3)
 
 
-def test_one_layer_is_itself(paint):
+def test_stack_of_one_layer_is_the_layer(paint):
     for verb in (stack, long_exposure):
         assert_allclose(verb([paint.layer]).premultiplied, paint.layer.premultiplied, atol=1e-15)
 
 
-def test_only_one_layer_is_held(paint):
-    """Invariant: each layer may be gone when the next one is made."""
+def test_one_layer_is_in_memory_at_a_time(paint):
+    """Invariant: a layer may be released before the next is made."""
     made = []
 
     def layers():
@@ -66,7 +66,7 @@ def test_only_one_layer_is_held(paint):
     assert_allclose(whole.alpha, paint.layer.alpha, atol=1e-15)
 
 
-def test_door(paint):
+def test_rejects_wrong_arguments(paint):
     for verb in (stack, long_exposure):
         with pytest.raises(ValueError, match="there are no layers"):
             verb([])
@@ -74,8 +74,8 @@ def test_door(paint):
             verb([paint.layer, paint.layer.crop((0, 0, 5, 5))])
 
 
-def test_layers_of_light_are_no_pictures():
-    """Alpha of a stack never passes 1, and light without alpha adds up."""
+def test_light_without_alpha_is_added():
+    """Alpha of a stack is at most 1."""
     full = Layer(np.ones((1, 1)), np.full((1, 1, 3), 0.5))
     glow = Layer(np.zeros((1, 1)), np.full((1, 1, 3), 0.25))
     assert_allclose(stack([full, full, glow]).over(LinearImage(np.ones((1, 1, 3)))).rgb, 0.75)

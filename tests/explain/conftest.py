@@ -1,4 +1,4 @@
-"""Solutions whose words are looked at."""
+"""Solutions to be explained."""
 
 from dataclasses import replace
 

@@ -1,4 +1,4 @@
-"""What else fits, in words."""
+"""Sentences about alternatives."""
 
 import pytest
 
@@ -47,8 +47,8 @@ def test_interval_of_a_large_error_ends_at_zero(solution):
     )
 
 
-def test_hypotheses_that_agree_are_not_named(solution):
-    """exact: but they are listed."""
+def test_equal_hypotheses_are_listed_but_not_named(solution):
+    """exact"""
     same = {**LIKELY, "alpha_factor": 1.01, "alpha_difference": 0.004}
     found = graded(solution, OWN, same)
     assert len(alternatives_of(found)) == 2
@@ -66,5 +66,5 @@ def test_hypotheses_that_agree_are_not_named(solution):
     ],
     ids=["confirmed", "none compared", "no grade"],
 )
-def test_nothing_to_say(solution, stats):
+def test_solutions_without_alternatives_have_no_sentence(solution, stats):
     assert alternatives_in_words(solution(**stats)) == []

@@ -1,4 +1,4 @@
-"""Colors in words."""
+"""Sentences about colors."""
 
 import numpy as np
 
@@ -6,7 +6,7 @@ from blurmatte.color import ColorModel
 from blurmatte.explain import explain
 
 
-def test_a_given_color():
+def test_given_color_is_named():
     assert explain(ColorModel.from_hex("#ff0000")) == [
         "One paint and its shades: all multiples of the linear RGB color (1.000, 0.000, 0.000).",
         "The color was given, not measured.",
@@ -14,12 +14,12 @@ def test_a_given_color():
     assert explain(ColorModel.from_hex("#ff0000", "#0000ff"))[0].startswith("Two paints")
 
 
-def test_any_colors_are_called_so():
+def test_any_colors_are_named():
     (said,) = explain(ColorModel.any())
     assert "shape" in said
 
 
-def test_what_else_the_color_may_be():
+def test_range_of_possible_colors_is_named():
     basis = ColorModel.from_hex("#d8a03c").basis
     covariance = 0.02**2 * (np.eye(3) - basis @ basis.T)
     said = explain(ColorModel(basis, covariance, {"shape": 1.1}))[-1]

@@ -1,4 +1,4 @@
-"""Curves in words."""
+"""Sentences about transfer curves."""
 
 from dataclasses import replace
 
@@ -15,7 +15,7 @@ def test_a_curve_is_compared_with_the_nearest_named_one():
     assert said[1] == "Light 0, 0.4281 and 2 at code values 0, 1/2 and 1."
 
 
-def test_a_measured_curve_tells_its_error_and_channels_that_disagree():
+def test_measured_curve_has_an_error_and_names_disagreeing_channels():
     fit = ResponseFit(
         SRGB,
         np.linspace(0.02, 0, 256),

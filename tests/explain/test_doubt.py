@@ -1,4 +1,4 @@
-"""What nobody should overlook."""
+"""Warnings about a solution."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from blurmatte.explain import doubts, explain
 from blurmatte.matting import Quality
 
 
-def test_an_impossible_sum_is_called_so(solution):
+def test_impossible_sum_gives_a_warning(solution):
     nothing = solution(sum_alpha=-50.0, sum_alpha_std=2.0)
     (doubt,) = doubts(nothing)
     assert doubt.startswith("Alpha adds up to -50, no more than nothing: what moved here does not")
@@ -17,7 +17,7 @@ def test_an_impossible_sum_is_called_so(solution):
     assert "the area" not in " ".join(explain(nothing))
 
 
-def test_a_sound_solution_leaves_no_doubt(changed):
+def test_good_solution_has_no_warning(changed):
     assert doubts(changed()) == []
     assert doubts(changed(quality=(2, Quality.MISFIT))) == []
     assert doubts(changed(alpha=(10, 1.05))) == []  # noise may do that
@@ -37,25 +37,25 @@ def test_a_sound_solution_leaves_no_doubt(changed):
         (Quality.MISFIT, "40% of the streak does not fit the color"),
     ],
 )
-def test_a_large_flagged_part_is_a_doubt(changed, flag, says):
+def test_large_flagged_fraction_gives_a_warning(changed, flag, says):
     some = changed(quality=(4, flag))
     unknown = (some.quality & Quality.SATURATED) != 0
     (doubt,) = doubts(replace(some, alpha_std=np.where(unknown, np.inf, some.alpha_std)))
     assert doubt.startswith(says)
 
 
-def test_clipped_pixels_that_are_known_are_no_doubt(changed):
+def test_known_clipped_pixels_give_no_warning(changed):
     assert doubts(changed(quality=(4, Quality.SATURATED))) == []
 
 
-def test_what_may_all_be_a_shadow_is_the_doubt_of_all(solution):
+def test_possible_shadow_is_the_only_warning(solution):
     (doubt,) = doubts(solution(may_be_shadow=True))
     assert doubt.startswith(
         "Only light was lost: all of this may be a shadow, or an object that is"
     )
 
 
-def test_alpha_that_cannot_be_is_a_doubt(changed):
+def test_impossible_alpha_gives_a_warning(changed):
     (above,) = doubts(changed(alpha=(1, 1.5)))
     assert above.startswith("Alpha goes up to 1.50, which cannot be (above 1 in 10.0% of the")
     (below,) = doubts(changed(alpha=(1, -0.5)))

@@ -1,10 +1,10 @@
-"""What can be explained."""
+"""explain: which objects it accepts."""
 
 import pytest
 
 from blurmatte.explain import explain
 
 
-def test_other_things_are_refused():
+def test_rejects_other_types():
     with pytest.raises(TypeError, match="got int"):
         explain(3)

@@ -1,4 +1,4 @@
-"""The grade in words."""
+"""Sentences about the grade."""
 
 import pytest
 
@@ -8,7 +8,7 @@ from blurmatte.matting import Grade
 REASONS = "color", "shape", "noise", "file", "size", "disagreement"
 
 
-def test_no_grade_has_no_sentence(solution):
+def test_missing_grade_has_no_sentence(solution):
     assert grade_in_words(solution()) == []
     assert explain(solution())[0] == "Alpha up to 0.30."
 
@@ -32,7 +32,7 @@ def test_no_grade_has_no_sentence(solution):
     ],
 )
 def test_grade_with_errors_and_reasons(solution, grade, reasons, says):
-    """Exact: what the grade is, how large the errors are, and why."""
+    """Exact: the grade, its errors and its reasons."""
     stats = {"grade": grade, "alpha_error": 0.0123, "alpha_scale_std": 0.02}
     graded = solution(**stats, grade_reasons=reasons)
     assert grade_in_words(graded) == [says]
@@ -40,19 +40,19 @@ def test_grade_with_errors_and_reasons(solution, grade, reasons, says):
 
 
 @pytest.mark.parametrize("grade", list(Grade))
-def test_grade_without_numbers_is_still_a_sentence(solution, grade):
+def test_grade_without_errors_has_a_sentence(solution, grade):
     (said,) = grade_in_words(solution(grade=str(grade)))
     assert said.startswith(f"{grade}: ")
     assert len(said) > len(f"{grade}: ")
 
 
 @pytest.mark.parametrize("reason", REASONS)
-def test_every_reason_has_words(solution, reason):
+def test_every_reason_has_a_text(solution, reason):
     (said,) = grade_in_words(solution(grade="assumed", grade_reasons=(reason,)))
     assert len(said.split()) > 4
 
 
-def test_scale_alone_is_a_factor(solution):
+def test_error_of_the_scale_is_stated_as_a_factor(solution):
     (said,) = grade_in_words(solution(grade="assumed", alpha_scale_std=0.25))
     assert said == "assumed: alpha is known up to a factor of 1 ± 0.25"
     (said,) = grade_in_words(solution(grade="assumed", alpha_scale_std=0.0, alpha_error=0.08))

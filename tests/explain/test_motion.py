@@ -71,6 +71,6 @@ def test_speed_in_words(speed, said):
     assert said in " ".join(explain(speed))
 
 
-def test_given_line_time_is_not_asked_for():
+def test_no_line_time_is_requested_if_given():
     """Exact."""
     assert "rolling" not in " ".join(explain(motion_of(*LINE).speed(line_time=0)))

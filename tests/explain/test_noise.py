@@ -1,4 +1,4 @@
-"""Noise in words."""
+"""Sentences about noise."""
 
 import numpy as np
 

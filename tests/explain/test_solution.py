@@ -1,4 +1,4 @@
-"""Solutions in words."""
+"""Sentences about solutions."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def test_occluders_are_stated(changed):
     assert "behind something still 10.0%" in said
 
 
-def test_samples_are_only_as_good_as_the_pixels_that_were_picked(solution):
+def test_samples_name_their_pixels_as_the_source_of_error(solution):
     picked = ColorModel.from_samples(np.array([[0.8, 0.4, 0.1], [0.81, 0.4, 0.1]]))
     said = " ".join(explain(replace(solution(sum_alpha=100.0), model=picked)))
     assert "if the sampled pixels show nothing but the object: the area" in said

@@ -1,4 +1,4 @@
-"""Sweeps in words."""
+"""Sentences about sweeps."""
 
 from dataclasses import asdict, replace
 
@@ -13,13 +13,13 @@ from blurmatte.sweep.model.silhouette import DISC
 
 
 def disc_on_arc(**fields):
-    """What stats hold of a disc on an arc."""
+    """Stats of a disc on an arc."""
     sweep = {"path": "arc", "radius": 18.0, "radius_std": 0.03, "silhouette": "disc"}
     sweep |= {"length": 177.0, "diagnostics": asdict(Diagnostics(residual_excess=1.13))}
     return sweep | fields
 
 
-def test_residuals_say_how_well_a_shape_explains_the_streak(solution):
+def test_quality_of_fit_is_stated(solution):
     said = explain(replace(solution(sweep=disc_on_arc()), solver="Swept()"))
     assert (
         "A disc of radius 18.00 ± 0.03 px on an arc of 177 px explains the streak; residuals in it "
@@ -46,7 +46,7 @@ def test_rejected_shape_explains_only_a_part(solution):
     assert "residuals" not in said
 
 
-def test_smaller_weight_of_a_shape_is_said(solution):
+def test_smaller_weight_of_a_shape_is_stated(solution):
     shadow = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
     averaged = solution(sweep=disc_on_arc(shadow=shadow), weights=(0.2, 0.05, 0.75))
     assert shape_is_likeliest(replace(averaged, solver="Swept()"))
@@ -59,7 +59,7 @@ def test_smaller_weight_of_a_shape_is_said(solution):
     assert "Its shadow" not in " ".join(explain(smooth))
 
 
-def test_cast_shadow_is_described_and_no_doubt(solution):
+def test_cast_shadow_is_described_without_a_warning(solution):
     shadow = {"offset": (-6.0, 8.0), "softness": 3.0, "strength": (0.4, 0.5, 0.6)}
     solved = solution(sweep=disc_on_arc(shadow=shadow))
     assert (
@@ -76,7 +76,7 @@ def test_cast_shadow_is_described_and_no_doubt(solution):
 
 
 @pytest.mark.parametrize(("softness", "said"), [(0.0, False), (0.4, False), (3.62, True)])
-def test_rim_out_of_focus_is_said_where_it_is_seen(solution, softness, said):
+def test_soft_rim_is_stated_if_significant(solution, softness, said):
     words = "The lens blurs its rim by 3.6 px: it was not in focus as the plate is."
     assert (words in explain(solution(sweep=disc_on_arc(softness=softness)))) == said
 
@@ -94,6 +94,6 @@ def test_rim_out_of_focus_is_said_where_it_is_seen(solution, softness, said):
         ("outline of order 6", "A shape with the area of a disc"),
     ],
 )
-def test_a_shape_is_said_to_turn_and_to_change(solution, silhouette, words):
+def test_rotation_and_change_of_the_shape_are_stated(solution, silhouette, words):
     said = explain(solution(sweep=disc_on_arc(silhouette=silhouette)))
     assert words in " ".join(said)

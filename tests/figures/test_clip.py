@@ -1,4 +1,4 @@
-"""draw_clip: each of several objects has its color, one alone is drawn as ever."""
+"""draw_clip: each of several objects has a color; one object has the default color."""
 
 from dataclasses import replace
 
@@ -24,13 +24,13 @@ def row(k, number, y, doubts=""):
 
 
 def rows_with(sheet, color):
-    """Where on the picture a color is, not on the charts below."""
+    """Rows of the picture that contain a color, without the charts below."""
     return np.flatnonzero((sheet[:850] == color).all(axis=-1).any(axis=1))
 
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_objects_have_different_colors(count):
-    """Exact: the second one lies lower; of one alone nothing is in the colors of several."""
+    """Exact: the second is lower; a single object has no color of several."""
     rows = [row(k, n + 1, 25.0 + 40 * n) for k in range(5) for n in range(count)]
     sheet = draw_clip(PLATE, rows)
     assert sheet.shape[1] == 1800
@@ -42,7 +42,7 @@ def test_objects_have_different_colors(count):
 
 
 def test_doubted_frames_are_dashed():
-    """Exact: nothing bright nor an ellipse is left where all are in doubt, and some where one is."""
+    """Exact: doubtful frames have neither bright lines nor ellipses."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
     bright = [
         np.sum((draw_clip(PLATE, way)[100:850] == Palette.bright).all(axis=-1))
@@ -55,13 +55,13 @@ def test_doubted_frames_are_dashed():
     assert len(rows_with(one, Palette.other)) > 0
 
 
-def test_nothing_found_is_drawn_too():
+def test_clip_without_detections_is_drawn():
     """Exact: the plate alone."""
     assert draw_clip(PLATE, [FrameMotion(0, None, None, reason="nothing moved")]).shape[1] == 1800
 
 
 def test_places_in_space_have_a_chart_of_depth():
-    """Exact: three charts instead of two, also where places or speeds are missing."""
+    """Exact: three charts instead of two, also if positions or speeds are missing."""
     rows, V = [row(k, 1, 45.0) for k in range(5)], 1e-4 * np.eye(3)
     there = [BallPlace(k, k / 30, 1, np.array([0, 0, 2 + 0.1 * k]), V, V, 0.01) for k in range(4)]
     moving = [replace(ball, velocity=np.ones(3), velocity_covariance=V) for ball in there]
@@ -75,7 +75,7 @@ def test_places_in_space_have_a_chart_of_depth():
 
 
 def charts_in(sheet):
-    """How many frames of charts a row of the sheet crosses below the picture: pairs of dark lines."""
+    """Number of charts below the picture, counted as pairs of dark lines."""
     white = (sheet == 255).all(axis=-1).sum(axis=1) > 900
     chart = sheet[np.flatnonzero(white)[len(np.flatnonzero(white)) // 5 :]]
     dark = (chart < 30).all(axis=-1).mean(axis=0) > 0.6

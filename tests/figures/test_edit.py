@@ -1,4 +1,4 @@
-"""Sheets of edits, and quick looks."""
+"""Sheets of edits, and previews."""
 
 import numpy as np
 import pytest
@@ -19,7 +19,7 @@ def panels_of(sheet, pixels):
     return min(found)
 
 
-def test_the_pictures_are_on_the_sheet(paint):
+def test_sheet_contains_the_pictures(paint):
     edited = paint.layer.recolor("#00ff00").fade(3)
     after = edited.over(paint.plate)
     sheet = draw_edit(paint.layer, edited, paint.image, after, "fade 3")
@@ -31,7 +31,7 @@ def test_the_pictures_are_on_the_sheet(paint):
 
 @pytest.mark.parametrize("size", [(192, 128), (400, 90), (90, 128)])
 def test_before_and_after_are_side_by_side(size):
-    """Exact: whatever their shape, in the same rows, as wide as half of the sheet or 720 high."""
+    """Exact: in the same rows, half of the sheet wide or 720 pixels high."""
     alpha = np.zeros(size[::-1])
     alpha[30:50, 30:50] = 0.5
     layer = Layer(alpha, alpha[..., None] * [1.0, 0, 0])
@@ -46,21 +46,21 @@ def test_before_and_after_are_side_by_side(size):
     assert places[1][1] - places[0][1] == 846 + 28
 
 
-def test_layers_alone_and_an_empty_one_are_drawn(paint):
+def test_layers_without_pictures_and_empty_layers_are_drawn(paint):
     removed = draw_edit(paint.layer, paint.layer.fade(0))
     assert removed.shape[1] == 1800
     with_pictures = draw_edit(paint.layer, EMPTY, paint.image, paint.plate)
     assert with_pictures.shape[0] > removed.shape[0]
 
 
-def test_a_look_at_anything(paint):
+def test_preview_accepts_every_kind(paint):
     for thing in (paint.image, paint.layer, EMPTY):
         assert draw_look(thing).shape[1] == 1800
     camera = LinearImage(paint.image.rgb, meta=Meta("x.png"))
     assert panels_of(draw_look(camera), srgb_codes(paint.image.rgb))
 
 
-def test_door(paint):
+def test_rejects_wrong_arguments(paint):
     with pytest.raises(ValueError, match="both layers are empty"):
         draw_edit(EMPTY, EMPTY)
     with pytest.raises(ValueError, match="same size"):

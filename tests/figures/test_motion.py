@@ -1,4 +1,4 @@
-"""draw_motion: the path and the outlines are drawn where they were."""
+"""draw_motion: path and outlines in their places."""
 
 import numpy as np
 import pytest
@@ -33,8 +33,8 @@ def solution_of(alpha, sweep):
 
 
 @pytest.mark.parametrize("sweep", [SWEEP, None], ids=["sweep", "moments"])
-def test_a_motion_is_drawn_where_it_was(sweep):
-    """Exact: path and outlines together are as wide and as high as the streak."""
+def test_path_and_outlines_cover_the_streak(sweep):
+    """Exact: together they are as wide and as high as the streak."""
     solution = solution_of(SWEEP.alpha, sweep)
     motion = measure_motion(solution)
     image = LinearImage(np.full((SIZE[1], SIZE[0], 3), 0.1))
@@ -45,7 +45,7 @@ def test_a_motion_is_drawn_where_it_was(sweep):
     assert np.ptp(x) / np.ptp(y) == pytest.approx((50 + 12) / (10 + 12), rel=0.03)
 
 
-def test_another_picture_is_refused():
+def test_rejects_another_picture():
     """Door."""
     solution = solution_of(SWEEP.alpha, SWEEP)
     with pytest.raises(ValueError, match="image is 20x10 pixels and solution 120x90"):

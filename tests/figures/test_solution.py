@@ -33,7 +33,7 @@ def solved(size, start, end, radius=6, region=None, name="image.png"):
 
 
 def texts(monkeypatch):
-    """Everything that is written on sheets from now on, with the room it takes."""
+    """All texts drawn on sheets from now on, with their boxes."""
     from PIL import ImageDraw
 
     written = []
@@ -61,7 +61,7 @@ def texts(monkeypatch):
         ((30, 400), (15, 20), (15, 60), None),
     ],
 )
-def test_every_size_and_place_is_shown(monkeypatch, size, start, end, region):
+def test_streaks_of_every_size_and_position_are_drawn(monkeypatch, size, start, end, region):
     written = texts(monkeypatch)
     sheet = draw_overview(*solved(size, start, end, region=region))
     assert sheet.dtype == np.uint8
@@ -83,7 +83,7 @@ def test_a_tall_streak_fills_its_columns(monkeypatch):
     assert "THE STREAK, 4X ENLARGED" in [words for words, _ in written]
 
 
-def test_what_the_border_takes_the_far_side_gets():
+def test_crop_at_the_border_is_extended_on_the_other_side():
     _, _, solution = solved((400, 120), (390, 60), (399, 60))
     rows, columns = _surroundings(solution, _layout(solution))
     assert columns.stop == 400
@@ -92,7 +92,7 @@ def test_what_the_border_takes_the_far_side_gets():
     assert 0 < rows.start < rows.stop < 120
 
 
-def test_doubts_stand_out():
+def test_warnings_are_highlighted():
     image, plate, good = solved((120, 90), (30, 40), (80, 50))
     bad = replace(good, alpha=good.alpha * 5)
     orange = [np.count_nonzero((draw_overview(image, plate, s)[:700, 1000:] == Palette.warning).all(-1))
@@ -134,8 +134,8 @@ def alternatives(count, weight=0.2):
 
 @pytest.mark.parametrize("size", [(120, 90), (400, 60), (60, 400)])
 @pytest.mark.parametrize("count", [1, 5])
-def test_swatches_of_what_else_fits(monkeypatch, size, count):
-    """exact: each color with its factor of alpha below, side by side."""
+def test_alternatives_have_swatches(monkeypatch, size, count):
+    """exact: each color with its factor of alpha below, in a row."""
     image, plate, solution = solved(size, (30, 30), (40, 40))
     others = alternatives(count)
     stats = {"grade": "assumed", "alpha_scale_std": 0.2, "alternatives": others}
@@ -156,7 +156,7 @@ def test_swatches_of_what_else_fits(monkeypatch, size, count):
 
 
 @pytest.mark.parametrize("grade", ["confirmed", None])
-def test_no_swatches_if_confirmed_or_without_a_grade(monkeypatch, grade):
+def test_confirmed_and_ungraded_solutions_have_no_swatches(monkeypatch, grade):
     image, plate, solution = solved((120, 90), (30, 40), (80, 50))
     stats = {**solution.stats, "alternatives": alternatives(3)}
     written = texts(monkeypatch)
@@ -196,7 +196,7 @@ def test_a_large_picture_is_reduced():
     assert draw_overview(image, plate, solution).shape[1] == 1800
 
 
-def test_captions_do_not_lie_on_each_other(monkeypatch):
+def test_captions_do_not_overlap(monkeypatch):
     written = texts(monkeypatch)
     draw_overview(*solved((120, 90), (30, 40), (80, 50), name="a long name " * 12 + "猫.png"))
     boxes = [box for _, box in written]
@@ -229,7 +229,7 @@ def test_faint_streaks_are_shown_white(monkeypatch):
     assert white < 0.12
 
 
-def test_what_is_unknown_everywhere_is_still_drawn():
+def test_solution_without_known_pixels_is_drawn():
     image, plate, _ = solved((60, 40), (20, 20), (40, 20))
     gray = ColorModel.from_samples(plate.rgb[20:22, 20:22].reshape(-1, 3), std=1e-3)
     unknown = solve(image, plate, gray, Pixelwise(1e-9), streak=Streak(np.ones((40, 60), bool)))
@@ -237,7 +237,7 @@ def test_what_is_unknown_everywhere_is_still_drawn():
     assert draw_overview(image, plate, unknown).shape[1] == 1800
 
 
-def test_sizes_must_agree():
+def test_rejects_different_sizes():
     image, plate, solution = solved((60, 40), (20, 20), (40, 20))
     with pytest.raises(ValueError, match="same size"):
         draw_overview(image, LinearImage(plate.rgb[:30]), solution)

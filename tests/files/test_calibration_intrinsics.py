@@ -23,15 +23,15 @@ def test_intrinsics_round_trip(tmp_path):
 
 
 def test_std_alone_gives_a_diagonal_covariance(tmp_path):
-    """exact: standard deviations, and nothing else but the first four numbers."""
+    """exact: standard deviations of the first four numbers."""
     path = tmp_path / "cam.json"
     path.write_text(json.dumps({"fx": 800, "fy": 801, "cx": 3, "cy": 4, "std": [1, 2, 3, 4]}))
     assert_allclose(bm.read_intrinsics(path).std, [1, 2, 3, 4])
 
 
 @pytest.mark.parametrize("storage", [True, False], ids=["FileStorage", "lists"])
-def test_a_calibration_of_opencv(tmp_path, storage):
-    """oracle: as OpenCV itself writes it; zeros for richer models are nothing."""
+def test_calibration_of_opencv_is_read(tmp_path, storage):
+    """oracle: as written by OpenCV; zeros of richer models are ignored."""
     path, K = tmp_path / "cam.json", np.array([[800.0, 0, 320], [0, 790, 240], [0, 0, 1]])
     k = np.array([[0.1, -0.2, 1e-3, 2e-3, 0.3]])
     if storage:

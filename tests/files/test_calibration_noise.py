@@ -28,7 +28,7 @@ def test_noise_model_round_trips_exactly(tmp_path):
 
 
 def test_noise_fit_round_trips_with_its_rounding(tmp_path):
-    """Exact; its errors are there for people."""
+    """Exact; its errors are for information."""
     write(tmp_path / "noise.json", fit())
     assert read_noise(str(tmp_path / "noise.json")) == fit().noise
     fields = json.loads((tmp_path / "noise.json").read_text())

@@ -24,7 +24,7 @@ FIT = bm.ResponseFit(
 
 @pytest.mark.parametrize("thing", [FIT, FIT.transfer])
 def test_transfer_table_round_trips(tmp_path, thing):
-    """Exact: a table of our own length has every digit."""
+    """Exact: a table of the usual length has every digit."""
     bm.write(tmp_path / "c.json", thing)
     back = bm.read_transfer(tmp_path / "c.json")
     assert back.name == "mine"
@@ -42,7 +42,7 @@ def test_any_curve_can_be_written(tmp_path):
 
 
 def test_every_field_of_a_response_fit_is_written(tmp_path):
-    """Exact: what was found is in the file for people and programs."""
+    """Exact."""
     bm.write(tmp_path / "c.json", FIT)
     fields = json.loads((tmp_path / "c.json").read_text(), parse_constant=pytest.fail)
     names = {field.name for field in dataclasses.fields(bm.ResponseFit)}
@@ -82,7 +82,7 @@ def test_other_content_is_rejected(tmp_path, content, says):
 
 
 def test_curves_and_color_models_are_distinguished(tmp_path):
-    """Door: each reader says what the other's file is."""
+    """Door: each reader names the kind of the other file."""
     curve, model = tmp_path / "curve.json", tmp_path / "model.json"
     bm.write(curve, bm.SRGB)
     bm.write(model, bm.ColorModel.from_hex("#d8ff3c"))

@@ -35,7 +35,7 @@ def scene(seed=0):
 
 
 def camera_exif(orientation=1):
-    """What a camera writes, with notes of its own."""
+    """EXIF of a camera with a maker note."""
     exif = Image.Exif()
     exif[0x010F], exif[0x0110], exif[ORIENTATION] = "Example", "C1", orientation
     exif[0x0132] = "2024:05:06 09:00:00"
@@ -49,7 +49,7 @@ def camera_exif(orientation=1):
 
 
 def tags_by_pillow(path):
-    """The tags of a file by Pillow, without where its pixels are; EXIF and GPS apart."""
+    """The tags of a file read by Pillow, without the position of pixels; EXIF and GPS separate."""
     with Image.open(path) as file:
         exif = file.getexif()
         whole = {
@@ -63,7 +63,7 @@ def srgb_profile():
 
 
 def make(path, orientation=1, profile=None, **options):
-    """A picture with all that may be kept; a TIFF is made of the PNG, for Pillow drops its EXIF."""
+    """A picture with all metadata; a TIFF is converted from the PNG, because Pillow drops its EXIF."""
     profile = srgb_profile() if profile is None else profile
     picture = Image.fromarray(scene())
     common = {
@@ -87,7 +87,7 @@ def make(path, orientation=1, profile=None, **options):
 
 
 def edited(path, **options):
-    """The light of a file with a spot of another color, and where."""
+    """The light of a file with a spot of another color, and the mask of the spot."""
     image = read(path, **options)
     changed = np.zeros(image.valid.shape, bool)
     changed[11:30, 8:25] = True
@@ -97,7 +97,7 @@ def edited(path, **options):
 
 
 def codes_of(path):
-    """As stored."""
+    """Code values as stored."""
     if path.suffix == ".tif":
         return tifffile.imread(path)
     return cv2.imread(str(path), cv2.IMREAD_UNCHANGED | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -106,7 +106,7 @@ def codes_of(path):
 @pytest.mark.parametrize("target", EXTENSIONS)
 @pytest.mark.parametrize("source", EXTENSIONS)
 def test_metadata_is_kept(tmp_path, source, target):
-    """Exact: EXIF with a camera's notes, GPS, orientation, profile, XMP, resolution; by Pillow."""
+    """Exact, by Pillow: EXIF with maker note, GPS, orientation, profile, XMP, resolution."""
     original = make(tmp_path / f"o.{source}", orientation=6)
     path = tmp_path / f"new.{target}"
     write_changed(path, original, *edited(original))
@@ -124,7 +124,7 @@ def test_metadata_is_kept(tmp_path, source, target):
 @pytest.mark.parametrize("source", EXTENSIONS)
 @pytest.mark.parametrize("orientation", [1, 5, 6, 8])
 def test_unchanged_pixels_are_bit_identical(tmp_path, source, target, orientation):
-    """Exact: decoded code values; inside, what was asked to half a code value."""
+    """Exact: decoded code values; inside the mask, the requested light to half a code value."""
     original = make(tmp_path / f"o.{source}", orientation)
     picture, changed = edited(original)
     path = tmp_path / f"new.{target}"
@@ -155,7 +155,7 @@ def test_orientation_agrees_with_pillow(tmp_path, orientation):
 @pytest.mark.parametrize("subsampling", [0, 1, 2])
 @pytest.mark.parametrize("orientation", [1, 6])
 def test_unchanged_jpeg_blocks_decode_identically(tmp_path, subsampling, progressive, orientation):
-    """Exact: in Pillow, OpenCV and here; but for one pixel where chroma is interpolated."""
+    """Exact in Pillow, OpenCV and blurmatte, except one pixel where chroma is interpolated."""
     more = {"subsampling": subsampling, "progressive": progressive}
     original = make(tmp_path / "o.jpg", orientation, **more)
     picture, changed = edited(original)
@@ -177,7 +177,7 @@ def pillow_codes(path):
 
 
 def reached(stored, subsampling):
-    """The MCUs that hold a changed pixel, and two pixels (one sample of chroma) around them."""
+    """The MCUs with a changed pixel, dilated by two pixels (one chroma sample)."""
     width, height = ((8, 8), (16, 8), (16, 16))[subsampling]
     mask = np.zeros_like(stored)
     for y, x in np.argwhere(stored):
@@ -202,7 +202,7 @@ def test_changed_jpeg_blocks_have_the_given_light(tmp_path):
 
 
 def test_unchanged_picture_keeps_every_coefficient(tmp_path):
-    """Invariant: all of it changed to what it was is one more compression; none of it is none."""
+    """Invariant: a full mask compresses once more; an empty mask changes nothing."""
     original = make(tmp_path / "o.jpg", subsampling=2)
     image = read(original)
     write_changed(tmp_path / "n.jpg", original, image, np.zeros(image.valid.shape, bool))
@@ -241,8 +241,8 @@ def opencv_png(path, channels):
     )
 
 
-def test_gray_with_alpha_is_kept_by_another_program(tmp_path, make_png):
-    """Exact, and Pillow says what it is."""
+def test_gray_with_alpha_is_read_by_pillow(tmp_path, make_png):
+    """Exact, with its color type."""
     codes = np.random.default_rng(3).integers(30, 200, (20, 24, 2), dtype=np.uint8)
     (tmp_path / "o.png").write_bytes(make_png(codes, {b"sRGB": b"\0"}))
     image = read(tmp_path / "o.png")
@@ -299,8 +299,8 @@ def test_a_profile_with_other_primaries_is_inverted(tmp_path, curve, make_profil
             assert file.info["icc_profile"] == profile
 
 
-def test_the_chunks_of_a_png_stay(tmp_path, make_png):
-    """Exact: color, text, what nobody knows, in their order; gamma is inverted."""
+def test_chunks_of_a_png_are_kept(tmp_path, make_png):
+    """Exact: color, text and unknown chunks, in their order; gamma is inverted."""
     chunks = {
         b"gAMA": struct.pack(">I", 55556),
         b"pHYs": struct.pack(">2LB", 11811, 11811, 1),
@@ -322,8 +322,8 @@ def test_the_chunks_of_a_png_stay(tmp_path, make_png):
 
 @pytest.mark.parametrize("target", EXTENSIONS)
 @pytest.mark.parametrize("source", EXTENSIONS)
-def test_a_file_that_says_srgb_becomes_one_that_says_so(tmp_path, make_png, source, target):
-    """Exact: by EXIF or by a chunk, whichever the kind of file has; nobody has to guess."""
+def test_declaration_of_srgb_is_kept_in_every_format(tmp_path, make_png, source, target):
+    """Exact: by EXIF or by a chunk, depending on the format."""
     original = tmp_path / f"o.{source}"
     original.write_bytes(make_png(scene(), {b"sRGB": b"\0"}))
     if source != "png":
@@ -340,8 +340,8 @@ def test_a_file_that_says_srgb_becomes_one_that_says_so(tmp_path, make_png, sour
             assert file.getexif().get_ifd(EXIF_DIRECTORY)[0xA001] == 1
 
 
-def test_compressed_xmp_of_a_png_goes_along(tmp_path):
-    """Exact: into another kind of file, where it is not compressed."""
+def test_compressed_xmp_of_a_png_is_kept(tmp_path):
+    """Exact: uncompressed in another format."""
     text = PngInfo()
     text.add_itxt("XML:com.adobe.xmp", XMP.decode(), lang="en", zip=True)
     Image.fromarray(scene()).save(tmp_path / "o.png", pnginfo=text, icc_profile=srgb_profile())
@@ -351,8 +351,8 @@ def test_compressed_xmp_of_a_png_goes_along(tmp_path):
         assert file.info["xmp"] == XMP
 
 
-def test_a_color_key_becomes_alpha_once(tmp_path, make_png):
-    """Exact: what OpenImageIO reads as alpha is not said twice."""
+def test_color_key_is_replaced_by_alpha(tmp_path, make_png):
+    """Exact: alpha as read by OpenImageIO, without the color key."""
     codes = scene()
     codes[0, 0] = (1, 2, 3)
     key = struct.pack(">3H", 1, 2, 3)
@@ -365,8 +365,8 @@ def test_a_color_key_becomes_alpha_once(tmp_path, make_png):
 
 
 @pytest.mark.parametrize("form", [{"byteorder": ">"}, {"bigtiff": True}, {"tile": (16, 16)}])
-def test_any_form_of_tiff_keeps_its_tags(tmp_path, form):
-    """Exact: names, numbers of both kinds, notes of a camera; by tifffile."""
+def test_tags_of_every_form_of_tiff_are_kept(tmp_path, form):
+    """Exact, by tifffile: names, numbers of both kinds, maker notes."""
     tags = [(271, "s", 0, "Example", True), (33434, 5, 1, (1, 60), True), (274, "H", 1, 3, True)]
     original = tmp_path / "o.tif"
     tifffile.imwrite(
@@ -390,7 +390,7 @@ def test_any_form_of_tiff_keeps_its_tags(tmp_path, form):
 
 
 def with_thumbnail(exif, small):
-    """An EXIF block of Pillow with a second directory that holds a small picture."""
+    """An EXIF block of Pillow with a second directory that contains a thumbnail."""
     block = bytearray(exif.tobytes()[6:])
     order = "<" if block[:2] == b"II" else ">"
     (count,) = struct.unpack_from(order + "H", block, 8)
@@ -405,8 +405,8 @@ def with_thumbnail(exif, small):
 
 @pytest.mark.parametrize("target", EXTENSIONS)
 @pytest.mark.parametrize("source", ["png", "jpg"])
-def test_the_small_picture_of_the_old_one_is_gone(tmp_path, source, target):
-    """Exact: and nothing else of EXIF."""
+def test_thumbnail_is_removed(tmp_path, source, target):
+    """Exact: and no other EXIF data."""
     file = io.BytesIO()
     Image.fromarray(scene()[:16, :16]).save(file, "JPEG")
     small = file.getvalue()
@@ -421,7 +421,7 @@ def test_the_small_picture_of_the_old_one_is_gone(tmp_path, source, target):
         assert not after.getexif().get_ifd(ExifTags.IFD.IFD1)
 
 
-def test_an_index_of_more_pictures_is_gone(tmp_path):
+def test_multi_picture_index_is_removed(tmp_path):
     """Exact: further pictures are removed; other segments are kept."""
     data = make(tmp_path / "a.jpg").read_bytes()
     index = b"\xff\xe2\x00\x0aMPF\0\1\2\3\4"
@@ -435,7 +435,7 @@ def test_an_index_of_more_pictures_is_gone(tmp_path):
 
 
 @pytest.mark.parametrize("source", EXTENSIONS)
-def test_the_original_itself_may_be_written(tmp_path, source):
+def test_original_may_be_overwritten(tmp_path, source):
     """Exact: as if it were another file."""
     original = make(tmp_path / f"o.{source}")
     picture, changed = edited(original)
@@ -444,7 +444,7 @@ def test_the_original_itself_may_be_written(tmp_path, source):
     assert original.read_bytes() == (tmp_path / f"n.{source}").read_bytes()
 
 
-def test_a_file_that_does_not_tell_its_curve_is_taken_as_read_takes_it(tmp_path):
+def test_undeclared_curve_is_that_of_read_image(tmp_path):
     """Exact: with a warning, or with the given transfer."""
     Image.fromarray(scene()).save(tmp_path / "o.png")
     image = read(tmp_path / "o.png", LINEAR)
@@ -455,7 +455,7 @@ def test_a_file_that_does_not_tell_its_curve_is_taken_as_read_takes_it(tmp_path)
         write_changed(tmp_path / "n.png", tmp_path / "o.png", image, changed)
 
 
-def test_an_exr_holds_the_light_of_the_whole_picture(tmp_path):
+def test_exr_contains_the_light_of_the_whole_picture(tmp_path):
     """Exact: of JPEG and of EXR originals."""
     original = make(tmp_path / "o.jpg")
     picture, changed = edited(original)
@@ -469,7 +469,7 @@ def test_an_exr_holds_the_light_of_the_whole_picture(tmp_path):
 
 
 def test_gray_stays_gray(tmp_path):
-    """Exact: one channel, in every kind of file; color is refused."""
+    """Exact: one channel in every format; color is rejected."""
     for extension in EXTENSIONS:
         original = tmp_path / f"o.{extension}"
         Image.fromarray(scene()).convert("L").save(original)
@@ -489,7 +489,7 @@ def test_gray_stays_gray(tmp_path):
 
 
 def test_invalid_requests_raise_one_line_errors(tmp_path, make_png):
-    """Door: and what was there is there still."""
+    """Door: and existing files are unchanged."""
     original = make(tmp_path / "o.png")
     picture, changed = edited(original)
     kept = tmp_path / "kept.jpg"
@@ -523,7 +523,7 @@ def test_invalid_requests_raise_one_line_errors(tmp_path, make_png):
 
 
 def test_error_for_unsupported_jpeg_recommends_png(tmp_path):
-    """Door: a JPEG of red, green and blue. Into a PNG it goes."""
+    """Door: an RGB JPEG. Writing a PNG succeeds."""
     original = tmp_path / "o.jpg"
     Image.fromarray(scene()).save(original, keep_rgb=True)
     picture, changed = edited(original, transfer=SRGB)
@@ -533,8 +533,8 @@ def test_error_for_unsupported_jpeg_recommends_png(tmp_path):
     write_changed(tmp_path / "n.png", original, picture, changed, SRGB)
 
 
-def test_exif_that_is_too_long_for_a_jpeg(tmp_path):
-    """Door: a TIFF has room for more than the 64 kB of a segment."""
+def test_exif_too_long_for_a_jpeg_raises_an_error(tmp_path):
+    """Door: a TIFF may contain more than the 64 kB of a segment."""
     tag = (50000, "B", 70_000, bytes(70_000), True)
     tifffile.imwrite(tmp_path / "o.tif", scene(), photometric="rgb", extratags=[tag], metadata=None)
     picture, changed = edited(tmp_path / "o.tif", transfer=SRGB)
@@ -542,8 +542,8 @@ def test_exif_that_is_too_long_for_a_jpeg(tmp_path):
         write_changed(tmp_path / "n.jpg", tmp_path / "o.tif", picture, changed, SRGB)
 
 
-def test_broken_exif_stays_as_it_is(tmp_path):
-    """Door: cut at any place it is no reason to fail, and a JPEG keeps it as far as it makes sense."""
+def test_damaged_exif_does_not_prevent_writing(tmp_path):
+    """Door: truncated at any byte; a JPEG keeps the readable part."""
     whole = camera_exif().tobytes()
     for length in (6, 9, 14, 40, 100, 200, len(whole) - 3):
         segment = b"\xff\xe1" + struct.pack(">H", length + 2) + whole[:length]
@@ -560,8 +560,8 @@ def test_broken_exif_stays_as_it_is(tmp_path):
 
 
 @pytest.mark.parametrize("extension", EXTENSIONS)
-def test_a_file_is_there_whole_or_not_at_all(tmp_path, room_for, extension):
-    """Door: on a disk that is full the old file stays."""
+def test_full_disk_keeps_the_old_file(tmp_path, room_for, extension):
+    """Door."""
     original = make(tmp_path / f"o.{extension}")
     picture, changed = edited(original)
     write_changed(tmp_path / f"n.{extension}", original, picture, changed)  # compiled, and stored

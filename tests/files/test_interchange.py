@@ -1,7 +1,6 @@
-"""What blurmatte writes, read by other libraries and put together by other programs.
-
-The layers are those of every scene that comes with blurmatte, cut to the object. Whoever composites
-here has no line of code in common with `Layer.over`.
+"""Interchange: files of blurmatte, read by other libraries and composited by other programs. The
+layers are those of every named scene, cropped to the object. The compositing code shares nothing
+with `Layer.over`.
 """
 
 import re
@@ -35,7 +34,7 @@ needs_oiiotool = pytest.mark.skipif(
 
 
 def window(alpha):
-    """The place of SIZE around what is there."""
+    """The part of SIZE around the object."""
     corners = (np.flatnonzero(alpha.any(axis=axis))[[0, -1]] for axis in (1, 0))
     starts = (
         min(max(0, (first + last - side) // 2), whole - side)
@@ -46,8 +45,9 @@ def window(alpha):
 
 @pytest.fixture(scope="module")
 def scenes(tmp_path_factory):
-    """Name → layer and plate of every scene. Files do not mind that they are blurred in eight steps,
-    nor that the plates which take long to make are photographs here."""
+    """Name → layer and plate of every scene, with eight time steps and photographs as plates to save
+    time.
+    """
     found, path = {}, tmp_path_factory.mktemp("scenes") / "scene.toml"
     for name in scene_names():
         photo = '[plate]\nkind = "photo"\nname = "coffee"\n\n'
@@ -89,7 +89,7 @@ def composite(red_green_blue, alpha, plate):
 
 
 def white(layer):
-    """(H, W) where the layer's color is no brighter than white: integers hold no more."""
+    """(H, W) where the layer's color is at most white, as integers require."""
     return (layer.premultiplied <= layer.alpha[..., None]).all(axis=-1)
 
 
@@ -251,7 +251,7 @@ def check_prores(layer, alpha, colors, name):
     return np.abs(alpha - layer.alpha).max(), np.sqrt(np.mean(apart**2)), apart.max()
 
 
-def test_prores_by_hand(prores, scenes):
+def test_prores_agrees_with_the_formulas_of_rec_709(prores, scenes):
     """Oracle: the codes as FFmpeg decodes them, taken as straight Y'CbCr of Rec. 709."""
     worst = []
     for (name, (layer, _)), (colors, alpha) in zip(scenes.items(), planes(prores), strict=True):
@@ -259,7 +259,7 @@ def test_prores_by_hand(prores, scenes):
     print("ProRes by hand: alpha, rms and largest of colors", np.max(worst, axis=0))
 
 
-def test_prores_comes_back(prores, scenes):
+def test_prores_round_trips(prores, scenes):
     row = read_layers(prores)
     assert (len(row), row.size, row.rate) == (len(scenes), SIZE[::-1], 25)
     worst = []
@@ -271,7 +271,7 @@ def test_prores_comes_back(prores, scenes):
     assert np.array_equal(row[3].alpha, list(row[:5:3])[1].alpha)
 
 
-def test_what_a_prores_says_of_itself(prores):
+def test_prores_declares_its_colors(prores):
     with av.open(str(prores)) as clip:
         stream = clip.streams.video[0]
         context = stream.codec_context
@@ -289,7 +289,7 @@ def test_what_a_prores_says_of_itself(prores):
 
 
 def noisy(layer, plate, std, rng):
-    """What solving each pixel alone makes of it: alpha errs, and takes the plate's light along."""
+    """A layer of the closed form: alpha has noise, which adds light of the plate."""
     errs = std / 0.3 * rng.normal(size=layer.alpha.shape)
     light = layer.premultiplied + errs[..., None] * plate.rgb
     light += std * rng.normal(size=light.shape)
@@ -314,7 +314,7 @@ def save_exr(path, colors, alpha):
 
 
 def test_straight_exr_colors_are_rejected(tmp_path, scenes):
-    """Door: and what to do then helps."""
+    """Door: the suggested remedy works."""
     path = tmp_path / "a.exr"
     for name, (layer, plate) in scenes.items():
         color = layer.straight()
@@ -330,7 +330,7 @@ def test_straight_exr_colors_are_rejected(tmp_path, scenes):
         assert_allclose(read_layer(path).premultiplied, layer.premultiplied, atol=1e-6)
 
 
-def test_glows_and_lamps_are_no_mistake(tmp_path):
+def test_light_without_alpha_is_accepted_in_layers(tmp_path):
     # door: light without alpha around something opaque; light brighter than white; a fog of it
     y, x = np.mgrid[-60:60, -60:60]
     far = np.hypot(x, y)

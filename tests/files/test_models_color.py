@@ -23,13 +23,13 @@ def test_noise_model_round_trips_exactly(tmp_path, colors):
     assert back.to_srgb == to_srgb
 
 
-def test_no_field_is_forgotten():
+def test_every_field_is_written():
     """A new field of ColorModel must be written and read too."""
     names = {field.name for field in dataclasses.fields(ColorModel)}
     assert names == {"basis", "covariance", "evidence", "to_srgb"}
 
 
-def test_the_file_is_json_for_people_and_programs(tmp_path):
+def test_file_is_readable_json(tmp_path):
     write(tmp_path / "m.json", ColorModel.from_hex("#d8ff3c"))
     fields = json.loads((tmp_path / "m.json").read_text(), parse_constant=pytest.fail)
     assert fields["rank"] == 1
@@ -68,7 +68,7 @@ def test_missing_model_and_folder(tmp_path):
         read_color_model(tmp_path)
 
 
-def test_a_report_is_json_that_any_program_reads(tmp_path):
+def test_report_is_standard_json(tmp_path):
     report = {
         "größe": (np.int64(3), np.float32(0.5)),
         "open": [1.0, np.inf, -np.inf, np.nan],
@@ -86,7 +86,7 @@ def test_a_report_is_json_that_any_program_reads(tmp_path):
     }
 
 
-def test_a_report_of_other_things_is_refused(tmp_path):
+def test_report_rejects_other_types(tmp_path):
     with pytest.raises(TypeError, match="must hold numbers, text"):
         write(tmp_path / "r.json", {"a": object()})
     assert not (tmp_path / "r.json").exists()

@@ -9,7 +9,7 @@ from blurmatte.trajectory import Trajectory
 
 
 @pytest.mark.parametrize("radius", [None, 7.5])
-def test_a_path_comes_back(tmp_path, radius):
+def test_path_round_trips(tmp_path, radius):
     path = Trajectory.bounce((1, 2), (30.25, 4), (50, 1), at=0.3)
     write(tmp_path / "path.json", path_to_mapping(path, radius))
     again, size = read_path(tmp_path / "path.json")

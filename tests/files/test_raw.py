@@ -1,4 +1,4 @@
-"""Camera RAW, as DNGs that are written here and LibRaw must believe."""
+"""Camera RAW: DNG files that are written here, compared with LibRaw."""
 
 import sys
 from dataclasses import replace
@@ -48,7 +48,7 @@ def codes_of(mosaic):
 
 
 def by_libraw(path):
-    """LibRaw's own linear development, with everything off that bends or clips light."""
+    """LibRaw's own linear development, without curves and clipping."""
     with rawpy.imread(str(path)) as raw:
         codes = raw.postprocess(
             demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
@@ -63,7 +63,7 @@ def by_libraw(path):
 
 
 def slopes(shape=(48, 64)):
-    """(H, W, 3) light from 0.01 to 0.9 that a linear interpolation cannot miss."""
+    """(H, W, 3) light from 0.01 to 0.9, which linear interpolation reproduces exactly."""
     y, x = np.mgrid[0 : shape[0], 0 : shape[1]] / max(shape)
     return np.stack([0.01 + 0.6 * x, 0.05 + 0.4 * x + 0.5 * y, 0.9 - 0.7 * y], axis=-1)
 
@@ -72,7 +72,7 @@ def slopes(shape=(48, 64)):
 
 
 @pytest.mark.parametrize("name", BAYER)
-def test_light_comes_back_as_it_was(tmp_path, make_dng, make_mosaic, name):
+def test_light_round_trips(tmp_path, make_dng, make_mosaic, name):
     light = slopes()
     codes = codes_of(make_mosaic(light, BAYER[name]))
     image = read(make_dng(tmp_path / "a.dng", codes, BAYER[name]))
@@ -87,7 +87,7 @@ def test_flat_light_is_flat_to_the_border_behind_x_trans(tmp_path, make_dng, mak
     assert_allclose(image.rgb, light, atol=1e-4)
 
 
-def test_every_level_is_in_proportion(tmp_path, make_dng):
+def test_light_is_proportional_to_the_codes(tmp_path, make_dng):
     """Half the light is half the number, from black to white."""
     levels = np.linspace(0, 1, 97)
     codes = codes_of(512 + (16383 - 512) * levels).repeat(8).reshape(1, -1).repeat(24, axis=0)
@@ -104,7 +104,7 @@ def test_exposures_keep_their_ratio(tmp_path, make_dng, make_mosaic):
     assert_allclose(4 * short[INSIDE], long[INSIDE], atol=2e-4)
 
 
-def test_black_below_zero_stays(tmp_path, make_dng):
+def test_negative_noise_below_black_is_kept(tmp_path, make_dng):
     """Clipped noise would have a mean above black."""
     rng = np.random.default_rng(0)
     codes = codes_of(512 + rng.normal(0, 20, (200, 200)))
@@ -113,8 +113,8 @@ def test_black_below_zero_stays(tmp_path, make_dng):
     assert_allclose(rgb.mean(axis=(0, 1)) * (16383 - 512), 0, atol=20 / 50)
 
 
-def test_each_color_has_its_own_black(tmp_path, make_dng):
-    """And all one scale, that of the highest black [DNG 1.4 ch. 5]."""
+def test_each_color_has_its_black_level(tmp_path, make_dng):
+    """All have one scale, that of the highest black level [DNG 1.4 ch. 5]."""
     black = np.array([[500, 600], [700, 400]])
     codes = black + 3000
     codes = np.tile(codes, (12, 12)).astype(np.uint16)
@@ -123,7 +123,7 @@ def test_each_color_has_its_own_black(tmp_path, make_dng):
 
 
 @pytest.mark.parametrize("black", [(500.25, 600.5, 700.75, 400.0), (528.75,) * 4])
-def test_black_may_lie_between_two_codes(tmp_path, make_dng, black):
+def test_black_level_may_be_fractional(tmp_path, make_dng, black):
     codes = np.tile(np.array([[1000, 2000], [3000, 4000]], np.uint16), (12, 12))
     rgb = read(make_dng(tmp_path / "a.dng", codes, black=black, white=10_700)).rgb
     exact = (codes[:2, :2] - np.reshape(black, (2, 2))) / (10_700 - max(black))
@@ -132,7 +132,7 @@ def test_black_may_lie_between_two_codes(tmp_path, make_dng, black):
     assert_allclose(rgb[9, 9, 2], exact[1, 1], atol=1e-6)
 
 
-def test_three_colors_of_a_linear_dng_are_taken_as_they_are(tmp_path, make_dng):
+def test_linear_dng_is_not_interpolated(tmp_path, make_dng):
     light = slopes()
     codes = codes_of(512 + (16383 - 512) * light)
     codes[5, 6, 1] = 16383
@@ -147,15 +147,15 @@ def test_three_colors_of_a_linear_dng_are_taken_as_they_are(tmp_path, make_dng):
 
 
 @pytest.mark.parametrize(("name", "error"), [*((name, 0.0) for name in BAYER), ("X-Trans", 0.005)])
-def test_interpolation_is_that_of_libraw(tmp_path, make_dng, name, error):
-    """Which rounds to 16 bits, and here has nothing to clip; of X-Trans it rounds the weights, too."""
+def test_interpolation_agrees_with_libraw(tmp_path, make_dng, name, error):
+    """LibRaw rounds to 16 bits, and the weights of X-Trans too; nothing clips here."""
     codes = np.random.default_rng(1).integers(600, 16000, (36, 54)).astype(np.uint16)
     path = make_dng(tmp_path / "a.dng", codes, (BAYER | {"X-Trans": XTRANS})[name])
     assert_allclose(read(path).rgb[INSIDE], by_libraw(path)[INSIDE], rtol=error, atol=4e-5)
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
-def test_pixels_are_turned_as_libraw_turns_them(tmp_path, make_dng, orientation):
+def test_orientation_agrees_with_libraw(tmp_path, make_dng, orientation):
     codes = np.random.default_rng(2).integers(600, 16000, (24, 30)).astype(np.uint16)
     path = make_dng(tmp_path / "a.dng", codes, orientation=orientation)
     image = read(path)
@@ -163,8 +163,8 @@ def test_pixels_are_turned_as_libraw_turns_them(tmp_path, make_dng, orientation)
     assert_allclose(image.rgb[INSIDE], by_libraw(path)[INSIDE], atol=4e-5)
 
 
-def test_the_matrix_to_srgb_is_that_of_libraw(tmp_path, make_dng):
-    """LibRaw gives it for a DNG; for other files its parts, which are substituted here."""
+def test_matrix_to_srgb_agrees_with_libraw(tmp_path, make_dng):
+    """LibRaw states it for a DNG; for other files its factors, which are substituted here."""
     path = make_dng(tmp_path / "a.dng", np.full((24, 24), 5000, np.uint16), neutral=(1, 1, 1))
     raw = SimpleNamespace(num_colors=3, color_matrix=np.zeros((3, 4)))
     raw.rgb_xyz_matrix = np.concatenate([CAMERA_FROM_XYZ, np.zeros((1, 3))])
@@ -174,7 +174,7 @@ def test_the_matrix_to_srgb_is_that_of_libraw(tmp_path, make_dng):
 # Saturation
 
 
-def test_what_a_clipped_pixel_went_into_is_not_valid(tmp_path, make_dng):
+def test_pixels_interpolated_from_clipped_ones_are_invalid(tmp_path, make_dng):
     codes = np.full((32, 34), 5000, np.uint16)
     codes[6, 8] = 16383  # red
     image = read(make_dng(tmp_path / "a.dng", codes))
@@ -185,7 +185,7 @@ def test_what_a_clipped_pixel_went_into_is_not_valid(tmp_path, make_dng):
     assert (image.rgb[..., 1:] < 1).all()
 
 
-def test_just_below_white_is_light(tmp_path, make_dng):
+def test_codes_just_below_white_are_valid(tmp_path, make_dng):
     image = read(make_dng(tmp_path / "a.dng", np.full((24, 24), 16382, np.uint16)))
     assert image.valid.all()
     assert_allclose(image.rgb, 1 - 1 / (16383 - 512), atol=1e-6)
@@ -194,7 +194,7 @@ def test_just_below_white_is_light(tmp_path, make_dng):
 # Facts
 
 
-def test_what_the_file_tells_is_kept(tmp_path, make_dng):
+def test_metadata_is_kept(tmp_path, make_dng):
     codes = np.full((24, 24), 5000, np.uint16)
     path = make_dng(tmp_path / "a.dng", codes, camera="Example C7", neutral=(0.5, 1, 0.8))
     meta = read(path).meta
@@ -218,7 +218,7 @@ def test_white_balance_changes_no_light(tmp_path, make_dng):
     assert one.meta.white_balance != other.meta.white_balance
 
 
-def test_what_was_white_to_the_camera_is_shown_white(tmp_path, make_dng, make_mosaic):
+def test_camera_white_is_displayed_white(tmp_path, make_dng, make_mosaic):
     light = np.broadcast_to([0.5 * 0.4, 0.4, 0.8 * 0.4], (30, 32, 3))
     image = read(make_dng(tmp_path / "a.dng", codes_of(make_mosaic(light)), neutral=(0.5, 1, 0.8)))
     seen = image.in_srgb()
@@ -238,7 +238,7 @@ def test_files_of_other_kinds_are_srgb(tmp_path, ramp, make_png):
 # Honest
 
 
-def test_the_noise_profile_is_the_noise_of_what_is_read(tmp_path, make_dng, make_mosaic):
+def test_noise_profile_gives_the_noise_of_the_light(tmp_path, make_dng, make_mosaic):
     rng = np.random.default_rng(6)
     light = slopes((300, 400))
     profile = np.stack([PROFILE.gain, np.square(PROFILE.read_std)], axis=1).ravel()
@@ -256,7 +256,7 @@ def test_the_noise_profile_is_the_noise_of_what_is_read(tmp_path, make_dng, make
 
 
 @pytest.mark.parametrize("profile", [(1e-4, 1e-6), (1e-4, 1e-6) * 3])
-def test_one_profile_may_stand_for_all_colors(tmp_path, make_dng, profile):
+def test_one_noise_profile_applies_to_all_colors(tmp_path, make_dng, profile):
     image = read(make_dng(tmp_path / "a.dng", np.full((24, 24), 5000, np.uint16), noise=profile))
     assert_allclose(image.noise.gain, [0.5625e-4, 0.625e-4, 0.5625e-4])
     assert_allclose(np.square(image.noise.read_std), [0.5625e-6, 0.625e-6, 0.5625e-6])
@@ -304,8 +304,8 @@ def test_a_throw_in_raw_is_solved(solved):
     assert np.degrees(np.arccos(solution.model.pole @ truth.model.pole)) < 1
 
 
-def test_alpha_of_interpolated_pixels_errs_as_it_says(throw):
-    """Each pixel by itself; where plate and alpha are smooth, so that only noise is left."""
+def test_errors_of_interpolated_pixels_are_calibrated(throw):
+    """Single pixels where plate and alpha are smooth, so that only noise is an error."""
     truth, folder = throw
     image, plate = read(folder / "image.dng"), read(folder / "plate.dng")
     solution = solve(image, plate, truth.model, Pixelwise())
@@ -324,7 +324,7 @@ def exact_light(light):
     return demosaic(np.take_along_axis(light, pattern[y, x][..., None], axis=2)[..., 0], pattern)
 
 
-def test_results_are_shown_in_srgb_and_kept_in_the_cameras_colors(solved, tmp_path):
+def test_results_are_displayed_in_srgb_and_stored_in_camera_colors(solved, tmp_path):
     _, image, _, solution = solved
     write(tmp_path / "s.exr", solution)
     back = read_solution(tmp_path / "s.exr")
@@ -336,7 +336,7 @@ def test_results_are_shown_in_srgb_and_kept_in_the_cameras_colors(solved, tmp_pa
     assert_allclose(layer.premultiplied[sure], np.maximum(seen[sure], 0), atol=1e-5)
 
 
-def test_a_hex_color_is_what_the_camera_makes_of_it(solved):
+def test_hex_color_is_converted_to_camera_colors(solved):
     _, image, _, solution = solved
     (color,) = solution.model.hex
     model = ColorModel.from_hex(color, to_srgb=image.meta.to_srgb)
@@ -346,12 +346,12 @@ def test_a_hex_color_is_what_the_camera_makes_of_it(solved):
 
 
 def called(*arguments):
-    """Exit code, and what the command line said."""
+    """Exit code and output of a command."""
     done = CliRunner().invoke(app, [str(argument) for argument in arguments])
     return done.exit_code, done.output
 
 
-def test_info_tells_what_a_raw_is(throw):
+def test_info_describes_a_raw_file(throw):
     _, folder = throw
     code, said = called("info", folder / "image.dng")
     assert code == 0
@@ -364,7 +364,7 @@ def test_info_tells_what_a_raw_is(throw):
         assert line in said
 
 
-def test_the_commands_color_and_info_name_colors_as_they_look(throw, tmp_path):
+def test_commands_name_colors_in_srgb(throw, tmp_path):
     _, folder = throw
     given = folder / "image.dng", "--plate", folder / "plate.dng"
     code, said = called("color", *given, "--color", "#ffbc68", "--out", tmp_path / "m.json")
@@ -376,7 +376,7 @@ def test_the_commands_color_and_info_name_colors_as_they_look(throw, tmp_path):
     assert (code, said[:7]) == (0, "#ffbc68")
 
 
-def test_colors_of_other_pictures_are_refused(throw, tmp_path, ramp, make_png):
+def test_rejects_color_models_of_other_cameras(throw, tmp_path, ramp, make_png):
     _, folder = throw
     given = folder / "image.dng", "--plate", folder / "plate.dng"
     write(tmp_path / "m.json", ColorModel.from_hex("#ffbc68"))
@@ -441,17 +441,17 @@ def test_transfer_is_rejected_for_raw(good):
     assert "is linear, not srgb" in refusal(good, SRGB)
 
 
-def test_a_raw_is_no_layer(good):
+def test_rejects_raw_files_as_layers(good):
     with pytest.raises(FileError, match="holds no layer"):
         read_layer(good)
 
 
-def test_the_limit_of_pixels_holds(good):
+def test_pixel_limit_applies_to_raw_files(good):
     assert "80 x 60 pixels" in refusal(good, max_pixels=4799)
     assert read(good, max_pixels=4800).size == (80, 60)
 
 
-def test_colors_of_other_sensors_are_refused(tmp_path, make_dng):
+def test_rejects_sensors_of_other_colors(tmp_path, make_dng):
     codes = np.full((24, 24), 5000, np.uint16)
     four_of_a_kind = np.repeat(np.repeat(BAYER["RGGB"], 2, axis=0), 2, axis=1)
     for pattern in (((3, 4), (5, 1)), four_of_a_kind):  # the first: cyan, magenta, yellow, green
@@ -464,7 +464,7 @@ def test_white_must_be_above_black(tmp_path, make_dng):
     assert "not above its black level" in refusal(path)
 
 
-def test_floats_are_refused(tmp_path, make_dng):
+def test_rejects_floating_point_raw(tmp_path, make_dng):
     path = make_dng(tmp_path / "a.dng", np.full((24, 24), 0.5, np.float32))
     assert "holds floats" in refusal(path)
 
@@ -484,7 +484,7 @@ def flat(camera="Example C1", levels=15872, space="camera"):
     ],
 )
 @pytest.mark.parametrize("verb", [solve, find_streaks])
-def test_light_of_two_kinds_is_not_compared(plate, says, verb):
+def test_rejects_image_and_plate_of_different_colors(plate, says, verb):
     with pytest.raises(PlateError, match=says):
         verb(flat(), plate)
 

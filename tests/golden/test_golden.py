@@ -1,4 +1,4 @@
-"""Names and structure may change; numbers may not."""
+"""Results must not change when names and structure change."""
 
 import json
 
@@ -9,7 +9,7 @@ SCENES = scenes()
 
 
 def known():
-    """What was recorded; other processors round in other ways."""
+    """The recorded results; other processors round differently."""
     recorded = json.loads(GOLDEN.read_text())
     if recorded["machine"] != machine():
         pytest.skip(f"recorded on {recorded['machine']}, this is {machine()}")

@@ -1,4 +1,4 @@
-"""Alternatives: hypotheses with their color and their alpha over that of the answer."""
+"""Alternatives: hypotheses with their colors, and the ratio of their alpha to the answer's."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def pictures(alpha):
 
 
 def compared(by, known=True):
-    """An alternative whose alpha is `by` times that of the answer, and which leaves the same light."""
+    """An alternative whose alpha is `by` times that of the answer, and which gives the same light."""
     alpha = np.random.default_rng(0).uniform(0.1, 0.5, (9, 12))
     color = PLATE + (COLOR - PLATE) / by
     model = ColorModel.from_samples(color[None], std=1e-9)
@@ -38,7 +38,7 @@ def compared(by, known=True):
 
 @pytest.mark.parametrize("by", [0.8, 1.0, 1.6])
 def test_factor_and_color_before_one_hue(by):
-    """exact: more alpha of a color that is nearer to that of the plate leaves the same light."""
+    """exact: more alpha of a color nearer to the plate's predicts the same light."""
     color, found = compared(by)
     assert_allclose(found.alpha_factor, by, rtol=1e-9)
     assert_allclose(found.rgb, color, rtol=1e-6)
@@ -55,7 +55,7 @@ def test_color_is_shown_encoded():
     assert found.hex == "#{:02x}{:02x}{:02x}".format(*expected)
 
 
-def test_unknown_pixels_do_not_count():
+def test_unknown_pixels_are_excluded():
     """exact"""
     color, found = compared(1.25, known=np.indices((9, 12))[1] < 5)
     assert_allclose(found.alpha_factor, 1.25, rtol=1e-9)
@@ -66,8 +66,8 @@ def with_weight(name, weight, factor=1.0):
     return replace(ONE, name=name, weight=weight, alpha_factor=factor)
 
 
-def test_ordered_by_evidence_whatever_the_order():
-    """exact: where weights are 0, too."""
+def test_alternatives_are_sorted_by_evidence():
+    """exact: also where weights are 0."""
     few = [with_weight("c", 0.0, 1.4), with_weight("a", 0.7), with_weight("d", 0.0, 0.5),
            with_weight("b", 0.3)]  # fmt: skip
     scores = np.array([900.0, 0.0, 2000.0, 0.8])
@@ -76,8 +76,8 @@ def test_ordered_by_evidence_whatever_the_order():
         assert [one.name for one in found] == ["a", "b", "c", "d"]
 
 
-def test_negligible_ones_are_listed_if_they_disagree():
-    """exact: by a factor, or pixel by pixel."""
+def test_alternatives_of_no_weight_are_listed_if_they_disagree():
+    """exact: by a factor, or in single pixels."""
     little = 0.5 * MIN_WEIGHT
     agreeing = with_weight("agrees", little)
     scaled = with_weight("scaled", little, 1.3)
@@ -86,7 +86,7 @@ def test_negligible_ones_are_listed_if_they_disagree():
     assert [one.name for one in found] == [ONE.name, "scaled", "elsewhere"]
 
 
-def test_no_more_than_five():
+def test_at_most_five_alternatives_are_listed():
     many = [with_weight(str(i), 0.1) for i in range(9)]
     found = listed(many, np.arange(9.0))
     assert [one.name for one in found] == [str(i) for i in range(MAX_ALTERNATIVES)]
@@ -94,7 +94,7 @@ def test_no_more_than_five():
 
 @pytest.mark.parametrize("name", ["weight", "alpha_factor", "alpha_difference"])
 @pytest.mark.parametrize("value", [-0.1, np.nan, np.inf])
-def test_door(name, value):
+def test_rejects_wrong_arguments(name, value):
     """door"""
     with pytest.raises(ValueError, match=f"{name} must be finite and not negative"):
         replace(ONE, **{name: value})

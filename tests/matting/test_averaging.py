@@ -19,7 +19,7 @@ A, B = estimate(0, 1.0, 0.02), estimate(1, 3.0, 0.06)
 
 
 @pytest.mark.parametrize(("weights", "likeliest"), [((1.0, 0.0), A), ((0.0, 1.0), B)])
-def test_a_hypothesis_of_weight_one_is_the_average(weights, likeliest):
+def test_average_is_the_hypothesis_of_weight_one(weights, likeliest):
     """exact"""
     average = averaged([A, B], np.array(weights))
     assert_allclose(average.alpha, likeliest.alpha, rtol=1e-12)
@@ -28,7 +28,7 @@ def test_a_hypothesis_of_weight_one_is_the_average(weights, likeliest):
     assert_allclose(average.scale_std, likeliest.scale_std, rtol=1e-12)
 
 
-def test_one_hypothesis_is_its_own_average():
+def test_average_of_one_hypothesis_is_itself():
     """exact"""
     average = averaged([A], np.ones(1))
     assert_allclose(average.alpha, A.alpha, rtol=1e-12)
@@ -36,7 +36,7 @@ def test_one_hypothesis_is_its_own_average():
 
 
 def test_variance_is_that_of_the_mixture():
-    """oracle: draws from either hypothesis, as often as its weight says."""
+    """oracle: draws from either hypothesis with the probability of its weight."""
     rng, weights = np.random.default_rng(3), np.array([0.3, 0.7])
     average = averaged([A, B], weights)
     of_b = rng.random(200_000) < weights[1]
@@ -50,7 +50,7 @@ def test_variance_is_that_of_the_mixture():
 
 
 def test_variance_of_the_sum_is_that_of_the_mixture():
-    """exact: the hypotheses' own variances, and the scatter of their sums."""
+    """exact: the mean variance plus the variance of the means of the sums."""
     weights = np.array([0.3, 0.7])
     sums = np.array([A.alpha.sum(), B.alpha.sum()])
     expected = 0.3 * A.sum_std**2 + 0.7 * B.sum_std**2 + 0.3 * 0.7 * (sums[1] - sums[0]) ** 2
@@ -58,7 +58,7 @@ def test_variance_of_the_sum_is_that_of_the_mixture():
     assert_allclose(averaged([A, B], weights).alpha.sum(), weights @ sums)
 
 
-def test_order_does_not_matter():
+def test_average_does_not_depend_on_the_order():
     """invariant"""
     one, other = averaged([A, B], np.array([0.3, 0.7])), averaged([B, A], np.array([0.7, 0.3]))
     assert_allclose(one.alpha, other.alpha)
@@ -74,8 +74,8 @@ def test_equal_hypotheses_add_no_variance():
     assert_allclose(average.sum_std, A.sum_std)
 
 
-def test_what_one_does_not_know_the_others_say():
-    """exact: also if its weight is large; where none knows anything, the error is infinite."""
+def test_unknown_pixels_of_one_hypothesis_are_averaged_over_the_others():
+    """exact: also if its weight is large; the error is infinite where all are unknown."""
     alpha, std = A.alpha.copy(), A.alpha_std.copy()
     alpha[0, 0], std[0, 1] = np.nan, np.inf
     std[4, 6] = np.inf

@@ -23,7 +23,7 @@ DARK = np.s_[:, 40:56]
 
 
 def evidence_at(alpha, seed=0, brightness=1.0, plate=None, std=STD):
-    """What is known of an object of this alpha before a wall with a black stripe."""
+    """Evidence for an object of this alpha before a wall with a black stripe."""
     rng = np.random.default_rng(seed)
     B = np.broadcast_to(WALL, (*SHAPE, 3)).copy()
     B[DARK] = 0
@@ -36,8 +36,8 @@ def evidence_at(alpha, seed=0, brightness=1.0, plate=None, std=STD):
     return FirstEstimate(pixels, near, np.full(SHAPE, 0.01), 1.0), evidence_of(pixels, near)
 
 
-def test_before_black_the_light_tells_alpha():
-    """Exact, but for little noise."""
+def test_light_before_black_determines_alpha():
+    """Exact up to a little noise."""
     before, own = evidence_at(0.5, std=1e-4)
     information, pull = with_brightness(before, *own)
     assert own[0][DARK].max() < 1e-3 * own[0][:, :32].min()
@@ -46,8 +46,8 @@ def test_before_black_the_light_tells_alpha():
 
 
 @pytest.mark.parametrize("scatter", [0.0, 0.1])
-def test_a_neighborhood_knows_as_much_as_its_brightness(scatter):
-    """Honest: of the mean over the stripe, if the brightness there is different from that around it."""
+def test_std_covers_a_change_of_brightness_at_the_stripe(scatter):
+    """Honest: mean over the stripe, if the brightness there differs from that around it."""
     scores = []
     for seed in range(24):
         phase, angle = np.random.default_rng(seed).uniform(0, 2 * np.pi, 2)
@@ -60,8 +60,8 @@ def test_a_neighborhood_knows_as_much_as_its_brightness(scatter):
 
 
 @pytest.mark.parametrize("contrast", [0.0, 0.1])
-def test_differences_get_information_twice_and_the_mean_once(contrast):
-    """Invariant: the light tells differences; what all have in common is the closed form's."""
+def test_light_adds_information_on_differences_not_on_the_mean(contrast):
+    """Invariant: the mean of a neighborhood has the information of the closed form."""
     before, own = evidence_at(0.5, brightness=1 + contrast * np.sin(np.arange(SHAPE[1]) / 25.0))
     around = np.s_[:, 8:24]
     information, pull = (values[around] for values in with_brightness(before, *own))
@@ -73,8 +73,8 @@ def test_differences_get_information_twice_and_the_mean_once(contrast):
 
 
 @pytest.mark.parametrize("blur", [0.0, 3.0])
-def test_brightness_is_that_of_alpha_before_it_was_smoothed(blur):
-    """Invariant: a first alpha that is too smooth does not make the object brighter."""
+def test_brightness_does_not_depend_on_the_smoothness_of_alpha(blur):
+    """Invariant: a first alpha that is too smooth does not increase the brightness."""
     from scipy.ndimage import gaussian_filter
 
     ridges = 0.3 + 0.3 * np.cos(np.arange(SHAPE[1]) * (np.pi / 4)) * np.ones(SHAPE)
@@ -91,8 +91,8 @@ def test_a_black_plate_alone_gives_no_information():
         assert np.array_equal(with_it, without)
 
 
-def test_noise_along_the_line_is_its_own():
-    """Exact: not correlated with that of the equations across."""
+def test_noise_along_the_color_is_independent():
+    """Exact: uncorrelated with that of the equations across the color."""
     before, _ = evidence_at(0.3)
     V = np.array([1.0, 2.0, 5.0]) * 1e-4
     l = MODEL.basis[:, 0]
@@ -107,8 +107,8 @@ def test_noise_along_the_line_is_its_own():
     assert_allclose(m @ np.diag(V) @ MODEL.normals, 0, atol=1e-12)
 
 
-def test_a_flat_thing_before_a_black_stripe():
-    """Honest: where the closed form knows almost nothing."""
+def test_errors_before_a_black_stripe_are_calibrated():
+    """Honest: a turning sheet, where the closed form has almost no information."""
     size = (160, 128)
     plate = np.array(plain_plate(size, WALL, 0))
     plate[:, 70:90] = 0.002

@@ -1,4 +1,4 @@
-"""Calibrated errors: their terms, how they are shared out over pixels, and grades."""
+"""Calibrated errors: their terms, their distribution over pixels, and grades."""
 
 from dataclasses import asdict, replace
 
@@ -45,7 +45,7 @@ def slope(alpha):
 
 
 def factors(monkeypatch, by):
-    """Every claim is multiplied by the same factor."""
+    """A calibration that multiplies every claim by the same factor."""
     fixed = Calibration(float(np.log(by)), {}, {COMPRESSED: 1.0, UNCOMPRESSED: 1.0})
     monkeypatch.setattr(module, "fitted_calibration", lambda: fixed)
 
@@ -72,13 +72,13 @@ def test_claim_is_the_root_mean_square_over_the_streak():
     assert_allclose(claimed_error(one), expected)
 
 
-def test_claim_passes_over_what_is_unknown():
+def test_claim_excludes_unknown_pixels():
     one = disc(14, std=0.03)
     unknown = np.where(np.indices(SHAPE)[1] > 35, np.inf, one.alpha_std)
     assert_allclose(claimed_error(replace(one, alpha_std=unknown)), 0.03)
 
 
-def test_no_claim_is_zero():
+def test_claim_is_positive_without_errors():
     assert claimed_error(disc(14, std=0.0)) > 0
     assert claimed_error(replace(disc(14), alpha=np.zeros(SHAPE))) > 0
 
@@ -86,8 +86,8 @@ def test_no_claim_is_zero():
 # Terms
 
 
-def test_terms_of_one_sure_hypothesis_are_zero():
-    """exact: of a claim as large as any; nothing differs from it."""
+def test_terms_of_a_single_hypothesis_are_zero():
+    """exact: for a large claim; there is nothing to differ from."""
     assert set(asdict(terms_of([disc(14, std=0.05)], [1.0])).values()) == {0.0}
 
 
@@ -108,8 +108,8 @@ def test_disagreement_is_relative_to_the_claim():
     assert terms.shapeless == 0
 
 
-def test_disagreement_with_what_has_no_shape_is_a_term_of_its_own():
-    """exact: the other kind of the likeliest; several shapes are represented by the likeliest."""
+def test_disagreement_with_alpha_without_a_shape_is_a_separate_term():
+    """exact: the likeliest of the other kind; several shapes are represented by the likeliest."""
     one, near, far = (disc(radius, std=0.05) for radius in (14, 13, 9))
     by_shape = terms_of([one, far], [1.0, 0.0], shapes=[True, False])
     without = terms_of([one, far], [0.0, 1.0], shapes=[True, False])
@@ -121,7 +121,7 @@ def test_disagreement_with_what_has_no_shape_is_a_term_of_its_own():
     assert_allclose(three.shapeless, alone.shapeless)
 
 
-def test_only_hypotheses_of_one_paint_count_as_such():
+def test_one_paint_term_is_set_for_hypotheses_of_one_paint():
     one, other = disc(14, std=0.05), disc(10, std=0.05)
     assert terms_of([one, other], [1.0, 0.0], ranks=[1, 3]).one_paint == 0
     assert terms_of([one, other], [1.0, 0.0], ranks=[3, 1]).one_paint > 0
@@ -162,7 +162,7 @@ def test_correlated_residuals_and_small_claims_are_terms():
 # Errors
 
 
-def test_a_factor_of_one_only_adds_the_floor_of_rims(monkeypatch):
+def test_factor_one_adds_only_the_floor_at_rims(monkeypatch):
     """exact"""
     factors(monkeypatch, 1.0)
     one = disc(14, std=0.03)
@@ -176,7 +176,7 @@ def test_a_factor_of_one_only_adds_the_floor_of_rims(monkeypatch):
 @pytest.mark.parametrize("by", [1.5, 4.0, 20.0])
 @pytest.mark.parametrize("scale_std", [0.0, 0.02])
 def test_error_over_the_streak_is_the_claim_times_the_factor(monkeypatch, by, scale_std):
-    """exact, up to the floor of rims and pixels at the streak's border."""
+    """exact, up to the floor at rims and pixels at the streak's border."""
     factors(monkeypatch, by)
     one = disc(14, std=0.03, scale_std=scale_std)
     after = calibrated(one, [one], ErrorTerms(), compressed=False)
@@ -191,8 +191,8 @@ def test_a_factor_below_one_shrinks_the_error(monkeypatch):
     assert_allclose(claimed_error(after), 0.05, rtol=0.02)
 
 
-def test_what_is_added_is_largest_at_the_rim_and_reaches_other_hypotheses(monkeypatch):
-    """The object may have been wherever any hypothesis has it."""
+def test_added_error_is_largest_at_rims_of_all_hypotheses(monkeypatch):
+    """The object may be where any hypothesis places it."""
     factors(monkeypatch, 5.0)
     one, wider = disc(14, std=0.02), disc(18, std=0.02)
     after = calibrated(one, [one, wider], ErrorTerms(), compressed=False)
@@ -216,8 +216,8 @@ def test_unknown_pixels_stay_unknown(monkeypatch):
 
 @pytest.mark.parametrize("term", list(asdict(ErrorTerms())))
 @pytest.mark.parametrize("compressed", [False, True])
-def test_no_term_makes_an_error_smaller(term, compressed):
-    """invariant: monotone, with the calibration that ships."""
+def test_errors_never_decrease_with_a_term(term, compressed):
+    """invariant: monotone, with the calibration of the package."""
     one = disc(14, std=0.03)
     errors = [
         claimed_error(calibrated(one, [one], ErrorTerms(**{term: t}), compressed))
@@ -261,8 +261,8 @@ def test_thresholds_are_those_that_the_grades_document():
     assert MAX_PLAUSIBLE == (0.05, 0.1)
 
 
-def test_the_grade_of_an_estimate_counts_the_sum_too():
-    """exact: its error relative to the sum is one of the scale."""
+def test_grade_includes_the_error_of_the_sum():
+    """exact: its relative error is an error of the scale."""
     one = disc(14, std=0.01, sum_std=0.0)
     total = one.alpha.sum()
     assert graded(one) == {"grade": Grade.CONFIRMED, "alpha_error": pytest.approx(0.01)}

@@ -1,4 +1,4 @@
-"""One clipped channel: a line of colors is still solved by the other two."""
+"""One clipped channel: pixels of a color of rank 1 are solved from the other two."""
 
 import numpy as np
 import pytest
@@ -75,8 +75,8 @@ def test_errors_are_honest(in_plate):
     assert_allclose(np.std(np.concatenate(z_light)), 1, atol=0.1)
 
 
-def test_two_channels_know_less_than_three():
-    """invariant: the error grows where one is left out."""
+def test_error_of_two_channels_exceeds_that_of_three():
+    """invariant: the error grows if a channel is omitted."""
     alpha, P, image, plate = pictures()
     image, plate = (p.with_noise(NoiseModel(read_std=SIGMA)) for p in (image, plate))
     everywhere = Streak(np.ones(SIZE[::-1], bool))
@@ -90,8 +90,8 @@ def test_two_channels_know_less_than_three():
     assert np.all(less > 0.999 * full)
 
 
-def test_a_plane_of_colors_and_missing_pixels_stay_unknown():
-    """exact: nothing is left to solve."""
+def test_pixels_of_rank_2_and_missing_pixels_stay_unknown():
+    """exact: no equation is left."""
     _, _, image, plate = pictures()
     everywhere = Streak(np.ones(SIZE[::-1], bool))
     of_plane = solve(image, plate, PLANE, Pixelwise(), streak=everywhere, matching=Matching.NONE)
@@ -103,8 +103,8 @@ def test_a_plane_of_colors_and_missing_pixels_stay_unknown():
     assert missing.known[:24].any()
 
 
-def test_two_clipped_channels_are_too_many():
-    """exact: one equation for alpha and light together tells neither."""
+def test_two_clipped_channels_leave_alpha_unknown():
+    """exact: one equation for both alpha and light has no unique solution."""
     _, _, image, plate = pictures()
     rgb = image.rgb.copy()
     rgb[24:, :, 1] = 1
@@ -118,8 +118,8 @@ def test_two_clipped_channels_are_too_many():
     )
 
 
-def test_all_pixels_together_hear_them():
-    """honest: smoothed alpha is nearer the truth in a clipped region than its neighbors could tell."""
+def test_smooth_uses_pixels_with_a_clipped_channel():
+    """honest: smoothed alpha is nearer to the truth than interpolation from the neighbors."""
     _, _, image, plate = pictures(1, SIGMA)
     everywhere = Streak(np.ones(SIZE[::-1], bool))
     solution = solve(image, plate, MODEL, Smooth(), streak=everywhere, matching=Matching.NONE)
@@ -130,7 +130,7 @@ def test_all_pixels_together_hear_them():
 
 @pytest.mark.parametrize("model", [MODEL, PLANE, ColorModel.any()], ids=["1", "2", "3"])
 def test_light_of_a_known_alpha_needs_as_many_channels_as_the_model_has_ranks(model):
-    """exact: with alpha given, the light within the model follows from the channels that are left."""
+    """exact: with alpha given, the remaining channels determine the light within the model."""
     rng = np.random.default_rng(3)
     B = rng.uniform(0.1, 0.5, (1, 4, 3))
     P = rng.uniform(0.2, 0.4, (1, 4, model.rank)) @ model.basis.T

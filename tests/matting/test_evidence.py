@@ -25,7 +25,7 @@ MODEL = ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None])
 
 
 def still(noise):
-    """Image and plate of nothing that moved, the image with this noise; and a region."""
+    """Image and plate where nothing moved, the image with this noise; and a region."""
     plate = textured_plate(SHAPE[::-1], 1)
     inside = np.zeros(SHAPE, bool)
     inside[20:40, 30:50] = True
@@ -33,7 +33,7 @@ def still(noise):
     return LinearImage(plate + noise, NOISE), LinearImage(plate, sure), inside
 
 
-def test_clipped_pixels_and_those_outside_know_nothing():
+def test_clipped_and_outside_pixels_have_no_information():
     image, plate, inside = still(0)
     clipped = np.zeros(SHAPE, bool)
     clipped[25:28, 33:36] = True
@@ -48,7 +48,7 @@ def test_clipped_pixels_and_those_outside_know_nothing():
 
 @pytest.mark.parametrize("model", [MODEL, ColorModel.any()], ids=["line", "any"])
 def test_error_of_many_pixels_is_their_scatter(model):
-    """Alpha is 0; pull over the root of the information has spread 1, also if neighbors err alike."""
+    """For alpha 0, pull over the root of the information has unit spread, also for correlated noise."""
     scores = []
     for seed in range(40):
         noise = np.random.default_rng(seed).normal(0, STD, (*SHAPE, 3))
@@ -59,8 +59,8 @@ def test_error_of_many_pixels_is_their_scatter(model):
     assert 0.6 < np.std(scores) < 1.5
 
 
-def test_fine_structure_that_a_file_left_out_does_not_tell():
-    """Exact if alpha is known; honest where fine structure is missing over the object."""
+def test_missing_fine_structure_does_not_bias_alpha():
+    """Exact if alpha is known; honest where the file has no fine structure over the object."""
     plate, noise = textured_plate(SHAPE[::-1], 1), NoiseModel(read_std=STD)
     inside = np.ones(SHAPE, bool)
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
@@ -82,8 +82,8 @@ def test_fine_structure_that_a_file_left_out_does_not_tell():
     assert bias(without_fine_structure(pixels(0.5))) < bias(pixels(0.5)) / 2
 
 
-def test_no_light_is_negative():
-    """Honest: where the object is dark its alpha is known; elsewhere there is no information."""
+def test_nonnegative_light_bounds_alpha_of_dark_pixels():
+    """Honest: alpha is known where the object is dark; elsewhere the bound has no information."""
     plate = textured_plate(SHAPE[::-1], 1)
     x = np.arange(SHAPE[1])
     alpha = np.broadcast_to(0.6 * np.exp(-0.5 * ((x - 40) / 8) ** 2), SHAPE)
@@ -99,7 +99,7 @@ def test_no_light_is_negative():
 
 
 def patch(seed, where=None):
-    """Image, plate, a region of them, and noise that hangs together where it says."""
+    """Image, plate, a region of them, and noise that is correlated inside a mask."""
     shape = (128, 160)
     rng = np.random.default_rng(seed)
     white, smooth = rng.normal(0, STD, (2, *shape, 3))
@@ -117,8 +117,8 @@ def patch(seed, where=None):
 
 
 @pytest.mark.parametrize("where", ["everywhere", "within"])
-def test_noise_that_hangs_together_counts_less(where):
-    """Honest: of the sum of a whole region, by how much more it scatters."""
+def test_correlated_noise_reduces_information(where):
+    """Honest: the error of the sum of a region is its scatter."""
     scores, factors = [], []
     for seed in range(16):
         image, plate, inside, noise = patch(seed, where)
@@ -132,14 +132,14 @@ def test_noise_that_hangs_together_counts_less(where):
     assert 0.6 < np.std(scores) < 1.5
 
 
-def test_noise_of_each_pixels_own_counts_in_full():
+def test_independent_noise_keeps_information():
     for seed in range(8):
         image, plate, inside, _ = patch(seed, "nowhere")
         assert noise_inflation(pixels_of(image, plate, MODEL, inside), np.zeros(inside.shape)) == 1
 
 
-def test_noise_of_a_plane_of_colors_is_told_wherever_the_picture_is_cut():
-    """Honest: of noise that is stronger within the streak; invariant: shifted by some pixels."""
+def test_noise_of_rank_2_does_not_depend_on_the_crop():
+    """Honest: noise that is stronger within the streak; invariant: shifted by some pixels."""
     factors, blocks = [], []
     for seed in range(4):
         _, plate, inside, noise = patch(seed, "everywhere")
@@ -156,8 +156,8 @@ def test_noise_of_a_plane_of_colors_is_told_wherever_the_picture_is_cut():
     assert_allclose(np.mean(factors), np.mean(blocks), rtol=0.25)
 
 
-def test_a_smooth_alpha_of_a_plane_of_colors_is_not_taken_for_noise():
-    """Nor is what is fine in it, where noise around the streak is each pixel's own."""
+def test_smooth_alpha_of_rank_2_does_not_inflate_noise():
+    """Nor does its fine structure, where noise around the streak is independent."""
     y, x = np.mgrid[:128, :160]
     smooth = 0.5 + 0.4 * np.sin(x / 9) * np.cos(y / 11)
     fine = 0.5 + 0.4 * np.sin(2 * x)
@@ -173,8 +173,8 @@ def test_a_smooth_alpha_of_a_plane_of_colors_is_not_taken_for_noise():
         assert with_it <= most * without
 
 
-def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():
-    """Its light leaves something everywhere, and alike in neighbors."""
+def test_slightly_wrong_color_hardly_inflates_noise():
+    """Its residual is everywhere, and equal in neighbors."""
     turned = ORANGE + np.array([0, 0.02, 0])
     for color, most in ((ORANGE, 1.0), (turned, 4.0)):
         image, plate, inside, _ = patch(0, "nowhere")
@@ -184,7 +184,7 @@ def test_a_color_that_is_a_little_wrong_is_hardly_taken_for_noise():
         assert noise_inflation(pixels_of(given, plate, MODEL, inside), alpha) <= most
 
 
-def test_a_streak_goes_on_where_it_is_fainter_than_noise():
+def test_mask_grows_to_parts_fainter_than_noise():
     size = (192, 144)
     scene = Scene(
         colorful_plate(size, 4, tile=36), Trajectory.line((60, 60), (130, 84)), Ball(20, ORANGE)

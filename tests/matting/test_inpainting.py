@@ -1,4 +1,4 @@
-"""Light that a pixel does not tell itself is that of its neighbors: layers have no holes."""
+"""Inpainting: pixels of unknown light have that of their neighbors, so that layers have no holes."""
 
 import numpy as np
 import pytest
@@ -30,8 +30,8 @@ def pictures(alpha, P, valid=None, top=np.inf):
 
 
 @pytest.mark.parametrize("size", [1, 5, 20], ids=["pixel", "patch", "most"])
-def test_an_object_of_one_color_has_it_everywhere(size):
-    """exact: also where its neighbors are far away."""
+def test_unknown_pixels_of_one_paint_have_its_color(size):
+    """exact: also where known neighbors are far."""
     alpha = np.linspace(0.2, 0.9, SHAPE[1]) * np.ones(SHAPE)
     P = alpha[..., None] * COLOR
     lit = np.ones(SHAPE, bool)
@@ -43,8 +43,8 @@ def test_an_object_of_one_color_has_it_everywhere(size):
     assert np.all(maps.premultiplied_std[lit] == 0.01)
 
 
-def test_the_error_is_how_much_neighbors_differ():
-    """oracle: of stripes of two colors each stands for both."""
+def test_std_is_the_scatter_of_the_neighbors():
+    """oracle: between stripes of two colors, each is equally likely."""
     alpha = np.ones(SHAPE)
     P = np.where(np.arange(SHAPE[1])[:, None] % 2 == 0, COLOR, 0.2 * COLOR) * np.ones((*SHAPE, 1))
     lit = np.ones(SHAPE, bool)
@@ -55,7 +55,7 @@ def test_the_error_is_how_much_neighbors_differ():
     assert_allclose(maps.premultiplied_std[15, 20], 0.4 * COLOR, rtol=0.1)
 
 
-def test_clipped_channels_have_at_least_the_light_that_is_shown():
+def test_clipped_channels_have_at_least_the_clipped_light():
     alpha, lit = np.ones(SHAPE), np.ones(SHAPE, bool)
     lit[12:18, 15:25] = False
     P = np.where(lit[..., None], 0.8 * COLOR, 3.0)
@@ -68,7 +68,7 @@ def test_clipped_channels_have_at_least_the_light_that_is_shown():
 
 
 @pytest.mark.parametrize("flag", [Quality.OCCLUDED, Quality.OUTSIDE, Quality.PLATE_IN_MODEL])
-def test_what_is_hidden_or_not_told_stays_empty(flag):
+def test_occluded_and_undetermined_pixels_stay_empty(flag):
     alpha, lit = np.full(SHAPE, 0.5), np.ones(SHAPE, bool)
     lit[12:18, 15:25] = False
     maps = maps_of(alpha, alpha[..., None] * COLOR, lit, ~lit * np.uint8(flag))
@@ -77,7 +77,7 @@ def test_what_is_hidden_or_not_told_stays_empty(flag):
     assert np.all(np.isinf(maps.premultiplied_std[~lit]))
 
 
-def test_a_blown_out_highlight_is_no_hole_in_the_layer():
+def test_clipped_highlight_is_filled_in_the_layer():
     body = Ball(16, np.array([0.8, 0.35, 0.06]), highlight=2.0)
     scene = Scene(
         plain_plate((128, 96), (0.3, 0.33, 0.36), 5), Trajectory.line((59, 48), (69, 48)), body
@@ -93,7 +93,7 @@ def test_a_blown_out_highlight_is_no_hole_in_the_layer():
     assert np.all((solution.quality[blown] & np.uint8(Quality.SATURATED)) != 0)
 
 
-def test_nothing_is_carried_from_nothing():
+def test_without_known_pixels_nothing_is_filled():
     alpha, dark = np.full(SHAPE, 0.5), np.zeros(SHAPE, bool)
     maps = maps_of(alpha, alpha[..., None] * COLOR, dark)
     inpaint_light(maps, *pictures(alpha, alpha[..., None] * COLOR, dark))

@@ -23,7 +23,7 @@ NOISE = bm.NoiseModel(read_std=0.004)
 
 
 def pictures(seed, shift=0.0, std=0.004):
-    """Image and plate; the plate is blended with its right neighbor, so lies on segments."""
+    """Image and plate; the plate is blended with its right neighbor, so is on segments."""
     rng = np.random.default_rng(seed)
     light = 0.8 * LINE.rgb[0] * ALPHA[..., None] + (1 - ALPHA[..., None]) * TILES
     plate = (1 - shift) * TILES + shift * np.roll(TILES, -1, axis=1)
@@ -37,14 +37,14 @@ def solved(image, plate, model, mixed=None):
     return maps
 
 
-def test_edges_that_fit_are_none_of_its_business():
+def test_hardly_any_pixel_is_mixed_if_edges_fit():
     """Invariant."""
     image, plate = pictures(1)
     assert mixed_plate(image, plate, ALPHA == 0).edges.mean() < 0.02
 
 
-def test_a_line_keeps_the_equation_across_the_segment():
-    """Exact: however far along the segments the plate is off, alpha is right."""
+def test_alpha_of_rank_1_is_exact_for_any_error_along_the_segment():
+    """Exact: the equation across color and segment determines alpha."""
     image, plate = pictures(1, 0.4, 0.0)
     steps = np.roll(TILES, -1, axis=1) - TILES
     edges = (steps != 0).any(axis=-1) & (np.arange(80) < 79)
@@ -88,7 +88,7 @@ def test_errors_at_edges_are_honest(model):
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
 
 
-def test_edges_are_much_better_than_without():
+def test_mixed_plate_reduces_errors_at_edges():
     image, plate = pictures(3, 0.3)
     mixed = mixed_plate(image, plate, ALPHA == 0)
     off = [
@@ -99,7 +99,7 @@ def test_edges_are_much_better_than_without():
 
 
 def test_without_edges_the_evidence_is_that_of_the_closed_form():
-    """Invariant: where κ is nothing, both ways to the same numbers agree."""
+    """Invariant: for κ = 0 both computations agree."""
     image, plate = pictures(4)
     edges = np.zeros(SHAPE, bool)
     edges[10:50, 10:60] = True

@@ -18,14 +18,13 @@ from blurmatte.trajectory import Trajectory
 SHAPE = (64, 96)
 ORANGE, BLUE = np.array([0.80, 0.35, 0.06]), np.array([0.10, 0.30, 0.60])
 MODEL = ColorModel(np.linalg.qr(np.stack([ORANGE, BLUE], axis=1))[0])
-BETWEEN = 0.3 * ORANGE + 0.5 * BLUE  # a plate of which no equation tells alpha
+BETWEEN = 0.3 * ORANGE + 0.5 * BLUE  # a plate before which no equation determines alpha
 BESIDE, OBJECT = np.s_[:, :32], np.s_[8:-8, 60:92]
 
 
 def evidence_of_mixture(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
-    """What is known of an object that fills the right half by 0.4, of so much orange.
-
-    Its alpha is known; around it a wrong alpha of the same uncertainty was found.
+    """Evidence for an object that fills the right half with alpha 0.4, of this share of orange. Its
+    alpha is known; around it a wrong alpha of the same uncertainty was found.
     """
     rng = np.random.default_rng(seed)
     B = np.broadcast_to(plate, (*SHAPE, 3)).copy()
@@ -40,8 +39,8 @@ def evidence_of_mixture(orange=1.0, std=1e-4, wrong=0.0, plate=BETWEEN, seed=0):
     return alpha, FirstEstimate(pixels, near, variance, 1.0), evidence_of(pixels, near)
 
 
-def test_light_of_one_mixture_tells_alpha_where_no_equation_does():
-    """Exact, but for little noise."""
+def test_light_of_one_mixture_determines_alpha_without_an_equation():
+    """Exact up to a little noise."""
     alpha, before, own = evidence_of_mixture()
     information, pull, shared = with_mixture(before, *own)
     assert own[0].max() < 1e-3 * np.median(information)
@@ -52,15 +51,15 @@ def test_light_of_one_mixture_tells_alpha_where_no_equation_does():
 
 
 @pytest.mark.parametrize("wrong", [0.0, 0.2, 0.4])
-def test_where_light_is_the_plates_nothing_was_whatever_was_thought(wrong):
+def test_alpha_is_zero_where_the_light_is_that_of_the_plate(wrong):
     _, before, own = evidence_of_mixture(0.9, 0.004, wrong)
     information, pull, _ = with_mixture(before, *own)
     assert abs(pull[BESIDE].sum() / information[BESIDE].sum()) < 0.005
     assert np.median(information[BESIDE]) > 1 / 0.03**2
 
 
-def test_a_neighborhood_knows_as_much_as_its_mixture():
-    """Honest: of the means of patches, if the mixture there differs from that around them."""
+def test_std_covers_a_change_of_the_mixture():
+    """Honest: means of patches, if the mixture there differs from that around them."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]] / 6.0
     scores = []
     for seed in range(12):
@@ -75,8 +74,8 @@ def test_a_neighborhood_knows_as_much_as_its_mixture():
     assert 0.2 < np.sqrt(np.mean(np.square(scores))) < 1.4
 
 
-def test_no_information_where_colors_scatter_about_the_plates():
-    """Invariant: the closed form stays as it is."""
+def test_no_information_if_colors_scatter_around_the_plate():
+    """Invariant: the closed form is unchanged."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     spots = ((x // 5 + y // 5) % 2).astype(float)
     _, before, own = evidence_of_mixture(
@@ -96,8 +95,8 @@ def test_no_information_without_an_object():
     assert not shared.any()
 
 
-def test_a_ball_of_two_paints_between_them_says_how_wrong_it_is():
-    """Honest: before plates between both paints, where pixels alone know nothing."""
+def test_errors_of_a_ball_before_a_plate_between_its_paints_are_calibrated():
+    """Honest: before plates between both paints, where single pixels have no information."""
     plate = two_hue_plate((224, 160), (0.45, 0.40, 0.36), (0.10, 0.22, 0.40), 1)
     path = Trajectory.line((80, 75), (140, 90))
     body = Ball(18, ORANGE, second_color=BLUE)

@@ -1,4 +1,4 @@
-"""occluded: the plate where the object went."""
+"""find_occluder: where static objects hide the moving one."""
 
 from dataclasses import replace
 
@@ -34,13 +34,13 @@ def posts(name):
 
 
 def light(hidden, color=(0.1, 0.25, 0.12)):
-    """The truth with something of a color in front."""
+    """The truth with an object of a color in front."""
     layer = Layer(hidden.astype(float), hidden[..., None] * np.array(color))
     return render(replace(SCENE, occluder=layer), 120)
 
 
 def looked_at(truth, seed=0):
-    """What is found in front, if alpha is known."""
+    """The occluder found if alpha is known."""
     rng = np.random.default_rng(seed)
     C, B = (p.rgb + rng.normal(0, SIGMA, p.rgb.shape) for p in (truth.image, truth.plate))
     use, variance = np.ones(BEHIND.shape, bool), np.full(C.shape, 2 * SIGMA**2)
@@ -50,7 +50,7 @@ def looked_at(truth, seed=0):
 @pytest.mark.parametrize("name", ["post", "wires"])
 @pytest.mark.parametrize("color", [(0.1, 0.25, 0.12), (0.03, 0.03, 0.03)], ids=["green", "black"])
 def test_finds_the_occluder(name, color):
-    """honest: most of it, and hardly anything else."""
+    """honest: most of it, and hardly any other pixel."""
     found = looked_at(light(posts(name), color))
     assert found[posts(name) & (BEHIND > 0.2)].mean() > 0.85
     assert found[~posts(name)].mean() < 0.002
@@ -62,8 +62,8 @@ def test_finds_nothing_without_an_occluder():
     assert sum(looked_at(nothing, seed).sum() for seed in range(5)) == 0
 
 
-def test_a_plate_of_the_object_s_color_is_no_evidence():
-    """exact: where the plate has the object's own color nothing can be said."""
+def test_plate_of_the_object_color_gives_no_occluder():
+    """exact: plate and object are indistinguishable there."""
     B = np.broadcast_to(0.5 * ORANGE, (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
     assert not occluded(BEHIND, ORANGE, B, B, variance, use).any()
@@ -82,7 +82,7 @@ def test_mean_of_neighbors():
 
 
 def test_a_sweep_that_is_mostly_hidden_has_no_occluder():
-    """exact: a shape fitted to noise is not behind something, it is not there."""
+    """exact: a shape fitted to noise is absent, not hidden."""
     B = np.broadcast_to(np.array([0.3, 0.33, 0.36]), (*BEHIND.shape, 3))
     use, variance = np.ones(BEHIND.shape, bool), np.full(B.shape, SIGMA**2)
     assert not occluded(BEHIND, ORANGE, B, B, variance, use).any()

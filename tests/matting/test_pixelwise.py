@@ -1,4 +1,6 @@
-"""Pixelwise: exact where nothing is uncertain, honest where it is, and the same whichever way."""
+"""Pixelwise: exact without noise, calibrated errors, and results that do not depend on the
+computation.
+"""
 
 import numpy as np
 import pytest
@@ -23,18 +25,17 @@ def solve(image, plate, model, **options) -> PixelMaps:
     return Pixelwise()(image.rgb, plate.rgb, model, image.noise, plate.noise, **options)
 
 
-def told_apart(rendering, least=1e-2):
-    """Where the exact plate is clearly no color of the model."""
+def distinguishable(rendering, least=1e-2):
+    """Where the exact plate is clearly outside the color model."""
     plate = rendering.plate.rgb
     across = np.linalg.norm(plate @ rendering.model.normals, axis=-1)
     return across > least * np.linalg.norm(plate, axis=-1)
 
 
 def errors(image, plate, rendering):
-    """(estimate − truth) / std of alpha and light, in and outside the streak; outliers and all.
-
-    Only where the exact plate is clearly told from the model: elsewhere alpha is not linear in the
-    plate's noise, which biases it by about alpha_std², and the noisy plate must not choose.
+    """(estimate − truth) / std of alpha and light, in and outside the streak, with outliers. Only
+    where the exact plate is clearly outside the model: elsewhere alpha is not linear in the plate's
+    noise and has a bias of about alpha_std², and selection must not depend on noise.
     """
     exact = (rendering.plate.with_noise(p.noise) for p in (image, plate))
     known = (solve(*exact, rendering.model).alpha_std < 0.1) & image.valid & plate.valid
@@ -45,7 +46,7 @@ def errors(image, plate, rendering):
 
 
 def assert_honest(trials):
-    """Each kind of error has mean 0 and spread 1 over all trials."""
+    """Each kind of error has mean 0 and standard deviation 1 over all trials."""
     for z in map(np.concatenate, zip(*trials, strict=True)):
         assert len(z) > 5000
         assert abs(z.mean()) < 0.1
@@ -55,10 +56,10 @@ def assert_honest(trials):
 # Exact
 
 
-def test_exact_on_exact_data(rendering):
+def test_exact_without_noise(rendering):
     noiseless = (p.with_noise(NONE) for p in (rendering.image, rendering.plate))
     maps = solve(*noiseless, rendering.model)
-    clear = told_apart(rendering)
+    clear = distinguishable(rendering)
     assert clear.mean() > 0.95
     assert_allclose(maps.alpha[clear], rendering.layer.alpha[clear], rtol=0, atol=1e-10)
     assert_allclose(
@@ -67,25 +68,25 @@ def test_exact_on_exact_data(rendering):
     assert not (maps.quality[clear] & ~np.uint8(Quality.PLATE_IN_MODEL)).any()
 
 
-def test_exact_whatever_the_noise_says(rendering):
-    """The weights choose between equations that agree."""
+def test_exact_for_any_declared_noise(rendering):
+    """The weights only choose between consistent equations."""
     maps = solve(
         *(p.with_noise(SENSOR) for p in (rendering.image, rendering.plate)), rendering.model
     )
-    clear = told_apart(rendering)
+    clear = distinguishable(rendering)
     assert_allclose(maps.alpha[clear], rendering.layer.alpha[clear], rtol=0, atol=1e-10)
     assert_allclose(
         maps.premultiplied[clear], rendering.layer.premultiplied[clear], rtol=0, atol=1e-9
     )
 
 
-def test_layer_over_plate_gives_the_image_back(rendering):
-    """What the model does not explain is noise: a plane leaves nothing over."""
+def test_layer_over_plate_is_the_image(rendering):
+    """The residual is noise; rank 2 leaves no residual."""
     rng = np.random.default_rng(0)
     image = OF_IMAGE.photograph(rendering.image.rgb, rng)
     maps = solve(image, rendering.plate.with_noise(NONE), rendering.model)
     back = maps.premultiplied + (1 - maps.alpha[..., None]) * rendering.plate.rgb
-    rest = ((back - image.rgb) / np.sqrt(image.variance))[told_apart(rendering)]
+    rest = ((back - image.rgb) / np.sqrt(image.variance))[distinguishable(rendering)]
     if rendering.model.rank == 2:
         assert np.abs(rest).max() < 1e-6
     else:
@@ -95,7 +96,7 @@ def test_layer_over_plate_gives_the_image_back(rendering):
 # Honest
 
 
-def test_honest_with_known_noise(rendering):
+def test_errors_with_known_noise_are_calibrated(rendering):
     rng, trials = np.random.default_rng(1), []
     for _ in range(6):
         image = OF_IMAGE.photograph(rendering.image.rgb, rng)
@@ -106,7 +107,7 @@ def test_honest_with_known_noise(rendering):
 
 @pytest.mark.parametrize("plate_part", [0, 0.5, 1])
 @pytest.mark.parametrize("code_std", [1 / 255, 2 / 255], ids=["1/255", "2/255"])
-def test_honest_in_eight_bits_with_measured_noise(rendering, code_std, plate_part):
+def test_errors_in_8_bits_with_measured_noise_are_calibrated(rendering, code_std, plate_part):
     rng, trials = np.random.default_rng(2), []
     for _ in range(4):
         image = Camera(code_std=code_std).photograph(rendering.image.rgb, rng)
@@ -115,7 +116,7 @@ def test_honest_in_eight_bits_with_measured_noise(rendering, code_std, plate_par
     assert_honest(trials)
 
 
-def test_misfit_is_rare_where_the_model_fits(rendering):
+def test_misfit_flags_are_rare_for_the_true_model(rendering):
     rng = np.random.default_rng(3)
     image = OF_IMAGE.photograph(rendering.image.rgb, rng)
     plate = OF_PLATE.photograph(rendering.plate.rgb, rng)
@@ -123,7 +124,7 @@ def test_misfit_is_rare_where_the_model_fits(rendering):
     assert np.mean((quality & Quality.MISFIT) != 0) < 5e-4
 
 
-def test_misfit_shows_the_wrong_model(paint):
+def test_misfit_flags_most_pixels_of_a_wrong_model(paint):
     image = OF_IMAGE.photograph(paint.image.rgb, 3)
     wrong = solve(image, paint.plate.with_noise(NONE), ColorModel.from_hex("#2060ff"))
     misfit = (wrong.quality & Quality.MISFIT) != 0
@@ -134,8 +135,8 @@ def test_misfit_shows_the_wrong_model(paint):
 # Flags
 
 
-def test_plate_in_the_model_has_no_answer(rendering):
-    """A plate painted with the object's own colors: the error says so by itself."""
+def test_plate_in_the_model_has_an_infinite_error(rendering):
+    """A plate of the object's own colors."""
     color = rendering.model.basis @ np.full(rendering.model.rank, 0.3)
     plate = LinearImage(np.tile(color, (4, 4, 1)), noise=SENSOR)
     maps = solve(plate, plate, rendering.model)
@@ -143,7 +144,7 @@ def test_plate_in_the_model_has_no_answer(rendering):
     assert np.all(maps.quality & Quality.PLATE_IN_MODEL)
 
 
-def test_black_plate_has_no_answer(rendering):
+def test_black_plate_leaves_alpha_unknown(rendering):
     black = LinearImage(np.zeros((4, 4, 3)), noise=NONE)
     maps = solve(black, black, rendering.model)
     assert np.isfinite(maps.alpha).all()
@@ -153,7 +154,7 @@ def test_black_plate_has_no_answer(rendering):
 @pytest.mark.parametrize(
     ("alpha", "flagged"), [(-0.05, True), (0.0, False), (1.0, False), (1.05, True)]
 )
-def test_alpha_out_of_range_by_more_than_three_sigma(alpha, flagged):
+def test_alpha_beyond_the_range_by_three_sigma_is_flagged(alpha, flagged):
     model = ColorModel(np.array([[1.0], [0], [0]]))
     plate = LinearImage(np.full((1, 1, 3), 0.5), noise=NoiseModel())
     image = LinearImage((1 - alpha) * plate.rgb, noise=NoiseModel(read_std=0.01))
@@ -162,7 +163,7 @@ def test_alpha_out_of_range_by_more_than_three_sigma(alpha, flagged):
     assert bool(maps.quality[0, 0] & Quality.OUT_OF_RANGE) is flagged
 
 
-def test_limit_of_what_is_known():
+def test_max_alpha_std_limits_known_pixels():
     model = ColorModel(np.array([[1.0], [0], [0]]))
     plate = LinearImage(np.full((1, 1, 3), 0.5), noise=NoiseModel())
     image = LinearImage(plate.rgb, noise=NoiseModel(read_std=0.01))
@@ -172,7 +173,7 @@ def test_limit_of_what_is_known():
         assert bool(maps.quality[0, 0] & Quality.PLATE_IN_MODEL) is unknown
 
 
-def test_saturated_pixels_are_not_known(paint):
+def test_saturated_pixels_are_unknown(paint):
     flags = np.zeros(paint.image.valid.shape, np.uint8)
     flags[:5] = Quality.SATURATED
     flags[5:9] = Quality.OUTSIDE
@@ -186,7 +187,7 @@ def test_saturated_pixels_are_not_known(paint):
     assert not flags[9:].any()  # what was handed in is not written to
 
 
-# The same whichever way
+# Invariance to the computation
 
 
 @pytest.fixture(scope="module")
@@ -201,7 +202,7 @@ def noisy(paints):
 
 
 def assert_same(a: PixelMaps, b: PixelMaps, tolerance):
-    """Within a fraction of a pixel's own error, where alpha is known to better than 1."""
+    """Equal within a fraction of a pixel's own error, where alpha is known to better than 1."""
     well = a.alpha_std < 1
     a, b = (PixelMaps(*(m[well].astype(float) for m in maps)) for maps in (a, b))
     assert np.mean(well) > 0.9
@@ -212,7 +213,7 @@ def assert_same(a: PixelMaps, b: PixelMaps, tolerance):
     assert np.mean(a.quality != b.quality) <= tolerance
 
 
-def test_single_precision_is_enough(rendering):
+def test_float32_agrees_with_float64(rendering):
     rng = np.random.default_rng(6)
     image = OF_IMAGE.photograph(rendering.image.rgb, rng)
     plate = OF_PLATE.photograph(rendering.plate.rgb, rng)
@@ -225,7 +226,7 @@ def test_single_precision_is_enough(rendering):
 
 @pytest.mark.parametrize("bits", [8, 16])
 @pytest.mark.parametrize("transfer", [SRGB, LINEAR], ids=lambda transfer: transfer.name)
-def test_codes_are_solved_like_their_light(noisy, bits, transfer):
+def test_codes_give_the_result_of_their_light(noisy, bits, transfer):
     image, plate, model = noisy
     codes = [encode_codes(p.rgb, bits, transfer) for p in (image, plate)]
     table = transfer.table(2**bits).astype(np.float32)
@@ -235,7 +236,7 @@ def test_codes_are_solved_like_their_light(noisy, bits, transfer):
         assert_array_equal(a, b)
 
 
-def test_image_and_plate_may_have_their_own_codes(noisy):
+def test_image_and_plate_may_have_different_codes(noisy):
     image, plate, model = noisy
     tables = SRGB.table(256).astype(np.float32), LINEAR.table(65536).astype(np.float32)
     codes = encode_codes(image.rgb, 8, SRGB), encode_codes(plate.rgb, 16, LINEAR)
@@ -244,7 +245,7 @@ def test_image_and_plate_may_have_their_own_codes(noisy):
     assert_same(Pixelwise()(*light, model, SENSOR, PLATE), mixed, 1e-5)
 
 
-def test_variances_are_solved_like_their_model(noisy):
+def test_variances_give_the_result_of_their_noise_model(noisy):
     image, plate, model = noisy
     by_model = solve(image, plate, model)
     by_pixel = Pixelwise()(image.rgb, plate.rgb, model, image.variance, plate.variance)
@@ -254,7 +255,7 @@ def test_variances_are_solved_like_their_model(noisy):
 
 
 @pytest.mark.parametrize("strips", [1, 2, 7, 128])
-def test_strips_change_nothing(noisy, strips, monkeypatch):
+def test_result_does_not_depend_on_strips(noisy, strips, monkeypatch):
     whole = solve(*noisy)
     rows = -(-128 // strips)
     cut = [slice(a, min(a + rows, 128)) for a in range(0, 128, rows)]
@@ -281,7 +282,7 @@ def test_out_is_written_to_and_reused(noisy):
         assert_array_equal(a, b)
 
 
-def test_out_decides_the_precision(noisy):
+def test_out_determines_the_precision(noisy):
     out = PixelMaps.empty(*noisy[0].valid.shape, np.float64)
     assert solve(*noisy, out=out).alpha.dtype == np.float64
     assert_same(out, solve(*noisy), 0.02)
@@ -296,7 +297,7 @@ def test_pictures_need_not_be_contiguous(noisy):
         assert_array_equal(a[:, ::-1], b)
 
 
-def test_more_light_is_the_same_alpha(noisy):
+def test_alpha_does_not_depend_on_exposure(noisy):
     image, plate, model = noisy
     double = [(p.rgb.astype(float), p.noise.coefficients) for p in (image, plate)]
     dim, bright = (
@@ -333,26 +334,26 @@ def test_swapped_channels_swap_the_light(noisy):
 
 
 @pytest.mark.parametrize("limit", [0, -1, np.nan])
-def test_impossible_limit(limit):
+def test_rejects_limits_not_above_zero(limit):
     with pytest.raises(ValueError, match="max_alpha_std must be positive"):
         Pixelwise(max_alpha_std=limit)
 
 
-def test_out_of_another_size(noisy):
+def test_rejects_out_of_another_size(noisy):
     with pytest.raises(
         ValueError, match=r"out must have the shape \(128, 192, 3\), got \(4, 4, 3\)"
     ):
         solve(*noisy, out=PixelMaps.empty(4, 4))
 
 
-def test_codes_have_no_variance_per_pixel(noisy):
+def test_rejects_codes_with_variance_per_pixel(noisy):
     codes = np.zeros((2, 2, 3), np.uint8)
     table = SRGB.table(256)
     with pytest.raises(TypeError, match="code values need a NoiseModel"):
         Pixelwise()(codes, codes, noisy[2], np.ones((2, 2, 3)), SENSOR, tables=(table, table))
 
 
-def test_maps_of_a_box_are_written_there():
+def test_maps_of_a_box_are_written_into_the_box():
     """exact"""
     maps, box = PixelMaps.zeros(6, 8), (2, 1, 5, 4)
     part = PixelMaps(*(np.full_like(m, 3) for m in maps.within(box)))

@@ -35,7 +35,7 @@ def nearest_color(C, model, variance):
 
 
 def brute_force(C, B, vC, vB, model):
-    """Slide α until what is left of C lies as near the model as it can."""
+    """Search for the α at which C − (1 − α) B is nearest to the model."""
     normals = model.normals
     plain = float(np.sum((B @ normals) * ((B - C) @ normals)) / np.sum((B @ normals) ** 2))
     variance = vC + (1 - np.clip(plain, 0, 1)) ** 2 * vB
@@ -55,7 +55,7 @@ def closed_form(pixels) -> PixelMaps:
     return Pixelwise()(C, B, model, vC, vB)
 
 
-def test_alpha_its_error_and_the_light_are_those_of_the_search(pixels):
+def test_alpha_std_and_light_equal_those_of_a_search(pixels):
     model, C, B, vC, vB = pixels
     maps = closed_form(pixels)
     for i in range(COUNT):
@@ -70,8 +70,8 @@ def test_light_lies_in_the_model(pixels):
     assert_allclose(maps.premultiplied @ pixels[0].normals, 0, atol=1e-14)
 
 
-def test_error_of_the_light_is_the_scatter_of_its_derivatives(pixels):
-    """Oracle: how P moves when each channel of C does, by finite differences."""
+def test_error_of_the_light_is_propagated_from_its_derivatives(pixels):
+    """Oracle: finite differences of P by each channel of C."""
     model, C, B, vC, vB = pixels
     still = vB * 0  # then the weights do not move with C
     maps, h = Pixelwise()(C, B, model, vC, still), 1e-6
@@ -83,8 +83,8 @@ def test_error_of_the_light_is_the_scatter_of_its_derivatives(pixels):
     assert_allclose(maps.premultiplied_std, np.sqrt(variance), rtol=1e-4)
 
 
-def test_misfit_is_four_sigma(pixels):
-    """A pixel pushed off the model by χ = 3.9 is believed, by 4.1 it is not; a plane fits all."""
+def test_misfit_is_flagged_beyond_four_sigma(pixels):
+    """A pixel off the model by χ = 3.9 fits, by 4.1 it does not; every pixel fits rank 2."""
     model, C, B, *_ = pixels
     flags = {}
     for sigmas in (3.9, 4.1):

@@ -1,4 +1,4 @@
-"""Does the plate belong to the image? Brightness around the streak, and the order of the two."""
+"""Plate checks: brightness around the streak, and the order of image and plate."""
 
 import warnings
 
@@ -29,8 +29,8 @@ def pair(scene, gain=(1, 1, 1), seed=0):
     return image, plate, Streak(scene.layer.alpha > 0)
 
 
-def test_exact_gain_is_measured():
-    """Where the plate is one color, it is the gain itself."""
+def test_gain_is_measured_exactly():
+    """Where the plate has one color, it is the gain itself."""
     plate = np.full((60, 80, 3), [0.3, 0.2, 0.1])
     image = LinearImage(plate * [1.05, 1, 0.9])
     streak = Streak.from_box((30, 20, 50, 40), (80, 60))
@@ -38,7 +38,7 @@ def test_exact_gain_is_measured():
     assert_allclose(gain, [0.05, 0, -0.1], atol=1e-12)
 
 
-def test_the_streak_itself_has_no_vote():
+def test_pixels_of_the_streak_are_ignored():
     plate = np.full((60, 80, 3), 0.3)
     light = plate.copy()
     light[20:40, 30:50] = 0.9
@@ -46,14 +46,14 @@ def test_the_streak_itself_has_no_vote():
     assert not _brightness_around(LinearImage(light), LinearImage(plate), streak).any()
 
 
-def test_another_thing_that_moves_has_no_vote(paint):
+def test_pixels_of_other_motion_are_ignored(paint):
     image, plate, streak = pair(paint)
     light = image.rgb.copy()
     light[:, :15] += 0.3
     assert np.max(np.abs(_brightness_around(LinearImage(light), plate, streak))) < 0.01
 
 
-def test_clipped_pixels_have_no_vote(paint):
+def test_clipped_pixels_are_ignored(paint):
     image, plate, streak = pair(paint)
     light, valid = image.rgb.copy(), np.ones(streak.mask.shape, bool)
     light[:, 60:], valid[:, 60:] = 1, False
@@ -61,25 +61,25 @@ def test_clipped_pixels_have_no_vote(paint):
     assert np.max(np.abs(gain)) < 0.01
 
 
-def test_too_little_around_the_streak_says_nothing(paint):
+def test_too_few_surrounding_pixels_give_no_gain(paint):
     image, plate, _ = pair(paint, gain=(1.3, 1.3, 1.3))
     everywhere = Streak.from_box((0, 0, 192, 128), image.size)
     assert not _brightness_around(image, plate, everywhere).any()
 
 
-def test_clipped_pictures_say_nothing_about_their_order(paint):
+def test_clipped_pictures_do_not_determine_the_order(paint):
     image, plate, streak = pair(paint)
     clipped = LinearImage(image.rgb, NOISE, valid=np.zeros(streak.mask.shape, bool))
     assert not _looks_swapped(plate, clipped, streak)
 
 
 @pytest.mark.parametrize("gain", [(1.04, 1.04, 1.04), (0.95, 0.95, 0.95), (1, 1, 1.08)], ids=str)
-def test_another_brightness_warns(paint, gain):
+def test_changed_brightness_warns(paint, gain):
     with pytest.warns(PlateWarning, match="brightness differs from the plate"):
         warn_if_plate_differs(*pair(paint, gain))
 
 
-def test_warning_says_how_much_and_what_to_do(paint):
+def test_warning_states_the_change_and_a_remedy(paint):
     with pytest.warns(PlateWarning) as caught:
         warn_if_plate_differs(*pair(paint, (1.06, 1, 0.94)))
     (said,) = (str(warning.message) for warning in caught)
@@ -99,8 +99,8 @@ def test_same_brightness_does_not_warn(paint):
 
 
 @pytest.mark.parametrize("alpha", [0.3, 0.7])
-def test_swapped_where_the_texture_says_so(alpha):
-    """A flat sheet leaves 1 − alpha of the plate's contrast; seen the other way, it adds contrast."""
+def test_lower_contrast_of_the_plate_means_swapped_pictures(alpha):
+    """A flat sheet leaves 1 − alpha of the plate's contrast; if swapped, contrast increases."""
     light = two_hue_plate((96, 64), (0.5, 0.1, 0.1), (0.1, 0.2, 0.5), 0)
     streak = Streak.from_box((10, 10, 86, 54), (96, 64))
     a = alpha * streak.mask[..., None]
@@ -113,8 +113,8 @@ def test_swapped_where_the_texture_says_so(alpha):
         warn_if_plate_differs(plate, image, streak)
 
 
-def test_noise_hides_no_swap():
-    """The plate's noise is no texture that the image lacks."""
+def test_swapped_pictures_are_detected_despite_noise():
+    """The plate's noise is not missing texture of the image."""
     texture = two_hue_plate((96, 64), (0.4, 0.2, 0.3), (0.3, 0.25, 0.35), 0)
     streak, rng = Streak.from_box((10, 10, 86, 54), (96, 64)), np.random.default_rng(0)
     camera = Camera(NoiseModel(read_std=0.005), bits=None)
@@ -122,8 +122,8 @@ def test_noise_hides_no_swap():
     assert _looks_swapped(image, plate, streak)
 
 
-def test_noise_is_no_texture():
-    """Before a flat plate no difference is found, however noisy either picture is."""
+def test_noise_is_not_taken_for_texture():
+    """Before a flat plate no difference is found, at any noise."""
     flat, streak = np.full((64, 96, 3), 0.3), Streak.from_box((10, 10, 86, 54), (96, 64))
     cameras = [Camera(NoiseModel(read_std=std), bits=None) for std in (0.002, 0.02)]
     for seed in range(10):

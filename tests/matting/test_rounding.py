@@ -1,4 +1,4 @@
-"""What rounding of luma and chroma to whole codes leaves unknown of alpha."""
+"""Uncertainty of alpha from rounding of luma and chroma to whole codes."""
 
 import numpy as np
 import pytest
@@ -22,7 +22,7 @@ ALPHA = 0.7 * np.exp(-(((X - 32) / 12) ** 2) - ((Y - 24) / 9) ** 2)
 
 
 def rounded(light):
-    """As a file gives it back that rounds luma and chroma, and no noise spreads them over codes."""
+    """The picture after rounding of luma and chroma, without noise that would spread codes."""
     return LinearImage(
         SRGB.decode(subsample_chroma(SRGB.encode(light), "4:4:4", 255)), NOISE, meta=META
     )
@@ -34,7 +34,7 @@ def pictures(plate):
 
 
 def evidence_in_levels(model, image, plate, levels=1):
-    """Pixels, and the evidence in them and in larger cells."""
+    """Pixels, and their evidence, alone and in larger cells."""
     pixels = pixels_of(image, plate, model, ALPHA > 0.01)
     maps = *evidence_of(pixels, ALPHA), pixels.inside, np.zeros(ALPHA.shape)
     own = CellEvidence(*(np.pad(m, BORDER) for m in maps))
@@ -45,8 +45,8 @@ def evidence_in_levels(model, image, plate, levels=1):
 
 
 @pytest.mark.parametrize("model", [LINE, PLANE], ids=["line", "plane"])
-def test_sums_of_alpha_before_a_plain_plate_are_off_by_as_much(model):
-    """Honest: over plates of random colors, each of one code all over."""
+def test_stated_rounding_error_of_sums_is_calibrated(model):
+    """Honest: plates of random colors, each of a single code value."""
     rng = np.random.default_rng(0)
     scores = []
     for _ in range(40):
@@ -60,7 +60,7 @@ def test_sums_of_alpha_before_a_plain_plate_are_off_by_as_much(model):
     assert 0.6 < np.sqrt(np.mean(np.square(scores))) < 1.5
 
 
-def test_nothing_is_off_where_nothing_moved():
+def test_no_rounding_error_where_nothing_moved():
     """Exact: image and plate are rounded alike."""
     plate = rounded(np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3)))
     pixels, levels = evidence_in_levels(LINE, plate, plate)
@@ -68,8 +68,8 @@ def test_nothing_is_off_where_nothing_moved():
         assert_allclose(pull, 0, atol=1e-9)
 
 
-def test_many_codes_are_not_off_together():
-    """Oracle: of as many codes as pixels, sums scatter by the root of their number."""
+def test_rounding_errors_of_many_codes_are_independent():
+    """Oracle: for as many codes as pixels, sums scatter by the root of their number."""
     plain = np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3))
     fine = plain * np.random.default_rng(1).uniform(0.5, 1.5, plain.shape)
     of_plain, of_fine = (
@@ -93,7 +93,7 @@ def test_cells_hold_the_sums_of_their_pixels():
         assert_allclose(of_cells[BORDER:-BORDER, BORDER:-BORDER], blocks, rtol=1e-6, atol=1e-6)
 
 
-def test_light_that_never_was_codes_and_any_colors_are_not_off():
+def test_float_light_and_any_colors_have_no_rounding_error():
     image, plate = pictures(np.broadcast_to((0.15, 0.4, 0.2), (*SHAPE, 3)))
     floats = LinearImage(image.rgb, NOISE)
     pixels, levels = evidence_in_levels(LINE, floats, plate)

@@ -1,4 +1,4 @@
-"""A ball whose shadow lies next to and behind it."""
+"""Shaded: a ball whose shadow is next to it and behind it."""
 
 from dataclasses import replace
 
@@ -45,8 +45,8 @@ def off(truth, solution):
     return float(np.sqrt(np.mean((solution.alpha - truth.layer.alpha)[at] ** 2)))
 
 
-def test_a_plate_in_shadow_tells_shadow_from_object():
-    """Exact: alpha, light and how much of the exposure lay in shadow."""
+def test_shaded_plate_separates_shadow_and_object():
+    """Exact: alpha, light and the fraction of the exposure in shadow."""
     image, plate = (picture.with_noise(bm.NoiseModel(read_std=1e-4)) for picture in taken(COLORED))
     solver = bm.Shaded(plate=in_shadow(plate))
     solution = bm.solve(image, plate, MODEL, solver, matching=bm.Matching.NONE)
@@ -59,8 +59,8 @@ def test_a_plate_in_shadow_tells_shadow_from_object():
     assert off(COLORED, plain) > 0.05
 
 
-def test_a_known_light_tells_shadow_from_object():
-    """Exact: a shadow that only dims, and an object whose light is known and even."""
+def test_known_light_separates_shadow_and_object():
+    """Exact: a shadow without change of hue, and an object of known, uniform light."""
     flat = replace(GRAY, image=replace(GRAY.image, rgb=_even(GRAY)))
     image, plate = taken(flat)
     solver = bm.Shaded(light=tuple(LIGHT))
@@ -92,7 +92,7 @@ def test_errors_are_honest(case):
     assert 0.85 < np.std(z) < 1.2
 
 
-def test_doors():
+def test_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="exactly one of both"):
         bm.Shaded()
     with pytest.raises(ValueError, match="three finite numbers"):

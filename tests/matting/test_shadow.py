@@ -1,4 +1,4 @@
-"""Shadows that no shape tells: marked, and with an error that says what may not be there."""
+"""Shadows if no sweep locates the object: flags, and an error that covers their alpha."""
 
 from dataclasses import replace
 
@@ -23,8 +23,8 @@ def solved(scene, solver):
 
 
 @pytest.mark.parametrize("solver", [Pixelwise(), Smooth()], ids=["pixelwise", "smooth"])
-def test_what_may_be_a_shadow_says_that_it_may_not_be_there(solver):
-    """honest: alpha and its sum are off by a shadow, and by no more than they claim."""
+def test_error_covers_the_alpha_of_a_possible_shadow(solver):
+    """honest: the errors of alpha and of its sum are at most those claimed."""
     truth, solution = solved(replace(SCENE, shadow=Shadow((0, 34), 3, (0.5,) * 3)), solver)
     marked = (solution.quality & np.uint8(Quality.SHADOW)) != 0
     nothing = marked & (truth.layer.alpha == 0)

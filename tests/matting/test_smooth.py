@@ -78,7 +78,7 @@ def rmse(solution, truth):
         ("turning stick", "textured", 0.02),
     ],
 )
-def test_far_less_noise_than_pixels_alone_and_an_honest_error(body, plate, most):
+def test_noise_is_far_below_that_of_pixels_and_errors_are_calibrated(body, plate, most):
     truth, image, without = taken(body, plate)
     model = truth.model
     together, alone = (solve(image, without, model, s) for s in (Smooth(), Pixelwise()))
@@ -116,14 +116,14 @@ def test_errors_of_compressed_color_are_honest(body, plate, most):
 
 
 def known_and_not(body, plate, seed):
-    """The truth, and solutions with and without what a file says of its compression."""
+    """The truth, and solutions with and without the compression metadata of the file."""
     truth, image, behind = taken(body, plate, seed, COMPRESSING)
     unknown = replace(image, meta=replace(image.meta, compression=None))
     return truth, *(solve(p, behind, truth.model, Smooth()) for p in (image, unknown))
 
 
-def test_a_file_that_says_how_it_was_compressed_is_undone():
-    """Honest: colors that ran out of many points are known to have been there."""
+def test_known_compression_is_corrected():
+    """Honest: with the chroma subsampling of the file known."""
     errors, scores = [], []
     for seed in range(2):
         truth, *both = known_and_not("turning star", "colorful", seed)
@@ -138,8 +138,8 @@ def test_a_file_that_says_how_it_was_compressed_is_undone():
     assert np.mean(within < 2) > 0.88
 
 
-def test_colors_that_ran_do_not_make_the_sum_larger():
-    """Invariant: what a file lets run out of a ball is no larger ball."""
+def test_chroma_subsampling_does_not_bias_the_sum():
+    """Invariant: blurred chroma does not enlarge a ball."""
     sums = []
     for seed in range(2):
         truth, *both = known_and_not("growing", "textured", seed)
@@ -149,13 +149,13 @@ def test_colors_that_ran_do_not_make_the_sum_larger():
     assert abs(known) < min(0.5 * unknown, 0.01)
 
 
-def test_what_a_file_did_to_two_paints_is_left():
-    """Invariant: their colors at rims are not known well enough to say what became of them."""
+def test_chroma_subsampling_of_two_paints_is_not_corrected():
+    """Invariant: the colors at rims are not known well enough to correct them."""
     _, known, unknown = known_and_not("two paints", "textured", 0)
     assert np.array_equal(known.alpha, unknown.alpha)
 
 
-def test_any_colors_before_texture():
+def test_any_colors_are_solved_before_texture():
     truth, image, plate = taken("spotted", "textured")
     solution = solve(image, plate, ColorModel.any(), Smooth())
     assert rmse(solution, truth) < 0.06
@@ -164,7 +164,7 @@ def test_any_colors_before_texture():
     assert np.mean(error < 2) > 0.75
 
 
-def test_errors_of_any_colors_before_a_plain_plate_say_that_little_is_known():
+def test_errors_of_any_colors_before_a_plain_plate_are_large():
     """honest"""
     truth, image, plate = taken("spotted", "plain")
     solution = solve(image, plate, ColorModel.any(), Smooth())
@@ -176,7 +176,7 @@ def test_errors_of_any_colors_before_a_plain_plate_say_that_little_is_known():
     assert 0.5 < np.sqrt(np.mean(off**2) / np.mean(claimed[inside] ** 2)) < 2
 
 
-def test_exact_pictures_give_what_pixels_alone_say():
+def test_exact_pictures_give_the_closed_form():
     truth = rendered("ball", "colorful")
     together, alone = (
         solve(truth.image, truth.plate, truth.model, s) for s in (Smooth(), Pixelwise())
@@ -186,7 +186,7 @@ def test_exact_pictures_give_what_pixels_alone_say():
 
 
 def test_the_sum_has_no_bias():
-    """Honest: over noise, within what is claimed for it."""
+    """Honest: over draws of noise, within its standard error."""
     biases, scores = [], []
     for seed in range(8):
         truth, image, plate = taken("ball", "colorful", seed)
@@ -199,8 +199,8 @@ def test_the_sum_has_no_bias():
     assert 0.4 < np.sqrt(np.mean(np.square(scores))) < 1.8
 
 
-def test_strength_smooths():
-    """Honest: what is smoothed too much has larger errors, and says so."""
+def test_larger_strength_gives_smoother_alpha():
+    """Honest: too much smoothing increases the stated errors."""
     truth, image, plate = taken("turning stick", "textured")
     rough, smooth = (solve(image, plate, truth.model, Smooth(strength)) for strength in (0.2, 5.0))
     inside = truth.layer.alpha > 0.02
@@ -224,7 +224,7 @@ def test_clipped_pixels_are_filled_from_their_neighbors():
     assert np.all(np.isfinite(solution.premultiplied_std[clipped]))
 
 
-def test_a_region_that_was_given_is_solved_exactly():
+def test_a_given_region_is_solved_exactly():
     truth, image, plate = taken("ball", "colorful")
     region = Streak.from_box((40, 30, 120, 110), SIZE)
     solution = solve(image, plate, truth.model, Smooth(), streak=region)

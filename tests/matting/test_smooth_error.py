@@ -1,4 +1,4 @@
-"""Errors of smooth fields: honest where they are flat and where they are not."""
+"""Errors of smooth fields, in flat regions and at rims."""
 
 from functools import cache
 
@@ -14,7 +14,7 @@ PRIOR = Prior(2, 0.04)
 
 
 def with_a_rim(seed):
-    """A plateau with soft rims, and what noisy cells say of it."""
+    """A plateau with soft rims, and noisy observations of it."""
     y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
     field = np.pad(0.25 * (1 - np.tanh((np.hypot(x, y) - 28) / 2)), BORDER)
     mask = np.pad(np.hypot(x, y) < 46, BORDER)
@@ -54,8 +54,8 @@ def spreads(local):
     return np.sqrt(np.reshape(found, (2, 2, 2)).mean(axis=0))
 
 
-def test_rims_and_what_is_flat_have_errors_of_their_own():
-    """Honest: one scale for all says too little of rims, and too much of what is flat."""
+def test_rims_and_flat_regions_have_different_error_scales():
+    """Honest: one scale would be too small at rims and too large in flat regions."""
     (rim, flat), (honest_rim, honest_flat) = spreads(local=False)
     assert rim > 1.5 * flat
     assert honest_rim < rim
@@ -74,8 +74,8 @@ def test_a_local_scale_follows_rims():
     assert 0.7 < flat < 1.3
 
 
-def test_a_choice_that_noise_decides_is_part_of_the_error():
-    """Honest: with a prior that jumps between trials the error is larger, though the field is not."""
+def test_uncertain_choice_of_the_prior_adds_to_the_error():
+    """Honest: a prior that varies between trials increases the error, for the same field."""
     _, evidence, _ = with_a_rim(2)
     field = settled(evidence)
     scales = iter((PRIOR.scale / 8, PRIOR.scale) * 2)
@@ -89,8 +89,8 @@ def test_a_choice_that_noise_decides_is_part_of_the_error():
     assert jumping > 1.2 * steady
 
 
-def test_bias_of_a_sum_that_is_always_too_small_is_found():
-    """Honest: where little is known, what is smooth is drawn to the nothing around it."""
+def test_bias_of_the_sum_is_estimated():
+    """Honest: with little information a smooth field is biased towards the zero around it."""
     _, evidence, _ = with_a_rim(3)
     field = settled(evidence)
     whole, part = (

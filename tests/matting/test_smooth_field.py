@@ -1,4 +1,4 @@
-"""A smooth field from noisy cells: what is known, how well, and how smooth."""
+"""A smooth field from noisy cells: its estimate, its error, and its smoothness."""
 
 from dataclasses import replace
 
@@ -21,7 +21,7 @@ PRIORS = [Prior(1, 0.03), Prior(2, 0.01)]
 
 
 def bump():
-    """A smooth field with an edge, between 0 and 0.6, and where it may be other than 0."""
+    """A smooth field with an edge, between 0 and 0.6, and where it may differ from 0."""
     y, x = np.mgrid[:SIDE, :SIDE] - (SIDE - 1) / 2
     inside = np.hypot(x, y) < 0.4 * SIDE
     field = np.where(inside, 0.3 + 0.2 * np.cos(x / 8) * np.cos(y / 11), 0)
@@ -33,7 +33,7 @@ def least(field):
 
 
 def settled(evidence, order, samples):
-    """From rough to smooth, and of all that what has the least risk."""
+    """The smoothness of least risk, searched from rough to smooth."""
     field, found = None, []
     for scale in 0.64 / 2.0 ** np.arange(9):
         field = fit_field(evidence, Prior(order, float(scale)), field, samples)
@@ -50,7 +50,7 @@ def noisy(seed, std=0.1):
 
 
 @pytest.mark.parametrize("order", [1, 2])
-def test_less_noise_and_an_honest_error(order):
+def test_noise_is_reduced_and_errors_are_calibrated(order):
     scores = []
     for seed in range(4):
         truth, evidence = noisy(seed)
@@ -62,12 +62,12 @@ def test_less_noise_and_an_honest_error(order):
 
 
 @pytest.mark.parametrize("prior", PRIORS)
-def test_sure_cells_stay(prior):
+def test_cells_without_error_are_unchanged(prior):
     truth, evidence = noisy(0, std=1e-7)
     assert_allclose(fit_field(evidence, prior, None, 2).x, truth, atol=1e-5)
 
 
-def test_cells_that_know_nothing_are_filled_from_their_neighbors():
+def test_cells_without_information_are_filled_from_their_neighbors():
     truth, evidence = noisy(1, std=0.02)
     hole = np.zeros(truth.shape, bool)
     hole[30:36, 28:40] = True
@@ -81,8 +81,8 @@ def test_cells_that_know_nothing_are_filled_from_their_neighbors():
     assert field.variance[hole].mean() > 1.5 * seeing.variance[hole].mean()
 
 
-def test_risk_is_that_of_the_truth():
-    """In units of noise, in the mean; up to a constant that it does not depend on."""
+def test_estimated_risk_equals_the_true_risk():
+    """In units of noise, in the mean, up to a constant."""
     found = []
     for seed in range(6):
         truth, evidence = noisy(seed)
@@ -96,13 +96,13 @@ def test_risk_is_that_of_the_truth():
     assert np.corrcoef(risk, true)[0, 1] > 0.9
 
 
-def test_nothing_is_far_above_one():
+def test_field_is_not_far_above_one():
     _, evidence = noisy(2)
     high = replace(evidence, pull=3 * evidence.pull)
     assert fit_field(high, PRIORS[1], None, 2).x.max() < 1.05
 
 
-def test_nothing_is_far_below_what_it_must_be():
+def test_field_is_not_far_below_its_lower_bound():
     truth, evidence = noisy(2, std=0.5)
     least = np.where(evidence.mask, truth - 0.05, FieldSettings.min_alpha)
     short = []
@@ -114,7 +114,7 @@ def test_nothing_is_far_below_what_it_must_be():
     assert short[1] < 0.05 * short[0]
 
 
-def test_a_least_of_cells_is_the_mean_of_its_pixels():
+def test_lower_bound_of_a_cell_is_the_mean_of_its_pixels():
     _, evidence = noisy(4)
     rising = replace(evidence, lower=0.01 * np.indices(evidence.mask.shape)[1])
     coarse = rising.coarser()
@@ -138,7 +138,7 @@ def test_variance_of_the_sum_is_that_of_the_inverse(prior):
     assert_allclose(sum_variance(evidence, prior, field), whole.sum(), rtol=0.02)
 
 
-def test_coarser_cells_hold_all_that_is_known():
+def test_coarser_cells_keep_all_information():
     _, evidence = noisy(4)
     coarse = evidence.coarser()
     assert_allclose(coarse.information.sum(), evidence.information.sum())

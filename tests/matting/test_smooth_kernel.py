@@ -44,7 +44,7 @@ def mask():
 
 @pytest.fixture
 def known(mask, order):
-    """Information within the mask, and the Cholesky factor of a precision of each place."""
+    """Information within the mask, and the Cholesky factor of the precision at each place."""
     rng = np.random.default_rng(1)
     root = rng.normal(size=(*SHAPE, order + 1, order + 1))
     precisions = root @ np.swapaxes(root, -1, -2) + 0.1 * np.eye(order + 1)
@@ -85,7 +85,7 @@ def test_backward_is_the_adjoint_of_forward(order, mask):
     t[order + 1 :] = 0
     y = np.zeros(SHAPE)
     compiled.backward(t, order, mask, y)
-    inner = slice(1, -1)  # differences are of what lies within the outermost ring
+    inner = slice(1, -1)  # differences exclude the outermost ring
     expected = np.sum(differences(x, order)[:, inner, inner] * t[:, inner, inner])
     assert_allclose(np.sum(x * y), expected, rtol=1e-12)
 
@@ -119,8 +119,8 @@ def test_conjugate_gradients_solve_the_equations(known, order, mask):
     assert np.all(x[~mask] == 0)
 
 
-def test_steps_beyond_the_solution_do_no_harm(order, mask):
-    """Invariant: easy equations, solved to the last digit and on."""
+def test_steps_beyond_convergence_do_not_change_the_solution(order, mask):
+    """Invariant: well-conditioned equations, iterated past machine precision."""
     easy = (
         np.ones(SHAPE) * mask,
         0.03 * packed(np.broadcast_to(np.eye(order + 1), (*SHAPE, order + 1, order + 1))),
@@ -154,14 +154,14 @@ def test_precisions_and_their_roots_are_those_of_the_matrices(order):
     )
 
 
-def test_nothing_to_do_takes_no_step(known, order, mask):
+def test_solution_as_start_takes_no_step(known, order, mask):
     x = np.zeros(SHAPE)
     assert compiled.conjugate_gradients(*known, order, mask, np.zeros(SHAPE), x, 50, 1e-5) == 0
     assert np.all(x == 0)
 
 
 @pytest.mark.parametrize("rank", [1, 2])
-def test_evidence_of_a_sure_plate_is_the_closed_form(rank):
+def test_evidence_for_a_plate_without_noise_is_the_closed_form(rank):
     rng = np.random.default_rng(5)
     model = ColorModel(np.linalg.qr(rng.uniform(0.1, 1, (3, rank)))[0])
     B = rng.uniform(0.2, 1, (*SHAPE, 3))
@@ -177,12 +177,12 @@ def test_evidence_of_a_sure_plate_is_the_closed_form(rank):
     )  # fmt: skip
     maps = Pixelwise()(C, B, model, V_C, V_B)
     assert_allclose(pull / information, maps.alpha, rtol=1e-6)
-    trust = information * maps.alpha_std**2  # pixels that fit the model well are believed alike
+    trust = information * maps.alpha_std**2  # equal weights of pixels that fit
     assert_allclose(trust, 1.2 if rank == 1 else 1.0, rtol=1e-6)
 
 
-def test_evidence_is_not_drawn_by_noise_of_the_plate():
-    """A faint plate in noise: of many pixels together, alpha comes out right."""
+def test_noise_of_the_plate_does_not_bias_the_evidence():
+    """A faint plate in noise: the mean alpha of many pixels is correct."""
     rng, shape = np.random.default_rng(6), (400, 400)
     l = np.array([0.8, 0.5, 0.33])
     N = np.linalg.svd(l[:, None])[0][:, 1:]
@@ -214,7 +214,7 @@ def test_cells_of_half_the_width_lie_where_they_did():
     assert not fine[:BORDER].any()
 
 
-def test_float32_is_enough(known, order, mask):
+def test_float32_agrees_with_float64(known, order, mask):
     """Oracle: the same equations in float64."""
     b, found = np.random.default_rng(4).normal(size=SHAPE) * mask, []
     for kind in (np.float32, np.float64):

@@ -1,4 +1,4 @@
-"""Solution: raw estimates to measure on, a layer to look at."""
+"""Solution: raw estimates for measurements, and a layer for display."""
 
 from dataclasses import replace
 
@@ -37,8 +37,8 @@ def test_layer_is_empty_where_nothing_is_known(flag):
     assert_array_equal(layer.premultiplied[0, 0], 0)
 
 
-def test_what_is_known_says_the_error_not_the_flag():
-    """exact: of a pixel that is clipped in one channel alpha is known, and shown."""
+def test_known_depends_on_the_error_not_on_flags():
+    """exact: alpha of a pixel with one clipped channel is known, and shown."""
     one = solution([0.5], [Quality.SATURATED])
     known = replace(one, alpha_std=np.full((1, 1), 0.1))
     assert not one.known.any()
@@ -47,7 +47,7 @@ def test_what_is_known_says_the_error_not_the_flag():
 
 
 def test_layer_is_empty_where_the_light_is_unknown():
-    """exact: behind a fence alpha is known, and is none of the picture."""
+    """exact: alpha behind a fence is known, and the layer is empty there."""
     hidden = replace(
         solution([0.5], [Quality.OCCLUDED]), premultiplied_std=np.full((1, 1, 3), np.inf)
     )
@@ -64,14 +64,14 @@ def test_layer_has_no_negative_light():
     assert_array_equal(solution([0.5], [GOOD], light=-0.3).layer.premultiplied, np.zeros((1, 1, 3)))
 
 
-def test_where_it_moved_and_where_it_is_known():
+def test_streak_and_known_follow_from_the_flags():
     flags = [GOOD, Quality.MISFIT, *UNKNOWN, Quality.OUTSIDE | Quality.SATURATED]
     pixels = solution([0.5] * 6, flags)
     assert_array_equal(pixels.streak, [[True, True, True, True, False, False]])
     assert_array_equal(pixels.known, [[True, True, False, False, True, False]])
 
 
-def test_one_line_says_what_it_is():
+def test_repr_is_one_line():
     some = solution([0.5, 0.5, 0.1, 0.3], [GOOD, Quality.MISFIT, Quality.OUTSIDE, GOOD])
     assert repr(some) == (
         "Solution(4x1, alpha up to 0.50, typical std 0.02, 33.3% of the streak's pixels flagged)"
@@ -95,7 +95,7 @@ def test_bits_are_powers_of_two_that_fit_a_byte():
         ("quality", np.zeros((1, 2), np.uint8), ValueError),
     ],
 )
-def test_door(field, value, error):
+def test_rejects_wrong_arguments(field, value, error):
     good = solution([0.5], [GOOD])
     fields = {
         name: getattr(good, name)

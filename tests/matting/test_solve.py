@@ -46,7 +46,7 @@ def taken(scene, seed=0, code_std=1 / 255, plate_part=1.0):
 
 @pytest.fixture(scope="module")
 def solved(paint):
-    """(solution, image, plate) with everything found by itself."""
+    """(solution, image, plate) with nothing given but the pictures."""
     image, plate = taken(paint)
     return solve(image, plate), image, plate
 
@@ -63,7 +63,7 @@ def test_exact_pictures_give_the_exact_layer(rendering):
     assert solution.layer.alpha.sum() > 0.98 * rendering.layer.alpha[solution.known].sum()
 
 
-def test_finds_the_streak_and_its_color_by_itself(solved, paint):
+def test_finds_streak_and_color(solved, paint):
     solution, *_ = solved
     true = paint.layer.alpha
     assert true[solution.streak].sum() > 0.99 * true.sum()
@@ -73,7 +73,7 @@ def test_finds_the_streak_and_its_color_by_itself(solved, paint):
     assert solution.solver == repr(Swept())
 
 
-def test_nothing_is_left_outside_the_streak(solved):
+def test_layer_is_empty_outside_the_streak(solved):
     layer, streak = solved[0].layer, solved[0].streak
     assert not layer.alpha[~streak].any()
     assert not layer.premultiplied[~streak].any()
@@ -81,7 +81,7 @@ def test_nothing_is_left_outside_the_streak(solved):
 
 
 def test_only_the_surroundings_of_the_streak_are_solved(solved):
-    """exact: beyond them alpha is 0 ± 0 and OUTSIDE, also in maps that held something else."""
+    """exact: beyond them alpha is 0 ± 0 and OUTSIDE, also in reused maps."""
     solution, image, plate = solved
     height, width = solution.alpha.shape
     maps = PixelMaps(*(np.ones_like(m) for m in PixelMaps.zeros(height, width)))
@@ -99,8 +99,8 @@ def test_only_the_surroundings_of_the_streak_are_solved(solved):
     assert_array_equal(again.quality, solution.quality)
 
 
-def test_layer_over_the_plate_gives_the_image_back(solved):
-    """Where the layer is not empty, up to noise: the one equation left over, and clipped alpha."""
+def test_layer_over_the_plate_is_the_image(solved):
+    """Where the layer is not empty, up to noise: one equation is redundant, and alpha is clipped."""
     solution, image, plate = solved
     image, plate = with_noise(image, plate)
     inside = solution.streak & solution.known & (solution.quality == 0) & (solution.alpha > 0)
@@ -109,7 +109,7 @@ def test_layer_over_the_plate_gives_the_image_back(solved):
     assert np.sqrt(np.mean((rest / std) ** 2)) < 1.0
 
 
-def test_stats_are_about_the_streak(solved, paint):
+def test_stats_describe_the_streak(solved, paint):
     stats, solution = solved[0].stats, solved[0]
     inside = solution.streak & solution.known
     assert stats["pixels"] == np.count_nonzero(solution.streak)
@@ -141,7 +141,7 @@ def test_alternatives_begin_with_the_answer(solved, paint):
 
 @pytest.mark.parametrize("plate_part", [0, 1])
 def test_error_of_the_sum_is_honest(paint, plate_part):
-    """honest: over new plates too; noise of a plate that stays is the same error every time."""
+    """honest: also over new plates; the noise of one plate is the same error every time."""
     z, start = [], None
     for seed in range(16):
         pictures = taken(paint, seed, plate_part=plate_part)
@@ -154,7 +154,7 @@ def test_error_of_the_sum_is_honest(paint, plate_part):
 
 
 def test_error_of_the_scale_is_honest(paint):
-    """A color that errs by its covariance scales alpha by what the stats say."""
+    """A color error within its covariance scales alpha by the stated scale error."""
     rng, std, z = np.random.default_rng(0), np.radians(0.5), []
     image, plate = taken(paint)
     true = paint.model.pole
@@ -175,7 +175,7 @@ def test_error_of_the_scale_is_honest(paint):
 
 
 def with_a_hand(image):
-    """The picture, and in a corner something of many colors that moved more than the ball."""
+    """The picture, and in a corner an object of many colors with stronger motion than the ball."""
     colors = np.random.default_rng(3).uniform(0, 0.6, (10, 8, 3))
     rgb = image.rgb.copy()
     rgb[82:112, 16:40] = np.kron(colors, np.ones((3, 3, 1)))
@@ -183,15 +183,15 @@ def with_a_hand(image):
 
 
 def with_a_shadow(image):
-    """The picture, and in the other corner a soft shadow that moved, stronger than the ball."""
+    """The picture, and in the opposite corner a soft moving shadow, stronger than the ball."""
     y, x = np.mgrid[: image.rgb.shape[0], : image.rgb.shape[1]]
     off = np.hypot(np.maximum(np.abs(x - 45) - 20, 0), y - 100)
     dark = 0.8 * np.exp(-((off / 10) ** 2))
     return replace(image, rgb=image.rgb * (1 - dark)[..., None].astype(image.rgb.dtype))
 
 
-def test_a_stronger_shadow_is_not_taken_for_the_object(paint):
-    """honest: a shadow that falls elsewhere moves as the object does."""
+def test_a_stronger_shadow_is_not_chosen(paint):
+    """honest: a distant shadow moves as its object does."""
     image, plate = taken(paint)
     image = with_a_shadow(image)
     shadow, ball, *_ = find_streaks(image, plate)
@@ -199,8 +199,8 @@ def test_a_stronger_shadow_is_not_taken_for_the_object(paint):
     assert likeliest_streak(*with_noise(image, plate), [shadow, ball]) is ball
 
 
-def test_stronger_motion_that_no_disc_explains_does_not_win(paint):
-    """honest: as of a person beside a ball."""
+def test_stronger_motion_that_no_disc_explains_is_not_chosen(paint):
+    """honest: as of a person next to a ball."""
     image, plate = taken(paint)
     image = with_a_hand(image)
     hand, ball, *_ = find_streaks(image, plate)
@@ -215,15 +215,15 @@ def test_stronger_motion_that_no_disc_explains_does_not_win(paint):
 
 
 @pytest.mark.battery
-def test_color_is_that_of_what_a_disc_explains(paint):
+def test_color_is_that_of_the_disc(paint):
     """honest"""
     image, plate = taken(paint)
     found = fit_color(with_a_hand(image), plate)
     assert np.degrees(np.arccos(found.pole @ paint.model.pole)) < 3 * found.angle_std
 
 
-def test_the_ball_is_solved_and_what_moved_close_by_is_marked():
-    """Exact but for noise: ball and sheet are one streak; a disc explains the ball alone."""
+def test_an_adjacent_object_is_flagged():
+    """Exact up to noise: ball and sheet are one streak; a disc explains the ball alone."""
     wall = plain_plate((160, 112), (0.34, 0.33, 0.3), 4)
     scene = Scene(wall, Trajectory.line((44, 42), (112, 68)), Ball(11, (0.25, 0.7, 0.12)))
     path = Trajectory.line((70.1, 78.7), (77.6, 81.6))
@@ -241,7 +241,7 @@ def test_the_ball_is_solved_and_what_moved_close_by_is_marked():
     assert not solution.layer.alpha[opaque].any()
 
 
-def test_a_color_that_is_given_chooses_the_streak(paint):
+def test_a_given_color_selects_the_streak(paint):
     image, plate = taken(paint)
     image = with_a_hand(image)
     hand, ball, *_ = find_streaks(image, plate)
@@ -280,8 +280,8 @@ def test_the_ball_of_another_color_is_not_solved_when_a_color_is_given(paint):
     assert np.sqrt(np.mean(off**2)) < 0.003
 
 
-def test_what_no_shape_explains_is_solved_as_assumed(paint):
-    """honest: something of many colors has no alpha that pictures tell."""
+def test_objects_without_a_fitting_shape_are_assumed(paint):
+    """honest: alpha of many colors is not determined."""
     plate = taken(paint)[1]
     solution = solve(with_a_hand(plate), plate)
     assert solution.grade is Grade.ASSUMED
@@ -289,8 +289,8 @@ def test_what_no_shape_explains_is_solved_as_assumed(paint):
     assert solution.stats["grade_reasons"]
 
 
-def test_a_bad_answer_still_says_that_the_plate_differs(paint):
-    """It may be why nothing explains the streak."""
+def test_a_different_plate_warns_if_no_shape_fits(paint):
+    """It may be the reason why no shape fits."""
     plate = taken(paint)[1]
     image = with_a_hand(plate)
     brighter = replace(image, rgb=1.1 * image.rgb)
@@ -313,7 +313,7 @@ def root_mean_square(values):
 
 
 def claimed(solution):
-    """(H, W) standard deviation of alpha, that of its scale included."""
+    """(H, W) standard deviation of alpha, with that of its scale."""
     return np.hypot(solution.alpha_std, solution.stats["alpha_scale_std"] * solution.alpha)
 
 
@@ -339,7 +339,7 @@ RENDERED = {
 
 @pytest.fixture(scope="module")
 def answers():
-    """(truth, solution) of each scene, nothing given."""
+    """(truth, solution) of each scene, from the pictures alone."""
     found = {}
     for seed, (name, scene) in enumerate(RENDERED.items()):
         truth = render(scene, 160)
@@ -362,7 +362,7 @@ def test_balls_are_solved_without_a_color(answers, name):
 
 
 def test_claimed_errors_are_honest_over_scenes(answers):
-    """honest: of all scenes, neither far too small nor far too large."""
+    """honest: over all scenes, neither far too small nor far too large."""
     errors, claims = [], []
     for truth, solution in answers.values():
         inside = (truth.layer.alpha > 0.05) & solution.streak
@@ -399,7 +399,7 @@ def test_a_white_ball_before_a_gray_wall_is_found_without_a_color(answers):
 
 
 def test_a_black_ball_is_solved_as_assumed():
-    """honest: it may be a shadow; a sharp rim says that it may be none."""
+    """honest: it may be a shadow; a sharp rim does not exclude it."""
     scene = Scene(GRAY, LINE, BLACK)
     truth = render(scene, 160)
     shot = Shot(scene, Camera(code_std=1 / 255), plate_frames=3, seed=0)
@@ -411,7 +411,7 @@ def test_a_black_ball_is_solved_as_assumed():
     assert off < max(0.02, 2 * solution.stats["alpha_error"])
 
 
-def test_the_same_every_time(answers):
+def test_the_result_is_deterministic(answers):
     """invariant: nothing is random."""
     scene = RENDERED["one hue"]
     truth = render(scene, 160)
@@ -425,7 +425,7 @@ def test_the_same_every_time(answers):
 # What may be given
 
 
-def test_streak_may_be_given(paint):
+def test_a_given_streak_is_used(paint):
     """Pixels outside are unknown; a path that leaves it is followed."""
     image, plate = taken(paint)
     streak = Streak.from_box((30, 20, 90, 70), image.size)
@@ -455,8 +455,8 @@ def test_solver_may_be_given(paint):
     assert strict.known.mean() < solve(image, plate, paint.model).known.mean()
 
 
-def test_plate_may_bring_its_own_noise(paint):
-    """A variance for each pixel, as an average of many frames has it."""
+def test_plate_may_have_a_variance_map(paint):
+    """A variance for each pixel, as of an average of many frames."""
     image = Camera(SENSOR, bits=None).photograph(paint.image.rgb, 0)
     variance = np.full_like(image.rgb, 1e-8)
     variance[64:] = 2e-5
@@ -472,7 +472,7 @@ def test_plate_may_bring_its_own_noise(paint):
     assert_allclose(solution.stats["plate_noise"]["median_std"], np.sqrt(np.median(variance)))
 
 
-def test_clipped_pixels_are_flagged_and_at_least_as_bright_as_they_look(paint):
+def test_clipped_pixels_are_flagged_and_at_least_white(paint):
     light = paint.image.rgb.copy()
     light[50:60, 80:90] = 2
     image = Camera(SENSOR).photograph(light, 0)
@@ -486,7 +486,7 @@ def test_clipped_pixels_are_flagged_and_at_least_as_bright_as_they_look(paint):
 # The door
 
 
-def test_not_pictures(paint):
+def test_rejects_arrays(paint):
     with pytest.raises(
         TypeError, match=r"image must be a LinearImage, got ndarray; use blurmatte\.read"
     ):
@@ -503,20 +503,20 @@ def test_not_pictures(paint):
         solve(paint.image, "plate.png")
 
 
-def test_sizes_that_differ(paint):
+def test_rejects_different_sizes(paint):
     with pytest.raises(ValueError, match="image is 192x128 pixels and plate 20x20"):
         solve(paint.image, LinearImage(np.ones((20, 20, 3))))
 
 
-def test_gray_pictures(paint):
+def test_rejects_gray_pictures(paint):
     gray = LinearImage(paint.plate.rgb, meta=Meta("wall.png", gray=True))
     with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
         solve(paint.image, gray)
 
 
 @pytest.mark.parametrize("model", [None, ColorModel.any()])
-def test_too_small_for_its_file(model):
-    """honest: colors of a file hide its shape and color, which the error says."""
+def test_a_small_object_in_a_jpeg_has_a_large_error(model):
+    """honest: chroma subsampling hides shape and color."""
     scene = Scene(
         colorful_plate((96, 80), 3), Trajectory.line((46, 38), (52, 42)), Ball(6, [0.1, 0.6, 0.2])
     )
@@ -534,7 +534,7 @@ def test_too_small_for_its_file(model):
 
 
 @pytest.mark.parametrize("bits", [8, 16, None])
-def test_nothing_moved(paint, bits):
+def test_rejects_equal_pictures(paint, bits):
     camera = Camera(SENSOR, bits=bits)
     image, plate = (camera.photograph(paint.plate.rgb, seed) for seed in (0, 1))
     with pytest.raises(MotionError, match=r"nothing moved: .* say where to look with a region"):
@@ -543,19 +543,19 @@ def test_nothing_moved(paint, bits):
         solve(image, image)
 
 
-def test_black_pictures():
+def test_rejects_black_pictures():
     black = LinearImage(np.zeros((32, 32, 3), np.float32))
     with pytest.raises(MotionError, match="nothing moved"):
         solve(black, black)
 
 
-def test_too_small():
+def test_rejects_tiny_pictures():
     small = LinearImage(np.full((1, 1, 3), 0.5))
     with pytest.raises(PlateError, match="1x1 pixels; 16x16 is the least"):
         solve(small, small)
 
 
-def test_all_clipped(paint):
+def test_rejects_clipped_pictures(paint):
     clipped = Camera(SENSOR).photograph(paint.plate.rgb + 2, 0)
     with pytest.raises(PlateError, match="no unclipped pixel in common; expose shorter"):
         solve(paint.image, clipped)
@@ -566,7 +566,7 @@ def test_all_clipped(paint):
 
 @pytest.fixture(scope="module")
 def textured():
-    """A ball before small tiles: where it was, their contrast is lower."""
+    """A ball before small tiles, whose contrast is lower along its path."""
     path = Trajectory.line((50, 40), (110, 75))
     return render(Scene(colorful_plate(SIZE, 3, tile=8), path, Ball(14, (0.7, 0.35, 0.1))))
 
@@ -591,7 +591,7 @@ WALLS = {
 
 @pytest.mark.parametrize("color", [(0.7, 0.35, 0.1), (0.1, 0.1, 0.12), (0.8, 0.8, 0.8)], ids=str)
 @pytest.mark.parametrize("wall", WALLS)
-def test_right_order_is_no_false_alarm(wall, color):
+def test_correct_order_does_not_warn(wall, color):
     for end in ((140, 90), (70, 50)):
         scene = render(Scene(WALLS[wall], Trajectory.line((50, 40), end), Ball(14, color)))
         for code_std, plate_part in ((0.3, 0), (2, 1)):
@@ -602,9 +602,9 @@ def test_right_order_is_no_false_alarm(wall, color):
 
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 @pytest.mark.parametrize(("name", "plate"), PAIRS, ids=[name for name, _ in PAIRS])
-def test_real_pictures_are_no_false_alarm(real_data, name, plate):
+def test_real_pictures_do_not_warn(real_data, name, plate):
     image, plate = read(real_data / f"{name}.png"), read(real_data / f"{plate}_plate.png")
-    if name == "tennis":  # two players move beside the ball
+    if name == "tennis":  # two players move next to the ball
         image, plate = (
             LinearImage(p.rgb[:600], valid=p.valid[:600], meta=p.meta) for p in (image, plate)
         )
@@ -615,8 +615,8 @@ def test_real_pictures_are_no_false_alarm(real_data, name, plate):
 
 @pytest.mark.battery
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
-def test_a_ball_has_one_radius_and_color_wherever_it_comes_by_again(real_data):
-    """Invariant: one place of a swung ball, in three rounds; the arm that swings it moved more."""
+def test_a_swung_ball_has_equal_radius_and_color_in_every_round(real_data):
+    """Invariant: the same place in three rounds; the arm that swings it moves more."""
     frames = read_frames(real_data / "circle_faster.avi")
     plate = make_plate(frames).plate
     solutions = [solve(frames[k], plate) for k in (20, 32, 44)]

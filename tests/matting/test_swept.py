@@ -74,8 +74,8 @@ def test_exact_data_give_exact_alpha():
     assert_allclose(solution.alpha.sum(), truth.layer.alpha.sum(), rtol=2e-4)
 
 
-def test_shading_that_no_model_has_stays_within_the_claimed_error():
-    """honest: without noise nothing but the shading of the ball is wrong."""
+def test_unmodeled_shading_stays_within_the_claimed_error():
+    """honest: without noise only the shading of the ball is an error."""
     truth = render(SCENE)
     noise = NoiseModel(read_std=1e-4)
     solution = solve(*(p.with_noise(noise) for p in (truth.image, truth.plate)))
@@ -86,7 +86,7 @@ def test_shading_that_no_model_has_stays_within_the_claimed_error():
 
 
 def test_errors_are_honest():
-    """honest: light pixel by pixel; the sum; alpha, whose calibrated error is that of harder scenes."""
+    """honest: light of each pixel; the sum; alpha, whose calibrated error is that of harder scenes."""
     z_sum, z_light, off, claimed, start = [], [], [], [], None
     for seed in range(8):
         truth, image, plate = taken(SCENE, 100 + seed)
@@ -113,8 +113,8 @@ def post(first, last):
     return hidden, replace(SCENE, occluder=front)
 
 
-def test_what_hides_the_object_is_found_and_alpha_goes_on_behind_it():
-    """honest: flags, alpha and its sum; the layer over the plate is the image still."""
+def test_occluder_is_found_and_alpha_continues_behind_it():
+    """honest: flags, alpha and its sum; the layer over the plate is still the image."""
     hidden, scene = post(74, 82)
     truth, image, plate = taken(scene, 3)
     solution = solve(image, plate)
@@ -138,8 +138,8 @@ def test_what_hides_the_object_is_found_and_alpha_goes_on_behind_it():
     [(None, 0.005, (70, 92)), (Smooth(), 0.04, (74, 82))],
     ids=["swept", "smooth"],
 )
-def test_alpha_goes_on_behind_what_a_mask_names(solver, most, columns):
-    """honest: of a post as wide as the object too, that parts the streak in two."""
+def test_alpha_continues_behind_a_given_occluder(solver, most, columns):
+    """honest: also a post as wide as the object, which splits the streak in two."""
     hidden, scene = post(*columns)
     truth, image, plate = taken(scene, 3)
     solution = solve(image, plate, truth.model, solver, occluder=hidden)
@@ -152,8 +152,8 @@ def test_alpha_goes_on_behind_what_a_mask_names(solver, most, columns):
     assert not (solution.quality[~hidden] & Quality.OCCLUDED).any()
 
 
-def test_pixels_alone_know_nothing_behind_a_mask():
-    """exact: and nothing of them is in the sum."""
+def test_pixelwise_alpha_behind_an_occluder_is_unknown():
+    """exact: and excluded from the sum."""
     hidden, scene = post(74, 82)
     truth, image, plate = taken(scene, 3)
     solution = solve(image, plate, truth.model, Pixelwise(), occluder=hidden)
@@ -162,7 +162,7 @@ def test_pixels_alone_know_nothing_behind_a_mask():
     assert_allclose(solution.stats["sum_alpha"], solution.alpha[inside].sum(dtype=float), rtol=1e-5)
 
 
-def test_occluder_must_be_a_mask(wall):
+def test_rejects_occluders_that_are_no_masks(wall):
     """door: of the picture's size."""
     _, image, plate, _ = wall
     with pytest.raises(ValueError, match="occluder must"):
@@ -172,7 +172,7 @@ def test_occluder_must_be_a_mask(wall):
 
 
 @pytest.mark.xfail(strict=True, reason="alpha without a shape is taken, 0.02 off")
-def test_edges_of_a_shifted_plate_are_not_taken_for_holes():
+def test_edges_of_a_shifted_plate_are_not_occluders():
     stripes = np.where(np.arange(SIZE[0]) // 6 % 2, 0.15, 0.6)[None, :, None] * np.ones(
         (SIZE[1], 1, 3)
     )
@@ -194,7 +194,7 @@ def painted(plate, contrast=1.0):
 
 
 def test_many_colors_before_one_hue_are_solved_by_the_shape():
-    """honest: colors tell nothing here."""
+    """honest: colors have no information here."""
     truth, image, plate = taken(painted(WALL, 0.4), 1)
     solution = solve(image, plate)
     assert solution.grade is not Grade.CONFIRMED
@@ -203,7 +203,7 @@ def test_many_colors_before_one_hue_are_solved_by_the_shape():
 
 
 @pytest.mark.parametrize("model", [None, ColorModel.any()], ids=["found", "any"])
-def test_any_colors_before_texture(model):
+def test_any_colors_are_solved_before_texture(model):
     truth, image, plate = taken(painted(textured_plate(SIZE, 2)), 1)
     solution = solve(image, plate, model)
     assert model is None or solution.model.rank == 3
@@ -217,7 +217,7 @@ def test_any_colors_before_texture(model):
     assert np.mean(solution.quality[inside] != 0) < 0.1
 
 
-def test_of_any_colors_pixels_alone_know_nothing():
+def test_pixelwise_alpha_of_any_colors_is_unknown():
     """exact"""
     _, image, plate = taken(painted(textured_plate(SIZE, 2)), 1)
     solution = solve(image, plate, ColorModel.any(), Pixelwise())
@@ -226,7 +226,7 @@ def test_of_any_colors_pixels_alone_know_nothing():
 
 
 @pytest.mark.battery
-def test_another_shape_is_found():
+def test_other_shapes_are_found():
     """honest"""
     truth, image, plate = taken(Scene(WALL, PATH, star_sprite(30, ORANGE)), 1)
     solution = solve(image, plate)
@@ -234,15 +234,15 @@ def test_another_shape_is_found():
     assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha)[solution.streak] ** 2)) < 0.03
 
 
-def test_pixels_alone_may_be_asked_for(wall):
+def test_pixelwise_may_be_chosen(wall):
     _, image, plate, swept = wall
     solution = solve(image, plate, solver=Pixelwise())
     assert solution.solver == "Pixelwise(max_alpha_std=0.3)"
     assert_allclose(solution.model.pole, swept.model.pole)  # the color comes from the shape still
 
 
-def test_swept_writes_the_estimate_that_it_is_given(wall):
-    """exact: alpha and its error, and the light that they leave."""
+def test_swept_writes_the_given_estimate(wall):
+    """exact: alpha and its error, and the light that follows from them."""
     _, image, plate, solution = wall
     image, plate = with_noise(image, plate)
     sweep, (w, h) = solution.sweep, SIZE
@@ -260,7 +260,7 @@ def test_swept_writes_the_estimate_that_it_is_given(wall):
     assert np.sqrt(np.mean(along**2)) < 0.02
 
 
-def test_a_color_that_is_given_stays(wall):
+def test_a_given_color_is_unchanged(wall):
     truth, image, plate, _ = wall
     model = ColorModel.from_hex(truth.model.hex[0])
     solution = solve(image, plate, model)
@@ -271,7 +271,7 @@ def test_a_color_that_is_given_stays(wall):
 
 @pytest.mark.parametrize("solver", [None, Swept()], ids=["averaged", "swept"])
 def test_a_wrong_color_is_solved_as_assumed(wall, solver):
-    """honest: nothing is refused, but the error covers what is wrong."""
+    """honest: the wrong color is accepted, and the error covers it."""
     truth, image, plate, _ = wall
     wrong = ColorModel.from_hex("#2040ff")
     solution = solve(image, plate, wrong, solver)
@@ -284,7 +284,7 @@ def test_a_wrong_color_is_solved_as_assumed(wall, solver):
 
 @pytest.mark.xfail(strict=True, reason="a shadow that touches the disc makes it 5 % smaller")
 def test_alpha_of_a_shadow_next_to_the_object_is_zero():
-    """Alpha is 0 there, and the pixels are marked; the closed form alone takes it for the object."""
+    """The pixels are flagged; the closed form alone takes them for the object."""
     scene = replace(SCENE, shadow=Shadow((4, 20)))
     truth, image, plate = taken(scene, 3)
     solution = solve(image, plate)
@@ -304,7 +304,7 @@ def test_alpha_of_a_shadow_next_to_the_object_is_zero():
 
 
 @pytest.mark.parametrize("known", [True, False], ids=["file is known", "file is unknown"])
-def test_rims_whose_color_a_file_blurred_are_explained(monkeypatch, known):
+def test_chroma_blurred_rims_are_explained(monkeypatch, known):
     truth = render(SCENE, 200)
     camera = replace(CAMERA, code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
     image, plate = Shot(SCENE, camera).photograph(truth)
@@ -333,8 +333,8 @@ _CLAIMS_TOO_LITTLE = pytest.mark.xfail(
     [pytest.param(True, marks=_CLAIMS_TOO_LITTLE), False],
     ids=["file is known", "file is unknown"],
 )
-def test_errors_of_a_ball_whose_color_ran_are_honest(known):
-    """honest: chroma of a rim is a few pixels off."""
+def test_errors_with_chroma_subsampling_are_honest(known):
+    """honest: chroma of a rim is blurred over a few pixels."""
     scene = Scene(
         plain_plate((128, 96), (0.3, 0.33, 0.36), 1),
         Trajectory.line((60, 46), (68, 52)),
@@ -353,15 +353,15 @@ def test_errors_of_a_ball_whose_color_ran_are_honest(known):
 
 
 def over(truth, seed, light, alpha):
-    """Image and plate with something more before the object: its premultiplied light and alpha."""
+    """Image and plate with an additional layer in front: premultiplied light and alpha."""
     rng = np.random.default_rng(seed)
     seen = truth.image.rgb * (1 - alpha[..., None]) + light
     image = CAMERA.photograph(seen, rng)
     return image, replace(CAMERA, code_std=CAMERA.code_std / 2).photograph(truth.plate.rgb, rng)
 
 
-def test_a_patch_in_other_light_is_no_hole():
-    """honest: light of the wall on the object would seem to be less of it."""
+def test_a_patch_of_other_light_is_no_occluder():
+    """honest: light of the wall's color on the object looks like less alpha."""
     truth = render(SCENE, 200)
     y, x = np.indices(SIZE[::-1])
     patch = (np.hypot(x - 80, y - 50) < 5) & (truth.layer.alpha > 0)
@@ -374,8 +374,8 @@ def test_a_patch_in_other_light_is_no_hole():
     assert np.abs(solution.alpha - truth.layer.alpha)[inside].max() < 0.02
 
 
-def test_a_highlight_is_no_hole():
-    """honest: before a gray wall white light on the object looks as if the wall shone through."""
+def test_a_highlight_is_no_occluder():
+    """honest: before a gray wall, white light on the object looks like the wall."""
     lime = np.array([0.6, 0.75, 0.12])
     way = Trajectory.line((50, 44), (64, 66))
     truth = render(Scene(WALL[:, :120], way, Ball(26, lime, highlight=0.6)), 160)
@@ -386,8 +386,8 @@ def test_a_highlight_is_no_hole():
     assert np.abs(solution.alpha - truth.layer.alpha).max() < 0.15
 
 
-def test_what_else_has_the_color_is_solved_by_all_pixels_together():
-    """honest: a handle next to the ball; smoother than each of its pixels alone."""
+def test_other_objects_of_the_color_are_solved_by_smooth():
+    """honest: a handle next to the ball; smoother than single pixels."""
     truth = render(SCENE, 200)
     y, x = np.indices(SIZE[::-1])
     handle = (np.abs(x - 80) < 3) & (y > 16) & (y < 36) & (truth.layer.alpha == 0)
@@ -402,8 +402,8 @@ def test_what_else_has_the_color_is_solved_by_all_pixels_together():
     assert errors[0] < errors[1] / 2
 
 
-def test_a_clipped_plate_takes_nothing_of_what_is_opaque():
-    """honest: where nothing of it is seen, its light is that of the picture."""
+def test_a_clipped_plate_does_not_change_opaque_pixels():
+    """honest: where it is covered, the light is that of the image."""
     bright = WALL.copy()
     bright[44:58, 74:92] = 1.5
     scene = Scene(bright, Trajectory.line((72, 50), (88, 52)), Ball(14, ORANGE))

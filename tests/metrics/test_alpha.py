@@ -1,4 +1,4 @@
-"""Alpha against alpha: by hand, against slow sums, and what must not change them."""
+"""Errors of alpha: computed by hand, compared with slow sums, and their invariances."""
 
 import numpy as np
 import pytest
@@ -26,15 +26,15 @@ def pair():
     return true + np.random.default_rng(3).normal(0, 0.05, true.shape), true
 
 
-def test_by_hand():
+def test_errors_equal_those_computed_by_hand():
     assert alpha_rmse(ESTIMATED, TRUE) == pytest.approx(np.sqrt((0.09 + 0.16) / 3))
     assert alpha_sad(ESTIMATED, TRUE) == pytest.approx(0.7)
     assert alpha_sum_bias(ESTIMATED, TRUE) == pytest.approx(-0.1)
     assert false_alpha(ESTIMATED, TRUE) == pytest.approx(np.sqrt((0.09 + 0.16) / 3))
 
 
-def test_margin_leaves_out_what_is_near():
-    """Distances to the streak: 2 pixels at the left, √2 above it, 1 beside it."""
+def test_margin_excludes_pixels_near_the_streak():
+    """Distances to the streak: 2 pixels on the left, √2 above it, 1 to the right."""
     true = np.array([[0, 0, 0, 0], [0, 0, 0, 0.5]])
     estimated = np.array([[8.0, 4, 2, 1], [16, 32, 64, 0]])
     assert false_alpha(estimated, true, margin=2.9) == pytest.approx(np.hypot(8, 16) / np.sqrt(2))
@@ -42,7 +42,7 @@ def test_margin_leaves_out_what_is_near():
 
 
 @pytest.mark.parametrize("metric", ALL)
-def test_perfect(pair, metric):
+def test_errors_of_the_truth_are_zero(pair, metric):
     assert metric(pair[1], pair[1]) == 0
 
 
@@ -60,7 +60,7 @@ def slow_gradient(alpha):
     return size
 
 
-def test_gradient_error_is_the_benchmarks(pair):
+def test_gradient_error_equals_explicit_sums(pair):
     estimated, true = pair
     slow = (slow_gradient(estimated) - slow_gradient(true)) ** 2
     assert_allclose(alpha_gradient_error(estimated, true), slow[true > 0].sum(), rtol=1e-12)
@@ -68,7 +68,7 @@ def test_gradient_error_is_the_benchmarks(pair):
 
 @pytest.mark.parametrize("metric", ALL)
 @pytest.mark.parametrize("turn", [np.flipud, np.fliplr, np.transpose])
-def test_turned_pictures_score_the_same(pair, metric, turn):
+def test_errors_of_rotated_pictures_are_equal(pair, metric, turn):
     turned = metric(*map(turn, pair))
     assert_allclose(turned, metric(*pair), rtol=1e-12)
 
@@ -80,14 +80,14 @@ def test_turned_pictures_score_the_same(pair, metric, turn):
         (alpha_sum_bias, 0), (false_alpha, 1),
     ],
 )  # fmt: skip
-def test_scale(pair, metric, power):
+def test_errors_scale_with_alpha(pair, metric, power):
     estimated, true = pair
     assert_allclose(metric(estimated / 4, true / 4), metric(estimated, true) / 4**power)
 
 
 @pytest.mark.parametrize("metric", ALL[:4])
-def test_only_the_streak_counts(pair, metric):
-    """What is added far from the streak belongs to `false_alpha`; more picture changes nothing."""
+def test_pixels_outside_the_streak_are_ignored(pair, metric):
+    """Errors far from the streak belong to `false_alpha`; a larger picture changes nothing."""
     estimated, true = pair
     larger = [np.pad(alpha, 9) for alpha in pair]
     larger[0][0, 0] = 5
@@ -123,12 +123,12 @@ def broken(value):
         (None, TRUE, TypeError, "estimated must be a NumPy array, got NoneType"),
     ],
 )  # fmt: skip
-def test_door(metric, estimated, true, error, says):
+def test_rejects_wrong_arguments(metric, estimated, true, error, says):
     with pytest.raises(error, match=says):
         metric(estimated, true)
 
 
-def test_door_of_false_alpha():
+def test_false_alpha_rejects_wrong_arguments():
     with pytest.raises(ValueError, match="margin must be 0 or more pixels, got -1"):
         false_alpha(ESTIMATED, TRUE, margin=-1)
     with pytest.raises(ValueError, match="no pixel is further than 5 pixels from the streak"):

@@ -1,4 +1,4 @@
-"""Calibration: what is honest looks honest, and what boasts does not."""
+"""Calibration of stated errors: correct and overconfident samples."""
 
 import numpy as np
 import pytest
@@ -9,13 +9,13 @@ from blurmatte.metrics import Calibration, calibration
 
 @pytest.fixture
 def sample():
-    """100 000 estimates of different values, each with an error of its own size: honest."""
+    """100 000 estimates of different values and stated errors, with correct stated errors."""
     rng = np.random.default_rng(7)
     truth, std = rng.uniform(-5, 5, 100_000), rng.uniform(0.01, 2, 100_000)
     return truth + rng.normal(0, std), std, truth
 
 
-def test_by_hand():
+def test_scores_equal_those_computed_by_hand():
     """z = 0.5, -1.5, 2.5, 10."""
     found = calibration([1.5, -2.0, 6, 11], [1, 2, 2, 1], [1, 1, 1, 1])
     z = np.array([0.5, -1.5, 2.5, 10])
@@ -26,7 +26,7 @@ def test_by_hand():
     assert (found.within_1, found.within_2, found.within_3) == (0.25, 0.5, 0.75)
 
 
-def test_a_normal_sample_is_honest(sample):
+def test_normal_sample_is_calibrated(sample):
     found = calibration(*sample)
     assert_allclose(
         [found.mean, found.spread, found.robust_spread], [0, 1, 1], atol=5 / np.sqrt(100_000)
@@ -35,7 +35,7 @@ def test_a_normal_sample_is_honest(sample):
     assert found.within_3 == pytest.approx(0.9973, abs=0.001)
 
 
-def test_boasting_and_bias_show(sample):
+def test_overconfidence_and_bias_are_measured(sample):
     estimate, std, truth = sample
     honest, boasting = calibration(*sample), calibration(estimate, std / 2, truth)
     biased = calibration(estimate + 3 * std, std, truth)
@@ -46,7 +46,7 @@ def test_boasting_and_bias_show(sample):
     assert biased.within_3 == pytest.approx(0.5, abs=0.01)
 
 
-def test_outliers_move_the_spread_and_not_the_robust_one(sample):
+def test_outliers_change_the_spread_but_not_the_robust_spread(sample):
     estimate, std, truth = sample
     wild = estimate.copy()
     wild[::1000] += 1000
@@ -55,19 +55,19 @@ def test_outliers_move_the_spread_and_not_the_robust_one(sample):
     assert found.robust_spread == pytest.approx(1, abs=0.02)
 
 
-def test_units_do_not_matter(sample):
+def test_scores_do_not_depend_on_units(sample):
     scaled = calibration(*(7 * part for part in sample))
     assert_allclose(list(vars(scaled).values()), list(vars(calibration(*sample)).values()))
 
 
-def test_a_std_that_claims_nothing_is_left_out():
+def test_infinite_std_is_excluded():
     std = np.array([1, np.inf, np.nan, 0, 2])
     found = calibration([1, np.nan, np.nan, 3, 1], std, [0, 0, np.nan, 0, 0])
     assert found == calibration([1, 1], [1, 2], [0, 0])
     assert found.count == 2
 
 
-def test_where():
+def test_where_selects_pixels():
     estimate, std, truth = np.arange(12.0).reshape(2, 2, 3), np.ones((2, 2, 3)), np.zeros((2, 2, 3))
     where = np.array([[True, False], [False, True]])
     expected = calibration([0, 1, 2, 9, 10, 11], np.ones(6), np.zeros(6))
@@ -75,7 +75,7 @@ def test_where():
     assert calibration(estimate, std, truth, np.repeat(where[..., None], 3, -1)) == expected
 
 
-def test_single_value():
+def test_single_value_is_accepted():
     assert calibration(3, 2, 0) == Calibration(1, 1.5, 0, pytest.approx(2.2239, abs=1e-4), 0, 1, 1)
 
 
@@ -94,6 +94,6 @@ def test_single_value():
         (([1], [1], [1], np.zeros(1, bool)), ValueError, "got none in 0 values"),
     ],
 )  # fmt: skip
-def test_door(arguments, error, says):
+def test_rejects_wrong_arguments(arguments, error, says):
     with pytest.raises(error, match=says):
         calibration(*arguments)

@@ -19,14 +19,14 @@ def turned(angle, axis=2):
     return R
 
 
-def test_color_by_hand():
-    """Red 0.6 and green 0.8 against pure red: the green is off, cos = 0.6."""
+def test_color_error_equals_that_computed_by_hand():
+    """Red 0.6 and green 0.8 against pure red: green is the error, cos = 0.6."""
     distance = color_distance((1, 0, 0), (0.6, 0.8, 0))
     assert distance.units == pytest.approx(255 * 0.8)
     assert distance.degrees == pytest.approx(np.degrees(np.arccos(0.6)))
 
 
-def test_nearest_color_on_the_line_by_search():
+def test_line_error_equals_a_search_for_the_nearest_color():
     rng = np.random.default_rng(1)
     line, color = rng.uniform(0, 1, (2, 3))
     brightness = np.linspace(0, 3, 30001)[:, None]
@@ -34,8 +34,8 @@ def test_nearest_color_on_the_line_by_search():
     assert color_distance(line, color).units == pytest.approx(255 * nearest, rel=1e-6)
 
 
-def test_plane_by_search():
-    """Over all directions in the plane of two paints, the one that leaves the other plane most."""
+def test_plane_error_equals_a_search_for_the_worst_direction():
+    """Of all directions in the plane of two paints, the one farthest from the other plane."""
     rng = np.random.default_rng(2)
     estimated, paints = rng.uniform(0, 1, (3, 2)), rng.uniform(0, 1, (2, 3))
     normal = np.cross(*estimated.T) / np.linalg.norm(np.cross(*estimated.T))
@@ -48,14 +48,14 @@ def test_plane_by_search():
 
 
 @pytest.mark.parametrize("angle", [1e-6, 0.1, 5, 60, 90])
-def test_planes_are_compared_by_the_angle_between_them(angle):
-    """Planes that share the axis they are turned about: as far apart as their normals."""
+def test_plane_error_is_the_angle_between_normals(angle):
+    """The planes share the axis of their rotation."""
     plane = np.eye(3)[:, :2]
     distance = color_distance(turned(angle, axis=0) @ plane, plane.T)
     assert distance.degrees == pytest.approx(angle, rel=1e-6)
 
 
-def test_ranks_that_differ():
+def test_ranks_may_differ():
     red, green, blue = np.eye(3)
     plane = np.stack([red, green], axis=1)
     assert color_distance(plane, (0.3, 0.4, 0)) == ColorDistance(0, 0)  # in the plane
@@ -65,7 +65,7 @@ def test_ranks_that_differ():
     assert color_distance(plane, np.eye(3)).degrees == 90
 
 
-def test_perfect_whatever_the_brightness():
+def test_color_error_does_not_depend_on_brightness():
     color = np.array([0.7, 0.35, 0.1])
     model = ColorModel.from_samples(np.stack([color, 0.5 * color]), std=0)
     for estimated in (color, 0.01 * color, -color, model.basis):
@@ -80,7 +80,7 @@ def test_brightness_of_the_truth_scales_units_only():
     assert dark.degrees == pytest.approx(bright.degrees)
 
 
-def test_the_frame_of_colors_does_not_matter():
+def test_color_error_does_not_depend_on_the_basis():
     rng = np.random.default_rng(4)
     basis, paints = rng.normal(size=(3, 2)), rng.uniform(0, 1, (2, 3))
     R = turned(33, 0) @ turned(70, 1)
@@ -91,8 +91,8 @@ def test_the_frame_of_colors_does_not_matter():
     )
 
 
-def test_shades_are_one_color():
-    """Rounding of float32 must not make a second color of a shade."""
+def test_shades_have_no_color_error():
+    """Rounding of float32 must not separate shades of one color."""
     color = np.array([0.7, 0.35, 0.1], np.float32)
     shades = color * np.linspace(0.1, 1, 50, dtype=np.float32)[:, None]
     assert color_distance(color.astype(float), shades).degrees < 1e-4
@@ -112,7 +112,7 @@ def test_shades_are_one_color():
         ((1, 0, 0), np.ones((0, 3)), "true must have the shape"),
     ],
 )
-def test_door_of_color_distance(estimated, true, says):
+def test_color_distance_rejects_wrong_arguments(estimated, true, says):
     with pytest.raises(ValueError, match=says):
         color_distance(estimated, true)
 
@@ -125,7 +125,7 @@ def true():
     return Layer(alpha, alpha[..., None] * [0.8, 0.4, 0.2])
 
 
-def test_premultiplied_by_hand(true):
+def test_premultiplied_error_equals_that_computed_by_hand(true):
     estimated = true.premultiplied.copy()
     estimated[2, 1] += 0.3, 0, -0.4
     estimated[0, 0] = 7  # outside the streak
@@ -133,8 +133,8 @@ def test_premultiplied_by_hand(true):
     assert premultiplied_rmse(true.premultiplied, true) == 0
 
 
-def test_recomposite_by_hand(true):
-    """An object that is left out altogether: gray shows where there should be a mixture."""
+def test_recomposite_equals_that_computed_by_hand(true):
+    """An object that is missing altogether: gray instead of a mixture."""
     gray = LinearImage(np.full((5, 4, 3), 0.5))
     nothing = Layer(0 * true.alpha, 0 * true.premultiplied)
     light = 0.5 + np.array([0.25, 0.5, 1])[:, None] * (np.array([0.8, 0.4, 0.2]) - 0.5)
@@ -146,7 +146,7 @@ def test_recomposite_of_the_truth_is_infinite(true):
     assert recomposite_psnr(true, true, LinearImage(np.full((5, 4, 3), 0.2))) == np.inf
 
 
-def test_recomposite_looks_at_the_box_of_the_streak_only(true):
+def test_recomposite_is_restricted_to_the_box_of_the_streak(true):
     background = LinearImage(np.random.default_rng(0).uniform(0, 1, (5, 4, 3)))
     alpha, light = true.alpha.copy(), true.premultiplied.copy()
     alpha[2, 2] = 0.4
@@ -162,7 +162,7 @@ def test_recomposite_looks_at_the_box_of_the_streak_only(true):
     assert recomposite_psnr(*larger, padded) == pytest.approx(score)
 
 
-def test_recomposite_does_not_see_what_is_clipped(true):
+def test_recomposite_ignores_clipped_light(true):
     bright = LinearImage(np.full((5, 4, 3), 9.0))
     alpha, light = true.alpha.copy(), true.premultiplied.copy()
     alpha[2, 1] = 0.1  # 8.1 instead of 7.0: both white
@@ -170,8 +170,8 @@ def test_recomposite_does_not_see_what_is_clipped(true):
     assert recomposite_psnr(Layer(alpha, light), true, bright) == np.inf
 
 
-def test_over_the_plate_errors_cancel_and_over_another_picture_not(rendering):
-    """Why the background should be another one."""
+def test_errors_cancel_over_the_plate_only(rendering):
+    """The reason to use another background."""
     image, plate, true = rendering.image.rgb, rendering.plate.rgb, rendering.layer
     alpha = 0.5 * true.alpha
     wrong = Layer(alpha, image - (1 - alpha[..., None]) * plate)
@@ -186,7 +186,7 @@ def broken(layer, name):
     return Layer(**{**vars(layer), name: array})
 
 
-def test_door_of_premultiplied(true):
+def test_premultiplied_rejects_wrong_arguments(true):
     light = true.premultiplied
     with pytest.raises(ValueError, match="estimated is 4x4 pixels and true 4x5"):
         premultiplied_rmse(light[:4], true)
@@ -200,7 +200,7 @@ def test_door_of_premultiplied(true):
         premultiplied_rmse(light, Layer(0 * true.alpha, light))
 
 
-def test_door_of_recomposite(true):
+def test_recomposite_rejects_wrong_arguments(true):
     picture = LinearImage(np.ones((5, 4, 3)))
     small = Layer(true.alpha[:4], true.premultiplied[:4])
     with pytest.raises(ValueError, match="estimated is 4x4 pixels and true 4x5"):

@@ -1,4 +1,4 @@
-"""TIoU: by hand, against a grid of points, and under turns of space and time."""
+"""TIoU: computed by hand, compared with a grid of points, and its invariances."""
 
 import numpy as np
 import pytest
@@ -18,32 +18,32 @@ def reverse(path):
     return Trajectory(path.xy[::-1], 1 - path.t[::-1])
 
 
-def test_perfect():
+def test_tiou_of_the_truth_is_one():
     assert trajectory_iou(ARC, ARC, 5) == pytest.approx(1, abs=1e-12)
 
 
-def test_one_radius_apart_by_hand():
-    """The lens of two discs whose centers lie one radius apart: (2π/3 − √3/2) r²."""
+def test_tiou_at_one_radius_equals_that_computed_by_hand():
+    """The lens of two discs at a distance of one radius: (2π/3 − √3/2) r²."""
     lens = 2 * np.pi / 3 - np.sqrt(3) / 2
     score = trajectory_iou(shifted(ARC, (3, 4)), ARC, 5)
     assert score == pytest.approx(lens / (2 * np.pi - lens))
 
 
-def test_two_radii_apart_share_nothing():
+def test_tiou_at_two_radii_is_zero():
     line = Trajectory.line((0, 0), (40, 0))
     assert trajectory_iou(shifted(line, (0, 10)), line, 5) == 0
     assert trajectory_iou(shifted(line, (0, 10.1)), line, 5) == 0
     assert trajectory_iou(shifted(line, (0, 9.9)), line, 5) > 0
 
 
-def test_mean_over_time_by_hand():
-    """It stands still where the true one starts: whole at first, and gone at the other two times."""
+def test_tiou_is_the_mean_over_time():
+    """A path at rest at the true start: full overlap at first, none at the other two times."""
     line, still = Trajectory.line((0, 0), (100, 0)), Trajectory.line((0, 0), (0, 0))
     assert trajectory_iou(still, line, 5, samples=3) == pytest.approx(1 / 3)
 
 
-def test_discs_on_a_grid():
-    """Counting the points of a fine grid in both discs and in either."""
+def test_tiou_agrees_with_points_on_a_grid():
+    """Points of a fine grid in both discs over those in either."""
     y, x = np.mgrid[0:40:0.05, 0:90:0.05]
 
     def disc(center):
@@ -57,20 +57,20 @@ def test_discs_on_a_grid():
     assert trajectory_iou(BENT, ARC, 7, samples=4) == pytest.approx(np.mean(scores), abs=1e-3)
 
 
-def test_time_may_run_either_way():
+def test_tiou_does_not_depend_on_the_direction_of_time():
     score = trajectory_iou(BENT, ARC, 7)
     assert trajectory_iou(reverse(BENT), ARC, 7) == pytest.approx(score)
     assert trajectory_iou(BENT, reverse(ARC), 7) == pytest.approx(score)
     assert trajectory_iou(reverse(ARC), ARC, 7) == pytest.approx(1, abs=1e-12)
 
 
-def test_speed_along_the_path_counts():
-    """The right path at the wrong times is not right."""
+def test_tiou_depends_on_the_speed_along_the_path():
+    """The right path at wrong times is wrong."""
     early = Trajectory(np.array([[0, 0], [50, 0], [100, 0]]), np.array([0, 0.2, 1]))
     assert trajectory_iou(early, Trajectory.line((0, 0), (100, 0)), 5) < 0.4
 
 
-def test_scale_turn_and_swap_change_nothing():
+def test_tiou_is_invariant_to_scale_rotation_and_exchange():
     turn = 3 * np.array([[0.6, 0.8], [-0.8, 0.6]])
     a, b = (Trajectory(path.xy @ turn + (7, -9), path.t) for path in (BENT, ARC))
     score = trajectory_iou(BENT, ARC, 7)
@@ -78,7 +78,7 @@ def test_scale_turn_and_swap_change_nothing():
     assert trajectory_iou(ARC, BENT, 7) == pytest.approx(score)
 
 
-def test_a_refusal_is_a_miss():
+def test_missing_path_scores_zero():
     assert trajectory_iou(None, ARC, 5) == 0
 
 
@@ -92,6 +92,6 @@ def test_a_refusal_is_a_miss():
         ((ARC, None, 5), TypeError, "true must be a Trajectory, got NoneType"),
     ],
 )
-def test_door(arguments, error, says):
+def test_rejects_wrong_arguments(arguments, error, says):
     with pytest.raises(error, match=says):
         trajectory_iou(*arguments)

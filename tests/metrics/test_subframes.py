@@ -1,4 +1,4 @@
-"""Stacks of sub-frames: against scikit-image, and what a refusal and a turned time score."""
+"""Stacks of sub-frames: comparison with scikit-image, missing answers, and reversed time."""
 
 import numpy as np
 import pytest
@@ -17,7 +17,7 @@ def plate():
 
 @pytest.fixture
 def true(plate):
-    """A bright square that moves to the right by 4 pixels from one sub-frame to the next."""
+    """A bright square that moves to the right by 4 pixels per sub-frame."""
     stack = np.repeat(plate[None], 4, axis=0)
     for k, frame in enumerate(stack):
         frame[3:9, 4 * k : 4 * k + 5] = 0.9, 0.5, 0.2
@@ -44,8 +44,8 @@ def test_psnr_is_that_of_the_whole_stack(estimated, true, plate):
     assert subframe_psnr(estimated, true, plate) == pytest.approx(expected, rel=1e-12)
 
 
-def test_psnr_by_hand(true, plate):
-    """One sub-frame of four off by 0.2 everywhere: a mean square of 0.01, 20 dB."""
+def test_psnr_equals_that_computed_by_hand(true, plate):
+    """One sub-frame of four is off by 0.2 everywhere: a mean square of 0.01, 20 dB."""
     wrong = true.copy()
     wrong[2] += 0.2
     assert subframe_psnr(wrong, true, plate) == pytest.approx(20)
@@ -64,7 +64,7 @@ def test_ssim_of_the_smallest_picture_is_one_window_each(estimated, true, plate)
 
 
 def test_ssim_takes_its_scale_from_the_whole_true_stack(estimated, true, plate):
-    """A bright spot of one true sub-frame matters for all, a dazzling estimate for none but itself."""
+    """A bright spot in one true sub-frame matters for all, a bright estimate for none but itself."""
     spot = true.copy()
     spot[0, 0, 0] = 1
     assert subframe_ssim(estimated, spot, plate) == pytest.approx(skimage_ssim(estimated, spot))
@@ -73,29 +73,29 @@ def test_ssim_takes_its_scale_from_the_whole_true_stack(estimated, true, plate):
     assert subframe_ssim(dazzled, true, plate) == pytest.approx(skimage_ssim(dazzled, true))
 
 
-def test_perfect(true, plate):
+def test_scores_of_the_truth_are_perfect(true, plate):
     assert subframe_psnr(true, true, plate) == 100
     assert subframe_ssim(true, true, plate) == pytest.approx(1, abs=1e-12)
 
 
-def test_nothing_is_above_perfect(true, plate):
+def test_scores_are_at_most_perfect(true, plate):
     assert subframe_psnr(true + 1e-9, true, plate) == 100
 
 
 @pytest.mark.parametrize("metric", BOTH)
-def test_time_may_run_either_way(metric, estimated, true, plate):
+def test_scores_do_not_depend_on_the_direction_of_time(metric, estimated, true, plate):
     score = metric(estimated, true, plate)
     assert metric(estimated[::-1], true, plate) == pytest.approx(score)
     assert metric(estimated, true[::-1], plate) == pytest.approx(score)
 
 
 @pytest.mark.parametrize("metric", BOTH)
-def test_no_other_order_will_do(metric, true, plate):
+def test_other_orders_of_sub_frames_score_less(metric, true, plate):
     assert metric(true[[1, 0, 2, 3]], true, plate) < 0.95 * metric(true, true, plate)
 
 
-def test_all_subframes_choose_the_direction(true, plate):
-    """The first sub-frame alone looks like the last one; the rest is right as it is."""
+def test_direction_is_chosen_for_the_whole_stack(true, plate):
+    """The first sub-frame alone matches the last one; the others match in order."""
     wrong = true.copy()
     wrong[0] = true[3]
     moved = np.mean((true[3] - true[0]) ** 2) / 4
@@ -104,19 +104,19 @@ def test_all_subframes_choose_the_direction(true, plate):
 
 
 @pytest.mark.parametrize("metric", BOTH)
-def test_a_refusal_scores_as_the_bare_plate(metric, true, plate):
+def test_missing_answer_scores_as_the_plate(metric, true, plate):
     bare = np.repeat(plate[None], len(true), axis=0)
     assert metric(None, true, plate) == metric(bare, true, plate) < metric(true, true, plate)
 
 
-def test_the_plate_matters_only_for_a_refusal(estimated, true, plate):
+def test_plate_is_used_for_missing_answers_only(estimated, true, plate):
     for metric in BOTH:
         assert metric(estimated, true, plate) == metric(estimated, true, 0 * plate)
         assert metric(None, true, plate) > metric(None, true, 0 * plate)
 
 
 @pytest.mark.parametrize("metric", BOTH)
-def test_turned_pictures_score_the_same(metric, estimated, true, plate):
+def test_scores_of_rotated_pictures_are_equal(metric, estimated, true, plate):
     score = metric(estimated, true, plate)
     for axis in (0, 1):
         flipped = (np.flip(a, axis - 3) for a in (estimated, true, plate))
@@ -125,7 +125,7 @@ def test_turned_pictures_score_the_same(metric, estimated, true, plate):
     assert metric(*swapped) == pytest.approx(score)
 
 
-def test_single_precision_loses_nothing(estimated, true, plate):
+def test_float32_agrees_with_float64(estimated, true, plate):
     single = [a.astype(np.float32) for a in (estimated, true, plate)]
     for metric in BOTH:
         assert metric(*single) == pytest.approx(
@@ -158,12 +158,12 @@ def with_nan(array):
         (lambda e, t, p: ((255 * t).astype(np.uint8), t, p), TypeError, "estimated must have a dty"),
     ],
 )  # fmt: skip
-def test_door(metric, change, error, says, estimated, true, plate):
+def test_rejects_wrong_arguments(metric, change, error, says, estimated, true, plate):
     with pytest.raises(error, match=says):
         metric(*change(estimated, true, plate))
 
 
-def test_door_of_ssim(estimated, true, plate):
+def test_ssim_rejects_wrong_arguments(estimated, true, plate):
     with pytest.raises(
         ValueError, match=r"true must be 7 by 7 pixels or more, got \(4, 6, 20, 3\)"
     ):

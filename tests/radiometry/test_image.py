@@ -1,4 +1,4 @@
-"""LinearImage is valid because it exists; decode is the way in for code values."""
+"""LinearImage validates itself when constructed; `decode` converts code values."""
 
 from dataclasses import replace
 
@@ -41,7 +41,7 @@ def test_variance_is_that_of_the_model_or_given(rgb):
 
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
 @pytest.mark.parametrize("transfer", [SRGB, LINEAR], ids=lambda transfer: transfer.name)
-def test_decode_is_the_curve(dtype, transfer):
+def test_decode_applies_the_curve(dtype, transfer):
     top = np.iinfo(dtype).max
     codes = np.random.default_rng(0).integers(0, top, (5, 7, 3)).astype(dtype)
     codes[0, 0, 1] = top

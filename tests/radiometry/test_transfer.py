@@ -45,7 +45,7 @@ def test_gamma_is_a_power():
 
 
 @pytest.mark.parametrize("curve", CURVES, ids=lambda curve: curve.name)
-def test_encode_undoes_decode(curve):
+def test_encode_inverts_decode(curve):
     v = np.linspace(-0.5, 1.5, 4001)  # noise below black and light above white survive
     assert_allclose(curve.encode(curve.decode(v)), v, atol=1e-12)
     assert_allclose(curve.decode(curve.encode(v)), v, atol=1e-12)
@@ -112,7 +112,7 @@ def test_table_is_interpolated_linearly():
 
 
 @pytest.mark.parametrize("light", [STEPS, SRGB.table(4081), np.array([0.0, 3.0])])
-def test_encode_undoes_decode_of_a_table(light):
+def test_encode_inverts_decode_of_a_table(light):
     """Exact: below black and above white too."""
     curve = Transfer.from_table("table", light)
     v = np.linspace(-1.5, 2, 5001)

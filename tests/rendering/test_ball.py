@@ -253,7 +253,7 @@ def test_lamp_behind_the_ball_gives_no_light():
     assert_allclose(light, 0.2 * coverage[..., None] * ORANGE, atol=1e-12)
 
 
-def test_prints_on_one_line():
+def test_repr_is_one_line():
     assert repr(ball_of("glossy", 8)).startswith("Ball(radius 8, #")
     assert repr(ball_of("everything", 8)) == "Ball(radius 8, all colors, highlight 0.4)"
 

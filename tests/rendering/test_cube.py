@@ -133,7 +133,7 @@ def test_a_lamp_from_the_camera_shows_the_face_at_rest_in_its_color():
     assert_allclose(light[0, 0], CYAN)
 
 
-def test_prints_on_one_line():
+def test_repr_is_one_line():
     assert repr(Cube(8, CYAN)).startswith("Cube(side 8, #")
     assert repr(Cube(8, SIX)) == "Cube(side 8, all colors)"
 

@@ -297,7 +297,7 @@ def test_gap_omits_the_path_between_frames(plate):
     assert alpha[36, 30:].max() == 0
 
 
-def test_prints_on_one_line(plate):
+def test_repr_is_one_line(plate):
     scene = Scene(plate, Trajectory.line((25, 30), (65, 44)), BODIES["glossy"][0])
     assert repr(render(scene, 3)).startswith("Rendering(Layer(96x72")
     assert "\n" not in repr(render(scene, 3))

@@ -64,7 +64,7 @@ def test_rejects_wrong_exposures(count, duty, says):
         Scene(PLATE, PATH, BALL).exposures(count, duty)
 
 
-def test_prints_on_one_line():
+def test_repr_is_one_line():
     text = repr(Scene(PLATE, PATH, BALL))
     assert text.startswith("Scene(16x12, Ball(radius 4")
     assert "\n" not in text

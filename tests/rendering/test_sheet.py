@@ -76,7 +76,7 @@ def test_reach_is_the_extent_of_the_corners(turn):
     assert_allclose(np.abs(corners).max(axis=0), (x, y))
 
 
-def test_prints_on_one_line():
+def test_repr_is_one_line():
     assert repr(Sheet(12, 7, BLUE)).startswith("Sheet(12x7, #")
 
 

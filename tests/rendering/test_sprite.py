@@ -155,7 +155,7 @@ def test_a_star_has_its_points(points):
     assert sprite.model.rank == 1
 
 
-def test_prints_on_one_line():
+def test_repr_is_one_line():
     assert repr(SPRITE) == "Sprite(9x7, all colors)"
     assert repr(star_sprite(20, GOLD)).startswith("Sprite(20x20, #")
 

@@ -1,4 +1,4 @@
-"""Scene files: what they say is what is rendered, and what the door refuses."""
+"""Scene files: their contents, and errors of wrong ones."""
 
 import numpy as np
 import pytest
@@ -51,7 +51,7 @@ def shots(tmp_path):
     return read
 
 
-def test_a_scene_is_what_its_file_says(shots):
+def test_scene_has_the_values_of_its_file(shots):
     (shot,) = shots(PLAIN)
     assert shot.scene.size == (64, 48)
     assert shot.seed == 3
@@ -118,7 +118,7 @@ tone = 0.2
     assert shot.camera.noise.gain == (1e-4,) * 3
 
 
-def test_perspective_is_read(shots):
+def test_pinhole_is_read(shots):
     text = PLAIN.replace('kind = "line"', 'kind = "in_depth"\ndepth = [1, 0.5]')
     (shot,) = shots(text + "[change]\ndepth = [1, 0.5]\n[pinhole]\nfocal = 90\ncenter = [30, 20]\n")
     assert shot.scene.pinhole == Pinhole(90, (30, 20))
@@ -146,7 +146,7 @@ def test_picture_paths_are_relative_to_the_scene_file(shots, tmp_path):
     assert isinstance(shot.scene.body, Sprite)
 
 
-def test_a_clip_is_many_shots_with_noise_of_their_own(shots):
+def test_clip_is_a_list_of_shots_with_independent_noise(shots):
     frames = shots(PLAIN + "[clip]\ncount = 2\nduty = 0.5\n")
     assert [shot.seed for shot in frames] == [3, 4]
     assert_allclose(frames[0].scene.trajectory.xy, [(20, 24), (25, 24)])
@@ -154,13 +154,13 @@ def test_a_clip_is_many_shots_with_noise_of_their_own(shots):
 
 
 @pytest.mark.parametrize("name", scene_names())
-def test_scenes_that_come_with_it_are_whole(name):
+def test_named_scenes_are_complete(name):
     for shot in read_shots(name):
         assert shot.scene.size == (512, 384)
     assert scene_title(name)
 
 
-def test_there_are_about_twenty():
+def test_there_are_at_least_twenty_named_scenes():
     assert len(scene_names()) >= 20
 
 
@@ -191,13 +191,13 @@ def test_there_are_about_twenty():
         ("size = [64, 48]", "size = [64, 48]\nopacity = 2", "opacity must be above 0"),
     ],
 )
-def test_door(shots, old, new, says):
+def test_rejects_wrong_files(shots, old, new, says):
     with pytest.raises(FileError) as caught:
         shots(PLAIN.replace(old, new))
     assert says in str(caught.value)
     assert "scene.toml: " in str(caught.value)
 
 
-def test_no_such_scene_names_those_there_are():
+def test_error_for_unknown_scene_lists_the_names():
     with pytest.raises(FileError, match=r"nowhere: cannot be read .* easy, "):
         read_shots("nowhere")

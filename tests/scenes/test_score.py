@@ -1,4 +1,4 @@
-"""Scenes written, read back, and answers scored against them."""
+"""Scenes on disk, and scores of answers."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def truth(folder):
     return read_truth(folder)
 
 
-def test_the_truth_comes_back(folder, truth):
+def test_truth_round_trips(folder, truth):
     rendering = render(SCENE)
     assert_allclose(truth.layer.alpha, rendering.layer.alpha, atol=1e-7)
     assert_allclose(truth.trajectory.xy, SCENE.trajectory.xy)
@@ -58,7 +58,7 @@ def test_the_truth_comes_back(folder, truth):
 
 
 @pytest.mark.parametrize("bits", [8, 12, 16])
-def test_pictures_hold_what_the_camera_saw(tmp_path, bits):
+def test_pictures_equal_the_photographs(tmp_path, bits):
     shot = Shot(SCENE, Camera(NoiseModel(1e-5, 5e-4), bits=bits), seed=2)
     save_shot(tmp_path, shot)
     image, plate = shot.photograph(render(SCENE))
@@ -67,7 +67,7 @@ def test_pictures_hold_what_the_camera_saw(tmp_path, bits):
     assert (read(tmp_path / "image.png").meta.levels == 256) == (bits == 8)
 
 
-def test_a_shadow_is_written_and_accounts_for_the_image(tmp_path):
+def test_image_is_composed_with_the_written_shadow(tmp_path):
     scene = replace(SCENE, shadow=Shadow((12, 9), 2))
     save_shot(tmp_path, Shot(scene, Camera(bits=None)))
     truth, dark = read_truth(tmp_path), read(tmp_path / "truth" / "shadow.exr").rgb
@@ -76,7 +76,7 @@ def test_a_shadow_is_written_and_accounts_for_the_image(tmp_path):
     assert_allclose(image, truth.layer.premultiplied + rest * truth.plate.rgb, atol=1e-6)
 
 
-def test_light_nearby_is_written_and_accounts_for_the_image(tmp_path):
+def test_image_is_composed_with_the_written_light(tmp_path):
     scene = replace(SCENE, nearby=Nearby(0.05, 0.02, 1.5), shadow=Shadow((12, 9), 2))
     save_shot(tmp_path, Shot(scene, Camera(bits=None)))
     truth = read_truth(tmp_path)
@@ -87,7 +87,7 @@ def test_light_nearby_is_written_and_accounts_for_the_image(tmp_path):
     assert_allclose(image, truth.layer.premultiplied + rest * truth.plate.rgb, atol=1e-6)
 
 
-def test_truth_is_seen_through_the_optics(tmp_path):
+def test_truth_is_blurred_by_the_optics(tmp_path):
     camera = Camera(bits=None, blur=0.8, defocus=1.5)
     save_shot(tmp_path, Shot(SCENE, camera))
     truth, rendering = read_truth(tmp_path), render(SCENE)
@@ -102,7 +102,7 @@ def test_truth_is_seen_through_the_optics(tmp_path):
     assert_allclose(truth.subframes[3].alpha, still, atol=1e-6)
 
 
-def test_the_truth_itself_is_perfect(folder, truth):
+def test_score_of_the_truth_is_perfect(folder, truth):
     answer = Answer(truth.layer, trajectory=truth.trajectory, subframes=truth.subframes)
     perfect = score(answer, truth)
     zeros = ("alpha_rmse", "alpha_sad", "alpha_gradient_error", "alpha_sum_bias", "false_alpha")
@@ -116,7 +116,7 @@ def test_the_truth_itself_is_perfect(folder, truth):
     assert perfect.alpha_spread is None
 
 
-def test_our_own_solution_is_scored_with_its_error(folder, truth, tmp_path):
+def test_solution_is_scored_with_its_errors(folder, truth, tmp_path):
     image, plate = read(folder / "image.png"), read(folder / "plate.png")
     model = read_color_model(folder / "truth" / "model.json")
     write(tmp_path / "layer.exr", solve(image, plate, model, Pixelwise()))
@@ -158,7 +158,7 @@ def test_paths_and_subframes_are_read(truth, tmp_path):
         score(fewer, truth)
 
 
-def test_a_refusal_is_a_miss_and_not_a_skip(truth):
+def test_missing_answer_is_counted_as_a_miss(truth):
     miss = score(None, truth)
     assert not miss.answered
     assert miss.alpha_sum_bias == -1
@@ -182,14 +182,14 @@ def test_table_omits_metrics_that_are_none(truth):
     assert mean.split()[:2] == ["mean", "miss"]
 
 
-def test_scenes_are_found_in_folders_of_folders(folder, tmp_path):
+def test_scenes_are_found_in_nested_folders(folder, tmp_path):
     assert find_scenes(folder) == [folder]
     assert find_scenes(folder.parent) == [folder]
     with pytest.raises(FileError, match="holds no scene with its truth"):
         find_scenes(tmp_path)
 
 
-def test_door(truth, tmp_path):
+def test_rejects_wrong_folders(truth, tmp_path):
     with pytest.raises(FileError, match=r"holds no result; one of layer.exr"):
         read_answer(tmp_path)
     with pytest.raises(FileError, match=r"cannot be read|does not exist|no such file"):

@@ -1,4 +1,4 @@
-"""Lets tests import what they share, `tests.sweep.scenes`."""
+"""Makes `tests.sweep.scenes` importable."""
 
 import sys
 from pathlib import Path

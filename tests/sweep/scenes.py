@@ -1,6 +1,5 @@
-"""Rendered balls that several tests look at: each scene is rendered and photographed once.
-
-In all of them the true path is one of `PATHS`, the true radius is RADIUS, and the color is GREEN.
+"""Rendered balls shared by several tests: each scene is rendered and photographed once. The true path
+is one of `PATHS`, the true radius is RADIUS, and the color is GREEN.
 """
 
 from dataclasses import replace
@@ -75,7 +74,7 @@ def observed(scene, seed=0, camera=CAMERA, color=NEUTRAL):
 
 @cache
 def exact(scene, color=NEUTRAL):
-    """The observation of a scene without noise, though some is declared."""
+    """The observation of a scene without noise, with a declared noise."""
     truth, noise = rendered(scene), NoiseModel(read_std=1e-3)
     pictures = (picture.with_noise(noise) for picture in (truth.image, truth.plate))
     return observation_around(Streak(truth.layer.alpha > 0), 12, *pictures, color)
@@ -93,7 +92,7 @@ def disc_at(observation, family=LINE, offset=0.0, radius=RADIUS):
 
 
 def within(observation, values):
-    """The part of a picture's map (H, W) that lies in an observation on the picture's pixels."""
+    """The part of a picture's map (H, W) in an observation at full resolution."""
     (x0, y0), (h, w) = map(int, observation.origin), observation.weight.shape
     return values[y0 : y0 + h, x0 : x0 + w]
 

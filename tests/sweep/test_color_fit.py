@@ -1,4 +1,4 @@
-"""fit_color: shape, hues and feasibility together, and an error where none of them decides."""
+"""fit_color: shape, hues and feasibility together, and an error if they are not sufficient."""
 
 from dataclasses import replace
 from functools import cache
@@ -43,7 +43,7 @@ def test_the_color_of_a_ball_is_found(scenes, seed):
     assert degrees_between(model.pole, GREEN) < 3 * model.angle_std < 1.5
 
 
-def test_the_shape_decides_what_the_hues_leave_open():
+def test_shape_determines_a_color_ambiguous_by_hue():
     image, plate = taken(1)
     with pytest.raises(ColorModelError, match="leaves the object's color open"):
         fit_color_from_hues(image, plate)
@@ -64,8 +64,8 @@ def test_its_error_is_honest():
     assert 0.4 < np.mean(z) < 2.0
 
 
-def test_a_rejected_sweep_leaves_the_color_to_the_hues():
-    """door: where these leave it open too, the sweep's color is better than none."""
+def test_color_of_a_rejected_sweep_is_that_of_the_hues():
+    """door: if hues are ambiguous too, the sweep's color is used."""
     wall, tiles = photographed(FLAT[LINE]), photographed(FLAT_BEFORE_TILES[LINE])
     for (image, plate), decided in ((wall, False), (tiles, True)):
         sweep, streak = fit_sweep(image, plate), require_streaks(image, plate)[0]
@@ -88,7 +88,7 @@ def test_several_frames_give_a_smaller_error():
     assert_allclose(empty.pole, alone.pole)
 
 
-def test_wrong_arguments_raise():
+def test_rejects_wrong_arguments():
     """door"""
     image, plate = taken(1)
     with pytest.raises(ValueError, match="max_brightness must be positive, got 0"):

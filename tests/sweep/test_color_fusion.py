@@ -12,13 +12,13 @@ T = np.linalg.svd(POLE[:, None])[0][:, 1:]
 
 
 def model(offset, std):
-    """A line turned by an offset (2,), radians, known to a std (2,)."""
+    """A line rotated by an offset (2,), radians, known to a std (2,)."""
     pole = POLE + T @ np.asarray(offset, float)
     pole /= np.linalg.norm(pole)
     return ColorModel(pole[:, None], T @ np.diag(np.square(std)) @ T.T, {})
 
 
-def test_one_color_stays():
+def test_one_color_is_unchanged():
     one = model((0.01, 0), (0.01, 0.01))
     assert fuse_colors([one]) is one
 
@@ -31,7 +31,7 @@ def test_the_mean_is_weighted_by_information():
 
 
 def test_the_error_shrinks_with_the_number_of_frames():
-    """exact: of equal frames by the root of their number."""
+    """exact: for equal frames by the root of their number."""
     one = model((0, 0), (0.01, 0.01))
     assert_allclose(fuse_colors([one] * 4).angle_std, one.angle_std / 2, rtol=1e-3)
 

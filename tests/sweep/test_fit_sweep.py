@@ -68,8 +68,8 @@ def swept(scene, seed=0, camera=CAMERA):
 
 @pytest.mark.parametrize("family", FLAT, ids=lambda family: family.name)
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
-def test_path_radius_and_color(family, scenes):
-    """honest: of every family of paths."""
+def test_path_radius_and_color_are_found(family, scenes):
+    """honest: for every family of paths."""
     sweep = swept(scenes[family])
     assert sweep.rejection == ""
     assert sweep.silhouette == Silhouette(1)
@@ -81,8 +81,8 @@ def test_path_radius_and_color(family, scenes):
 
 
 @pytest.mark.parametrize("scene", [BALL, BEFORE_TILES[LINE]], ids=["wall", "tiles"])
-def test_a_shaded_ball(scene):
-    """honest: shading is no shape."""
+def test_radius_of_a_shaded_ball_is_found(scene):
+    """honest: shading does not change the shape."""
     sweep = swept(scene)
     assert sweep.rejection == ""
     assert sweep.silhouette.name == "disc"
@@ -110,7 +110,7 @@ def test_exact_light_gives_the_exact_sweep():
     ],
     ids=["opaque middle", "leaves the picture", "small"],
 )
-def test_short_hidden_and_small_streaks(plate, path, radius, most):
+def test_short_hidden_and_small_streaks_are_fitted(plate, path, radius, most):
     """honest"""
     scene = Scene(plate, Trajectory.line(*path), Ball(radius, GREEN, ambient=1.0))
     sweep = fit_sweep(*photographed(scene))
@@ -119,7 +119,7 @@ def test_short_hidden_and_small_streaks(plate, path, radius, most):
     assert abs(sweep.radius - radius) < max(4 * sweep.radius_std, 0.03)
 
 
-def test_a_faint_long_streak():
+def test_faint_long_streak_is_fitted():
     scene = Scene(
         WALL[:56, :144], Trajectory.line((14, 20), (130, 34)), Ball(3.6, ORANGE, ambient=1.0)
     )
@@ -130,7 +130,7 @@ def test_a_faint_long_streak():
 
 @pytest.mark.parametrize("known", [True, False], ids=["known file", "unknown file"])
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
-def test_a_file_that_blurs_colors_leaves_a_sharp_disc(scenes, known):
+def test_chroma_subsampling_keeps_a_sharp_rim(scenes, known):
     """honest"""
     image, plate = photographed(scenes[LINE], 0, JPEG)
     if not known:
@@ -142,8 +142,8 @@ def test_a_file_that_blurs_colors_leaves_a_sharp_disc(scenes, known):
     assert abs(sweep.radius - RADIUS) < max(4 * sweep.radius_std, 0.15)
 
 
-def test_a_lens_that_blurs_makes_a_soft_alpha():
-    """exact but for noise"""
+def test_blur_of_the_lens_gives_a_soft_rim():
+    """exact up to noise"""
     truth = rendered(FLAT[LINE])
     noise = np.random.default_rng(1).normal(0, 0.004, (2, *truth.image.rgb.shape))
     image, plate = (
@@ -159,7 +159,7 @@ def test_a_lens_that_blurs_makes_a_soft_alpha():
 
 @pytest.mark.parametrize("camera", [CAMERA, JPEG], ids=["png", "jpeg"])
 def test_a_ball_out_of_focus_has_a_soft_alpha_in_every_file(camera):
-    """honest: the blur of its lens is that of a disc."""
+    """honest: with the circle of confusion of its lens."""
     scene = Scene(TILES, PATH, Ball(18, GREEN, ambient=1.0), defocus=7)
     sweep = swept(scene, 0, camera)
     assert sweep.silhouette.soft
@@ -168,7 +168,7 @@ def test_a_ball_out_of_focus_has_a_soft_alpha_in_every_file(camera):
     assert error(sweep, scene) < 0.015
 
 
-def test_two_paints_make_a_plane():
+def test_two_paints_give_rank_2():
     """honest"""
     body = Ball(13, GREEN, second_color=RED)
     scene = Scene(TILES, PATH, body, Change(spin=(1.0, 0.5, 0.8)))
@@ -192,7 +192,7 @@ def test_a_squashed_ball_is_an_ellipse():
 @pytest.mark.battery
 @pytest.mark.xfail(reason="a disc on a cubic leaves no more than noise, and is not rejected")
 def test_a_sheet_that_no_outline_describes_is_rejected():
-    """door: it turns about an axis in the picture. A sweep is returned all the same."""
+    """door: it turns about an axis in the picture. The sweep is returned all the same."""
     path = Trajectory.line((60, 50), (100, 60))
     scene = Scene(WALL, path, Sheet(24, 14, GREEN), Change(spin=(0.0, 3.0, 0.0)))
     assert swept(scene).rejection
@@ -202,7 +202,7 @@ def test_a_sheet_that_no_outline_describes_is_rejected():
 @pytest.mark.parametrize("camera", [CAMERA, JPEG], ids=["png", "jpeg"])
 @pytest.mark.parametrize("offset", [(-22, 10), (0, 24), (16, 14)], ids=["behind", "below", "ahead"])
 def test_a_ball_and_its_shadow_are_found_together(offset, camera):
-    """honest: without its shadow half of it would be taken for the ball, and alpha be 0.09 off."""
+    """honest: without its shadow half of it would be taken for the ball (alpha error 0.09)."""
     wall, path = plain_plate((240, 180), (0.42, 0.42, 0.4), 4), Trajectory.line((90, 70), (140, 84))
     body, shadow = Ball(17, (0.27, 0.72, 0.13)), Shadow(offset, strength=(0.5, 0.5, 0.5))
     scene = Scene(wall, path, body, shadow=shadow)
@@ -212,8 +212,8 @@ def test_a_ball_and_its_shadow_are_found_together(offset, camera):
 
 
 @pytest.mark.battery
-def test_a_large_ball_in_a_jpeg_file():
-    """honest: on pixels of several of the file's."""
+def test_large_ball_in_a_jpeg_is_fitted():
+    """honest: on coarse pixels."""
     plate = colorful_plate((640, 480), 2, tile=60)
     scene = Scene(plate, Trajectory.line((230, 210), (420, 260)), Ball(95, GREEN, ambient=1.0))
     sweep = swept(scene, 2, JPEG)
@@ -235,8 +235,8 @@ def test_hypotheses_are_sorted_by_weight():
     assert exact.cost < free.cost
 
 
-def test_a_hypothesis_is_as_likely_as_its_alpha():
-    """invariant: where pixels of the plate are clipped, which leaves the color of a poor fit wrong."""
+def test_weight_of_a_hypothesis_is_that_of_its_alpha():
+    """invariant: with clipped pixels of the plate, which bias the color of a poor fit."""
     wall = plain_plate((160, 112), (0.3, 0.33, 0.36), 1)
     wall[44:58, 74:92] = 1.5
     scene = Scene(wall, Trajectory.line((72, 50), (88, 52)), Ball(14, (0.9, 0.45, 0.05)))
@@ -287,7 +287,7 @@ def test_a_given_plane_is_respected():
     assert error(sweep, FLAT[LINE]) < 0.01
 
 
-def test_a_given_streak_is_where_the_sweep_is_looked_for():
+def test_sweep_is_searched_in_a_given_streak():
     other = Scene(WALL, Trajectory.line((36, 88), (60, 94)), Ball(9, ORANGE))
     truth, second = rendered(BALL), rendered(other)
     both = replace(truth, image=second.layer.over(truth.image))
@@ -303,8 +303,8 @@ def turned_by_a_quarter(picture):
 
 
 @pytest.mark.xfail(strict=True, reason="alpha differs by up to 0.03 at a few pixels of the rim")
-def test_pictures_turned_give_sweeps_turned():
-    """invariant: by a quarter, and with red and blue exchanged."""
+def test_rotated_pictures_give_rotated_sweeps():
+    """invariant: by a quarter turn, and with red and blue exchanged."""
     sweep = swept(FLAT[LINE])
     turned = fit_sweep(*(turned_by_a_quarter(x) for x in photographed(FLAT[LINE])))
     assert_allclose(turned.alpha, sweep.alpha.T[:, ::-1], atol=3e-3)
@@ -323,8 +323,8 @@ def test_the_sweep_of_another_frame_is_a_start(monkeypatch):
     assert_allclose(np.sort(again.outline_at(0.5), 0), np.sort(found.outline_at(0.5), 0), atol=0.05)
 
 
-def test_a_codec_that_repeats_what_stands_still_hides_its_noise(tmp_path):
-    """honest: H.264 leaves no noise outside a ball, and much of it within."""
+def test_noise_hidden_by_a_codec_is_measured_inside(tmp_path):
+    """honest: H.264 has no noise outside a ball, and much inside."""
     pytest.importorskip("av")
     scene = Scene(TILES, PATH, Ball(11, ORANGE, ambient=1.0))
     truth, camera = rendered(scene), Camera(code_std=2 / 255)
@@ -341,7 +341,7 @@ def test_a_codec_that_repeats_what_stands_still_hides_its_noise(tmp_path):
 
 
 @pytest.mark.battery
-def test_a_shadow_alone_is_refused():
+def test_rejects_a_shadow_alone():
     """door"""
     truth = rendered(BALL)
     dark = LinearImage(
@@ -352,7 +352,7 @@ def test_a_shadow_alone_is_refused():
         fit_sweep(image, plate)
 
 
-def test_nothing_moved_raises():
+def test_rejects_equal_pictures():
     """door"""
     plate = photographed(BALL)[1]
     same = CAMERA.photograph(rendered(BALL).plate.rgb, np.random.default_rng(0))
@@ -360,7 +360,7 @@ def test_nothing_moved_raises():
         fit_sweep(same, plate)
 
 
-def test_sizes_that_differ_raise():
+def test_rejects_different_sizes():
     """door"""
     image, plate = photographed(BALL)
     with pytest.raises(ValueError, match=f"{SIZE[0]}x{SIZE[1]}"):

@@ -49,13 +49,13 @@ def taken(plate, seed=0, strength=0.5):
 
 
 def light_of(truth):
-    """Unit color, and light along it where the object is all that is seen."""
+    """Unit color, and the light along it where the object is opaque."""
     pole, alpha = truth.model.pole, truth.layer.alpha
     return pole, float(np.sum(truth.layer.premultiplied @ pole * alpha) / np.sum(alpha**2))
 
 
 @pytest.mark.parametrize("plate", PLATES)
-def test_finds_the_shadow_and_spares_most_of_the_object(plate):
+def test_finds_the_shadow_without_most_of_the_object(plate):
     truth, image, without = taken(plate)
     alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
     found = cast_shadow_mask(image, without, find_streaks(image, without)[0], *light_of(truth))
@@ -65,7 +65,7 @@ def test_finds_the_shadow_and_spares_most_of_the_object(plate):
 
 @pytest.mark.parametrize("plate", PLATES)
 def test_a_shadow_is_found_before_the_object_is_fitted(plate):
-    """Oracle: where nothing but it is, from the part alone in which the object's light shows."""
+    """Oracle: where only the shadow is, from the region in which the object's light is visible."""
     truth, image, without = taken(plate)
     alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
     streak = Streak(alpha > 0.1)
@@ -86,7 +86,7 @@ def test_without_a_shadow_nothing_is_found(plate):
 
 @pytest.mark.parametrize("plate", PLATES)
 def test_darkness_finds_the_shadow_without_a_color(plate):
-    """Most of the shadow next to the object, and nothing where the object adds light."""
+    """Most of the shadow next to the object, and no pixel where the object adds light."""
     truth, image, without = taken(plate)
     alpha, shadow = truth.layer.alpha, truth.shadow.max(axis=-1)
     found = darkness(image, without, find_streaks(image, without)[0])
@@ -112,15 +112,15 @@ def test_noise_is_no_shadow():
     assert not cast_shadow_mask(image, without, still, *light_of(truth)).any()
 
 
-def test_a_black_object_stays_whole():
-    """Of an object that brings no light, all would be shadow."""
+def test_black_object_has_no_shadow_mask():
+    """For an object without light, all pixels would be shadow."""
     truth, image, without = taken("plain")
     streak = find_streaks(image, without)[0]
     assert not cast_shadow_mask(image, without, streak, truth.model.pole, 0.0).any()
 
 
 def test_a_dark_streak_is_not_removed_completely():
-    """Its clipped pixels are no evidence of an object, but leave nothing if they are taken for rim."""
+    """Clipped pixels are no evidence of an object; a dilated rim must not cover all pixels."""
     light = np.asarray(PLATES["plain"], float)
     dark, valid = light.copy(), np.ones(light.shape[:2], bool)
     dark[40:60, 50:62] *= 0.5

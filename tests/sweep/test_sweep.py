@@ -1,4 +1,4 @@
-"""Sweep: what it says of itself, and how honest its covariance is."""
+"""Sweep: its properties, and the calibration of its covariance."""
 
 from dataclasses import replace
 from functools import cache
@@ -79,7 +79,7 @@ def test_the_covariance_of_curved_paths_is_honest(family):
 @pytest.mark.xfail(reason="shading that moves with the ball shifts path and radius by several std")
 @pytest.mark.parametrize("scenes", [BALLS, BEFORE_TILES], ids=["wall", "tiles"])
 def test_the_covariance_of_a_shaded_ball_is_honest(scenes):
-    """honest: the color field stays in the picture, shading goes with the ball."""
+    """honest: the color field is fixed to the picture, shading moves with the ball."""
     z = scatter(scenes[LINE], LINE, 16)
     assert np.sqrt(np.mean(z**2, axis=0)).max() < 1.4
 
@@ -103,7 +103,7 @@ def test_path_and_radius_of_a_shaded_ball_are_right_to_a_part_of_a_pixel(scenes)
 
 
 def test_alpha_std_is_the_scatter_of_alpha():
-    """oracle: over 32 draws of noise, in the mean of the rim's squares."""
+    """oracle: over 32 draws of noise, root mean square over the rim."""
     sweeps = [swept(FLAT[LINE], LINE, seed) for seed in range(32)]
     true = rendered(FLAT[LINE]).layer.alpha
     off = np.array([sweep.alpha - true for sweep in sweeps])
@@ -123,7 +123,7 @@ def test_the_error_of_the_color_is_honest():
 
 
 def test_color_is_that_of_the_ball():
-    """exact but for noise: a line through black, with its error."""
+    """exact up to noise: a line through black, with its error."""
     model = swept(FLAT_BEFORE_TILES[LINE]).model
     assert model.rank == 1
     assert degrees_between(model.pole, GREEN) < 4 * model.angle_std < 1
@@ -141,12 +141,12 @@ def test_alpha_is_the_same_within_a_box():
 
 
 def test_area_std_is_that_of_the_radius():
-    """exact: a disc within the picture has the area π r², whatever its path is."""
+    """exact: a disc within the picture has the area π r² for any path."""
     sweep = swept(FLAT[LINE])
     assert_allclose(sweep.area_std(), 2 * np.pi * sweep.radius * sweep.radius_std, rtol=0.02)
 
 
-def test_geometry_agrees():
+def test_geometric_properties_are_consistent():
     sweep = swept(FLAT[ARC], ARC)
     assert_allclose(sweep.length, along(ARC).length, atol=0.5)
     assert_allclose(np.linalg.norm(sweep.outline, axis=1), sweep.radius, rtol=1e-9)
@@ -181,7 +181,7 @@ def test_rejection_says_why_a_sweep_does_not_explain_the_streak(change, words):
 
 
 def test_the_plate_in_a_shadow_keeps_its_noise():
-    """invariant: outside the shadow the plate stays."""
+    """invariant: outside the shadow the plate is unchanged."""
     _, plate = photographed(FLAT[LINE])
     sweep = swept(FLAT[LINE])
     assert sweep.in_shadow(plate, BOX) is plate
@@ -193,7 +193,7 @@ def test_the_plate_in_a_shadow_keeps_its_noise():
     assert np.all(shaded.rgb <= plate.rgb)
 
 
-def test_an_image_whose_file_shares_no_colors_stays():
+def test_image_without_chroma_subsampling_is_unchanged():
     image, plate = photographed(FLAT[LINE])
     sweep = swept(FLAT[LINE])
     assert sweep.before_file(image, plate, BOX) is image
@@ -203,7 +203,7 @@ def test_an_image_whose_file_shares_no_colors_stays():
     assert np.abs(blurred.before_file(image, plate, BOX).rgb - image.rgb).max() > 0.01
 
 
-def test_orders_that_an_outline_cannot_have_add_to_the_error_of_alpha():
+def test_truncation_of_the_outline_adds_to_the_error_of_alpha():
     """exact: the difference to an outline that is larger by the last order."""
     sweep, silhouette = swept(FLAT[LINE]), Silhouette(4)
     shape = silhouette.start(RADIUS)
@@ -215,8 +215,8 @@ def test_orders_that_an_outline_cannot_have_add_to_the_error_of_alpha():
     assert_allclose(std, np.abs(replace(outline, shape=larger).within(BOX)[0] - alpha), atol=1e-12)
 
 
-def test_two_paints_make_a_plane_and_any_colors_none():
-    """exact: by the spread of the field along its axes, of the mean color's length."""
+def test_rank_is_2_for_two_paints_and_3_for_any_colors():
+    """exact: by the spread of the field along its axes, relative to the mean color."""
     observation = observed(FLAT[LINE], color=NEUTRAL)
     state, image = disc_at(observation), photographed(FLAT[LINE])[0]
     length = float(np.linalg.norm(state.field.mean))

@@ -18,7 +18,7 @@ TILES = Scene(
 
 
 def files(scene, curve, read_as, seed=0):
-    """Image and plate whose files were written with one curve and are read with another."""
+    """Image and plate whose files were encoded with one curve and are decoded with another."""
     rng, truth = np.random.default_rng(seed), render(scene, 200)
 
     def read(light):
@@ -58,7 +58,7 @@ def test_an_ambiguous_curve_stays_as_declared():
     assert TransferFit((SRGB, LINEAR), (9.0, 4.0)).possible == (LINEAR, SRGB)
 
 
-def test_linear_light_raises():
+def test_rejects_linear_light():
     image, plate = files(TILES, SRGB, SRGB)
     with pytest.raises(PlateError, match="decoded with one curve, got None"):
         fit_transfer(LinearImage(image.rgb), plate)

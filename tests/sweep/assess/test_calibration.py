@@ -1,4 +1,4 @@
-"""The calibration that ships with the package, and what it makes of terms."""
+"""The calibration of the package, and its factors for given terms."""
 
 from dataclasses import asdict, fields, replace
 
@@ -46,8 +46,8 @@ def test_factor_is_the_exponential_of_a_sum():
 
 @pytest.mark.parametrize("file_class", [COMPRESSED, UNCOMPRESSED])
 @pytest.mark.parametrize("term", TERMS)
-def test_factor_never_falls_with_a_term(term, file_class):
-    """invariant: monotone in each, whatever the others are."""
+def test_factor_never_decreases_with_a_term(term, file_class):
+    """invariant: monotone in each, for any values of the others."""
     shipped = fitted_calibration()
     for others in (0.0, 0.7):
         base = ErrorTerms(**dict.fromkeys(TERMS, others))
@@ -57,8 +57,8 @@ def test_factor_never_falls_with_a_term(term, file_class):
         assert (factors[-1] > factors[0]) == (shipped.coefficients[term] > 0)
 
 
-def test_reasons_are_about_the_terms_that_add_most():
-    """exact: the largest first, each once, none that adds little."""
+def test_reasons_name_the_largest_terms():
+    """exact: the largest first, each once, no small ones."""
     assert MADE_UP.reasons(ErrorTerms()) == []
     assert MADE_UP.reasons(ErrorTerms(radius=2.0, mean=0.5)) == ["size", "disagreement"]
     assert MADE_UP.reasons(ErrorTerms(radius=2.0, mean=1.5)) == ["disagreement", "size"]
@@ -78,11 +78,11 @@ def test_every_term_has_a_reason():
 
 
 @pytest.mark.parametrize("value", [-0.1, np.nan])
-def test_negative_or_unknown_terms_are_refused(value):
+def test_rejects_negative_and_unknown_terms(value):
     """door"""
     with pytest.raises(ValueError, match="terms must be 0 or more, got radius"):
         ErrorTerms(radius=value)
 
 
-def test_terms_are_zero_if_nothing_is_said():
+def test_terms_are_zero_by_default():
     assert set(asdict(ErrorTerms()).values()) == {0.0}

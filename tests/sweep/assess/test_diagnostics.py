@@ -1,4 +1,4 @@
-"""Diagnostics: what they are of a sweep that is right, and of one that is wrong."""
+"""Diagnostics of correct and of wrong sweeps."""
 
 from dataclasses import fields, replace
 
@@ -39,7 +39,7 @@ def known(scene, color=ONE_PAINT, **change):
     return state, diagnosed(candidate, RADIUS, 0.05, 0.4)
 
 
-def test_defaults_say_nothing_against_a_sweep():
+def test_defaults_are_those_of_a_correct_sweep():
     plain = Diagnostics()
     assert plain.rejection == ""
     assert plain.converged
@@ -48,7 +48,7 @@ def test_defaults_say_nothing_against_a_sweep():
 
 
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
-def test_a_right_sweep_has_unsuspicious_diagnostics(scenes):
+def test_diagnostics_of_a_correct_sweep_are_small(scenes):
     """honest"""
     _, d = known(scenes[LINE])
     assert d.rejection == ""
@@ -85,7 +85,7 @@ def test_two_paints_spread_in_color():
 
 
 def test_signal_to_noise_is_the_change_over_the_noise():
-    """exact: half as much in four times the variance."""
+    """exact: half of it for four times the variance."""
     state, d = known(FLAT[LINE])
     raised = diagnosed(Candidate(state.on(state.observation.raised(4.0))), RADIUS, 0.05, 0.4)
     assert_allclose(raised.signal_to_noise, d.signal_to_noise / 2, rtol=1e-9)

@@ -56,7 +56,7 @@ def test_weights_do_not_depend_on_the_order():
 
 
 def test_weights_are_those_of_the_information_criterion():
-    """exact: log of a ratio of weights, for hypotheses as inflated as the likeliest."""
+    """exact: log ratio of weights, for hypotheses with the inflation of the likeliest."""
     one, other = Evidence(100.0, 2.0, 5, 1000), Evidence(104.0, 3.0, 4, 1000)
     a, b = hypothesis_weights([one, other])
     assert_allclose(np.log(b / a), -4 / 2 + 0.5 * np.log(1000 / 2), rtol=1e-9)
@@ -122,8 +122,8 @@ def test_the_evidence_is_invariant_to_the_brightness_scale():
     assert (one.parameters, one.pixels) == (3, observation.weight.sum())
 
 
-def test_an_honest_error_of_alpha_has_more_evidence_than_a_wrong_one():
-    """honest: of an alpha that is off by 0.03 in each pixel, less and more were claimed."""
+def test_correct_error_of_alpha_has_more_evidence_than_a_wrong_one():
+    """honest: for an alpha off by 0.03 in each pixel, smaller and larger errors have less."""
     observation, alpha = alpha_of(FLAT_BEFORE_TILES[LINE])
     rng, inside = np.random.default_rng(0), alpha > 0
     off = np.where(inside, np.clip(alpha + rng.normal(0, 0.03, alpha.shape), 0, 1), 0)
@@ -135,7 +135,7 @@ def test_an_honest_error_of_alpha_has_more_evidence_than_a_wrong_one():
 
 
 def test_an_alpha_without_a_shape_is_less_likely_than_the_true_shape():
-    """honest: alpha of each pixel alone, as noisy as the pixels, explains the light as well."""
+    """honest: noisy alpha of single pixels predicts the light equally well."""
     observation, alpha = alpha_of(FLAT_BEFORE_TILES[LINE])
     color = disc_at(observation).mean_color
     change = color - observation.B

@@ -1,4 +1,4 @@
-"""Curves through a streak: near the middle of drawn ones, from one end to the other."""
+"""Curves along the middle of a streak, from one end to the other."""
 
 import numpy as np
 import pytest
@@ -14,7 +14,7 @@ CORNER = Trajectory.bounce((25, 25), (70, 75), (115, 25))
 
 
 def stroke(path, radius):
-    """(h, w) bool, what a disc that goes along a path touches."""
+    """(h, w) bool, the pixels that a disc on a path touches."""
     x, y = np.meshgrid(*map(np.arange, SIZE))
     return np.any([np.hypot(x - a, y - b) <= radius for a, b in path.at(np.linspace(0, 1, 200))], 0)
 
@@ -59,7 +59,7 @@ def test_its_points_are_equally_far_from_each_other(path):
     assert_allclose(steps.sum(), path.length, rtol=0.08)
 
 
-def test_holes_in_a_streak_do_not_matter():
+def test_holes_in_a_streak_are_filled():
     mask = stroke(LINE, 8)
     holed = mask.copy()
     holed[44:48, 60:70] = False
@@ -80,8 +80,8 @@ def test_a_disc_alone_gives_a_short_line_through_its_middle(part):
     assert np.hypot(*(curve.mean(axis=0) - (60, 50))) < (1 - part) * 15 + 0.5
 
 
-def test_a_disc_without_a_core_gives_a_line_half_its_radius_long_along_the_longer_way():
-    """A core of few pixels in the middle has no length, and the ellipse lies across."""
+def test_disc_without_a_core_gives_a_line_of_half_its_radius_along_its_longer_axis():
+    """A core of few pixels has no length, and the ellipse is perpendicular to the path."""
     x, y = np.meshgrid(*map(np.arange, SIZE))
     curve = center_curve(depth_of(np.hypot((x - 60) / 16, (y - 50) / 15) <= 1), 15)
     assert_allclose(curve[[0, -1], 1], 50, atol=1e-6)

@@ -29,7 +29,7 @@ def disc_on(family, path, radius=11.0, scene=BALL):
 
 @pytest.mark.parametrize("family", BALLS, ids=lambda family: family.name)
 def test_the_truth_is_admissible(family):
-    """exact: of every family of paths."""
+    """exact: for every family of paths."""
     state = disc_at(observed(BALLS[family], color=ONE_PAINT), family)
     assert rejection(state) == ""
     assert is_admissible(state)

@@ -1,4 +1,4 @@
-"""fit_growing: a disc that grows where the light asks for one."""
+"""fit_growing: growth of a disc if the data require it."""
 
 from dataclasses import replace
 from functools import cache
@@ -45,7 +45,7 @@ def error(state, scene):
 
 @pytest.mark.parametrize(("scene", "family"), [(NEARER, LINE), (AWAY, ARC)], ids=["nearer", "away"])
 def test_a_ball_that_comes_nearer_grows(scene, family):
-    """exact but for noise: the logarithm of the sizes' ratio, and the mean size."""
+    """exact up to noise: the logarithm of the ratio of sizes, and the mean size."""
     disc = disc_of(scene, family)
     state = fit_growing(disc, BOUNDS)
     assert state.silhouette.name == "growing disc"
@@ -60,7 +60,7 @@ def test_a_ball_that_comes_nearer_grows(scene, family):
 @pytest.mark.parametrize("family", [LINE, ARC, PARABOLA, CUBIC, BOUNCE], ids=lambda f: f.name)
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
 def test_a_ball_that_keeps_its_size_does_not_grow(scenes, family):
-    """honest: noise asks for no growth, nor does a path that is not even."""
+    """honest: neither noise nor a path of varying speed gives growth."""
     for seed in range(3):
         disc = disc_of(scenes[family], family, seed)
         assert fit_growing(disc, BOUNDS) is disc
@@ -68,7 +68,7 @@ def test_a_ball_that_keeps_its_size_does_not_grow(scenes, family):
 
 @pytest.mark.parametrize("family", [LINE, PARABOLA], ids=lambda f: f.name)
 def test_a_shaded_ball_hardly_grows(family):
-    """honest: shade, which no field of color follows, may ask for a little."""
+    """honest: shading that the color field does not follow may give a little."""
     state = fit_growing(disc_of(BALLS[family], family), BOUNDS)
     assert abs(state.silhouette.rates(state.shape)[0]) < 0.1
 
@@ -81,7 +81,7 @@ def test_the_rim_stays_as_soft_as_that_of_the_disc():
         assert start.shape[-1] == 0.8
 
 
-def test_starts_grow_towards_either_end():
+def test_starts_include_both_signs_of_growth():
     disc = disc_of(NEARER, LINE)
     rates = [start.silhouette.rates(start.shape)[0] for start in growing(disc)]
     assert sorted(set(rates)) == [-0.5, 0.5]

@@ -1,4 +1,4 @@
-"""A sweep in the light before its file: where it ends, and how honest its errors are."""
+"""A sweep in light before compression: fixed point and calibrated errors."""
 
 from functools import cache
 
@@ -40,7 +40,7 @@ SCENE = FLAT_BEFORE_TILES[LINE]
 
 @cache
 def fitted(scene=SCENE, seed=0, camera=JPEG):
-    """The best disc in the light as the file has it, near the truth."""
+    """The best disc in the light as decoded from the file, near the truth."""
     observation = observed(scene, seed, camera, ONE_PAINT)
     observation = observation.raised(observation.correlated_noise())
     return minimize(disc_at(observation), BOUNDS)
@@ -50,22 +50,22 @@ def parameters(state):
     return np.concatenate([state.path, state.shape[:1]])
 
 
-def test_the_blur_of_a_file_is_what_it_says():
+def test_blur_is_that_of_the_compression_metadata():
     state = fitted()
     assert chroma_blur_std(state) == state.observation.compression.spread > 0
 
 
 @pytest.mark.parametrize(("softness", "blur"), [(0.8, 0.8), (5.0, ShapeLimits.max_file_blur_px)])
 def test_the_blur_of_an_unknown_file_is_that_of_the_rim(softness, blur):
-    """At most what files blur."""
+    """At most the blur of usual files."""
     state = fitted(camera=CAMERA)
     soft = state.of_kind(Silhouette(1, soft=True))
     soft = soft.moved(soft.path, np.array([RADIUS, softness]))
     assert chroma_blur_std(soft) == blur
 
 
-def test_light_before_the_file_is_that_of_a_camera_without_one():
-    """honest: nearer to the light that was photographed, across the object's color."""
+def test_corrected_light_is_nearer_to_uncompressed_light():
+    """honest: across the object's color."""
     state, truth = fitted(), rendered(SCENE)
     before = light_before_file(state.observation, state, SRGB, chroma_blur_std(state))
     across = np.linalg.svd(GREEN[:, None])[0][:, 1:]
@@ -78,7 +78,7 @@ def test_light_before_the_file_is_that_of_a_camera_without_one():
 
 
 def test_the_corrected_sweep_is_a_fixed_point():
-    """oracle: many rounds end where two do, to a part of the standard deviation."""
+    """oracle: many rounds and two agree within a fraction of the standard deviation."""
     state = corrected_for_file(fitted(), SRGB)
     std = np.sqrt(np.diag(np.linalg.inv(state.information()[0])))
     slow, observed_light = fitted(), fitted().observation
@@ -98,7 +98,7 @@ def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
     assert candidate.parameters == candidate.state.size
 
 
-def test_a_candidate_of_a_file_that_shares_no_colors_stays():
+def test_candidates_without_chroma_subsampling_are_unchanged():
     """invariant"""
     state = fitted(camera=CAMERA)
     candidate = Candidate.before_file(state, SRGB)

@@ -1,4 +1,4 @@
-"""minimize: from a start that is off to the path and the radius as they were rendered."""
+"""Levenberg–Marquardt: from a perturbed start to the rendered path and radius."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ SMOOTH = [LINE, ARC, PARABOLA, CUBIC, BOUNCE]
 
 
 def turned_by(color, degrees):
-    """A color in another direction."""
+    """A color rotated by an angle."""
     away = np.cross(color, [0.2, -0.5, 1])
     return color + np.tan(np.radians(degrees)) * np.linalg.norm(color) * away / np.linalg.norm(away)
 
@@ -107,14 +107,14 @@ def test_an_extreme_shape_has_not_converged():
 
 
 def known(color, std):
-    """A prior of a color that is known to `std` radians in each direction."""
+    """A prior of a color known to `std` radians in each direction."""
     pole = color / np.linalg.norm(color)
     covariance = std**2 * (np.eye(3) - np.outer(pole, pole))
     return ColorPrior.of(ColorModel(pole[:, None], covariance, {}))
 
 
 def test_a_known_color_is_kept():
-    """Also where the light says otherwise."""
+    """Also against the light."""
     wrong = turned_by(GREEN, 4)
     observation = exact(FLAT_BEFORE_TILES[LINE], known(wrong, 0))
     end = minimize(disc_at(observation, LINE, 2, 1.1 * RADIUS), BOUNDS)

@@ -39,7 +39,7 @@ def searched(scene, seed=0):
 @every_family
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
 def test_a_ball_on_every_path_is_found(family, scenes):
-    """honest: its radius and path within 3 standard deviations."""
+    """honest: radius and path within 3 standard deviations."""
     one_paint, varied = searched(scenes[family]).best()
     image, _ = photographed(scenes[family])
     assert one_paint[0].converged
@@ -64,8 +64,8 @@ def test_quick_finds_a_disc_on_a_parabola(family):
     assert alpha_error(quick.swept.alpha, true) < 0.02
 
 
-def test_near_starts_from_a_path_elsewhere():
-    """invariant: the curve is moved over the streak."""
+def test_near_starts_from_a_shifted_path():
+    """invariant: the curve is shifted onto the streak."""
     search = searched(FLAT[ARC]).of_one_paint
     curve = ARC.at(PATHS[ARC], np.linspace(0, 1, 33))[0]
     at, elsewhere = (search.near(ARC, curve + shift, RADIUS) for shift in (0, (60, -20)))
@@ -74,7 +74,7 @@ def test_near_starts_from_a_path_elsewhere():
 
 
 def test_starts_are_curves_through_the_streak():
-    """exact: a disc of each radius, a part of the half width, lies within the streak."""
+    """exact: a disc of each radius, a fraction of the half width, is within the streak."""
     search = searched(BALL)
     radii = [radius for _, radius in search.curves]
     low, high = search.bounds
@@ -108,7 +108,7 @@ def test_one_paint_and_varied_colors_differ_in_the_prior_alone():
 
 
 def test_a_soft_rim_is_taken_only_if_it_is_likelier():
-    """honest: a sharp ball stays sharp, in every one of four pictures."""
+    """honest: a sharp ball has a sharp rim in each of four pictures."""
     for seed in range(4):
         assert not searched(FLAT[LINE], seed).quick().silhouette.soft
 
@@ -137,7 +137,7 @@ def test_hue_gives_the_radius_of_shaded_balls():
     assert hue_error < smooth_error
 
 
-def test_hue_is_not_used_where_it_tells_nothing():
+def test_hue_is_not_used_without_contrast_of_hue():
     """exact: colors that vary, and an object of the wall's hue"""
     search = searched(FLAT[LINE])
     varied = with_varied_colors(search.quick())

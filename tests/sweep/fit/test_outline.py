@@ -1,4 +1,4 @@
-"""fit_outline: a disc unless the light clearly asks for another shape."""
+"""fit_outline: a disc unless the data clearly require another shape."""
 
 from dataclasses import replace
 from functools import cache
@@ -58,7 +58,7 @@ def error(state, scene):
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("scene", [FLAT[LINE], FLAT_BEFORE_TILES[LINE]], ids=["wall", "tiles"])
 def test_a_ball_remains_a_disc(scene, seed):
-    """honest: noise asks for no other shape."""
+    """honest: noise gives no other shape."""
     disc = disc_of(scene, seed)
     assert fit_outline(disc) is disc
 
@@ -73,7 +73,7 @@ def test_a_squashed_ball_becomes_an_ellipse(scene):
 
 
 def test_an_ellipse_has_the_true_axes():
-    """exact but for noise: stretches by 1.5 and 1/1.5 along and across its angle."""
+    """exact up to noise: stretches by 1.5 and 1/1.5 along and across its angle."""
     state, angle = outline_of(EGG), EGG.change.squash_angle
     expected = np.log(1.5) * np.array([np.cos(2 * angle), np.sin(2 * angle)])
     assert_allclose(state.shape[1:3], expected, atol=0.03)
@@ -89,7 +89,7 @@ def test_a_turning_sheet_turns():
     assert_allclose(state.silhouette.area(state.shape), 30 * 14, rtol=0.03)
 
 
-def test_what_is_more_and_more_squashed_changes():
+def test_increasingly_squashed_ball_changes():
     """honest: by the ratio of its stretches, 1.9, along its angle."""
     disc, state = disc_of(NARROWING), outline_of(NARROWING)
     angle = NARROWING.change.squash_angle
@@ -120,15 +120,15 @@ def test_a_square_gets_the_orders_that_its_corners_need():
 
 
 def test_the_outline_is_never_worse_than_the_disc():
-    """invariant: of the information criterion, on the disc's own pixels."""
+    """invariant: by the information criterion, on the disc's pixels."""
     for scene in (EGG, SQUARE, SHEET):
         state, disc = outline_of(scene), disc_of(scene)
         assert state.observation.weight.shape == disc.observation.weight.shape
         assert state.cost <= disc.cost
 
 
-def test_stretched_starts_reach_as_far_along_the_path():
-    """invariant: what is longer went less far."""
+def test_stretched_starts_have_the_length_of_the_streak():
+    """invariant: a longer shape has a shorter path."""
     disc = disc_of(BALL)
     ends = disc.curve[[0, -1]]
     direction = (ends[1] - ends[0]) / np.linalg.norm(ends[1] - ends[0])
@@ -142,7 +142,7 @@ def test_stretched_starts_reach_as_far_along_the_path():
         assert_allclose(start.curve.mean(axis=0), disc.curve.mean(axis=0), atol=1e-6)
 
 
-def test_turning_starts_turn_either_way():
+def test_starts_include_both_directions_of_rotation():
     disc = disc_of(BALL)
     turns = [start.silhouette.turn(start.shape) for start in turning(disc, disc)]
     assert sorted(set(turns)) == [-1, 0, 1]

@@ -9,13 +9,13 @@ from blurmatte.sweep.fit.parallel import thread_map
 
 
 def test_results_keep_the_order_of_the_arguments():
-    """invariant: whichever is done first."""
+    """invariant: in any order of completion."""
     assert thread_map(lambda x: x * x, iter(range(20))) == [x * x for x in range(20)]
     assert thread_map(abs, []) == []
 
 
 def test_calls_run_concurrently(monkeypatch):
-    """invariant: each waits here until the other has begun."""
+    """invariant: each waits until the other has begun."""
     monkeypatch.setattr(parallel, "cpu_count", lambda: 2)
     both = Barrier(2, timeout=10)
     assert sorted(thread_map(lambda _: both.wait(), range(2))) == [0, 1]

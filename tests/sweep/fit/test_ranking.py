@@ -1,4 +1,4 @@
-"""Ranking: parameters must pay, and inadmissible states are left out."""
+"""Ranking: penalty for parameters, and exclusion of inadmissible states."""
 
 from dataclasses import replace
 
@@ -35,7 +35,7 @@ def test_scores_are_those_of_the_information_criterion(three):
     assert_allclose(bic_penalty(three[0].observation, 4), 4 * each)
 
 
-def test_more_parameters_must_pay(three):
+def test_more_parameters_need_a_lower_cost(three):
     _, line, parabola = three
     extra = bic_penalty(line.observation, parabola.size - line.size)
     for gain, winner in ((0.9 * extra, LINE), (1.5 * extra, PARABOLA)):
@@ -55,7 +55,7 @@ def test_a_kink_counts_twice(three):
 
 
 def test_correlated_residuals_are_less_evidence(three):
-    """The same gain decides where residuals are white, and not where they are smooth."""
+    """The same gain is decisive for white residuals, and not for smooth ones."""
     _, line, parabola = three
     white = np.random.default_rng(0).normal(size=line.e.shape)
     smooth = gaussian_filter(white, (0, 3, 3))
@@ -66,13 +66,13 @@ def test_correlated_residuals_are_less_evidence(three):
     assert winners == [PARABOLA, LINE]
 
 
-def test_inadmissible_states_are_left_out_unless_there_are_no_others(three):
+def test_inadmissible_states_are_excluded_if_there_are_others(three):
     line = three[1]
-    astray = line.moved(line.path + np.array([0, 0, 0, 60.0]), line.shape)
-    astray = replace(astray, cost=line.cost - 1000)
-    assert best_of([astray, line]) is line
-    assert [state for _, state in ranked([astray, line])] == [line]
-    assert best_of([astray]) is astray
+    inadmissible = line.moved(line.path + np.array([0, 0, 0, 60.0]), line.shape)
+    inadmissible = replace(inadmissible, cost=line.cost - 1000)
+    assert best_of([inadmissible, line]) is line
+    assert [state for _, state in ranked([inadmissible, line])] == [line]
+    assert best_of([inadmissible]) is inadmissible
 
 
 @pytest.mark.parametrize("family", FLAT, ids=lambda family: family.name)

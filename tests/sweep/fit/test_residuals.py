@@ -1,4 +1,4 @@
-"""Statistics of residuals, of sweeps that are right and of wrong ones."""
+"""Statistics of residuals of correct and of wrong sweeps."""
 
 from dataclasses import replace
 
@@ -39,7 +39,7 @@ def fitted(scene, seed=0, camera=CAMERA):
 
 
 def with_residuals(state, smooth, seed=0):
-    """The state with other residuals: white noise, or as smooth as a normal blur (pixels) makes it."""
+    """The state with other residuals: white noise, or filtered with a Gaussian of σ pixels."""
     e = np.random.default_rng(seed).normal(size=state.e.shape)
     if smooth:
         e = gaussian_filter(e, (0, smooth, smooth))
@@ -58,7 +58,7 @@ def wrong():
 
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
-def test_a_right_sweep_leaves_noise(scenes, seed):
+def test_residuals_of_a_correct_sweep_are_noise(scenes, seed):
     """honest"""
     state = fitted(scenes[LINE], seed)
     assert variance_inflation(state) < 1.2
@@ -67,20 +67,20 @@ def test_a_right_sweep_leaves_noise(scenes, seed):
     assert noise_inflation(state) == 1
 
 
-def test_a_disc_fitted_to_a_square_leaves_correlated_residuals(wrong):
+def test_residuals_of_a_disc_fitted_to_a_square_are_correlated(wrong):
     assert wrong.converged
     assert variance_inflation(wrong) > 2
     assert residual_excess(wrong) > 1.2
 
 
 def test_variance_inflation_of_white_noise_is_one(right):
-    """exact but for chance: weights limit large residuals, so that it is never much above."""
+    """exact up to sampling: weights limit large residuals, so that it is hardly above 1."""
     for seed in range(4):
         assert 1 <= variance_inflation(with_residuals(right, 0, seed)) < 1.15
 
 
 def test_variance_inflation_grows_with_the_correlation_length(right):
-    """oracle: a normal blur of σ pixels correlates 4π σ² pixels; blocks of 8 hold as many at most."""
+    """oracle: a Gaussian of σ pixels correlates 4π σ² pixels; blocks of 8 limit it."""
     at = [
         np.mean([variance_inflation(with_residuals(right, smooth, seed)) for seed in range(6)])
         for smooth in (0, 1, 2, 4)
@@ -90,14 +90,14 @@ def test_variance_inflation_grows_with_the_correlation_length(right):
 
 
 def test_variance_inflation_grows_with_the_noise_level(right):
-    """Residuals twice as large as the noise says have up to four times the variance."""
+    """Residuals of twice the stated noise have up to four times the variance."""
     loud = replace(right, e=1.5 * with_residuals(right, 0).e)
     assert 1.2 < variance_inflation(loud) < 1.5**2
 
 
 @pytest.mark.parametrize("smooth", [0.0, 1.0])
 def test_residual_excess_compares_inside_with_outside(right, smooth):
-    """invariant: noise that is as correlated everywhere is no excess, at any level."""
+    """invariant: noise of uniform correlation is no excess, at any level."""
     state = with_residuals(right, smooth)
     assert 0.7 < residual_excess(state) < 1.35
     mixed = np.where(right.swept.alpha > 0, with_residuals(right, 2.0).e, state.e)
@@ -105,13 +105,13 @@ def test_residual_excess_compares_inside_with_outside(right, smooth):
 
 
 def test_noise_of_a_jpeg_is_no_excess():
-    """honest: in the mean of 8; residuals of a right sweep are correlated, as they are outside."""
+    """honest: in the mean of 8; residuals of a correct sweep are as correlated as outside."""
     states = [fitted(FLAT[LINE], seed, JPEG) for seed in range(8)]
     assert 0.75 < np.mean([residual_excess(state) for state in states]) < 1.3
     assert np.mean([variance_inflation(state) for state in states]) > 2
 
 
-def test_outlier_fraction_is_the_part_that_something_else_covers(right):
+def test_outlier_fraction_is_that_of_another_object(right):
     observation, inside = right.observation, right.swept.alpha > 0
     rows = np.flatnonzero(inside.any(axis=1))
     hidden = np.zeros_like(inside)
@@ -124,7 +124,7 @@ def test_outlier_fraction_is_the_part_that_something_else_covers(right):
 
 
 def test_outlier_fraction_of_noise_is_a_thousandth(right):
-    """exact: chance makes it scatter by 0.0006."""
+    """exact up to sampling, 0.0006."""
     fractions = [outlier_fraction(with_residuals(right, 0, seed)) for seed in range(8)]
     assert_allclose(np.mean(fractions), 0.001, atol=0.0008)
 
@@ -135,7 +135,7 @@ def test_a_sweep_outside_the_picture_has_outliers_only(right):
 
 
 def repeated(state, by):
-    """The state in a clip: what stands still is repeated, and noise is declared too small by `by`."""
+    """The state in a clip whose static parts are repeated, with noise understated by `by`."""
     observation = state.observation
     C = np.where((state.swept.alpha > 0)[..., None], observation.C, observation.B)
     quiet = replace(
@@ -149,7 +149,7 @@ def repeated(state, by):
 
 @pytest.mark.parametrize("by", [4.0, 9.0])
 def test_noise_inflation_of_a_codec_that_repeats_is_measured_inside(right, by):
-    """exact but for chance: of the noise that was declared too small by a factor."""
+    """exact up to sampling: the factor by which noise was understated."""
     assert_allclose(noise_inflation(repeated(right, by)), by, rtol=0.15)
 
 
@@ -158,8 +158,8 @@ def test_noise_is_not_inflated_unless_it_is_repeated_outside(right, wrong):
     assert noise_inflation(wrong) == 1
 
 
-def test_noise_is_not_inflated_beyond_a_part_of_the_change(right):
-    """door: residuals as large as the change itself are no noise."""
+def test_noise_inflation_is_limited_by_the_change(right):
+    """door: residuals as large as the change are no noise."""
     state = repeated(right, 4.0)
     C = state.observation.B + 0.05 * np.random.default_rng(0).normal(size=state.observation.C.shape)
     C = np.where((state.swept.alpha > 0)[..., None], C, state.observation.B)
@@ -175,7 +175,7 @@ def test_chroma_subsampling_correlates_colors(chroma, quality):
 
 
 def test_independent_noise_does_not_correlate_colors(right):
-    """invariant: nor does light that changes slowly."""
+    """invariant: nor does slowly varying light."""
     assert not colors_are_correlated(right)
     ramp = np.linspace(0, 0.05, right.observation.C.shape[1])[:, None]
     changed = right.observation.with_light(right.observation.C * (1 + ramp))

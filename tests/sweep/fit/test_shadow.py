@@ -1,4 +1,4 @@
-"""A disc and the shadow that it casts: found together, and distinguished from a disc without one."""
+"""A disc and its cast shadow: joint search, and comparison with a disc alone."""
 
 from dataclasses import replace
 from functools import cache
@@ -35,7 +35,7 @@ def rendered(scene):
 
 
 def observed(scene, seed=None):
-    """Alpha and observation of a streak with all of its shadow, without noise if there is no seed."""
+    """Alpha and observation of a streak with its shadow, without noise if there is no seed."""
     truth = rendered(scene)
     moved = truth.layer.alpha > 0
     if scene.shadow is not None:
@@ -55,7 +55,7 @@ def true_disc(observation):
 @pytest.mark.parametrize("start", [None, CastShadow(np.array([-14.0, 9.0]), 6.0, np.full(3, 0.1))])
 @pytest.mark.parametrize("offset", [(-9.0, 15.0), (4.0, 18.0), (-16.0, -9.0)])
 def test_the_shadow_of_a_known_disc_is_found(start, offset):
-    """exact: also where the search begins at an offset of which a part is 0, as straight below."""
+    """exact: also if one coordinate of the first offset is 0, as straight below."""
     if start is not None:
         start = replace(start, offset=np.add(offset, (4, -5)))
     _, observation = observed(replace(BALL, shadow=replace(SHADOW, offset=offset)))
@@ -101,7 +101,7 @@ def test_the_disc_is_in_the_observation_with_its_shadow():
 
 
 def test_in_shadow_changes_the_plate_alone():
-    """invariant: noise and image stay."""
+    """invariant: noise and image are unchanged."""
     _, observation = observed(BALL)
     cast = CastShadow(np.array(SHADOW.offset), SHADOW.softness, np.array(SHADOW.strength))
     shaded = in_shadow(observation, true_disc(observation), cast)

@@ -1,4 +1,4 @@
-"""CastShadow: the light that it takes from the plate."""
+"""CastShadow: the light that it removes from the plate."""
 
 from dataclasses import replace
 from functools import cache
@@ -40,20 +40,20 @@ def missing(observation):
 
 
 def within(observation, whole):
-    """The part of a picture that an observation has."""
+    """The part of a picture in an observation."""
     (x0, y0), (h, w) = map(int, observation.origin), observation.weight.shape
     return whole[y0 : y0 + h, x0 : x0 + w]
 
 
 def test_missing_light_is_that_of_a_rendered_shadow():
-    """oracle: the silhouette, moved and blurred, of many moments, where the object is not in front."""
+    """oracle: the silhouette, shifted and blurred, at many moments, outside the object."""
     truth, observation = observed()
     S = missing(observation)
     assert_allclose(S[..., None] * CAST.strength, within(observation, truth.shadow), atol=0.003)
 
 
 def test_a_shadow_darkens_the_plate():
-    """exact: (1 − α) times that plate is all that is left of it."""
+    """exact: the image is (1 − α) times that plate."""
     rng = np.random.default_rng(0)
     alpha, B = rng.uniform(0, 0.9, (5, 6)), rng.uniform(0.1, 0.9, (5, 6, 3))
     S = rng.uniform(0, 1, alpha.shape) * (1 - alpha)
@@ -77,7 +77,7 @@ def test_is_possible_bounds_the_strength():
         assert not replace(CAST, strength=np.array(strength)).is_possible
 
 
-def test_numbers_are_plain():
+def test_numbers_are_plain_floats():
     assert CAST.numbers == {
         "offset": (-9.0, 15.0), "softness": 3.5, "strength": (0.5, 0.45, 0.4),
     }  # fmt: skip

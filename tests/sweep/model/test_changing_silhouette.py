@@ -1,4 +1,4 @@
-"""Silhouettes that change during the exposure: against pieces drawn one by one, and small steps."""
+"""Silhouettes that change during the exposure: oracle at single moments, and finite differences."""
 
 from dataclasses import replace
 
@@ -44,7 +44,7 @@ def canvas():
 
 
 def at_moment(silhouette, shape, t):
-    """The silhouette that neither turns nor changes, and its shape (m,) at exposure fraction t."""
+    """The silhouette without rotation and change, and its shape (m,) at exposure fraction t."""
     still = replace(silhouette, turns=False, changes=False)
     g, a, b = silhouette.rates(shape) * (t - 0.5)
     turn = silhouette.turn(shape) * (t - 0.5)
@@ -58,7 +58,7 @@ def at_moment(silhouette, shape, t):
 
 @every_kind
 def test_alpha_is_the_mean_of_the_shapes_at_many_moments(silhouette):
-    """Oracle: each moment's shape drawn at rest; `mapped` has its own tests."""
+    """Oracle: the shape at rest at each moment; `mapped` has separate tests."""
     shape, times = SHAPES[silhouette], (np.arange(160) + 0.5) / 160
     alpha = silhouette.sweep(ARC, ROUND, shape, canvas()).alpha
     expected = np.zeros((H, W))
@@ -99,7 +99,7 @@ def test_alpha_sums_to_the_mean_area(silhouette):
 
 
 @every_kind
-def test_without_a_change_it_is_the_silhouette_that_has_none(silhouette):
+def test_zero_rates_give_the_constant_silhouette(silhouette):
     shape = SHAPES[silhouette].copy()
     shape[silhouette._rates] = 0
     plain = replace(silhouette, changes=False)
@@ -112,7 +112,7 @@ def test_without_a_change_it_is_the_silhouette_that_has_none(silhouette):
 
 
 @every_kind
-def test_backwards_in_time_it_changes_the_other_way(silhouette):
+def test_reversed_time_reverses_the_change(silhouette):
     back, shape = np.array([*ROUND[2:4], *ROUND[:2], -ROUND[4]]), SHAPES[silhouette].copy()
     first = 2 * silhouette.order - 1
     shape[first : len(shape) - silhouette.soft] *= -1
@@ -122,7 +122,7 @@ def test_backwards_in_time_it_changes_the_other_way(silhouette):
 
 
 @every_kind
-def test_reach_is_the_farthest_of_any_moment(silhouette):
+def test_reach_is_the_maximum_over_the_exposure(silhouette):
     shape, times = SHAPES[silhouette], np.linspace(0, 1, 41)
     rim = silhouette.outline(shape, 360)
     far = [np.linalg.norm(rim @ L.T, axis=1).max() for L in silhouette.map_at(shape, times)]
@@ -138,7 +138,7 @@ def test_maps_are_exponentials_of_the_rates():
     assert_allclose(GROWING.map_at(np.array([6, 0.8]), np.array([1.0]))[0], np.exp(0.4) * np.eye(2))
 
 
-def test_a_thing_that_narrows_at_rest_is_wider_at_first():
+def test_alpha_of_a_narrowing_disc_at_rest_decreases_outwards():
     """Foreshortened along x from 1 to e^-1.2: the widest point is covered for a moment only."""
     shape = np.array([8, 0, 0, -0.6, -0.6, 0])
     alpha = CHANGING.sweep(LINE, REST, shape, canvas()).alpha
@@ -156,7 +156,7 @@ def test_moments_are_close_where_growth_moves_the_rim():
     assert np.diff(60 * np.exp(2 * (fast.t - 0.5))).max() < 1
 
 
-def test_like_keeps_how_it_changes():
+def test_like_keeps_the_rates():
     shape = SHAPES[CHANGING]
     rich = Silhouette(4, turns=True, changes=True, soft=True)
     same = rich.like(CHANGING, shape)
@@ -168,7 +168,7 @@ def test_like_keeps_how_it_changes():
     assert_array_equal(ELLIPSE.rates(np.array([6, 0.3, -0.2])), [0, 0, 0])
 
 
-def test_rates_stay_within_what_a_thing_may_do():
+def test_rates_are_bounded():
     assert_array_equal(GROWING.possible(np.array([9.0, 5.0]), (2, 8)), [8, 2])
     wild = np.array([6, 0.1, 0, -3.0, 2.5, 0.1])
     assert_array_equal(CHANGING.possible(wild, (2, 8)), [6, 0.1, 0, -2, 2, 0.1])
@@ -176,7 +176,7 @@ def test_rates_stay_within_what_a_thing_may_do():
     assert not CHANGING.extreme(np.array([6, 0.5, 0, 0, 2, 0]))
 
 
-def test_names_and_sizes():
+def test_parameters_have_names():
     assert [s.name for s in SHAPES] == [
         "growing disc", "changing ellipse", "changing outline of order 5",
         "turning, changing outline of order 4", "growing disc",
@@ -187,7 +187,7 @@ def test_names_and_sizes():
 
 
 def test_points_without_a_rim_normal_keep_their_distance():
-    """Exact: where rims on two sides are equally far, the lattice has the normal 0."""
+    """Exact: at equal distance from rims on two sides, the lattice has the normal 0."""
     lattice = np.zeros((9, 9, 8))
     lattice[..., 0], lattice[..., 3] = 0.3, 0.5  # distance inside, curvature
     square = np.array([[-2.0, -2], [2, -2], [2, 2], [-2, 2]])

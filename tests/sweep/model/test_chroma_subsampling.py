@@ -1,4 +1,4 @@
-"""ChromaBlur: light before and after a file blurred its chroma."""
+"""ChromaBlur: light before and after the chroma blur of a file."""
 
 from functools import cache
 
@@ -29,7 +29,7 @@ TILES = colorful_plate(SIZE, 3, tile=16)
 
 
 def through_a_file(light, transfer):
-    """Luma of the code values as it was, chroma blurred."""
+    """Luma of the code values unchanged, chroma blurred."""
     codes = transfer.encode(light)
     luma = (codes @ LUMA)[..., None]
     return transfer.decode(luma + gaussian_filter(codes - luma, (BLUR, BLUR, 0)))
@@ -48,7 +48,7 @@ def across(truth):
 
 @pytest.mark.parametrize("transfer", [SRGB, REC709], ids=lambda t: t.name)
 def test_the_blur_of_chroma_is_inverted(transfer):
-    """exact: before a plate of one light, whose own color no blur changes."""
+    """exact: before a uniform plate, whose color the blur does not change."""
     truth = rendered_before("even")
     light, alpha, own = truth.image.rgb, truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(light, transfer)
@@ -58,7 +58,7 @@ def test_the_blur_of_chroma_is_inverted(transfer):
 
 
 def test_most_of_the_blur_is_inverted_before_tiles():
-    """oracle: light across the object's color; of the plate only what its own file left is known."""
+    """oracle: light across the object's color; the plate is known only as its file has it."""
     truth = rendered_before("tiles")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen, plate = (through_a_file(x.rgb, SRGB) for x in (truth.image, truth.plate))
@@ -69,7 +69,7 @@ def test_most_of_the_blur_is_inverted_before_tiles():
     assert np.sqrt(np.mean(after**2)) < 0.4 * np.sqrt(np.mean(before**2))
 
 
-def test_where_nothing_moved_light_stays():
+def test_light_is_unchanged_where_nothing_moved():
     """exact"""
     truth, nothing = rendered_before("wall"), np.zeros(SIZE[::-1])
     before = ChromaBlur(WALL, WALL, Blur(BLUR), SRGB).before(nothing, np.zeros_like(WALL))
@@ -79,8 +79,8 @@ def test_where_nothing_moved_light_stays():
     assert_allclose(back[:12, :12], truth.image.rgb[:12, :12], atol=1e-7)
 
 
-def test_luma_stays():
-    """invariant: files keep it, and a blur of 0 pixels changes nothing."""
+def test_luma_is_unchanged():
+    """invariant: as in files; and a blur of 0 pixels changes nothing."""
     truth = rendered_before("wall")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(truth.image.rgb, SRGB)
@@ -92,7 +92,7 @@ def test_luma_stays():
 
 @pytest.mark.parametrize("chroma", ["4:4:4", "4:2:0"])
 def test_compression_is_inverted_on_average(chroma):
-    """honest: the mean of 40 JPEGs that say how they were compressed."""
+    """honest: the mean of 40 JPEGs with known compression."""
     truth = rendered_before("even")
     camera, rng = Camera(code_std=2 / 255, jpeg_quality=90, chroma=chroma), np.random.default_rng(1)
     seen, B = (
@@ -122,7 +122,7 @@ def test_light_of_colors_has_the_luma_of_each_pixel_and_the_direction_of_the_mod
 
 
 def test_light_of_colors_ignores_blurred_chroma():
-    """invariant: noise of color that files add does not change the direction."""
+    """invariant: chroma noise of files does not change the direction."""
     truth = rendered_before("even")
     basis = truth.scene.body.model.basis
     seen = LinearImage(through_a_file(truth.image.rgb, SRGB), NoiseModel())
@@ -130,7 +130,7 @@ def test_light_of_colors_ignores_blurred_chroma():
     assert_allclose(light @ across(truth), 0, atol=1e-9)
 
 
-def test_clipped_pixels_stay_as_they_are():
+def test_clipped_pixels_are_unchanged():
     truth, valid = rendered_before("wall"), np.ones(SIZE[::-1], bool)
     valid[30:34, 40:48] = False
     seen = LinearImage(through_a_file(truth.image.rgb, SRGB), NoiseModel(), valid)
@@ -140,7 +140,7 @@ def test_clipped_pixels_stay_as_they_are():
     assert np.abs(before.rgb - seen.rgb)[valid].max() > 0.01
 
 
-def test_the_file_of_an_image_is_known_if_it_says_so():
+def test_compression_is_that_of_the_metadata():
     noise = NoiseModel(read_std=0.01)
     jpeg = Camera(code_std=2 / 255, jpeg_quality=90, chroma="4:2:0").photograph(WALL, 1)
     png = Camera(code_std=2 / 255).photograph(WALL, 1)

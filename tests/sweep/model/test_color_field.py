@@ -1,4 +1,4 @@
-"""The color field, against dense linear algebra, and what it recovers."""
+"""The color field: comparison with dense linear algebra, and recovery of known colors."""
 
 from dataclasses import replace
 
@@ -28,7 +28,7 @@ def picture(seed=0):
 
 
 def colored(k, noise=0.0, seed=0):
-    """Light of an object of colors k (h, w, 3) before the random plate, with noise, and its alpha."""
+    """Noisy light of an object of colors k (h, w, 3) before the random plate, and its alpha."""
     (_, B, V_C, V_B), alpha, _ = picture(seed)
     rng = np.random.default_rng(seed + 1)
     V_C, V_B = (np.full_like(V, max(noise, 1e-4) ** 2) for V in (V_C, V_B))
@@ -38,7 +38,7 @@ def colored(k, noise=0.0, seed=0):
 
 
 def hats(alpha, grid):
-    """(pixels, nodes), every hat by its definition."""
+    """(pixels, nodes) hat functions by their definition."""
     y, x = np.mgrid[: alpha.shape[0], : alpha.shape[1]]
     values = np.zeros((alpha.size, grid.size))
     for (j, i), node in np.ndenumerate(grid.number):
@@ -49,7 +49,7 @@ def hats(alpha, grid):
 
 
 def dense(band):
-    """The symmetric matrix that has this lower band."""
+    """The symmetric matrix with this lower band."""
     m = band.shape[1]
     full = np.zeros((m, m))
     for k, diagonal in enumerate(band):
@@ -85,7 +85,7 @@ def test_differences_are_those_of_adjacent_nodes(transposed):
 
 @pytest.mark.parametrize("prior", [FREE, ONE_PAINT], ids=["free", "one paint"])
 def test_a_constant_color_is_recovered(prior):
-    """exact: without noise, up to the prior's pull towards the mean, which is the color itself."""
+    """exact without noise, up to shrinkage to the mean, which is the color itself."""
     color = np.array([0.5, 0.2, 0.35])
     light, alpha = colored(np.broadcast_to(color, (*SHAPE, 3)))
     field, e = fit_field(light, alpha, np.ones(SHAPE), PITCH, prior)
@@ -96,7 +96,7 @@ def test_a_constant_color_is_recovered(prior):
 
 
 def test_a_color_gradient_is_recovered():
-    """exact: bilinear hats hold it; the prior costs little where noise is small."""
+    """exact: bilinear functions contain it; the prior costs little for low noise."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     k = np.stack([0.5 + 0.01 * y, 0.6 - 0.01 * x, 0.4 + 0 * x], axis=2)
     light, alpha = colored(k)
@@ -117,9 +117,8 @@ def test_residuals_are_those_of_the_colors():
 
 
 def test_prior_and_cost_are_those_of_a_gaussian_field():
-    """oracle: volumes of prior and posterior, and the density of the colors.
-
-    Weights are those of the last round but one, so that noise is chosen at which all rounds agree.
+    """oracle: determinants of prior and posterior, and the density of the colors. Weights are those of
+    the last round but one, so the noise is chosen such that all rounds agree.
     """
     light, alpha = colored(np.full((*SHAPE, 3), 0.4), noise=1e-3)
     V = 1e6 * light[2]  # residuals of 0: the weight of every pixel is that of no residual
@@ -153,7 +152,7 @@ def test_the_cost_is_invariant_to_the_brightness_scale(scale):
 
 
 def test_the_cost_is_invariant_to_the_order_and_signs_of_axes():
-    """invariant: of the axes across the mean color, of which the first spread is the same."""
+    """invariant: of the axes perpendicular to the mean color, with equal spread."""
     light, alpha, weight = picture()
     order, signs = [0, 2, 1], np.array([1.0, -1, 1])
     C, B, V_C, V_B = (np.ascontiguousarray(x[..., order]) for x in light)
@@ -165,7 +164,7 @@ def test_the_cost_is_invariant_to_the_order_and_signs_of_axes():
 
 
 def test_colors_are_invariant_to_a_rotation_of_axes():
-    """invariant: to half the noise, for the spread is estimated along other axes."""
+    """invariant: to half the noise, because the spread is estimated along other axes."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     k = np.stack([0.5 + 0.01 * y, 0.6 - 0.01 * x, 0.4 + 0 * x], axis=2)
     light, alpha = colored(k, noise=0.003)
@@ -221,7 +220,7 @@ def test_a_field_without_an_object_is_empty():
 
 
 def test_a_spread_of_colors_is_found_along_its_axis_alone():
-    """honest: shading varies along the first axis; the others have the least spread."""
+    """honest: shading varies along the first axis; the others have the smallest spread."""
     y, x = np.mgrid[: SHAPE[0], : SHAPE[1]]
     brightness = 0.5 + 0.1 * np.sin(x / 4) * np.cos(y / 4)
     k = brightness[..., None] * np.array([1.0, 0, 0])
@@ -232,7 +231,7 @@ def test_a_spread_of_colors_is_found_along_its_axis_alone():
 
 
 def scatter_of_the_mean(prior, spread, draws=64, noise=0.02):
-    """Root mean square z of the mean color, of colors drawn from a field of this spread and change."""
+    """Root mean square z of the mean color, for colors drawn from a field of this spread."""
     color = np.array([0.5, 0.4, 0.3])
     (_, B, _, _), alpha, _ = picture()
     grid, z, V = Grid.over(alpha, PITCH), [], np.full((*SHAPE, 3), noise**2)

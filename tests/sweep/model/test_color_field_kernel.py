@@ -12,7 +12,7 @@ NODES, PIXELS, WIDTH = 12, 40, 4
 
 
 def dense(band):
-    """The symmetric matrix that has this lower band."""
+    """The symmetric matrix with this lower band."""
     return sum(
         np.diag(d[: band.shape[1] - k], -k) + (k > 0) * np.diag(d[: band.shape[1] - k], k)
         for k, d in enumerate(band)
@@ -104,7 +104,7 @@ class Linear:
 @pytest.mark.parametrize("free", [True, False])
 @pytest.mark.parametrize(("spread", "change"), [(0.3, 0.2), (0.05, 1.0), (2.0, 0.02)])
 def test_cost_is_the_marginal_likelihood(free, spread, change):
-    """oracle: with the residuals of the mode it is that of a dense Gaussian, colors integrated out."""
+    """oracle: a dense Gaussian with colors integrated out, plus the residuals of the mode."""
     model = Linear(spread=spread, change=change)
     cost, mean, _, prior, colors = model.fitted(free)
     assert_allclose(dense(prior), model.prior, rtol=1e-12)
@@ -139,7 +139,7 @@ def test_a_mean_that_is_not_free_is_zero():
 
 
 def test_scales_are_those_of_well_known_nodes():
-    """oracle: root mean squares where the light decides, and without the nodes it says nothing of."""
+    """oracle: root mean squares where data dominate, without nodes that have no data."""
     rng = np.random.default_rng(0)
     colors, neighbors = rng.normal(0.5, 0.1, NODES), np.stack([np.arange(11), np.arange(1, 12)])
     band, prior = np.zeros((WIDTH, NODES)), np.ones((WIDTH, NODES))

@@ -1,4 +1,4 @@
-"""ColorPrior: axes of color space from a color model, and from the light of an object."""
+"""ColorPrior: axes of color space from a color model, or from the light of an object."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ ranks = pytest.mark.parametrize("rank", [1, 2])
 
 
 def sampled(rank):
-    """A measured model, of a covariance that differs by direction."""
+    """A measured model whose covariance differs by direction."""
     rng = np.random.default_rng(rank)
     colors = rng.uniform(0.2, 1, (60, rank)) @ PAINTS[:rank] + rng.normal(0, 0.01, (60, 3))
     return ColorModel.from_samples(colors, rank)
@@ -36,7 +36,7 @@ def test_the_angle_is_as_uncertain_as_the_model(rank):
 
 
 @ranks
-def test_an_exact_model_leaves_a_thousandth_of_a_radian(rank):
+def test_exact_model_has_an_angle_std_of_a_thousandth(rank):
     prior = ColorPrior.of(ColorModel.from_hex(*["#ff8000", "#2040ff"][:rank]))
     assert_allclose(prior.angle_std, 1e-3)
 
@@ -61,7 +61,7 @@ def random_moments(seed=0):
 
 
 def test_axes_are_along_the_mean_and_the_largest_spread_across_it():
-    """oracle: of all directions across the mean, none has larger moments than the second axis."""
+    """oracle: no direction perpendicular to the mean has larger moments than the second axis."""
     mean, moments = random_moments()
     axes = ColorPrior.along(mean, moments).axes
     assert_allclose(axes.T @ axes, np.eye(3), atol=1e-9)

@@ -1,4 +1,4 @@
-"""The field of light on the plate: exact on a smooth shadow, blind to an object of another hue."""
+"""The light field of the plate: exact for a smooth shadow, independent of objects of another hue."""
 
 import numpy as np
 
@@ -16,7 +16,7 @@ INTERPOLATION_ERROR = 2 * (2 * GRAIN) ** 2 / 8 * DEPTH / WIDTH**2
 
 
 def shadow() -> np.ndarray:
-    """(48, 64) a soft shadow that takes 30 % of the light at its darkest."""
+    """(48, 64) a soft shadow that removes 30 % of the light at its darkest."""
     y, x = np.mgrid[: SIZE[1], : SIZE[0]]
     return -DEPTH * np.exp(-((x - 40) ** 2 + (y - 20) ** 2) / (2 * WIDTH**2))
 
@@ -64,7 +64,7 @@ def test_the_plate_in_changed_light_predicts_the_image() -> None:
     assert (lit.B_variance >= observation.B_variance).all()
 
 
-def test_a_plate_changes_within_the_observation_alone() -> None:
+def test_plate_changes_only_within_the_observation() -> None:
     lighting = Lighting(np.full((4, 6), -0.5), np.zeros((4, 6)), 0.0, (10.5, 8.5), 2.0)
     rgb = np.full((40, 50, 3), 0.4, np.float32)
     plate = LinearImage(rgb, np.full(rgb.shape, 1e-6, np.float32))

@@ -1,4 +1,4 @@
-"""Observation: the crop, coarse pixels, noise, and axes of color."""
+"""Observation: the crop, coarse pixels, noise, and color axes."""
 
 from dataclasses import replace
 
@@ -25,7 +25,7 @@ def pictures(seed=0):
 
 
 def streak():
-    """Something slanted of 18x12 pixels, from (20, 15)."""
+    """A slanted region of 18x12 pixels, from (20, 15)."""
     mask = np.zeros(SIZE[::-1], bool)
     for i in range(12):
         mask[15 + i, 20 + i : 27 + i] = True
@@ -41,7 +41,7 @@ def random_observation(width=13, height=11, seed=0):
 
 
 def blocks(values, by):
-    """Each block of an array on its own, and where it goes."""
+    """Each block of an array, and its place."""
     for j in range(values.shape[0] // by):
         for i in range(values.shape[1] // by):
             yield j, i, values[by * j : by * (j + 1), by * i : by * (i + 1)]
@@ -74,7 +74,7 @@ def test_coarser_variance_is_that_of_a_mean(by):
 
 
 def test_correlated_noise_is_the_trimmed_variance_of_block_sums():
-    """oracle: of noise shared by n by n pixels it is n² times the mean of 70 % of χ²/3."""
+    """oracle: noise common to n by n pixels has n² times the mean of the lower 70 % of χ²/3."""
     rng, std = np.random.default_rng(4), 0.01
     mask = np.zeros((240, 320), bool)
     mask[112:132, 140:180] = True  # the box around it begins with a whole cell
@@ -93,7 +93,7 @@ def test_correlated_noise_is_the_trimmed_variance_of_block_sums():
         assert_allclose(measured(by), by**2 * trimmed, rtol=0.1)
 
 
-def test_raised_noise_has_that_many_times_the_variance():
+def test_raised_noise_multiplies_the_variance():
     observation = random_observation().raised(2.0).raised(1.5)
     assert_allclose(observation.C_variance, 3 * random_observation().C_variance)
     assert_allclose(observation.B_variance, 3 * random_observation().B_variance)
@@ -101,7 +101,7 @@ def test_raised_noise_has_that_many_times_the_variance():
 
 
 def test_light_along_rotated_axes_has_the_same_length():
-    """invariant: and the variances have the same sum."""
+    """invariant: and the same total variance."""
     axes = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
     plain = random_observation()
     turned = replace(plain, color=ColorPrior(axes))
@@ -214,7 +214,9 @@ def test_far_pixels_weigh_less_and_invalid_ones_nothing():
 
 
 def test_variance_is_that_of_a_neighborhood():
-    """Of even light it is the sensor's own; of noisy light it hardly goes with a pixel's noise."""
+    """Uniform light has the sensor's noise; for noisy light it is nearly independent of the pixel's
+    noise.
+    """
     image, plate = pictures()
     even = LinearImage(np.full_like(image.rgb, 0.3), NOISE)
     observation = observation_around(streak(), 5, even, plate, NEUTRAL)

@@ -1,4 +1,4 @@
-"""Families of paths: where they lead, their derivatives, and that they start along a curve."""
+"""Path families: points, derivatives, and starts along a curve."""
 
 import numpy as np
 import pytest
@@ -36,7 +36,7 @@ def line(t):
 
 
 def distance(points, curve):
-    """From each point (n, 2) to the nearest of a curve's."""
+    """From each point (n, 2) to the nearest one of a curve."""
     return np.linalg.norm(points[:, None] - curve, axis=2).min(axis=1)
 
 
@@ -112,7 +112,7 @@ def test_a_bounce_turns_at_its_contact_and_is_even_on_both_sides():
     assert_allclose(BOUNCE.at(BENT[BOUNCE], T)[0], true.at(T), rtol=0, atol=1e-12)
 
 
-def test_what_is_at_rest_stays_until_it_departs():
+def test_path_from_rest_is_constant_until_its_departure():
     true = Trajectory.from_rest(A, B, until=0.33)
     xy, D = FROM_REST.at(BENT[FROM_REST], T)
     assert_allclose(xy, true.at(T), rtol=0, atol=1e-12)
@@ -120,7 +120,7 @@ def test_what_is_at_rest_stays_until_it_departs():
     assert not D[T < 0.33][:, :, 2:].any()  # neither end nor departure are seen yet
 
 
-def test_times_of_a_corner_beyond_the_exposure_leave_a_path():
+def test_corner_times_beyond_the_exposure_give_a_valid_path():
     for family, times in ((BOUNCE, (-0.5, 0.0, 1.0, 1.5)), (FROM_REST, (-0.5, 1.0, 1.5))):
         for time in times:
             p = np.array([*BENT[family][:-1], time])
@@ -158,7 +158,7 @@ def test_one_start_of_a_bounce_has_its_corner():
         assert distance(start[None, 2:4], curve) < 1e-9
 
 
-def test_the_starts_of_what_rested_go_either_way():
+def test_starts_from_rest_include_both_directions():
     curve = line(np.linspace(0, 1, 33))
     forth, back = (FROM_REST.at(start, np.array([0.0, 1]))[0] for start in FROM_REST.starts(curve))
     assert_allclose(forth, [A, B], atol=1e-12)
@@ -166,7 +166,7 @@ def test_the_starts_of_what_rested_go_either_way():
 
 
 @every_family
-def test_starts_along_a_line_stay_on_it(family):
+def test_starts_along_a_line_are_on_the_line(family):
     for start in family.starts(line(np.linspace(0, 1, 33))):
         xy, _ = family.at(start, T)
         assert start.shape == (family.size,)

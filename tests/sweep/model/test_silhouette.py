@@ -54,7 +54,7 @@ def of_pixels(fine, n):
 
 
 def points(silhouette, family, path, shape, n=8, times=160):
-    """In which part of the exposure each of n × n points of every pixel was inside."""
+    """The fraction of the exposure for which each of n × n points of every pixel was inside."""
     x, y = ((np.arange(n * side) + 0.5) / n - 0.5 for side in SIZE)
     a, b = shape[1:3] if silhouette.order > 1 else (0, 0)
     (p, q), (r, s) = np.linalg.inv(shape[0] * expm(np.array([[a, b], [b, -a]])))
@@ -147,7 +147,7 @@ def test_derivatives_are_those_of_small_steps(silhouette):
 
 @every_kind
 def test_derivatives_add_up_to_that_of_the_area(silhouette):
-    """Ways, stretch and turning leave the area as it is; what a step of a pixel moves is its rim."""
+    """Path, stretch and rotation leave the area unchanged; a shift of a pixel moves its rim."""
     J, shape, step = swept(silhouette).by_parameters, SHAPES[silhouette], 1e-5
     n, rim = len(ROUND), 2 * np.pi * shape[0]
     assert_allclose(J[..., :n].sum(axis=(0, 1)), 0, atol=1e-3 * rim)
@@ -187,7 +187,7 @@ def test_shifted_centers_shift_alpha():
 
 
 def mirrored(silhouette, shape):
-    """The shape seen in a mirror, x and y swapped: the angle φ becomes π/2 − φ."""
+    """The mirrored shape, x and y exchanged: the angle φ becomes π/2 − φ."""
     swapped = shape.copy()
     swapped[1] *= -1
     for k in range(3, silhouette.order + 1):
@@ -274,7 +274,7 @@ def test_a_stretch_preserves_the_area_and_has_its_axes():
 
 @pytest.mark.parametrize("silhouette", [ELLIPSE, OUTLINE, SPINNING], ids=lambda s: s.name)
 def test_mapped_maps_every_point_of_the_rim(silhouette):
-    """exact: but for how it turns, that stays."""
+    """exact, except for the rotation, which is unchanged."""
     shape, by = SHAPES[silhouette], np.array([[1.4, 0.7], [0.1, 1.3]])
     new = silhouette.mapped(shape, by)
     assert_allclose(silhouette.turn(new), silhouette.turn(shape))
@@ -299,8 +299,8 @@ def test_fourier_coefficients_are_those_of_the_log_radius():
 
 
 @every_soft_kind
-def test_a_soft_rim_is_a_blurred_one(silhouette):
-    """Oracle: points of the sharp one counted, many in each pixel, each a circle of confusion."""
+def test_soft_rim_is_a_blurred_rim(silhouette):
+    """Oracle: points of the sharp one, many in each pixel, averaged over a circle of confusion."""
     shape, n = SOFT[silhouette], 8
     sharp = Silhouette(silhouette.order, silhouette.turns)
     alpha = silhouette.sweep(ARC, ROUND, shape, canvas()).alpha
@@ -331,7 +331,7 @@ def test_derivatives_of_soft_rims_are_those_of_small_steps(silhouette):
         assert np.linalg.norm(J[..., i] - slope) < most * np.linalg.norm(slope)
 
 
-def test_soft_rims_stay_within_what_files_and_lenses_make():
+def test_softness_is_bounded():
     soft = Silhouette(2, soft=True)
     assert_array_equal(soft.possible(np.array([4.0, 0.1, 0.2, 5]), (2, 8)), [4, 0.1, 0.2, 2])
     assert_allclose(soft.possible(np.array([90.0, 0.1, 0.2, 50]), (2, 80)), [80, 0.1, 0.2, 24])
@@ -359,7 +359,7 @@ def test_moments_cover_the_exposure_in_short_steps():
     assert_array_equal(moments(BOUNCE, path + 1e-7, 1.0)[0], t)
 
 
-def test_names_and_sizes():
+def test_parameters_have_names():
     assert [s.name for s in SHAPES] == [
         "disc", "ellipse", "outline of order 5", "turning ellipse", "turning outline of order 4",
     ]  # fmt: skip

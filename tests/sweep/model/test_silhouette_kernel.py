@@ -1,4 +1,4 @@
-"""The compiled alpha of an outline, against counted points."""
+"""The compiled alpha of an outline compared with counted points."""
 
 import numpy as np
 import pytest
@@ -17,8 +17,8 @@ COEFFICIENTS = [0.1, -0.06, 0.04, 0.05, -0.03, 0.03]
 @pytest.mark.parametrize("turn", [0.0, 1.2])
 @pytest.mark.parametrize("stretch", [0.0, 1.0])
 @pytest.mark.parametrize("radius", [4.0, 12.0])
-def test_alpha_is_the_part_of_each_pixel_that_the_outline_covers(radius, stretch, turn):
-    """Oracle: a long thing, too, of which pixels see both sides."""
+def test_alpha_is_the_covered_fraction_of_each_pixel(radius, stretch, turn):
+    """Oracle: also a thin outline with both sides in one pixel."""
     shape = np.array([radius, stretch, 0.1, *COEFFICIENTS])
     A, by_A = OUTLINE._stretch(shape)
     times = (np.arange(20) + 0.5) / 20
@@ -38,7 +38,7 @@ def test_alpha_is_the_part_of_each_pixel_that_the_outline_covers(radius, stretch
 
 
 def inside(A, center, turn):
-    """(h, w) part of each pixel, from many points in it."""
+    """(h, w) fraction of each pixel inside, from many points."""
     y, x = ((np.arange(n * PARTS) + 0.5) / PARTS - 0.5 for n in (H, W))
     away = np.stack(np.meshgrid(x - center[0], y - center[1])).reshape(2, -1)
     c, s = np.cos(turn), np.sin(turn)

@@ -1,4 +1,4 @@
-"""State: its cost, the cost's derivatives, and the same state elsewhere."""
+"""State: its cost, derivatives, and conversion to other observations and families."""
 
 from dataclasses import replace
 
@@ -30,7 +30,7 @@ every_family = pytest.mark.parametrize("family", BALLS, ids=lambda family: famil
 
 
 def moved_by(state, change):
-    """The state with other parameters, of path and shape in one array."""
+    """The state with other parameters of path and shape, as one array."""
     n = len(state.path)
     return state.moved(state.path + change[:n], state.shape + change[n:])
 
@@ -56,7 +56,7 @@ def numeric_gradient(state, function, step=1e-3):
 @pytest.mark.parametrize("color", [NEUTRAL, ONE_PAINT], ids=["any colors", "one paint"])
 @every_family
 def test_the_gradient_is_that_of_the_loss(family, color):
-    """oracle: small steps at fixed colors, of which the cost is stationary."""
+    """oracle: finite differences at fixed colors, at which the cost is stationary."""
     observation = observed(BEFORE_TILES[family], color=color)
     state = disc_at(observation, family, (1.0, -0.7), 11.6)
 
@@ -73,7 +73,7 @@ def test_the_gradient_is_that_of_the_loss(family, color):
 @pytest.mark.xfail(reason="the gradient leaves out the volume of the colors' posterior")
 @pytest.mark.parametrize("family", [LINE, BOUNCE], ids=lambda family: family.name)
 def test_the_gradient_vanishes_where_the_cost_is_least(family):
-    """oracle: to half a standard deviation of each parameter, at the truth."""
+    """oracle: within half a standard deviation of each parameter, at the truth."""
     state = disc_at(observed(FLAT[family], color=ONE_PAINT), family)
     H, g = state.information()
     covariance = np.linalg.inv(H)
@@ -130,8 +130,8 @@ def test_mean_color_is_that_of_the_ball():
     assert_allclose(state.mean_color, mean, rtol=0.1)  # of the nodes, not of the light
 
 
-def test_pixels_of_no_weight_do_not_count():
-    """invariant: whatever light they have."""
+def test_pixels_of_zero_weight_are_ignored():
+    """invariant: for any light."""
     observation = observed(BALL)
     valid = observation.valid.copy()
     valid[30:40, 40:50] = False
@@ -153,7 +153,7 @@ def test_on_another_observation_is_swept_again():
 
 
 def test_relit_keeps_alpha():
-    """oracle: the same as if it were swept again."""
+    """oracle: equal to a new sweep."""
     observation = observed(BALLS[ARC])
     state = disc_at(observation, ARC, 1.0)
     other = observation.with_light(0.9 * observation.C + 0.05)

@@ -22,7 +22,7 @@ def test_weight_is_twice_the_slope_of_the_loss():
 
 
 def test_weight_is_one_for_noise_and_vanishes_for_outliers():
-    """exact: three residuals of unit variance have the sum of squares 3 in the mean."""
+    """exact: three residuals of unit variance have a mean sum of squares of 3."""
     assert student_weight(np.array(3.0)) == 1
     assert student_weight(np.array(1e4)) < 1e-3
 
