@@ -12,7 +12,7 @@ from blurmatte.cli import app
 from blurmatte.cli.console import ExitCode, in_options
 from blurmatte.rendering import colorful_plate
 
-SCREEN = 45  # lines
+SCREEN, COLUMNS = 45, 80
 
 
 def commands(group, before=()):
@@ -48,11 +48,11 @@ def folder(tmp_path_factory):
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
 def test_help_fits_one_screen_and_begins_with_an_example(words):
     for option in ("--help", "-h"):
-        result = run(*words, option)
+        result = run(*words, option, width=COLUMNS)
         lines = result.stdout.splitlines()
         assert result.exit_code == 0
         assert len(lines) <= SCREEN
-        assert max(map(len, lines)) <= 104
+        assert max(map(len, lines)) <= COLUMNS
         assert lines[0].startswith(f"$ blurmatte {' '.join(words)} ")
 
 

@@ -204,7 +204,7 @@ def test_writes_sheets_and_previews(scene, own, tmp_path):
     none = run(
         "edit", scene / "layer.exr", "--fade", 2, "--preview", preview, "--out", tmp_path / "c.exr"
     )
-    assert "something behind" in complaint(none)
+    assert "--preview needs a background" in complaint(none)
     assert not (tmp_path / "c.exr").exists()
 
 
@@ -280,8 +280,8 @@ def test_show_writes_or_opens_sheet(scene, tmp_path, monkeypatch, name):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ((), "there is nothing to do"),
-        (("--image", "image.png"), "there is nothing to do"),
+        ((), "give a change"),
+        (("--image", "image.png"), "give a change"),
         (("--fade", "much"), "--fade must be a factor, got 'much'"),
         (("--fade", "-1"), "factor must be 0 or more"),
         (("--expose", "10000"), "--expose must lie between -128 and 128, got '10000'"),
@@ -344,4 +344,4 @@ def test_edit_refuses_what_is_no_layer(scene, tmp_path):
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *out))
     own = "--image", scene / "image.png"
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *own, *out))
-    assert "not a row" in complaint(run("edit", scene / "n.####.exr", *own, *out))
+    assert "not a sequence" in complaint(run("edit", scene / "n.####.exr", *own, *out))

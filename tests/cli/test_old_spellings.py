@@ -52,7 +52,7 @@ def test_old_spelling_works_and_names_the_new_one(tmp_path, monkeypatch):
     result = CliRunner().invoke(app, ["measure", "nowhere.mp4", "--start", "4"])
     warning, refusal = result.stderr.splitlines()
     assert warning == (
-        "blurmatte: warning: an old spelling, which the next version will refuse; now: "
+        "blurmatte: warning: old spelling, rejected by the next version; write: "
         "blurmatte track nowhere.mp4 --frames 4:"
     )
     assert refusal.startswith("blurmatte: nowhere.mp4: ")

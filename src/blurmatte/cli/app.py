@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
@@ -81,9 +82,14 @@ class Command(TyperCommand):
 
 
 def _format_examples(lines: str, formatter: Any) -> None:
-    """Command lines; a line that begins with spaces continues the one before."""
+    """Command lines; long ones are continued before an option."""
     for line in lines.splitlines():
-        formatter.write(f"  {line}\n" if line.startswith(" ") else f"$ blurmatte {line}\n")
+        words, shown = re.split(r" (?=-)", f"$ blurmatte {line}"), ""
+        for word in words:
+            if shown and len(shown.rpartition("\n")[2]) + len(word) > formatter.width - 4:
+                shown += " \\\n   "
+            shown += f" {word}" if shown else word
+        formatter.write(f"{shown}\n")
     formatter.write("\n")
 
 
@@ -96,9 +102,7 @@ class _Group(TyperGroup):
         """Parse; an empty argument would be the current folder if it were taken as a path."""
         with _usage_in_one_line():
             if "" in args:
-                raise typer.BadParameter(
-                    "an argument is empty; a variable of the shell may not be set"
-                )
+                raise typer.BadParameter("an argument is empty; check the variables of the shell")
             return super().make_context(info_name, args, *more, **kwargs)
 
     def invoke(self, ctx: Any) -> Any:
@@ -135,7 +139,7 @@ class _Program(_Group):
         """Parse the arguments in today's spelling."""
         today, changed = modern(args)
         if changed and "-q" not in args and "--quiet" not in args:
-            warn(f"an old spelling, which the next version will refuse; now: {_typed(today)}")
+            warn(f"old spelling, rejected by the next version; write: {_typed(today)}")
         return super().make_context(info_name, today, *more, **kwargs)
 
     def list_commands(self, ctx: Any) -> list[str]:
@@ -162,7 +166,7 @@ def _usage_in_one_line() -> Iterator[None]:
         raise
 
 
-_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 102}  # columns, with a rim
+_HELP = {"help_option_names": ["-h", "--help"], "max_content_width": 80}  # columns
 
 app = typer.Typer(
     cls=_Program,
@@ -193,6 +197,7 @@ def command(*examples: str, group: typer.Typer = app) -> Callable[[F], F]:
     """
 
     def register(function: F) -> F:
+        """The function, after it was added to the group."""
         group.command(cls=Command, epilog="\n".join(examples), context_settings=_HELP)(
             _with_options(function)
         )
@@ -206,6 +211,7 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
     groups, parameters = _options_of(function)
 
     def run(**values: Any) -> None:
+        """Build the groups of options, and call the function."""
         with _ending(values.pop("quiet"), values.pop("verbose")):
             for name, kind in groups.items():
                 values[name] = kind(**{f.name: values.pop(f.name) for f in fields(kind)})

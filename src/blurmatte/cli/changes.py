@@ -110,7 +110,7 @@ class Placement:
 
     def __post_init__(self) -> None:
         if self.fit not in (None, "cover"):
-            raise ValueError(f"--fit {self.fit}: there is only one fit, cover")
+            raise ValueError(f"--fit must be cover, got {self.fit!r}")
         if self.fit and (self.place or self.scale):
             raise ValueError("--fit changes the picture, --place and --scale the layer; give one")
         if self.place is not None:

@@ -33,7 +33,7 @@ OWN = "In its own picture"
 
 @dataclass(frozen=True)
 class _Edit:
-    """One layer before and after, the pictures with either, and what is behind, where known."""
+    """A layer and its picture before and after a change, and the background if known."""
 
     before: bm.Layer
     after: bm.Layer
@@ -72,15 +72,13 @@ def edit(
     reading: Reading,
     out: Out,
 ) -> None:
-    """Change an object: fade, amplify, recolor or expose it, in its own picture.
+    """Change an object: fade, amplify, recolor or expose it.
 
     Without --image the changed layer is written. See also remove, and compose for another picture.
     """
     asked = changes.in_order(ctx.meta[ORDER])
     if not asked:
-        raise ValueError(
-            "give --fade, --amplify, --recolor, --expose or --gain: there is nothing to do"
-        )
+        raise ValueError("give a change: --fade, --amplify, --recolor, --expose or --gain")
     for written in (out, looks.sheet, looks.preview):
         check_other(written, layer, own.image, own.plate)
     wanted = [change_of(name, text) for name, text in asked]
@@ -89,7 +87,7 @@ def edit(
         _edit_row(reading, layer, out, wanted, None, row)
         return
     if own.image is None and looks.preview is not None:
-        raise ValueError("--preview needs something behind the object: --image, or compose --over")
+        raise ValueError("--preview needs a background: --image, or compose --over")
     names = ", ".join(f"{name[2:]} {text}" for name, text in asked)
     with waiting("editing"):
         if own.image is None:
@@ -126,11 +124,11 @@ def remove(
     out: Out,
     grow: Annotated[int, option("N", "N pixels more on every side.")] = 0,
 ) -> None:
-    """Remove an object from its picture: the plate is put where it was."""
+    """Remove an object from its picture, by the plate in its place."""
     for written in (out, looks.sheet, looks.preview):
         check_other(written, layer, image, plate.plate)
     if is_row(layer):
-        raise ValueError(f"{layer}: give one layer, not a row")
+        raise ValueError(f"{layer}: give one layer, not a sequence")
     with waiting("removing"):
         (before, streak), read = _read(
             reading, lambda: _layer_and_streak(layer, reading), layer, [image, plate.plate]
@@ -185,11 +183,11 @@ def compose(
 
 def _check_one_layer(layer: str, image: Path | None, looks: Looks) -> None:
     if image or looks.sheet or looks.preview:
-        raise ValueError(f"{layer}: --image, --sheet and --preview go with one layer, not a row")
+        raise ValueError(f"{layer}: --image, --sheet and --preview need one layer, not a sequence")
 
 
 def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
-    """The picture to put layers over, with the change of their light."""
+    """The background, with the gain of the layers' light."""
     picture, _ = reading.read(over)
     if placement.match_light is None:
         return Behind(over, picture, placement)
@@ -235,7 +233,7 @@ def _reader(layer: str, reading: Reading) -> Callable[[], bm.Layer]:
 def _read(
     reading: Reading, layer: Callable[[], Any], path: Path, pictures: Sequence[Path]
 ) -> tuple[Any, list[bm.LinearImage]]:
-    """The layer and pictures, read at the same time: of large ones this takes longest."""
+    """The layer and pictures, read concurrently, because reading large ones is slow."""
     with about(path), ThreadPoolExecutor() as pool:
         for package in _needed(pictures):
             pool.submit(import_module, package)
@@ -248,7 +246,7 @@ def _read(
 
 
 def _needed(pictures: Sequence[Path]) -> Iterator[str]:
-    """What is imported for the image, and for the plate if there is one, as long as a file is read."""
+    """Import the modules that are needed later while files are read."""
     if pictures and pictures[0].suffix.lower() in (".jpg", ".jpeg"):
         yield "numba"  # for its blocks
     if len(pictures) > 1:
@@ -256,7 +254,7 @@ def _needed(pictures: Sequence[Path]) -> Iterator[str]:
 
 
 def _layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Any]:
-    """The layer, and (H, W) bool: what is to go.
+    """The layer, and (H, W) bool: the pixels to remove.
 
     That is where the solution says that something moved, or of a mere layer where it is.
     """
@@ -271,7 +269,7 @@ def _layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Any]:
 def _matched(
     plate: Path | None, match: str, read: Sequence[bm.LinearImage]
 ) -> bm.LinearImage | None:
-    """The plate as it matches the image, of both as they were read."""
+    """The plate, matched to the image."""
     if plate is None:
         return None
     with about(plate):
@@ -279,7 +277,7 @@ def _matched(
 
 
 def _write_in_place(out: Path, image: Path, done: _Edit, touched: Any, reading: Reading) -> None:
-    """Write the image's file with other pixels where it was touched."""
+    """Write the file of the image with its changed pixels."""
     assert done.result is not None
     with about(out):
         curve = reading.curve_of(image)
@@ -298,7 +296,7 @@ def _write_looks(looks: Looks, done: _Edit, names: str) -> None:
 
 
 def _write_preview(path: Path, done: _Edit, longest: int = 640, rim: float = 0.3) -> None:
-    """The object coming and going: an alpha that rises and falls.
+    """A fade in and out: factors of alpha that rise and fall.
 
     At most so many pixels wide or high; with a rim around the object, as a part of its size.
     """

@@ -30,7 +30,7 @@ def stack(
     ] = None,
     long: Annotated[bool, flag("--long", "As one exposure as long as all together.")] = False,
 ) -> None:
-    """Put many layers into one: the whole path of an object through a clip.
+    """Stack layers into one: the path of an object through a clip.
 
     Only one of them is in memory at a time.
     """
@@ -63,7 +63,7 @@ def paints(
     max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.")] = bm.MAX_PIXELS,
     as_json: AsJson = False,
 ) -> None:
-    """Say how long each paint of an object of several colors was at each pixel.
+    """Map how long each paint of an object was at each pixel.
 
     Writes paint1.png, paint1_std.png, … and overview.png into the folder.
     """

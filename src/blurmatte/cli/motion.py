@@ -46,7 +46,7 @@ class Timing:
         if self.going not in (None, "down", "up"):
             raise ValueError(f"--going must be down or up, got {self.going!r}")
         if self.going is not None and self.line_time is None:
-            raise ValueError("--going needs --line-time, that of a rolling shutter")
+            raise ValueError("--going needs --line-time, the time per row of a rolling shutter")
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ def measure(
     out: Numbers = None,
     as_json: AsJson = False,
 ) -> None:
-    """Measure the motion in LAYER: where, how far, how fast, how large.
+    """Measure the motion in LAYER: place, length, speed and size.
 
     For a clip see track, for places in space locate.
     """
@@ -107,7 +107,7 @@ def measure(
 
 @dataclass(frozen=True)
 class SpaceOptions(BallSize):
-    """What is known of the space that a picture shows."""
+    """Known quantities of the space in front of the camera."""
 
     speed: Annotated[
         str | None, option("SPEED[±ERROR]", "Or its true speed: 12m/s, 43km/h.", SIZE)
@@ -137,8 +137,8 @@ class SpaceOptions(BallSize):
 
 @command(
     "locate out/layer.exr --camera lens.json --diameter 4cm --exposure 1/60",
-    "locate out/layer.exr --on-plane 102,300=0,0 --on-plane 540,310=5m,0 \\",
-    "    --on-plane 420,180=5m,8m --on-plane 180,178=0,8m --exposure 1/60",
+    "locate out/layer.exr --on-plane 102,300=0,0 --on-plane 540,310=5m,0 "
+    "--on-plane 420,180=5m,8m --on-plane 180,178=0,8m --exposure 1/60",
 )
 def locate(
     layer: Layer,
@@ -152,7 +152,7 @@ def locate(
     out: Numbers = None,
     as_json: AsJson = False,
 ) -> None:
-    """Locate the object of LAYER in space: before a known camera, or on a plane.
+    """Locate the object of LAYER in space, by camera or plane.
 
     Of a clip, track does so in each frame.
     """
@@ -201,7 +201,7 @@ def _read(layer: Path, reading: Reading) -> tuple[bm.Solution, bm.Motion]:
 
 
 def _answer(motion: bm.Motion, found: Sequence[Any], out: Path | None, as_json: bool) -> None:
-    """Print what was found, and write all numbers."""
+    """Print the results, and write all numbers."""
     words = [words for thing in found for words in bm.explain(thing)]
     row = {name: value for thing in found for name, value in thing.numbers().items()}
     numbers = {**row, **_over_time(motion), "in_words": words}
@@ -225,7 +225,7 @@ def _over_time(motion: bm.Motion) -> dict[str, Any]:
 
 
 def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.Rotation:
-    """From the outline of what flies and turns, else from alpha."""
+    """The rotation from a turning outline of the sweep, otherwise from alpha."""
     sweep = solution.sweep
     turns = sweep is not None and sweep.silhouette.turns
     return bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
@@ -252,7 +252,7 @@ def _depth(
 ) -> bm.BlurDepth:
     (time, time_std), (value, std) = exposed, speed
     if time is None:
-        raise ValueError("--speed needs --exposure, for the image's file does not say the time")
+        raise ValueError("--speed needs --exposure: the image's file does not state the time")
     path = _sweep(solution, "--speed")
     return bm.depth_from_blur(path, lens, value, time, None, std, time_std)
 
@@ -266,7 +266,7 @@ def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
         pixels.append((float(found[1]), float(found[2])))
         places.append([meters("--on-plane", part.strip())[0] for part in found.groups()[2:]])
     if len(pixels) < 4:  # which determine a plane
-        raise ValueError(f"--on-plane is needed for 4 points or more, got {len(pixels)}")
+        raise ValueError(f"give --on-plane for 4 points or more, got {len(pixels)}")
     return bm.Plane.from_points(pixels, places, lens)
 
 

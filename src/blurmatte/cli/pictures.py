@@ -39,7 +39,7 @@ def show(
         option("SHEET", "Write the sheet, open nothing: .png or .jpg.", None, "--out", "-o"),
     ] = None,
 ) -> None:
-    """Show FILE on a sheet: for a quick look."""
+    """Show FILE on a sheet."""
     check_file(out, "a sheet", *SHEET)
     check_other(out, file)
     with about(file), waiting("drawing the sheet"):
@@ -67,7 +67,7 @@ def info(
     reading: Reading,
     as_json: AsJson = False,
 ) -> None:
-    """Say what is in FILE.
+    """Describe the contents of FILE.
 
     A picture, a layer, a solution, a color model, a report, noise or a transfer curve.
     """
@@ -157,7 +157,7 @@ def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
 
 
 def _short(value: Any) -> str:
-    """As people read it: six digits, and of rows of points how many."""
+    """A value as text: six digits; of arrays of points, their number."""
     if isinstance(value, tuple) and np.ndim(value) > 1 and np.shape(value)[-1] == 2:
         return f"{' x '.join(map(str, np.shape(value)[:-1]))} points"
     if isinstance(value, tuple):
@@ -235,7 +235,7 @@ def _alpha(layer: bm.Layer) -> dict[str, Any]:
 
 
 def _header(path: Path, about: Mapping[str, Any]) -> Iterator[str]:
-    """What the file says of itself, in lines."""
+    """Metadata of the file, in lines."""
     bits = about["bits"] if about["bits"] == "float" else f"{about['bits']} bit"
     what = f" and {about['alpha']} alpha: a layer" if about["alpha"] else ""
     colors = "gray" if about["gray"] else "RGB"
@@ -269,7 +269,7 @@ def _in_words(values: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _colors(space: str, white_balance: tuple[float, float, float] | None) -> str:
-    """Which primaries the light has, and what would make white of it."""
+    """Primaries of the light, and its white balance."""
     if space != "camera":
         return "sRGB's primaries"
     if white_balance is None:

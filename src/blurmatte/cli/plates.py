@@ -26,7 +26,7 @@ def plate(
     frames: FrameRange = None,
     as_json: AsJson = False,
 ) -> None:
-    """Make a plate of a CLIP: the scene without what moves in front of it.
+    """Make a plate from CLIP: the scene without moving objects.
 
     As .exr it keeps its error. A sheet to look at is written next to it, as NAME_overview.png.
     """
@@ -51,7 +51,7 @@ def plate(
 
 
 def _watched(frames: bm.Frames[bm.LinearImage]) -> bm.Frames[bm.LinearImage]:
-    """The same frames, with a bar for each run through them."""
+    """The same frames, with a progress bar for each pass."""
     if not sys.stderr.isatty():
         return frames
 

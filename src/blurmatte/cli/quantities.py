@@ -88,7 +88,7 @@ def _frame(
         number = int(text) if text else None
         return number if number is None or places is None else bisect_left(places, number)
     if times is None:
-        raise ValueError(f"{name} {text}: the frames have no times; count them")
+        raise ValueError(f"{name} must be frame numbers, for pictures have no times, got {text!r}")
     return bisect_left(times, float(text[:-1]) - _ROUNDING_S)
 
 

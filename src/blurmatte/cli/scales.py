@@ -47,7 +47,7 @@ class ScaleOptions(BallSize):
 
     scale: Annotated[
         str | None,
-        option("LENGTH|X0,Y0,X1,Y1=LENGTH", "Or that of a pixel, or between two points.", SIZE),
+        option("LENGTH|X0,Y0,X1,Y1=LENGTH", "Of a pixel, or between two points.", SIZE),
     ] = None
 
     def __post_init__(self) -> None:

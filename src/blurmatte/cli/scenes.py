@@ -39,7 +39,7 @@ def render(
     ] = False,
     as_json: AsJson = False,
 ) -> None:
-    """Render a scene whose alpha, color and path are known: pictures to solve, and the truth.
+    """Render a SCENE: pictures to solve, and their true alpha.
 
     Several scenes, and the frames of a clip, each get a folder of their own.
     """
@@ -87,7 +87,7 @@ def score(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Say how far a RESULT of any program is from the truth.
+    """Score a RESULT of any program against the truth.
 
     A scene of several that has no result counts as a miss.
     """
@@ -119,7 +119,7 @@ def score(
 
 
 def _numbered(shots: list[bm.Shot], folder: Path) -> list[tuple[bm.Shot, Path]]:
-    """Each shot and its folder: `folder` itself if there is but one, else frames by number."""
+    """Each shot and its folder: `folder` for a single one, otherwise one folder per frame."""
     if len(shots) == 1:
         return [(shots[0], folder)]
     return [(shot, folder / f"{n:03}") for n, shot in enumerate(shots)]

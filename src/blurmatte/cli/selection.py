@@ -18,7 +18,7 @@ from blurmatte.cli.console import GENERAL, about, option
 from blurmatte.cli.quantities import box, frame_range, is_box, numbers
 
 OBJECT = "The object"
-ROWS = "a folder, ####, %04d or '*' too"
+ROWS = "folder, ####, %04d, '*'"
 
 _PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
 _PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
@@ -28,7 +28,7 @@ OutFolder = Annotated[
     Path, option("FOLDER", "For the results; made if needed.", None, "--out", "-o")
 ]
 Layer = Annotated[Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote.")]
-Clip = Annotated[list[str], typer.Argument(metavar="CLIP", help=f"A clip; or pictures: {ROWS}.")]
+Clip = Annotated[list[str], typer.Argument(metavar="CLIP", help=f"A clip, or pictures: {ROWS}.")]
 FrameRange = Annotated[
     str | None,
     option("START:STOP[:STEP]", "Frames from 0, or seconds: 40:52, 2.5s:4s.", None, "--frames"),
@@ -48,9 +48,7 @@ class Reading:
 
     transfer: Annotated[
         str | None,
-        option(
-            "NAME|FILE.json", "Encoding of light: srgb, rec709, linear, gamma2.2, slog3 …", GENERAL
-        ),
+        option("NAME|FILE.json", "Encoding: srgb, rec709, linear, slog3 …", GENERAL),
     ] = None
     max_pixels: Annotated[int, option("N", "Refuse larger pictures; 200 million.", GENERAL)] = (
         bm.MAX_PIXELS
@@ -90,7 +88,7 @@ class Reading:
         picture = bm.read(path, bm.LINEAR, self.max_pixels)
         if picture.size != size:
             raise ValueError(
-                "the {} {} is {}x{} pixels, the image {}x{}".format(
+                "the {} {} must have the size of the image; it is {}x{}, the image {}x{}".format(
                     name, path, *picture.size, *size
                 )
             )
@@ -202,7 +200,7 @@ class Selection:
             inside = self.reading.mask("mask", Path(self.region), image.size)
             if not inside.any():
                 raise ValueError(
-                    f"the mask {self.region} is white nowhere; it must be where the object moved"
+                    f"the mask {self.region} has no white pixel; it must be white where the object moved"
                 )
             return bm.Streak(inside)
         within = bm.Streak.from_box(box("--region", self.region), image.size)
@@ -220,7 +218,7 @@ class Selection:
         white = self.reading.mask("occluder", path, image.size)
         if white.all():
             raise ValueError(
-                f"the occluder {path} is white everywhere; it must be black where nothing is in front"
+                f"the occluder {path} has no black pixel; it must be black where nothing is in front"
             )
         return white
 
@@ -315,7 +313,9 @@ def with_folders(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     stems = [path.stem for path in paths]
     for stem in stems:
         if stems.count(stem) > 1:
-            raise ValueError(f"{stems.count(stem)} files are called {stem}; take them one by one")
+            raise ValueError(
+                f"give one file named {stem} at a time, got {stems.count(stem)}: their results would collide"
+            )
     return [(path, out / path.stem) for path in paths]
 
 

@@ -53,7 +53,7 @@ Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 
 @dataclass(frozen=True, eq=False)
 class _Task:
-    """What all images share."""
+    """Options that apply to all images."""
 
     reading: CameraReading
     plate: bm.LinearImage
@@ -167,7 +167,7 @@ def color(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the color of the moving object, and say how sure that is."""
+    """Find the color of the moving object, and its error."""
     check_file(out, "a color model", ".json")
     path = expanded([image])[0]
     selection = Selection(reading, colors, region)
@@ -189,7 +189,7 @@ def color(
 
 
 def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReading:
-    """With the transfer curve that explains the streak, if `auto` was asked for."""
+    """The pictures, with the most likely transfer curve for `--transfer auto`."""
     if reading.transfer != "auto":
         return reading
     reading = replace(reading, transfer=None)
@@ -201,7 +201,7 @@ def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReadi
 
 
 def _solver(text: str, colors: ColorOptions) -> Solver | None:
-    """The solver of NAME or NAME:VALUE; None: all hypotheses, or it needs pictures."""
+    """The solver of NAME or NAME:VALUE; None for all hypotheses, or if it needs pictures."""
     name, colon, value = text.partition(":")
     if name not in ("smooth", "shaded") and colon:
         raise ValueError(f"--solver {name} takes no value, got {text!r}")
@@ -240,7 +240,7 @@ _SHADED = (
 def _shaded(
     reading: CameraReading, solver: str, colors: ColorOptions, plate: bm.LinearImage
 ) -> bm.Shaded:
-    """The solver that knows the plate in shadow, or the object's own light."""
+    """The solver with a known plate in shadow, or a known light of the object."""
     path = solver.partition(":")[2]
     if path:
         return bm.Shaded(plate=reading.read(Path(path))[0])
@@ -254,21 +254,21 @@ def _shaded(
 
 
 def _matched(solver: Solver | None, match: bm.Match) -> Solver | None:
-    """The solver, its plate in shadow matched like the other plate."""
+    """The solver, with its plate in shadow matched like the plate."""
     if isinstance(solver, bm.Shaded) and solver.plate is not None:
         return replace(solver, plate=match.apply(solver.plate))
     return solver
 
 
 def _required(name: str | None) -> bm.Grade | None:
-    """The lowest grade of a name; None: any will do."""
+    """The lowest accepted grade; None for any."""
     if name not in (None, bm.Grade.CONFIRMED, bm.Grade.PLAUSIBLE):
         raise ValueError(f"--require must be confirmed or plausible, got {name!r}")
     return None if name is None else bm.Grade(name)
 
 
 def _is_lower(path: Path, solution: bm.Solution, required: bm.Grade | None) -> bool:
-    """Whether a solution has a lower grade than required, or none; complains if so."""
+    """True if a solution has a lower grade than required, or none; prints an error then."""
     grades = list(bm.Grade)  # the best first
     if required is None or grades.index(solution.grade) <= grades.index(required):
         return False
@@ -281,7 +281,7 @@ def _is_lower(path: Path, solution: bm.Solution, required: bm.Grade | None) -> b
 def _naming_streaks(
     streak: bm.Streak | None, image: bm.LinearImage, plate: bm.LinearImage
 ) -> Iterator[None]:
-    """Add to a refusal what moved, if nobody chose a region."""
+    """Add the streaks that were found to an error, unless a region was given."""
     try:
         yield
     except (bm.ColorModelError, bm.MotionError) as error:
@@ -300,7 +300,7 @@ def _some(boxes: list[str], most: int = 5) -> str:
 
 
 def _warnings(path: Path, solution: bm.Solution) -> list[str]:
-    """Print what cannot be true in a solution; returns the warnings."""
+    """Print the warnings of a solution, and return them."""
     from blurmatte.explain import doubts
 
     lines = [f"{path}: {doubt.rstrip('.')}" for doubt in doubts(solution)]
@@ -316,7 +316,7 @@ def _curve_warnings(
     solution: bm.Solution,
     reading: CameraReading,
 ) -> list[str]:
-    """Print a warning if only another transfer curve lets a disc of one color explain the streak."""
+    """Print a warning if a disc of one color fits only with another transfer curve."""
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
     if _is_explained_by_disc(solution) or reading.transfer is not None or not alike:
@@ -333,7 +333,7 @@ def _curve_warnings(
 
 
 def _is_explained_by_disc(solution: bm.Solution) -> bool:
-    """Whether a disc of one color explains the streak."""
+    """True if a disc of one color fits the streak."""
     sweep = solution.sweep
     if sweep is None or sweep.rejection:
         return False
@@ -341,7 +341,7 @@ def _is_explained_by_disc(solution: bm.Solution) -> bool:
 
 
 def _print_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
-    """The grade and its meaning, the colors, the plate, what else moved, and the sheet."""
+    """Print grade, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain import also_fits, grade_in_words
 
     graded = *grade_in_words(solution), *also_fits(solution)

@@ -56,7 +56,7 @@ class Chosen:
 
 @dataclass(frozen=True)
 class Run:
-    """How the frames are worked through."""
+    """How the frames are processed."""
 
     resume: Annotated[bool, flag("--resume", "Continue an interrupted run.", RUN)] = False
     workers: Annotated[int | None, option("N", "Processes; one for each core.", RUN)] = None
@@ -68,31 +68,29 @@ class Run:
 
 @dataclass(frozen=True)
 class Physics(ScaleOptions):
-    """What is known of the world: sizes, times, the camera, gravity."""
+    """Known quantities: sizes, times, the camera, gravity."""
 
-    camera: Annotated[
-        Path | None, option("FILE", "JSON of the calibrated camera: places in space.", SIZE)
-    ] = None
+    camera: Annotated[Path | None, option("FILE", "JSON of the calibrated camera.", SIZE)] = None
     exposure: Annotated[str | None, option("TIME[±ERROR]", "Exposure time.", SIZE)] = None
     line_time: Annotated[
         str | None, option("TIME", "From row to row of a rolling shutter.", SIZE)
     ] = None
     gravity: Annotated[
         str | None,
-        option("G|X,Y|X,Y,Z[±ERROR]", "Of a free fall, m/s²: gives or checks the scale.", SIZE),
+        option("G|X,Y|X,Y,Z[±ERROR]", "Of a fall, m/s²: gives the scale.", SIZE),
     ] = None
 
     def __post_init__(self) -> None:
         if self.camera is not None and self.scale is not None:
             raise ValueError(
-                "with --camera give the ball's true size alone, --radius or --diameter; how large a "
-                "pixel is follows in each frame from how far away the ball was"
+                "give --radius or --diameter with --camera, not --scale: the size of a pixel follows "
+                "from the distance in each frame"
             )
         super().__post_init__()
         if self.camera is not None and self.true_radius is None:
             raise ValueError(
-                "--camera needs --radius or --diameter, the ball's true size; if nobody knows it, "
-                "guess, and give --gravity: the fall says by how much all lengths must be multiplied"
+                "--camera needs --radius or --diameter, the ball's true size; if it is unknown, give "
+                "a guess and --gravity: the fall determines the factor of all lengths"
             )
         self.gravity_vector, self.line_seconds, self.exposure_seconds  # noqa: B018
 
@@ -114,8 +112,8 @@ class Physics(ScaleOptions):
         vector, std = acceleration("--gravity", self.gravity)
         if self.camera is not None and len(vector) == 2:
             raise ValueError(
-                "--gravity with --camera must be its size, 9.81, or x,y,z as the camera sees it "
-                f"(right, down, away from it), like 0,9.81,0; got two numbers, {self.gravity!r}"
+                "--gravity with --camera must be a magnitude, like 9.81, or x,y,z to the right, down "
+                f"and away from the camera, like 0,9.81,0; got two numbers, {self.gravity!r}"
             )
         if not any(vector) or (len(vector) == 1 and vector[0] < 0):
             raise ValueError(
@@ -153,10 +151,7 @@ def track(
     overlay: Annotated[Path | None, option("FILE", "Draw the paths: .png or .jpg.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Track the object through CLIP: its place, speed and size in each frame.
-
-    For one picture see measure.
-    """
+    """Track the object through CLIP: place, speed and size per frame."""
     check_file(out, "a table", *_TABLES)
     check_file(overlay, "a sheet", *SHEET)
     check_other(overlay, *clip, plate)
@@ -189,7 +184,7 @@ def track(
 def _frames(
     clip: list[str], chosen: Chosen, reading: Reading, physics: Physics
 ) -> bm.Frames[bm.LinearImage]:
-    """The frames to measure; their times and the camera are checked."""
+    """The frames to measure, after a check of their times and the camera."""
     with about(Path(clip[0])):
         source = clip[0] if len(clip) == 1 else clip
         frames = bm.read_frames(source, reading.curve, reading.max_pixels)
@@ -201,7 +196,7 @@ def _frames(
 
 
 def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
-    """ValueError if exposing a frame, or reading its rows, would take longer than it lasts."""
+    """Raise ValueError if exposure or readout takes longer than a frame."""
     from blurmatte.motion.picture.motion import MAX_READOUT  # imports all of the library
 
     if rate is None:
@@ -209,21 +204,21 @@ def _check_times(physics: Physics, rate: float | None, rows: int) -> None:
     line_time, exposure = physics.line_seconds, physics.exposure_seconds
     if line_time * rows * rate > MAX_READOUT:
         raise ValueError(
-            f"a line time of {line_time:g} s is {line_time * rows:.3g} s for {rows} rows, "
-            f"and a frame lasts {1 / rate:.3g} s: give --line-time with its unit, like 15us, or the "
-            "true --rate of the frames"
+            "give --line-time with its unit, like 15us, or the true --rate: "
+            f"{line_time:g} s are {line_time * rows:.3g} s for {rows} rows, longer than a frame, "
+            f"{1 / rate:.3g} s"
         )
     if exposure is not None and exposure[0] * rate > MAX_READOUT:
         raise ValueError(
-            f"an exposure of {exposure[0]:g} s is longer than a frame lasts, {1 / rate:.3g} s: give "
-            "--exposure with its unit, like 4ms, or the true --rate of the frames"
+            "give --exposure with its unit, like 4ms, or the true --rate: "
+            f"{exposure[0]:g} s is longer than a frame, {1 / rate:.3g} s"
         )
 
 
 def _answer(
     task: ClipTask, measured: Measured, physics: Physics, overlay: Path | None, as_json: bool
 ) -> None:
-    """Write the table and the sheet, and print what both say."""
+    """Write the table and the sheet, and print their contents."""
     rows, places = measured.rows, measured.places
     known = Known(
         physics.of_radius,
