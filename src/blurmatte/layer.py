@@ -139,6 +139,7 @@ class Layer:
         _check_factor("factor", factor)
 
         def faded(part: Layer) -> Layer:
+            """A layer with alpha times the factor, at most 1."""
             alpha = np.minimum(factor * part.alpha, np.maximum(part.alpha, 1))
             share = np.full_like(alpha, factor)
             np.divide(alpha, part.alpha, out=share, where=part.alpha > 0)
@@ -214,6 +215,7 @@ class Layer:
             raise ValueError(f"give as many colors as paints, {len(old)}, got {len(new)}")
 
         def painted(part: Layer) -> Layer:
+            """A layer with the new colors."""
             amounts = split(part.premultiplied, old)
             return Layer(part.alpha, amounts @ new.astype(amounts.dtype))
 

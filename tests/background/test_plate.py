@@ -259,7 +259,7 @@ def test_rejects_large_change_of_light(scene):
 def test_rejects_clipped_frames():
     # door
     white = decode(np.full((40, 40, 3), 255, np.uint8), SRGB)
-    with pytest.raises(PlateError, match="no pixel was seen free"):
+    with pytest.raises(PlateError, match="no pixel of the background was found"):
         make_plate([white] * 4)
 
 

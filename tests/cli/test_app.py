@@ -168,7 +168,6 @@ def test_patterns_of_pictures_are_equal_in_every_command(folder, tmp_path):
         ("the limit with max_pixels= (--max-pixels)", "the limit with --max-pixels"),
         ("allow any (--rank 3, ColorModel.any())", "allow any (--rank 3)"),
         ("give exposure_times (--exposures 1/60), one", "give --exposures 1/60, one"),
-        ("the part after it (--start, --stop)", "the part after it (--frames)"),
         ("line_time needs exposure_time, for", "--line-time needs --exposure, for"),
     ],
 )

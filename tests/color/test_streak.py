@@ -282,7 +282,7 @@ def test_error_for_one_hue_suggests_remedies():
     with pytest.raises(ColorModelError) as caught:
         fit_color_from_hues(image, plate)
     said = str(caught.value)
-    assert "leaves the object's color open by" in said
+    assert "the object's color is uncertain by" in said
     assert "hue variation leaves" in said
     assert "feasibility leaves" in said
     assert "give the color (--color, model=), pick pixels of the object" in said

@@ -45,7 +45,7 @@ def test_the_color_of_a_ball_is_found(scenes, seed):
 
 def test_shape_determines_a_color_ambiguous_by_hue():
     image, plate = taken(1)
-    with pytest.raises(ColorModelError, match="leaves the object's color open"):
+    with pytest.raises(ColorModelError, match="color is uncertain by"):
         fit_color_from_hues(image, plate)
     model = fit_color(image, plate)
     assert degrees_between(model.pole, GREEN) < max(4 * model.angle_std, 0.5) < 2

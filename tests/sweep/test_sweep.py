@@ -168,7 +168,7 @@ def test_geometric_properties_are_consistent():
         ({}, ""),
         ({"rejection": "leaves the streak"}, "leaves the streak"),
         ({"converged": False}, "did not converge"),
-        ({"radius_error": 0.4}, "leaves the radius open by 40%"),
+        ({"radius_error": 0.4}, "determines the radius only to 40%"),
         ({"residual_excess": 2.5}, "leaves residuals correlated 2.5 times as much as noise"),
     ],
     ids=["right", "impossible", "not converged", "unknown radius", "correlated residuals"],

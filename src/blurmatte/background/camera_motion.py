@@ -56,8 +56,8 @@ def check_static_camera(light: Floats, gain: Floats, variance: float, names: Seq
     if worst > 0:
         raise PlateError(
             f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "
-            "a plate needs a camera that stands still, give a part of the clip in which it does "
-            "(--start, --stop), or stabilize it"
+            "a plate needs a static camera; give a part of the clip without camera motion "
+            "(--frames), or stabilize it"
         )
 
 

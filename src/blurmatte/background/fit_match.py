@@ -175,6 +175,7 @@ def _select_model(
     fits: dict[tuple[int, int], Fit] = {}
 
     def fit(model: tuple[int, int]) -> Fit:
+        """Fit of a model, computed once."""
         if model not in fits:
             h = (rough if model[0] else identity).h
             if model[0] == 1:

@@ -81,7 +81,7 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     ------
     PlateError
         If there are fewer than three frames, the camera moved, the scene is cut, its light changes by
-        more than a factor of two, or no pixel was seen free.
+        more than a factor of two, or no pixel of the background was found.
     TypeError, ValueError
         If the frames are not LinearImages of one size, or can be iterated only once.
     """
@@ -107,7 +107,7 @@ def _plate_fit(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
     valid = known & (clipped <= settings.max_clipped_fraction * free)
     if not valid.any():
         raise PlateError(
-            "no pixel was seen free: none shows the same unclipped light in a large part of the "
+            "no pixel of the background was found: none has the same unclipped light in enough "
             "frames; give more frames, or some without the object"
         )
     n = np.maximum(free, 1)[..., None]

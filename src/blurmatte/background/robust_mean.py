@@ -66,12 +66,15 @@ def find_modes(samples: Samples) -> Modes:
     strips = [slice(row, row + 16) for row in range(0, height, 16)]
 
     def flat(rows: slice) -> Floats:
+        """(frames, pixels, 3) light of some rows, at a common exposure."""
         return (samples.light[:, rows] / gain).reshape(count, -1, 3)
 
     def inflation(rows: slice) -> None:
+        """Noise inflation of some rows."""
         kernel.find_restlessness(flat(rows), noise, restless[rows].reshape(-1))
 
     def mode(rows: slice) -> None:
+        """Mode, its rival, and the number of samples near it, of some rows."""
         kernel.find_modes(
             flat(rows), noise, restless[rows].reshape(-1), np.float32(MeanSettings.min_rival_ratio),
             light[rows].reshape(-1, 3), rival[rows].reshape(-1, 3), near[rows].reshape(-1),
@@ -188,13 +191,16 @@ def _add(
     off, near = np.empty((2, *frame.valid.shape), np.uint8)
 
     def flat(rows: slice, *arrays: npt.NDArray[Any]) -> list[npt.NDArray[Any]]:
+        """Rows of arrays, with one axis for all pixels."""
         return [a[rows].reshape(-1, *a.shape[2:]) for a in arrays]
 
     def mark(rows: slice) -> None:
+        """Mark the pixels of some rows that are not near their mode."""
         x, m, p, to = flat(rows, light, modes.light, precision, off)
         kernel.mark_off(x, gain, m, p, to)
 
     def gather(rows: slice) -> None:
+        """Add the pixels of some rows to the sums."""
         x, valid, *marks = flat(rows, light, frame.valid, off, near)
         of_modes = tuple(flat(rows, modes.light, precision, modes.rival))
         sums_of = flat(rows, sums.batch, sums.squares, sums.counts)

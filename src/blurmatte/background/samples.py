@@ -196,7 +196,7 @@ def _check_no_cut(light: Floats, names: Sequence[str]) -> None:
     if areas[at] > SampleSettings.max_changed_area:
         raise PlateError(
             f"the scene is cut between {names[at]} and {names[at + 1]}: {areas[at]:.0%} of the "
-            "picture changes; give the part before or after it (--start, --stop)"
+            "picture changes; give the part before or after it (--frames)"
         )
 
 
@@ -226,5 +226,5 @@ def _check_drift(gain: Floats, names: Sequence[str]) -> None:
             f"the light changes too much for one plate: {names[high]} is "
             f"{mean[high] / mean[low]:.1f} times as bright as {names[low]}, at most "
             f"{SampleSettings.max_gain_ratio:g} is possible; give a part of the clip with steady light "
-            "(--start, --stop)"
+            "(--frames)"
         )

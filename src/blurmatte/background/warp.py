@@ -57,6 +57,7 @@ def interpolate(picture: Floats, xy: Array, order: int = SPLINE_ORDER) -> Array:
     from scipy.ndimage import map_coordinates
 
     def read(channel: int) -> Array:
+        """(n,) interpolated values of one channel."""
         plane = np.ascontiguousarray(picture[..., channel], dtype=float)
         return np.asarray(map_coordinates(plane, xy.T[::-1], order=order, mode="nearest"))
 

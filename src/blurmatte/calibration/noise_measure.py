@@ -232,6 +232,7 @@ def _light(sample: Sample) -> Array:
     weight = np.maximum(uniform_filter(sample.use.astype(float), size), _TINY)
 
     def mean(x: Array) -> Array:
+        """Local mean over the pixels in use."""
         return np.asarray(uniform_filter(np.where(sample.use, x, 0), size) / weight)
 
     around = mean(sample.light)

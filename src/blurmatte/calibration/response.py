@@ -207,6 +207,7 @@ class _State:
         return np.concatenate([by_z, by_black], axis=1)
 
     def moved(self, step: Array, time_std: float) -> "_State":
+        """The state after a step of all parameters; times have a prior of this std."""
         rank = len(self.z)
         return _State(
             self.prior,
@@ -225,6 +226,7 @@ class _Prediction:
     flow: Array  # (N, pictures) change of light by log time
 
     def of(self, some: npt.NDArray[np.intp]) -> "_Prediction":
+        """The prediction for some of the samples."""
         return _Prediction(self.codes[some], self.slopes[some], self.flow[some])
 
 
@@ -255,6 +257,7 @@ def _predicted(state: _State, v: Floats, times: Array, usable: Bools) -> _Predic
     G, slopes, t = state.light, state.slopes, times * np.exp(state.shifts)
 
     def at(codes: Floats) -> Array:
+        """Slope of the curve at code values."""
         return np.asarray(slopes[np.clip((codes * CELLS).astype(int), 0, CELLS - 1)])
 
     weight = np.where(usable, t / at(v), 0) ** 2
@@ -294,6 +297,7 @@ def _start(places: Places, bracket: Bracket) -> _State:
     usable = some.usable(ResponseSettings.margin_std * max(bracket.rounding, some.scatter))
 
     def cost(state: _State) -> float:
+        """Sum of squares, with a bound that limits outliers."""
         codes = _predicted(state, some.codes, bracket.ratios, usable).codes
         squares, _ = _squares(some, codes, usable)
         return float(np.sum(np.minimum(squares, 9 * np.median(squares)))) if len(squares) else 0.0
@@ -347,6 +351,7 @@ class _Data:
 
     @property
     def seen(self) -> tuple[float, float]:
+        """Smallest and largest usable code value."""
         codes = self.codes[self.usable]
         return float(codes.min()), float(codes.max())
 

@@ -93,6 +93,7 @@ def _with_logistic(base: Curve, contrast: float, middle: float) -> Curve:
     low, high = (1 / (1 + np.exp(-contrast * (end - middle))) for end in (0, 1))
 
     def decode(v: Array) -> Array:
+        """Light of codes in the middle part of a logistic curve."""
         s = low + v * (high - low)
         inner = middle + np.log(s / (1 - s)) / contrast
         return np.asarray(base(np.clip(inner, 0, 1)))
@@ -104,6 +105,7 @@ def _with_power_s(base: Curve, power: float) -> Curve:
     """A base curve followed by the tone curve v^p / (v^p + (1 − v)^p), flat at both ends."""
 
     def decode(u: Array) -> Array:
+        """Light of codes of an S-shaped curve."""
         above, below = u ** (1 / power), (1 - u) ** (1 / power)
         return np.asarray(base(above / (above + below)))
 

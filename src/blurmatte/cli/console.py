@@ -37,7 +37,6 @@ _IN_OPTIONS = (  # Python's names in messages of the library, and what the comma
     (r"\w+=\w* \((--[^)]*)\)", r"\1"),
     (r"\b[a-z]+_[a-z_]+ \((--[^)]*)\)", r"\1"),
     (r", (\w+=|ColorModel\.any\(\))", ""),
-    (r"\(--start, --stop\)", "(--frames)"),
     (r"\bexposure_times\b", "--exposures"),
     (r"\b(the )?exposure_time\b", "--exposure"),
     (r"\b(a |the )?line[_ ]time\b(?= (needs|of))|(?<=check )line_time\b", "--line-time"),
@@ -105,6 +104,7 @@ class _Stages(logging.Handler):
         self.begun = time.monotonic()
 
     def emit(self, record: logging.LogRecord) -> None:
+        """Show the stage; print it if details are asked for."""
         _shown.get().stage(record.getMessage())
         if _verbosity.get().verbose:
             _write(
@@ -224,6 +224,7 @@ def about(path: Path) -> Iterator[list[str]]:
         usual = warnings.showwarning
 
         def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+            """Print a warning of blurmatte once, with the file's name."""
             if not issubclass(category, bm.BlurmatteWarning):
                 usual(message, category, *place)
                 return

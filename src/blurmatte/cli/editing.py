@@ -210,6 +210,7 @@ def _edit_row(
     seconds = options.rate or row.rate or 25.0
 
     def edited() -> Iterator[bm.Layer]:
+        """The changed layers, one at a time."""
         for layer in with_progress(row, "editing"):
             yield changed(layer, changes)
 

@@ -56,6 +56,7 @@ def _watched(frames: bm.Frames[bm.LinearImage]) -> bm.Frames[bm.LinearImage]:
         return frames
 
     def load(numbers: range) -> Iterator[bm.LinearImage]:
+        """Frames of these numbers, with a progress bar."""
         yield from with_progress(frames.load(numbers), "reading", len(numbers))
 
     return replace(frames, load=load)

@@ -200,7 +200,7 @@ class Selection:
             inside = self.reading.mask("mask", Path(self.region), image.size)
             if not inside.any():
                 raise ValueError(
-                    f"the mask {self.region} has no white pixel; it must be white where the object moved"
+                    f"the mask {self.region} has no white pixel; mark where the object moved"
                 )
             return bm.Streak(inside)
         within = bm.Streak.from_box(box("--region", self.region), image.size)
@@ -217,9 +217,7 @@ class Selection:
         """(H, W) bool: where something still is in front."""
         white = self.reading.mask("occluder", path, image.size)
         if white.all():
-            raise ValueError(
-                f"the occluder {path} has no black pixel; it must be black where nothing is in front"
-            )
+            raise ValueError(f"the occluder {path} has no black pixel; mark only what is in front")
         return white
 
     def model(
@@ -313,9 +311,7 @@ def with_folders(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
     stems = [path.stem for path in paths]
     for stem in stems:
         if stems.count(stem) > 1:
-            raise ValueError(
-                f"give one file named {stem} at a time, got {stems.count(stem)}: their results would collide"
-            )
+            raise ValueError(f"give one file named {stem} at a time, got {stems.count(stem)}")
     return [(path, out / path.stem) for path in paths]
 
 

@@ -83,6 +83,7 @@ def streak_of_color(
     r_weight = 1 / np.maximum((n**2 * (image.variance + plate.variance)).sum(-1), _VARIANCE_FLOOR)
 
     def rank(streak: Streak) -> tuple[bool, float]:
+        """Whether light of the color predominates, and its energy."""
         use = streak.mask & known
         own = projected_energy(p, weight, use & of_color)
         other = projected_energy(r, r_weight, use) + projected_energy(p, weight, use & (p < 0))

@@ -230,8 +230,8 @@ class ColorModel:
         model = cls(_bright(basis), covariance, {})
         if not model.angle_std < 20 or (rank == 2 and _one_hue(samples, scatter)):
             raise ColorModelError(
-                f"the {len(samples)} samples leave the {'line' if rank == 1 else 'plane'} of colors "
-                f"open by {model.angle_std:.0f}° or more; rank 2 needs two clearly different colors, "
+                f"the {len(samples)} samples determine the {'line' if rank == 1 else 'plane'} of "
+                f"colors only to {model.angle_std:.0f}°; rank 2 needs two clearly different colors, "
                 "and no sample may be black"
             )
         return cls(model.basis, covariance, {"samples": model.angle_std})
@@ -291,6 +291,7 @@ def _inliers(samples: Array, rank: int) -> Array:
         tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
 
         def residual(step: Array, pole: Array = pole, tangent: Array = tangent) -> Array:
+            """Distances of the samples after a step of the pole."""
             moved = pole + tangent @ step
             return _residual(samples, moved / np.linalg.norm(moved), rank)
 

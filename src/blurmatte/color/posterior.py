@@ -80,6 +80,7 @@ def _refined(evidence: Evidence, pixels: Pixels, start: Array, reach: float) -> 
     tangent = _tangent(start)
 
     def cost(x: Array) -> float:
+        """Negative log likelihood of a direction; infinite for negative light."""
         l = unit(start + tangent @ x)[None]
         return float(evidence.cost(closed_form(l, pixels), l).sum()) if l.min() >= 0 else np.inf
 

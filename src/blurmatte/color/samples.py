@@ -187,6 +187,7 @@ def _opaque_pieces(candidates: Bools, terms: tuple[Array, Array, Array]) -> Bool
     numbers = np.arange(1, count + 1)
 
     def in_each(values: Array) -> Array:
+        """Sums of values over each piece."""
         return np.asarray(ndimage.sum_labels(values, pieces, numbers), dtype=float)
 
     v, v_std = _share(*terms, in_each)

@@ -175,7 +175,7 @@ def _streak_pixels(image: LinearImage, plate: LinearImage, streak: Streak) -> Pi
     if len(y) < settings.min_pixels:
         raise ColorModelError(
             f"only {len(y)} pixels of the streak are neither clipped nor before a black plate, "
-            f"{settings.min_pixels} are needed; give the color (--color, model=), or expose otherwise"
+            f"{settings.min_pixels} are needed; give the color (--color, model=), or change exposure"
         )
     step = max(1, -(-len(y) // settings.max_pixels))
     y, x = y[::step], x[::step]
@@ -232,7 +232,7 @@ def _check_determined(model: ColorModel, pixels: Pixels) -> None:
         why += "; the colors do not lie on one line: a highlight, a second color, or a shadow"
     possible = model.possible
     raise ColorModelError(
-        f"the streak leaves the object's color open by {model.angle_std:.1f}°, anything from "
+        f"the object's color is uncertain by {model.angle_std:.1f}°, from "
         f"{possible[1].hex[0]} to {possible[5].hex[0]} ({why}): give the "
         "color (--color, model=), pick pixels of the object where it is sharp or opaque, or bound "
         "its brightness" + _IF_ROUND * several
@@ -251,9 +251,9 @@ def _check_fit(model: ColorModel, pixels: Pixels) -> None:
     misfits = unexplained > settings.max_unexplained**2 * moved
     if misfits or np.mean(infeasible) > settings.max_infeasible:
         raise ColorModelError(
-            "no single line of colors explains the streak: the best leaves "
+            "no single color explains the streak: the best fit leaves a residual of "
             f"{np.sqrt(max(unexplained / moved, 0)):.0%} of the change, and {np.mean(infeasible):.0%} "
-            "of the pixels with an alpha below 0 or above 1, or with negative light; give the colors "
-            "of the object (--color, model=; two with rank 2), or choose a region with one object and "
-            "without its shadow" + _IF_ROUND
+            "of the pixels with an impossible alpha or light; give the colors of the object (--color, "
+            "model=; two with rank 2), or a region with one object and without its shadow"
+            + _IF_ROUND
         )

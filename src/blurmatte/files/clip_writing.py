@@ -133,6 +133,7 @@ def _clip(
     converter: Any = None
 
     def add(codes: npt.NDArray[Any], form: str, pixels: str) -> None:
+        """Encode one frame."""
         nonlocal count, converter
         source = av.VideoFrame.from_ndarray(codes, format=form)
         if count == 0:

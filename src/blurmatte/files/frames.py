@@ -295,6 +295,7 @@ def _frames(
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
 
     def load(numbers: range) -> Iterator[Frame]:
+        """Frames of these numbers, one at a time."""
         for number in numbers:
             path, frame = (
                 paths[number],

@@ -187,11 +187,13 @@ class _PowerWithFoot:
     f: float
 
     def decode(self, value: Floats) -> Floats:
+        """Light of code values."""
         v = np.abs(value)
         upper = np.maximum(self.a * v + self.b, 0) ** self.g + self.e
         return np.copysign(np.where(v >= self.d, upper, self.c * v + self.f), value)
 
     def encode(self, value: Floats) -> Floats:
+        """Code values of light."""
         light = np.abs(value)
         knee = max(self.a * self.d + self.b, 0) ** self.g + self.e
         upper = (np.maximum(light - self.e, 0) ** (1 / self.g) - self.b) / self.a

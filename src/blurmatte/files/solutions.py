@@ -84,9 +84,11 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
 
 def _arrays(raster: Raster) -> Mapping[str, Any]:
     def light(name: str) -> npt.NDArray[Any]:
+        """(H, W, 3) of the channels of one name."""
         return raster.channels(tuple(f"{name}.{color}" for color in "RGB"))
 
     def single(name: str) -> npt.NDArray[Any]:
+        """(H, W) of one channel."""
         return raster.channels((name,))[..., 0]
 
     return {

@@ -187,9 +187,11 @@ def _image_writers(image: LinearImage) -> Mapping[str, _Writer]:
     light = image.in_srgb().rgb
 
     def save_codes(path: Path) -> None:
+        """Write 16-bit code values."""
         save_pixels(path, [_encoded(light)], "RGB", _SRGB | tags)
 
     def save_light(path: Path) -> None:
+        """Write linear light."""
         parts, names, attributes = exr_parts(image)
         save_pixels(path, parts, names, {**_LINEAR, **tags, **attributes})
 

@@ -171,7 +171,7 @@ def _alpha_factor(estimate: AlphaEstimate, result: AlphaEstimate) -> float:
 
 
 def _name(hypothesis: Sweep | ColorModel) -> str:
-    """A name for people."""
+    """Readable name."""
     if isinstance(hypothesis, ColorModel):
         return f"no shape, {_COLORS[hypothesis.rank - 1]}"
     path = _PATHS.get(hypothesis.family.name, f"a {hypothesis.family.name}")

@@ -79,6 +79,7 @@ def _along_line(first: FirstEstimate) -> tuple[Floats, Floats, Floats, Floats]:
     alpha = np.asarray(first.alpha, out.dtype)
 
     def rows(strip: slice) -> None:
+        """Fill some rows."""
         light = (a[strip] for a in first.pixels.with_edges)
         along(*light, l, alpha[strip], out[:, strip])
 

@@ -51,6 +51,7 @@ def solve_clipped(
     pair = np.nonzero(unclipped)[1].reshape(-1, 2)  # the channels i, j of each pixel
 
     def two(values: Floats) -> npt.NDArray[np.float64]:
+        """(n, 2) values of the channels that are not clipped."""
         return np.take_along_axis(values[y, x].astype(float), pair, axis=1)
 
     C, B = two(image.rgb), two(plate.rgb)

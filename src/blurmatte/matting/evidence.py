@@ -95,6 +95,7 @@ def pixels_of(
         use |= clipped
 
     def plain(picture: LinearImage, variance: Floats) -> LinearImage:
+        """The picture with a variance for each pixel."""
         return replace(picture, rgb=np.ascontiguousarray(picture.rgb), noise=variance)
 
     V_B = np.ascontiguousarray(plate.variance, plate.rgb.dtype)
@@ -130,6 +131,7 @@ def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     maps = np.asarray(alpha, information.dtype), use, information, pull
 
     def rows(strip: slice) -> None:
+        """Fill the maps of some rows."""
         C, B, V_C, V_B = (a[strip] for a in pixels.arrays)
         if pixels.coarse is not None:
             t, coarse = 1 - maps[0][strip][..., None], pixels.coarse[strip]
@@ -181,6 +183,7 @@ def _of_texture(
         pairs.append((both[..., None], c, b, v_C, v_B))
 
     def sums(texture_variance: float) -> tuple[Array, Array]:
+        """Information and pull for a variance of the texture."""
         information, pull = np.zeros((2, *use.shape))
         t = (1 - alpha)[..., None]
         for axis, (both, c, b, v_C, v_B) in enumerate(pairs):

@@ -20,7 +20,7 @@ MAX_CHI2 = 16.0  # of one degree of freedom: four standard deviations, 1 good pi
 
 
 class Quality(IntFlag):
-    """Why a pixel should be used with care. 0: nothing is known against it."""
+    """Quality flags of a pixel; 0 if there are none."""
 
     SATURATED = auto()  #: image or plate is clipped in a channel here, or missing
     PLATE_IN_MODEL = auto()  #: the plate has a color the object could have; alpha is not known

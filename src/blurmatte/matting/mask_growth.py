@@ -1,4 +1,4 @@
-"""Hysteresis growth of a streak's mask, and a margin for what stays below the threshold."""
+"""Hysteresis growth of a streak's mask, and a margin for pixels below the threshold."""
 
 from dataclasses import dataclass, replace
 

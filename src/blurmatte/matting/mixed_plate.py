@@ -1,8 +1,8 @@
 """Uncertain plate at hard edges: its light lies on a segment between the colors of both sides.
 
-A plate that is shifted by a fraction of a pixel, or blurred a little more, is wrong at its edges, and
-wrong towards the neighbors' colors: along a segment, not in all directions [GC07 §3.3]. So the error of
-the plate's light B is a covariance matrix instead of a variance for each channel,
+A plate that is shifted by a fraction of a pixel, or blurred a little more, has errors at its edges,
+towards the neighbors' colors: along a segment, not in all directions [GC07 §3.3]. So the error of the
+plate's light B is a covariance matrix instead of a variance for each channel,
 
     V + κ K        K = covariance of B over a pixel's neighborhood,
 

@@ -67,6 +67,7 @@ def _within_streak(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
     l, rest = pixels.model.basis[:, 0], np.empty((2, *inside.shape))
 
     def rows(strip: slice) -> None:
+        """Fill some rows."""
         light = (a[strip] for a in pixels.with_edges)
         residual(*light, l, alpha[strip], inside[strip], rest[:, strip])
 

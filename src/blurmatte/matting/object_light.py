@@ -45,6 +45,7 @@ def light_given(
     found = P, P_std, chi2
 
     def rows(strip: slice) -> None:
+        """Fill some rows."""
         light(*(m[strip] for m in known), M, model.rank, *(m[strip] for m in found))
 
     in_strips(rows, len(alpha))

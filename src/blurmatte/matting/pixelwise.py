@@ -74,6 +74,7 @@ class Pixelwise:
         max_std = dtype.type(self.max_alpha_std)
 
         def solve_rows(rows: slice) -> None:
+            """Solve some rows."""
             maps.quality[rows] = 0 if flags is None else flags[rows]
             noise = [
                 n if isinstance(n, NoiseModel) else n[rows] for n in (image_noise, plate_noise)

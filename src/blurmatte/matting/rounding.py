@@ -73,6 +73,7 @@ def _codes(
     codes, light = np.empty(picture.rgb.shape, np.int32), np.empty(picture.rgb.shape, kind)
 
     def rows(strip: slice) -> None:
+        """Fill some rows."""
         values = steps * transfer.encode(picture.rgb[strip])
         light[strip] = of_code[np.clip(np.rint(values), 0, steps).astype(np.intp)]
         chroma = np.rint(values @ _YCBCR.T + (0, steps, steps))

@@ -23,7 +23,7 @@ def mark_shadow(
     without_sweep: bool,
     whole: bool,
 ) -> float:
-    """Set the flag SHADOW where the image is only darker than the plate, and widen the error there.
+    """Set the flag SHADOW where the image is only darker than the plate, and increase the error there.
 
     Parameters
     ----------

@@ -260,6 +260,7 @@ class Smooth:
         cells = 4**depth
 
         def refit(drawn: CellEvidence) -> tuple[Prior, Field]:
+            """Prior and field for drawn evidence."""
             levels = drawn.levels(SmoothSettings.max_coarse_cells)
             found = _choose_priors(levels, cells)
             finest = len(levels) - len(found)

@@ -277,6 +277,7 @@ def _solve_all(
     from blurmatte.matting.smooth_kernel import conjugate_gradients  # numba takes half a second
 
     def solve(job: tuple[Floats, Floats, Floats]) -> int:
+        """Solve one system in place; the number of steps."""
         A, b, x = job
         return int(conjugate_gradients(A, root, order, mask, b, x, max_steps, tolerance))
 

@@ -85,6 +85,7 @@ def _scale_std(
     C, B = (np.asarray(p.rgb[y, x][inside], float) for p in (image, plate))
 
     def total(pole: npt.NDArray[np.float64]) -> float:
+        """Sum of alpha for a pole of the color model."""
         normals = np.linalg.svd(pole[:, None])[0][:, 1:] if model.rank == 1 else pole[:, None]
         b, d = B @ normals, (B - C) @ normals
         return float(np.sum(np.sum(b * d, axis=1) / (np.sum(b * b, axis=1) + 1e-30)))

@@ -125,6 +125,7 @@ def _ssim(a: Array, b: Floats, span: float) -> float:
     from scipy.ndimage import uniform_filter
 
     def mean(x: Floats) -> Array:
+        """Mean over each window."""
         rim = _WINDOW // 2
         filtered = uniform_filter(x, size=(_WINDOW, _WINDOW, 1))
         return np.asarray(filtered[rim:-rim, rim:-rim])

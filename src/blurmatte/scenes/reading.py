@@ -167,6 +167,7 @@ def _size(file: Table) -> tuple[int, int]:
 
 def _plates(size: tuple[int, int], seed: int, folder: Path) -> Makers:
     def picture(file: str) -> Any:
+        """(H, W, 3) light of a file."""
         return read(folder / file).rgb.astype(float)
 
     return {
@@ -182,6 +183,7 @@ def _plates(size: tuple[int, int], seed: int, folder: Path) -> Makers:
 
 def _bodies(folder: Path) -> Makers:
     def sprite(file: str) -> Sprite:
+        """The sprite of a layer file."""
         return Sprite(read_layer(folder / file))
 
     return {"ball": Ball, "sheet": Sheet, "cube": Cube, "star": star_sprite, "sprite": sprite}

@@ -11,8 +11,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Floats
 
 BLOCK_SIZES = (2, 4, 8, 16)  # pixels: compressed files have blocks of up to 16
-_CORE = 0.9  # fraction of the squares that counts: up to a tenth may be outliers
-_CORE_MEAN = 0.623  # mean of χ² of one degree of freedom below its 90 % quantile
+_CORE, _CORE_MEAN = 0.9, 0.623  # lower fraction of χ² of one degree of freedom, and its mean
 
 
 def block_sums(values: Floats, size: int) -> Floats:

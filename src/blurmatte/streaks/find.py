@@ -40,7 +40,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     check_same_size("image", image.size, "plate", plate.size)
     if min(image.size) < 16:
         width, height = image.size
-        raise PlateError(f"the picture is {width}x{height} pixels; 16x16 is the least to work with")
+        raise PlateError(f"the picture is {width}x{height} pixels; it must be 16x16 or more")
     if not (image.valid & plate.valid).any():
         raise PlateError("image and plate have no unclipped pixel in common; expose shorter")
     image, plate = with_noise(image, plate)
@@ -69,7 +69,7 @@ def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     if not streaks:
         raise MotionError(
             "nothing moved: image and plate agree within their noise; check that they are two "
-            "pictures, or say where to look with a region (--region, streak=)"
+            "pictures, or give a region (--region, streak=)"
         )
     return streaks
 

@@ -56,8 +56,8 @@ def fit_color(
     ValueError
         If the sizes differ, or a streak is given with several images.
     ColorModelError
-        If the streak leaves a whole family of colors possible, no single line explains it, or a JPEG
-        holds too little color of one so small. The message says what would help.
+        If the streak does not determine the color, no single line explains it, or a JPEG
+        has too little color for a small streak. The message names a remedy.
     MotionError
         If no streak was given and nothing moved.
     """

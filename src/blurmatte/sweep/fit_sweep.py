@@ -405,6 +405,7 @@ def _discs(
     search = Multistart.of(streak, image, plate, _prior(model))
 
     def best(search: Multistart) -> tuple[list[State], list[State]]:
+        """Discs of one paint and of varied colors, from the search or from `start`."""
         if start is None:
             return search.best()
         curve = start.family.curve(start.path)

@@ -110,11 +110,11 @@ class Sweep:
         if not d.converged:
             return "did not converge"
         if d.radius_error > _MAX_RADIUS_ERROR:
-            return f"leaves the radius open by {d.radius_error:.0%}"
+            return f"determines the radius only to {d.radius_error:.0%}"
         if d.residual_excess > MAX_RESIDUAL_EXCESS:
             return (
-                f"leaves residuals correlated {d.residual_excess:.1f} times as much as noise, "
-                f"{MAX_RESIDUAL_EXCESS:g} is the most"
+                f"leaves residuals {d.residual_excess:.1f} times as correlated as noise, at most "
+                f"{MAX_RESIDUAL_EXCESS:g} are allowed"
             )
         return ""
 

@@ -87,7 +87,7 @@ def fit_balls(
 
 @dataclass(frozen=True, eq=False)
 class _Fit:
-    """Fits balls in a frame; holds what all frames share. Radius and its error in meters."""
+    """Fits balls in a frame; holds the data common to all frames. Radius and its error in meters."""
 
     plate: LinearImage
     model: ColorModel

@@ -82,8 +82,8 @@ def clip_color(
     votes = [vote for vote in votes if vote[0].rank == 1] or votes[:1]
     if not votes:
         raise ColorModelError(
-            f"none of {ColorSettings.frames_per_round} frames or more gives the object's color: no "
-            "shape on a path explains what moves; give its color (--color, model=)"
+            f"no color was found in {ColorSettings.frames_per_round} or more frames: no shape on a "
+            "path explains their streaks; give the color (--color, model=)"
         )
     return fuse_colors([model for model, _, _ in _largest_group(votes)])
 

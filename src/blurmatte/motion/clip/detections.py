@@ -1,4 +1,4 @@
-"""Detections: what the frames of a clip show of an object, each alone, and after linking."""
+"""Detections of an object in single frames, and rows of its track."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
@@ -124,7 +124,7 @@ class FrameSightings:
 
 @dataclass(frozen=True)
 class FrameMotion:
-    """A row of the table of a clip: an object in one frame, or why it is not there.
+    """A row of the table of a clip: an object in one frame, or the reason why it was not found.
 
     Parameters
     ----------

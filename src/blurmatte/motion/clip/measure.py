@@ -192,7 +192,7 @@ def _check_clip(
 
 @dataclass(frozen=True, eq=False)
 class _Detector:
-    """Detects and measures the object in a frame; holds what all frames share."""
+    """Detects and measures the object in a frame; holds the data common to all frames."""
 
     plate: LinearImage
     model: ColorModel

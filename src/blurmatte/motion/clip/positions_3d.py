@@ -244,6 +244,7 @@ def _of_disc(row: FrameMotion, seen: Sighting, intrinsics: Intrinsics, radius: f
     covariance[:2, :2], covariance[2, 2] = seen.covariance, seen.radius_std**2
 
     def place(disc: Array) -> Array:
+        """Position of a disc (x, y, radius), meters."""
         return np.asarray(
             radius * positions_of_discs(intrinsics, disc[None, :2], disc[2].item())[0]
         )

@@ -90,6 +90,7 @@ def covariances(
         if source.covariance.any():
 
             def alone(x: Array, i: int = i) -> Array:
+                """The function of one argument."""
                 return np.asarray(f(*values[:i], x, *values[i + 1 :]), dtype=float)
 
             parts[name] = propagated(alone, source.values, source.covariance)[1]
@@ -129,6 +130,7 @@ def path_source(
         raise TypeError(f"path must be a Sweep or a Trajectory, got {type(path).__name__}")
 
     def moved(off: Array, t: Array) -> Array:
+        """Points of the path after a shift of both ends."""
         ends = np.column_stack([1 - t, t]) @ off.reshape(2, 2)
         return np.asarray(path.at(t) + ends)
 

@@ -84,6 +84,7 @@ def motion_of_sweep(sweep: Sweep, exposure_time: float | None) -> Motion:
     n = len(sweep.path)
 
     def quantities(parameters: Array) -> Array:
+        """The measured quantities as a function of the parameters."""
         return _quantities_of_sweep(sweep, parameters[:n], parameters[n:])
 
     parameters = np.concatenate([sweep.path, sweep.shape])

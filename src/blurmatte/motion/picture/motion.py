@@ -162,7 +162,7 @@ class Speed:
         }
 
     def missing(self) -> list[str]:
-        """Names of what the speed in meters per second needs and was not given."""
+        """Names of missing inputs of the speed in meters per second."""
         lacking = {"scale": "px", "exposure time": "exposure"}
         return [name for name, unit in lacking.items() if unit in self.unit]
 
@@ -493,7 +493,9 @@ def _possible_lags(
     signs = (1, -1) if downward is None else (1,) if downward else (-1,)
     possible = [sign * lag for sign in signs if 1 + sign * lag > 0]
     if not possible:
-        raise ValueError("an object cannot go up that far within the exposure; check line_time")
+        raise ValueError(
+            "no upward motion of this length is possible within the exposure; check line_time"
+        )
     return possible
 
 

@@ -93,8 +93,8 @@ def end_silhouettes(solution: Solution, motion: Motion) -> EndSilhouettes:
     check_kind("motion", motion, Motion, "use blurmatte.measure_motion(solution)")
     if not motion.moved:
         raise MotionError(
-            f"it moved {motion.length:.2g} ± {motion.length_std:.2g} px, so that the first and the "
-            "last silhouette are one; the motion has no direction along which alpha could change"
+            f"a motion of {motion.length:.2g} ± {motion.length_std:.2g} px is not significant: the "
+            "first and the last silhouette cannot be distinguished; use a longer exposure"
         )
     use = solution.streak & solution.known
     alpha = np.where(use, np.asarray(solution.alpha, float), 0)

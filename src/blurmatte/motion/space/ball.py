@@ -88,6 +88,7 @@ def measure_ball(
     n = len(sweep.path)
 
     def nodes(parameters: Array, values: Array) -> Array:
+        """Positions at begin, middle and end for a radius of 1."""
         centers, _ = sweep.family.at(parameters[:n], np.array([0, 0.5, 1]))
         size = sweep.silhouette.radius(parameters[n:])
         return positions_of_discs(intrinsics.with_values(values), centers, size)
@@ -149,6 +150,7 @@ def fit_ball(
     )
 
     def nodes(parameters: Array, values: Array) -> Array:
+        """Positions at begin, middle and end for a radius of 1."""
         X, _ = at_nodes(intrinsics.with_values(values), parameters[:n], parameters[n:])
         assert isinstance(family, Polynomial)
         return np.asarray(family.weights(np.array([0, 0.5, 1])) @ X)

@@ -202,6 +202,7 @@ def ball_motion(
     }
 
     def positions_and_length(parameters: Array, size: Array, values: Array) -> Array:
+        """Positions at begin, middle and end, and the path length, meters."""
         X = size[0] * nodes(parameters, values)
         return np.concatenate([X.ravel(), [_length(X)]])
 

@@ -130,14 +130,14 @@ def depth_from_blur(
     }
 
     def depths(parameters: Array, v: Array, T: Array, values: Array) -> Array:
+        """Depth at both ends and its mean."""
         ends = intrinsics.with_values(values).undistort(points(parameters, np.array([0.0, 1.0])))
         return _depths(ends, float(v[0] * T[0]), along)
 
     values, parts = covariances(depths, sources)
     if not (np.all(np.isfinite(values)) and values[0] > 0 and values[1] > 0):
         raise MotionError(
-            "no motion in this direction before the camera leaves this streak; check "
-            "direction, or measure a streak that has a length"
+            "no motion along direction gives this streak; check it, or measure a longer streak"
         )
     (start, end, mean, off), total = map(float, values), sum(parts.values(), np.zeros((4, 4)))
     return BlurDepth(start, end, total[:2, :2], off, relative_errors(parts, 2, mean))

@@ -105,6 +105,7 @@ class Plane:
             )
 
         def homography(pixels: Array, meters: Array) -> Array:
+            """(9,) homography from meters to undistorted points."""
             points = pixels.reshape(-1, 2)
             points = points if intrinsics is None else intrinsics.undistort(points)
             return _homography(meters.reshape(-1, 2), points).ravel()
@@ -287,6 +288,7 @@ def measure_on_plane(
     }
 
     def ends_and_length(parameters: Array, homography: Array, above: Array) -> Array:
+        """First and last point on the plane, and the path length, meters."""
         xy = points(parameters, np.linspace(0, 1, 17))
         X = plane._locate(homography.reshape(3, 3), xy, float(above[0]))
         length = np.linalg.norm(np.diff(X, axis=0), axis=1).sum()

@@ -217,7 +217,7 @@ def _check_same(rotation: Rotation, other: Rotation) -> None:
     angles = sorted(np.degrees([rotation.angle, other.angle]))
     raise MotionError(
         f"it turned by {angles[0]:.1f}° or by {angles[1]:.1f}°: both explain alpha equally well, "
-        "because it nearly reached an orientation that looks the same; expose shorter"
+        "because the last orientation looks like the first; use a shorter exposure"
     )
 
 

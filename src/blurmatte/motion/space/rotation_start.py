@@ -62,7 +62,7 @@ def _start(alpha: Array, std: Array, use: Bools, center: Array | None) -> tuple[
     steep = use & (np.hypot(gx, gy) > StartSettings.min_gradient_std * noise)
     y, x = np.nonzero(steep)
     if len(x) < 3:
-        raise MotionError("alpha hardly varies: nothing turned, or by full turns; expose shorter")
+        raise MotionError("alpha hardly varies: no rotation, or full turns; use a shorter exposure")
     gx, gy = gx[steep], gy[steep]
     # c_x g_y − c_y g_x + s/ω = x g_y − y g_x, s = ±1
     A, b = np.column_stack([gy, -gx]), x * gy - y * gx

@@ -100,7 +100,7 @@ def hypothesis_weights(evidence: list[Evidence]) -> Array:
 
 
 def hypothesis_scores(evidence: list[Evidence]) -> Array:
-    """(n,) negative log of the weights over the largest, 0 or more, where weights would underflow too.
+    """(n,) negative log of the weights over the largest, 0 or more, finite where weights underflow.
 
     Parameters
     ----------

@@ -130,6 +130,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     pixels = observation.pixels
 
     def shadow(x: Array, strength: Array) -> CastShadow:
+        """The shadow of parameters in units of the radius."""
         return CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, strength)
 
     def solved(x: Array) -> tuple[Array, Array]:
@@ -162,9 +163,11 @@ def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Arra
     settings, difference = ShadowSearch, 0.02  # radii, of numerical derivatives
 
     def cost(x: Array) -> float:
+        """Cauchy loss of the residuals."""
         return float(np.sum(np.log1p((residuals(x) / settings.cauchy_scale) ** 2)))
 
     def slopes(x: Array) -> Array:
+        """Central differences of the residuals."""
         steps = difference * np.eye(3)
         ahead, behind = (
             np.stack([residuals(x + sign * step) for step in steps], axis=-1) for sign in (1, -1)

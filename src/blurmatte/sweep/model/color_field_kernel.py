@@ -1,7 +1,7 @@
 """The field of colors, compiled: its nodes, their normal equations and fit, light and residuals.
 
 In this file `number` (rows, columns) has the number of each node of a grid of `pitch` pixels, −1 for
-those that are none; the nodes lie in the corners of its cells, the first in pixel (0, 0). A symmetric
+places without a node; the nodes lie in the corners of its cells, the first in pixel (0, 0). A symmetric
 banded matrix is its lower band: band[k, j] is the element (j + k, j). See `color_field` for the rest.
 """
 

@@ -187,6 +187,7 @@ class Observation:
             return self
 
         def means(x: Array) -> Array:
+            """Means over coarse pixels."""
             return np.asarray(cell_means(x, by), dtype=float)
 
         pixels = self.pixels.coarser(by)

@@ -1,8 +1,8 @@
 """Families of paths: parameters → positions of the center during the exposure, and derivatives.
 
 In this file `p` is the parameters of a family (n,), `t` times (T,) from 0 to 1; a path is xy (T, 2)
-with its derivatives D (T, 2, n) by the parameters, all in pixels. Every family holds the straight
-line at constant speed, and is started from a curve of points.
+with its derivatives D (T, 2, n) by the parameters, all in pixels. Every family contains the
+straight line at constant speed, and is started from a curve of points.
 """
 
 from abc import ABC, abstractmethod
