@@ -169,7 +169,7 @@ def test_geometric_properties_are_consistent():
         ({"rejection": "leaves the streak"}, "leaves the streak"),
         ({"converged": False}, "did not converge"),
         ({"radius_error": 0.4}, "determines the radius only to 40%"),
-        ({"residual_excess": 2.5}, "leaves residuals correlated 2.5 times as much as noise"),
+        ({"residual_excess": 2.5}, "leaves residuals 2.5 times as correlated as noise"),
     ],
     ids=["right", "impossible", "not converged", "unknown radius", "correlated residuals"],
 )

@@ -282,7 +282,7 @@ def test_separate_parts_and_large_residuals_give_doubts():
     assert "has 2 separate parts" in measure_motion(solution_of(alpha)).doubts[0]
     assert measure_motion(solution_of(drawn())).doubts == ()
     doubted = of_sweep(sweep_of(*PATHS[0], residual_excess=2.5))
-    assert "residuals correlated 2.5 times as much as noise" in doubted.doubts[0]
+    assert "residuals 2.5 times as correlated as noise" in doubted.doubts[0]
 
 
 def test_curved_path_gives_doubt_in_moments():
