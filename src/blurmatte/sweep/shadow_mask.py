@@ -25,23 +25,23 @@ class ShadowMaskSettings:
     Parameters
     ----------
     windows_px : tuple of int
-        Widths: dark shadows may be narrow, faint ones need larger windows.
+        Widths of the windows: dark shadows may be narrow, faint ones need larger windows.
     max_shadow_light : float
-        Of a shadow on the plate.
+        Upper bound of the light in a shadow on the plate.
     max_shaded_light : float
-        Of a shadow that lies on the object too.
+        The same for a shadow that extends onto the object.
     max_underside_light : float
-        The same if the shape is unknown: less than a lamp above leaves on the underside of a ball.
+        The same if the shape is unknown: less than the light on the underside of a ball below a lamp.
     threshold_std : float
-        Of the noise.
+        Threshold of both tests, in standard deviations of the noise.
     rim_px : int
         Dilation of the mask.
     min_fraction, max_fraction : float
-        Of the streak; a streak that is darker all over has no part that is its shadow.
+        Bounds of the shadow's fraction of the streak; a shadow is neither negligible nor all of it.
     bleed_px : int
         Distance over which files spread a streak's colors.
     min_windows : int
-        Outside of a streak, to measure the noise of windows.
+        Number of windows outside the streak that suffice to measure their noise.
     """
 
     windows_px: tuple[int, ...] = (5, 11, 21)
@@ -71,7 +71,7 @@ def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color:
     Returns
     -------
     (H, W) bool
-        As of `cast_shadow_mask`; the part that lies on the object is not found without its shape.
+        As of `cast_shadow_mask`; without the shape, the part on the object is not found.
     """
     y, x = streak.rows_columns
     use = (streak.mask & image.valid & plate.valid)[y, x]
