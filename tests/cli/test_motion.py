@@ -225,7 +225,7 @@ def test_refuses_rotation_of_disc(measure):
         (("--speed", "12"), "--speed needs --camera"),
         (("--height", "1m"), "--height needs --on-plane"),
         (("--on-plane", "1,2=3"), "--on-plane must be like 120,300=0,1.5m"),
-        (("--on-plane", "1,2=3,4"), "needed for 4 points or more, got 1"),
+        (("--on-plane", "1,2=3,4"), "give --on-plane for 4 points or more, got 1"),
     ],
 )
 def test_locate_refuses_in_one_line(locate, options, said):
