@@ -52,7 +52,7 @@ def test_measure_prints_sentences(measure):
     found = re.match(r"Motion\(around \(([\d.]+), ([\d.]+)\), ", result.stdout)
     assert np.allclose([float(value) for value in found.groups()], (48, 35), atol=0.2)
     assert "a disc on a straight line at constant speed" in result.stdout
-    assert "or the opposite one: a single picture cannot tell which" in result.stdout
+    assert "or the opposite one: one picture does not determine which" in result.stdout
     assert "the scale and the exposure time are missing" in result.stdout
 
 

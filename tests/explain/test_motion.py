@@ -28,7 +28,7 @@ def motion_of(name, path, silhouette=DISC, std=0.05, at_border=False):
     [
         (motion_of(*LINE), "a disc on a straight line at constant speed"),
         (motion_of(*LINE, ELLIPSE), "an ellipse on a straight line"),
-        (motion_of(*LINE), "or the opposite one: a single picture cannot tell which"),
+        (motion_of(*LINE), "or the opposite one: one picture does not determine which"),
         (motion_of(*LINE, at_border=True), "It went at least 51.4"),
         (motion_of(*LINE, at_border=True), "the length is a lower bound"),
         (motion_of("from rest", [20, 30, 70, 42, 0.3], std=0.02), "at rest for 30% ± 2.0%"),

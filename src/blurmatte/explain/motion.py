@@ -78,7 +78,7 @@ def _path(motion: Motion) -> Iterator[str]:
     degrees, std = np.degrees([motion.angle, motion.angle_std])
     yield (
         f"It went {least}{length} in the direction {with_error(degrees, std)}° (from right towards "
-        "down), or the opposite one: a single picture cannot tell which."
+        "down), or the opposite one: one picture does not determine which."
     )
     if motion.at_border:
         yield (
