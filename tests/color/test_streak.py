@@ -246,18 +246,14 @@ def test_rims_of_an_opaque_object_do_not_bias():
 
 
 def test_rejects_negative_light():
-    """A plate between two paints, one of which has the plate's color: the fit needs less than none of
-    the other.
-    """
+    """Before a plate of the mean of two paints, a single color needs negative light."""
     paints = np.array([[0.13, 0.41, 0.05], [0.2, 0.2, 0.5]])
     path = Trajectory.line((53, 40), (59, 40))
     for seed in range(3):
         plate = plain_plate(SIZE, paints.mean(axis=0), seed)
         ball = Ball(6, paints[0], second_color=paints[1])
         truth = render(Scene(plate, path, ball), substeps=40)
-        with pytest.raises(
-            ColorModelError, match="or with negative light; give the colors of the obj"
-        ):
+        with pytest.raises(ColorModelError, match="impossible alpha or light; give the colors"):
             quick_fit(*taken(truth, 2 / 255, seed))
 
 
