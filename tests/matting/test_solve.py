@@ -551,7 +551,7 @@ def test_rejects_black_pictures():
 
 def test_rejects_tiny_pictures():
     small = LinearImage(np.full((1, 1, 3), 0.5))
-    with pytest.raises(PlateError, match="1x1 pixels; 16x16 is the least"):
+    with pytest.raises(PlateError, match="1x1 pixels; it must be 16x16 or more"):
         solve(small, small)
 
 

@@ -232,7 +232,7 @@ def test_rejects_unusable_pictures(paint):
     small = LinearImage(np.ones((15, 200, 3)))
     with pytest.raises(ValueError, match="image is 192x128 pixels and plate 200x15"):
         find_streaks(paint.image, small)
-    with pytest.raises(PlateError, match="200x15 pixels; 16x16 is the least"):
+    with pytest.raises(PlateError, match="200x15 pixels; it must be 16x16 or more"):
         find_streaks(small, small)
     lost = LinearImage(np.ones((20, 20, 3)), valid=np.zeros((20, 20), bool))
     with pytest.raises(PlateError, match="no unclipped pixel in common; expose shorter"):

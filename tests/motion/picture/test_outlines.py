@@ -105,5 +105,5 @@ def test_object_at_rest_is_rejected():
     """Door."""
     y, x = np.indices(SHAPE).astype(float)
     solution = solution_of(np.clip(10.5 - np.hypot(x - 50.3, y - 30.1), 0, 1), 0.02)
-    with pytest.raises(MotionError, match="the first and the last silhouette are one"):
+    with pytest.raises(MotionError, match="first and the last silhouette cannot be distinguished"):
         end_silhouettes(solution, measure_motion(solution))
