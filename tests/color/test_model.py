@@ -192,7 +192,7 @@ def test_rejects_rank_2_for_noisy_samples_of_one_hue(count):
     rng = np.random.default_rng(count)
     for _ in range(20):
         one_paint = shades(rng, 1, count) + rng.normal(0, 0.01, (count, 3))
-        with pytest.raises(ColorModelError, match=r"plane of colors open .*two clearly different"):
+        with pytest.raises(ColorModelError, match=r"plane of colors only to .*clearly different"):
             ColorModel.from_samples(one_paint, rank=2)
 
 
