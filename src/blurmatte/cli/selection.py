@@ -293,7 +293,7 @@ def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Fra
     first, last = (frames.times or (0.0, 0.0))[0], (frames.times or (0.0, 0.0))[-1]
     if len(chosen) == 0:
         span = "" if frames.times is None else f"; they are from {first:.4g} s to {last:.4g} s"
-        raise ValueError(f"look at --frames: there are no such frames{span}")
+        raise ValueError(f"--frames selects no frame{span}; check its numbers")
     if "s" in (text or "") and first * (frames.rate or 0) > 1:
         warnings.warn(
             f"its first frame is at {first:.4g} s; the seconds of --frames are those of the file",
