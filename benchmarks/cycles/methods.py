@@ -19,6 +19,7 @@ from blurmatte.matting import Quality, Smooth, Solution, solve
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
 from blurmatte.sweep import Sweep
+from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.multistart import Multistart
 from blurmatte.sweep.model.color_prior import ColorPrior
@@ -102,7 +103,7 @@ def _first_disc(case: Case) -> _FirstDisc:
     image, plate = with_noise(case.image, match_plate(case.plate, case.image))
     streak = require_streaks(image, plate)[0]
     one_paint, _ = Multistart.of(streak, image, plate, ColorPrior(np.eye(3))).best()
-    return _FirstDisc(image, plate, streak, Sweep.of(Candidate(one_paint[0]), image))
+    return _FirstDisc(image, plate, streak, sweep_of(Candidate(one_paint[0]), image))
 
 
 def _smooth_with_first_color(case: Case) -> Solution:

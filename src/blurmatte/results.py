@@ -22,12 +22,13 @@ import numpy as np
 from blurmatte.background import PlateFit
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.explain import alpha_peak, explain
+from blurmatte.explain.doubt import alpha_peak
+from blurmatte.explain.explain import explain
 from blurmatte.figures import draw_exposures, draw_overview, draw_plate, sure_pixels
 from blurmatte.files import write_together
 from blurmatte.layer import Layer
-from blurmatte.matting import Quality, Solution
-from blurmatte.matting.solution import check_solution
+from blurmatte.matting.maps import Quality
+from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.radiometry import LinearImage, check_picture
 
 RESULT_FILES = (

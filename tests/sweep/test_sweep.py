@@ -27,12 +27,12 @@ from tests.sweep.scenes import (
     rendered,
 )
 
+from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import Silhouette
-from blurmatte.sweep.sweep import Sweep
 
 BOX = (0, 0, *SIZE)
 
@@ -42,7 +42,7 @@ def swept(scene, family=LINE, seed=0, color=ONE_PAINT):
     """The sweep of the disc that fits best near the true path."""
     observation = replace(observed(scene, seed, color=color), grain=RADIUS / 4)
     state = minimize(disc_at(observation, family), BOUNDS)
-    return Sweep.of(Candidate(state), photographed(scene, seed)[0])
+    return sweep_of(Candidate(state), photographed(scene, seed)[0])
 
 
 def scatter(scene, family, draws=64):
@@ -222,4 +222,4 @@ def test_rank_is_2_for_two_paints_and_3_for_any_colors():
     length = float(np.linalg.norm(state.field.mean))
     for spread, rank in (((0.3, 0.01, 0.01), 1), ((0.3, 0.2, 0.01), 2), ((0.3, 0.2, 0.2), 3)):
         field = replace(state.field, spread=length * np.array(spread))
-        assert Sweep.of(Candidate(replace(state, field=field)), image).model.rank == rank
+        assert sweep_of(Candidate(replace(state, field=field)), image).model.rank == rank

@@ -301,7 +301,7 @@ def _some(boxes: list[str], most: int = 5) -> str:
 
 def _warnings(path: Path, solution: bm.Solution) -> list[str]:
     """Print the warnings of a solution, and return them."""
-    from blurmatte.explain import doubts
+    from blurmatte.explain.doubt import doubts
 
     lines = [f"{path}: {doubt.rstrip('.')}" for doubt in doubts(solution)]
     for line in lines:
@@ -342,7 +342,8 @@ def _is_explained_by_disc(solution: bm.Solution) -> bool:
 
 def _print_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
     """Print grade, colors, plate, other streaks, and the sheet."""
-    from blurmatte.explain import also_fits, grade_in_words
+    from blurmatte.explain.alternatives import also_fits
+    from blurmatte.explain.grade import grade_in_words
 
     graded = *grade_in_words(solution), *also_fits(solution)
     lines = [*graded, str(solution), in_degrees(solution.model)]

@@ -12,8 +12,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 from blurmatte.layer import Color, colors_of, split
-from blurmatte.matting import Solution
-from blurmatte.matting.solution import check_solution
+from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.radiometry import light_in_srgb
 
 

@@ -1,6 +1,8 @@
 """Other colors that fit a streak, with their alpha; and the interval of the common factor."""
 
-from blurmatte.matting import Alternative, Grade, Solution
+from blurmatte.matting.alternatives import Alternative
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.solution import Solution
 
 
 def alternatives_of(solution: Solution) -> list[Alternative]:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 
 _MAX_STD_DEG = 30.0  # of evidence that is worth a number
 _EVIDENCE = {

@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from blurmatte.explain.sweep import shape_is_likeliest
-from blurmatte.matting import Quality, Solution
+from blurmatte.matting.maps import Quality
+from blurmatte.matting.solution import Solution
 
 _ALL_SHADOW = (
     "Only light was lost: all of this may be a shadow, or an object that is black, or darker than the "

@@ -2,7 +2,7 @@
 
 from blurmatte.background import PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.explain.color import color_in_words
 from blurmatte.explain.curve import curve_in_words, response_in_words
 from blurmatte.explain.fall import fall_in_words
@@ -11,7 +11,7 @@ from blurmatte.explain.noise import noise_in_words
 from blurmatte.explain.plate import plate_in_words
 from blurmatte.explain.solution import solution_in_words
 from blurmatte.explain.space import SpaceMotion, space_motion_in_words
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.track_outliers import Scatter
 from blurmatte.motion.picture.motion import Motion, Speed

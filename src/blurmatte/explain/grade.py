@@ -4,7 +4,8 @@ from collections.abc import Iterable, Mapping
 from typing import Any
 
 from blurmatte.explain.numbers import rounded_std
-from blurmatte.matting import Grade, Solution
+from blurmatte.matting.maps import Grade
+from blurmatte.matting.solution import Solution
 
 _REASONS = {
     "shadow": "only light was lost, so that it may be a shadow",

@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.explain.alternatives import alternatives_in_words
 from blurmatte.explain.doubt import alpha_peak, doubts, sum_std
 from blurmatte.explain.grade import grade_in_words
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import sweep_in_words
-from blurmatte.matting import Quality, Solution
+from blurmatte.matting.maps import Quality
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import NoiseModel
 
 _MEDIUM_LIGHT = np.full(3, 0.2)

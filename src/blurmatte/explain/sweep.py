@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.explain.numbers import rounded_std
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 
 _MIN_BLUR_PX = 1.0  # of the rim; less is not visible
 _PATHS = {"line": "a straight line", "arc": "an arc", "bounce": "a path that bounces"}

@@ -7,7 +7,7 @@ from blurmatte.compositing import Exposures
 from blurmatte.figures.drawing import Pixels, checkerboard, fitted, gray_codes, round_up, srgb_codes
 from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, column_width, size_text
 from blurmatte.layer import Layer, box_around, check_layer
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage
 
 

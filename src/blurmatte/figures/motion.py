@@ -4,7 +4,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Box, check_kind, check_same_size
-from blurmatte.explain import explain
+from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import (
     Palette,
     Pixels,
@@ -15,8 +15,7 @@ from blurmatte.figures.drawing import (
     unit_circle,
 )
 from blurmatte.figures.sheet import Page, Sheet
-from blurmatte.matting import Solution
-from blurmatte.matting.solution import check_solution
+from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from blurmatte.background import PlateFit
-from blurmatte.explain import explain
+from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import Palette, Pixels, heat_codes, round_up, srgb_codes
 from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
 

@@ -6,16 +6,12 @@ from typing import Any
 import numpy as np
 
 from blurmatte.checks import Bools, Box, Floats, check_same_size
-from blurmatte.color import ColorModel
-from blurmatte.explain import (
-    alpha_peak,
-    alternatives_in_words,
-    alternatives_of,
-    doubts,
-    explain,
-    grade_in_words,
-    shape_is_likeliest,
-)
+from blurmatte.color.model import ColorModel
+from blurmatte.explain.alternatives import alternatives_in_words, alternatives_of
+from blurmatte.explain.doubt import alpha_peak, doubts
+from blurmatte.explain.explain import explain
+from blurmatte.explain.grade import grade_in_words
+from blurmatte.explain.sweep import shape_is_likeliest
 from blurmatte.figures.drawing import (
     Color,
     Palette,
@@ -29,9 +25,9 @@ from blurmatte.figures.drawing import (
     srgb_codes,
 )
 from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
-from blurmatte.matting import Alternative, Grade, Quality, Solution
-from blurmatte.matting.alternatives import MAX_ALTERNATIVES
-from blurmatte.matting.solution import check_solution
+from blurmatte.matting.alternatives import MAX_ALTERNATIVES, Alternative
+from blurmatte.matting.maps import Grade, Quality
+from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.radiometry import LinearImage, check_picture
 
 _BANNERS = {Grade.PLAUSIBLE: Palette.streak, Grade.ASSUMED: Palette.warning}

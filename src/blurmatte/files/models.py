@@ -11,9 +11,10 @@ import numpy as np
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.json_text import parsing, read_json
-from blurmatte.sweep import Diagnostics, Sweep, path_family
 from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import Silhouette
+from blurmatte.sweep.sweep import Diagnostics, Sweep
 from blurmatte.trajectory import Trajectory
 
 _SILHOUETTE_FLAGS = "turns", "soft", "changes"  # in the order of the fields

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.calibration import GRADE_LIMITS, rms_difference
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.object_light import light_given
 from blurmatte.radiometry import SRGB, LinearImage, light_in_srgb
-from blurmatte.sweep import Sweep
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 

@@ -15,13 +15,13 @@ import numpy.typing as npt
 
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.maps import Grade
-from blurmatte.sweep import Diagnostics
 from blurmatte.sweep.assess.calibration import (
     COMPRESSED,
     UNCOMPRESSED,
     ErrorTerms,
     fitted_calibration,
 )
+from blurmatte.sweep.sweep import Diagnostics
 
 Array = npt.NDArray[np.float64]
 

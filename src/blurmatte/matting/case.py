@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.background import Match
 from blurmatte.checks import Bools, Box, check_map
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import solve_clipped
 from blurmatte.matting.inpainting import inpaint_light
 from blurmatte.matting.maps import PixelMaps, Quality
@@ -25,7 +25,8 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
-from blurmatte.sweep import Hypotheses, Sweep
+from blurmatte.sweep.assess.model_selection import Hypotheses
+from blurmatte.sweep.sweep import Sweep
 
 Solver = Pixelwise | Smooth | Swept | Shaded
 

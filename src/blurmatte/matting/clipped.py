@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, alpha_flags, has_flag
 from blurmatte.radiometry import LinearImage
 

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.maps import MIN_VARIANCE, in_strips
 from blurmatte.matting.mixed_plate import MixedPlate

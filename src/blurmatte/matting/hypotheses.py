@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Box
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.alternatives import alternative, listed
 from blurmatte.matting.averaging import AlphaEstimate, averaged
 from blurmatte.matting.calibration import (
@@ -26,13 +26,13 @@ from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.summary import streak_summary, sweep_summary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep import Sweep
 from blurmatte.sweep.assess.calibration import fitted_calibration
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
     hypothesis_scores,
     hypothesis_weights,
 )
+from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.evidence import evidence_of, pixels_of
 from blurmatte.matting.noise_inflation import noise_inflation
 from blurmatte.radiometry import LinearImage

@@ -21,7 +21,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MAX_CHI2, MIN_VARIANCE, PixelMaps, Quality, alpha_flags
 from blurmatte.radiometry import LinearImage
 

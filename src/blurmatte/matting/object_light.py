@@ -13,10 +13,10 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import in_strips
 from blurmatte.radiometry import LinearImage
-from blurmatte.sweep.fit.residuals import OPAQUE
+from blurmatte.sweep.model.silhouette import OPAQUE
 
 Array = npt.NDArray[np.float64]
 

@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_map
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, in_strips
 from blurmatte.radiometry import NoiseModel
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import check_same_size
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import (
     MAX_CHI2,
     MAX_RANGE_STDS,

@@ -7,7 +7,8 @@ only the light divided by the object's brightness; the difference is added to th
 import numpy as np
 
 from blurmatte.checks import Bools
-from blurmatte.color import ColorModel, darker_pixels
+from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak

@@ -17,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box, Floats
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.errors import ConvergenceWarning
 from blurmatte.matting.brightness_prior import with_brightness
 from blurmatte.matting.evidence import (

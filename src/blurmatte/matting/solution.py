@@ -8,11 +8,11 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats, check_kind, check_light, check_map
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting.maps import Grade, Quality
 from blurmatte.radiometry import light_in_srgb
-from blurmatte.sweep import Sweep
+from blurmatte.sweep.sweep import Sweep
 
 
 @dataclass(frozen=True, eq=False)

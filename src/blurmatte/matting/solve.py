@@ -9,7 +9,10 @@ import numpy as np
 from blurmatte.background import Matching, fit_match
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, check_kind, check_map, check_same_size
-from blurmatte.color import ColorModel, check_not_gray, may_be_shadow, streak_of_color
+from blurmatte.color.color_projection import streak_of_color
+from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import may_be_shadow
+from blurmatte.color.streak import check_not_gray
 from blurmatte.matting.case import MARGIN_PX, Case, Pictures, Solver
 from blurmatte.matting.hypotheses import average_hypotheses
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
@@ -23,7 +26,8 @@ from blurmatte.matting.summary import match_summary, noise_summary, streak_summa
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
-from blurmatte.sweep import Sweep, fit_hypotheses, likeliest_streak
+from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
+from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
 

@@ -7,11 +7,11 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Match, agreement
-from blurmatte.color import ColorModel
+from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
-from blurmatte.sweep import Sweep
+from blurmatte.sweep.sweep import Sweep
 
 
 def streak_summary(

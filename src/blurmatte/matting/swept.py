@@ -6,15 +6,15 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box
-from blurmatte.color import darker_pixels
+from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.matting.object_light import light_given
 from blurmatte.matting.occlusion import mean_of_neighbors, occluded
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_3
-from blurmatte.sweep import Sweep
-from blurmatte.sweep.fit.residuals import OPAQUE
+from blurmatte.sweep.model.silhouette import OPAQUE
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer, read_path, read_solution
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LINEAR, LinearImage
 from blurmatte.trajectory import Trajectory
 

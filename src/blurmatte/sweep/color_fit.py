@@ -6,12 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.calibration import with_noise
-from blurmatte.color import (
-    ColorModel,
-    check_chroma_resolution,
-    check_color_fit,
-    fit_color_from_hues,
-)
+from blurmatte.color.model import ColorModel
+from blurmatte.color.streak import check_chroma_resolution, check_color_fit, fit_color_from_hues
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks

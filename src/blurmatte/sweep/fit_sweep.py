@@ -16,14 +16,16 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.streaks import Streak, check_streak, require_streaks
+from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
+    Hypotheses,
     evidence_of,
     hypothesis_scores,
     hypothesis_weights,
-    in_observation,
 )
 from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.jpeg_correction import candidate_before_file
 from blurmatte.sweep.fit.multistart import (
     Multistart,
     MultistartSettings,
@@ -80,57 +82,6 @@ class HypothesisSettings:
     min_refined_weight: float = 1e-3
     min_alpha_difference: float = 0.01
     max_solid_blur: float = 0.1
-
-
-@dataclass(frozen=True, eq=False)
-class Hypotheses:
-    """Sweeps that may explain a streak, and the evidence for each.
-
-    Parameters
-    ----------
-    observation : Observation
-        The data of all comparisons.
-    sweeps : tuple of Sweep
-        The likeliest first.
-    evidence : tuple of Evidence
-        Of each sweep.
-    plate : LinearImage
-        In the light that the object left on it, with its error.
-    streak : Streak
-        The part of the picture that moved before that plate.
-    """
-
-    observation: Observation
-    sweeps: tuple[Sweep, ...]
-    evidence: tuple[Evidence, ...]
-    plate: LinearImage
-    streak: Streak
-
-    @property
-    def best(self) -> Sweep:
-        """The likeliest."""
-        return self.sweeps[0]
-
-    @property
-    def weights(self) -> Array:
-        """(n,) of the sweeps; they sum to 1."""
-        return hypothesis_weights(list(self.evidence))
-
-    def best_evidence(self, observation: Observation) -> Evidence:
-        """The evidence for the likeliest in another observation."""
-        sweep = self.best
-        pixels, radius = observation.pixels, float(sweep.shape[0])
-        alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, pixels).alpha
-        if sweep.cast is not None:
-            S = sweep.cast.missing(sweep.family, sweep.path, radius, pixels)
-            observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
-        return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
-
-    def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
-        """The evidence for an alpha (H, W) of the whole picture that has no shape."""
-        observation = self.observation
-        alpha, alpha_std = (in_observation(x, observation) for x in (alpha, alpha_std))
-        return evidence_of(observation, alpha, alpha_std)
 
 
 def fit_sweep(
@@ -282,7 +233,7 @@ def _fit_before(
         if weight > HypothesisSettings.min_refined_weight:
             compared.append(_refined(candidate, known, image, search))
         else:
-            compared.append((Sweep.of(candidate, image), known))
+            compared.append((sweep_of(candidate, image), known))
     order = np.argsort(hypothesis_scores([one for _, one in compared]), kind="stable")
     kept = _distinct([compared[i] for i in order])
     sweeps, evidences = zip(*kept, strict=True)
@@ -315,7 +266,7 @@ def fit_disc(
     inflation = noise_inflation(disc)
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).quick()
-    return Sweep.of(Candidate(fitted_to_hue(disc, search.bounds)), image)
+    return sweep_of(Candidate(fitted_to_hue(disc, search.bounds)), image)
 
 
 def _refined(
@@ -330,8 +281,8 @@ def _refined(
     reached the maximum of its likelihood: colors and evidence are then those of the fit to hue.
     """
     transfer = image.meta.transfer or SRGB
-    candidate = Candidate.before_file(candidate.state, transfer, candidate.cast)
-    sweep = Sweep.of(candidate, image)
+    candidate = candidate_before_file(candidate.state, transfer, candidate.cast)
+    sweep = sweep_of(candidate, image)
     if candidate.cast is not None:
         return sweep, evidence
     state = fitted_to_hue(candidate.state, search.bounds)
@@ -342,8 +293,8 @@ def _refined(
     if again.cost < evidence.cost:
         in_all_light = with_principal_axes(state.relit(candidate.state.observation))
         converged = replace(in_all_light, converged=state.converged)
-        sweep, evidence = Sweep.of(replace(candidate, state=converged), image), again
-    refined = replace(Sweep.of(by_hue, image), model=sweep.model, diagnostics=sweep.diagnostics)
+        sweep, evidence = sweep_of(replace(candidate, state=converged), image), again
+    refined = replace(sweep_of(by_hue, image), model=sweep.model, diagnostics=sweep.diagnostics)
     return refined, evidence
 
 

@@ -15,9 +15,9 @@ from blurmatte.motion.picture.measure import motion_of_sweep
 from blurmatte.motion.picture.motion import QUANTITIES
 from blurmatte.rendering import Ball, Camera, Scene, Shot, colorful_plate, render
 from blurmatte.sweep import Sweep
-from blurmatte.sweep.assess.diagnostics import Diagnostics
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC, ELLIPSE, Silhouette
+from blurmatte.sweep.sweep import Diagnostics
 from blurmatte.trajectory import Trajectory
 
 MODEL = ColorModel.from_hex("#d8ff3c")

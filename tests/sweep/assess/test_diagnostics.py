@@ -20,11 +20,12 @@ from tests.sweep.scenes import (
 )
 
 from blurmatte.rendering import Ball, Change, Sheet
-from blurmatte.sweep.assess.diagnostics import Diagnostics, diagnosed
+from blurmatte.sweep.assess.diagnostics import diagnosed
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.fit.residuals import residual_excess, variance_inflation
 from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.sweep import Diagnostics
 
 SQUARE = replace(BALL, body=Sheet(24, 24, GREEN), change=Change(turned=(0, 0, 0.4)))
 TWO_PAINTS = replace(

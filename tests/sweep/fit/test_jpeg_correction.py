@@ -24,8 +24,9 @@ from tests.sweep.scenes import (
 
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering import Camera
-from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.fit.jpeg_correction import (
+    candidate_before_file,
     chroma_blur_std,
     corrected_for_file,
     light_before_file,
@@ -33,7 +34,6 @@ from blurmatte.sweep.fit.jpeg_correction import (
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import ShapeLimits, Silhouette
-from blurmatte.sweep.sweep import Sweep
 
 SCENE = FLAT_BEFORE_TILES[LINE]
 
@@ -91,7 +91,7 @@ def test_the_corrected_sweep_is_a_fixed_point():
 @pytest.mark.parametrize("scene", [FLAT[LINE], SCENE], ids=["wall", "tiles"])
 def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
     """honest"""
-    candidate = Candidate.before_file(fitted(scene), SRGB)
+    candidate = candidate_before_file(fitted(scene), SRGB)
     assert candidate.chroma_blur > 0
     true = within(candidate.state.observation, rendered(scene).layer.alpha)
     assert alpha_error(candidate.state.swept.alpha, true) < 0.015
@@ -101,7 +101,7 @@ def test_a_candidate_from_a_jpeg_has_the_right_alpha(scene):
 def test_candidates_without_chroma_subsampling_are_unchanged():
     """invariant"""
     state = fitted(camera=CAMERA)
-    candidate = Candidate.before_file(state, SRGB)
+    candidate = candidate_before_file(state, SRGB)
     assert candidate.state is state
     assert candidate.chroma_blur == 0
 
@@ -111,8 +111,8 @@ def test_errors_from_jpegs_are_honest(quality):
     """honest: from the truth, 24 draws of noise, path and radius."""
     camera, z = Camera(code_std=1.5 / 255, jpeg_quality=quality, chroma="4:2:0"), []
     for seed in range(24):
-        candidate = Candidate.before_file(fitted.__wrapped__(SCENE, seed, camera), SRGB)
-        sweep = Sweep.of(candidate, photographed(SCENE, seed, camera)[0])
+        candidate = candidate_before_file(fitted.__wrapped__(SCENE, seed, camera), SRGB)
+        sweep = sweep_of(candidate, photographed(SCENE, seed, camera)[0])
         off = np.concatenate([sweep.path, sweep.shape[:1]]) - [
             *along(LINE).xy[[0, -1]].ravel(),
             RADIUS,

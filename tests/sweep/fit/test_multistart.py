@@ -23,10 +23,10 @@ from tests.sweep.scenes import (
 
 from blurmatte.rendering import Ball
 from blurmatte.streaks import require_streaks
+from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.multistart import Multistart, fitted_to_hue, with_varied_colors
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
-from blurmatte.sweep.sweep import Sweep
 
 every_family = pytest.mark.parametrize("family", PATHS, ids=lambda family: family.name)
 
@@ -43,7 +43,7 @@ def test_a_ball_on_every_path_is_found(family, scenes):
     one_paint, varied = searched(scenes[family]).best()
     image, _ = photographed(scenes[family])
     assert one_paint[0].converged
-    sweep = Sweep.of(Candidate(one_paint[0]), image)
+    sweep = sweep_of(Candidate(one_paint[0]), image)
     assert abs(sweep.radius - RADIUS) < 3 * sweep.radius_std < 0.3
     xy, D = sweep.family.at(sweep.path, TIMES)
     path = sweep.covariance[: len(sweep.path), : len(sweep.path)]
@@ -129,7 +129,7 @@ def test_hue_gives_the_radius_of_shaded_balls():
         search = searched(BEFORE_TILES[LINE], seed).of_one_paint
         smooth = search.quick()
         hue = fitted_to_hue(smooth, search.bounds)
-        sweep = Sweep.of(Candidate(hue), photographed(BEFORE_TILES[LINE], seed)[0])
+        sweep = sweep_of(Candidate(hue), photographed(BEFORE_TILES[LINE], seed)[0])
         z.append((sweep.radius - RADIUS) / sweep.radius_std)
         off.append([abs(state.shape[0] - RADIUS) for state in (smooth, hue)])
     assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.6

@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools
-from blurmatte.color import may_be_shadow, projected_energy, projection_vectors
+from blurmatte.color.color_projection import projected_energy, projection_vectors
 from blurmatte.color.model import ColorModel
+from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, dilated, find_streaks, opened
 

@@ -1,9 +1,11 @@
-"""Diagnostics of a fitted sweep: dimensionless statistics, and their values for a correct model."""
+"""From a candidate to a sweep: covariance, colors and dimensionless diagnostics."""
 
-from dataclasses import dataclass
+from dataclasses import replace
 
 import numpy as np
 
+from blurmatte.color.model import ColorModel
+from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.feasibility import rejection
 from blurmatte.sweep.fit.residuals import (
@@ -11,58 +13,38 @@ from blurmatte.sweep.fit.residuals import (
     residual_excess,
     variance_inflation,
 )
+from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.student_t import VARIANCE
+from blurmatte.sweep.sweep import Diagnostics, Sweep
+
+_MAX_ONE_COLOR_SPREAD = (
+    0.1  # radians across the mean color: noise, gloss and two lamps of one paint
+)
 
 
-@dataclass(frozen=True)
-class Diagnostics:
-    """Evidence for and against a fitted sweep; the defaults are those of a correct model.
-
-    Parameters
-    ----------
-    rejection : str
-        Reason why it is physically impossible, to follow "the fit"; empty if it is possible.
-    converged : bool
-        The fit ended within its bounds.
-    residual_excess : float
-        Correlation of residuals over 4 and 8 pixels within the sweep, over that outside; 1 if right.
-    outlier_fraction : float
-        Fraction of pixels beyond the 99.9 % quantile of noise; 0.001 if right.
-    variance_inflation : float
-        Variance of block sums of residuals over that of independent pixels; 1 if right.
-    noise_inflation : float
-        Variance of the noise that the fit needs over the one that was measured; 1 if right.
-    mode_disagreement : float
-        Root mean square difference of alpha from other hypotheses, weighted, of alpha's own.
-    radius_error : float
-        Standard deviation of the radius, of the radius.
-    color_spread : float
-        Spread of color across the mean color, radians.
-    color_angle_std : float
-        Standard deviation of the color's direction, degrees.
-    blur_over_radius : float
-        Standard deviation of the rim's blur, of the radius.
-    signal_to_noise : float
-        Change of a pixel in the sweep over its noise, root mean square.
-    effective_pixels : float
-        Number of pixels in the sweep over the variance inflation.
-    chroma_blur : float
-        Standard deviation by which the file blurred colors, pixels; 0 if it did not.
-    """
-
-    rejection: str = ""
-    converged: bool = True
-    residual_excess: float = 1.0
-    outlier_fraction: float = 0.0
-    variance_inflation: float = 1.0
-    noise_inflation: float = 1.0
-    mode_disagreement: float = 0.0
-    radius_error: float = 0.0
-    color_spread: float = 0.0
-    color_angle_std: float = 0.0
-    blur_over_radius: float = 0.0
-    signal_to_noise: float = 0.0
-    effective_pixels: float = 0.0
-    chroma_blur: float = 0.0
+def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
+    """The sweep of a candidate: parameters, colors and their covariance in an image."""
+    state = candidate.state
+    inflation = variance_inflation(state) * VARIANCE
+    H, _ = state.information()
+    covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
+    silhouette = state.silhouette
+    if candidate.chroma_blur > 0 and image.meta.sharing is None:
+        silhouette = replace(silhouette, soft=False)  # the file blurred the rim, not the lens
+    n = len(state.path) + silhouette.size
+    covariance, shape = covariance[:n, :n], state.shape[: silhouette.size]
+    total = state.swept.by_parameters[..., :n].sum(axis=(0, 1))
+    area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
+    model = _color_model(state, inflation, float(area_error))
+    model = replace(model, to_srgb=image.meta.to_srgb)
+    step = silhouette.radius_slope(shape)
+    radius_std = float(np.sqrt(step @ covariance[len(state.path) :, len(state.path) :] @ step))
+    angle = model.angle_std if model.rank < 3 else 0.0
+    diagnostics = diagnosed(candidate, silhouette.radius(shape), radius_std, angle)
+    return Sweep(
+        state.family, state.path, silhouette, shape, model, covariance, image.size, diagnostics,
+        candidate.cast,
+    )  # fmt: skip
 
 
 def diagnosed(
@@ -91,4 +73,32 @@ def diagnosed(
         float(np.sqrt(change.mean())) if change.size else 0.0,
         float(np.count_nonzero(inside)) / inflation,
         candidate.chroma_blur,
+    )
+
+
+def _color_model(state: State, inflation: float, area_error: float) -> ColorModel:
+    """A line or a plane of colors, or any: as many axes as the colors spread along.
+
+    The covariance is that of the field's mean, and of the plate's light that alpha's scale, if it is
+    wrong by `area_error`, adds to the color.
+    """
+    field, observation = state.field, state.observation
+    axes, length = observation.color.axes, max(float(np.linalg.norm(field.mean)), 1e-9)
+    rank = observation.color.rank
+    if rank == 3:
+        rank = 1 + int(np.count_nonzero(field.spread[1:] > _MAX_ONE_COLOR_SPREAD * length))
+    if rank == 3:
+        return ColorModel.any()
+    weight = state.weights * state.swept.alpha**2
+    behind = np.einsum("yx,yxc->c", weight, observation.light[1]) / max(float(weight.sum()), 1e-9)
+    std = np.hypot(np.sqrt(inflation) * field.mean_std, area_error * behind) / length
+    if rank == 1:
+        pole = axes @ field.mean / length
+        pole = pole if pole.sum() >= 0 else -pole
+        across = axes[:, 1:] * std[1:]
+        basis = pole[:, None]
+    else:
+        basis, across = axes[:, :2], axes[:, :2] * std[2]
+    return ColorModel(
+        basis, across @ across.T, {"shape": float(np.degrees(np.linalg.norm(std[1:])))}
     )

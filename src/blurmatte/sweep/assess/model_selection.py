@@ -11,15 +11,18 @@ Costs are divided by the variance inflation of the likeliest, for residuals are 
 fitted parameter costs half a log of the number of pixels.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import block_squares
+from blurmatte.streaks import Streak
 from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.student_t import loss, student_weight
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 
@@ -125,3 +128,54 @@ def in_observation(values: Array, observation: Observation) -> Array:
     h, w = observation.weight.shape
     box = values[y0 : y0 + h * scale, x0 : x0 + w * scale]
     return np.asarray(box.reshape(h, scale, w, scale).mean(axis=(1, 3)), float)
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Sweeps that may explain a streak, and the evidence for each.
+
+    Parameters
+    ----------
+    observation : Observation
+        The data of all comparisons.
+    sweeps : tuple of Sweep
+        The likeliest first.
+    evidence : tuple of Evidence
+        Of each sweep.
+    plate : LinearImage
+        In the light that the object left on it, with its error.
+    streak : Streak
+        The part of the picture that moved before that plate.
+    """
+
+    observation: Observation
+    sweeps: tuple[Sweep, ...]
+    evidence: tuple[Evidence, ...]
+    plate: LinearImage
+    streak: Streak
+
+    @property
+    def best(self) -> Sweep:
+        """The likeliest."""
+        return self.sweeps[0]
+
+    @property
+    def weights(self) -> Array:
+        """(n,) of the sweeps; they sum to 1."""
+        return hypothesis_weights(list(self.evidence))
+
+    def best_evidence(self, observation: Observation) -> Evidence:
+        """The evidence for the likeliest in another observation."""
+        sweep = self.best
+        pixels, radius = observation.pixels, float(sweep.shape[0])
+        alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, pixels).alpha
+        if sweep.cast is not None:
+            S = sweep.cast.missing(sweep.family, sweep.path, radius, pixels)
+            observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
+        return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
+
+    def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
+        """The evidence for an alpha (H, W) of the whole picture that has no shape."""
+        observation = self.observation
+        alpha, alpha_std = (in_observation(x, observation) for x in (alpha, alpha_std))
+        return evidence_of(observation, alpha, alpha_std)

@@ -2,9 +2,6 @@
 
 from dataclasses import dataclass
 
-from blurmatte.radiometry import Transfer
-from blurmatte.sweep.fit.jpeg_correction import chroma_blur_std, corrected_for_file
-from blurmatte.sweep.fit.residuals import colors_are_correlated
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.state import State
 
@@ -30,14 +27,3 @@ class Candidate:
     def parameters(self) -> int:
         """Number of parameters of path, shape and shadow."""
         return self.state.size + (CastShadow.size if self.cast is not None else 0)
-
-    @classmethod
-    def before_file(
-        cls, state: State, transfer: Transfer, cast: CastShadow | None = None
-    ) -> "Candidate":
-        """The sweep in the light before its file, if that blurred colors."""
-        known = state.observation.compression is not None
-        if not known and not (state.silhouette.soft and colors_are_correlated(state)):
-            return cls(state, cast)
-        blur = chroma_blur_std(state)
-        return cls(corrected_for_file(state, transfer), cast, blur)

@@ -7,10 +7,24 @@ the image, and the sweep is fitted again.
 from dataclasses import replace
 
 from blurmatte.radiometry import Transfer
+from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
+from blurmatte.sweep.fit.residuals import colors_are_correlated
+from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import ShapeLimits
 from blurmatte.sweep.model.state import State
+
+
+def candidate_before_file(
+    state: State, transfer: Transfer, cast: CastShadow | None = None
+) -> Candidate:
+    """The sweep in the light before its file, if that blurred colors."""
+    known = state.observation.compression is not None
+    if not known and not (state.silhouette.soft and colors_are_correlated(state)):
+        return Candidate(state, cast)
+    blur = chroma_blur_std(state)
+    return Candidate(corrected_for_file(state, transfer), cast, blur)
 
 
 def corrected_for_file(state: State, transfer: Transfer) -> State:

@@ -6,12 +6,12 @@ import numpy.typing as npt
 from blurmatte.statistics import MEDIAN_3, QUANTILE_999_3, block_squares
 from blurmatte.streaks import dilated
 from blurmatte.sweep.model.observation import BlockStatistics
+from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
-OPAQUE = 0.999  # alpha from which the plate is invisible
 _MAX_REPEATED_CHI2 = 0.3  # median outside the streak of codecs that repeat static parts
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
 

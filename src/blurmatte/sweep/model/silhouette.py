@@ -18,6 +18,8 @@ from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
 
+OPAQUE = 0.999  # alpha from which the plate is invisible
+
 
 @dataclass(frozen=True)
 class ShapeLimits:
@@ -257,6 +259,12 @@ class Silhouette:
     def radius(self, shape: Array) -> float:
         """Radius of the disc of the same area in the middle of the exposure, pixels."""
         return float(np.sqrt(self.area(shape) / np.pi))
+
+    def radius_slope(self, shape: Array) -> Array:
+        """(m,) derivatives of the radius by the parameters."""
+        step = 1e-5 * shape[0] * np.eye(len(shape))
+        radius = self.radius
+        return np.array([(radius(shape + d) - radius(shape - d)) / (2 * d.sum()) for d in step])
 
     def reach(self, shape: Array) -> float:
         """Largest distance of the rim from the center at any moment, pixels.
