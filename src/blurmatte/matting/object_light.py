@@ -46,7 +46,7 @@ def light_given(
 
     def rows(strip: slice) -> None:
         """Fill some rows."""
-        light(*(m[strip] for m in known), M, model.rank, *(m[strip] for m in found))
+        light(tuple(m[strip] for m in known), M, model.rank, tuple(m[strip] for m in found))
 
     in_strips(rows, len(alpha))
     return found

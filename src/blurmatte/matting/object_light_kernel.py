@@ -20,8 +20,14 @@ def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def light(C, B, V_C, V_B, usable, alpha, alpha_std, M, rank, P, P_std, chi2):  # type: ignore[no-untyped-def]
-    """Write P, its standard deviation and χ² of every pixel; M is (3, 3), its last columns 0."""
+def light(known, M, rank, found):  # type: ignore[no-untyped-def]
+    """Write P, its standard deviation and χ² of every pixel.
+
+    `known` are C, B, V_C, V_B and usable (h, w, 3), alpha and alpha_std (h, w); `found` are P, P_std
+    (h, w, 3) and chi2 (h, w), written. M is (3, 3), its last columns 0.
+    """
+    C, B, V_C, V_B, usable, alpha, alpha_std = known
+    P, P_std, chi2 = found
     W, rest, weighed = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):

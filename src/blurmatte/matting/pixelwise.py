@@ -80,7 +80,7 @@ class Pixelwise:
                 n if isinstance(n, NoiseModel) else n[rows] for n in (image_noise, plate_noise)
             ]
             solve, arguments = _compiled(image[rows], plate[rows], noise, tables, dtype)
-            solve(*arguments, N, max_std, *(np.reshape(m[rows], -1) for m in maps))
+            solve(*arguments, N, max_std, tuple(np.reshape(m[rows], -1) for m in maps))
 
         in_strips(solve_rows, height)
         return maps
@@ -105,8 +105,8 @@ def _compiled(
 
     C, B = (np.ascontiguousarray(a).reshape(-1) for a in (image, plate))
     if tables is not None:
-        light = [np.asarray(table, dtype) for table in tables]
-        return kernel.solve_codes, (C, B, *light, *(_coefficients(n, dtype) for n in noise))
+        light = tuple(np.asarray(table, dtype) for table in tables)
+        return kernel.solve_codes, ((C, B), light, *(_coefficients(n, dtype) for n in noise))
     C, B = (a.astype(dtype, copy=False) for a in (C, B))
     if all(isinstance(n, NoiseModel) for n in noise):
         return kernel.solve_light, (C, B, *(_coefficients(n, dtype) for n in noise))

@@ -96,7 +96,8 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
 
 
 @njit(inline="always", **_COMPILED)
-def _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
+def _store(i, answer, max_std, maps):  # type: ignore[no-untyped-def]
+    alpha, alpha_std, P, P_std, quality = maps
     a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
     std = np.sqrt(variance)
     lost = _ZERO if quality[i] & _UNKNOWN == 0 else _INFINITE
@@ -114,31 +115,33 @@ def _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality):  # type: ig
 
 
 @njit(**_COMPILED)
-def solve_light(C, B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
-    """Solve pixels given as light; all arrays are flat, with three values a pixel in C, B, P, P_std.
+def solve_light(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
+    """Solve pixels given as light and write maps: alpha, alpha_std, P, P_std and quality.
+
+    All arrays are flat, with three values a pixel in C, B, P, P_std.
 
     vC and vB are nine numbers, the coefficients of 1, light, light² of each channel. They are tuples:
     an array might alias an output, which would keep the compiler from vectorizing the loop.
     """
-    for i in range(alpha.shape[0]):
+    for i in range(maps[0].shape[0]):
         c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
         b = (B[3 * i], B[3 * i + 1], B[3 * i + 2])
         v = (_variance(c[0], vC, 0), _variance(c[1], vC, 1), _variance(c[2], vC, 2))
         w = (_variance(b[0], vB, 0), _variance(b[1], vB, 1), _variance(b[2], vB, 2))
         answer = _solve_pixel(c, b, v, w, N)
-        _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality)
+        _store(i, answer, max_std, maps)
 
 
 @njit(**_COMPILED)
-def solve_light_with_variances(C, B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
+def solve_light_with_variances(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
     """As `solve_light`, but vC and vB are flat arrays with a variance for each value of C and B."""
-    for i in range(alpha.shape[0]):
+    for i in range(maps[0].shape[0]):
         c = (C[3 * i], C[3 * i + 1], C[3 * i + 2])
         b = (B[3 * i], B[3 * i + 1], B[3 * i + 2])
         v = (vC[3 * i], vC[3 * i + 1], vC[3 * i + 2])
         w = (vB[3 * i], vB[3 * i + 1], vB[3 * i + 2])
         answer = _solve_pixel(c, b, v, w, N)
-        _store(i, answer, max_std, alpha, alpha_std, P, P_std, quality)
+        _store(i, answer, max_std, maps)
 
 
 @njit(inline="always", **_COMPILED)
@@ -148,11 +151,14 @@ def _look_up(codes, table, light):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def solve_codes(C, B, table_C, table_B, vC, vB, N, max_std, alpha, alpha_std, P, P_std, quality):  # type: ignore[no-untyped-def]
-    """As `solve_light`, but for code values, decoded in blocks of 1024 pixels that fit the cache.
+def solve_codes(codes, tables, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
+    """As `solve_light`, but for code values of image and plate, decoded by the tables of both.
 
+    They are decoded in blocks of 1024 pixels, which fit the cache.
     A table look-up inside the loop over pixels would keep the compiler from vectorizing it.
     """
+    (C, B), (table_C, table_B) = codes, tables
+    alpha, alpha_std, P, P_std, quality = maps
     step = 1024
     light_C, light_B = np.empty(3 * step, table_C.dtype), np.empty(3 * step, table_B.dtype)
     for i in range(0, alpha.shape[0], step):
@@ -160,7 +166,5 @@ def solve_codes(C, B, table_C, table_B, vC, vB, N, max_std, alpha, alpha_std, P,
         c, b = light_C[: 3 * (j - i)], light_B[: 3 * (j - i)]
         _look_up(C[3 * i : 3 * j], table_C, c)
         _look_up(B[3 * i : 3 * j], table_B, b)
-        solve_light(
-            c, b, vC, vB, N, max_std,
-            alpha[i:j], alpha_std[i:j], P[3 * i : 3 * j], P_std[3 * i : 3 * j], quality[i:j],
-        )  # fmt: skip
+        light = P[3 * i : 3 * j], P_std[3 * i : 3 * j]
+        solve_light(c, b, vC, vB, N, max_std, (alpha[i:j], alpha_std[i:j], *light, quality[i:j]))

@@ -193,9 +193,9 @@ def test_points_without_a_rim_normal_keep_their_distance():
     square = np.array([[-2.0, -2], [2, -2], [2, 2], [-2, 2]])
     alpha, J = np.zeros((7, 7)), np.zeros((7, 7, 9))
     silhouette_kernel.sweep(
-        np.full((1, 2), 3.0), np.zeros((1, 2, 2)), np.ones(1), np.diag([1.2, 0.9])[None],
-        np.zeros((1, 2, 2, 3)), True, (lattice, -2.0, -2.0, 0.5, square), np.eye(2),
-        np.zeros((2, 2, 3)), np.zeros(0), 0.9, alpha, J,
+        (np.full((1, 2), 3.0), np.zeros((1, 2, 2)), np.ones(1)), np.diag([1.2, 0.9])[None],
+        np.zeros((1, 2, 2, 3)), True, (lattice, -2.0, -2.0, 0.5, square),
+        (np.eye(2), np.zeros((2, 2, 3)), np.zeros(0)), 0.9, alpha, J,
     )  # fmt: skip
     assert np.isfinite(J).all()
     assert 0.5 < alpha[3, 3] < 0.75

@@ -30,7 +30,8 @@ def test_alpha_is_the_covered_fraction_of_each_pixel(radius, stretch, turn):
     coefficients = OUTLINE._coefficients(shape)
     rim = rim_kernel.lattice_around(A, coefficients, kernel.variance_of(0.0), kernel.reach_of(0.0))
     still = np.zeros((20, 2, 2, 0))
-    kernel.sweep(xy, D, weights, maps, still, False, rim, A, by_A, coefficients, 0.0, alpha, J)
+    outline = A, by_A, coefficients
+    kernel.sweep((xy, D, weights), maps, still, False, rim, outline, 0.0, alpha, J)
     covered = np.mean([inside(A, at, by) for at, by in zip(xy, turns, strict=True)], axis=0)
     thin = radius * np.exp(-stretch) < 3
     assert_allclose(alpha, covered, rtol=0, atol=0.02 if thin else 0.012)

@@ -143,7 +143,7 @@ class ColorField:
 
         e = np.empty((3, *alpha.shape))
         color_field_kernel.residuals(
-            *light, alpha, self.grid.pitch, self.grid.number, self.colors, e
+            light, alpha, self.grid.pitch, self.grid.number, self.colors, e
         )
         return e
 
@@ -177,10 +177,10 @@ class ColorField:
         pitch, number = self.grid.pitch, self.grid.number
         cross = np.zeros((3, self.grid.size, J.shape[2]))
         H, g = color_field_kernel.by_alpha(
-            J, *light, alpha, weight, pitch, number, self.colors, e, cross
+            J, light, alpha, weight, pitch, number, self.colors, e, cross
         )
         color_field_kernel.marginalize(
-            H, cross, *light, alpha, weight, pitch, number, self.prior, self.rank
+            H, cross, light, alpha, weight, pitch, number, self.prior, self.rank
         )
         return H, g
 
@@ -210,7 +210,7 @@ def fit_field(
         ]
     )  # fmt: skip
     colors, prior, mean, mean_std, spread, change, cost, e = color_field_kernel.fit(
-        *light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings
+        light, alpha, weight, pitch, grid.number, grid.differences(), grid.neighbors, settings
     )
     field = ColorField(grid, colors, prior, float(cost), mean, mean_std, spread, change, color.rank)
     return field, e

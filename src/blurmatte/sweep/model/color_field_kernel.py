@@ -2,7 +2,8 @@
 
 In this file `number` (rows, columns) has the number of each node of a grid of `pitch` pixels, −1 for
 places without a node; the nodes lie in the corners of its cells, the first in pixel (0, 0). A symmetric
-banded matrix is its lower band: band[k, j] is the element (j + k, j). See `color_field` for the rest.
+banded matrix is its lower band: band[k, j] is the element (j + k, j). `observed` are C, B, V_C and V_B,
+(h, w, 3) each. See `color_field` for the rest.
 """
 
 from typing import Any
@@ -35,11 +36,12 @@ def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def seen(C, B, V_C, V_B, alpha, pitch, number):  # type: ignore[no-untyped-def]
+def seen(observed, alpha, pitch, number):  # type: ignore[no-untyped-def]
     """Row and column (n, 2), nodes (n, 4) and alpha times their hats (n, 4) of the n covered pixels.
 
     Then their residual light C − (1 − α) B over the noise, and 1 over the noise, (n, 3) each.
     """
+    C, B, V_C, V_B = observed
     h, w = alpha.shape
     count = np.count_nonzero(alpha)
     at, nodes = np.empty((count, 2), np.int64), np.empty((count, 4), np.int64)
@@ -87,9 +89,9 @@ def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped
 
 
 @njit(**_COMPILED)
-def equations(C, B, V_C, V_B, alpha, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
+def equations(observed, alpha, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
     """Add the nodes' normal equations: lower bands (3, width, m) and right sides (3, m)."""
-    at, nodes, hats, P, sharp = seen(C, B, V_C, V_B, alpha, pitch, number)
+    at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
     _add(nodes, hats, P, sharp, _weights_at(at, weight), band, right)
 
 
@@ -103,8 +105,9 @@ def _color(a, nodes, hats, colors, c):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def residuals(C, B, V_C, V_B, alpha, pitch, number, colors, e):  # type: ignore[no-untyped-def]
+def residuals(observed, alpha, pitch, number, colors, e):  # type: ignore[no-untyped-def]
     """Write residuals e (3, h, w) of unit variance, one of each channel."""
+    C, B, V_C, V_B = observed
     nodes, hats = np.empty(4, np.int64), np.empty(4)
     for y in range(alpha.shape[0]):
         for x in range(alpha.shape[1]):
@@ -140,12 +143,13 @@ def _any(J, y, x):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def by_alpha(J, C, B, V_C, V_B, alpha, weight, pitch, number, colors, e, cross):  # type: ignore[no-untyped-def]
+def by_alpha(J, observed, alpha, weight, pitch, number, colors, e, cross):  # type: ignore[no-untyped-def]
     """Half the curvature (n, n) and gradient (n,) of a sum of squares; J (h, w, n) are derivatives.
 
     Adds the mixed curvature with the nodes' colors to cross (3, m, n). The noise depends on alpha as
     well, which is equivalent to replacing the plate by its best estimate, as in `residuals`.
     """
+    _, B, V_C, V_B = observed
     h, w, n = J.shape
     H, g = np.zeros((n, n)), np.zeros(n)
     nodes, hats, d = np.empty(4, np.int64), np.empty(4), np.empty(3)
@@ -310,7 +314,7 @@ def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def
 
 
 @njit(**_COMPILED)
-def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, settings):  # type: ignore[no-untyped-def]
+def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings):  # type: ignore[no-untyped-def]
     """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
     change (3,) of each; the cost, and the residuals (3, h, w).
 
@@ -321,7 +325,7 @@ def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, se
     rounds, rank, varied = int(settings[0]), int(settings[1]), int(settings[2])
     across, freedom, min_spread, min_length = settings[3], settings[4], settings[8], settings[9]
     width, n = differences.shape
-    at, nodes, hats, P, sharp = seen(C, B, V_C, V_B, alpha, pitch, number)
+    at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
     own_weight = _weights_at(at, weight)
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
     _add(nodes, hats, P, sharp, own_weight, band, right)
@@ -367,19 +371,19 @@ def fit(C, B, V_C, V_B, alpha, weight, pitch, number, differences, neighbors, se
             band[:], right[:] = 0, 0
             _add(nodes, hats, P, sharp, weights, band, right)
     e = np.empty((3, *alpha.shape))
-    residuals(C, B, V_C, V_B, alpha, pitch, number, colors, e)
+    residuals(observed, alpha, pitch, number, colors, e)
     return colors, prior, mean, std, used, changed, cost, e
 
 
 @njit(**_COMPILED)
-def marginalize(H, cross, C, B, V_C, V_B, alpha, weight, pitch, number, prior, rank):  # type: ignore[no-untyped-def]
+def marginalize(H, cross, observed, alpha, weight, pitch, number, prior, rank):  # type: ignore[no-untyped-def]
     """Subtract from a curvature H (p, p) the part that colors can explain; cross is (3, n, p).
 
     Along the first `rank` axes the mean color is free, too.
     """
     width, n = prior.shape[1:]
     band, right = np.zeros((3, width, n)), np.zeros((3, n))
-    equations(C, B, V_C, V_B, alpha, weight, pitch, number, band, right)
+    equations(observed, alpha, weight, pitch, number, band, right)
     for c in range(3):
         posterior, x = band[c] + prior[c], cross[c].copy()
         factor(posterior)

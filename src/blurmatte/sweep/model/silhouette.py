@@ -233,9 +233,8 @@ class Silhouette:
         reach = kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
         rim = rim_kernel.lattice_around(A, coefficients, kernel.variance_of(soft), reach)
         maps, by_maps = self._maps(shape, t)
-        kernel.sweep(
-            xy, D, weights, maps, by_maps, self.changes, rim, A, by_A, coefficients, soft, alpha, J
-        )
+        outline = A, by_A, coefficients
+        kernel.sweep((xy, D, weights), maps, by_maps, self.changes, rim, outline, soft, alpha, J)
 
     def map_at(self, shape: Array, t: Array) -> Array:
         """(T, 2, 2) linear maps from the shape in the middle of the exposure to that at fractions t."""

@@ -182,22 +182,66 @@ def largest_stretch(L):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def sweep(xy, D, weights, maps, by_maps, changes, rim, A, by_A, coefficients, soft, alpha, J):  # type: ignore[no-untyped-def]
+def stretched(s, curvature, normal, mapped, area, variance):  # type: ignore[no-untyped-def]
+    """s, κ, n / N and L⁻ᵀ n / N of a rim mapped by L of determinant `area`; see `sweep`.
+
+    s is less κ (σ² + 1/12)/2, before and after. The normal is 0 where rims on two sides are equally
+    far; all remain as they are.
+    """
+    nx, ny = normal
+    mx, my = mapped
+    length2 = nx * nx + ny * ny
+    if length2 <= 1e-12:
+        return s, curvature, nx, ny, mx, my
+    N = np.sqrt((mx * mx + my * my) / length2)
+    bent = curvature / (area * area * N * N * N)
+    s = (s + curvature * variance / 2) / N - bent * variance / 2
+    return s, bent, nx / N, ny / N, mx / N, my / N
+
+
+@njit(**_COMPILED)
+def add_by_shape(slopes, first, g, normal, at, shape):  # type: ignore[no-untyped-def]
+    """Add derivatives by A and the coefficients to a pixel's slopes, from `first` on; returns g A q.
+
+    g is the derivative by the distance, `at` the rim's nearest point as `rim_kernel` has it.
+    """
+    A, by_A, coefficients = shape
+    nx, ny = normal
+    qx, qy, co, si = g * at[4], g * at[5], at[6], at[7]
+    m = by_A.shape[2]
+    for p in range(m):
+        px = by_A[0, 0, p] * qx + by_A[0, 1, p] * qy
+        py = by_A[1, 0, p] * qx + by_A[1, 1, p] * qy
+        slopes[first + p] += nx * px + ny * py
+    px, py = A[0, 0] * qx + A[0, 1] * qy, A[1, 0] * qx + A[1, 1] * qy
+    along = nx * px + ny * py
+    ck, sk = co * co - si * si, 2 * co * si
+    for p in range(len(coefficients) // 2):
+        ck, sk = ck * co - sk * si, sk * co + ck * si
+        slopes[first + m + 2 * p] += along * ck
+        slopes[first + m + 2 * p + 1] += along * sk
+    return px, py
+
+
+@njit(**_COMPILED)
+def sweep(motion, maps, by_maps, changes, rim, shape, soft, alpha, J):  # type: ignore[no-untyped-def]
     """Add the coverage of a moving shape to alpha (h, w) and J (h, w, n + j + k + l), zeros.
 
-    The rim is from `rim_kernel.lattice_around`, with the variance and the reach of this softness, the
-    reach multiplied by the largest factor by which the maps shrink. xy (T, 2) are the centers in
-    pixels, D (T, 2, n) their derivatives, weights (T,) parts of the exposure; by_A (2, 2, j) are the
-    derivatives of A by some parameters, coefficients (k,) are a₃, b₃, a₄, b₄, … At each moment the
-    shape is mapped by maps (T, 2, 2), whose derivatives are by_maps (T, 2, 2, l). If J has room for
-    one more, that is for `soft`.
+    `motion` are the centers (T, 2) in pixels, their derivatives D (T, 2, n), and the parts of the
+    exposure (T,). The rim is from `rim_kernel.lattice_around`, with the variance and the reach of this
+    softness, the reach multiplied by the largest factor by which the maps shrink. `shape` are A, its
+    derivatives (2, 2, j) by some parameters, and the coefficients (k,), a₃, b₃, a₄, b₄, … At each
+    moment the shape is mapped by maps (T, 2, 2), whose derivatives are by_maps (T, 2, 2, l). If J has
+    room for one more, that is for `soft`.
 
     Maps are rotations or, if it `changes`, any of positive determinant. With L the
     map, n the normal of the rim at s inside, N = |L⁻ᵀ n|, the mapped rim has the normal L⁻ᵀ n / N and
     the curvature κ / (det² L N³), and lies s / N away, to first order.
     """
     height, w = alpha.shape
-    n, m, l = D.shape[2], by_A.shape[2], by_maps.shape[3]
+    xy, D, weights = motion
+    n, l = D.shape[2], by_maps.shape[3]
+    last = n + shape[1].shape[2] + len(shape[2])
     reach, variance = reach_of(soft), variance_of(soft)
     wide = 1 / np.sqrt(variance)
     lattice, x0, y0, h, polygon = rim
@@ -227,38 +271,24 @@ def sweep(xy, D, weights, maps, by_maps, changes, rim, A, by_A, coefficients, so
                     continue
                 for e in range(1, of_edge):
                     at[e] = between(lattice, p, q, u, v, e)
-                _, nx, ny, curvature, px, py, co, si = at
+                nx, ny, curvature = at[1], at[2], at[3]
                 mx, my = a * nx + c * ny, b * nx + d * ny
-                length2 = nx * nx + ny * ny  # 0 where rims on two sides are equally far
-                if changes and length2 > 1e-12:
-                    N = np.sqrt((mx * mx + my * my) / length2)
-                    mx, my = mx / N, my / N
-                    bent = curvature / (area * area * N * N * N)
-                    inside = (inside + curvature * variance / 2) / N - bent * variance / 2
-                    nx, ny, curvature = nx / N, ny / N, bent
+                if changes:
+                    inside, curvature, nx, ny, mx, my = stretched(
+                        inside, curvature, (nx, ny), (mx, my), area, variance
+                    )
                 part, gain, by_soft = covered_softly(inside, mx, my, soft, wide, curvature)
                 alpha[j, i] += weights[k] * part
                 g = weights[k] * gain
                 if g == 0:
                     continue
+                slopes = J[j, i]
                 for p in range(n):
-                    J[j, i, p] += g * (mx * D[k, 0, p] + my * D[k, 1, p])
-                qx, qy = g * px, g * py
-                for p in range(m):
-                    px = by_A[0, 0, p] * qx + by_A[0, 1, p] * qy
-                    py = by_A[1, 0, p] * qx + by_A[1, 1, p] * qy
-                    J[j, i, n + p] += nx * px + ny * py
-                px, py = A[0, 0] * qx + A[0, 1] * qy, A[1, 0] * qx + A[1, 1] * qy
-                along = nx * px + ny * py
-                ck, sk = co * co - si * si, 2 * co * si
-                for p in range(len(coefficients) // 2):
-                    ck, sk = ck * co - sk * si, sk * co + ck * si
-                    J[j, i, n + m + 2 * p] += along * ck
-                    J[j, i, n + m + 2 * p + 1] += along * sk
-                last = n + m + len(coefficients)
+                    slopes[p] += g * (mx * D[k, 0, p] + my * D[k, 1, p])
+                px, py = add_by_shape(slopes, n, g, (nx, ny), at, shape)
                 for p in range(l):
                     qx = by_maps[k, 0, 0, p] * px + by_maps[k, 0, 1, p] * py
                     qy = by_maps[k, 1, 0, p] * px + by_maps[k, 1, 1, p] * py
-                    J[j, i, last + p] += mx * qx + my * qy
-                if last + l < J.shape[2]:
-                    J[j, i, last + l] += weights[k] * by_soft
+                    slopes[last + p] += mx * qx + my * qy
+                if last + l < len(slopes):
+                    slopes[last + l] += weights[k] * by_soft
