@@ -19,6 +19,16 @@ def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
+@njit(inline="always", **_COMPILED)
+def _solvable(a, b, c, count, rank):  # type: ignore[no-untyped-def]
+    """True if so many channels determine the light; a, b, c are the first of MᵀV⁻¹M."""
+    if count == 3:
+        return True
+    if rank == 1:
+        return count >= 1 and a > 0
+    return count == 2 and rank == 2 and a * c - b * b > 1e-9 * (a + c) ** 2
+
+
 @njit(**_COMPILED)
 def light(known, M, rank, found):  # type: ignore[no-untyped-def]
     """Write P, its standard deviation and χ² of every pixel.
@@ -48,11 +58,7 @@ def light(known, M, rank, found):  # type: ignore[no-untyped-def]
                 d += M[c, 2] * weighed[c, 0]
                 e += M[c, 2] * weighed[c, 1]
                 f += M[c, 2] * weighed[c, 2]
-            solvable = count >= rank
-            if count < 3 and rank == 1:
-                solvable = solvable and a > 0
-            elif count < 3 and rank == 2:
-                solvable = solvable and a * c2 - b * b > 1e-9 * (a + c2) ** 2
+            solvable = _solvable(a, b, c2, count, rank)
             if rank < 3:
                 f = 1.0
             if rank < 2:
