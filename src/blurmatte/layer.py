@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import (
+    MAX_PIXELS,
     Box,
     Floats,
     check_box,
@@ -24,8 +25,6 @@ from blurmatte.checks import (
 from blurmatte.radiometry import LinearImage, check_picture, light_of_hex
 
 Color = str | Sequence[float] | Floats
-
-_MAX_PIXELS = 200_000_000  # of a scaled object, as of files
 
 
 @dataclass(frozen=True, eq=False)
@@ -296,7 +295,7 @@ class Layer:
         size = [max(1, round(scale * side)) for side in self.size]
         if size == list(self.size):
             return self
-        if size[0] * size[1] > _MAX_PIXELS:
+        if size[0] * size[1] > MAX_PIXELS:
             raise ValueError(
                 f"a scale of {scale:g} makes the object {size[0]:.6g} x {size[1]:.6g} pixels; give a "
                 "smaller one"

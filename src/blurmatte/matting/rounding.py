@@ -16,12 +16,12 @@ from blurmatte.checks import Floats
 from blurmatte.matting.evidence import Pixels
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence
-from blurmatte.radiometry import LinearImage, Transfer
+from blurmatte.radiometry import LUMA_WEIGHTS, LinearImage, Transfer
 
 Array = npt.NDArray[np.float64]
 
-# Luma and chroma of red, green and blue after BT.601, as in JPEG.
-_YCBCR = np.array([[0.299, 0.587, 0.114], [-0.1687, -0.3313, 0.5], [0.5, -0.4187, -0.0813]])
+# Luma and both chroma of red, green and blue, with the digits of JFIF.
+_YCBCR = np.array([LUMA_WEIGHTS, [-0.1687, -0.3313, 0.5], [0.5, -0.4187, -0.0813]])
 
 
 def rounding_pulls(

@@ -1,5 +1,6 @@
 """Code values of files ⇄ linear light, and the noise of linear light."""
 
+from blurmatte.radiometry.color_space import LUMA_WEIGHTS as LUMA_WEIGHTS
 from blurmatte.radiometry.color_space import Matrix3 as Matrix3
 from blurmatte.radiometry.color_space import light_in_srgb as light_in_srgb
 from blurmatte.radiometry.color_space import light_of_hex as light_of_hex

@@ -10,6 +10,8 @@ from blurmatte.radiometry.transfer import SRGB
 
 Matrix3 = tuple[tuple[float, ...], ...]
 
+LUMA_WEIGHTS = 0.299, 0.587, 0.114  # of R', G', B': ITU-R BT.601, as in JPEG files
+
 
 def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
     """(..., 3) linear sRGB of light (..., 3), by the matrix `Meta.to_srgb`; unchanged if None."""

@@ -9,14 +9,12 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import SRGB, Compression, Transfer
+from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, Transfer
 
 Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
 FULL_CHROMA = "4:4:4"
 CHROMAS = {FULL_CHROMA: (), "4:2:2": (1,), "4:2:0": (1, 0)}  # axes along which pairs share chroma
-
-_LUMA_WEIGHTS = 0.299, 0.587, 0.114  # of R', G', B': ITU-R BT.601, full range, as in JFIF
 
 
 def encode_codes(light: Floats, bits: int, transfer: Transfer = SRGB) -> Codes:
@@ -57,7 +55,7 @@ def rounded(values: Floats, bits: int) -> Codes:
 
 def to_ycbcr(values: Floats) -> tuple[Floats, Floats, Floats]:
     """Y', Cb and Cr (H, W) of code values (H, W, 3); of 0…1, chroma is -0.5…0.5."""
-    red, green, blue = _LUMA_WEIGHTS
+    red, green, blue = LUMA_WEIGHTS
     R, G, B = np.moveaxis(values, -1, 0)
     Y = red * R + green * G + blue * B
     return Y, (B - Y) / (2 - 2 * blue), (R - Y) / (2 - 2 * red)
@@ -65,7 +63,7 @@ def to_ycbcr(values: Floats) -> tuple[Floats, Floats, Floats]:
 
 def from_ycbcr(Y: Floats, Cb: Floats, Cr: Floats) -> Floats:
     """Code values (H, W, 3), the inverse of `to_ycbcr`."""
-    red, green, blue = _LUMA_WEIGHTS
+    red, green, blue = LUMA_WEIGHTS
     R, B = Y + (2 - 2 * red) * Cr, Y + (2 - 2 * blue) * Cb
     return np.stack([R, (Y - red * R - blue * B) / green, B], axis=-1)
 

@@ -68,12 +68,6 @@ class Streak:
         mask[y0:y1, x0:x1] = True
         return cls(mask)
 
-    @property
-    def is_whole(self) -> bool:
-        """Whether it does not touch the border of the picture."""
-        (x0, y0, x1, y1), (height, width) = self.box, self.mask.shape
-        return bool(min(x0, y0, width - x1, height - y1) > 0)
-
     def around(self, margin: int) -> Box:
         """The box with `margin` more pixels on each side, cut at the border of the picture."""
         x0, y0, x1, y1 = self.box

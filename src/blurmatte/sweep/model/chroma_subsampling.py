@@ -18,11 +18,9 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import SRGB, Compression, LinearImage, Transfer
+from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, LinearImage, Transfer
 
 Array = npt.NDArray[np.float64]
-
-LUMA = np.array([0.299, 0.587, 0.114])  # BT.601, as JPEG has it
 
 
 @dataclass(frozen=True)
@@ -41,7 +39,7 @@ class Blur:
         """(h, w, 3) code values after the file."""
         from scipy.ndimage import gaussian_filter
 
-        chroma = codes - (codes @ LUMA)[..., None]
+        chroma = codes - (codes @ LUMA_WEIGHTS)[..., None]
         return np.asarray(codes - chroma + gaussian_filter(chroma, (self.std, self.std, 0)))
 
 
@@ -171,5 +169,5 @@ def light_of_colors(
     P = np.where((alpha > 0)[..., None], P @ axes @ axes.T, 0)
     around = gaussian_filter(P, (2 * std, 2 * std, 0))
     around /= np.maximum(np.linalg.norm(around, axis=-1, keepdims=True), 1e-12)
-    brightness = (P @ LUMA) / np.maximum(around @ LUMA, 0.05)
+    brightness = (P @ LUMA_WEIGHTS) / np.maximum(around @ LUMA_WEIGHTS, 0.05)
     return np.asarray(np.maximum(brightness, 0)[..., None] * around)

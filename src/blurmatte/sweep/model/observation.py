@@ -6,11 +6,11 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import Compression, LinearImage, Transfer, smooth_variance
+from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
 from blurmatte.statistics import block_squares, cell_means
 from blurmatte.streaks.morphology import dilated
 from blurmatte.streaks.streak import Streak
-from blurmatte.sweep.model.chroma_subsampling import LUMA, Blur, ChromaBlur, Compressed
+from blurmatte.sweep.model.chroma_subsampling import Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.pixels import Pixels
 
@@ -250,5 +250,5 @@ def _chroma_error(change: Array, compression: Compression | None) -> Array | Non
     if compression is None:
         return None
     std = compression.spread
-    chroma = change - (change @ LUMA)[..., None]
+    chroma = change - (change @ LUMA_WEIGHTS)[..., None]
     return np.asarray(chroma - gaussian_filter(chroma, (std, std, 0)))
