@@ -15,8 +15,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry.color_space import Matrix3, light_in_srgb, light_of_hex
-from blurmatte.radiometry.transfer import SRGB
+from blurmatte.radiometry.color_space import Matrix3, hex_of_light, light_in_srgb, light_of_hex
 from blurmatte.statistics import MAD_TO_STD
 
 Array = npt.NDArray[np.float64]
@@ -124,8 +123,7 @@ class ColorModel:
     @property
     def hex(self) -> tuple[str, ...]:
         """The colors of `srgb` as sRGB-coded #rrggbb."""
-        codes = np.rint(255 * SRGB.encode(self.srgb)).astype(int)
-        return tuple("#{:02x}{:02x}{:02x}".format(*code) for code in codes)
+        return tuple(hex_of_light(color) for color in self.srgb)
 
     @property
     def possible(self) -> tuple[ColorModel, ...]:

@@ -16,7 +16,7 @@ from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.calibration import GRADE_LIMITS, rms_difference
 from blurmatte.matting.maps import Grade
 from blurmatte.matting.object_light import light_given
-from blurmatte.radiometry import SRGB, LinearImage, light_in_srgb
+from blurmatte.radiometry import LinearImage, hex_of_light, light_in_srgb
 from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
@@ -117,7 +117,7 @@ def alternative(
     return Alternative(
         _name(hypothesis),
         (r, g, b),
-        hex_of(np.array([r, g, b]), model),
+        hex_of_light(np.clip(light_in_srgb(np.array([r, g, b]), model.to_srgb), 0, 1)),
         float(weight),
         _alpha_factor(estimate, result),
         rms_difference(result, estimate),
@@ -140,13 +140,6 @@ def listed(alternatives: Sequence[Alternative], scores: Array) -> list[Alternati
         if one.matters or one.disagrees:
             kept.append(one)
     return kept[:MAX_ALTERNATIVES]
-
-
-def hex_of(color: Array, model: ColorModel) -> str:
-    """A color (3,) in the light of a model as sRGB-coded #rrggbb, clipped."""
-    light = np.clip(light_in_srgb(color, model.to_srgb), 0, 1)
-    r, g, b = np.rint(255 * SRGB.encode(light)).astype(int)
-    return f"#{r:02x}{g:02x}{b:02x}"
 
 
 def _mean_color(

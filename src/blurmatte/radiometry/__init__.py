@@ -2,6 +2,7 @@
 
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS as LUMA_WEIGHTS
 from blurmatte.radiometry.color_space import Matrix3 as Matrix3
+from blurmatte.radiometry.color_space import hex_of_light as hex_of_light
 from blurmatte.radiometry.color_space import light_in_srgb as light_in_srgb
 from blurmatte.radiometry.color_space import light_of_hex as light_of_hex
 from blurmatte.radiometry.compression import Compression as Compression

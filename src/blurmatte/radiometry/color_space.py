@@ -45,3 +45,8 @@ def light_of_hex(*colors: str) -> npt.NDArray[np.float64]:
             raise ValueError(f"a color must look like #d8ff3c, got {color!r}")
         codes.append([int(digits[1][i : i + 2], 16) for i in (0, 2, 4)])
     return np.asarray(SRGB.decode(np.array(codes, dtype=float).reshape(-1, 3) / 255))
+
+
+def hex_of_light(light: Floats) -> str:
+    """Linear sRGB (3,), 0…1, as sRGB-coded #rrggbb."""
+    return "#{:02x}{:02x}{:02x}".format(*np.rint(255 * SRGB.encode(light)).astype(int))
