@@ -5,6 +5,7 @@ by the matrix and range of the stream; here R'G'B' becomes light with the primar
 """
 
 import warnings
+from bisect import bisect_left
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -14,7 +15,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Bools, Box, Floats
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.chroma_siting import siting_against, siting_of, with_siting
 from blurmatte.files.clip_geometry import (
@@ -28,11 +29,13 @@ from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
 from blurmatte.files.errors import check_exists, check_size
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.layer import Layer
+from blurmatte.radiometry.coded import CodedFrame
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
+_FRAMES_WORTH_SEEKING = 25  # fewer are decoded faster than the times of all packets are read
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
 
 # x, y of red, green and blue; 5 is for 625 lines, 6 for 525 lines.
@@ -191,15 +194,24 @@ def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
     FileError
         If the clip is damaged, or its frames differ in size.
     """
-    curve, table = clip.encoding.curves[0], _table(clip)
+    table = _table(clip)
     for number, frame in _decoded(clip, numbers):
-        codes = _codes(clip, frame)
-        light = to_srgb_primaries(table.take(codes), clip.encoding)
-        time = clip.timing.of(frame)
-        when = f" ({time:.2f} s)" if time is not None else ""
-        name = f"{clip.path.name} frame {number}{when}"
-        meta = Meta(name, curve, 2**clip.bits, time=time)
-        yield LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
+        yield _light(clip, table, _codes(clip, frame), number, clip.timing.of(frame))
+
+
+def _light(
+    clip: Clip,
+    table: npt.NDArray[np.float32],
+    codes: npt.NDArray[Any],
+    number: int,
+    time: float | None,
+) -> LinearImage:
+    """Linear light of some of the code values of a frame."""
+    light = to_srgb_primaries(table.take(codes), clip.encoding)
+    when = f" ({time:.2f} s)" if time is not None else ""
+    name = f"{clip.path.name} frame {number}{when}"
+    meta = Meta(name, clip.encoding.curves[0], 2**clip.bits, time=time)
+    return LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
 
 
 def sited_by(clip: Clip, plate: LinearImage | None, number: int) -> Clip:
@@ -252,6 +264,103 @@ def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:
         yield Layer(alpha, light * alpha[..., None])
 
 
+def decode_coded(clip: Clip, numbers: range) -> Iterator[CodedFrame]:
+    """The frames of these numbers as code values, Y'CbCr 4:2:0 of 8 bits; see `CodedFrame`.
+
+    Decoding starts at the last key frame before them.
+
+    Raises
+    ------
+    FileError
+        As `decode_frames`.
+    """
+    table = _table(clip)
+    for number, frame in _from_key_frame(clip, numbers):
+        yield _coded(clip, table, number, frame)
+
+
+def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
+    """A picture of linear sRGB in the code values that `decode_coded` gives."""
+    av = video_library(clip.path)
+    light = picture.rgb.astype(float)
+    if clip.encoding.matrix is not None:
+        light = light @ np.linalg.inv(clip.encoding.matrix).T
+    codes = clip.encoding.curves[0].encode(np.clip(light, 0, 1))
+    rgb = np.rint(65535 * np.clip(codes, 0, 1)).astype(np.uint16)
+    _, like = next(_decoded(clip, range(1)))
+    frame = av.VideoFrame.from_ndarray(rgb, format="rgb48le").reformat(
+        format="yuv420p",
+        dst_colorspace=_usual_matrix(like) if like.format.is_rgb else _stated_matrix(like),
+        dst_color_range=like.color_range if _is_planar(like) else None,
+        threads=1,
+    )
+    planes = _planes(frame)
+    return CodedFrame(-1, None, planes, _zero(like), 1.0, lambda box, every: picture.crop(box))
+
+
+def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) -> CodedFrame:
+    """A `VideoFrame` as code values; its light is converted when it is first asked for."""
+    same = frame if _is_planar(frame) else frame.reformat(format="yuv420p", threads=1)
+    codes: list[npt.NDArray[Any]] = []
+    time = clip.timing.of(frame)
+
+    def light_of(box: Box, every: int) -> LinearImage:
+        if not codes:
+            codes.append(_codes(clip, frame))
+        x0, y0, x1, y1 = box
+        part = codes[0][y0:y1:every, x0:x1:every]
+        return _light(clip, table, part, number, time)
+
+    luma, blue, red = (
+        np.ascontiguousarray(clip.orientation.upright(plane)) for plane in _planes(same)
+    )
+    return CodedFrame(number, time, (luma, blue, red), _zero(same), 1.0, light_of)
+
+
+def _is_planar(frame: Any) -> bool:
+    """Whether a frame has the planes of `CodedFrame` already."""
+    return frame.format.name in ("yuv420p", "yuvj420p")
+
+
+def _planes(frame: Any) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+    """Views of luma and both chroma planes of a frame of 4:2:0 and 8 bits."""
+    luma, blue, red = (
+        np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
+        for plane in frame.planes
+    )
+    return luma, blue, red
+
+
+def _zero(frame: Any) -> tuple[float, float, float]:
+    """Code values of black and of gray."""
+    from av.video.reformatter import ColorRange
+
+    full = frame.color_range == ColorRange.JPEG or frame.format.name == "yuvj420p"
+    return (0.0 if full else 16.0, 128.0, 128.0)
+
+
+def _stated_matrix(frame: Any) -> int:
+    """Number of H.273 of the matrix of a frame, or of the usual one of its size."""
+    stated = int(frame.colorspace)
+    return _usual_matrix(frame) if stated == H273.UNSPECIFIED else stated
+
+
+def _from_key_frame(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
+    """As `_decoded`, without the frames before the last key frame before the first."""
+    stamps = sorted(clip.timing.by_stamp)
+    if clip.decoder or not _FRAMES_WORTH_SEEKING <= numbers.start < len(stamps):
+        yield from _decoded(clip, numbers)
+        return
+    with _opened(clip.path) as (container, stream):
+        container.seek(stamps[numbers.start], stream=stream)
+        for frame in container.decode(stream):
+            number = bisect_left(stamps, frame.pts or 0)
+            if number >= numbers.stop:
+                return
+            if number in numbers and stamps[number] == frame.pts:
+                yield number, _checked(clip, number, frame)
+
+
 def _decoded(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
     """Numbers and `VideoFrame`s."""
     count = 0
@@ -262,15 +371,7 @@ def _decoded(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
             count = number + 1
             if number not in numbers:
                 continue
-            check_progressive(clip.path, frame, 0)
-            orientation = orientation_of(clip.path, frame)
-            size = orientation.size(frame)
-            if size != clip.size or orientation != clip.orientation:
-                raise FileError(
-                    f"{clip.path}: cut the clip at frame {number}; it has {size[0]}x{size[1]} pixels, "
-                    f"but the first frame has {clip.size[0]}x{clip.size[1]}, or it is turned otherwise"
-                )
-            yield number, frame
+            yield number, _checked(clip, number, frame)
         hidden = stream.codec.name == "vp8"  # packets of references that are not shown
     missing = min(clip.timing.count, numbers.stop) - count
     if missing > 0 and not hidden:
@@ -280,6 +381,19 @@ def _decoded(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
             BlurmatteWarning,
             stacklevel=3,
         )
+
+
+def _checked(clip: Clip, number: int, frame: Any) -> Any:
+    """The frame; raises FileError unless it is like the first one."""
+    check_progressive(clip.path, frame, 0)
+    orientation = orientation_of(clip.path, frame)
+    size = orientation.size(frame)
+    if size != clip.size or orientation != clip.orientation:
+        raise FileError(
+            f"{clip.path}: cut the clip at frame {number}; it has {size[0]}x{size[1]} pixels, "
+            f"but the first frame has {clip.size[0]}x{clip.size[1]}, or it is turned otherwise"
+        )
+    return frame
 
 
 def _white(frame: Any, bits: int) -> int:
@@ -315,9 +429,7 @@ def _codes(clip: Clip, frame: Any, alpha: bool = False) -> npt.NDArray[Any]:
         Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
     )
     form = ("rgb24", "rgb48le", "rgba", "rgba64le")[2 * alpha + (clip.bits > 8)]
-    default = (
-        H273.BT709 if frame.height >= 720 else H273.BT601
-    )  # as players treat clips without a matrix
+    default = _usual_matrix(frame)
     codes = (
         with_siting(frame, clip.siting)
         .reformat(
@@ -329,6 +441,11 @@ def _codes(clip: Clip, frame: Any, alpha: bool = False) -> npt.NDArray[Any]:
         .to_ndarray()
     )
     return clip.orientation.upright(codes)
+
+
+def _usual_matrix(frame: Any) -> int:
+    """The matrix that players assume for clips without one."""
+    return H273.BT709 if frame.height >= 720 else H273.BT601
 
 
 def _unclipped(clip: Clip, codes: npt.NDArray[Any]) -> Bools:

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar, overload
+from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
 import numpy as np
 import numpy.typing as npt
@@ -19,6 +19,8 @@ from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import moved_together, replacing
 from blurmatte.files.clip_reading import (
     Clip,
+    coded_picture,
+    decode_coded,
     decode_frames,
     decode_layers,
     open_clip,
@@ -30,6 +32,7 @@ from blurmatte.files.reading import read, read_layer
 from blurmatte.files.sequences import Source, numbered_places, numbering, source_paths
 from blurmatte.files.writing import write
 from blurmatte.layer import Layer
+from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
 
@@ -141,6 +144,20 @@ class Frames(Sequence[Frame]):
         for frame in self.load(range(number, number + 1)):
             return frame
         raise IndexError(f"frame {number} cannot be read; the clip has fewer than it states")
+
+    def coded(self, which: slice) -> Iterator[CodedFrame]:
+        """Some of the frames as code values, with their numbers in the source."""
+        numbers = self.numbers[which]
+        if self.clip is not None:
+            yield from decode_coded(self.clip, numbers)
+            return
+        for number, image in zip(numbers, self.load(numbers), strict=False):
+            if isinstance(image, LinearImage):
+                yield coded(number, image)
+
+    def as_codes(self, picture: LinearImage) -> CodedFrame:
+        """A picture of the same scene in the code values of the frames."""
+        return coded(-1, picture) if self.clip is None else coded_picture(self.clip, picture)
 
 
 def read_frames(
@@ -293,23 +310,31 @@ def _frames(
         return Frames(numbers, clip.size, rate, partial(decode, clip), clip)
     warned: list[Warning | str] = []
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
+    load = _Pictures(tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned)
+    return Frames(range(len(paths)), size, None, load, places=numbered_places(paths))
 
-    def load(numbers: range) -> Iterator[Frame]:
-        """Frames of these numbers, one at a time."""
-        for number in numbers:
-            path, frame = (
-                paths[number],
-                _read(read_one, paths[number], transfer, max_pixels, warned),
-            )
-            if frame.size != size:
+
+@dataclass(frozen=True)
+class _Pictures(Generic[Frame]):
+    """Reads the pictures of a sequence; other processes can, too."""
+
+    paths: tuple[Path, ...]
+    size: tuple[int, int]
+    read_one: Callable[[Path, Transfer | None, int, list[Warning | str]], Frame]
+    transfer: Transfer | None
+    max_pixels: int
+    warned: list[Warning | str]
+
+    def __call__(self, numbers: range) -> Iterator[Frame]:
+        for path in (self.paths[number] for number in numbers):
+            frame = self.read_one(path, self.transfer, self.max_pixels, self.warned)
+            if frame.size != self.size:
                 raise FileError(
                     "{}: give frames of one size; it has {}x{} pixels, but {} has {}x{}".format(
-                        path, *frame.size, paths[0].name, *size
+                        path, *frame.size, self.paths[0].name, *self.size
                     )
                 )
             yield frame
-
-    return Frames(range(len(paths)), size, None, load, places=numbered_places(paths))
 
 
 def _read(

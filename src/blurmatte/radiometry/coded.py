@@ -1,0 +1,109 @@
+"""CodedFrame: a frame of a clip as code values, with its light on demand.
+
+Most frames of a long clip show nothing new: they are compared with the plate as code values, and only
+the boxes in which something moved become light.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Box
+from blurmatte.radiometry.image import LinearImage
+
+Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
+
+
+@dataclass(frozen=True, eq=False)
+class CodedFrame:
+    """Code values of one frame.
+
+    Parameters
+    ----------
+    number : int
+        In its clip, from 0.
+    time : float or None
+        Presentation time, seconds.
+    planes : three 2-D arrays
+        The first has a value for each pixel; the others have the same size, or half of it (rounded up)
+        in both directions. Y'CbCr or R'G'B', integers or floats.
+    zero : three floats
+        The value of each plane where there is no light, or no color.
+    step : float
+        Difference of two code values; 0 for floats.
+    light_of : callable
+        Linear light of a box (x0, y0, x1, y1), or of every n-th pixel of the frame.
+    """
+
+    number: int
+    time: float | None
+    planes: Planes
+    zero: tuple[float, float, float]
+    step: float
+    light_of: Callable[[Box, int], LinearImage] = field(repr=False)
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) in pixels."""
+        height, width = self.planes[0].shape
+        return width, height
+
+    def light(self, box: Box | None = None, every: int = 1) -> LinearImage:
+        """Linear light of a box, of the whole frame by default.
+
+        Parameters
+        ----------
+        box : (x0, y0, x1, y1), optional
+            Pixels, x1 and y1 exclusive.
+        every : int
+            Only every n-th pixel of each row and column.
+        """
+        return self.light_of((0, 0, *self.size) if box is None else box, every)
+
+
+def coded(number: int, image: LinearImage) -> CodedFrame:
+    """A picture of linear light as a frame: its planes are red, green and blue light."""
+
+    def light_of(box: Box, every: int) -> LinearImage:
+        part = image.crop(box)
+        if every == 1:
+            return part
+        noise = part.noise[::every, ::every] if isinstance(part.noise, np.ndarray) else part.noise
+        few = np.s_[::every, ::every]
+        return LinearImage(part.rgb[few], noise, part.valid[few], part.meta)
+
+    red, green, blue = (np.ascontiguousarray(image.rgb[..., c], np.float32) for c in range(3))
+    planes = red, green, blue
+    return CodedFrame(number, image.meta.time, planes, (0.0, 0.0, 0.0), 0.0, light_of)
+
+
+@runtime_checkable
+class CodedSequence(Protocol):
+    """Frames that can be read as code values."""
+
+    def coded(self, which: slice) -> Iterator[CodedFrame]:
+        """Some of the frames."""
+        ...
+
+    def as_codes(self, picture: LinearImage) -> CodedFrame:
+        """A picture of the same scene in the code values of the frames."""
+        ...
+
+
+def coded_frames(frames: Sequence[LinearImage], which: slice) -> Iterator[CodedFrame]:
+    """Some of the frames of a clip as code values; pictures of light are numbered from 0."""
+    if isinstance(frames, CodedSequence):
+        yield from frames.coded(which)
+        return
+    for number in range(len(frames))[which]:
+        yield coded(number, frames[number])
+
+
+def in_codes_of(frames: Sequence[LinearImage], picture: LinearImage) -> CodedFrame:
+    """A picture, such as the plate, in the code values of the frames of a clip."""
+    if isinstance(frames, CodedSequence):
+        return frames.as_codes(picture)
+    return coded(-1, picture)

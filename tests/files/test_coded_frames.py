@@ -1,0 +1,63 @@
+"""Frames as code values: the same light as decoded frames, from any frame on."""
+
+import numpy as np
+import pytest
+
+import blurmatte as bm
+from blurmatte.radiometry import coded_frames, in_codes_of
+
+COUNT, SIZE = 60, (64, 48)
+
+
+@pytest.fixture(scope="module")
+def frames(tmp_path_factory):
+    """A clip of 60 frames in which a square moves to the right."""
+    path = tmp_path_factory.mktemp("clip") / "clip.mp4"
+
+    def picture(k):
+        light = np.full((48, 64, 3), (0.2, 0.3, 0.4), np.float32)
+        light[20:30, k % 50 : k % 50 + 10] = (0.8, 0.3, 0.1)
+        return bm.LinearImage(light)
+
+    bm.write_frames(path, (picture(k) for k in range(COUNT)), rate=25)
+    return bm.read_frames(path)
+
+
+@pytest.mark.parametrize("which", [slice(0, 3), slice(40, 44), slice(30, 60, 10)])
+def test_light_of_a_box_is_that_of_the_decoded_frame(frames, which):
+    box = (10, 5, 40, 31)
+    for frame, image in zip(frames.coded(which), frames[which], strict=True):
+        part = frame.light(box)
+        assert np.array_equal(part.rgb, image.crop(box).rgb)
+        assert np.array_equal(part.valid, image.crop(box).valid)
+        assert (part.meta.source, part.meta.time) == (image.meta.source, image.meta.time)
+        assert np.array_equal(frame.light(every=5).rgb, image.rgb[::5, ::5])
+
+
+def test_numbers_are_those_of_the_source(frames):
+    assert [frame.number for frame in frames[30:50].coded(slice(3, 9, 2))] == [33, 35, 37]
+
+
+def test_picture_in_codes_agrees_with_the_frame(frames):
+    """Oracle: the decoded frame as a picture has the code values of the frame, but for rounding."""
+    frame = next(frames.coded(slice(7, 8)))
+    again = in_codes_of(frames, frames[7])
+    for a, b in zip(frame.planes, again.planes, strict=True):
+        assert a.shape == b.shape
+        assert np.median(np.abs(a.astype(int) - b.astype(int))) <= 1
+    assert again.zero == frame.zero == (16.0, 128.0, 128.0)
+
+
+def test_pictures_of_a_sequence_are_coded_too(tmp_path):
+    images = [bm.LinearImage(np.full((48, 64, 3), 0.1 * (k + 1))) for k in range(3)]
+    bm.write_frames(tmp_path / "shot.####.exr", images)
+    found = list(coded_frames(bm.read_frames(tmp_path / "shot.####.exr"), slice(1, None)))
+    assert [frame.number for frame in found] == [1, 2]
+    assert np.allclose(found[0].planes[0], 0.2, atol=1e-3)
+
+
+def test_list_of_pictures_is_coded_too():
+    images = [bm.LinearImage(np.full((48, 64, 3), 0.1 * (k + 1))) for k in range(3)]
+    assert [f.planes[1][0, 0].round(2) for f in coded_frames(images, slice(None))] == [
+        np.float32(0.1), np.float32(0.2), np.float32(0.3),
+    ]  # fmt: skip
