@@ -1,0 +1,142 @@
+"""Shots of a clip: where it is cut, where the camera moves, and where the light changes.
+
+Frames are compared as thumbnails, means of code values over squares. Between two frames of one shot
+only the thumbnails' noise and what moves differ; a cut changes most of the picture at once, a pan goes
+on doing so.
+"""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import CodedFrame
+
+Thumbnail = npt.NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class ShotSettings:
+    """When frames belong to one shot."""
+
+    side: int = 16  # pixels of a square
+    min_change_codes: float = 6.0  # of a square's mean: more than noise and coding
+    cut_fraction: float = 0.4  # of the squares, changed at once
+    pan_fraction: float = 0.2  # of the squares, changed in each of several frames
+    min_pan_frames: int = 3
+    min_shot_frames: int = 3  # of which a plate can be made
+    max_gain: float = 1.5  # of the light within a shot, one way or the other
+
+
+@dataclass(frozen=True)
+class Shot:
+    """Frames of one scene from one place.
+
+    Parameters
+    ----------
+    start, stop : int
+        Indices of its first frame, and of the first one after it.
+    begins_with : str
+        "cut", "light" (a lasting change), or "start" of the clip.
+    moving : bool
+        The camera moves: no plate can be made.
+    """
+
+    start: int
+    stop: int
+    begins_with: str = "start"
+    moving: bool = False
+
+    def __len__(self) -> int:
+        return self.stop - self.start
+
+    def __str__(self) -> str:
+        reason = {"start": "", "cut": ", after a cut", "light": ", after a change of light"}
+        camera = ": the camera moves" if self.moving else ""
+        return f"frames {self.start} to {self.stop - 1}{reason[self.begins_with]}{camera}"
+
+
+def thumbnail(frame: CodedFrame) -> Thumbnail:
+    """(h, w) means of the first plane over squares, minus its zero; incomplete squares are dropped."""
+    side = min(ShotSettings.side, *frame.planes[0].shape)
+    h, w = (n // side for n in frame.planes[0].shape)
+    luma = frame.planes[0][: h * side, : w * side].reshape(h, side, w, side)
+    return np.asarray(luma.mean(axis=(1, 3), dtype=np.float32) - np.float32(frame.zero[0]))
+
+
+def find_shots(thumbnails: Iterable[Thumbnail], step: float) -> list[Shot]:
+    """The shots of a clip, in order; together they are all frames.
+
+    Parameters
+    ----------
+    thumbnails : iterable of (h, w) float
+        Of each frame, from `thumbnail`.
+    step : float
+        Difference of two code values; 0 for light, in which white is 1.
+    """
+    settings = ShotSettings
+    least = settings.min_change_codes * (step if step > 0 else 1 / 255)
+    shots: list[Shot] = []
+    begun, changes = 0, list[float]()
+    reason, first, before = "start", None, None
+    index = -1
+    for index, now in enumerate(thumbnails):
+        if first is None or before is None:
+            first = before = now
+            changes.append(0.0)
+            continue
+        changed = _changed(before, now, least)
+        gain = _gain(first, now)
+        if changed > settings.cut_fraction or abs(np.log(gain)) > np.log(settings.max_gain):
+            new = "cut" if changed > settings.cut_fraction else "light"
+            shots += _with_pans(Shot(begun, index, reason), changes)
+            begun, reason, first, changes = index, new, now, []
+            changed = 0.0
+        changes.append(changed)
+        before = now
+    if index >= 0:
+        shots += _with_pans(Shot(begun, index + 1, reason), changes)
+    return _without_flashes(shots)
+
+
+def _changed(a: Thumbnail, b: Thumbnail, least: float) -> float:
+    """Fraction of the squares that differ by more than noise, after the change of the whole light."""
+    return float(np.mean(np.abs(b - _gain(a, b) * a) > least))
+
+
+def _gain(a: Thumbnail, b: Thumbnail) -> float:
+    """Median ratio of two thumbnails, where both are bright enough; 1 if nowhere."""
+    bright = np.minimum(a, b) > 0.1 * max(float(a.max()), 1e-6)
+    return float(np.median(b[bright] / a[bright])) if bright.any() else 1.0
+
+
+def _with_pans(shot: Shot, changes: list[float]) -> Iterator[Shot]:
+    """A shot without cuts, divided where the camera begins to move, and where it stops."""
+    moving = np.array(changes) > ShotSettings.pan_fraction
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], moving, [False]]).astype(int)))
+    pans = [
+        (int(a), int(b))
+        for a, b in zip(edges[::2], edges[1::2], strict=True)
+        if b - a >= ShotSettings.min_pan_frames
+    ]
+    at, reason = 0, shot.begins_with
+    for a, b in pans:
+        if a > at:
+            yield Shot(shot.start + at, shot.start + a, reason)
+            reason = "cut"
+        yield Shot(shot.start + a, shot.start + b, reason, moving=True)
+        at, reason = b, "cut"
+    if at < len(changes):
+        yield Shot(shot.start + at, shot.stop, reason)
+
+
+def _without_flashes(shots: list[Shot]) -> list[Shot]:
+    """Shots too short for a plate belong to the one before: a flash, or a dropped frame."""
+    kept: list[Shot] = []
+    for shot in shots:
+        if kept and len(shot) < ShotSettings.min_shot_frames:
+            kept[-1] = replace(kept[-1], stop=shot.stop)
+        else:
+            kept.append(shot)
+    return kept
