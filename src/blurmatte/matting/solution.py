@@ -1,16 +1,17 @@
 """Solution: alpha and color of every pixel, each with its error and quality flags."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_kind, check_light, check_map
+from blurmatte.checks import Bools, Box, Floats, check_kind, check_light, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
-from blurmatte.matting.maps import Grade, Quality
+from blurmatte.matting.calibration import grade_of
+from blurmatte.matting.maps import Grade, PixelMaps, Quality
 from blurmatte.radiometry import light_in_srgb
 from blurmatte.sweep.sweep import Sweep
 
@@ -81,6 +82,51 @@ class Solution:
         height, width = self.alpha.shape
         return width, height
 
+    def in_picture(self, box: Box, size: tuple[int, int]) -> "Solution":
+        """The solution of a part of a picture in that picture.
+
+        Parameters
+        ----------
+        box : (x0, y0, x1, y1)
+            The part, pixels.
+        size : (width, height)
+            Of the picture.
+        """
+        width, height = size
+        maps = PixelMaps.zeros(height, width, self.alpha.dtype)
+        maps.quality[...] = Quality.OUTSIDE
+        own = self.alpha, self.alpha_std, self.premultiplied, self.premultiplied_std, self.quality
+        maps.write(box, PixelMaps._make(own))
+        x, y = box[:2]
+        stats = dict(self.stats)
+        if "streak_box" in stats:
+            stats["streak_box"] = _shifted(stats["streak_box"], x, y)
+            others = stats.get("other_boxes", ())
+            stats["other_boxes"] = tuple(_shifted(other, x, y) for other in others)
+        sweep = None if self.sweep is None else self.sweep.in_picture((x, y), size)
+        return Solution(*maps, model=self.model, solver=self.solver, stats=stats, sweep=sweep)
+
+    def with_errors_times(self, factor: float) -> "Solution":
+        """The solution with its errors multiplied, and the grade that belongs to them.
+
+        Raises
+        ------
+        ValueError
+            If the factor is less than 1.
+        """
+        if not factor >= 1:
+            raise ValueError(f"factor must be 1 or more, got {factor}")
+        stats = dict(self.stats)
+        for name in ("alpha_error", "sum_alpha_std", "alpha_scale_std"):
+            if name in stats:
+                stats[name] = factor * stats[name]
+        if "grade" in stats:
+            total = max(float(self.alpha[self.streak & self.known].sum()), 1e-9)
+            scale = float(np.hypot(stats["alpha_scale_std"], stats["sum_alpha_std"] / total))
+            stats["grade"] = grade_of(stats["alpha_error"], scale)
+        scaled = np.asarray(factor * self.alpha_std, self.alpha_std.dtype)
+        return replace(self, alpha_std=scaled, stats=stats)
+
     @property
     def grade(self) -> Grade:
         """How well alpha is known; `ASSUMED` if `stats` has no grade."""
@@ -109,6 +155,11 @@ class Solution:
         seen = light_in_srgb(self.premultiplied, self.model.to_srgb)
         light = np.where(alpha[..., None] > 0, np.maximum(seen, 0), 0)
         return Layer(alpha.astype(self.alpha.dtype), light.astype(self.premultiplied.dtype))
+
+
+def _shifted(box: Box, x: int, y: int) -> Box:
+    x0, y0, x1, y1 = box
+    return x0 + x, y0 + y, x1 + x, y1 + y
 
 
 def check_solution(name: str, value: object) -> None:

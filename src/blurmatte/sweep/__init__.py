@@ -12,6 +12,7 @@ from blurmatte.sweep.model.chroma_subsampling import file_of as file_of
 from blurmatte.sweep.model.chroma_subsampling import image_before as image_before
 from blurmatte.sweep.model.chroma_subsampling import light_of_colors as light_of_colors
 from blurmatte.sweep.model.path import path_family as path_family
+from blurmatte.sweep.model.size_prior import SizePrior as SizePrior
 from blurmatte.sweep.sweep import Diagnostics as Diagnostics
 from blurmatte.sweep.sweep import Sweep as Sweep
 from blurmatte.sweep.transfer_fit import TransferFit as TransferFit

@@ -4,8 +4,9 @@ Multistart fits of discs, outlines and discs with their shadow are hypotheses ab
 `Hypotheses` holds them with their weights, `fit_sweep` returns the likeliest.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
@@ -44,6 +45,7 @@ from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation
+from blurmatte.sweep.model.size_prior import SizePrior
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import Sweep
@@ -51,6 +53,7 @@ from blurmatte.sweep.sweep import Sweep
 Array = npt.NDArray[np.float64]
 
 _FREE = ColorPrior(np.eye(3))
+Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
 
 @dataclass(frozen=True)
@@ -171,21 +174,23 @@ def fit_hypotheses(
     streak: Streak,
     model: ColorModel | None = None,
     start: Sweep | None = None,
+    known_size: SizePrior | None = None,
 ) -> Hypotheses:
-    """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep`.
+    """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
 
     Before the plate as it is, or in the light that the object left on it if that is decisively
     likelier.
     """
-    found = _fit_before(image, plate, streak, model, start)
-    found = _in_likelier_light(found, image, model, start)
+    search = partial(_search, model=model, known_size=known_size)
+    found = _fit_before(image, plate, streak, search, start)
+    found = _in_likelier_light(found, image, search, start)
     if model is None and not _is_solid(found.best):
         check_no_shadow(image, plate, streak)
     return found
 
 
 def _in_likelier_light(
-    found: Hypotheses, image: LinearImage, model: ColorModel | None, start: Sweep | None
+    found: Hypotheses, image: LinearImage, search: Search, start: Sweep | None
 ) -> Hypotheses:
     """Hypotheses before the plate in the light that the object left on it, if they are likelier.
 
@@ -199,7 +204,7 @@ def _in_likelier_light(
     if lit is None:
         return found
     lighting, rest = lit
-    other = _fit_before(image, lighting.on(found.plate), rest, model, start)
+    other = _fit_before(image, lighting.on(found.plate), rest, search, start)
     if not lighting.is_possible(other.best.alpha):
         return found
     before = found.best_evidence(observation)
@@ -213,14 +218,19 @@ def _fit_before(
     image: LinearImage,
     plate: LinearImage,
     streak: Streak,
-    model: ColorModel | None,
+    search_in: Search,
     start: Sweep | None = None,
 ) -> Hypotheses:
     """All hypotheses before one plate."""
-    search, one_paint, varied = _discs(image, plate, streak, model, start)
+    search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     explained = HypothesisSettings.max_explained_inflation
-    if variance_inflation(one_paint[0]) > explained:
+    if search.observation.known_size is not None:
+        shaded = None
+        if variance_inflation(one_paint[0]) > explained:
+            shaded = _with_shadow(search, one_paint[0], image, plate, streak)
+        candidates += [] if shaded is None else [Candidate(*shaded)]
+    elif variance_inflation(one_paint[0]) > explained:
         grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied)]
         candidates += [Candidate(state) for state in grown if state.silhouette.changes]
         if variance_inflation(grown[0]) > explained:
@@ -345,15 +355,8 @@ def _with_shadow(
     return fit_with_shadow(start.on(disc.observation), search.bounds)
 
 
-def _discs(
-    image: LinearImage,
-    plate: LinearImage,
-    streak: Streak,
-    model: ColorModel | None,
-    start: Sweep | None,
-) -> tuple[Multistart, list[State], list[State]]:
+def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[State], list[State]]:
     """The best discs of one paint and of colors that vary, with the noise that they estimate."""
-    search = Multistart.of(streak, image, plate, _prior(model))
 
     def best(search: Multistart) -> tuple[list[State], list[State]]:
         """Discs of one paint and of varied colors, from the search or from `start`."""
@@ -369,6 +372,16 @@ def _discs(
         search = search.with_noise_inflated(inflation)
         discs = best(search)
     return search, *discs
+
+
+def _search(
+    streak: Streak,
+    image: LinearImage,
+    plate: LinearImage,
+    model: ColorModel | None,
+    known_size: SizePrior | None,
+) -> Multistart:
+    return Multistart.of(streak, image, plate, _prior(model)).with_known_size(known_size)
 
 
 def _quick_search(
@@ -387,4 +400,7 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     alpha = state.swept.alpha
     if candidate.cast is not None:
         observation = in_shadow(observation, state, candidate.cast)
-    return evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)
+    evidence = evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)
+    if observation.known_size is None:
+        return evidence
+    return replace(evidence, cost=evidence.cost + observation.known_size.cost(state.shape))

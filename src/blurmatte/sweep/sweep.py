@@ -197,6 +197,11 @@ class Sweep:
         x1, y1 = np.minimum(np.ceil(xy.max(axis=0) + reach) + 1, self.size).astype(int)
         return int(x0), int(y0), max(int(x1), int(x0)), max(int(y1), int(y0))
 
+    def in_picture(self, corner: tuple[int, int], size: tuple[int, int]) -> "Sweep":
+        """The sweep of a part of a picture in that picture, of `size`; the part begins at `corner`."""
+        path = self.family.shifted(self.path, np.array(corner, float))
+        return replace(self, path=path, size=size)
+
     def within(self, box: tuple[int, int, int, int]) -> tuple[Array, Array]:
         """Alpha and its standard deviation (h, w) in a box (x0, y0, x1, y1) of pixels.
 

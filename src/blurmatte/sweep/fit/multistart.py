@@ -21,6 +21,7 @@ from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.silhouette import DISC
+from blurmatte.sweep.model.size_prior import SizePrior
 from blurmatte.sweep.model.state import State, state_at
 
 Array = npt.NDArray[np.float64]
@@ -125,6 +126,16 @@ class Multistart:
     def with_noise_inflated(self, by: float) -> "Multistart":
         """With the variance of noise multiplied by a factor."""
         return replace(self, observation=self.observation.raised(by), coarse=self.coarse.raised(by))
+
+    def with_known_size(self, known: SizePrior | None) -> "Multistart":
+        """With a prior of the radius; its mean lies within the bounds."""
+        if known is None:
+            return self
+        low, high = self.bounds
+        bounds = min(low, known.radius / 2), max(high, 2 * known.radius)
+        fine = replace(self.observation, known_size=known)
+        coarse = replace(self.coarse, known_size=known)
+        return replace(self, observation=fine, coarse=coarse, bounds=bounds)
 
     def best(self) -> tuple[list[State], list[State]]:
         """The best discs of one paint, and of colors that vary; the best of each comes first.

@@ -13,6 +13,7 @@ from blurmatte.streaks.streak import Streak
 from blurmatte.sweep.model.chroma_subsampling import Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.size_prior import SizePrior
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -74,6 +75,8 @@ class Observation:
         Light by which the image's file may have changed a pixel's color.
     compression : Compression, optional
         Of the image's file, of which these are the pixels; see `Meta.sharing`.
+    known_size : SizePrior, optional
+        Of the object, from other frames.
     """
 
     C: Array
@@ -92,6 +95,7 @@ class Observation:
     noise_inflation: float = 1.0
     chroma_error: Array | None = None
     compression: Compression | None = None
+    known_size: SizePrior | None = None
 
     @property
     def pixels(self) -> Pixels:
@@ -207,6 +211,7 @@ class Observation:
             self.grain,
             self.noise_inflation,
             None if self.chroma_error is None else means(self.chroma_error),
+            known_size=self.known_size,
         )
 
 

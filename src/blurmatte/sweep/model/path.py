@@ -34,6 +34,12 @@ class PathFamily(ABC):
         """(33, 2) points at equally spaced times, pixels."""
         return self.at(p, np.linspace(0, 1, 33))[0]
 
+    def shifted(self, p: Array, by: Array) -> Array:
+        """Parameters of the path moved by (x, y): they are points, and at most one other number."""
+        moved, points = np.array(p, float), 2 * (len(p) // 2)
+        moved[:points] += np.tile(by, points // 2)
+        return moved
+
     @abstractmethod
     def starts(self, curve: Array) -> list[Array]:
         """Parameters (n,) of paths along `curve` (m, 2), equally spaced points."""

@@ -77,13 +77,15 @@ class State:
 
     def information(self) -> tuple[Array, Array]:
         """Curvature (size, size) and gradient (size,) of the cost; colors are marginalized."""
-        return self.field.information(
+        H, g = self.field.information(
             self.swept.by_parameters,
             self.observation.light,
             self.swept.alpha,
             self.weights,
             self.e,
         )
+        known = self.observation.known_size
+        return (H, g) if known is None else known.added(H, g, self.shape)
 
     def on(self, observation: Observation) -> "State":
         """The same path and shape in another observation."""
@@ -113,7 +115,7 @@ class State:
 
     def relit(self, observation: Observation) -> "State":
         """The same path and shape in an observation of the same pixels: alpha is not computed again."""
-        field, e, cost = _explained(observation, self.swept.alpha)
+        field, e, cost = _explained(observation, self.swept.alpha, self.shape)
         return replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
 
 
@@ -126,13 +128,17 @@ def state_at(
 ) -> State:
     """The state of a path and a shape: alpha, colors, residuals and cost."""
     swept = silhouette.sweep(family, path, shape, observation.pixels)
-    field, e, cost = _explained(observation, swept.alpha)
+    field, e, cost = _explained(observation, swept.alpha, shape)
     return State(observation, family, path, silhouette, shape, swept, field, e, cost)
 
 
-def _explained(observation: Observation, alpha: Array) -> tuple[ColorField, Array, float]:
+def _explained(
+    observation: Observation, alpha: Array, shape: Array
+) -> tuple[ColorField, Array, float]:
     """Field, residuals and cost of a `State`."""
     light, weight = observation.light, observation.weight
     field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
     cost = float(np.sum(weight * loss((e**2).sum(axis=0)))) + field.cost
+    if observation.known_size is not None:
+        cost += observation.known_size.cost(shape)
     return field, e, cost
