@@ -5,13 +5,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.calibration import with_noise
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
-from blurmatte.motion.clip.frames import Noise, noise_of, with_default_noise
+from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared
-from blurmatte.radiometry import LinearImage
-from blurmatte.streaks import require_streaks
+from blurmatte.radiometry import LinearImage, coded_frames
+from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.color_fusion import fuse_colors
 from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
 from blurmatte.sweep.sweep import Sweep
@@ -67,12 +66,13 @@ def clip_color(
     ColorModelError
         If no frame determines it.
     """
-    first, plate = with_noise(next(_spread(frames, 1)), plate)
+    scene = StaticScene.of(frames, plate)
     votes: list[Vote] = []
     with shared(workers) as processes:
+        busy = [change.number for change in survey(frames, scene, processes) if change.boxes]
         for fit, inside, rounds in _TRIALS:
-            voter = _Voter(plate, noise_of(first), fit, inside)
-            tasks = ((frame,) for frame in _spread(frames, rounds))
+            voter = _Voter(scene, fit, inside)
+            tasks = ((frames[k : k + 1],) for k in _spread(busy, rounds))
             for number, colors in enumerate(processes.in_order(voter, tasks, 1)):
                 votes += [(model, weight, number) for model, weight in colors]
                 if _decided(votes):
@@ -88,11 +88,11 @@ def clip_color(
     return fuse_colors([model for model, _, _ in _largest_group(votes)])
 
 
-def _spread(frames: Sequence[LinearImage], rounds: int) -> Iterator[LinearImage]:
+def _spread(numbers: Sequence[int], rounds: int) -> Iterator[int]:
     """Frames all over the clip, each round in order and between the frames of the others."""
-    step = -(-len(frames) // ColorSettings.frames_per_round)
+    step = -(-len(numbers) // ColorSettings.frames_per_round)
     for first in dict.fromkeys(step * n // 4 for n in ColorSettings.round_starts[:rounds]):
-        yield from frames[first::step]
+        yield from numbers[first::step] if step else ()
 
 
 def _largest_group(votes: Sequence[Vote]) -> list[Vote]:
@@ -123,27 +123,41 @@ class _Voter:
     either only streaks `inside` the picture vote, or only the others.
     """
 
-    plate: LinearImage
-    noise: Noise
+    scene: StaticScene
     fit: Callable[..., Sweep]
     inside: bool
 
-    def __call__(self, frame: LinearImage) -> list[tuple[ColorModel, float]]:
-        image, votes = with_default_noise(frame, self.noise), []
+    def __call__(self, frames: Sequence[LinearImage]) -> list[tuple[ColorModel, float]]:
+        (frame,) = coded_frames(frames, slice(None))
+        boxes = self.scene.gate.changes(frame).boxes
+        found = [
+            (streak, crop) for crop in self.scene.crops(frame, boxes) for streak in _streaks(crop)
+        ]
+        found.sort(key=lambda one: -one[0].evidence)
+        votes = (self._vote(*one, frame.size) for one in found[: ColorSettings.streaks_per_frame])
+        return [vote for vote in votes if vote is not None]
+
+    def _vote(
+        self, streak: Streak, crop: Crop, size: tuple[int, int]
+    ) -> tuple[ColorModel, float] | None:
+        """Color and weight of a streak in a picture of a size; None if no sweep explains it."""
+        x, y = crop.box[:2]
+        x0, y0, x1, y1 = streak.box
+        if self.inside != (min(x + x0, y + y0, size[0] - x - x1, size[1] - y - y1) > 0):
+            return None
         try:
-            found = require_streaks(image, self.plate)
-        except BlurmatteError:
-            return []
-        for streak in found[: ColorSettings.streaks_per_frame]:
-            x0, y0, x1, y1 = streak.box
-            if self.inside != (min(x0, y0, image.size[0] - x1, image.size[1] - y1) > 0):
-                continue
-            try:
-                sweep = self.fit(image, self.plate, streak)
-            except (ColorModelError, MotionError):
-                continue
-            if not sweep.rejection:
-                uncertainty = sweep.radius_std / (ColorSettings.relative_radius_std * sweep.radius)
-                moved = streak.evidence * (sweep.length / sweep.radius) ** 2
-                votes.append((sweep.model, moved / (1 + uncertainty**2)))
-        return votes
+            sweep = self.fit(crop.image, crop.plate, streak)
+        except (ColorModelError, MotionError):
+            return None
+        if sweep.rejection:
+            return None
+        uncertainty = sweep.radius_std / (ColorSettings.relative_radius_std * sweep.radius)
+        moved = streak.evidence * (sweep.length / sweep.radius) ** 2
+        return sweep.model, moved / (1 + uncertainty**2)
+
+
+def _streaks(crop: Crop) -> list[Streak]:
+    try:
+        return find_streaks(crop.image, crop.plate)
+    except BlurmatteError:
+        return []

@@ -82,6 +82,18 @@ class Sighting:
         off = self.xy_covariance
         return np.array([[self.x_std**2, off], [off, self.y_std**2]])
 
+    def shifted(self, x: float, y: float) -> "Sighting":
+        """The same elsewhere, such as in the picture if it was measured in a part of it, pixels."""
+        return replace(
+            self,
+            x=self.x + x,
+            y=self.y + y,
+            first_x=self.first_x + x,
+            first_y=self.first_y + y,
+            last_x=self.last_x + x,
+            last_y=self.last_y + y,
+        )
+
     @property
     def reversed(self) -> "Sighting":
         """The motion with the direction of time reversed."""

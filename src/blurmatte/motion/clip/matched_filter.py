@@ -1,11 +1,11 @@
 """Detection of an object of known color in a frame: a matched filter for its light (`color.light`)."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Bools, Box
 from blurmatte.color.color_projection import projected_energy, projection_vectors
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
@@ -43,11 +43,14 @@ class MatchedFilter:
         As in `color.light`.
     std : (H, W) float32
         Of the weighted mean of p over neighbors, times the sum of the weights.
+    inflation : float
+        Ratio of the error of sums over neighbors to that of white noise, at least 1.
     """
 
     m: npt.NDArray[np.float32]
     weight: npt.NDArray[np.float32]
     std: npt.NDArray[np.float32]
+    inflation: float = 1.0
 
     @classmethod
     def of(cls, plate: LinearImage, image: LinearImage, model: ColorModel) -> "MatchedFilter":
@@ -59,29 +62,40 @@ class MatchedFilter:
         scale = DetectionSettings.smoothing_px
         squares = gaussian_filter(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
         std = np.where(squares > 0, np.sqrt(squares), np.inf)  # infinite far from known pixels
-        return cls(m, weight, std.astype(np.float32))
+        white = cls(m, weight, std.astype(np.float32))
+        strength = white._strength(white._light(image))
+        # 0.6745 is the median of |x| for standard normal x; noise of video is correlated.
+        inflation = max(float(np.median(np.abs(strength[::4, ::4]))) / 0.6745, 1.0)
+        return replace(white, inflation=inflation)
 
-    def parts(self, image: LinearImage, several: bool) -> tuple[list[Streak], float]:
-        """Parts of a frame with light of the object's color, and the inflation of errors.
+    def within(self, box: Box) -> "MatchedFilter":
+        """The filter in a box (x0, y0, x1, y1) of the picture; views."""
+        x0, y0, x1, y1 = box
+        place = np.s_[y0:y1, x0:x1]
+        return replace(self, m=self.m[place], weight=self.weight[place], std=self.std[place])
 
-        Returns
-        -------
-        parts : list of Streak
-            Ordered by the energy of the object's light, Σ p², their `evidence`; largest first.
-        inflation : float
-            Ratio of the error of sums over neighbors to that of white noise, at least 1.
+    def _light(self, image: LinearImage) -> npt.NDArray[np.float32]:
+        """(H, W) p."""
+        p = np.where(image.valid, np.einsum("hwc,hwc->hw", self.m, image.rgb), 0)
+        return p.astype(np.float32)
+
+    def _strength(self, p: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
+        """(H, W) smoothed light in standard deviations."""
+        from scipy.ndimage import gaussian_filter
+
+        smooth = gaussian_filter(self.weight * p, DetectionSettings.smoothing_px)
+        return np.asarray(smooth / (self.inflation * self.std), np.float32)
+
+    def parts(self, image: LinearImage) -> list[Streak]:
+        """Parts of a frame with light of the object's color.
+
+        Their `evidence` is the energy of the object's light, Σ p².
         """
         from scipy import ndimage
 
         settings = DetectionSettings
-        p = np.where(image.valid, np.einsum("hwc,hwc->hw", self.m, image.rgb), 0)
-        strength = (
-            ndimage.gaussian_filter(self.weight * p.astype(np.float32), settings.smoothing_px)
-            / self.std
-        )
-        # 0.6745 is the median of |x| for standard normal x; noise of video is correlated.
-        inflation = max(float(np.median(np.abs(strength[::4, ::4]))) / 0.6745, 1.0)
-        strength /= inflation
+        p = self._light(image)
+        strength = self._strength(p)
         there = opened(strength > settings.extent_std)
         near = dilated(there, settings.closing_px)
         labels, _ = ndimage.label(near, np.ones((3, 3)))
@@ -94,14 +108,17 @@ class MatchedFilter:
             if mask is not None:
                 place, mask = _within(p.shape, place, mask)
                 parts.append((projected_energy(p[place], self.weight[place], mask), place, mask))
-        parts.sort(key=lambda part: -part[0])
-        least = max(settings.min_energy_fraction * parts[0][0], 0) if parts else 0.0
-        clear = [part for part in parts if part[0] > least][: _max_parts(several)]
-        return [_streak(p.shape, *part) for part in clear], inflation
+        return [_streak(p.shape, *part) for part in parts]
 
 
-def _max_parts(several: bool) -> int:
+def max_parts(several: bool) -> int:
+    """Number of parts of a frame that are measured."""
     return DetectionSettings.max_parts_of_several if several else DetectionSettings.max_parts
+
+
+def min_energy(strongest: float) -> float:
+    """The energy of light below which a part is not the object, if this is the strongest one's."""
+    return max(DetectionSettings.min_energy_fraction * strongest, 0.0)
 
 
 def _strong(strength: Array) -> Bools | None:
@@ -140,7 +157,6 @@ def _streak(shape: tuple[int, ...], evidence: float, place: Place, mask: Bools) 
     return Streak(whole, evidence=evidence)
 
 
-def moving_parts(image: LinearImage, plate: LinearImage, several: bool) -> list[Streak]:
+def moving_parts(image: LinearImage, plate: LinearImage) -> list[Streak]:
     """Streaks that are no shadows, for an object of several colors or of any."""
-    found = find_streaks(image, plate)[: _max_parts(several)]
-    return [streak for streak in found if not may_be_shadow(image, plate, streak)]
+    return [one for one in find_streaks(image, plate) if not may_be_shadow(image, plate, one)]

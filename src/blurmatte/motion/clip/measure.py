@@ -8,13 +8,11 @@ import warnings
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Matching, make_plate
-from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
@@ -22,19 +20,19 @@ from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
 from blurmatte.motion.clip.color import clip_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
-from blurmatte.motion.clip.frames import (
-    ClipFrames,
-    Noise,
-    noise_of,
-    plate_in_light_of,
-    with_default_noise,
-)
+from blurmatte.motion.clip.frames import ClipFrames, with_default_noise
 from blurmatte.motion.clip.linking import link_objects, link_sightings
-from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
-from blurmatte.motion.clip.workers import Workers, shared
+from blurmatte.motion.clip.matched_filter import (
+    MatchedFilter,
+    max_parts,
+    min_energy,
+    moving_parts,
+)
+from blurmatte.motion.clip.scene import Crop, StaticScene
+from blurmatte.motion.clip.workers import Workers, shared, tasks_of
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
-from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.radiometry import CodedFrame, LinearImage, check_picture, coded_frames
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around
@@ -168,13 +166,16 @@ def sightings(
         If a frame and the plate differ in size, or rate or workers are not positive.
     """
     _check_clip(frames, plate, model, rate)
-    first, plate = with_noise(frames[0], plate)
+    scene, first = StaticScene.of(frames, plate), frames[0]
     model = replace(model, to_srgb=first.meta.to_srgb)
-    color = MatchedFilter.of(plate, first, model) if model.rank == 1 else None
-    detect = _Detector(plate, model, color, noise_of(first), rate, several)
-    where = list(numbers)[skip:] if numbers is not None else count(skip)
+    color = None
+    if model.rank == 1:
+        color = MatchedFilter.of(scene.plate, with_default_noise(first, scene.noise), model)
+    where = None if numbers is None else tuple(numbers)
+    detect = _Detector(scene, model, color, where, rate, several)
     with shared(workers) as processes:
-        yield from processes.in_order(detect, zip(where, frames[skip:], strict=False))
+        for found in processes.in_order(detect, tasks_of(frames, skip)):
+            yield from found
 
 
 def _check_clip(
@@ -192,37 +193,53 @@ def _check_clip(
 
 @dataclass(frozen=True, eq=False)
 class _Detector:
-    """Detects and measures the object in a frame; holds the data common to all frames."""
+    """Detects and measures the object in frames; holds the data common to all frames."""
 
-    plate: LinearImage
+    scene: StaticScene
     model: ColorModel
     color: MatchedFilter | None
-    noise: Noise
+    numbers: tuple[int, ...] | None
     rate: float | None
     several: bool
 
-    def __call__(self, number: int, frame: LinearImage) -> FrameSightings:
-        check_picture("a frame", frame)
-        check_same_size("a frame", frame.size, "plate", self.plate.size)
-        image = with_default_noise(frame, self.noise)
-        time = frame.meta.time if self.rate is None else number / self.rate
-        plate = plate_in_light_of(self.plate, image)
-        if self.color is None:
-            streaks, inflation = moving_parts(image, plate, self.several), 1.0
-        else:
-            streaks, inflation = self.color.parts(image, self.several)
-        found, reasons, rest = [], [], deque(streaks)
+    def __call__(
+        self, frames: Sequence[LinearImage], which: slice, first: int
+    ) -> list[FrameSightings]:
+        found = enumerate(coded_frames(frames, which), first)
+        return [self._detected(index, frame) for index, frame in found]
+
+    def _detected(self, index: int, frame: CodedFrame) -> FrameSightings:
+        number = index if self.numbers is None else self.numbers[index]
+        time = frame.time if self.rate is None else number / self.rate
+        crops = list(self.scene.crops(frame, self.scene.gate.changes(frame).boxes))
+        parts = self._parts(crops)
+        found, reasons, rest = [], [], deque(parts)
         single = self.color is not None and not self.several
+        inflation = 1.0 if self.color is None else self.color.inflation
         while rest:
+            crop, streak = rest.popleft()
             try:
-                found.append(_measured(image, plate, rest.popleft(), self.model, inflation))
+                one = _measured(crop.image, crop.plate, streak, self.model, inflation)
+                found.append(one.shifted(*crop.box[:2]))
             except BlurmatteError as error:
                 reasons.append(str(error))
             if single and found and found[-1].source == "sweep":
                 break
-        if not streaks:
-            reasons = ["nothing moved" if self.color is None else _NO_COLOR]
+        if not parts:
+            reasons = ["nothing moved" if self.color is None or not crops else _NO_COLOR]
         return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
+
+    def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:
+        """The strongest streaks of all crops that may be the object's, the strongest first."""
+        if self.color is None:
+            parts = [(crop, one) for crop in crops for one in moving_parts(crop.image, crop.plate)]
+            least = -np.inf
+        else:
+            color = self.color
+            parts = [(c, one) for c in crops for one in color.within(c.box).parts(c.image)]
+            least = min_energy(max((one.evidence for _, one in parts), default=0.0))
+        parts = [part for part in parts if part[1].evidence > least]
+        return sorted(parts, key=lambda part: -part[1].evidence)[: max_parts(self.several)]
 
 
 def _measured(

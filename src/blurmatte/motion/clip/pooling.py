@@ -1,0 +1,100 @@
+"""What the frames of a clip say together of one object: color, and radius as it changes in time.
+
+The radius in a frame is predicted from the other frames around it, by weighted least squares of a line
+in time; the frame itself does not count, so that the prediction is a prior for it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.color.model import ColorModel
+from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.sweep import SizePrior
+
+
+@dataclass(frozen=True)
+class PoolingSettings:
+    """Frames that predict the radius in another one."""
+
+    max_neighbors: int = 12
+    max_distance_frames: int = 15
+    min_neighbors: int = 4  # for a line and its scatter
+    min_disc_frames: int = (
+        14  # that a disc explains, of an object that is one: so many have a scatter
+    )
+    min_disc_fraction: float = 0.8  # of its frames: others may be occluded, or cut by the border
+
+
+@dataclass(frozen=True, eq=False)
+class ClipObject:
+    """One object of a clip: what `track` lists and `solve_clip` separates.
+
+    Parameters
+    ----------
+    model : ColorModel
+        Its color, fused from the frames.
+    rows : tuple of FrameMotion
+        Of all frames, or of those in which it is.
+    sizes : tuple of SizePrior or None
+        For each row, the radius that the other frames predict; None if too few do.
+    """
+
+    model: ColorModel
+    rows: tuple[FrameMotion, ...]
+    sizes: tuple[SizePrior | None, ...]
+
+    @property
+    def is_disc(self) -> bool:
+        """Whether a disc explains so many of the frames that the silhouette is one in all."""
+        seen = [row.sighting for row in self.rows if row.sighting is not None]
+        discs = sum(_is_whole(one) for one in seen)
+        least = PoolingSettings.min_disc_fraction * len(seen)
+        return discs >= max(PoolingSettings.min_disc_frames, least)
+
+    @classmethod
+    def of(cls, rows: Sequence[FrameMotion], model: ColorModel) -> ClipObject:
+        """The object of the rows of a table."""
+        return cls(model, tuple(rows), tuple(predicted_sizes(rows)))
+
+
+def predicted_sizes(rows: Sequence[FrameMotion]) -> list[SizePrior | None]:
+    """The radius in each row from the other rows around it, with its error."""
+    frames = np.array([row.frame for row in rows])
+    usable = np.array([row.sighting is not None and _is_whole(row.sighting) for row in rows], bool)
+    sizes: list[SizePrior | None] = []
+    for k in range(len(rows)):
+        distance = np.abs(frames - frames[k])
+        other = usable & (distance > 0) & (distance <= PoolingSettings.max_distance_frames)
+        nearest = np.argsort(distance + np.where(other, 0, np.inf), kind="stable")
+        near = nearest[: min(int(other.sum()), PoolingSettings.max_neighbors)]
+        seen = [one for i in near if (one := rows[i].sighting) is not None]
+        sizes.append(_predicted(frames[near] - frames[k], seen))
+    return sizes
+
+
+def _predicted(t: np.ndarray, seen: Sequence[Sighting]) -> SizePrior | None:
+    """The radius at time 0 by a line through those of other times."""
+    if len(seen) < PoolingSettings.min_neighbors:
+        return None
+    radius = np.array([one.radius for one in seen])
+    std = np.array([max(one.radius_std, 1e-6) for one in seen])
+    one_sided = t.min() > 0 or t.max() < 0  # a line that is extrapolated adds noise
+    A = np.stack([np.ones(len(t)), np.zeros(len(t)) if one_sided else t], axis=1) / std[:, None]
+    covariance = np.linalg.pinv(A.T @ A)
+    fitted = covariance @ A.T @ (radius / std)
+    left = len(t) - (1 if one_sided else 2)
+    chi2 = float(np.sum((radius / std - A @ fitted) ** 2)) / left
+    error = float(np.sqrt(covariance[0, 0] * max(chi2, 1.0)))
+    scatter = float(np.sqrt(max(chi2 - 1, 0) * np.median(std) ** 2))  # of single frames
+    if not fitted[0] > 0:
+        return None
+    return SizePrior(float(fitted[0]), float(np.hypot(error, scatter)) + 1e-6)
+
+
+def _is_whole(sighting: Sighting) -> bool:
+    """Whether a disc explains the streak and it is not cut by the border or doubtful."""
+    return sighting.source == "sweep" and not (sighting.at_border or sighting.doubts)

@@ -1,0 +1,96 @@
+"""StaticScene: the plate of a clip, its gate, and the noise that all frames share."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from blurmatte.calibration import with_noise
+from blurmatte.checks import Box
+from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain, with_default_noise
+from blurmatte.motion.clip.workers import Workers, tasks_of
+from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames, in_codes_of
+from blurmatte.streaks import Change, Gate
+
+GATE_SAMPLES = 16  # frames from which the differences without motion are measured
+GAIN_EVERY = 5  # pixels in rows and columns; enough for a median
+
+
+@dataclass(frozen=True, eq=False)
+class Crop:
+    """A part of a frame in which something moved, and of the plate in its light.
+
+    Parameters
+    ----------
+    box : (x0, y0, x1, y1)
+        Its place in the picture.
+    image, plate : LinearImage
+        Noise known.
+    """
+
+    box: Box
+    image: LinearImage
+    plate: LinearImage
+
+
+@dataclass(frozen=True, eq=False)
+class StaticScene:
+    """What the frames of a clip of a fixed camera have in common besides the objects.
+
+    Parameters
+    ----------
+    plate : LinearImage
+        Noise known.
+    few : LinearImage
+        Every fifth pixel of the plate, for the gain of a frame.
+    noise : NoiseModel or (H, W, 3) float
+        Of frames that have none of their own.
+    gate : Gate
+    """
+
+    plate: LinearImage
+    few: LinearImage
+    noise: Noise
+    gate: Gate
+
+    @classmethod
+    def of(cls, frames: Sequence[LinearImage], plate: LinearImage) -> StaticScene:
+        """The scene of a clip and its plate; unknown noise is measured in the first frame."""
+        first, plate = with_noise(frames[0], plate)
+        samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
+        gate = Gate.of(in_codes_of(frames, plate), samples)
+        grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
+        few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
+        return cls(plate, few, noise_of(first), gate)
+
+    def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
+        """Image and plate in boxes of a frame."""
+        gain = gain_of(self.few, frame.light(every=GAIN_EVERY)) if boxes else None
+        for box in boxes:
+            image, plate = frame.light(box), self.plate.crop(box)
+            if image.noise is None:
+                image = with_default_noise(image, self._noise_in(box))
+            yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
+
+    def _noise_in(self, box: Box) -> Noise:
+        x0, y0, x1, y1 = box
+        return self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
+
+
+def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> Iterator[Change]:
+    """What moved in each frame of a clip, in order."""
+    for found in workers.in_order(_Survey(scene.gate), tasks_of(frames)):
+        yield from found
+
+
+@dataclass(frozen=True, eq=False)
+class _Survey:
+    """Changes of the frames of a task."""
+
+    gate: Gate
+
+    def __call__(self, frames: Sequence[LinearImage], which: slice, first: int) -> list[Change]:
+        changes = map(self.gate.changes, coded_frames(frames, which))
+        return [replace(change, number=k) for k, change in enumerate(changes, first)]
