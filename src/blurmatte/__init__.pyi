@@ -10,6 +10,11 @@ from blurmatte.color import ColorModel as ColorModel
 from blurmatte.color import core_colors as core_colors
 from blurmatte.color import pick_colors as pick_colors
 from blurmatte.color import published_color_line as published_color_line
+from blurmatte.clips import ClipReport as ClipReport
+from blurmatte.clips import ClipRun as ClipRun
+from blurmatte.clips import FrameRecord as FrameRecord
+from blurmatte.clips import cluster_workers as cluster_workers
+from blurmatte.clips import save_clip as save_clip
 from blurmatte.compositing import Exposures as Exposures
 from blurmatte.compositing import cover as cover
 from blurmatte.compositing import fade_between as fade_between
@@ -89,6 +94,7 @@ from blurmatte.motion import measure_on_plane as measure_on_plane
 from blurmatte.motion import measure_rotation as measure_rotation
 from blurmatte.motion import places_in_space as places_in_space
 from blurmatte.motion import sightings as sightings
+from blurmatte.motion import solve_clip as solve_clip
 from blurmatte.figures import draw_clip as draw_clip
 from blurmatte.figures import draw_edit as draw_edit
 from blurmatte.figures import draw_exposures as draw_exposures
@@ -124,6 +130,7 @@ from blurmatte.rendering import render as render
 from blurmatte.results import save_exposures as save_exposures
 from blurmatte.results import save_plate as save_plate
 from blurmatte.results import save_results as save_results
+from blurmatte.sweep import SizePrior as SizePrior
 from blurmatte.scenes import Score as Score
 from blurmatte.scenes import find_scenes as find_scenes
 from blurmatte.scenes import mean_score as mean_score

@@ -113,6 +113,11 @@ class _Stages(logging.Handler):
             )
 
 
+def verbosity() -> Verbosity:
+    """How much is printed now, for another process."""
+    return _verbosity.get()
+
+
 def say(text: str) -> None:
     """Print an answer, whatever bytes the names of files hold."""
     _write(text.encode("utf-8", "backslashreplace").decode(), sys.stdout)

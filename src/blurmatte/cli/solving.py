@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 import logging
 import math
+import os
 import shlex
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,16 +19,20 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.clip_solving import ClipOptions, MaybePlate, solve_clip
 from blurmatte.cli.console import (
     ExitCode,
+    Verbosity,
     about,
     color_numbers,
     complain,
     in_degrees,
     option,
+    printing,
     say,
     say_json,
     swatches,
+    verbosity,
     waiting,
     warn,
     with_progress,
@@ -48,6 +53,8 @@ from blurmatte.cli.selection import (
     with_folders,
 )
 
+_MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have started
+
 Solver: TypeAlias = "bm.Pixelwise | bm.Smooth | bm.Swept | bm.Shaded"
 
 
@@ -67,15 +74,17 @@ class _Task:
 @command(
     "solve throw.png --plate empty_room.png -o out/",
     'solve "throws/*.png" --plate empty_room.png -o out/ --color "#d8ff3c" --json',
+    "solve rally.mp4 -o out/",
 )
 def solve(
     images: Annotated[
-        list[str], typer.Argument(metavar="IMAGE", help=f"Pictures with a streak: {ROWS}.")
+        list[str], typer.Argument(metavar="IMAGE", help=f"Pictures with a streak: {ROWS}. A clip.")
     ],
-    plate: PlateOptions,
+    plate: MaybePlate,
     out: OutFolder,
     colors: ColorOptions,
     reading: CameraReading,
+    clip: ClipOptions,
     region: Region = None,
     occluder: Occluder = None,
     solver: Annotated[
@@ -89,9 +98,18 @@ def solve(
     """Separate the moving object in each IMAGE from its background.
 
     Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json; of
-    several images, each into a folder of its own.
+    several images, each into a folder of its own. Of a clip, also shot.####.exr, layer.000123.exr of
+    each frame with the object, frames.csv, overview.png and report.json; what is done is not repeated.
     """
     required = _required(require)
+    each_alone = region is not None or occluder is not None or solver != "auto"
+    if clip.means_clip(images, out, plate.plate, each_alone):
+        if each_alone:
+            raise ValueError("a clip takes no --region, --occluder or --solver")
+        solve_clip(images, plate, out, colors, reading, clip, required, as_json)
+        return
+    if plate.plate is None:
+        raise typer.BadParameter("Missing option '--plate'")
     method = _solver(solver, colors)
     check_folder(out)
     pairs = with_folders(images, out)
@@ -106,21 +124,64 @@ def solve(
     matching = matching_of(plate.match)
     task = _Task(reading, B, notes, selection, occluder, method, matching)
     failed, lower = 0, 0
-    for path, folder in with_progress(pairs, "solving"):
-        try:
-            solution, match = _solve_one(task, path, folder)
-        except bm.BlurmatteError as error:
-            complain(str(error))
-            failed += 1
-        else:
+    with bm.Workers(_processes(clip.workers, len(pairs))) as workers:
+        answers = workers.in_order(_OneOfRow(task, verbosity()), pairs)
+        for path, folder, answer in with_progress(_with(pairs, answers), "solving", len(pairs)):
+            if answer.refusal:
+                complain(answer.refusal)
+                failed += 1
+                continue
             if as_json:
                 report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
                 say_json({"folder": folder, **report}, indent=2 if len(pairs) == 1 else None)
             else:
-                _print_answer(solution, match, folder)
-            lower += _is_lower(path, solution, required)
+                say("\n".join(answer.lines))
+            lower += _is_lower(path, answer.grade, required)
     if failed or lower:
         raise typer.Exit(ExitCode.REFUSED if failed else ExitCode.LOW_GRADE)
+
+
+@dataclass(frozen=True)
+class _Answer:
+    """What is printed of one image, or why it was refused; its grade if it has one."""
+
+    lines: list[str]
+    grade: bm.Grade | None = None
+    refusal: str = ""
+
+
+@dataclass(frozen=True, eq=False)
+class _OneOfRow:
+    """Solves one image of a row; runs in any process."""
+
+    task: _Task
+    verbosity: Verbosity
+
+    def __call__(self, path: Path, folder: Path) -> _Answer:
+        try:
+            if verbosity() == self.verbosity:  # this process: its progress is shown
+                solution, match = _solve_one(self.task, path, folder)
+            else:
+                with printing(self.verbosity):
+                    solution, match = _solve_one(self.task, path, folder)
+        except bm.BlurmatteError as error:
+            return _Answer([], refusal=str(error))
+        grade = solution.grade if "grade" in solution.stats else None
+        return _Answer(_answer_lines(solution, match, folder), grade)
+
+
+def _processes(wanted: int | None, count: int) -> int:
+    """Number of processes for a row of images; a few are done before processes have started."""
+    if wanted is not None:
+        return min(wanted, count)
+    return 1 if count < _MIN_IMAGES_TO_PARALLELIZE else min(os.cpu_count() or 1, count)
+
+
+def _with(
+    pairs: Sequence[tuple[Path, Path]], answers: Iterator[_Answer]
+) -> Iterator[tuple[Path, Path, _Answer]]:
+    for (path, folder), answer in zip(pairs, answers, strict=True):
+        yield path, folder, answer
 
 
 def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
@@ -267,12 +328,12 @@ def _required(name: str | None) -> bm.Grade | None:
     return None if name is None else bm.Grade(name)
 
 
-def _is_lower(path: Path, solution: bm.Solution, required: bm.Grade | None) -> bool:
+def _is_lower(path: Path, found: bm.Grade | None, required: bm.Grade | None) -> bool:
     """True if a solution has a lower grade than required, or none; prints an error then."""
     grades = list(bm.Grade)  # the best first
-    if required is None or grades.index(solution.grade) <= grades.index(required):
+    if required is None or (found is not None and grades.index(found) <= grades.index(required)):
         return False
-    grade = f"its grade is {solution.grade}" if "grade" in solution.stats else "it has no grade"
+    grade = "it has no grade" if found is None else f"its grade is {found}"
     complain(f"{path}: {grade}, --require asks for {required}; its files were written")
     return True
 
@@ -340,8 +401,8 @@ def _is_explained_by_disc(solution: bm.Solution) -> bool:
     return sweep.silhouette.name == "disc" and sweep.model.rank == 1
 
 
-def _print_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
-    """Print grade, colors, plate, other streaks, and the sheet."""
+def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
+    """Grade, colors, plate, other streaks, and the sheet."""
     from blurmatte.explain.alternatives import also_fits
     from blurmatte.explain.grade import grade_in_words
 
@@ -352,4 +413,4 @@ def _print_answer(solution: bm.Solution, match: bm.Match, folder: Path) -> None:
     boxes = [",".join(map(str, box)) for box in solution.stats.get("other_boxes", ())]
     if boxes:
         lines.append(f"also moved, choose with --region: {_some(boxes)}")
-    say("\n".join([*lines, str(folder / "overview.png")]))
+    return [*lines, str(folder / "overview.png")]

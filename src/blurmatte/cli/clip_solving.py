@@ -1,0 +1,229 @@
+"""What `solve` does with a clip: options, progress, and the answer."""
+
+from __future__ import annotations
+
+import logging
+import os
+import shlex
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+import blurmatte as bm
+from blurmatte.cli.console import (
+    ExitCode,
+    about,
+    complain,
+    flag,
+    option,
+    say,
+    say_json,
+    waiting,
+    warn,
+)
+from blurmatte.cli.quantities import frame_range
+from blurmatte.cli.selection import (
+    CameraReading,
+    ColorOptions,
+    FrameRange,
+    chosen_frames,
+    files_of,
+    matching_of,
+)
+
+CLIP = "A clip, or a row of images"
+_NUMBERED = "#", "%"
+_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
+_LAYERS = "exr", "png", "tif", "mov"
+
+
+@dataclass(frozen=True)
+class MaybePlate:
+    """The plate, and how it may be changed to match the image."""
+
+    plate: Annotated[
+        Path | None, option("FILE", "The same scene without the object; of a clip, else made.")
+    ] = None
+    match: Annotated[
+        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.")
+    ] = "auto"
+
+    def __post_init__(self) -> None:
+        matching_of(self.match)
+
+
+@dataclass(frozen=True)
+class ClipOptions:
+    """How a clip is solved and written."""
+
+    frames: FrameRange = None
+    layers: Annotated[
+        str | None, option("exr|png|tif|mov", "A file for each frame, or one .mov; exr.", CLIP)
+    ] = None
+    several: Annotated[bool, flag("--several", "All objects of that color.", CLIP)] = False
+    workers: Annotated[int | None, option("N", "Processes; one for each core.", CLIP)] = None
+    scheduler: Annotated[
+        str | None, option("ADDRESS", "Of a Dask cluster: tcp://host:8786.", CLIP)
+    ] = None
+
+    def __post_init__(self) -> None:
+        frame_range("--frames", self.frames)
+        if self.layers is not None and self.layers not in _LAYERS:
+            raise ValueError(f"--layers must be {', '.join(_LAYERS)}, got {self.layers!r}")
+        if self.workers is not None and self.workers < 1:
+            raise ValueError(f"--workers must be at least 1, got {self.workers}")
+        if self.workers is not None and self.scheduler is not None:
+            raise ValueError("give --workers or --scheduler; a cluster has its own workers")
+
+    def means_clip(
+        self, images: list[str], out: Path, plate: Path | None, each_alone: bool
+    ) -> bool:
+        """Whether the images are frames of one clip, and not pictures of their own.
+
+        Numbered pictures are, unless an option is given that only pictures have: `each_alone`.
+        """
+        asked = self.layers or self.several or self.frames or self.scheduler
+        if asked or out.suffix.lower() == ".mov":
+            return True
+        if len(images) > 1:
+            return False
+        path = Path(images[0])
+        numbered = any(mark in path.name for mark in _NUMBERED) and not path.exists()
+        if numbered or path.is_dir() or "*" in images[0]:
+            return (numbered and not each_alone) or plate is None
+        return path.suffix.lower() not in _PICTURES
+
+
+def solve_clip(
+    images: list[str],
+    plate: MaybePlate,
+    out: Path,
+    colors: ColorOptions,
+    reading: CameraReading,
+    options: ClipOptions,
+    required: bm.Grade | None,
+    as_json: bool,
+) -> None:
+    """Write a layer for each frame of a clip, and say what came of it."""
+    source = images[0] if len(images) == 1 else images
+    with about(Path(images[0])):
+        frames = bm.read_frames(source, reading.curve, reading.max_pixels)
+        frames = chosen_frames(frames, options.frames)
+        run = bm.ClipRun(
+            tuple(path for path in _inputs(images, plate, colors) if path.is_file()),
+            frames,
+            None if plate.plate is None else reading.read(plate.plate)[0],
+            _model(colors),
+            options.several,
+            _extension(out, options),
+            shlex.join(["blurmatte", *sys.argv[1:]]),
+        )
+        folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
+        with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
+            report = _followed(bm.save_clip(run, folder, workers), len(frames))
+    if out.suffix.lower() == ".mov" and (folder / "layers.mov").exists():
+        os.replace(folder / "layers.mov", out)
+    _answer(report, folder, out, as_json)
+    _check_grades(report, required)
+
+
+def _inputs(images: list[str], plate: MaybePlate, colors: ColorOptions) -> Iterator[Path]:
+    yield from files_of(images)
+    if plate.plate is not None:
+        yield plate.plate
+    yield from (Path(color) for color in colors.color or ())
+
+
+def _extension(out: Path, options: ClipOptions) -> str:
+    if out.suffix.lower() == ".mov":
+        if options.layers not in (None, "mov"):
+            raise ValueError(f"--layers {options.layers} needs a folder as --out, got {out}")
+        return ".mov"
+    return f".{options.layers or 'exr'}"
+
+
+def _model(colors: ColorOptions) -> bm.ColorModel | None:
+    """The color model of the options; None: it is to be found in the frames."""
+    if colors.kinds & {"point", "core"}:
+        raise ValueError("of a clip give --color as hex or a model file; or leave it out")
+    if colors.kinds == {"file"}:
+        return bm.read_color_model((colors.color or [""])[0])
+    if colors.kinds == {"hex"}:
+        return bm.ColorModel.from_hex(*(colors.color or ()))
+    return bm.ColorModel.any() if colors.rank == 3 else None
+
+
+@contextmanager
+def _workers(options: ClipOptions, folder: Path, count: int) -> Iterator[bm.Workers]:
+    if options.scheduler is not None:
+        with bm.cluster_workers(options.scheduler, folder) as workers:
+            yield workers
+        return
+    processes = options.workers or min(os.cpu_count() or 1, max(count // 8, 1))
+    with bm.Workers(processes) as workers:
+        yield workers
+
+
+def _followed(events: Iterator[Any], count: int) -> bm.ClipReport:
+    """The report at the end; meanwhile shows how far it is, how fast, and what remains."""
+    log, begun, measured, solved = logging.getLogger("blurmatte"), time.monotonic(), 0, 0
+    log.info("looking for shots, plate and color")
+    for event in events:
+        match event:
+            case bm.FrameSightings():
+                measured += 1
+                rate = measured / max(time.monotonic() - begun, 1e-3)
+                rest = (count - measured) / rate
+                log.info(
+                    f"measured {measured} of {count} frames, {rate:.1f} a second, {rest:.0f} s remain"
+                )
+                solving = time.monotonic()
+            case bm.FrameRecord():
+                solved += 1
+                if solved == 1:
+                    solving = time.monotonic()
+                rate = solved / max(time.monotonic() - solving, 1e-3)
+                log.info(f"solved {solved} frames, {rate:.1f} a second: frame {event.frame}")
+            case bm.ClipReport():
+                return event
+    raise RuntimeError("a run ends with its report")
+
+
+def _answer(report: bm.ClipReport, folder: Path, out: Path, as_json: bool) -> None:
+    layers = [record for record in report.records if record.layer]
+    for problem in report.problems:
+        warn(problem)
+    if as_json:
+        rows = [record.numbers() for record in report.records]
+        say_json({"folder": folder, "grades": report.grades, "frames": rows})
+        return
+    graded = ", ".join(f"{count} {grade}" for grade, count in report.grades.items() if count)
+    speed = (
+        f"; {report.new} solved now, in {report.seconds:.0f} s" if report.new else "; all were done"
+    )
+    lines = [f"{len(layers)} layers: {graded or 'none'}{speed}"]
+    if len(report.shots) > 1:
+        lines += [str(shot) for shot in report.shots]
+    failed = [record for record in report.records if record.reason]
+    if failed:
+        lines.append(f"{len(failed)} frames without a layer: {failed[0].reason}")
+    lines.append(str(out if out.suffix.lower() == ".mov" else folder / "frames.csv"))
+    say("\n".join(lines))
+
+
+def _check_grades(report: bm.ClipReport, required: bm.Grade | None) -> None:
+    """Raise Exit if there is no layer, or a grade is lower than required."""
+    grades = [bm.Grade(record.grade) for record in report.records if record.layer]
+    if not grades:
+        complain("no frame shows an object that can be separated")
+        raise typer.Exit(ExitCode.REFUSED)
+    order = list(bm.Grade)  # the best first
+    if required is not None and max(map(order.index, grades)) > order.index(required):
+        complain(f"some grades are lower than {required}; all files were written")
+        raise typer.Exit(ExitCode.LOW_GRADE)

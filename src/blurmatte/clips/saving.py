@@ -1,0 +1,309 @@
+"""save_clip: a clip → a layer for each frame with an object, a table, a report and a sheet."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from blurmatte.background import Shot
+from blurmatte.checks import check_kind
+from blurmatte.clips.layers import LAYER_EXTENSIONS, LayerWriter, write_movie
+from blurmatte.clips.manifest import Manifest, key_of, opened_manifest
+from blurmatte.clips.shots import SolvableShot, prepared, shots_of
+from blurmatte.clips.table import FrameRecord
+from blurmatte.color import ColorModel
+from blurmatte.errors import BlurmatteError, MotionError
+from blurmatte.figures import draw_clip
+from blurmatte.files import Frames, write
+from blurmatte.matting import Grade
+from blurmatte.motion import FrameMotion, FrameSightings, Sighting, Workers
+from blurmatte.motion.clip.workers import Failure
+from blurmatte.radiometry import LinearImage
+
+DEFAULT_RATE = 25.0  # frames per second of a movie of pictures without times
+
+
+@dataclass(frozen=True, eq=False)
+class ClipRun:
+    """What is solved in a clip, and how it is written.
+
+    Parameters
+    ----------
+    inputs : tuple of Path
+        The files of the clip, and of plate and color if they were given; their contents are part of
+        the hash by which a run is resumed.
+    frames : Frames
+        From `read_frames`.
+    plate : LinearImage, optional
+        The scene without the object; if not given, one is made for each shot.
+    model : ColorModel, optional
+        Of the object; found for each shot if not given.
+    several : bool
+        Every object of that color, each in a folder of its own.
+    extension : str
+        Of the layers: .exr, .png, .tif, or .mov for one ProRes 4444 of all of them.
+    command : str
+        How it was called, for the report.
+
+    Raises
+    ------
+    ValueError
+        If the extension is another.
+    """
+
+    inputs: tuple[Path, ...]
+    frames: Frames[LinearImage]
+    plate: LinearImage | None = None
+    model: ColorModel | None = None
+    several: bool = False
+    extension: str = ".exr"
+    command: str = ""
+
+    def __post_init__(self) -> None:
+        check_kind("frames", self.frames, Frames, "use blurmatte.read_frames(path)")
+        if self.extension not in (*LAYER_EXTENSIONS, ".mov"):
+            raise ValueError(
+                f"layers are written as {', '.join(LAYER_EXTENSIONS)} or .mov, got {self.extension!r}"
+            )
+
+    @property
+    def key(self) -> str:
+        """Hash of inputs and settings."""
+        color = None if self.model is None else self.model.basis.tolist()
+        settings = {
+            "frames": str(self.frames.numbers),
+            "rate": self.frames.rate,
+            "color": color,
+            "several": self.several,
+            "layers": self.file_extension,
+        }
+        return key_of(self.inputs, settings)
+
+    @property
+    def file_extension(self) -> str:
+        """Of the file of one frame; a movie is made of EXRs."""
+        return ".exr" if self.extension == ".mov" else self.extension
+
+
+@dataclass(frozen=True, eq=False)
+class ClipReport:
+    """What came of a clip.
+
+    Parameters
+    ----------
+    records : tuple of FrameRecord
+        Of all frames with an object, in order.
+    shots : tuple of Shot
+    problems : tuple of str
+        Shots without a result, and frames that failed, each with its reason.
+    files : tuple of Path
+        Written besides the layers.
+    seconds : float
+        Of this run.
+    new : int
+        Frames that were solved in this run.
+    """
+
+    records: tuple[FrameRecord, ...]
+    shots: tuple[Shot, ...]
+    problems: tuple[str, ...]
+    files: tuple[Path, ...]
+    seconds: float
+    new: int
+
+    @property
+    def grades(self) -> dict[str, int]:
+        """Number of frames of each grade, the best first."""
+        found = Counter(record.grade for record in self.records)
+        return {str(grade): found[str(grade)] for grade in Grade}
+
+
+@dataclass
+class _Work:
+    """Progress of one run."""
+
+    manifest: Manifest
+    rows: list[FrameMotion] = field(default_factory=list)
+    records: list[FrameRecord] = field(default_factory=list)
+    problems: list[str] = field(default_factory=list)
+    plates: list[LinearImage] = field(default_factory=list)
+    new: int = 0
+
+
+def save_clip(
+    run: ClipRun, folder: str | Path, workers: Workers
+) -> Iterator[FrameSightings | FrameRecord | ClipReport]:
+    """Separate the object from its background in all frames of a clip, and write layers and a table.
+
+    Layers are written one by one, each completely or not at all, and recorded in a manifest; a run with
+    the same inputs and settings skips what is done, and ends with the same files. The folder then has
+
+    =================  ===============================================================
+    layer.000123.exr   the object in frame 123, in the whole window
+    frames.csv         a row for each of them: time, place, radius, grade, box
+    overview.png       the paths over the plate (needs matplotlib)
+    report.json        shots, grades, problems, speed
+    plate.exr          if it was made; plate2.exr of the second shot, and so on
+    manifest.jsonl     what is done
+    =================  ===============================================================
+
+    Parameters
+    ----------
+    run : ClipRun
+    folder : str or Path
+        Made if needed; on a disk that all workers reach.
+    workers : Workers
+
+    Yields
+    ------
+    FrameSightings
+        Of each frame, when it is measured.
+    FrameRecord
+        Of each frame with the object, when its layer is written.
+    ClipReport
+        At the end.
+
+    Raises
+    ------
+    MotionError
+        If no shot has a result.
+    FileError
+        If the folder cannot be written to.
+    """
+    folder, begun = Path(folder), time.monotonic()
+    run = replace(run, frames=run.frames.for_plate(run.plate))
+    with opened_manifest(folder, run.key) as manifest:
+        work = _Work(manifest)
+        shots = shots_of(run.frames, workers)
+        for number, shot in enumerate(shots, 1):
+            if shot.moving:
+                work.problems.append(
+                    f"{shot}: give a part in which it stands still, or stabilize it"
+                )
+                continue
+            try:
+                yield from _shot(run, folder, number, shot, work, workers)
+            except BlurmatteError as error:
+                work.problems.append(f"{shot}: {error}")
+        if not work.rows:
+            raise MotionError("; ".join(work.problems) or "the clip has no frames")
+        files = _written(run, folder, work, shots)
+        seconds = time.monotonic() - begun
+        report = ClipReport(
+            tuple(work.records), tuple(shots), tuple(work.problems), files, seconds, work.new
+        )
+        write(folder / "report.json", _numbers(run, report))
+        yield report
+
+
+def _shot(
+    run: ClipRun, folder: Path, number: int, shot: Shot, work: _Work, workers: Workers
+) -> Iterator[FrameSightings | FrameRecord]:
+    """Measure and solve the frames of a shot that are not done."""
+    seen = [
+        _sightings(saved["found"])
+        for saved in work.manifest.of_kind("seen")
+        if saved["shot"] == number
+    ]
+    steps = prepared(number, shot, run.frames, run.plate, run.model, run.several, seen, workers)
+    ready: SolvableShot | None = None
+    for step in steps:
+        if isinstance(step, SolvableShot):
+            ready = step
+        else:
+            work.manifest.append("seen", {"shot": number, "found": asdict(step)})
+            yield step
+    assert ready is not None
+    work.rows += ready.rows
+    work.plates.append(ready.plate)
+    yield from _solved(run, folder, ready, work, workers)
+
+
+def _solved(
+    run: ClipRun, folder: Path, shot: SolvableShot, work: _Work, workers: Workers
+) -> Iterator[FrameRecord]:
+    """Records of the frames of a shot, in order; those that are not done are solved."""
+    done = {
+        (record.frame, record.object): record
+        for saved in work.manifest.of_kind("layer")
+        if (record := FrameRecord.loaded(saved)).shot == shot.number
+        and (not record.layer or (folder / record.layer).exists())
+    }
+    rest = [one for one in shot.wanted if (one.row.frame, one.row.object or 1) not in done]
+    writer = LayerWriter(
+        shot.solver, folder.absolute(), shot.number, run.file_extension, run.several
+    )
+    if run.several:
+        for number in {one.row.object or 1 for one in rest}:
+            (folder / f"object{number}").mkdir(exist_ok=True)
+    tasks = [(shot.frames[one.index : one.index + 1], one) for one in rest]
+    for one, outcome in zip(rest, workers.outcomes(writer, tasks), strict=True):
+        if isinstance(outcome, Failure):
+            work.problems.append(f"frame {one.row.frame}: {outcome.error}")
+            continue
+        work.manifest.append("layer", asdict(outcome))
+        done[outcome.frame, outcome.object] = outcome
+        work.new += 1
+        yield outcome
+    work.records += [done[key] for key in sorted(done)]
+
+
+def _sightings(saved: dict[str, Any]) -> FrameSightings:
+    found = tuple(Sighting(**one) for one in saved["found"])
+    return FrameSightings(**{**saved, "found": found})
+
+
+def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:
+    """Write table, plates, sheet and movie; their paths."""
+    files = [folder / "frames.csv"]
+    write(files[0], [record.numbers() for record in work.records])
+    if run.plate is None:
+        for number, plate in enumerate(work.plates, 1):
+            files.append(folder / f"plate{number if number > 1 else ''}.exr")
+            write(files[-1], plate)
+    try:
+        sheet = draw_clip(work.plates[0], work.rows, _words(work, shots))
+    except ImportError as error:
+        work.problems.append(f"overview.png: {error}")
+    else:
+        files.append(folder / "overview.png")
+        write(files[-1], sheet)
+    if run.extension == ".mov":
+        numbers = sorted({record.object for record in work.records if record.layer})
+        for number in numbers:
+            name = f"layers{number}.mov" if run.several else "layers.mov"
+            mine = [record for record in work.records if record.object == number]
+            rate = run.frames.rate or DEFAULT_RATE
+            write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
+            files.append(folder / name)
+    return tuple(files)
+
+
+def _words(work: _Work, shots: Sequence[Shot]) -> list[str]:
+    """Sentences for the sheet."""
+    layers = [record for record in work.records if record.layer]
+    grades = Counter(record.grade for record in layers)
+    graded = ", ".join(f"{grades[str(g)]} {g}" for g in Grade if grades[str(g)])
+    said = [f"{len(layers)} layers: {graded}." if layers else "No layers."]
+    if len(shots) > 1:
+        said.append(f"{len(shots)} shots: {'; '.join(map(str, shots))}.")
+    return said + work.problems[:3]
+
+
+def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:
+    layers = [record for record in report.records if record.layer]
+    return {
+        "command": run.command,
+        "inputs": [str(path) for path in run.inputs],
+        "frames": len(run.frames),
+        "rate": run.frames.rate,
+        "size": run.frames.size,
+        "layers": len(layers),
+        "grades": report.grades,
+        "shots": [asdict(replace(shot)) for shot in report.shots],
+        "problems": list(report.problems),
+    }

@@ -1,0 +1,96 @@
+"""Shots of a clip, each with its plate, the object's color, and the frames that are solved."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+from blurmatte.background import Shot, find_shots, thumbnail
+from blurmatte.background.shots import Thumbnail
+from blurmatte.color import ColorModel
+from blurmatte.files import Frames
+from blurmatte.motion import (
+    FrameMotion,
+    FrameSightings,
+    Workers,
+    clip_color,
+    link_objects,
+    link_sightings,
+    sightings,
+)
+from blurmatte.motion.clip.solving import FrameSolver, Wanted, clip_plate, wanted_frames
+from blurmatte.motion.clip.workers import tasks_of
+from blurmatte.radiometry import LinearImage, coded_frames
+
+
+@dataclass(frozen=True, eq=False)
+class SolvableShot:
+    """A shot of a still camera, and what its frames share.
+
+    Parameters
+    ----------
+    number : int
+        From 1.
+    shot : Shot
+    frames : Frames
+        Of the shot.
+    plate : LinearImage
+    solver : FrameSolver
+    rows : tuple of FrameMotion
+        Where the object is in each frame.
+    wanted : tuple of Wanted
+        The frames to solve.
+    """
+
+    number: int
+    shot: Shot
+    frames: Frames[LinearImage]
+    plate: LinearImage
+    solver: FrameSolver
+    rows: tuple[FrameMotion, ...]
+    wanted: tuple[Wanted, ...]
+
+
+def shots_of(frames: Frames[LinearImage], workers: Workers) -> list[Shot]:
+    """The shots of a clip."""
+    step = next(coded_frames(frames, slice(0, 1))).step
+    parts = workers.in_order(_thumbnails, tasks_of(frames))
+    return find_shots((one for part in parts for one in part), step)
+
+
+def _thumbnails(frames: Sequence[LinearImage], which: slice, _first: int) -> list[Thumbnail]:
+    return [thumbnail(frame) for frame in coded_frames(frames, which)]
+
+
+def prepared(
+    number: int,
+    shot: Shot,
+    frames: Frames[LinearImage],
+    plate: LinearImage | None,
+    model: ColorModel | None,
+    several: bool,
+    finished: Sequence[FrameSightings],
+    workers: Workers,
+) -> Iterator[FrameSightings | SolvableShot]:
+    """Detections in each frame of a shot that are not finished, then the shot.
+
+    Raises
+    ------
+    BlurmatteError
+        If there is no plate, or no color.
+    """
+    part = frames[shot.start : shot.stop]
+    plate = clip_plate(part) if plate is None else plate
+    model = clip_color(part, plate, workers) if model is None else model
+    seen = list(finished)
+    numbers = part.frame_numbers
+    new = sightings(
+        part, plate, model, several=several, numbers=numbers, skip=len(seen), workers=workers
+    )
+    for one in new:
+        seen.append(one)
+        yield one
+    rows = link_objects(seen) if several else link_sightings(seen)
+    wanted = wanted_frames(rows, model, numbers)
+    solver = FrameSolver.of(part, plate, model)
+    yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))

@@ -1,0 +1,99 @@
+"""FrameRecord: a row of the table of a solved clip."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from blurmatte.checks import Box
+from blurmatte.matting import Solution
+from blurmatte.motion import FrameMotion
+
+
+@dataclass(frozen=True)
+class FrameRecord:
+    """What was written for an object in one frame, or why nothing was.
+
+    Parameters
+    ----------
+    frame : int
+        Its number in the clip, from 0.
+    time : float or None
+        Presentation time, seconds.
+    object : int
+        Number of the object, from 1.
+    shot : int
+        Number of the shot, from 1.
+    x, y, radius, radius_std, length : float or None
+        Middle of the path, radius and length of the path, pixels; None without a shape.
+    sum_alpha, sum_alpha_std : float or None
+        Pixels.
+    color : str
+        sRGB-coded.
+    grade : str
+        Of the solution; "" if there is none.
+    alpha_error : float or None
+        Its calibrated error of alpha.
+    box : (x0, y0, x1, y1) or None
+        Of the layer, pixels.
+    layer : str
+        Name of its file, in the folder of results.
+    reason : str
+        Why there is no layer.
+    """
+
+    frame: int
+    time: float | None
+    object: int
+    shot: int
+    x: float | None = None
+    y: float | None = None
+    radius: float | None = None
+    radius_std: float | None = None
+    length: float | None = None
+    sum_alpha: float | None = None
+    sum_alpha_std: float | None = None
+    color: str = ""
+    grade: str = ""
+    alpha_error: float | None = None
+    box: Box | None = None
+    layer: str = ""
+    reason: str = ""
+
+    @classmethod
+    def of(cls, row: FrameMotion, shot: int, solution: Solution, layer: str) -> FrameRecord:
+        """The record of a solution."""
+        inside, sweep = solution.streak & solution.known, solution.sweep
+        place = None if sweep is None else sweep.family.curve(sweep.path)[16]
+        whole = solution.layer
+        return cls(
+            row.frame,
+            row.time,
+            row.object or 1,
+            shot,
+            x=None if place is None else float(place[0]),
+            y=None if place is None else float(place[1]),
+            radius=None if sweep is None else float(sweep.radius),
+            radius_std=None if sweep is None else float(sweep.radius_std),
+            length=None if sweep is None else float(sweep.length),
+            sum_alpha=float(solution.alpha[inside].sum(dtype=float)),
+            sum_alpha_std=float(solution.stats["sum_alpha_std"]),
+            color="" if solution.model.rank == 3 else " + ".join(solution.model.hex),
+            grade=str(solution.grade),
+            alpha_error=float(solution.stats["alpha_error"]),
+            box=None if whole.empty else whole.box,
+            layer=layer,
+        )
+
+    @classmethod
+    def loaded(cls, saved: dict[str, Any]) -> FrameRecord:
+        """The record of a line of a manifest."""
+        box = saved["box"]
+        return cls(**{**saved, "box": None if box is None else tuple(box)})
+
+    def numbers(self) -> dict[str, Any]:
+        """All by name, flat, for a row of a table."""
+        row = asdict(self)
+        box = row.pop("box")
+        names = ("x0", "y0", "x1", "y1")
+        return row | dict(zip(names, box or (None,) * 4, strict=True))

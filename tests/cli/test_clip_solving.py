@@ -1,0 +1,109 @@
+"""`solve` of clips: what is a clip, what is written, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.cli.clip_solving import ClipOptions
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.trajectory import Trajectory
+
+
+def run(*words):
+    return CliRunner().invoke(app, [str(word) for word in words])
+
+
+@pytest.fixture(scope="module")
+def shot(tmp_path_factory):
+    """Five numbered pictures, a ball in the last four, and the plate."""
+    folder, rng = tmp_path_factory.mktemp("shot"), np.random.default_rng(1)
+    plate = colorful_plate((72, 48), 1, tile=12)
+
+    def picture(k):
+        path = Trajectory.line((10 + 11 * k, 18 + k), (20 + 11 * k, 19 + k))
+        light = render(Scene(plate, path, Ball(6, np.array([0.7, 0.35, 0.1])))).image.rgb
+        light = plate if k == 0 else light
+        return bm.LinearImage((light + rng.normal(0, 0.01, light.shape)).astype(np.float32))
+
+    bm.write_frames(folder / "f.####.exr", map(picture, range(5)), start=0)
+    known = bm.LinearImage(plate, bm.NoiseModel(read_std=1e-4))
+    bm.write(folder / "plate.exr", known)
+    return folder
+
+
+def test_numbered_pictures_become_layers_and_are_solved_once(shot, tmp_path):
+    words = ("solve", shot / "f.####.exr", "--plate", shot / "plate.exr", "-o", tmp_path / "o")
+    words += ("--color", "#e9b45e", "--workers", "1")
+    first = run(*words)
+    assert first.exit_code == 0, first.stderr
+    assert "4 layers" in first.stdout
+    assert sorted(p.name for p in (tmp_path / "o").glob("layer.*")) == [
+        f"layer.{k:06d}.exr" for k in range(1, 5)
+    ]
+    again = run(*words, "--json")
+    assert again.exit_code == 0
+    answer = json.loads(again.stdout)
+    assert [row["frame"] for row in answer["frames"]] == [1, 2, 3, 4]
+    assert sum(answer["grades"].values()) == 4
+
+
+@pytest.mark.parametrize(
+    ("images", "out", "plate", "alone", "clip"),
+    [
+        (["rally.mp4"], "out", None, False, True),
+        (["f.####.exr"], "out", "plate.exr", False, True),
+        (["f.%04d.exr"], "out", "plate.exr", True, False),
+        (["f.*.exr"], "out", "plate.exr", False, False),
+        (["f.*.exr"], "out", None, False, True),
+        (["f.*.exr"], "out.mov", "plate.exr", False, True),
+        (["a.png", "b.png"], "out", "plate.png", False, False),
+    ],
+)
+def test_what_is_a_clip(images, out, plate, alone, clip):
+    plate = None if plate is None else Path(plate)
+    assert ClipOptions().means_clip(images, Path(out), plate, alone) is clip
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--region", "1,1,9,9", "--layers", "exr"), "a clip takes no --region"),
+        (("--color", "12,12"), "give --color as hex or a model file"),
+        (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
+        (("--frames", "7:9"), "selects no frame"),
+        (("--workers", "2", "--scheduler", "tcp://host:8786"), "give --workers or --scheduler"),
+    ],
+)
+def test_options_that_do_not_fit_are_refused(shot, tmp_path, options, message):
+    result = run("solve", shot / "f.####.exr", "-o", tmp_path / "o", *options)
+    assert result.exit_code == 2
+    assert message in result.stderr
+    assert not (tmp_path / "o").exists()
+
+
+def test_pictures_need_a_plate(shot, tmp_path):
+    result = run("solve", shot / "f.0001.exr", "-o", tmp_path / "o")
+    assert result.exit_code == 2
+    assert "Missing option '--plate'; see" in result.stderr
+
+
+def test_row_of_images_is_the_same_in_several_processes(shot, tmp_path):
+    """Invariant: the same answers in the same order, and a refusal of one image alone."""
+    images = [shot / f"f.{k:04d}.exr" for k in (1, 0, 2)]
+    options = ("--plate", shot / "plate.exr", "--solver", "pixelwise", "--color", "#e9b45e", "-q")
+    results = [
+        run("solve", *images, *options, "--workers", n, "-o", tmp_path / f"o{n}") for n in (1, 2)
+    ]
+    assert [result.exit_code for result in results] == [2, 2]
+    one, two = (
+        result.stdout.replace(f"o{n}", "o") for n, result in zip((1, 2), results, strict=True)
+    )
+    assert one == two
+    assert [(tmp_path / "o2" / f"f.{k:04d}" / "layer.exr").exists() for k in range(3)] == [
+        False, True, True,
+    ]  # fmt: skip

@@ -1,0 +1,146 @@
+"""save_clip: files of a clip, their rerun, processes that die, and a cluster."""
+
+import os
+import signal
+from pathlib import Path
+
+import numpy as np
+import pytest
+from tests.clips.conftest import FIRST, LAST
+
+import blurmatte as bm
+from blurmatte.motion.clip.workers import Failure
+
+NAMES = [f"layer.{k:06d}.exr" for k in range(FIRST, LAST + 1)]
+
+
+def run_of(shot, **settings):
+    frames = bm.read_frames(shot / "shot.####.exr")
+    inputs = (*sorted(shot.glob("shot.*.exr")), shot / "plate.exr")
+    return bm.ClipRun(inputs, frames, bm.read(shot / "plate.exr"), **settings)
+
+
+def saved(shot, folder, workers=None, **settings):
+    """The report of a whole run."""
+    *_, report = bm.save_clip(run_of(shot, **settings), folder, workers or bm.Workers(1))
+    return report
+
+
+def contents(folder):
+    """Bytes of all files by name."""
+    return {path.name: path.read_bytes() for path in sorted(Path(folder).iterdir())}
+
+
+@pytest.fixture(scope="module")
+def once(shot, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("once")
+    return folder, saved(shot, folder)
+
+
+def test_layers_and_table_are_those_of_the_frames_with_the_object(once, truth):
+    folder, report = once
+    assert sorted(path.name for path in folder.glob("layer.*")) == NAMES
+    assert [record.frame for record in report.records] == list(range(FIRST, LAST + 1))
+    assert report.problems == ()
+    for record in report.records:
+        layer = bm.read_layer(folder / record.layer)
+        assert layer.size == truth[record.frame].size
+        assert np.abs(layer.alpha - truth[record.frame].alpha).max() < 0.1
+        assert record.box == layer.box
+    header, *rows = (folder / "frames.csv").read_text().splitlines()
+    assert header.startswith("frame,time,object,shot,x,y,radius")
+    assert len(rows) == len(NAMES)
+    assert (folder / "report.json").exists()
+
+
+def test_layer_over_plate_is_the_frame(once, pictures):
+    """Composites agree with the frames to 50 dB, noise of the frames apart."""
+    folder, _ = once
+    frames, plate = pictures
+    for k, name in zip(range(FIRST, LAST + 1), NAMES, strict=True):
+        d = bm.read_layer(folder / name).over(plate).rgb - frames[k].rgb
+        assert np.sqrt(np.mean(d**2)) < 0.0115  # of which the noise is 0.01
+
+
+def test_rerun_does_nothing_and_changes_no_byte(shot, once):
+    folder, _ = once
+    before = contents(folder)
+    assert saved(shot, folder).new == 0
+    assert contents(folder) == before
+
+
+def test_interrupted_run_ends_with_the_same_bytes(shot, once, tmp_path):
+    events = bm.save_clip(run_of(shot), tmp_path, bm.Workers(1))
+    for event in events:
+        if isinstance(event, bm.FrameRecord) and event.frame == FIRST + 2:
+            break
+    events.close()
+    assert len(list(tmp_path.glob("layer.*.exr"))) == 3
+    (tmp_path / NAMES[0]).unlink()  # a file that was lost is made again
+    assert saved(shot, tmp_path).new == len(NAMES) - 2
+    assert {name: contents(tmp_path)[name] for name in NAMES} == {
+        name: contents(once[0])[name] for name in NAMES
+    }
+    assert (tmp_path / "frames.csv").read_bytes() == (once[0] / "frames.csv").read_bytes()
+
+
+def test_movie_is_as_long_as_the_clip(shot, tmp_path):
+    saved(shot, tmp_path, extension=".mov")
+    layers = bm.read_layers(tmp_path / "layers.mov")
+    assert len(layers) == 12
+    assert [k for k, layer in enumerate(layers) if layer.alpha.max() > 0.1] == [*range(3, 10)]
+
+
+def test_clip_in_which_nothing_moves_is_refused(shot, tmp_path):
+    run = run_of(shot)
+    run = bm.ClipRun(run.inputs, run.frames[:3], run.plate)
+    with pytest.raises(bm.MotionError, match=r"frames 0 to 2: .*color"):
+        list(bm.save_clip(run, tmp_path, bm.Workers(1)))
+
+
+def test_other_layers_are_refused(shot):
+    with pytest.raises(ValueError, match="gif"):
+        run_of(shot, extension=".gif")
+
+
+def dies_once(flag, k):
+    """Kills its process the first time that it is asked for 2."""
+    if k == 2 and not Path(flag).exists():
+        Path(flag).touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return 10 * k
+
+
+def fails(k):
+    if k == 1:
+        raise ValueError("one is bad")
+    return k
+
+
+def test_tasks_of_a_killed_process_are_done_again(tmp_path):
+    tasks = [(str(tmp_path / "flag"), k) for k in range(5)]
+    with bm.Workers(2) as workers:
+        assert list(workers.in_order(dies_once, tasks)) == [0, 10, 20, 30, 40]
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_failure_is_named_and_the_rest_goes_on(count):
+    with bm.Workers(count) as workers:
+        zero, failure, two = workers.outcomes(fails, [(0,), (1,), (2,)])
+    assert (zero, two) == (0, 2)
+    assert isinstance(failure, Failure)
+    assert str(failure.error) == "one is bad"
+
+
+def test_cluster_writes_the_same_bytes(shot, once, tmp_path):
+    distributed = pytest.importorskip("distributed", reason="needs the `cluster` extra")
+    with (
+        distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None
+        ) as local,
+        distributed.Client(local) as client,
+        bm.cluster_workers(client, tmp_path) as workers,
+    ):
+        saved(shot, tmp_path, workers)
+    for name in (*NAMES, "frames.csv", "report.json"):
+        assert (tmp_path / name).read_bytes() == (once[0] / name).read_bytes()

@@ -1,0 +1,142 @@
+"""solve_clip: the frames of a clip with what they share."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS
+
+import blurmatte as bm
+from blurmatte.motion.clip.pooling import ClipObject, predicted_sizes
+from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
+
+COLOR_MODEL = bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR))
+
+
+@pytest.fixture(scope="module")
+def solved(pictures):
+    frames, plate = pictures
+    noise = bm.NoiseModel(read_std=NOISE)
+    frames = [frame.with_noise(noise) for frame in frames]
+    return dict(bm.solve_clip(frames, plate.with_noise(bm.NoiseModel(read_std=1e-4))))
+
+
+def test_frames_with_the_object_are_solved_and_no_others(solved):
+    assert sorted(solved) == list(range(FIRST, LAST + 1))
+
+
+def test_alpha_of_every_frame_agrees_with_the_truth(solved, truth):
+    for k, solution in solved.items():
+        error = np.where(solution.known, solution.alpha, 0) - truth[k].alpha
+        assert solution.size == truth[k].size
+        assert np.sqrt(np.mean(error[truth[k].alpha > 0] ** 2)) < 0.02
+
+
+def test_colors_and_sums_do_not_flicker(solved):
+    poles = [solution.model.pole for solution in solved.values()]
+    steps = [np.degrees(np.arccos(min(a @ b, 1))) for a, b in pairwise(poles)]
+    assert max(steps) < 1
+    assert all(np.degrees(np.arccos(min(p @ COLOR / np.linalg.norm(COLOR), 1))) < 2 for p in poles)
+    whole = [k for k in solved if k < LAST]
+    sums = np.array([solved[k].alpha[solved[k].streak].sum() for k in whole])
+    assert sums == pytest.approx(np.pi * RADIUS**2, rel=0.05)
+
+
+def test_sweep_lies_in_the_whole_picture(solved, truth):
+    for k, solution in solved.items():
+        x0, y0, x1, y1 = truth[k].box
+        middle = solution.sweep.trajectory.xy[64]
+        assert x0 < middle[0] < x1
+        assert y0 < middle[1] < y1
+        assert solution.sweep.size == solution.size
+
+
+def row(frame, radius, std=0.1, source="sweep", doubts=""):
+    names = "x y x_std y_std xy_covariance vx vy vx_std vy_std length length_std angle angle_std"
+    numbers = dict.fromkeys(names.split(), 1.0)
+    ends = dict.fromkeys(("first_x", "first_y", "last_x", "last_y"), 1.0)
+    seen = bm.Sighting(
+        **numbers, **ends, radius=radius, radius_std=std, color="", evidence=1.0, source=source,
+        path="line", silhouette="disc", residual_excess=1.0, at_border=False, moved=True,
+        doubts=doubts,
+    )  # fmt: skip
+    return bm.FrameMotion(frame, None, seen)
+
+
+def test_predicted_radius_is_that_of_the_other_frames():
+    """Exact: a radius that grows by a constant, whatever the frame itself says."""
+    rows = [row(k, 6 + 0.1 * k if k != 5 else 9.0) for k in range(11)]
+    size = predicted_sizes(rows)[5]
+    assert size.radius == pytest.approx(6.5)
+
+
+def test_error_of_predicted_radius_matches_scatter():
+    """Honest: the errors of predictions have mean 0 and standard deviation 1."""
+    z, rng = [], np.random.default_rng(3)
+    for _ in range(300):
+        rows = [row(k, 6 + rng.normal(0, 0.1)) for k in range(9)]
+        size = predicted_sizes(rows)[4]
+        z.append((size.radius - 6) / size.std)
+    assert abs(np.mean(z)) < 0.2
+    assert 0.6 < np.std(z) < 1.15  # scatter beyond the errors is added where there seems to be some
+
+
+def test_doubtful_frames_and_moments_predict_nothing():
+    rows = [row(k, 6.0) for k in range(5)] + [
+        row(5, 20.0, doubts="merged"),
+        row(6, 1, 1, "moments"),
+    ]
+    assert predicted_sizes(rows)[0].radius == pytest.approx(6.0)
+    assert predicted_sizes(rows[:3]) == [None, None, None]
+
+
+def test_object_is_a_disc_if_most_of_many_frames_show_one():
+    discs = [row(k, 6.0) for k in range(16)]
+    moments = [row(k, 6.0, source="moments") for k in range(16, 24)]
+    model = bm.ColorModel.from_hex("#d8ff3c")
+    assert ClipObject.of(discs, model).is_disc
+    assert not ClipObject.of(discs[:10], model).is_disc
+    assert not ClipObject.of(discs + moments, model).is_disc
+
+
+def test_multiplied_errors_have_their_grade(pictures):
+    frames, plate = pictures
+    solution = bm.solve(frames[5], plate, matching=bm.Matching.NONE)
+    larger = solution.with_errors_times(30.0)
+    assert larger.stats["alpha_error"] == pytest.approx(30 * solution.stats["alpha_error"])
+    assert np.array_equal(larger.alpha, solution.alpha)
+    assert larger.alpha_std == pytest.approx(30 * solution.alpha_std)
+    assert larger.grade == bm.Grade.ASSUMED != solution.grade
+    assert solution.with_errors_times(1.0).grade == solution.grade
+    with pytest.raises(ValueError, match="1 or more"):
+        solution.with_errors_times(0.5)
+
+
+def test_known_disc_is_solved_by_its_shape_alone(pictures, truth):
+    """The frames of a disc need no alpha without a shape, and keep their accuracy."""
+    frames, plate = pictures
+    noise, dark = bm.NoiseModel(read_std=NOISE), bm.NoiseModel(read_std=1e-4)
+    frames, plate = [frame.with_noise(noise) for frame in frames], plate.with_noise(dark)
+    rows = bm.measure_clip(frames, plate, COLOR_MODEL)
+    one = wanted_frames(rows, COLOR_MODEL, range(len(frames)))[3]
+    solver = FrameSolver.of(frames, plate, COLOR_MODEL)
+    solution = solver(frames[one.index : one.index + 1], replace(one, is_disc=True))
+    assert solution.solver == "Swept()"
+    error = np.where(solution.known, solution.alpha, 0) - truth[one.index].alpha
+    assert np.sqrt(np.mean(error[truth[one.index].alpha > 0] ** 2)) < 0.02
+
+
+def test_solution_of_a_part_has_its_place_in_the_picture(pictures, truth):
+    """Exact: the maps of a crop, at its place, and nothing elsewhere."""
+    frames, plate = pictures
+    box = (10, 0, 66, 44)
+    part = bm.solve(frames[5].crop(box), plate.crop(box), matching=bm.Matching.NONE)
+    whole = part.in_picture(box, plate.size)
+    assert np.array_equal(whole.alpha[0:44, 10:66], part.alpha)
+    assert whole.streak.sum() == part.streak.sum()
+    (x0, y0), (x1, y1) = part.stats["streak_box"][:2], whole.stats["streak_box"][:2]
+    assert (x1 - x0, y1 - y0) == (10, 0)
+    moved = whole.sweep.trajectory.xy - part.sweep.trajectory.xy
+    assert moved == pytest.approx(np.tile((10.0, 0.0), (129, 1)))
+    assert whole.sweep.alpha[0:44, 10:66] == pytest.approx(part.sweep.alpha, abs=1e-9)
