@@ -109,7 +109,7 @@ def solve(
         solve_clip(images, plate, out, colors, reading, clip, required, as_json)
         return
     if plate.plate is None:
-        raise typer.BadParameter("Missing option '--plate'")
+        raise ValueError("Missing option '--plate'; see blurmatte solve --help")
     method = _solver(solver, colors)
     check_folder(out)
     pairs = with_folders(images, out)

@@ -73,8 +73,8 @@ def minimize(
         H, g = state.information()
         held = _held(state, g, bounds)
         H[held], H[:, held], g[held] = 0, 0, 0
-        if not np.diag(H).any() or not np.isfinite(H).all():
-            return state  # the object is outside of the picture, or no pixel has noise
+        if not (np.isfinite(H).all() and np.diag(H).max() > 0):
+            return state  # the object is outside of the picture, or the fit is far off
         scales = np.sqrt(np.maximum(np.diag(H), 0) + settings.min_curvature * np.diag(H).max())
         curvature, slope = H / np.outer(scales, scales), g / scales
         for _ in range(settings.max_trials):
