@@ -116,7 +116,7 @@ def solve_clip(
         frames = bm.read_frames(source, reading.curve, reading.max_pixels)
         frames = chosen_frames(frames, options.frames)
         run = bm.ClipRun(
-            tuple(path for path in _inputs(images, plate, colors) if path.is_file()),
+            tuple(dict.fromkeys(p for p in _inputs(images, plate, colors) if p.is_file())),
             frames,
             None if plate.plate is None else reading.read(plate.plate)[0],
             _model(colors),
