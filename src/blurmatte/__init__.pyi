@@ -24,6 +24,12 @@ from blurmatte.compositing import remove as remove
 from blurmatte.compositing import retouch as retouch
 from blurmatte.compositing import split_exposure as split_exposure
 from blurmatte.compositing import stack as stack
+from blurmatte.deblurring import deblur as deblur
+from blurmatte.deblurring import Dwell as Dwell
+from blurmatte.deblurring import fit_dwell as fit_dwell
+from blurmatte.deblurring import fit_psf as fit_psf
+from blurmatte.deblurring import Sharp as Sharp
+from blurmatte.point_spread import PointSpread as PointSpread
 from blurmatte.errors import BlurmatteError as BlurmatteError
 from blurmatte.errors import BlurmatteWarning as BlurmatteWarning
 from blurmatte.errors import ColorModelError as ColorModelError

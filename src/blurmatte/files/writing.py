@@ -28,6 +28,7 @@ from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
+from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import SRGB, Transfer
@@ -44,6 +45,7 @@ def write(
     thing: LinearImage
     | Layer
     | Solution
+    | PointSpread
     | ColorModel
     | Intrinsics
     | NoiseModel
@@ -63,6 +65,7 @@ def write(
                       the EXR keeps the variance and the valid pixels
     Layer             .png (16 bit, straight), .tif (16 bit, premultiplied), .exr
     Solution          .exr, with all fields
+    PointSpread       .exr .tif (float, channels weight and std), .csv, a row for each pixel
     ColorModel        .json
     Intrinsics        .json; NoiseModel and NoiseFit as well
     Transfer          .json, as a table; of a ResponseFit with errors and diagnostics
@@ -144,6 +147,8 @@ def _writers(thing: object) -> Mapping[str, _Writer]:
         case Solution():
             tags = _LINEAR | solution_header(thing)
             return {".exr": lambda path: save_pixels(path, solution_parts(thing), CHANNELS, tags)}
+        case PointSpread():
+            return _spread_writers(thing)
         case ColorModel():
             return {".json": lambda path: _save_text(path, model_to_json(thing) + "\n")}
         case Intrinsics():
@@ -209,6 +214,20 @@ def _layer_writers(layer: Layer) -> Mapping[str, _Writer]:
         ".png": lambda path: save_pixels(path, _straight(layer), "RGBA", _SRGB | straight),
         ".tif": lambda path: save_pixels(path, _associated(layer), "RGBA", _SRGB),
         ".exr": lambda path: save_pixels(path, [layer.premultiplied, layer.alpha], "RGBA", _LINEAR),
+    }
+
+
+def _spread_writers(spread: PointSpread) -> Mapping[str, _Writer]:
+    parts = [np.dstack([spread.weight, spread.std]).astype(np.float32)]
+
+    def save_maps(path: Path) -> None:
+        save_pixels(path, parts, ("weight", "std"), _LINEAR)
+
+    rows = spread.rows
+    return {
+        ".exr": save_maps,
+        ".tif": save_maps,
+        ".csv": lambda path: _save_text(path, rows_to_csv(rows)),
     }
 
 

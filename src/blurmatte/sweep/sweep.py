@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.color.model import ColorModel
+from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.chroma_subsampling import (
@@ -16,6 +17,7 @@ from blurmatte.sweep.model.chroma_subsampling import (
     light_of_colors,
 )
 from blurmatte.sweep.model.path import PathFamily
+from blurmatte.sweep.model.path_spread import path_spread
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, Swept
 from blurmatte.trajectory import Trajectory
@@ -178,6 +180,50 @@ class Sweep:
             self.family.at(self.path, when)[0],
         )
         return np.asarray(self.outline @ linear.T + center)
+
+    def outline_std(self, t: float) -> Array:
+        """(129,) standard deviation of `outline_at` across the rim, pixels.
+
+        The error of each parameter moves the rim along its normal; the omitted orders of an outline
+        count as one of the size of its last order.
+        """
+        points = self.outline_at(t)
+        along = np.roll(points[:-1], -1, axis=0) - np.roll(points[:-1], 1, axis=0)
+        normal = np.stack([along[:, 1], -along[:, 0]], axis=1)
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+        std, J = np.sqrt(np.diag(self.covariance)), np.zeros((128, len(self.covariance)))
+        values, n = np.concatenate([self.path, self.shape]), len(self.path)
+        for k in np.flatnonzero(std > 0):
+            moved = values.copy()
+            moved[k] += std[k]
+            other = replace(self, path=moved[:n], shape=moved[n:]).outline_at(t)
+            J[:, k] = ((other - points)[:-1] * normal).sum(axis=1) / std[k]
+        variance = np.einsum("pk,kl,pl->p", J, self.covariance, J)
+        rim = np.sqrt(variance + self.silhouette.left_out(self.shape) ** 2)
+        return np.concatenate([rim, rim[:1]])
+
+    def psf(self) -> PointSpread:
+        """The point spread function: the time that the center spends in each pixel."""
+        xy = self.trajectory.xy
+        (x0, y0), (x1, y1) = np.floor(xy.min(axis=0) - 2), np.ceil(xy.max(axis=0) + 3)
+        pixels = Pixels.of_box((int(x0), int(y0), int(x1), int(y1)))
+        n = len(self.path)
+        covariance = self.covariance[:n, :n]
+        std, J = np.sqrt(np.diag(covariance)), np.zeros((*pixels.shape, n))
+        for k in np.flatnonzero(std > 0):
+            step = std[k] * np.eye(n)[k]
+            ends = (path_spread(self.family, self.path + d, pixels) for d in (step, -step))
+            J[..., k] = (next(ends) - next(ends)) / (2 * std[k])
+        variance = np.einsum("hwk,kl,hwl->hw", J, covariance, J)
+        weight = path_spread(self.family, self.path, pixels)
+        return PointSpread(weight, np.sqrt(np.maximum(variance, 0)), (int(x0), int(y0)))
+
+    @property
+    def coverage(self) -> Array:
+        """(side, side) coverage of the silhouette in the middle of the exposure, its center central."""
+        reach = int(np.ceil(self.silhouette.reach(self.shape))) + 1
+        side = 2 * reach + 1
+        return self.silhouette.coverage(self.shape, Pixels((side, side), (-reach, -reach)))
 
     @property
     def alpha(self) -> Array:

@@ -5,7 +5,7 @@ center at the angle φ from +x towards +y: the shape is star-shaped about its ce
 defines ρ by the parameters.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import NamedTuple
 
@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.model.linear_maps import changed, exponential, most_shrinking, turned
-from blurmatte.sweep.model.path import PathFamily
+from blurmatte.sweep.model.path import LINE, PathFamily
 from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
@@ -212,17 +212,13 @@ class Silhouette:
 
     def _motion(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> "_Motion":
         """Moments, their weights and the centers."""
-        scale, rim_motion = pixels.scale, 0.0
-        if self.turns or self.changes:
-            rate = abs(self.turn(shape)) + 2 * most_shrinking(self.rates(shape))
-            rim_motion = rate * self.reach(shape)
+        scale, rim_motion = pixels.scale, self.rim_motion(shape)
         t, weights = moments(family, path, scale, rim_motion, self.softness(shape) / scale)
         xy, D = family.at(path, t)
         return _Motion(t, weights, (xy - pixels.origin) / scale, D / scale)
 
     def _cover(self, motion: "_Motion", shape: Array, scale: float, alpha: Array, J: Array) -> None:
         """Add the coverage of a shape to alpha and J, as `kernel.sweep` does."""
-        from blurmatte.sweep.model import rim_kernel
         from blurmatte.sweep.model import (
             silhouette_kernel as kernel,
         )  # numba takes half a second to import
@@ -230,11 +226,35 @@ class Silhouette:
         t, weights, xy, D = motion
         A, by_A = (x / scale for x in self._stretch(shape))
         coefficients, soft = self._coefficients(shape), self.softness(shape) / scale
-        reach = kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
-        rim = rim_kernel.lattice_around(A, coefficients, kernel.variance_of(soft), reach)
+        rim = self.rim(shape, scale)
         maps, by_maps = self._maps(shape, t)
         outline = A, by_A, coefficients
         kernel.sweep((xy, D, weights), maps, by_maps, self.changes, rim, outline, soft, alpha, J)
+
+    def rim(self, shape: Array, scale: float = 1.0) -> tuple[Array, float, float, float, Array]:
+        """Distances from the rim on a lattice, in pixels of a width: `rim_kernel.lattice_around`."""
+        from blurmatte.sweep.model import rim_kernel
+        from blurmatte.sweep.model import (
+            silhouette_kernel as kernel,
+        )  # numba takes half a second to import
+
+        A, soft = self._stretch(shape)[0] / scale, self.softness(shape) / scale
+        reach = kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
+        variance = kernel.variance_of(soft)
+        rim = rim_kernel.lattice_around(A, self._coefficients(shape), variance, reach)
+        return rim  # type: ignore[no-any-return]
+
+    def rim_motion(self, shape: Array) -> float:
+        """Distance by which turn and change move the rim during the exposure, pixels."""
+        if not (self.turns or self.changes):
+            return 0.0
+        rate = abs(self.turn(shape)) + 2 * most_shrinking(self.rates(shape))
+        return float(rate * self.reach(shape))
+
+    def coverage(self, shape: Array, pixels: Pixels) -> Array:
+        """(h, w) coverage in the middle of the exposure, with the center at (0, 0)."""
+        still = replace(self, turns=False, changes=False)
+        return still.sweep(LINE, np.zeros(4), still.like(self, shape), pixels).alpha
 
     def map_at(self, shape: Array, t: Array) -> Array:
         """(T, 2, 2) linear maps from the shape in the middle of the exposure to that at fractions t."""

@@ -1,0 +1,7 @@
+"""Sharp pictures of a moving object from its blurred ones, and its point spread function."""
+
+from blurmatte.deblurring.dwell import Dwell as Dwell
+from blurmatte.deblurring.dwell import fit_dwell as fit_dwell
+from blurmatte.deblurring.free_spread import fit_psf as fit_psf
+from blurmatte.deblurring.sharp import Sharp as Sharp
+from blurmatte.deblurring.sharp import deblur as deblur

@@ -1,0 +1,141 @@
+"""Dwell time: how long an object was at each part of a known path.
+
+With the coverage G(p, k) of a pixel, averaged while the center passes part k of the path's length, alpha
+is linear in the times τ that it takes there,
+
+    α(p) = Σₖ G(p, k) τₖ.
+
+The times are smooth: the prior is exp(−λ |D τ|² / 2) with second differences D, its strength by evidence
+as in `gaussian`. They are the nonnegative least squares solution; the standard deviations are those of
+the solution without that constraint.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_factor, cho_solve
+from scipy.optimize import minimize_scalar, nnls
+from scipy.sparse import csr_matrix
+
+from blurmatte.checks import Floats, check_kind, check_map
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.pixels import Pixels
+
+Array = npt.NDArray[np.float64]
+
+_STEP_PX = 0.25  # of the center between two moments
+_MIN_ALPHA_STD = 1e-3  # of the model of alpha
+
+
+@dataclass(frozen=True, eq=False)
+class Dwell:
+    """Times along a path.
+
+    Parameters
+    ----------
+    xy : (k, 2) float
+        Middles of k parts of equal length, pixels.
+    position : (k,) float
+        Distances of these from the start of the path, pixels.
+    time, std : (k,) float
+        Fraction of the exposure spent in each part, and its standard deviation; their sum is near 1 if
+        path and silhouette are right.
+    misfit : float
+        Reduced χ² of alpha.
+    """
+
+    xy: Array
+    position: Array
+    time: Array
+    std: Array
+    misfit: float
+
+    def __repr__(self) -> str:
+        return f"Dwell({len(self.time)} parts, sum {self.time.sum():.3f}, misfit {self.misfit:.2f})"
+
+    @property
+    def rows(self) -> list[dict[str, float]]:
+        """A row (x, y, position, time, std) for each part, as for a table."""
+        columns = np.column_stack([self.xy, self.position, self.time, self.std])
+        names = ("x", "y", "position", "time", "std")
+        return [dict(zip(names, map(float, row), strict=True)) for row in columns]
+
+
+def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -> Dwell:
+    """How long an object was at each part of its path.
+
+    Parameters
+    ----------
+    alpha, alpha_std : (H, W) float
+        Exposure fraction and its error, not derived from a path: of `solve` with `Pixelwise` or `Smooth`.
+    sweep : Sweep
+        Path and silhouette; its own times are not used.
+    parts : int
+        Number of parts of the path, 4 or more.
+
+    Returns
+    -------
+    Dwell
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is something else, sizes differ, or there are fewer than 4 parts.
+    """
+    check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_map("alpha", alpha, sweep.size[::-1])
+    check_map("alpha_std", alpha_std, sweep.size[::-1])
+    if parts < 4:
+        raise ValueError(f"parts must be 4 or more, got {parts}")
+    x0, y0, x1, y1 = sweep.box
+    G, xy, position = _coverage(sweep, parts)
+    data = np.asarray(alpha[y0:y1, x0:x1], float).ravel()
+    std = np.maximum(np.asarray(alpha_std[y0:y1, x0:x1], float).ravel(), _MIN_ALPHA_STD)
+    seen = np.isfinite(data) & np.isfinite(std) & (np.asarray(G.sum(axis=1)).ravel() > 0)
+    rows = G[seen].toarray() / std[seen, None]
+    time, time_std, misfit = _smooth_times(rows, data[seen] / std[seen])
+    return Dwell(xy, position, time, time_std, misfit)
+
+
+def _coverage(sweep: Sweep, parts: int) -> tuple[csr_matrix, Array, Array]:
+    """G (pixels, parts), middles of the parts (parts, 2), and their distances from the start."""
+    from blurmatte.deblurring import (
+        operator_kernel as kernel,
+    )  # numba takes half a second to import
+
+    path, pixels = sweep.trajectory, Pixels.of_box(sweep.box)
+    steps = np.linalg.norm(np.diff(path.xy, axis=0), axis=1)
+    length = np.concatenate([[0], np.cumsum(steps)]) + 1e-9 * path.t  # increases also at rest
+    each = max(1, int(np.ceil(sweep.length / parts / _STEP_PX)))
+    position = sweep.length * (np.arange(parts * each) + 0.5) / (parts * each)
+    t = np.interp(position, length, path.t)
+    maps, rim = sweep.silhouette.map_at(sweep.shape, t), sweep.silhouette.rim(sweep.shape)
+    xy = path.at(t)
+    offset = xy - np.array(pixels.origin)
+    first, moment, part = kernel.covered_moments(offset, maps, rim, sweep.softness, pixels.shape)
+    columns = moment // each
+    G = csr_matrix((part / each, columns, first), shape=(len(first) - 1, parts))
+    return G, xy.reshape(parts, each, 2).mean(axis=1), position.reshape(parts, each).mean(axis=1)
+
+
+def _smooth_times(rows: Array, data: Array) -> tuple[Array, Array, float]:
+    """Times, their standard deviations, and reduced χ² of rows of unit noise."""
+    parts, count = rows.shape[1], len(data)
+    D = np.diff(np.eye(parts), n=2, axis=0)
+    N, b, Q = rows.T @ rows, rows.T @ data, D.T @ D
+
+    def fit(log_strength: float) -> tuple[float, float, Array]:
+        factor = cho_factor(N + np.exp(log_strength) * Q)
+        misfit = float(data @ data - b @ cho_solve(factor, b))
+        log_det = 2 * np.log(np.diag(factor[0])).sum()
+        log_evidence = (parts - 2) * log_strength - (count - 2) * np.log(misfit) - log_det
+        return float(log_evidence), misfit, np.asarray(cho_solve(factor, np.eye(parts)))
+
+    largest = float(np.log(np.trace(N)))
+    best = minimize_scalar(lambda x: -fit(x)[0], bounds=(-5, largest + 10), method="bounded")
+    _, misfit, covariance = fit(float(best.x))
+    scale = misfit / (count - 2)
+    smooth = np.exp(best.x / 2) * D
+    time, _ = nnls(np.vstack([rows, smooth]), np.concatenate([data, np.zeros(len(D))]))
+    return np.asarray(time), np.sqrt(scale * np.diag(covariance)), scale

@@ -1,0 +1,160 @@
+"""Normal equations of a straight color, and their solution under a quadratic prior.
+
+In this file o (n, 3) is the straight color, P (pixels, 3) the premultiplied light, A the operator and
+W the inverse variance of P in each channel. With the prior exp(−λ oᵀ Q o / 2) the posterior of channel
+c is normal, with mean and covariance
+
+    ô = (N + λ Q)⁻¹ b,   (N + λ Q)⁻¹,   N = Aᵀ W_c A,   b = Aᵀ W_c P.
+
+The nodes are ordered so that N is banded, and a Cholesky factor costs n b² operations.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.lapack import dtrtri
+from scipy.sparse import csr_matrix
+
+from blurmatte.deblurring.lattice import Lattice
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class NormalEquations:
+    """N, b and the energy of the data.
+
+    Parameters
+    ----------
+    band : (3, n, b + 1) float
+        N of each channel, see `banded_kernel`.
+    right : (3, n) float
+        b of each channel.
+    energy : (3,) float
+        Pᵀ W P.
+    count : int
+        Pixels of the data.
+    """
+
+    band: Array
+    right: Array
+    energy: Array
+    count: int
+
+    @classmethod
+    def of(cls, A: csr_matrix, light: Array, weight: Array, lattice: Lattice) -> "NormalEquations":
+        """The equations of one picture: light and weight (pixels, 3), weight 0 where there is none."""
+        from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
+
+        edges = lattice.edges
+        width = max(kernel.width_of(A.indptr, A.indices), int((edges[:, 1] - edges[:, 0]).max()))
+        band = np.zeros((3, lattice.size, width + 1))
+        for c in range(3):
+            weights = np.ascontiguousarray(weight[:, c])
+            kernel.add_normal(A.indptr, A.indices, A.data, weights, band[c])
+        right = np.asarray(A.T @ (weight * light)).T
+        return cls(
+            band, right, (weight * light**2).sum(axis=0), int((weight > 0).all(axis=1).sum())
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of nodes."""
+        return int(self.band.shape[1])
+
+    def misfit(self, normal: "Normal") -> float:
+        """Pᵀ W P − bᵀ ô: the least sum of squared residuals and prior, before noise is scaled."""
+        return float(self.energy.sum() - np.sum(self.right * normal.mean.T))
+
+
+def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
+    """The equations of several pictures of one object."""
+    width = max(part.band.shape[2] for part in parts)
+    band = np.zeros((3, parts[0].size, width))
+    for part in parts:
+        band[..., : part.band.shape[2]] += part.band
+    right, energy = sum(p.right for p in parts), sum(p.energy for p in parts)
+    return NormalEquations(band, np.asarray(right), np.asarray(energy), sum(p.count for p in parts))
+
+
+@dataclass(frozen=True, eq=False)
+class Normal:
+    """A normal distribution of the straight color.
+
+    Parameters
+    ----------
+    mean : (n, 3) float
+    factors : (3, n, b + 1) float
+        Cholesky factors of the inverse covariance of each channel, as bands.
+    """
+
+    mean: Array
+    factors: Array
+
+    @property
+    def log_determinant(self) -> float:
+        """Of the inverse covariances."""
+        return float(2 * np.log(self.factors[..., 0]).sum())
+
+    def solve(self, right: Array) -> Array:
+        """Covariance (n, n) of each channel times vectors (3, n, k)."""
+        pairs = zip(self.factors, right, strict=True)
+        return np.stack([cho_solve_banded((factor.T, True), r) for factor, r in pairs])
+
+    def variances(self) -> Array:
+        """(n, 3) variances of the nodes."""
+        return np.stack([_inverse_diagonal(factor) for factor in self.factors], axis=1)
+
+
+def _inverse_diagonal(factor: Array) -> Array:
+    """(n,) diagonal of S⁻¹ from the band of its Cholesky factor L [Takahashi, Fagan & Chen 1973].
+
+    In blocks of the band's width S is tridiagonal. With G = L[k + 1, k] L[k, k]⁻¹ the blocks of the
+    inverse are, from the last one upwards,
+
+        Z[k, k] = (L[k, k] L[k, k]ᵀ)⁻¹ + Gᵀ Z[k + 1, k + 1] G.
+    """
+    n, width = len(factor), factor.shape[1]
+    diagonal, later = np.empty(n), np.zeros((0, 0))
+    for begin in range((n - 1) // width * width, -1, -width):
+        end, last = min(begin + width, n), min(begin + 2 * width, n)
+        inverse, _ = dtrtri(_block(factor, begin, end, begin, end), lower=1)
+        G = _block(factor, end, last, begin, end) @ inverse
+        later = inverse.T @ inverse + G.T @ (later @ G)
+        diagonal[begin:end] = np.diag(later)
+    return diagonal
+
+
+def _block(factor: Array, top: int, bottom: int, left: int, right: int) -> Array:
+    """Rows and columns of the lower triangular matrix of a band."""
+    block, width = np.zeros((bottom - top, right - left)), factor.shape[1]
+    for column in range(left, right):
+        first, end = max(top, column), min(bottom, column + width)
+        if first < end:
+            block[first - top : end - top, column - left] = factor[
+                column, first - column : end - column
+            ]
+    return block
+
+
+def posterior(equations: NormalEquations, prior: Array) -> Normal:
+    """The posterior under a prior λ Q, a band (n, b + 1)."""
+    factors, mean = np.empty_like(equations.band), np.empty_like(equations.right)
+    for c in range(3):
+        total = equations.band[c] + prior
+        factor = cholesky_banded(total.T, overwrite_ab=True, lower=True, check_finite=False)
+        mean[c] = cho_solve_banded((factor, True), equations.right[c], check_finite=False)
+        factors[c] = factor.T
+    return Normal(np.ascontiguousarray(mean.T), factors)
+
+
+def gradient_prior(lattice: Lattice, weight: Array, width: int) -> Array:
+    """The band (n, width) of Q: oᵀ Q o = Σ weight (oᵢ − oⱼ)² over the edges of a lattice."""
+    band, (i, j) = np.zeros((lattice.size, width)), lattice.edges.T
+    for node in (i, j):
+        band[:, 0] += np.bincount(node, weight, lattice.size)
+    band[i, j - i] = -weight
+    return band

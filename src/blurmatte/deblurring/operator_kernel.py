@@ -1,0 +1,166 @@
+"""Rows of the blur operator of a moving silhouette, compiled.
+
+In this file a pixel at p is seen at the moment k at the point s = Lₖ⁻¹ (p − cₖ) of the body, where
+cₖ is the center and Lₖ (2, 2) the linear map from the body to the picture. The row of the pixel is
+
+    A(p, ·) = Σₖ wₖ · coverage(p, k) · interpolation weights of s,
+
+with the duration wₖ and the coverage of the pixel by the silhouette. The interpolation is bilinear
+between nodes of a lattice, of which those far outside the silhouette are missing; the weights of the
+others are normalized, so that a row sums to the pixel's alpha.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from blurmatte.sweep.model.silhouette_kernel import (
+    between,
+    covered_softly,
+    largest_stretch,
+    reach_of,
+    spans,
+    variance_of,
+)
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+
+
+@njit(**_COMPILED)
+def coverage(rim, inverse, soft, far, dx, dy):  # type: ignore[no-untyped-def]
+    """Fraction of a pixel inside the mapped rim; (dx, dy) from the center, `inverse` of the map.
+
+    With n the normal of the rim at s inside, N = |L⁻ᵀ n|, the mapped rim lies s / N away and has the
+    curvature κ det²(L⁻¹) / N³, to first order, as in `silhouette_kernel.sweep`.
+    """
+    lattice, x0, y0, h, _ = rim
+    a, b, c, d = inverse[0, 0], inverse[0, 1], inverse[1, 0], inverse[1, 1]
+    u, v = (a * dx + b * dy - x0) / h, (c * dx + d * dy - y0) / h
+    if not (0 <= u < lattice.shape[1] - 1 and 0 <= v < lattice.shape[0] - 1):
+        return 0.0
+    i, j = int(u), int(v)
+    u, v = u - i, v - j
+    inside = between(lattice, i, j, u, v, 0)
+    if inside < -far:
+        return 0.0
+    if inside > far:
+        return 1.0
+    nx, ny = between(lattice, i, j, u, v, 1), between(lattice, i, j, u, v, 2)
+    bent = between(lattice, i, j, u, v, 3)
+    variance, length2 = variance_of(soft), nx * nx + ny * ny
+    mx, my = a * nx + c * ny, b * nx + d * ny
+    if length2 > 1e-12:  # 0 where rims on two sides are equally far
+        N = np.sqrt((mx * mx + my * my) / length2)
+        det = a * d - b * c
+        curved = bent * det * det / (N * N * N)
+        inside = (inside + bent * variance / 2) / N - curved * variance / 2
+        mx, my, bent = mx / N, my / N, curved
+    return covered_softly(inside, mx, my, soft, 1 / np.sqrt(variance), bent)[0]
+
+
+@njit(**_COMPILED)
+def covered_moments(xy, maps, rim, soft, shape):  # type: ignore[no-untyped-def]
+    """Moments at which pixels are covered: first (pixels + 1,), moment and coverage, in pixel order."""
+    height, width = shape
+    left, right = np.empty(height), np.empty(height)
+    count, capacity = 0, 1024
+    pixel, moment = np.empty(capacity, np.int32), np.empty(capacity, np.int32)
+    part = np.empty(capacity)
+    for k in range(len(xy)):
+        L, (cx, cy) = maps[k], xy[k]
+        det = L[0, 0] * L[1, 1] - L[0, 1] * L[1, 0]
+        inverse = np.array([[L[1, 1], -L[0, 1]], [-L[1, 0], L[0, 0]]]) / det
+        far = reach_of(soft) * largest_stretch(inverse)
+        top, bottom = spans(rim[4], L, cx, cy, left, right)
+        for j in range(top, bottom + 1):
+            begin, end = math.ceil(max(left[j], 0.0)), math.floor(min(right[j], width - 1))
+            if count + end - begin + 1 > capacity:
+                more = capacity + width
+                pixel = np.concatenate((pixel, np.empty(more, np.int32)))
+                moment = np.concatenate((moment, np.empty(more, np.int32)))
+                part = np.concatenate((part, np.empty(more)))
+                capacity += more
+            for i in range(begin, end + 1):
+                covered = coverage(rim, inverse, soft, far, i - cx, j - cy)
+                if covered > 0:
+                    pixel[count], moment[count], part[count] = j * width + i, k, covered
+                    count += 1
+    return by_pixel(pixel[:count], moment[:count], part[:count], height * width)
+
+
+@njit(**_COMPILED)
+def by_pixel(pixel, moment, part, pixels):  # type: ignore[no-untyped-def]
+    """Counting sort by pixel: first (pixels + 1,), and the others in this order."""
+    first = np.zeros(pixels + 1, np.int64)
+    for p in pixel:
+        first[p + 1] += 1
+    first[1:] = np.cumsum(first[1:])
+    at, moments, parts = first[:-1].copy(), np.empty_like(moment), np.empty_like(part)
+    for q in range(len(pixel)):
+        p = pixel[q]
+        moments[at[p]], parts[at[p]] = moment[q], part[q]
+        at[p] += 1
+    return first, moments, parts
+
+
+@njit(**_COMPILED)
+def interpolation(node, x, y, indices, weights):  # type: ignore[no-untyped-def]
+    """Indices and normalized weights (4,) of the nodes around lattice coordinates; count of them.
+
+    `node` (rows, columns) is the index of each node, −1 where it is missing.
+    """
+    rows, columns = node.shape
+    i, j = math.floor(x), math.floor(y)
+    u, v, count, total = x - i, y - j, 0, 0.0
+    for dj in range(2):
+        for di in range(2):
+            if not (0 <= i + di < columns and 0 <= j + dj < rows) or node[j + dj, i + di] < 0:
+                continue
+            weight = (u if di else 1 - u) * (v if dj else 1 - v)
+            if weight > 0:
+                indices[count], weights[count] = node[j + dj, i + di], weight
+                total += weight
+                count += 1
+    for q in range(count):
+        weights[q] /= total
+    return count
+
+
+@njit(**_COMPILED)
+def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: ignore[no-untyped-def]
+    """The operator as compressed sparse rows: first (pixels + 1,), columns, values; columns ascend.
+
+    to_lattice (T, 2, 2) maps an offset from the center to lattice coordinates from `corner` (2,).
+    """
+    first, moment, part = covered
+    count = len(first) - 1
+    size = node.max() + 1
+    total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
+    indices, weights = np.empty(4, np.int32), np.empty(4)
+    begin = np.zeros(count + 1, np.int64)
+    capacity = 16 * count
+    columns, values = np.empty(capacity, np.int32), np.empty(capacity)
+    for p in range(count):
+        i, j, found = p % width, p // width, 0
+        for q in range(first[p], first[p + 1]):
+            k = moment[q]
+            dx, dy, M = i - xy[k, 0], j - xy[k, 1], to_lattice[k]
+            x = M[0, 0] * dx + M[0, 1] * dy - corner[0]
+            y = M[1, 0] * dx + M[1, 1] * dy - corner[1]
+            for r in range(interpolation(node, x, y, indices, weights)):
+                n = indices[r]
+                if stamp[n] != p:
+                    stamp[n], total[n], touched[found] = p, 0.0, n
+                    found += 1
+                total[n] += durations[k] * part[q] * weights[r]
+        begin[p + 1] = begin[p] + found
+        if begin[p + 1] > capacity:
+            capacity = 2 * begin[p + 1]
+            columns = np.concatenate((columns, np.empty(capacity - len(columns), np.int32)))
+            values = np.concatenate((values, np.empty(capacity - len(values))))
+        ordered = np.sort(touched[:found])
+        for r in range(found):
+            columns[begin[p] + r], values[begin[p] + r] = ordered[r], total[ordered[r]]
+    return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()

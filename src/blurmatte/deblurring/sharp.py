@@ -1,0 +1,187 @@
+"""Sharp: an object as it was at any moment of the exposure, and `deblur`, which finds it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.calibration import with_noise
+from blurmatte.checks import check_kind, check_same_size
+from blurmatte.deblurring.gaussian import GaussianFit
+from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.operator import Poses, blur_operator, poses_of
+from blurmatte.deblurring.refine import explained, refined
+from blurmatte.deblurring.total_variation import fit_total_variation
+from blurmatte.deblurring.view import View
+from blurmatte.layer import Layer
+from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.pixels import Pixels
+
+Array = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Sharp:
+    """The straight color of an object, and how it moved in one or several pictures.
+
+    Parameters
+    ----------
+    sweeps : tuple of Sweep
+        The motion in each picture, refined.
+    lattice : Lattice
+        The n points of the object where its color is known.
+    color : (n, 3) float
+        Straight color, linear light.
+    node_std : (n, 3) float
+        Its standard deviation.
+    misfit : float
+        Reduced χ² of the residuals: about 1 or less if motion and noise explain the pictures, more if
+        not. The standard deviations are scaled by it.
+    """
+
+    sweeps: tuple[Sweep, ...]
+    lattice: Lattice
+    color: Array
+    node_std: Array
+    misfit: float
+
+    def __repr__(self) -> str:
+        sweep = self.sweeps[0]
+        return (
+            f"Sharp(radius {sweep.radius:.1f} px, {len(self.color)} points, color ± "
+            f"{np.sqrt(np.mean(self.node_std**2)):.3f}, misfit {self.misfit:.2f})"
+        )
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """(width, height) of the pictures."""
+        return self.sweeps[0].size
+
+    @property
+    def layer(self) -> Layer:
+        """The object in the middle of the exposure of the first picture."""
+        return self.at(0.5)
+
+    @property
+    def color_std(self) -> Array:
+        """(H, W, 3) standard deviation of the straight color of `layer`; 0 where alpha is 0."""
+        sweep = self.sweeps[0]
+        alpha, variance = self._seen(sweep, poses_of(sweep, 0.5, 0.5), self.node_std**2)
+        std = np.sqrt(np.divide(variance, alpha, out=np.zeros_like(variance), where=alpha > 0))
+        return self._placed(std, sweep)
+
+    def at(self, t: float, picture: int = 0) -> Layer:
+        """The sharp object at exposure fraction t, 0…1, of one of the pictures.
+
+        Raises
+        ------
+        ValueError
+            If t is outside 0…1, or there is no such picture.
+        """
+        return self.shutter(t, t, picture)
+
+    def subframes(self, count: int, picture: int = 0) -> list[Layer]:
+        """The object at the middles of `count` equal parts of the exposure.
+
+        Raises
+        ------
+        ValueError
+            If `count` < 1, or there is no such picture.
+        """
+        if count < 1:
+            raise ValueError(f"count must be 1 or more, got {count}")
+        return [self.at((n + 0.5) / count, picture) for n in range(count)]
+
+    def shutter(self, start: float, end: float, picture: int = 0) -> Layer:
+        """The object as a shorter exposure would show it, from one exposure fraction to another.
+
+        Raises
+        ------
+        ValueError
+            Unless 0 <= start <= end <= 1, or if there is no such picture.
+        """
+        if not 0 <= start <= end <= 1:
+            raise ValueError(
+                f"exposure fractions must be 0 <= start <= end <= 1, got {start}, {end}"
+            )
+        if not 0 <= picture < len(self.sweeps):
+            raise ValueError(f"picture must be from 0 to {len(self.sweeps) - 1}, got {picture}")
+        sweep = self.sweeps[picture]
+        alpha, light = self._seen(sweep, poses_of(sweep, start, end), self.color)
+        return Layer(self._placed(alpha[..., 0], sweep), self._placed(light, sweep))
+
+    def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
+        """Alpha (h, w, 1) in the sweep's box, and values of the nodes (n, c) times alpha (h, w, c)."""
+        pixels = Pixels.of_box(sweep.box)
+        A = blur_operator(sweep, self.lattice, pixels, poses)
+        alpha = np.asarray(A.sum(axis=1)).reshape(*pixels.shape, 1)
+        return alpha, np.asarray(A @ values).reshape(*pixels.shape, -1)
+
+    def _placed(self, values: Array, sweep: Sweep) -> Array:
+        """A box in the whole picture, zeros around it."""
+        (width, height), (x0, y0, x1, y1) = sweep.size, sweep.box
+        whole = np.zeros((height, width, *values.shape[2:]))
+        whole[y0:y1, x0:x1] = values
+        return whole
+
+
+def deblur(
+    image: LinearImage | Sequence[LinearImage],
+    plate: LinearImage | Sequence[LinearImage],
+    sweep: Sweep | Sequence[Sweep],
+    *,
+    refine: bool = True,
+) -> Sharp:
+    """The sharp object of one blurred picture, or of several of the same object.
+
+    Each picture blurs along its own path; several in different directions determine details that one
+    leaves open. The object must show the same side in the same orientation in all of them, apart from
+    the turn of its sweep.
+
+    Parameters
+    ----------
+    image : LinearImage or sequence of them
+        With the object.
+    plate : LinearImage or sequence of them
+        Without; one for all images, or one for each.
+    sweep : Sweep or sequence of them
+        The motion in each image: `fit_sweep`, or `Solution.sweep`.
+    refine : bool
+        Refine path and shape by the evidence of the light.
+
+    Returns
+    -------
+    Sharp
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is something else, or numbers or sizes differ.
+    """
+    images = [image] if isinstance(image, LinearImage) else list(image)
+    sweeps = [sweep] if isinstance(sweep, Sweep) else list(sweep)
+    plates = [plate] * len(images) if isinstance(plate, LinearImage) else list(plate)
+    if not images or not len(images) == len(plates) == len(sweeps):
+        raise ValueError(
+            "give as many sweeps as images, and one plate or as many: got "
+            f"{len(images)} images, {len(plates)} plates, {len(sweeps)} sweeps"
+        )
+    views = []
+    for picture, behind, motion in zip(images, plates, sweeps, strict=True):
+        check_picture("image", picture)
+        check_picture("plate", behind)
+        check_kind("sweep", motion, Sweep, "use blurmatte.fit_sweep(image, plate)")
+        check_same_size("the sweep", motion.size, "the image", picture.size)
+        check_same_size("the plate", behind.size, "the image", picture.size)
+        views.append(View.of(*with_noise(picture, behind), motion))
+    lattice = Lattice.of(sweeps[0])
+    state = refined(views, lattice) if refine else explained(views, lattice)
+    fit = fit_total_variation(state.equations, lattice, state.fit)
+    return _sharp([view.sweep for view in state.views], lattice, fit)
+
+
+def _sharp(sweeps: Sequence[Sweep], lattice: Lattice, fit: GaussianFit) -> Sharp:
+    std = np.sqrt(fit.noise_scale * fit.normal.variances())
+    return Sharp(tuple(sweeps), lattice, fit.normal.mean, std, fit.noise_scale)
