@@ -25,6 +25,7 @@ from blurmatte.compositing import retouch as retouch
 from blurmatte.compositing import split_exposure as split_exposure
 from blurmatte.compositing import stack as stack
 from blurmatte.deblurring import deblur as deblur
+from blurmatte.deblurring import deblur_solution as deblur_solution
 from blurmatte.deblurring import Dwell as Dwell
 from blurmatte.deblurring import fit_dwell as fit_dwell
 from blurmatte.deblurring import fit_psf as fit_psf
@@ -107,6 +108,7 @@ from blurmatte.figures import draw_exposures as draw_exposures
 from blurmatte.figures import draw_look as draw_look
 from blurmatte.figures import draw_motion as draw_motion
 from blurmatte.figures import draw_overview as draw_overview
+from blurmatte.figures import draw_sharp as draw_sharp
 from blurmatte.figures import draw_plate as draw_plate
 from blurmatte.radiometry import LINEAR as LINEAR
 from blurmatte.radiometry import REC709 as REC709

@@ -32,7 +32,7 @@ _MAIN = "Arguments and options"
 _SECTIONS = {
     "Commands": ("solve", "measure", "track", "edit"),
     "More on color and motion": ("color", "paints", "locate"),
-    "Layers and pictures": ("remove", "compose", "stack", "show", "info"),
+    "Layers and pictures": ("sharpen", "remove", "compose", "stack", "show", "info"),
     "Before you start": ("plate", "calibrate"),
     "Scenes with a known truth": ("render", "score"),
 }

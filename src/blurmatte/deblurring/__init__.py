@@ -5,3 +5,4 @@ from blurmatte.deblurring.dwell import fit_dwell as fit_dwell
 from blurmatte.deblurring.free_spread import fit_psf as fit_psf
 from blurmatte.deblurring.sharp import Sharp as Sharp
 from blurmatte.deblurring.sharp import deblur as deblur
+from blurmatte.deblurring.sharp import deblur_solution as deblur_solution

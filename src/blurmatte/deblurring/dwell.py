@@ -1,13 +1,13 @@
 """Dwell time: how long an object was at each part of a known path.
 
-With the coverage G(p, k) of a pixel, averaged while the center passes part k of the path's length, alpha
-is linear in the times τ that it takes there,
+With the coverage G(p, k) of a pixel, averaged while the center passes part k of the path's length,
+alpha is linear in the times τ that it takes there,
 
     α(p) = Σₖ G(p, k) τₖ.
 
-The times are smooth: the prior is exp(−λ |D τ|² / 2) with second differences D, its strength by evidence
-as in `gaussian`. They are the nonnegative least squares solution; the standard deviations are those of
-the solution without that constraint.
+The times are smooth: the prior is exp(−λ |D τ|² / 2) with second differences D, its strength by
+evidence as in `gaussian`. They are the nonnegative least squares solution; the standard deviations
+are those of the solution without that constraint.
 """
 
 from dataclasses import dataclass
@@ -68,7 +68,7 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
     Parameters
     ----------
     alpha, alpha_std : (H, W) float
-        Exposure fraction and its error, not derived from a path: of `solve` with `Pixelwise` or `Smooth`.
+        Exposure fraction and its error without a model of the path: of `Pixelwise` or `Smooth`.
     sweep : Sweep
         Path and silhouette; its own times are not used.
     parts : int

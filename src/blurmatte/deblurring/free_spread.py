@@ -5,8 +5,8 @@ Alpha is the silhouette χ convolved with the point spread function h,
     α = χ ⊛ h,   h ≥ 0,   Σ h = 1,
 
 with h = 0 where the silhouette would not lie within the streak. The weighted squared error is decreased
-by accelerated projected gradient steps [Beck & Teboulle 2009] until it is that of the noise, χ² = count:
-early iterations hold the resolved details. Errors are those of estimates from alphas that are drawn anew.
+by accelerated projected gradient steps [Beck & Teboulle 2009] until it is that of the noise, χ² =
+count: early iterations hold the resolved details. Errors are those of estimates from alphas drawn anew.
 """
 
 from dataclasses import dataclass

@@ -35,25 +35,29 @@ class Lattice:
         Lattice coordinates (x, y) of node (0, 0) from the center.
     radius : float
         Radius of the silhouette, pixels: other pictures of the object are scaled to it.
+    pitch : float
+        Distance of neighbors, pixels.
     """
 
     node: Ints
     corner: Array
     radius: float
+    pitch: float = 1.0
 
     @classmethod
-    def of(cls, sweep: Sweep) -> "Lattice":
+    def of(cls, sweep: Sweep, pitch: float = 1.0) -> "Lattice":
         """Nodes inside a sweep's silhouette, and those around them that its pixels interpolate."""
-        reach = int(np.ceil(sweep.silhouette.reach(sweep.shape))) + 3
+        reach = int(np.ceil(sweep.silhouette.reach(sweep.shape) / pitch)) + 3
         side = 2 * reach + 1
-        inside = sweep.silhouette.coverage(sweep.shape, Pixels((side, side), (-reach, -reach))) > 0
+        nodes = Pixels((side, side), (-reach * pitch, -reach * pitch), pitch)
+        inside = sweep.silhouette.coverage(sweep.shape, nodes) > 0
         inside = binary_dilation(inside, np.ones((3, 3), bool))
         y, x = np.nonzero(inside)
         across = _normal_of(sweep)
         order = np.argsort(np.stack([x, y], axis=1) @ across, kind="stable")
         node = np.full((side, side), -1, np.int32)
         node[y[order], x[order]] = np.arange(len(x))
-        return cls(node, np.full(2, -float(reach)), sweep.radius)
+        return cls(node, np.full(2, -float(reach)), sweep.radius, pitch)
 
     @property
     def size(self) -> int:

@@ -49,9 +49,7 @@ class NormalEquations:
         """The equations of one picture: light and weight (pixels, 3), weight 0 where there is none."""
         from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
-        edges = lattice.edges
-        width = max(kernel.width_of(A.indptr, A.indices), int((edges[:, 1] - edges[:, 0]).max()))
-        band = np.zeros((3, lattice.size, width + 1))
+        band = np.zeros((3, lattice.size, bandwidth(A, lattice) + 1))
         for c in range(3):
             weights = np.ascontiguousarray(weight[:, c])
             kernel.add_normal(A.indptr, A.indices, A.data, weights, band[c])
@@ -68,6 +66,14 @@ class NormalEquations:
     def misfit(self, normal: "Normal") -> float:
         """Pᵀ W P − bᵀ ô: the least sum of squared residuals and prior, before noise is scaled."""
         return float(self.energy.sum() - np.sum(self.right * normal.mean.T))
+
+
+def bandwidth(A: csr_matrix, lattice: Lattice) -> int:
+    """Bands below the diagonal of the normal equations of an operator and of the prior."""
+    from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
+
+    edges = lattice.edges
+    return max(kernel.width_of(A.indptr, A.indices), int((edges[:, 1] - edges[:, 0]).max()))
 
 
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:

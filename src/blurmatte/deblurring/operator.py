@@ -74,7 +74,7 @@ def blur_operator(
     xy = poses.xy - np.array(pixels.origin)
     rim, soft = sweep.silhouette.rim(sweep.shape), sweep.softness
     covered = kernel.covered_moments(xy, poses.maps, rim, soft, pixels.shape)
-    to_lattice = np.linalg.inv(poses.maps) * (lattice.radius / sweep.radius)
+    to_lattice = np.linalg.inv(poses.maps) * (lattice.radius / sweep.radius / lattice.pitch)
     first, columns, values = kernel.rows_of(
         poses.durations, xy, to_lattice, lattice.corner, lattice.node, pixels.shape[1], covered
     )

@@ -8,7 +8,8 @@ In this file θ are the parameters of path and shape, with the sweep's covarianc
 The color is marginalized: with the weights W, B = Aᵀ W J and S = (N + μ Q)⁻¹ the information about θ is
 (Jᵀ W J − Bᵀ S B) / s + Σ⁻¹, and the gradient of log Z that follows from it is Jᵀ W r / s with the
 residuals r. Steps of Gauss and Newton are accepted if they increase the objective
-log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. s is the variance scale of the residuals: an error of the model does not count as evidence.
+log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. s is the variance scale of the residuals, so that an error of the
+model does not count as evidence.
 """
 
 from collections.abc import Sequence

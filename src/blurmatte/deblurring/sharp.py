@@ -10,16 +10,22 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, blur_operator, poses_of
 from blurmatte.deblurring.refine import explained, refined
 from blurmatte.deblurring.total_variation import fit_total_variation
 from blurmatte.deblurring.view import View
+from blurmatte.errors import MotionError
 from blurmatte.layer import Layer
+from blurmatte.matting import Solution
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
+
+
+_MAX_WORK = 4e8  # operations of a Cholesky factor: a disc of 40 pixels on a line
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,10 +182,48 @@ def deblur(
         check_same_size("the sweep", motion.size, "the image", picture.size)
         check_same_size("the plate", behind.size, "the image", picture.size)
         views.append(View.of(*with_noise(picture, behind), motion))
-    lattice = Lattice.of(sweeps[0])
+    lattice = _affordable(views)
     state = refined(views, lattice) if refine else explained(views, lattice)
     fit = fit_total_variation(state.equations, lattice, state.fit)
     return _sharp([view.sweep for view in state.views], lattice, fit)
+
+
+def _affordable(views: Sequence[View]) -> Lattice:
+    """A lattice of one pixel, or a coarser one if its Cholesky factors would need too much work.
+
+    A band of n nodes costs n b² operations, and both n and b are inverse to the pitch squared: large
+    objects on curved paths, whose bands are wide, get a coarser lattice.
+    """
+    lattice = Lattice.of(views[0].sweep)
+    width = max(bandwidth(view.blur(lattice), lattice) for view in views)
+    work = lattice.size * float(width) ** 2
+    if work <= _MAX_WORK:
+        return lattice
+    return Lattice.of(views[0].sweep, (work / _MAX_WORK) ** (1 / 6))
+
+
+def deblur_solution(solution: Solution) -> Sharp:
+    """The sharp object of a solution that has a sweep, without its pictures.
+
+    The premultiplied light of the solution is deblurred along its sweep, which is not refined: alpha
+    was subtracted with the plate. `deblur` with the pictures is more precise.
+
+    Raises
+    ------
+    MotionError
+        If no sweep explains the solution.
+    """
+    check_kind("solution", solution, Solution, "use blurmatte.solve(image, plate)")
+    if solution.sweep is None:
+        raise MotionError(
+            "no shape on a path explains this object, so it cannot be deblurred; solve its pictures "
+            "with a color or a region, until the sweep is accepted"
+        )
+    light = np.where(solution.known[..., None], solution.premultiplied, 0).astype(float)
+    variance = np.where(solution.known[..., None], solution.premultiplied_std**2, 1).astype(float)
+    picture = LinearImage(light, variance, solution.known)
+    nothing = np.zeros_like(light)
+    return deblur(picture, LinearImage(nothing, nothing), solution.sweep, refine=False)
 
 
 def _sharp(sweeps: Sequence[Sweep], lattice: Lattice, fit: GaussianFit) -> Sharp:

@@ -1,0 +1,122 @@
+"""The command that shows an object as it was at moments of the exposure: sharpen."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import blurmatte as bm
+from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.console import about, option, say, say_json, waiting
+from blurmatte.cli.output_checks import SHEET, check_ending, check_file, check_other
+from blurmatte.cli.selection import Layer, Out, Reading, matching_of
+
+PICTURES = "Its pictures"
+_CLIP = ".mov", ".mp4", ".gif", ".webp"
+_OVER_PLATE = ".mp4", ".gif", ".webp"  # formats without alpha
+_STILL = ".exr", ".png", ".tif"
+
+
+@dataclass(frozen=True)
+class Blurred:
+    """The pictures that a layer is from; with them the path is refined."""
+
+    image: Annotated[Path | None, option("FILE", "With the object.", PICTURES)] = None
+    plate: Annotated[Path | None, option("FILE", "Without it.", PICTURES)] = None
+    match: Annotated[
+        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", PICTURES)
+    ] = "auto"
+
+    def __post_init__(self) -> None:
+        matching_of(self.match)
+        if self.image is not None and self.plate is None:
+            raise ValueError("--image needs --plate, the scene without the object")
+
+
+@command(
+    "sharpen out/layer.exr --frames 8 -o ball.mov",
+    "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --frames 8 -o ball.mp4",
+)
+def sharpen(
+    layer: Layer,
+    pictures: Blurred,
+    reading: Reading,
+    out: Out,
+    frames: Annotated[int, option("N", "Moments of the exposure, equally spaced.")] = 1,
+    rate: Annotated[float, option("FPS", "Frames per second of a clip.")] = 8.0,
+    sheet: Annotated[Path | None, option("FILE", "A sheet: before, after, and the error.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show an object sharp, as it was at moments of the exposure.
+
+    Of one moment, the middle, a layer is written; of several a clip or a row of layers. A clip
+    without alpha (.mp4, .gif, .webp) shows them over --plate.
+    """
+    if frames < 1:
+        raise ValueError(f"--frames must be 1 or more, got {frames}")
+    for written in (out, sheet):
+        check_other(written, layer, pictures.image, pictures.plate)
+    check_file(sheet, "a sheet", *SHEET)
+    check_ending(out, "a sharp object", *(_STILL if frames == 1 else (*_STILL, *_CLIP)))
+    if out.suffix.lower() in _OVER_PLATE and pictures.plate is None:
+        raise ValueError(f"{out.suffix} has no alpha: add --plate, or write .mov or .exr")
+    with waiting("sharpening"):
+        with about(layer):
+            solution = bm.read_solution(layer, reading.max_pixels)
+        image, plate = _read(pictures, reading)
+        with about(layer):
+            sharp = _deblurred(solution, image, plate)
+        layers = sharp.subframes(frames)
+        with about(out):
+            _write(out, layers, plate, rate)
+        if sheet is not None:
+            with about(sheet):
+                bm.write(sheet, bm.draw_sharp(sharp, solution.layer))
+    answer = {
+        "frames": frames,
+        "color_std": float((sharp.node_std**2).mean() ** 0.5),
+        "misfit": sharp.misfit,
+        "path_length_px": sharp.sweeps[0].length,
+    }
+    if as_json:
+        say_json(answer)
+        return
+    say(
+        "{frames} sharp, color ± {color_std:.3f} of white, misfit {misfit:.2f} (1 is noise), path "
+        "{path_length_px:.1f} px".format(**answer)
+    )
+
+
+def _read(
+    pictures: Blurred, reading: Reading
+) -> tuple[bm.LinearImage | None, bm.LinearImage | None]:
+    """Image and plate, matched, where they are given."""
+    if pictures.plate is None:
+        return None, None
+    plate, _ = reading.read(pictures.plate)
+    if pictures.image is None:
+        return None, plate
+    image, _ = reading.read(pictures.image)
+    with about(pictures.plate):
+        return image, bm.match_plate(plate, image, matching_of(pictures.match))
+
+
+def _deblurred(
+    solution: bm.Solution, image: bm.LinearImage | None, plate: bm.LinearImage | None
+) -> bm.Sharp:
+    if image is None or plate is None:
+        return bm.deblur_solution(solution)
+    if solution.sweep is None:
+        return bm.deblur_solution(solution)  # refuses: there is no path
+    return bm.deblur(image, plate, solution.sweep)
+
+
+def _write(out: Path, layers: list[bm.Layer], plate: bm.LinearImage | None, rate: float) -> None:
+    if len(layers) == 1:
+        bm.write(out, layers[0])
+        return
+    shown: Any = layers
+    if out.suffix.lower() in _OVER_PLATE and plate is not None:
+        shown = (one.over(plate) for one in layers)
+    bm.write_frames(out, shown, rate)

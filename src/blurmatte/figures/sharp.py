@@ -1,0 +1,70 @@
+"""Sheet of a deblurred object: blurred, sharp at three moments, its error, and sub-frames."""
+
+import numpy as np
+
+from blurmatte.checks import check_kind, check_same_size
+from blurmatte.deblurring import Sharp
+from blurmatte.figures.drawing import Pixels, checkerboard, gray_codes, round_up, srgb_codes
+from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
+from blurmatte.layer import Layer, box_around, check_layer
+from blurmatte.radiometry import LinearImage
+
+_STRIP = 8  # sub-frames
+
+
+def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
+    """Draw an object sharp at moments of the exposure, and its error.
+
+    Parameters
+    ----------
+    sharp : Sharp
+    blurred : Layer
+        The same object as the picture shows it.
+
+    Returns
+    -------
+    (H, W, 3) uint8
+        sRGB-coded, 1800 pixels wide.
+
+    Raises
+    ------
+    ValueError
+        If sizes differ, or the object is outside the picture.
+    """
+    check_kind("sharp", sharp, Sharp, "use blurmatte.deblur(image, plate, sweep)")
+    check_layer("blurred", blurred)
+    check_same_size("the layer", blurred.size, "the sharp object", sharp.size)
+    moments = [sharp.at(t) for t in (0.0, 0.5, 1.0)]
+    box = box_around(blurred, *moments)
+    if box is None:
+        raise ValueError("the object is outside the picture: there is nothing to show")
+    sheet, size = Sheet(), (box[2] - box[0], box[3] - box[1])
+    sheet.title("sharp", f"{size_text(sharp.size)} px, {sharp!r}")
+    names = ("when the shutter opens", "in the middle", "when it closes")
+    panels = [Panel(_over_checks(blurred.crop(box)), "blurred", "over a checkerboard")]
+    panels += [
+        Panel(_over_checks(one.crop(box)), name) for one, name in zip(moments, names, strict=True)
+    ]
+    sheet.grid(panels, Layout.best(size, len(panels)), "the object")
+    close = box_around(moments[1]) or box
+    part = moments[1].crop(close)
+    x0, y0, x1, y1 = close
+    std = np.sqrt(np.mean(sharp.color_std[y0:y1, x0:x1] ** 2, axis=-1))
+    peak = round_up(float(std.max()))
+    sheet.grid(
+        [
+            Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
+            Panel(gray_codes(std, peak), "error of the color", f"white = {peak:g}"),
+        ],
+        Layout.best(part.size, 2),
+        "the color and its standard deviation",
+    )
+    frames = [Panel(_over_checks(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
+    sheet.grid(
+        frames, Layout.best(size, len(frames)), "sub-frames; the direction of time is unknown"
+    )
+    return sheet.pixels()
+
+
+def _over_checks(layer: Layer) -> Pixels:
+    return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
