@@ -10,7 +10,8 @@ next color (iteratively reweighted least squares).
 
 The evidence of the quadratic prior of weights 1 / |g₀| determines μ = ν s, see `gaussian`. It is a
 lower bound of the strength: it counts the differences that the data leave open as free. At three to
-four times this strength the residuals exceed the noise, χ² = count. Twice is between the two.
+four times this strength the residuals exceed the noise, χ² = count. The color is that of twice this
+strength, between the two; the covariance is that of the evidence.
 """
 
 import numpy as np
@@ -18,7 +19,7 @@ import numpy.typing as npt
 
 from blurmatte.deblurring.gaussian import GaussianFit, fit_strength
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior
+from blurmatte.deblurring.normal_equations import Normal, NormalEquations, gradient_prior
 
 Array = npt.NDArray[np.float64]
 
@@ -32,7 +33,7 @@ _STEP = 0.5  # of log μ, for derivatives of the evidence
 def fit_total_variation(
     equations: NormalEquations, lattice: Lattice, start: GaussianFit
 ) -> GaussianFit:
-    """The most probable color; the normal distribution is that of the last quadratic prior."""
+    """The most probable color, with the covariance of the last quadratic prior of largest evidence."""
     fit, strength, (i, j) = start, start.strength, lattice.edges.T
     scale = start.noise_scale
     for iteration in range(_ITERATIONS):
@@ -44,7 +45,9 @@ def fit_total_variation(
             likeliest = _likeliest(equations, Q, strength)
             strength, scale = likeliest.strength, likeliest.noise_scale
         fit = fit_strength(equations, Q, _OVER_EVIDENCE * strength)
-    return GaussianFit(fit.normal, fit.strength, scale, fit.log_evidence)
+    covariance = fit_strength(equations, Q, strength)
+    normal = Normal(fit.normal.mean, covariance.normal.factors)
+    return GaussianFit(normal, fit.strength, scale, fit.log_evidence)
 
 
 def _likeliest(equations: NormalEquations, Q: Array, strength: float) -> GaussianFit:

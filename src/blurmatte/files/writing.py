@@ -221,7 +221,7 @@ def _spread_writers(spread: PointSpread) -> Mapping[str, _Writer]:
     parts = [np.dstack([spread.weight, spread.std]).astype(np.float32)]
 
     def save_maps(path: Path) -> None:
-        save_pixels(path, parts, ("weight", "std"), _LINEAR)
+        save_pixels(path, parts, ("weight", "std"), {"Exif:ColorSpace": 65535})  # uncalibrated
 
     rows = spread.rows
     return {

@@ -1,0 +1,96 @@
+"""blurmatte sharpen: a solution in, sharp layers or a clip out."""
+
+import json
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import blurmatte as bm
+from blurmatte.cli import app
+from blurmatte.rendering import colorful_plate
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.silhouette import DISC
+
+SIZE = (72, 48)
+
+
+def run(*args):
+    return CliRunner().invoke(app, [str(arg) for arg in args])
+
+
+def good(*args):
+    result = run(*args)
+    assert result.exit_code == 0, result.output
+    return result
+
+
+def refused(*args):
+    result = run(*args)
+    assert result.exit_code == 2, result.output
+    return result.stderr
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Image and plate, a solution with its sweep, and one without."""
+    folder = tmp_path_factory.mktemp("sharpen")
+    ball = bm.Ball(8, np.array([0.7, 0.35, 0.1]), second_color=np.array([0.1, 0.2, 0.7]))
+    path = (22.0, 20.0, 48.0, 28.0)
+    truth = bm.render(
+        bm.Scene(colorful_plate(SIZE, 1, tile=16), bm.Trajectory.line(path[:2], path[2:]), ball)
+    )
+    sweep = Sweep(
+        *(LINE, np.array(path), DISC, np.array([8.0]), bm.ColorModel.any()),
+        *(1e-4 * np.eye(5), SIZE),
+    )
+    layer, shape = truth.layer, SIZE[::-1]
+    solution = bm.Solution(
+        *(layer.alpha, np.full(shape, 0.01), layer.premultiplied, np.full((*shape, 3), 0.004)),
+        *(np.where(layer.alpha > 0, 0, 16).astype(np.uint8), truth.model, "truth"),
+        sweep=sweep,
+    )
+    bm.write(folder / "layer.exr", solution)
+    bm.write(folder / "no_sweep.exr", bm.Solution(**{**vars(solution), "sweep": None}))
+    bm.write(folder / "image.png", truth.image)
+    bm.write(folder / "plate.png", truth.plate)
+    return folder
+
+
+def test_one_moment_is_a_layer(folder, tmp_path):
+    good("sharpen", folder / "layer.exr", "-o", tmp_path / "ball.exr")
+    layer = bm.read_layer(tmp_path / "ball.exr")
+    assert layer.alpha.max() > 0.999
+    assert abs(layer.alpha.sum() / (np.pi * 8**2) - 1) < 0.01
+
+
+def test_frames_are_a_clip_of_layers(folder, tmp_path):
+    said = good("sharpen", folder / "layer.exr", "--frames", 3, "-o", tmp_path / "ball.mov")
+    assert "3 sharp" in said.output
+    assert len(list(bm.read_layers(tmp_path / "ball.mov"))) == 3
+
+
+def test_pictures_refine_the_path_and_are_behind_a_gif(folder, tmp_path):
+    result = good(
+        *("sharpen", folder / "layer.exr", "--image", folder / "image.png", "--match", "none"),
+        *("--plate", folder / "plate.png", "--frames", 2, "-o", tmp_path / "ball.gif", "--json"),
+        *("--sheet", tmp_path / "sheet.png"),
+    )
+    answer = json.loads(result.output)
+    assert answer["frames"] == 2
+    assert 25 < answer["path_length_px"] < 29
+    assert (tmp_path / "ball.gif").stat().st_size > 0
+    assert bm.read(tmp_path / "sheet.png").size[0] == 1800
+
+
+def test_wrong_calls_are_refused(folder, tmp_path):
+    layer = folder / "layer.exr"
+    assert "--frames" in refused("sharpen", layer, "--frames", 0, "-o", tmp_path / "a.exr")
+    assert "no alpha" in refused("sharpen", layer, "--frames", 2, "-o", tmp_path / "a.gif")
+    assert "--plate" in refused(
+        "sharpen", layer, "--image", folder / "image.png", "-o", tmp_path / "a.exr"
+    )
+    assert "no shape on a path" in refused(
+        "sharpen", folder / "no_sweep.exr", "-o", tmp_path / "a.exr"
+    )

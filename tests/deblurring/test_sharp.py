@@ -1,0 +1,137 @@
+"""Deblurred balls: exact shutters, honest errors, refinement, several pictures, doors."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+
+import blurmatte as bm
+from blurmatte.deblurring.lattice import Lattice
+from blurmatte.metrics import subframe_psnr
+
+from .conftest import case
+
+
+@pytest.fixture(scope="module")
+def sharp(ball):
+    return bm.deblur(ball.image, ball.plate, ball.sweep)
+
+
+def true_color(found, lattice):
+    """Straight color at nodes well inside the ball (k, 3), and their indices."""
+    reach, scene = -int(lattice.corner[0]), found.truth.scene
+    at = np.arange(-reach, reach + 1.0)
+    coverage, light = scene.body.sharp(at, at, scene.pose(0.5))
+    inside = (coverage > 0.999) & (lattice.node >= 0)
+    return light[inside], lattice.node[inside]
+
+
+def psnr(layers, found):
+    true = np.stack([one.over(found.truth.plate).rgb for one in found.truth.subframes(len(layers))])
+    shown = np.stack([one.over(found.truth.plate).rgb for one in layers])
+    coded = [bm.SRGB.encode(np.clip(x, 0, 1)) for x in (shown, true)]
+    return subframe_psnr(*coded, bm.SRGB.encode(found.truth.plate.rgb))
+
+
+def test_subframes_are_closer_to_the_truth_than_the_blurred_picture(ball, sharp):
+    blurred = psnr([bm.Layer(ball.sweep.alpha, ball.truth.layer.premultiplied)] * 4, ball)
+    assert psnr(sharp.subframes(4), ball) > blurred + 8
+
+
+def test_the_whole_shutter_shows_the_blurred_light(ball, sharp):
+    whole = sharp.shutter(0, 1)
+    assert_allclose(whole.alpha, sharp.sweeps[0].alpha, atol=2e-3)
+    assert np.sqrt(np.mean((whole.premultiplied - ball.truth.layer.premultiplied) ** 2)) < 0.004
+
+
+def test_shutters_average_the_moments(sharp):
+    moments = [sharp.at(0.2 + 0.3 * (n + 0.5) / 64).premultiplied for n in range(64)]
+    part = sharp.shutter(0.2, 0.5).premultiplied
+    assert_allclose(part, np.mean(moments, axis=0), atol=5e-3)
+
+
+def test_errors_are_honest():
+    z = []
+    for seed in range(6):
+        found = case(seed=seed)
+        result = bm.deblur(found.image, found.plate, found.sweep, refine=False)
+        color, nodes = true_color(found, result.lattice)
+        z.append((result.color[nodes] - color) / result.node_std[nodes])
+    assert 0.7 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.2
+
+
+def test_misfit_is_about_one_with_the_true_path_and_more_with_another(ball, sharp):
+    assert 0.5 < sharp.misfit < 1.3
+    wrong = replace(ball.sweep, path=ball.sweep.path + np.array([0, 0, 4.0, 1.2]))
+    assert bm.deblur(ball.image, ball.plate, wrong, refine=False).misfit > 2 * sharp.misfit
+
+
+def test_refinement_moves_the_path_to_the_truth(ball):
+    off = np.array([0.3, -0.2, -0.3, 0.25])
+    wrong = replace(ball.sweep, path=ball.sweep.path + off, covariance=0.3**2 * np.eye(5))
+    (found,) = bm.deblur(ball.image, ball.plate, wrong).sweeps
+    error = found.path - ball.sweep.path
+    assert np.abs(error).max() < 0.1
+    assert np.sqrt(np.mean(error**2 / np.diag(found.covariance)[:4])) < 3
+
+
+def test_a_second_picture_in_another_direction_decreases_the_error(ball, sharp):
+    other = case(start=(36, 8.3), end=(24.2, 33.5))
+    both = bm.deblur(
+        [ball.image, other.image], [ball.plate, other.plate], [ball.sweep, other.sweep]
+    )
+    color, nodes = true_color(ball, sharp.lattice)
+    alone, together = (np.sqrt(np.mean((s.color[nodes] - color) ** 2)) for s in (sharp, both))
+    assert together < 0.9 * alone
+    assert np.mean(both.node_std) < np.mean(sharp.node_std)
+    assert both.at(0.5, picture=1).alpha.max() > 0.999
+
+
+def test_color_std_covers_the_object(sharp):
+    std, alpha = sharp.color_std, sharp.layer.alpha
+    assert (std[alpha > 0] > 0).all()
+    assert (std[alpha == 0] == 0).all()
+
+
+def test_gives_the_same_numbers_again(ball, sharp):
+    again = bm.deblur(ball.image, ball.plate, ball.sweep)
+    assert (again.color == sharp.color).all()
+
+
+def test_a_solution_is_deblurred_without_its_pictures(ball):
+    alpha = ball.sweep.alpha
+    light = ball.image.rgb - (1 - alpha)[..., None] * ball.plate.rgb
+    std = np.full_like(light, np.sqrt(2) / 255)
+    streak = alpha > 0
+    solution = bm.Solution(
+        *(alpha, np.full_like(alpha, 0.01), light, std),
+        *(np.where(streak, 0, 16).astype(np.uint8), ball.sweep.model, "truth"),
+        sweep=ball.sweep,
+    )
+    assert psnr(bm.deblur_solution(solution).subframes(4), ball) > 25
+    with pytest.raises(bm.MotionError, match="no shape on a path"):
+        bm.deblur_solution(replace(solution, sweep=None))
+
+
+def test_large_curved_objects_get_a_coarser_lattice(ball, monkeypatch):
+    monkeypatch.setattr("blurmatte.deblurring.sharp._MAX_WORK", 1e4)
+    coarse = bm.deblur(ball.image, ball.plate, ball.sweep, refine=False)
+    assert coarse.lattice.pitch > 1.2
+    assert coarse.lattice.size < Lattice.of(ball.sweep).size
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda s, b: s.at(1.5), "exposure fractions"),
+        (lambda s, b: s.shutter(0.6, 0.4), "exposure fractions"),
+        (lambda s, b: s.subframes(0), "count must be 1"),
+        (lambda s, b: s.at(0.5, picture=3), "picture must be"),
+        (lambda s, b: bm.deblur([b.image], b.plate, [b.sweep] * 2), "as many sweeps"),
+        (lambda s, b: bm.deblur(b.image, b.plate, replace(b.sweep, size=(9, 9))), "same size"),
+    ],
+)
+def test_wrong_arguments_are_refused(ball, sharp, call, message):
+    with pytest.raises(ValueError, match=message):
+        call(sharp, ball)
