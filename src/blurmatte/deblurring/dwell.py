@@ -14,11 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_factor, cho_solve
-from scipy.optimize import minimize_scalar, nnls
-from scipy.sparse import csr_matrix
 
 from blurmatte.checks import Floats, check_kind, check_map
+from blurmatte.deblurring.operator import Sparse
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
 
@@ -98,8 +96,10 @@ def fit_dwell(alpha: Floats, alpha_std: Floats, sweep: Sweep, parts: int = 60) -
     return Dwell(xy, position, time, time_std, misfit)
 
 
-def _coverage(sweep: Sweep, parts: int) -> tuple[csr_matrix, Array, Array]:
+def _coverage(sweep: Sweep, parts: int) -> tuple[Sparse, Array, Array]:
     """G (pixels, parts), middles of the parts (parts, 2), and their distances from the start."""
+    from scipy.sparse import csr_matrix
+
     from blurmatte.deblurring import (
         operator_kernel as kernel,
     )  # numba takes half a second to import
@@ -121,6 +121,9 @@ def _coverage(sweep: Sweep, parts: int) -> tuple[csr_matrix, Array, Array]:
 
 def _smooth_times(rows: Array, data: Array) -> tuple[Array, Array, float]:
     """Times, their standard deviations, and reduced χ² of rows of unit noise."""
+    from scipy.linalg import cho_factor, cho_solve
+    from scipy.optimize import minimize_scalar, nnls
+
     parts, count = rows.shape[1], len(data)
     D = np.diff(np.eye(parts), n=2, axis=0)
     N, b, Q = rows.T @ rows, rows.T @ data, D.T @ D

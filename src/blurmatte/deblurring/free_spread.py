@@ -13,8 +13,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation
-from scipy.signal import fftconvolve
 
 from blurmatte.checks import Bools, Floats, check_map
 from blurmatte.point_spread import PointSpread
@@ -36,9 +34,13 @@ class _Problem:
     support: Bools
 
     def blurred(self, h: Array) -> Array:
+        from scipy.signal import fftconvolve
+
         return np.asarray(fftconvolve(h, self.chi, mode="same"))
 
     def gradient(self, residual: Array) -> Array:
+        from scipy.signal import fftconvolve
+
         return np.asarray(fftconvolve(self.weight * residual, self.chi[::-1, ::-1], mode="same"))
 
 
@@ -63,6 +65,8 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
     TypeError, ValueError
         If an argument is no such array, or alpha shows nothing.
     """
+    from scipy.ndimage import binary_dilation
+
     check_map("silhouette", silhouette, np.shape(silhouette))
     check_map("alpha", alpha, np.shape(alpha))
     check_map("alpha_std", alpha_std, alpha.shape)
@@ -88,6 +92,8 @@ def fit_psf(alpha: Floats, alpha_std: Floats, silhouette: Floats) -> PointSpread
 
 def _support(streak: Bools, chi: Array) -> Bools:
     """(H, W) where the center may be: most of the silhouette lies within the streak."""
+    from scipy.signal import fftconvolve
+
     within = fftconvolve(streak.astype(float), (chi / chi.sum())[::-1, ::-1], mode="same")
     return np.asarray(within > _MIN_WITHIN)
 

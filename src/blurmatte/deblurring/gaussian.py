@@ -17,7 +17,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.optimize import minimize_scalar
 
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import (
@@ -57,6 +56,8 @@ class GaussianFit:
 
 def fit_gaussian(equations: NormalEquations, lattice: Lattice) -> GaussianFit:
     """The posterior for the likeliest strength."""
+    from scipy.optimize import minimize_scalar
+
     Q = gradient_prior(lattice, np.ones(len(lattice.edges)), equations.band.shape[2])
     bounds = -2 * np.log(_MAX_CONTRAST), -2 * np.log(_MIN_CONTRAST)
     best = minimize_scalar(

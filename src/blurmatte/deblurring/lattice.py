@@ -14,7 +14,6 @@ from functools import cached_property
 
 import numpy as np
 import numpy.typing as npt
-from scipy.ndimage import binary_dilation
 
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
@@ -47,6 +46,8 @@ class Lattice:
     @classmethod
     def of(cls, sweep: Sweep, pitch: float = 1.0) -> "Lattice":
         """Nodes inside a sweep's silhouette, and those around them that its pixels interpolate."""
+        from scipy.ndimage import binary_dilation
+
         reach = int(np.ceil(sweep.silhouette.reach(sweep.shape) / pitch)) + 3
         side = 2 * reach + 1
         nodes = Pixels((side, side), (-reach * pitch, -reach * pitch), pitch)

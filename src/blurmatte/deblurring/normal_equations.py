@@ -14,11 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
-from scipy.linalg import cho_solve_banded, cholesky_banded
-from scipy.linalg.lapack import dtrtri
-from scipy.sparse import csr_matrix
 
 from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.operator import Sparse
 
 Array = npt.NDArray[np.float64]
 
@@ -45,7 +43,7 @@ class NormalEquations:
     count: int
 
     @classmethod
-    def of(cls, A: csr_matrix, light: Array, weight: Array, lattice: Lattice) -> "NormalEquations":
+    def of(cls, A: Sparse, light: Array, weight: Array, lattice: Lattice) -> "NormalEquations":
         """The equations of one picture: light and weight (pixels, 3), weight 0 where there is none."""
         from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
@@ -68,7 +66,7 @@ class NormalEquations:
         return float(self.energy.sum() - np.sum(self.right * normal.mean.T))
 
 
-def bandwidth(A: csr_matrix, lattice: Lattice) -> int:
+def bandwidth(A: Sparse, lattice: Lattice) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
     from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
@@ -107,6 +105,8 @@ class Normal:
 
     def solve(self, right: Array) -> Array:
         """Covariance (n, n) of each channel times vectors (3, n, k)."""
+        from scipy.linalg import cho_solve_banded
+
         pairs = zip(self.factors, right, strict=True)
         return np.stack([cho_solve_banded((factor.T, True), r) for factor, r in pairs])
 
@@ -123,6 +123,8 @@ def _inverse_diagonal(factor: Array) -> Array:
 
         Z[k, k] = (L[k, k] L[k, k]ᵀ)⁻¹ + Gᵀ Z[k + 1, k + 1] G.
     """
+    from scipy.linalg.lapack import dtrtri
+
     n, width = len(factor), factor.shape[1]
     diagonal, later = np.empty(n), np.zeros((0, 0))
     for begin in range((n - 1) // width * width, -1, -width):
@@ -148,6 +150,8 @@ def _block(factor: Array, top: int, bottom: int, left: int, right: int) -> Array
 
 def posterior(equations: NormalEquations, prior: Array) -> Normal:
     """The posterior under a prior λ Q, a band (n, b + 1)."""
+    from scipy.linalg import cho_solve_banded, cholesky_banded
+
     factors, mean = np.empty_like(equations.band), np.empty_like(equations.right)
     for c in range(3):
         total = equations.band[c] + prior

@@ -12,16 +12,17 @@ and make alpha wrong by several percent. Rows of A sum to alpha.
 """
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
 
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
 
 Array = npt.NDArray[np.float64]
+Sparse = Any  # scipy.sparse.csr_matrix
 
 MAX_STEP_PX = 0.5  # motion between two moments
 
@@ -64,8 +65,10 @@ def poses_of(
 
 def blur_operator(
     sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses | None = None
-) -> csr_matrix:
+) -> Sparse:
     """A (h w, n) of the pixels of a box: nodes of the straight color → premultiplied light."""
+    from scipy.sparse import csr_matrix
+
     from blurmatte.deblurring import (
         operator_kernel as kernel,
     )  # numba takes half a second to import

@@ -17,11 +17,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
 
 from blurmatte.deblurring.gaussian import GaussianFit, fit_gaussian, fit_strength
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
+from blurmatte.deblurring.operator import Sparse
 from blurmatte.deblurring.view import View
 from blurmatte.sweep import Sweep
 
@@ -47,7 +47,7 @@ class Explained:
     """
 
     views: tuple[View, ...]
-    operators: tuple[csr_matrix, ...]
+    operators: tuple[Sparse, ...]
     weights: tuple[Array, ...]
     equations: NormalEquations
     fit: GaussianFit
@@ -74,7 +74,7 @@ def _moved(views: Sequence[View], first: Explained, lattice: Lattice) -> Explain
 
 def _equations(
     views: Sequence[View],
-    operators: Sequence[csr_matrix],
+    operators: Sequence[Sparse],
     weights: Sequence[Array],
     lattice: Lattice,
 ) -> NormalEquations:

@@ -12,12 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
-from scipy.sparse import csr_matrix
 
 from blurmatte.checks import Bools
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations
-from blurmatte.deblurring.operator import MAX_STEP_PX, blur_operator, poses_of
+from blurmatte.deblurring.operator import MAX_STEP_PX, Sparse, blur_operator, poses_of
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
@@ -75,7 +74,7 @@ class View:
         """The same pixels, another motion."""
         return replace(self, sweep=sweep)
 
-    def blur(self, lattice: Lattice, step: float = MAX_STEP_PX) -> csr_matrix:
+    def blur(self, lattice: Lattice, step: float = MAX_STEP_PX) -> Sparse:
         """The operator (h w, n), see `operator`, of moments at most `step` pixels apart."""
         return blur_operator(self.sweep, lattice, self.pixels, poses_of(self.sweep, step=step))
 
@@ -91,7 +90,7 @@ class View:
         variance = self.C_variance + through * self.B_variance + error**2 + _MODEL_STD**2
         return np.where((self.valid & (alpha > 0))[:, None], 1 / variance, 0)
 
-    def equations(self, A: csr_matrix, lattice: Lattice, weight: Array) -> NormalEquations:
+    def equations(self, A: Sparse, lattice: Lattice, weight: Array) -> NormalEquations:
         """Normal equations of the straight color."""
         alpha = np.asarray(A.sum(axis=1)).ravel()
         return NormalEquations.of(A, self.light(alpha), weight, lattice)
