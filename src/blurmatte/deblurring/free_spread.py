@@ -103,7 +103,7 @@ def _solved(problem: _Problem, data: Array) -> Array:
     count = int((problem.weight > 0).sum())
     # The largest eigenvalue of the curvature is at most max weight times (Σ χ)².
     step = 1 / (problem.weight.max() * problem.chi.sum() ** 2)
-    h = problem.support / problem.support.sum()
+    h: Array = problem.support / float(problem.support.sum())
     ahead, momentum = h, 1.0
     for _ in range(_MAX_ITERATIONS):
         residual = problem.blurred(ahead) - data

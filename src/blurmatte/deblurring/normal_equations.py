@@ -71,7 +71,8 @@ def bandwidth(A: Sparse, lattice: Lattice) -> int:
     from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
     edges = lattice.edges
-    return max(kernel.width_of(A.indptr, A.indices), int((edges[:, 1] - edges[:, 0]).max()))
+    apart = int((edges[:, 1] - edges[:, 0]).max())
+    return max(int(kernel.width_of(A.indptr, A.indices)), apart)
 
 
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
