@@ -381,8 +381,7 @@ def _write_sequence(target: Path, frames: Iterator[Thing], start: int) -> list[P
             f"{target}: name it like {target.stem}.####{target.suffix}, or write .mov; "
             "the name has no frame number"
         )
-    names = []
-    with moved_together(target.parent) as temporary:
+    with moved_together(target.parent) as (temporary, names):
         for number, thing in enumerate(frames, start):
             names.append(numbers.name(number))
             write(temporary / names[-1], thing)

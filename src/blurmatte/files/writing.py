@@ -106,6 +106,9 @@ def write(
 def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
     """Write objects into a folder, all or none of them.
 
+    If the program is stopped while older files are replaced, the last one is missing, and a file that is
+    called like it, with `.incomplete` at the end, stays until they are written again.
+
     Parameters
     ----------
     folder : str or Path
@@ -124,10 +127,11 @@ def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
         If one of them cannot be written. Files that existed before are not changed then.
     """
     folder = Path(folder)
-    with moved_together(folder) as temporary:
+    with moved_together(folder) as (temporary, names):
         for name, thing in things.items():
             (temporary / name).parent.mkdir(parents=True, exist_ok=True)
             write(temporary / name, thing)
+            names.append(name)
     return [folder / name for name in things]
 
 

@@ -32,6 +32,12 @@ from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import Camera, Rendering, Shot, encode_codes, render
 
 SUBFRAMES = 8  # as in the benchmark of fast-moving objects
+SHOT_FILES = (
+    *("image.png", "image.exr", "plate.png", "plate.exr", "overview.png", "scene.toml"),
+    *("truth/layer.exr", "truth/image.exr", "truth/plate.exr", "truth/shadow.exr"),
+    *("truth/nearby.exr", "truth/model.json", "truth/path.json", "truth/truth.json"),
+    *(f"truth/subframe_{n:02}.exr" for n in range(SUBFRAMES)),
+)
 
 
 def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path]:
@@ -66,7 +72,6 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
         "truth/image.exr": LinearImage(through(rendering.image.rgb)),
         "truth/plate.exr": LinearImage(through(rendering.plate.rgb)),
         "truth/path.json": path_to_mapping(rendering.trajectory, _radius(shot)),
-        "truth/truth.json": _numbers(shot, rendering),
     }
     if rendering.model is not None:
         contents["truth/model.json"] = rendering.model
@@ -78,6 +83,7 @@ def save_shot(folder: str | Path, shot: Shot, scene_text: str = "") -> list[Path
         contents["scene.toml"] = scene_text
     for n, frame in enumerate(rendering.subframes(SUBFRAMES)):
         contents[f"truth/subframe_{n:02}.exr"] = _layer_through(shot.camera, frame)
+    contents["truth/truth.json"] = _numbers(shot, rendering)
     return write_together(folder, contents)
 
 
