@@ -115,9 +115,13 @@ def save_plate(path: str | Path, fit: PlateFit) -> list[Path]:
         If they cannot be written. What was there before stays as it was.
     """
     check_kind("fit", fit, PlateFit, "use blurmatte.make_plate(frames)")
-    path = Path(path)
-    things = {path.name: fit.plate, f"{path.stem}_overview.png": draw_plate(fit)}
-    return write_together(path.parent, things)
+    plate, sheet = plate_files(Path(path))
+    return write_together(plate.parent, {plate.name: fit.plate, sheet.name: draw_plate(fit)})
+
+
+def plate_files(path: Path) -> tuple[Path, Path]:
+    """The files that `save_plate` writes: the plate, and its sheet."""
+    return path, path.with_name(f"{path.stem}_overview.png")
 
 
 def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> list[Path]:
@@ -146,11 +150,17 @@ def save_exposures(folder: str | Path, layer: Layer, exposures: Exposures) -> li
         If they cannot be written. What was there before stays as it was.
     """
     check_kind("exposures", exposures, Exposures, "use blurmatte.split_exposure(solution, *paints)")
-    things: dict[str, Any] = {}
-    for k in range(exposures.fraction.shape[-1]):
-        things[f"paint{k + 1}.png"] = exposures.fraction[..., k]
-        things[f"paint{k + 1}_std.png"] = exposures.fraction_std[..., k]
-    return write_together(folder, {**things, "overview.png": draw_exposures(layer, exposures)})
+    maps = np.stack([exposures.fraction, exposures.fraction_std], axis=-1)
+    maps = maps.reshape(*maps.shape[:2], -1)  # of each paint, then its error
+    files = exposure_files(Path(folder), exposures.fraction.shape[-1])
+    things = [*np.moveaxis(maps, -1, 0), draw_exposures(layer, exposures)]
+    return write_together(folder, {f.name: thing for f, thing in zip(files, things, strict=True)})
+
+
+def exposure_files(folder: Path, paints: int) -> list[Path]:
+    """The files that `save_exposures` writes of so many paints."""
+    maps = (f"paint{k + 1}{part}.png" for k in range(paints) for part in ("", "_std"))
+    return [folder / name for name in (*maps, "overview.png")]
 
 
 def _report(

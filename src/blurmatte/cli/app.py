@@ -7,10 +7,12 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
+from itertools import chain
 from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
 from typer.core import TyperCommand, TyperGroup
+from typer.models import ArgumentInfo
 
 import blurmatte as bm
 from blurmatte.cli.console import (
@@ -24,6 +26,8 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.old_spellings import modern
+from blurmatte.cli.output_checks import protecting
+from blurmatte.cli.rows import pictures_of
 
 F = TypeVar("F", bound=Callable[..., None])
 
@@ -209,13 +213,17 @@ def command(*examples: str, group: typer.Typer = app) -> Callable[[F], F]:
 def _with_options(function: Callable[..., None]) -> Callable[..., None]:
     """The function with an option for each field, and with one line for each error."""
     groups, parameters = _options_of(function)
+    arguments = [one.name for one in parameters if _is_row(one.annotation)]
 
     def run(**values: Any) -> None:
         """Build the groups of options, and call the function."""
         with _ending(values.pop("quiet"), values.pop("verbose")):
+            given = dict(values)
             for name, kind in groups.items():
                 values[name] = kind(**{f.name: values.pop(f.name) for f in fields(kind)})
-            function(**values)
+            rows = (_texts(given[name]) for name in arguments)
+            with protecting(given, pictures_of(chain.from_iterable(rows))):
+                function(**values)
 
     run.__name__, run.__doc__, run.__module__ = (
         function.__name__,
@@ -225,6 +233,18 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
     run.__signature__ = inspect.Signature(parameters)  # type: ignore[attr-defined]
     run.__annotations__ = {one.name: one.annotation for one in parameters}
     return run
+
+
+def _is_row(annotation: Any) -> bool:
+    """Whether it is an argument that may be a pattern or a folder; names of scenes are not."""
+    kinds = getattr(annotation, "__metadata__", ())
+    return any(isinstance(one, ArgumentInfo) and one.metavar != "SCENE" for one in kinds)
+
+
+def _texts(value: Any) -> list[str]:
+    """The texts of an argument; a Path is one file."""
+    texts = value if isinstance(value, list) else [value]
+    return [text for text in texts if isinstance(text, str)]
 
 
 def _options_of(

@@ -13,9 +13,10 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
 from blurmatte.cli.console import about, option, say, say_json, waiting
-from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import box, number
-from blurmatte.cli.selection import ROWS, Reading, expanded
+from blurmatte.cli.rows import ROWS, expanded
+from blurmatte.cli.selection import Reading
 
 Pictures = Annotated[
     list[str], typer.Argument(metavar="PICTURE", help=f"Of one still scene: {ROWS}.")
@@ -47,7 +48,6 @@ def noise(
     check_file(out, "noise", ".json")
     check_file(plot, "a plot", *SHEET)
     paths = expanded(pictures)
-    check_other(plot, *paths, plate)
     with about(paths[0]), waiting("measuring the noise"):
         fit = _measured(paths, plate, region, reading)
     if plot is not None:
@@ -86,7 +86,6 @@ def response(
     check_file(plot, "a plot", *SHEET)
     reading = Reading("linear", max_pixels)
     paths = expanded(pictures)
-    check_other(plot, *paths)
     times = None if exposures is None else _seconds(exposures)
     with waiting("measuring the curve"):
         fit = bm.fit_response([reading.read(path)[0] for path in paths], times)

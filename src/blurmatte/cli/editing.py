@@ -25,8 +25,9 @@ from blurmatte.cli.changes import (
     changed,
 )
 from blurmatte.cli.console import about, option, waiting, with_progress
-from blurmatte.cli.output_checks import PICTURE, check_file, check_other
-from blurmatte.cli.selection import Out, PlateOptions, Reading, is_row, matching_of
+from blurmatte.cli.output_checks import PICTURE, check_file, check_outputs
+from blurmatte.cli.rows import is_row
+from blurmatte.cli.selection import Out, PlateOptions, Reading, matching_of
 
 OWN = "In its own picture"
 
@@ -79,8 +80,6 @@ def edit(
     asked = changes.in_order(ctx.meta[ORDER])
     if not asked:
         raise ValueError("give a change: --fade, --amplify, --recolor, --expose or --gain")
-    for written in (out, looks.sheet, looks.preview):
-        check_other(written, layer, own.image, own.plate)
     wanted = [change_of(name, text) for name, text in asked]
     if is_row(Path(layer)):
         _check_one_layer(layer, own.image, looks)
@@ -125,8 +124,6 @@ def remove(
     grow: Annotated[int, option("N", "N pixels more on every side.")] = 0,
 ) -> None:
     """Remove an object from its picture, by the plate in its place."""
-    for written in (out, looks.sheet, looks.preview):
-        check_other(written, layer, image, plate.plate)
     if is_row(layer):
         raise ValueError(f"{layer}: give one layer, not a sequence")
     with waiting("removing"):
@@ -158,8 +155,6 @@ def compose(
     reading: Reading,
 ) -> None:
     """Put LAYER over another picture, in linear light."""
-    for written in (out, looks.sheet, looks.preview):
-        check_other(written, layer, over, placement.match_light)
     asked = changes.in_order(ctx.meta[ORDER])
     wanted = [change_of(name, text) for name, text in asked]
     if is_row(Path(layer)):
@@ -205,6 +200,10 @@ def _edit_row(
     options: RowOptions,
 ) -> None:
     """Change layers one after another; only one of them is in memory at a time."""
+    from blurmatte.files.sequences import numbering
+
+    numbers = numbering(out)
+    check_outputs(*(numbers.files() if numbers else ()))
     with about(Path(source)):
         row = bm.read_layers(source, max_pixels=reading.max_pixels)
     seconds = options.rate or row.rate or 25.0

@@ -10,8 +10,9 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, flag, option, say, say_json, waiting, with_progress
-from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_kept, check_other
-from blurmatte.cli.selection import ROWS, Layer, Out, OutFolder, Reading
+from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_outputs
+from blurmatte.cli.rows import ROWS
+from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
 
 
 @command(
@@ -34,7 +35,6 @@ def stack(
 
     Only one of them is in memory at a time.
     """
-    check_other(out, *layers, over)
     if over is not None:
         check_file(out, "a picture", *PICTURE)
     with about(Path(layers[0])):
@@ -67,9 +67,11 @@ def paints(
 
     Writes paint1.png, paint1_std.png, … and overview.png into the folder.
     """
+    from blurmatte.results import RESULT_FILES, exposure_files
+
     check_folder(out)
-    sheet = out / "overview.png"
-    check_kept([sheet] if sheet.exists() else [], layer.parent)  # that of the solution
+    results = [layer.parent / name for name in RESULT_FILES]  # its sheet has the name of ours
+    check_outputs(*exposure_files(out, len(color)), inputs=filter(Path.exists, results))
     with about(layer), waiting("separating the paints"):
         solution = bm.read_solution(layer, max_pixels)
         exposures = bm.split_exposure(solution, *color)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypeAlias
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, flag, option, say, say_json, waiting
-from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
 from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
 from blurmatte.cli.selection import Layer, Reading
@@ -87,7 +87,6 @@ def measure(
     For a clip see track, for places in space locate.
     """
     check_file(out, "a motion", ".json", ".csv")
-    check_other(drawing.overlay, layer, drawing.image)
     time, time_std = _time(timing.exposure)
     line = None if timing.line_time is None else time_of_line("--line-time", timing.line_time)
     downward = None if timing.going is None else timing.going == "down"

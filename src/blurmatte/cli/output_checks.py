@@ -3,13 +3,21 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable
+import stat
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from pathlib import Path
+from typing import Any
 
 import blurmatte as bm
 
 SHEET = ".png", ".jpg"
 PICTURE = ".png", ".tif", ".jpg", ".exr"
+OUTPUTS = "out", "overlay", "sheet", "preview", "plot"  # the options that name files to write
+
+# What the command reads: from identities of files to their names.
+_inputs: ContextVar[dict[object, Path]] = ContextVar("inputs", default={})  # noqa: B039
 
 
 def check_file(path: Path | None, what: str, *endings: str) -> None:
@@ -20,11 +28,14 @@ def check_file(path: Path | None, what: str, *endings: str) -> None:
     FileError
         If its ending is none of `endings`, it is a folder, or there is no folder for it.
     """
+    from blurmatte.files.atomic import check_replaceable
+
     if path is None:
         return
     check_ending(path, what, *endings)
     if path.is_dir():
         raise bm.FileError(f"{path}: is a folder; give the name of a file")
+    check_replaceable(path)
     if not path.parent.is_dir():
         raise bm.FileError(f"{path}: there is no folder {path.parent}; make it, or check the name")
     _check_writable(path, path.parent)
@@ -54,37 +65,82 @@ def check_folder(path: Path) -> None:
     _check_writable(path, there)
 
 
-def check_other(path: Path | None, *inputs: str | Path | None) -> None:
-    """Check that a file to write is none of those to read; None is allowed.
+@contextmanager
+def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[None]:
+    """Protect all files that a command line names to be read, and `inputs`, from being replaced.
+
+    Parameters
+    ----------
+    values : mapping
+        From the names of options to their values; those of `OUTPUTS` are files to write.
+    inputs : iterable of Path
+        What else is read: the pictures of a row or a folder.
 
     Raises
     ------
     FileError
-        If it is.
+        If an input is a pipe or a device, or one of the outputs is an input or another output.
     """
-    if path is None:
-        return
-    for read in inputs:
-        if read is not None and path.resolve() == Path(read).resolve():
-            raise bm.FileError(f"{path}: is read, and would be replaced; choose another name")
+    read = [path for name in values.keys() - OUTPUTS for path in _named(values[name])]
+    read += inputs
+    for path in read:
+        _check_kind(path)
+    token = _inputs.set({key: path for path in read for key in _identities(path)})
+    try:
+        check_outputs(*(values.get(name) for name in OUTPUTS))
+        yield
+    finally:
+        _inputs.reset(token)
 
 
-def check_kept(inputs: Iterable[Path], folder: Path) -> None:
-    """Check that no result in a folder would replace one of the inputs.
+def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
+    """Check that no file to write is an input, or another output; None and folders are allowed.
 
     Raises
     ------
     FileError
-        If an input is in that folder and has the name of a result.
+        If it is: by name, through links, or as one of a row.
     """
-    from blurmatte.results import RESULT_FILES
+    taken = _inputs.get() | {key: path for path in inputs for key in _identities(path)}
+    written = dict[object, Path]()
+    for path in outputs:
+        if path is None or path.is_dir():
+            continue
+        for key in _identities(path):
+            if key in taken:
+                named = "it" if taken[key] == path else str(taken[key])
+                raise bm.FileError(
+                    f"{path}: would be replaced, and {named} is read; choose another --out"
+                )
+            if key in written:
+                raise bm.FileError(f"{path}: would be written twice; choose another name")
+        written |= dict.fromkeys(_identities(path), path)
 
-    results = {(folder / name).resolve() for name in RESULT_FILES}
-    for path in inputs:
-        if path.resolve() in results:
-            raise bm.FileError(
-                f"{path}: would be replaced by the result of that name; choose another --out"
-            )
+
+def _named(value: Any) -> list[Path]:
+    """The files that the value of an option may name."""
+    texts = value if isinstance(value, list) else [value]
+    files = [Path(text) for text in texts if isinstance(text, str | Path)]
+    files += [Path(text.partition(":")[2]) for text in texts if isinstance(text, str)]  # NAME:FILE
+    return [*files, *(path / "layer.exr" for path in files if isinstance(value, Path))]
+
+
+def _identities(path: Path) -> tuple[object, ...]:
+    """What two names of one file have in common."""
+    try:
+        found = path.stat()
+    except (OSError, ValueError):  # it is not there, or is no name at all
+        return (os.path.realpath(path),)
+    return os.path.realpath(path), (found.st_dev, found.st_ino)
+
+
+def _check_kind(path: Path) -> None:
+    try:
+        mode = path.stat().st_mode
+    except (OSError, ValueError):
+        return  # reading it says what is wrong
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise bm.FileError(f"{path}: give a file; this is a pipe or a device")
 
 
 def _check_writable(path: Path, folder: Path) -> None:

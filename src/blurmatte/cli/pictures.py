@@ -26,7 +26,7 @@ from blurmatte.cli.console import (
     say_json,
     waiting,
 )
-from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.selection import Reading
 
 
@@ -41,7 +41,6 @@ def show(
 ) -> None:
     """Show FILE on a sheet."""
     check_file(out, "a sheet", *SHEET)
-    check_other(out, file)
     with about(file), waiting("drawing the sheet"):
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, reading.max_pixels)
         if thing is None:

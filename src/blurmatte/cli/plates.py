@@ -10,9 +10,9 @@ from pathlib import Path
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, by, say, say_json, with_progress
-from blurmatte.cli.output_checks import check_ending, check_folder, check_other
+from blurmatte.cli.output_checks import check_ending, check_folder, check_outputs
 from blurmatte.cli.quantities import frame_range
-from blurmatte.cli.selection import Clip, FrameRange, Out, Reading, chosen_frames, files_of
+from blurmatte.cli.selection import Clip, FrameRange, Out, Reading, chosen_frames
 
 
 @command(
@@ -30,11 +30,13 @@ def plate(
 
     As .exr it keeps its error. A sheet to look at is written next to it, as NAME_overview.png.
     """
+    from blurmatte.results import plate_files
+
     frame_range("--frames", frames)
     curve = reading.curve
     check_ending(out, "a plate", ".exr", ".png", ".tif", ".jpg")
     check_folder(out.parent)
-    check_other(out, *files_of(source))
+    check_outputs(*plate_files(out))
     with about(Path(source[0])):
         clip = bm.read_frames(source[0] if len(source) == 1 else source, curve, reading.max_pixels)
         clip = chosen_frames(clip, frames)

@@ -20,8 +20,8 @@ from blurmatte.cli.console import (
     say_json,
     with_progress,
 )
-from blurmatte.cli.output_checks import check_file, check_folder
-from blurmatte.cli.selection import with_folders
+from blurmatte.cli.output_checks import check_file, check_folder, check_outputs
+from blurmatte.cli.rows import expanded, with_folders
 
 
 @command("render easy -o scenes/easy", "render --list")
@@ -55,12 +55,17 @@ def render(
         raise ValueError("give a SCENE, or --all, or --list to see what there is")
     if out is None:
         raise ValueError("give --out, the folder for the pictures and the truth")
+    from blurmatte.scenes.reading import scene_files
+    from blurmatte.scenes.saving import SHOT_FILES
+
     check_folder(out)
     shots = [
         (shot, bm.scene_text(name), folder)
-        for name, place in with_folders(names, out)
+        for name, place in with_folders(_scene_paths(names), out)
         for shot, folder in _numbered(bm.read_shots(name), place)
     ]
+    read = [path for name in names for path in scene_files(name)]
+    check_outputs(*(folder / name for *_, folder in shots for name in SHOT_FILES), inputs=read)
     for shot, text, folder in with_progress(shots, "rendering"):
         with about(folder):
             bm.save_shot(folder, shot, text)
@@ -93,6 +98,9 @@ def score(
     """
     check_file(out, "a table of scores", ".json", ".csv")
     places = bm.find_scenes(truth)
+    read = [file for place in places for file in (place / "truth").iterdir()]
+    read += [result / place.relative_to(truth) / "path.json" for place in places]
+    check_outputs(out, inputs=read)
     scores, broken = {}, False
     for place in with_progress(places, "scoring"):
         name = str(place.relative_to(truth)) if place != truth else truth.name
@@ -116,6 +124,12 @@ def score(
         bm.write(out, numbers)
     if broken:
         raise typer.Exit(ExitCode.REFUSED)
+
+
+def _scene_paths(names: list[str]) -> list[Path]:
+    """The scene files; names of the built-in scenes stay as they are."""
+    own = set(bm.scene_names())
+    return [path for name in names for path in ([Path(name)] if name in own else expanded([name]))]
 
 
 def _numbered(shots: list[bm.Shot], folder: Path) -> list[tuple[bm.Shot, Path]]:

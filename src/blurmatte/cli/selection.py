@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import re
 import warnings
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from glob import glob
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,13 +13,9 @@ import typer
 import blurmatte as bm
 from blurmatte.cli.console import GENERAL, about, option
 from blurmatte.cli.quantities import box, frame_range, is_box, numbers
+from blurmatte.cli.rows import PICTURES, ROWS
 
 OBJECT = "The object"
-ROWS = "folder, ####, %04d, '*'"
-
-_PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
-_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
-
 Out = Annotated[Path, option("FILE", "Where to write.", None, "--out", "-o")]
 OutFolder = Annotated[
     Path, option("FOLDER", "For the results; made if needed.", None, "--out", "-o")
@@ -275,7 +268,7 @@ def kind_of_color(color: str) -> str:
 def is_mask(region: str) -> bool:
     """Whether a value of --region names a picture."""
     return not is_box(region) and (
-        Path(region).suffix.lower() in _PICTURES or Path(region).is_file()
+        Path(region).suffix.lower() in PICTURES or Path(region).is_file()
     )
 
 
@@ -301,50 +294,3 @@ def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Fra
             stacklevel=2,
         )
     return chosen
-
-
-def with_folders(images: Iterable[str], out: Path) -> list[tuple[Path, Path]]:
-    """Each file and the folder for its results: `out` itself if there is but one."""
-    paths = expanded(images)
-    if len(paths) == 1:
-        return [(paths[0], out)]
-    stems = [path.stem for path in paths]
-    for stem in stems:
-        if stems.count(stem) > 1:
-            raise ValueError(f"give one file named {stem} at a time, got {stems.count(stem)}")
-    return [(path, out / path.stem) for path in paths]
-
-
-def files_of(source: Iterable[str]) -> list[Path]:
-    """What a clip is read from: it, or the pictures that a pattern or a folder holds."""
-    return [path for text in source for path in (Path(text), *_expanded(text))]
-
-
-def expanded(texts: Iterable[str]) -> list[Path]:
-    """The files of these names, patterns (*, ####, %04d) and folders, each in the order of names."""
-    return [path for text in texts for path in _expanded(text)]
-
-
-def _expanded(text: str) -> list[Path]:
-    path = Path(text)
-    if path.is_dir():
-        visible = (p for p in path.iterdir() if not p.name.startswith("."))
-        found = [p for p in visible if p.suffix.lower() in _PICTURES]
-    elif path.exists() or not _is_pattern(path):
-        return [path]
-    else:
-        numbered = re.sub(r"#+|%\d*d", "[0-9]*", path.name)
-        found = [Path(name) for name in glob(str(path.parent / numbered), recursive=True)]
-    if not found:
-        raise bm.FileError(f"{text}: there are no such files; check the name or the pattern")
-    return sorted(found, key=lambda p: [(int(n or 0), t) for n, t in _PARTS.findall(str(p))])
-
-
-def is_row(source: Path) -> bool:
-    """Whether a clip or a row of files is meant, and not one picture or layer."""
-    several = source.is_dir() or (_is_pattern(source) and not source.is_file())
-    return several or source.suffix.lower() not in _PICTURES
-
-
-def _is_pattern(path: Path) -> bool:
-    return re.search(r"[#*?\[]|%\d*d", path.name) is not None or "*" in str(path)

@@ -37,9 +37,9 @@ from blurmatte.cli.console import (
     warn,
     with_progress,
 )
-from blurmatte.cli.output_checks import check_file, check_folder, check_kept
+from blurmatte.cli.output_checks import check_file, check_folder, check_outputs
+from blurmatte.cli.rows import ROWS, expanded, with_folders
 from blurmatte.cli.selection import (
-    ROWS,
     CameraReading,
     ColorOptions,
     Occluder,
@@ -47,10 +47,8 @@ from blurmatte.cli.selection import (
     PlateOptions,
     Region,
     Selection,
-    expanded,
     kind_of_color,
     matching_of,
-    with_folders,
 )
 
 _MIN_IMAGES_TO_PARALLELIZE = 4  # fewer are solved before other processes have started
@@ -101,6 +99,8 @@ def solve(
     several images, each into a folder of its own. Of a clip, also shot.####.exr, layer.000123.exr of
     each frame with the object, frames.csv, overview.png and report.json; what is done is not repeated.
     """
+    from blurmatte.results import RESULT_FILES
+
     required = _required(require)
     each_alone = region is not None or occluder is not None or solver != "auto"
     if clip.means_clip(images, out, plate.plate, each_alone):
@@ -112,10 +112,8 @@ def solve(
         raise ValueError("Missing option '--plate'; see blurmatte solve --help")
     method = _solver(solver, colors)
     check_folder(out)
-    pairs = with_folders(images, out)
-    inputs = [plate.plate, *filter(None, (colors.color_from, occluder, reading.noise))]
-    for path, folder in pairs:
-        check_kept([path, *inputs], folder)
+    pairs = with_folders(expanded(images), out)
+    check_outputs(*(folder / name for _, folder in pairs for name in RESULT_FILES))
     selection = Selection(reading, colors, region)
     reading = _with_curve(reading, pairs[0][0], plate.plate)
     B, notes = reading.read(plate.plate)

@@ -12,7 +12,7 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_table import Gravity, Known, summaries, table, words
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
 from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json, waiting
-from blurmatte.cli.output_checks import SHEET, check_file, check_other
+from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
 from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading, chosen_frames
@@ -154,7 +154,6 @@ def track(
     """Track the object through CLIP: place, speed and size per frame."""
     check_file(out, "a table", *_TABLES)
     check_file(overlay, "a sheet", *SHEET)
-    check_other(overlay, *clip, plate)
     if run.resume and out is None:
         raise ValueError("--resume needs --out, the table of the interrupted run")
     source, ball = Path(clip[0]), physics.ball
@@ -175,6 +174,7 @@ def track(
         },
         ball,
     )
+    check_outputs(out, overlay, task.unfinished)
     frames = _frames(clip, chosen, reading, physics)
     given = None if plate is None else reading.read(plate)[0]
     measured = measure_frames(task, frames, given)

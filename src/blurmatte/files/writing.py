@@ -106,8 +106,8 @@ def write(
 def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
     """Write objects into a folder, all or none of them.
 
-    If the program is stopped while older files are replaced, the last one is missing, and a file that is
-    called like it, with `.incomplete` at the end, stays until they are written again.
+    If the program is stopped while they move, the last one is missing, and a file that is called like
+    it, with `.incomplete` at the end, stays until they are written again.
 
     Parameters
     ----------

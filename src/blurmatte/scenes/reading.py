@@ -96,6 +96,22 @@ def scene_text(scene: str | Path) -> str:
         ) from error
 
 
+def scene_files(scene: str | Path) -> list[Path]:
+    """The scene file, and the pictures that it names, of which some may not exist.
+
+    Raises
+    ------
+    FileError
+        If the file does not exist.
+    """
+    found, tables = [Path(scene)], [tomllib.loads(scene_text(scene))]
+    for table in tables:  # grows
+        tables += [value for value in table.values() if isinstance(value, dict)]
+        if isinstance(table.get("file"), str):
+            found.append(Path(scene).parent / table["file"])
+    return found
+
+
 def read_shots(scene: str | Path) -> list[Shot]:
     """The shots of a scene file: one, or one for each frame of its clip.
 
