@@ -6,9 +6,10 @@ All channels of a point are interpolated in one pass, which is four times as fas
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
 @njit(**_COMPILED)

@@ -9,12 +9,12 @@ freedom if only noise is between them.
 from typing import Any
 
 import numpy as np
-from numba import njit
+
+from blurmatte.compiling import njit
 
 _COMPILED: dict[str, Any] = {
     "error_model": "numpy",
     "fastmath": {"nsz", "arcp", "contract", "reassoc"},
-    "cache": True,
     "nogil": True,
 }
 _NEAR = np.float32(16)  # D of agreeing lights; noise exceeds it once in 900 times

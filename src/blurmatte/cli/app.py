@@ -28,6 +28,7 @@ from blurmatte.cli.console import (
 from blurmatte.cli.old_spellings import modern
 from blurmatte.cli.output_checks import protecting
 from blurmatte.cli.rows import pictures_of
+from blurmatte_command import interrupted
 
 F = TypeVar("F", bound=Callable[..., None])
 
@@ -222,7 +223,9 @@ def _with_options(function: Callable[..., None]) -> Callable[..., None]:
             for name, kind in groups.items():
                 values[name] = kind(**{f.name: values.pop(f.name) for f in fields(kind)})
             rows = (_texts(given[name]) for name in arguments)
-            with protecting(given, pictures_of(chain.from_iterable(rows))):
+            with protecting(given, pictures_of(chain.from_iterable(rows))) as incomplete:
+                for line in incomplete:
+                    warn(line)
                 function(**values)
 
     run.__name__, run.__doc__, run.__module__ = (
@@ -284,6 +287,8 @@ def _ending(quiet: bool, verbose: bool) -> Iterator[None]:
                 complain(str(error))
                 raise typer.Exit(ExitCode.REFUSED) from None
             except Exception as error:
+                if interrupted():
+                    raise typer.Exit(ExitCode.INTERRUPTED) from None
                 explain_failure(error)
                 complain(
                     f"a defect of blurmatte, {type(error).__name__}: {error}; please report it with "

@@ -6,6 +6,7 @@ import json
 import math
 import os
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
@@ -131,7 +132,7 @@ def measure_frames(
     task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
 ) -> Measured:
     """The object in each frame; the plate is made of them if none is given."""
-    model, finished = _given_color(task.color), _finished(task)
+    model, journal = _given_color(task.color), _journal(task)
     count = task.workers
     if count is None:
         count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
@@ -144,7 +145,7 @@ def measure_frames(
             if model is None:
                 with waiting("finding the color"):
                     model = bm.clip_color(frames, plate, workers)
-            rows = _rows(task, frames, plate, model, finished, workers)
+            rows = _rows(task, frames, plate, model, journal, workers)
             if task.ball is None:
                 return Measured(plate, model, rows, None, frames.place_std)
             places = task.ball.places(frames, plate, rows, model, workers)
@@ -156,7 +157,7 @@ def _rows(
     frames: bm.Frames[bm.LinearImage],
     plate: bm.LinearImage,
     model: bm.ColorModel,
-    finished: Sequence[bm.FrameSightings],
+    journal: _Journal,
     workers: bm.Workers,
 ) -> list[bm.FrameMotion]:
     """The object in each frame that is not finished, then all of them joined to tracks."""
@@ -167,11 +168,11 @@ def _rows(
         several=task.several,
         numbers=frames.frame_numbers,
         rate=task.rate,
-        skip=len(finished),
+        skip=len(journal.frames),
         workers=workers,
     )
-    left = len(frames) - len(finished)
-    kept = _kept(task, finished, with_progress(seen, "measuring", left))
+    left = len(frames) - len(journal.frames)
+    kept = _kept(task, journal, with_progress(seen, "measuring", left))
     if task.several:
         return bm.link_objects(kept, task.min_frames)
     return bm.link_sightings(kept)
@@ -194,22 +195,41 @@ def _given_color(text: str | None) -> bm.ColorModel | None:
     return bm.ColorModel.from_hex(text)
 
 
-def _finished(task: ClipTask) -> list[bm.FrameSightings]:
-    """The frames of an interrupted run."""
+@dataclass(frozen=True)
+class _Journal:
+    """What an interrupted run left: finished frames, and how many bytes of its file hold them."""
+
+    frames: Sequence[bm.FrameSightings] = ()
+    size: int = 0
+
+
+def _journal(task: ClipTask) -> _Journal:
+    """The frames of an interrupted run, up to the first line that is damaged or was cut off."""
     path = task.unfinished
     if path is None or not path.exists():
-        return []
+        return _Journal()
+    try:
+        lines = path.read_bytes().splitlines(keepends=True)
+    except OSError as error:
+        raise NamedError(f"{path}: delete it, for it cannot be read ({error.strerror})") from error
+    heads, frames, size = list[Any](), list[bm.FrameSightings](), 0
+    with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError):
+        for line in lines:
+            if not line.endswith(b"\n"):
+                break
+            saved = json.loads(line)
+            if heads:
+                frames.append(_frame(saved))
+            else:
+                heads.append(saved)
+            size += len(line)
+    if not frames:
+        return _Journal()  # it holds nothing to continue with
     if not task.resume:
         raise NamedError(f"{path}: add --resume to continue the interrupted run, or delete it")
-    try:
-        # The last line may have been cut off.
-        lines = path.read_text(encoding="utf-8").rpartition("\n")[0].splitlines()
-        head, *frames = map(json.loads, lines)
-    except (OSError, ValueError) as error:
-        raise NamedError(f"{path}: delete it, for it cannot be resumed ({error})") from error
-    if head != json.loads(json.dumps(task.head)):
+    if heads != [json.loads(json.dumps(task.head))]:
         raise NamedError(f"{path}: was begun with other options; give the same, or delete it")
-    return [_frame(frame) for frame in frames]
+    return _Journal(frames, size)
 
 
 def _frame(saved: dict[str, Any]) -> bm.FrameSightings:
@@ -218,21 +238,31 @@ def _frame(saved: dict[str, Any]) -> bm.FrameSightings:
 
 
 def _kept(
-    task: ClipTask, finished: Sequence[bm.FrameSightings], new: Iterator[bm.FrameSightings]
+    task: ClipTask, old: _Journal, new: Iterator[bm.FrameSightings]
 ) -> Iterator[bm.FrameSightings]:
-    """All frames, each written to the file of unfinished runs at once."""
-    if task.unfinished is None:
+    """All frames; each new one is appended to the file of unfinished runs at once."""
+    path = task.unfinished
+    yield from old.frames
+    if path is None:
         yield from new
         return
-    with task.unfinished.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(json.dumps(task.head) + "\n")
-        file.writelines(json.dumps(asdict(frame)) + "\n" for frame in finished)
-        yield from finished
-        try:
-            for frame in new:
-                file.write(json.dumps(asdict(frame)) + "\n")
-                file.flush()
-                yield frame
-        except KeyboardInterrupt:
-            complain(f"{task.unfinished}: keeps the finished frames; add --resume to continue")
-            raise
+    count = 0
+    try:
+        for count, frame in enumerate(new, 1):
+            _append(path, frame, task.head, old.size if count == 1 else None)
+            yield frame
+    except BaseException:
+        if count or old.frames:
+            complain(f"{path}: keeps the finished frames; add --resume to continue")
+        raise
+
+
+def _append(path: Path, frame: bm.FrameSightings, head: Any, size: int | None) -> None:
+    """Append a line; before the first of a run, the file is cut to `size`, or begun if that is 0."""
+    lines = [json.dumps(asdict(frame))]
+    if size == 0:
+        lines.insert(0, json.dumps(head))
+    with path.open("ab", buffering=0) as file:
+        if size is not None:
+            file.truncate(size)
+        file.write("".join(f"{line}\n" for line in lines).encode())

@@ -82,15 +82,25 @@ _verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity())
 
 @contextmanager
 def printing(verbosity: Verbosity) -> Iterator[None]:
-    """Print that much within this context, and show the stages that the library logs."""
+    """Print that much within this context, and show warnings, and stages that the library logs."""
     token = _verbosity.set(verbosity)
     logger, stages = logging.getLogger("blurmatte"), _Stages()
     level = logger.level
     logger.addHandler(stages)
     logger.setLevel(logging.INFO)
+    usual = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        if issubclass(category, bm.BlurmatteWarning):
+            warn(str(message))  # not about a file, else `about` had shown it
+        else:
+            usual(message, category, *place)
+
+    warnings.showwarning = show  # type: ignore[assignment]
     try:
         yield
     finally:
+        warnings.showwarning = usual
         logger.removeHandler(stages)
         logger.setLevel(level)
         _verbosity.reset(token)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import stat
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -66,8 +65,10 @@ def check_folder(path: Path) -> None:
 
 
 @contextmanager
-def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[None]:
+def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[list[str]]:
     """Protect all files that a command line names to be read, and `inputs`, from being replaced.
+
+    Yields warnings of sets of files that a stopped run left incomplete.
 
     Parameters
     ----------
@@ -83,12 +84,11 @@ def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[No
     """
     read = [path for name in values.keys() - OUTPUTS for path in _named(values[name])]
     read += inputs
-    for path in read:
-        _check_kind(path)
+    there = [path for path in read if _is_file(path)]
     token = _inputs.set({key: path for path in read for key in _identities(path)})
     try:
         check_outputs(*(values.get(name) for name in OUTPUTS))
-        yield
+        yield [line for folder in {path.parent for path in there} for line in _incomplete(folder)]
     finally:
         _inputs.reset(token)
 
@@ -117,6 +117,15 @@ def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
         written |= dict.fromkeys(_identities(path), path)
 
 
+def _incomplete(folder: Path) -> list[str]:
+    from blurmatte.files.atomic import INCOMPLETE
+
+    return [
+        f"{mark}: files of this folder are incomplete, for a run was stopped; run the same again"
+        for mark in sorted(folder.glob(f"*{INCOMPLETE}"))
+    ]
+
+
 def _named(value: Any) -> list[Path]:
     """The files that the value of an option may name."""
     texts = value if isinstance(value, list) else [value]
@@ -134,13 +143,16 @@ def _identities(path: Path) -> tuple[object, ...]:
     return os.path.realpath(path), (found.st_dev, found.st_ino)
 
 
-def _check_kind(path: Path) -> None:
+def _is_file(path: Path) -> bool:
+    """Whether it is there; raises FileError for a pipe or a device, which may be endless."""
+    from blurmatte.files.errors import check_regular
+
     try:
-        mode = path.stat().st_mode
+        path.stat()
     except (OSError, ValueError):
-        return  # reading it says what is wrong
-    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise bm.FileError(f"{path}: give a file; this is a pipe or a device")
+        return False
+    check_regular(path)
+    return True
 
 
 def _check_writable(path: Path, folder: Path) -> None:

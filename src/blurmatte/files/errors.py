@@ -1,6 +1,8 @@
 """Kinds of picture files, and the errors for files that hold no usable picture."""
 
+import stat
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -83,6 +85,7 @@ def kind_of(path: Path) -> str:
 
 def check_exists(path: Path, instead_of_folder: str) -> None:
     """Raise FileError unless `path` is a file that is not empty."""
+    check_regular(path)
     try:
         if path.is_dir():
             raise FileError(f"{path}: {instead_of_folder}; this is a folder")
@@ -90,6 +93,14 @@ def check_exists(path: Path, instead_of_folder: str) -> None:
             raise FileError(f"{path}: copy or export it again; the file is empty")
     except OSError as error:
         raise unreadable(path, error) from error
+
+
+def check_regular(path: Path) -> None:
+    """Raise FileError for a pipe or a device, which may be endless."""
+    with suppress(OSError):  # reading it says what is wrong
+        mode = path.stat().st_mode
+        if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+            raise FileError(f"{path}: give a file; this is a pipe or a device")
 
 
 def unreadable(path: str | Path, error: OSError) -> FileError:

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.errors import FileError
-from blurmatte.files.errors import unreadable
+from blurmatte.files.errors import check_regular, unreadable
 
 
 def read_json(path: str | Path, hint: str) -> Any:
@@ -23,6 +23,7 @@ def read_json(path: str | Path, hint: str) -> Any:
     FileError
         If the file cannot be read or is not JSON; the message begins with `hint`.
     """
+    check_regular(Path(path))
     try:
         return json.loads(Path(path).read_text(encoding="utf-8"))
     except json.JSONDecodeError as error:

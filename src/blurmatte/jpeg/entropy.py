@@ -9,9 +9,10 @@ takes less than `PADDING_BYTES`, so one check of `at` after each block keeps all
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"nogil": True}
 
 PADDING_BYTES = 1024  # at least 64 codes of 16 bits with 16 additional bits each: 256 bytes
 TRUNCATED, BAD_RESTART = -1, -2

@@ -7,9 +7,10 @@ in `pixelwise_kernel`, and l is the unit direction of a line of colors. Maps of 
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
 
 _STUDENT_DOF = 5.0  # degrees of freedom of the t distribution that downweights outliers

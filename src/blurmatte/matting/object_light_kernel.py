@@ -3,9 +3,10 @@
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
 @njit(inline="always", **_COMPILED)

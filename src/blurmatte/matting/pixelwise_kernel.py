@@ -19,8 +19,8 @@ planes.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from blurmatte.compiling import njit
 from blurmatte.matting.maps import MAX_CHI2, MAX_RANGE_STDS, Quality
 
 # Without "nnan" and "ninf": the error of a pixel without information is infinite and must stay so.
@@ -28,7 +28,6 @@ _FAST = {"nsz", "arcp", "contract", "reassoc", "afn"}
 _COMPILED: dict[str, Any] = {
     "error_model": "numpy",
     "fastmath": _FAST,
-    "cache": True,
     "nogil": True,
 }
 

@@ -7,9 +7,10 @@ the body; maps are indexed [row j, column i]. Output arguments come last.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 _ROUNDING = 1e-14  # areas below this part of the whole are floating-point errors of zero
 

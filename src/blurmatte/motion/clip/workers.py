@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import concurrent.futures
 import multiprocessing
+import os
 import pickle
 import signal
+import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -64,8 +66,9 @@ class Workers:
 
     def __enter__(self) -> Workers:
         if self._executor is None and self.count > 1:
-            for _ in range(self.count):
-                self._started().submit(int)  # a process starts with its first task
+            with _without_interrupts():  # processes inherit it, and import for a second
+                for _ in range(self.count):
+                    self._started().submit(int)  # a process starts with its first task
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -155,9 +158,7 @@ class Workers:
         if self._pool is None:
             # A process that is forked from one with threads may hang.
             context = multiprocessing.get_context("spawn")
-            self._pool = concurrent.futures.ProcessPoolExecutor(
-                self.count, context, _ignore_interrupts
-            )
+            self._pool = concurrent.futures.ProcessPoolExecutor(self.count, context, _begin)
         return self._pool
 
     def _sent(self, work: Callable[..., Any]) -> Path:
@@ -219,10 +220,31 @@ def shared(workers: int | Workers) -> AbstractContextManager[Workers]:
     return nullcontext(workers) if isinstance(workers, Workers) else Workers(workers)
 
 
-def _ignore_interrupts() -> None:
+@contextmanager
+def _without_interrupts() -> Iterator[None]:
+    if not hasattr(signal, "pthread_sigmask"):  # Windows
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _begin() -> None:
     # An interrupt reaches all processes of a terminal. A worker that dies with a lock of the pool would
     # block the main process; the main process ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    """A main process that is killed cannot end its workers."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 def _do(path: Path, *task: Any) -> Any:

@@ -10,11 +10,11 @@ outline, with ψ the angle between x and d and ∇ψ its change from pixel to pi
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from blurmatte.compiling import njit
 from blurmatte.sweep.model.silhouette_kernel import covered
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 _REACH = 0.7072  # pixels: half the diagonal of a pixel; beyond, a pixel is inside or outside
 

@@ -9,9 +9,10 @@ banded matrix is its lower band: band[k, j] is the element (j + k, j). `observed
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
 @njit(**_COMPILED)

@@ -6,11 +6,11 @@ See `color_field_kernel` for grids and bands, and `lighting` for the model.
 from typing import Any
 
 import numpy as np
-from numba import njit
 
+from blurmatte.compiling import njit
 from blurmatte.sweep.model.color_field_kernel import corners
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 
 @njit(**_COMPILED)

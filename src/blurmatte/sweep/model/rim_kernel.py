@@ -16,9 +16,10 @@ import math
 from typing import Any
 
 import numpy as np
-from numba import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide, the blur of a sharp rim; pixels²
 _MAX_CURVATURE = 2.0  # per pixel, that a half plane is corrected for

@@ -17,12 +17,12 @@ from typing import Any
 
 import numpy as np
 import numpy.typing as npt
-from numba import njit
 from scipy.special import ndtr
 
+from blurmatte.compiling import njit
 from blurmatte.sweep.model.rim_kernel import PIXEL_VARIANCE
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
 _MAX_DISTANCE_STD = 3.0  # from a soft rim: pixels farther away are in or out
 _NODES_PER_STD = 64  # of the tabulated edge: Taylor's polynomials are exact to 1e-7
