@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app, pictures
-from blurmatte.cli.selection import is_row
+from blurmatte.cli.rows import is_row
 from blurmatte.rendering import colorful_plate
 
 SIZE = (96, 64)

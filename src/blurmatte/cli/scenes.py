@@ -37,6 +37,7 @@ def render(
     list_scenes: Annotated[
         bool, flag("--list", "Print the names of the scenes that come with it.")
     ] = False,
+    max_pixels: Annotated[int, option("N", "Refuse larger scenes; 25 million.")] = 25_000_000,
     as_json: AsJson = False,
 ) -> None:
     """Render a SCENE: pictures to solve, and their true alpha.
@@ -62,7 +63,7 @@ def render(
     shots = [
         (shot, bm.scene_text(name), folder)
         for name, place in with_folders(_scene_paths(names), out)
-        for shot, folder in _numbered(bm.read_shots(name), place)
+        for shot, folder in _numbered(bm.read_shots(name, max_pixels), place)
     ]
     read = [path for name in names for path in scene_files(name)]
     check_outputs(*(folder / name for *_, folder in shots for name in SHOT_FILES), inputs=read)

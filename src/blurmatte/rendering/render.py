@@ -32,6 +32,7 @@ from blurmatte.trajectory import Trajectory
 Array = npt.NDArray[np.float64]
 
 _SHADOW_REACH = 4.0  # truncation of a shadow's Gaussian blur, standard deviations
+MAX_SUBSTEPS = 200_000  # as many as 8 million pixels per exposure need
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,7 +132,10 @@ def required_substeps(scene: Scene) -> int:
     speed *= max(rim_magnification(pose.view, extent) if pose.view else 1 for pose in poses)
     if scene.pixel_filter:
         speed *= max(1, filter_peak(scene.pixel_filter))
-    return max(1, int(np.ceil(np.sqrt(speed / (1 - scene.shutter_ramp) / (2 * max_alpha_error)))))
+    count = np.ceil(np.sqrt(speed / (1 - scene.shutter_ramp) / (2 * max_alpha_error)))
+    if not count <= MAX_SUBSTEPS:
+        raise ValueError(f"a speed of {speed:.3g} pixels per exposure is too fast to be rendered")
+    return max(1, int(count))
 
 
 def _average(scene: Scene, substeps: int) -> tuple[Array, Array, Array, Array]:

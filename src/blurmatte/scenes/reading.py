@@ -45,6 +45,11 @@ from blurmatte.rendering import (
 )
 from blurmatte.trajectory import Trajectory
 
+MAX_RENDERED_PIXELS = 25_000_000  # a renderer holds some 400 bytes for each
+MAX_COUNT = 10_000  # frames of a clip, pictures of a plate, points of a path
+MAX_NUMBER = 1e6  # pixels, degrees, light: larger than anything that can be seen
+MAX_BLUR = 200  # pixels, of lens, defocus and shadows
+
 Table = Mapping[str, Any]
 Makers = Mapping[str, Callable[..., Any]]
 
@@ -112,13 +117,15 @@ def scene_files(scene: str | Path) -> list[Path]:
     return found
 
 
-def read_shots(scene: str | Path) -> list[Shot]:
+def read_shots(scene: str | Path, max_pixels: int = MAX_RENDERED_PIXELS) -> list[Shot]:
     """The shots of a scene file: one, or one for each frame of its clip.
 
     Parameters
     ----------
     scene : str or Path
         A TOML file, or the name of a built-in scene (`scene_names`).
+    max_pixels : int
+        Larger scenes are rejected before memory is allocated.
 
     Returns
     -------
@@ -132,17 +139,19 @@ def read_shots(scene: str | Path) -> list[Shot]:
     """
     text = scene_text(scene)
     try:
-        return _shots(tomllib.loads(text), Path(scene).parent)
+        return _shots(tomllib.loads(text), Path(scene).parent, max_pixels)
     except (tomllib.TOMLDecodeError, ValueError, TypeError) as error:
         raise FileError(f"{scene}: {error}") from error
 
 
-def _shots(file: Table, folder: Path) -> list[Shot]:
+def _shots(file: Table, folder: Path, max_pixels: int) -> list[Shot]:
     known = ("title", "size", *_SHOT_KEYS, *_SCENE_KEYS, *_TABLES)
     for name in file:
         if name not in known:
             raise ValueError(f"there is no {name!r} in a scene; it takes {', '.join(known)}")
-    size, seed = _size(file), file.get("seed", 0)
+    size, seed = _size(file, max_pixels), file.get("seed", 0)
+    for name in (*_SCENE_KEYS, "plate_frames"):
+        _check_range(name, file.get(name))
     plates, occluders = _plates(size, seed, folder), {"wire_fence": partial(wire_fence, size=size)}
     body = dict(_table(file, "body"))
     if isinstance(body.get("texture"), dict):
@@ -172,12 +181,17 @@ def _frames(shot: Shot, count: int, duty: float) -> list[Shot]:
     return [replace(shot, scene=part, seed=shot.seed + n) for n, part in parts]
 
 
-def _size(file: Table) -> tuple[int, int]:
+def _size(file: Table, max_pixels: int) -> tuple[int, int]:
     size = file.get("size")
     if not (isinstance(size, list) and len(size) == 2 and all(type(s) is int for s in size)):
         raise ValueError(f"size must be [width, height] in whole pixels, got {size}")
     if min(size) < 1:
         raise ValueError(f"size must be 1 or more, got {size}")
+    if size[0] * size[1] > max_pixels:
+        raise ValueError(
+            f"size must be at most {max_pixels} pixels, got {size[0]} x {size[1]}; raise the limit with "
+            "max_pixels= (--max-pixels) if that is right"
+        )
     return size[0], size[1]
 
 
@@ -282,7 +296,23 @@ def _called(name: str, maker: Callable[..., Any], table: Table) -> Any:
         raise ValueError(f"[{name}] {error}") from error
 
 
+def _check_range(name: str, value: Any) -> None:
+    """ValueError for numbers that no picture needs, before anything is allocated for them."""
+    limits = dict.fromkeys(("count", "points", "plate_frames"), MAX_COUNT)
+    limits |= dict.fromkeys(("blur", "defocus", "softness"), MAX_BLUR)
+    key = name.rpartition(".")[2]
+    most = limits.get(key, MAX_NUMBER)
+    for number in value if isinstance(value, list) else [value]:
+        if isinstance(number, list):
+            _check_range(name, number)
+        elif isinstance(number, int | float) and not abs(number) <= most:
+            raise ValueError(f"{name} must be at most {most:g}, got {number!r:.20}")
+    if key in ("tile", "spacing") and isinstance(value, int | float) and value < 1:
+        raise ValueError(f"{name} must be 1 pixel or more, got {value:g}")
+
+
 def _value(name: str, parameter: inspect.Parameter, value: Any) -> Any:
+    _check_range(name, value)
     angle = parameter.name in _ANGLES
     match value:
         case str() if value.startswith("#"):

@@ -1,0 +1,34 @@
+"""Commands killed at file events: nothing is torn or mixed, and a rerun gives the same bytes."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SERVER = Path(__file__).with_name("kills.py")
+
+
+def kill(folder, every, *names):
+    """Of a killing of commands: how often, and what was wrong."""
+    command = [sys.executable, SERVER, folder, str(every), *names]
+    ended = subprocess.run(command, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    answer = json.loads(ended.stdout)
+    return answer["kills"], answer["wrong"]
+
+
+def test_killed_commands_leave_whole_files_and_can_be_run_again(tmp_path):
+    """Exact: every fifth event of those that write sets, rows and journals."""
+    kills, wrong = kill(tmp_path, 5, "solve", "plate", "row", "track", "edit")
+    assert wrong == []
+    assert kills > 30
+
+
+@pytest.mark.battery
+def test_commands_killed_at_every_event_leave_whole_files_and_can_be_run_again(tmp_path):
+    """Exact: all commands that write, into an empty folder and over older files."""
+    kills, wrong = kill(tmp_path, 1)
+    assert wrong == []
+    assert kills > 600
