@@ -8,13 +8,17 @@ NAME…` prints JSON: how many runs were killed, and what was wrong.
 import io
 import json
 import os
+import pkgutil
 import shutil
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+from typer.testing import CliRunner
 
+import blurmatte
 import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.files import raster
@@ -38,7 +42,7 @@ end = [34, 22]
 [camera]
 code_std = 0.004
 """
-PIXELWISE = "--solver", "pixelwise"
+PIXELWISE = "--solver", "pixelwise", "--transfer", "srgb"
 
 Files = dict[str, bytes]
 
@@ -63,13 +67,30 @@ def make_inputs(folder: Path) -> None:
     bm.save_shot(folder / "truth", bm.read_shots(folder / "scene.toml")[0])
 
 
+def warm() -> None:
+    """Import everything, and load compiled kernels, so that forked processes need not."""
+    for module in pkgutil.walk_packages(blurmatte.__path__, "blurmatte."):
+        if not module.name.endswith("__main__"):
+            import_module(module.name)
+    path = bm.Trajectory.line((12, 14), (30, 20))
+    shot = bm.Shot(Scene(colorful_plate((64, 48), 2, tile=12), path, Ball(6)), bm.Camera(bits=8))
+    truth = bm.render(shot.scene)
+    image, plate = shot.photograph(truth)
+    solution = bm.solve(image, plate, truth.model, bm.Pixelwise())
+    bm.draw_overview(image, plate, solution)
+    bm.make_plate([image, plate, image, plate])
+    list(bm.sightings([image], plate, truth.model))
+    bm.explain(solution)
+    CliRunner().invoke(app, ["info", "nowhere.json"])
+
+
 def commands(i: Path, o: Path) -> dict[str, Callable[[bool], list[str | Path]]]:
     """Each command; its argument is whether the older files are made, with other options."""
     image, plate, layer = i / "f3.png", i / "plate.png", i / "layer.exr"
     pair = image, "--plate", plate
 
     def color(old: bool) -> str:
-        return "#ff9040" if old else "#ffb040"
+        return "#ff9040" if old else "#ffbc43"
 
     def fade(old: bool) -> tuple[str, str]:
         return "--fade", "0.25" if old else "0.5"
@@ -164,9 +185,9 @@ def watch(folder: Path, stop: int) -> list[str]:
                 os._exit(KILLED)
 
     def audit(name: str, args: tuple[object, ...]) -> None:
-        if name in EVENTS:
-            happens(name, args[0])
-        elif name == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR):
+        if name in EVENTS or (
+            name == "open" and isinstance(args[2], int) and args[2] & (os.O_WRONLY | os.O_RDWR)
+        ):
             happens(name, args[0])
 
     real_open, real_strips = io.open, raster._write_strips
@@ -189,8 +210,11 @@ def watch(folder: Path, stop: int) -> list[str]:
 def faults(name: str, old: Files, new: Files, now: Files) -> Iterator[str]:
     """What is wrong with the files that a killed run left."""
     marked = {Path(file).name for file in now if file.endswith(".incomplete")}
-    files = {file: content for file, content in now.items()
-             if ".blurmatte-" not in file and not file.endswith((".incomplete", ".unfinished"))}  # fmt: skip
+    files = {
+        file: content
+        for file, content in now.items()
+        if ".blurmatte-" not in file and not file.endswith((".incomplete", ".unfinished"))
+    }
     for file, content in files.items():
         if content not in (old.get(file), new.get(file)):
             yield f"{file} is torn"
@@ -237,6 +261,7 @@ def killed(name: str, folder: Path, every: int, replaced: bool) -> tuple[int, li
 
 def main(folder: Path, every: int, names: list[str]) -> None:
     """Kill the named commands, or all."""
+    warm()
     child = os.fork()
     if child == 0:
         try:
