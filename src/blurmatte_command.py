@@ -15,6 +15,7 @@ from types import FrameType
 from typing import Any, NoReturn
 
 _INTERRUPTED = 130  # the exit code
+_QUIET = "ignore:resource_tracker:UserWarning"  # of processes, about those that were ended
 _SECONDS_TO_END = 2.0  # for temporary files to be removed
 
 _interrupted = False
@@ -58,6 +59,8 @@ def _catch_interrupts() -> None:
     signal.set_wakeup_fd(writer.fileno())
     signal.signal(signal.SIGINT, _interrupt)
     sys.unraisablehook = _report_unraisable
+    filters = os.environ.get("PYTHONWARNINGS")
+    os.environ["PYTHONWARNINGS"] = f"{filters},{_QUIET}" if filters else _QUIET
 
     def watch() -> None:
         with writer:  # keeps it open

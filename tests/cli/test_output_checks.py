@@ -1,12 +1,29 @@
 """Output that cannot be written is rejected before anything is read."""
 
+import os
+
+import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+import blurmatte as bm
 from blurmatte.cli import app
 
 # Of files that are not there: only what is looked at first can be complained of.
 SOLVE = "a.png", "--plate", "b.png"
+SCENE = """
+size = [48, 36]
+[plate]
+kind = "file"
+file = "../g/plate.png"
+[body]
+kind = "ball"
+radius = 5
+[path]
+kind = "line"
+start = [12, 12]
+end = [34, 22]
+"""
 
 
 @pytest.mark.parametrize(
@@ -48,3 +65,69 @@ def test_refuses_output_before_reading(words, said, tmp_path, monkeypatch):
     assert said in line
     assert (tmp_path / "mine").read_text() == "mine"
     assert sorted(path.name for path in tmp_path.iterdir()) == ["folder.json", "mine"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="links and pipes")
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("color", *SOLVE, "--noise", "n.json", "--out", "n.json"), "n.json: would be replaced"),
+        (("color", *SOLVE, "--color", "n.json", "--out", "./n.json"), "and it is read"),
+        (("color", *SOLVE, "--noise", "n.json", "--out", "link.json"), "and n.json is read"),
+        (("measure", "a.exr", "--out", "f/../n.json", "--transfer", "n.json"), "n.json is read"),
+        (("track", "a.mp4", "--out", "n.json", "--color", "n.json"), "n.json: would be replaced"),
+        (("plate", "f", "--out", "f/p.png"), "f/p_overview.png: would be replaced, and it is read"),
+        (("plate", "f/p*.png", "--out", "f/p.png"), "f/p_overview.png: would be replaced"),
+        (("edit", "f/l.####.png", "--fade", "1", "--out", "f/l.%04d.png"), "f/l.0001.png: would"),
+        (("edit", "f", "--fade", "1", "--out", "f/l.####.png"), "f/l.0001.png: would be replaced"),
+        (("edit", "a.exr", "--fade", "2", "--out", "e.png", "--sheet", "e.png"), "written twice"),
+        (("compose", "a.exr", "--over", "b.png", "--out", "b.png"), "b.png: would be replaced"),
+        (("render", "f/scene.toml", "--out", "f"), "f/scene.toml: would be replaced"),
+        (("render", "f/scene.toml", "--out", "g"), "g/plate.png: would be replaced"),
+        (("score", "f", "--truth", "t", "--out", "t/truth/path.json"), "and it is read"),
+        (("solve", "a.png", "--plate", "pipe", "--out", "r"), "pipe: give a file; this is a pipe"),
+        (("info", "zero.png"), "zero.png: give a file; this is a pipe or a device"),
+        (("solve", *SOLVE, "--solver", "shaded:pipe", "--out", "r"), "pipe: give a file"),
+    ],
+)
+def test_refuses_output_that_is_read(words, said, tmp_path, monkeypatch):
+    """Door: also by links, in folders and rows; and inputs that are endless."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("n.json", "f/p_overview.png", "f/l.0001.png", "g/plate.png", "t/truth/path.json"):
+        (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / name).write_text("mine")
+    bm.write(tmp_path / "g/plate.png", bm.LinearImage(np.full((36, 48, 3), 0.5)))
+    (tmp_path / "f/scene.toml").write_text(SCENE)
+    (tmp_path / "link.json").symlink_to("n.json")
+    (tmp_path / "zero.png").symlink_to("/dev/zero")
+    os.mkfifo(tmp_path / "pipe")
+    before = {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")}
+    result = CliRunner().invoke(app, words)
+    (line,) = result.stderr.splitlines()
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in line
+    assert {path: path.is_file() and path.read_bytes() for path in tmp_path.rglob("*")} == before
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("[48, 36]", "[480000, 360000]", "at most 25000000 pixels, got 480000 x 360000; raise the"),
+        ("tile = 9", "tile = 1e-9", "plate.tile must be 1 pixel or more"),
+        ("radius = 5", "radius = 1e300", "body.radius must be at most 1e+06, got 1e+300"),
+        ("[34, 22]", "[34, nan]", "path.end must be at most"),
+        ("[plate]", "plate_frames = 1000000\n[plate]", "plate_frames must be at most 10000"),
+        ("[path]", "[clip]\ncount = 2000000\nduty = 0.5\n[path]", "clip.count must be at most"),
+        ("[path]", "[camera]\nblur = 1e5\n[path]", "camera.blur must be at most 200"),
+    ],
+)
+def test_refuses_absurd_scenes_before_rendering(old, new, said, tmp_path):
+    """Door."""
+    scene = SCENE.replace('kind = "file"\nfile = "../g/plate.png"', 'kind = "colorful"\ntile = 9')
+    (tmp_path / "s.toml").write_text(scene.replace(old, new))
+    words = "render", str(tmp_path / "s.toml"), "--out", str(tmp_path / "o")
+    result = CliRunner().invoke(app, words)
+    (line,) = result.stderr.splitlines()
+    assert (result.exit_code, result.stdout) == (2, "")
+    assert said in line
+    assert not (tmp_path / "o").exists()

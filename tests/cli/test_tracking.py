@@ -136,6 +136,40 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     assert not begun.exists()
 
 
+@pytest.mark.parametrize(
+    ("kept", "first_new"), [(0, 0), (1, 0), (-1, 0), (2, 1), (-2, 1), (3, 2), (-3, 2), (4, 3)]
+)
+def test_damaged_journal_costs_the_frames_after_the_damage(
+    track, tmp_path, monkeypatch, kept, first_new
+):
+    """Exact: cut after so many lines, or damaged in the line after; an empty one blocks nothing."""
+    out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
+    with monkeypatch.context() as patch:
+        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
+        track("--out", out)
+    whole, lines = out.read_bytes(), begun.read_bytes().splitlines(keepends=True)
+    out.unlink()
+    start = b"".join(lines[: abs(kept)])
+    begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
+    real, skipped = bm.sightings, []
+    monkeypatch.setattr(bm, "sightings", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o))
+    resume = ("--resume",) if first_new else ()
+    assert track("--out", out, *resume).exit_code == 0
+    assert skipped == [first_new]
+    assert out.read_bytes() == whole
+    assert not begun.exists()
+
+
+def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, monkeypatch):
+    def fails(*args, **options):
+        raise ValueError("Singular matrix")
+        yield
+
+    monkeypatch.setattr(bm, "sightings", fails)
+    assert track("--out", tmp_path / "t.csv").exit_code == 2
+    assert list(tmp_path.iterdir()) == []
+
+
 def test_draws_sheet_of_clip(track, tmp_path, folder):
     """Exact: written, with a color from a file."""
     path = tmp_path / "path.png"

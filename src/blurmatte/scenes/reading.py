@@ -189,8 +189,8 @@ def _size(file: Table, max_pixels: int) -> tuple[int, int]:
         raise ValueError(f"size must be 1 or more, got {size}")
     if size[0] * size[1] > max_pixels:
         raise ValueError(
-            f"size must be at most {max_pixels} pixels, got {size[0]} x {size[1]}; raise the limit with "
-            "max_pixels= (--max-pixels) if that is right"
+            f"size must be at most {max_pixels} pixels, got {size[0]} x {size[1]}; raise the limit "
+            "with max_pixels= (--max-pixels) if that is right"
         )
     return size[0], size[1]
 
