@@ -10,7 +10,7 @@ from pathlib import Path
 
 import blurmatte as bm
 
-ROWS = "a folder, ####, %04d or '*' too"
+ROWS = "folder, ####, %04d, '*'"
 PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 
 _PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
@@ -23,7 +23,7 @@ def with_folders(paths: Sequence[Path], out: Path) -> list[tuple[Path, Path]]:
     stems = [path.stem for path in paths]
     for stem in stems:
         if stems.count(stem) > 1:
-            raise ValueError(f"{stems.count(stem)} files are called {stem}; take them one by one")
+            raise ValueError(f"give one file named {stem} at a time, got {stems.count(stem)}")
     return [(path, out / path.stem) for path in paths]
 
 
