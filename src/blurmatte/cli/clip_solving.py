@@ -28,18 +28,17 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.quantities import frame_range
+from blurmatte.cli.rows import PICTURES, expanded
 from blurmatte.cli.selection import (
     CameraReading,
     ColorOptions,
     FrameRange,
     chosen_frames,
-    files_of,
     matching_of,
 )
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
-_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 _LAYERS = "exr", "png", "tif", "mov"
 
 
@@ -97,7 +96,7 @@ class ClipOptions:
         numbered = any(mark in path.name for mark in _NUMBERED) and not path.exists()
         if numbered or path.is_dir() or "*" in images[0]:
             return (numbered and not each_alone) or plate is None
-        return path.suffix.lower() not in _PICTURES
+        return path.suffix.lower() not in PICTURES
 
 
 def solve_clip(
@@ -134,7 +133,7 @@ def solve_clip(
 
 
 def _inputs(images: list[str], plate: MaybePlate, colors: ColorOptions) -> Iterator[Path]:
-    yield from files_of(images)
+    yield from expanded(images)
     if plate.plate is not None:
         yield plate.plate
     yield from (Path(color) for color in colors.color or ())

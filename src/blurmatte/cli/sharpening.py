@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, option, say, say_json, waiting
-from blurmatte.cli.output_checks import SHEET, check_ending, check_file, check_other
+from blurmatte.cli.output_checks import SHEET, check_ending, check_file
 from blurmatte.cli.selection import Layer, Out, Reading, matching_of
 
 PICTURES = "Its pictures"
@@ -55,8 +55,6 @@ def sharpen(
     """
     if frames < 1:
         raise ValueError(f"--frames must be 1 or more, got {frames}")
-    for written in (out, sheet):
-        check_other(written, layer, pictures.image, pictures.plate)
     check_file(sheet, "a sheet", *SHEET)
     check_ending(out, "a sharp object", *(_STILL if frames == 1 else (*_STILL, *_CLIP)))
     if out.suffix.lower() in _OVER_PLATE and pictures.plate is None:
