@@ -156,7 +156,7 @@ def test_info_refuses_other_json(tmp_path):
     result = run("info", tmp_path / "a.json")
     assert result.exit_code == 2
     assert "holds no color model" in result.stderr
-    assert "nor is it noise or a curve" in result.stderr
+    assert "noise or transfer curve" in result.stderr
 
 
 def test_solve_refuses_file_without_noise(scene, tmp_path):
@@ -165,4 +165,4 @@ def test_solve_refuses_file_without_noise(scene, tmp_path):
                  "--noise", scene / "model.json")  # fmt: skip
     assert result.exit_code == 2
     (line,) = result.stderr.splitlines()
-    assert "holds no noise of a camera" in line
+    assert "holds no noise model" in line

@@ -54,18 +54,17 @@ def test_every_field_of_a_response_fit_is_written(tmp_path):
 @pytest.mark.parametrize(
     ("content", "says"),
     [
-        (b"", "the file is no JSON"),
-        (b"\x89PNG\xff\xfe", "the file is no JSON text"),
+        (b"\x89PNG\xff\xfe", "no text in UTF-8"),
         (b"[1, 2]", "holds no transfer curve"),
         (b'{"name": "x"}', "holds no transfer curve"),
         (
             b'{"name": "x", "light": [0]}',
-            "holds no valid transfer curve (light must be two or more",
+            "holds no transfer curve (light must be two or more",
         ),
-        (b'{"name": "x", "light": [0, 2, 1]}', "holds no valid transfer curve (light must rise"),
-        (b'{"name": "x", "light": [0, "a"]}', "holds no valid transfer curve"),
-        (b'{"name": "x", "light": [0, [1]]}', "holds no valid transfer curve"),
-        (b'{"name": "x", "light": [0, NaN]}', "holds no valid transfer curve"),
+        (b'{"name": "x", "light": [0, 2, 1]}', "holds no transfer curve (light must rise"),
+        (b'{"name": "x", "light": [0, "a"]}', "holds no transfer curve"),
+        (b'{"name": "x", "light": [0, [1]]}', "holds no transfer curve"),
+        (b'{"name": "x", "light": [0, NaN]}', "holds no transfer curve"),
     ],
 )
 def test_other_content_is_rejected(tmp_path, content, says):
@@ -87,7 +86,7 @@ def test_curves_and_color_models_are_distinguished(tmp_path):
     bm.write(curve, bm.SRGB)
     bm.write(model, bm.ColorModel.from_hex("#d8ff3c"))
     with pytest.raises(
-        bm.FileError, match=r"give a file that blurmatte calibrate .* holds a color model"
+        bm.FileError, match=r"give a file that blurmatte calibrate .*it holds a color model"
     ):
         bm.read_transfer(model)
     with pytest.raises(bm.FileError, match=r"give a file .* holds a transfer curve"):

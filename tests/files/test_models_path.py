@@ -21,7 +21,7 @@ def test_path_round_trips(tmp_path, radius):
 @pytest.mark.parametrize("text", ["[]", "{}", "nothing", '{"xy": [[1, 2]], "t": [0]}'])
 def test_other_json_is_rejected(tmp_path, text):
     (tmp_path / "path.json").write_text(text)
-    with pytest.raises(FileError, match=r"path.json: give .*; the file (holds no path|is no JSON)"):
+    with pytest.raises(FileError, match=r"path.json: give .*; the file holds no path"):
         read_path(tmp_path / "path.json")
 
 

@@ -30,7 +30,7 @@ def test_sweep_round_trips_exactly(name, silhouette):
         silhouette,
         rng.uniform(size=silhouette.size),
         model,
-        rng.normal(size=(n, n)),
+        np.cov(rng.normal(size=(n, 2 * n))),
         (640, 480),
         Diagnostics("leaves the streak", False, 1.1, radius_error=np.inf, chroma_blur=0.3),
         CastShadow(rng.normal(size=2), 3.3, rng.uniform(size=3)) if silhouette is DISC else None,
@@ -53,7 +53,7 @@ def test_unknown_path_family_is_rejected():
     """Door."""
     with pytest.raises(ValueError, match="a path is one of line, parabola"):
         path_family("spiral")
-    with pytest.raises(KeyError):
+    with pytest.raises(ValueError, match="family is missing"):
         sweep_from_json(json.dumps({"size": [1, 2]}))
 
 

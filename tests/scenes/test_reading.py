@@ -199,5 +199,7 @@ def test_rejects_wrong_files(shots, old, new, says):
 
 
 def test_error_for_unknown_scene_lists_the_names():
-    with pytest.raises(FileError, match=r"nowhere: cannot be read .* easy, "):
+    with pytest.raises(
+        FileError, match=r"nowhere: check the name; there is no such file; .* easy, "
+    ):
         read_shots("nowhere")

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import json
 import math
 import tempfile
 import warnings
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -88,17 +88,33 @@ Answer = tuple[list[str], dict[str, Any]]  # lines for people, and the same as v
 
 
 def _of_json(path: Path) -> Answer:
-    from blurmatte.files import holds_transfer
+    from blurmatte.files.documents import json_kind, read_document, read_json
+    from blurmatte.files.models import MODEL
 
-    if holds_transfer(path):
-        curve = bm.read_transfer(path)
-        words = bm.explain(curve)
-        numbers = {"kind": "transfer curve", "name": curve.name, "in_words": words}
-        return [f"{path}: transfer curve {curve.name}", *words], numbers
-    try:
-        noise = bm.read_noise(path)
-    except bm.FileError:  # reading it as a model says whatever is wrong
-        return _of_model_or_report(path)
+    hint = "give a file that blurmatte wrote"
+    match json_kind(read_document(path, hint)):
+        case "transfer curve":
+            curve = bm.read_transfer(path)
+            words = bm.explain(curve)
+            numbers = {"kind": "transfer curve", "name": curve.name, "in_words": words}
+            return [f"{path}: transfer curve {curve.name}", *words], numbers
+        case "noise model":
+            return _of_noise(bm.read_noise(path))
+        case "report":
+            words = read_json(path, _Report, hint, "report").in_words
+            lines = [f"{path}: a report, text that holds all numbers", *words]
+            return lines, {"kind": "report", "in_words": words}
+    what = "color model, report, noise or transfer curve"
+    model: bm.ColorModel = read_json(path, MODEL, hint, what)
+    return [in_degrees(model), *bm.explain(model)], {"kind": "color model", **color_numbers(model)}
+
+
+@dataclass
+class _Report:
+    in_words: list[str]
+
+
+def _of_noise(noise: bm.NoiseModel) -> Answer:
     rows = {"gain": noise.gain, "read_std": noise.read_std, "relative_std": noise.relative_std}
     names = "gain", "read noise", "of the light"
     said = (
@@ -106,22 +122,6 @@ def _of_json(path: Path) -> Answer:
         for name, row in zip(names, rows.values(), strict=True)
     )
     return [str(noise), *said], {"kind": "noise", **rows}
-
-
-def _of_model_or_report(path: Path) -> Answer:
-    try:
-        model = bm.read_color_model(path)
-    except bm.FileError as error:
-        if not path.is_file():
-            raise
-        words = _words_of(path)
-        if words is None:
-            raise bm.FileError(
-                f"{error}; nor is it noise or a curve of blurmatte calibrate"
-            ) from error
-        lines = [f"{path}: a report, text that holds all numbers", *words]
-        return lines, {"kind": "report", "in_words": words}
-    return [in_degrees(model), *bm.explain(model)], {"kind": "color model", **color_numbers(model)}
 
 
 def _of_solution(solution: bm.Solution) -> Answer:
@@ -132,16 +132,6 @@ def _of_solution(solution: bm.Solution) -> Answer:
     numbers = {"size": solution.size, "solver": solution.solver, "stats": solution.stats}
     model = color_numbers(solution.model)
     return lines, {"kind": "solution", **numbers, "model": model, "in_words": words}
-
-
-def _words_of(path: Path) -> list[str] | None:
-    """The sentences in a report of `solve` or `measure`, if it is one."""
-    try:
-        report = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
-        return None
-    words = report.get("in_words") if isinstance(report, dict) else None
-    return list(map(str, words)) if isinstance(words, list) else None
 
 
 def _named(stats: Mapping[str, Any], of: str = "") -> Iterator[str]:
@@ -171,8 +161,12 @@ def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
     """The Solution in an EXR, if it is one."""
     if path.suffix.lower() != ".exr":
         return None
+    from blurmatte.files.documents import DocumentError
+
     try:
         return bm.read_solution(path, max_pixels)
+    except DocumentError:  # it is one, and damaged
+        raise
     except bm.FileError:  # reading it as a picture says what is wrong
         return None
 

@@ -1,6 +1,5 @@
 """Reading and writing of all file formats: pictures, layers, solutions, models and calibrations."""
 
-from blurmatte.files.calibration import holds_transfer as holds_transfer
 from blurmatte.files.calibration import read_intrinsics as read_intrinsics
 from blurmatte.files.calibration import read_noise as read_noise
 from blurmatte.files.calibration import read_transfer as read_transfer

@@ -1,20 +1,28 @@
 """JSON of a camera's calibration: intrinsics, noise and transfer curve."""
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
+from pydantic import AfterValidator, AliasChoices, BeforeValidator, Field
 
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.errors import FileError
-from blurmatte.files.json_text import parsing, read_json
+from blurmatte.files.documents import covariance_matrix, numbers, read_json
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.radiometry import NoiseModel, Transfer
 from blurmatte.radiometry.transfer import TABLE
 from blurmatte.statistics import BLOCK_SIZES
 
 Array = npt.NDArray[np.float64]
+
+MIN_FOCAL_LENGTH = 1e-3  # pixels
+MAX_PX = 1e6  # of places and lengths; distortions are less
+MAX_NOISE = 1e3  # gain and standard deviations, of white
+MAX_LIGHT = 1e6  # of a code value; white is 1
 
 _PINHOLE = "fx", "fy", "cx", "cy"
 _OPENCV_MATRIX = "camera_matrix", "cameraMatrix", "K"
@@ -57,17 +65,8 @@ def read_intrinsics(path: str | Path) -> Intrinsics:
             f"{path}: let OpenCV write the calibration as .json, or {_INTRINSICS_HINT}; "
             "YAML and XML are not supported"
         )
-    fields = read_json(path, _INTRINSICS_HINT)
-    with parsing(path, _INTRINSICS_HINT, "calibrated camera"):
-        fisheye, covariance = fields.get("fisheye", False), np.zeros((0, 0))
-        if not isinstance(fisheye, bool):
-            raise TypeError("fisheye must be true or false")
-        if "covariance" in fields:
-            covariance = np.array(fields["covariance"], float)
-        elif "std" in fields:
-            covariance = np.diag(np.array(fields["std"], float) ** 2)
-        lens = *_pinhole(fields), _distortion(fields)
-        return Intrinsics(*lens, fisheye, covariance, _size(fields))
+    lens: Intrinsics = read_json(path, _LENS, _INTRINSICS_HINT, "calibrated camera")
+    return lens
 
 
 def noise_to_mapping(noise: NoiseModel | NoiseFit) -> dict[str, Any]:
@@ -95,10 +94,8 @@ def read_noise(path: str | Path) -> NoiseModel:
         If the file cannot be read or holds no noise.
     """
     hint = "give a file that blurmatte calibrate noise wrote"
-    fields = read_json(path, hint)
-    with parsing(path, hint, "noise of a camera"):
-        gain, read_std, relative_std = (_three(fields[name]) for name in _NOISE)
-        return NoiseModel(gain, read_std, relative_std)
+    noise: NoiseModel = read_json(path, NOISE, hint, "noise model")
+    return noise
 
 
 def transfer_to_mapping(curve: Transfer | ResponseFit) -> dict[str, Any]:
@@ -119,14 +116,6 @@ def transfer_to_mapping(curve: Transfer | ResponseFit) -> dict[str, Any]:
     }
 
 
-def holds_transfer(path: str | Path) -> bool:
-    """True if a file holds a transfer curve, valid or not."""
-    try:
-        return _is_transfer(read_json(path, _TRANSFER_HINT))
-    except FileError:
-        return False
-
-
 def read_transfer(path: str | Path) -> Transfer:
     """Read a transfer curve that `write` wrote.
 
@@ -135,61 +124,100 @@ def read_transfer(path: str | Path) -> Transfer:
     FileError
         If the file cannot be read or holds no transfer curve.
     """
-    fields = read_json(path, _TRANSFER_HINT)
-    if not _is_transfer(fields):
-        model = isinstance(fields, dict) and "basis" in fields
-        found = "holds a color model" if model else "holds no transfer curve"
-        raise FileError(f"{path}: {_TRANSFER_HINT}; the file {found}")
-    with parsing(path, _TRANSFER_HINT, "valid transfer curve"):
-        return Transfer.from_table(fields["name"], fields["light"])
+    curve: Transfer = read_json(path, _TRANSFER, _TRANSFER_HINT, "transfer curve")
+    return curve
 
 
-def _pinhole(fields: Any) -> tuple[float, float, float, float]:
-    name = next((name for name in _OPENCV_MATRIX if name in fields), None)
-    if name is None:
-        fx, fy, cx, cy = (float(fields[name]) for name in _PINHOLE)
+@dataclass
+class _NoiseFields:
+    gain: Annotated[Array, numbers(0, MAX_NOISE, 3)]
+    read_std: Annotated[Array, numbers(0, MAX_NOISE, 3)]
+    relative_std: Annotated[Array, numbers(0, MAX_NOISE, 3)]
+
+
+NOISE = Annotated[
+    _NoiseFields, AfterValidator(lambda f: NoiseModel(f.gain, f.read_std, f.relative_std))
+]
+
+
+@dataclass
+class _TransferFields:
+    name: str
+    light: Annotated[Array, numbers(-MAX_LIGHT, MAX_LIGHT, None)]
+
+
+_TRANSFER = Annotated[
+    _TransferFields, AfterValidator(lambda f: Transfer.from_table(f.name, f.light))
+]
+
+
+def _data(value: Any) -> Any:
+    """The numbers in a row, of nested lists or of a matrix as OpenCV writes it."""
+    value = value.get("data") if isinstance(value, dict) else value
+    while isinstance(value, list) and value and all(isinstance(row, list) for row in value):
+        value = [number for row in value for number in row]
+    return value
+
+
+_Matrix = Annotated[
+    Array | None,
+    numbers(-MAX_PX, MAX_PX, 9),
+    BeforeValidator(_data),
+    Field(validation_alias=AliasChoices(*_OPENCV_MATRIX)),
+]
+_Distortion = Annotated[
+    Array | None,
+    numbers(-MAX_PX, MAX_PX, None),
+    BeforeValidator(_data),
+    Field(validation_alias=AliasChoices(*_DISTORTION)),
+]
+
+
+@dataclass
+class _LensFields:
+    fx: Annotated[float, numbers(MIN_FOCAL_LENGTH, MAX_PX)] | None = None
+    fy: Annotated[float, numbers(MIN_FOCAL_LENGTH, MAX_PX)] | None = None
+    cx: Annotated[float, numbers(-MAX_PX, MAX_PX)] | None = None
+    cy: Annotated[float, numbers(-MAX_PX, MAX_PX)] | None = None
+    matrix: _Matrix = None
+    distortion: _Distortion = None
+    fisheye: bool = False
+    covariance: Annotated[Array, covariance_matrix(MAX_PX**2, None, None)] | None = None
+    std: Annotated[Array, numbers(0, MAX_PX, None)] | None = None
+    size: Annotated[Array, numbers(1, MAX_PX, 2, whole=True)] | None = None
+    image_width: Annotated[int, numbers(1, MAX_PX, whole=True)] | None = None
+    image_height: Annotated[int, numbers(1, MAX_PX, whole=True)] | None = None
+
+
+def _lens(fields: _LensFields) -> Intrinsics:
+    size = fields.image_width, fields.image_height
+    width, height = size if fields.size is None else fields.size.tolist()
+    errors = np.zeros((0, 0)) if fields.std is None else np.diag(fields.std**2)
+    covariance = errors if fields.covariance is None else fields.covariance
+    # OpenCV adds trailing zeros for richer models.
+    k = np.zeros(0) if fields.distortion is None else fields.distortion
+    k = k[:8] if len(k) in (12, 14) and not k[8:].any() else k
+    fx, fy, cx, cy = _pinhole(fields)
+    return Intrinsics(
+        fx, fy, cx, cy, k, fields.fisheye, covariance, (width, height) if width and height else None
+    )
+
+
+def _pinhole(fields: _LensFields) -> Sequence[float]:
+    if fields.matrix is not None:
+        fx, skew, cx, _, fy, cy = fields.matrix[:6].tolist()
+        if skew != 0:
+            raise ValueError(f"the matrix must not be skewed, got {skew}")
         return fx, fy, cx, cy
-    K = _matrix(fields[name]).reshape(3, 3)
-    if K[0, 1] != 0:
-        raise ValueError(f"{name} must not be skewed, got {K[0, 1]}")
-    return float(K[0, 0]), float(K[1, 1]), float(K[0, 2]), float(K[1, 2])
+    values = {name: getattr(fields, name) for name in _PINHOLE}
+    missing = [name for name, value in values.items() if value is None]
+    if missing:
+        raise ValueError(f"{missing[0]} is missing")
+    return list(values.values())
 
 
-def _distortion(fields: Any) -> Array:
-    """The coefficients, without the trailing zeros that OpenCV adds for richer models."""
-    name = next((name for name in _DISTORTION if name in fields), None)
-    k = np.zeros(0) if name is None else _matrix(fields[name]).ravel()
-    return k[:8] if len(k) in (12, 14) and not k[8:].any() else k
-
-
-def _size(fields: Any) -> tuple[int, int] | None:
-    size = fields.get("size")
-    if size is None and {"image_width", "image_height"} <= fields.keys():
-        size = [fields["image_width"], fields["image_height"]]
-    if size is None:
-        return None
-    if not (isinstance(size, list) and len(size) == 2):
-        raise ValueError(f"size must be [width, height], got {size!r}")
-    return int(size[0]), int(size[1])
-
-
-def _matrix(value: Any) -> Array:
-    """Nested lists, or a matrix as OpenCV writes it."""
-    return np.array(value["data"] if isinstance(value, dict) else value, dtype=float)
+_LENS = Annotated[_LensFields, AfterValidator(_lens)]
 
 
 def _noise_fields(noise: NoiseModel) -> dict[str, Any]:
     return {name: getattr(noise, name) for name in _NOISE}
-
-
-def _three(values: Any) -> tuple[float, float, float]:
-    red, green, blue = map(float, values)
-    return red, green, blue
-
-
-def _is_transfer(fields: object) -> bool:
-    return (
-        isinstance(fields, dict)
-        and isinstance(fields.get("name"), str)
-        and isinstance(fields.get("light"), list)
-    )

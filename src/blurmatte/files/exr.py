@@ -8,19 +8,21 @@ of the camera.
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.errors import FileError
+from blurmatte.files.documents import DocumentError, numbers, parse_json
 from blurmatte.files.errors import VALID, VARIANCE
 from blurmatte.files.raster import Raster
 from blurmatte.radiometry.color_space import light_in_srgb
 from blurmatte.radiometry.image import LinearImage
 
+MAX_GAIN = 1e3  # of a white balance, and from a channel of a camera to one of sRGB
 _CAMERA, _LAYERS = "blurmatte:camera", "blurmatte:light"
 
 
@@ -56,10 +58,11 @@ def with_exr_parts(image: LinearImage, raster: Raster) -> LinearImage:
     return image if header is None else _in_camera_colors(raster.path, image, str(header))
 
 
-def changed_header(path: str | Path) -> FileError:
+def changed_header(path: str | Path, reason: ValueError) -> FileError:
     """The error for an EXR whose attributes are not those that `write` stored."""
-    return FileError(
-        f"{path}: give the EXR as blurmatte.write made it; another program has changed its header"
+    return DocumentError(
+        f"{path}: give the EXR as blurmatte.write made it; another program has changed its header "
+        f"({reason})"
     )
 
 
@@ -77,20 +80,26 @@ def _with_layers(image: LinearImage, raster: Raster) -> LinearImage:
     return replace(image, noise=noise, valid=valid)
 
 
+@dataclass
+class _Camera:
+    camera: str
+    white_balance: Annotated[npt.NDArray[Any], numbers(-MAX_GAIN, MAX_GAIN, None)] | None
+    to_srgb: Annotated[npt.NDArray[Any], numbers(-MAX_GAIN, MAX_GAIN, 3, 3)]
+
+
 def _in_camera_colors(path: Path, image: LinearImage, header: str) -> LinearImage:
     """The image in the colors of its camera, to the rounding of the EXR's floats."""
     try:
-        fields = json.loads(header)
-        camera, balance = str(fields["camera"]), fields["white_balance"]
-        to_srgb = np.array(fields["to_srgb"], dtype=float).reshape(3, 3)
-        from_srgb = np.linalg.inv(to_srgb).tolist()
-    except (KeyError, TypeError, ValueError) as error:
-        raise changed_header(path) from error
+        fields: _Camera = parse_json(header, _Camera)
+        from_srgb = np.linalg.inv(fields.to_srgb).tolist()
+    except ValueError as error:
+        raise changed_header(path, error) from error
+    balance = fields.white_balance
     meta = replace(
         image.meta,
         color_space="camera",
-        camera=camera,
-        white_balance=None if balance is None else tuple(balance),
-        to_srgb=tuple(map(tuple, to_srgb.tolist())),
+        camera=fields.camera,
+        white_balance=None if balance is None else tuple(balance.tolist()),
+        to_srgb=tuple(map(tuple, fields.to_srgb.tolist())),
     )
     return replace(image, rgb=light_in_srgb(image.rgb, from_srgb), meta=meta)

@@ -1,48 +1,13 @@
-"""JSON and CSV text of reports and tables, and JSON files read with clear errors."""
+"""JSON and CSV text of reports and tables."""
 
 import csv
 import io
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-
-from blurmatte.errors import FileError
-from blurmatte.files.errors import check_regular, unreadable
-
-
-def read_json(path: str | Path, hint: str) -> Any:
-    """The value in a JSON file.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is not JSON; the message begins with `hint`.
-    """
-    check_regular(Path(path))
-    try:
-        return json.loads(Path(path).read_text(encoding="utf-8"))
-    except json.JSONDecodeError as error:
-        line = f"line {error.lineno}: {error.msg}"
-        raise FileError(f"{path}: {hint}; the file is no JSON ({line})") from error
-    except UnicodeDecodeError as error:
-        raise FileError(f"{path}: {hint}; the file is no JSON text") from error
-    except OSError as error:
-        raise unreadable(path, error) from error
-
-
-@contextmanager
-def parsing(path: str | Path, hint: str, what: str) -> Iterator[None]:
-    """Turn errors about the fields of a file into a FileError: it holds no `what`."""
-    try:
-        yield
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
-        raise FileError(f"{path}: {hint}; the file holds no {what} ({reason})") from error
 
 
 def mapping_to_json(mapping: Mapping[str, Any]) -> str:

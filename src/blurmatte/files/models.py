@@ -2,22 +2,30 @@
 
 import json
 import math
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
+from pydantic import AfterValidator, Json
 
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files.json_text import parsing, read_json
+from blurmatte.files.documents import covariance_matrix, numbers, parse_json, read_json
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import Silhouette
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 from blurmatte.trajectory import Trajectory
 
-_SILHOUETTE_FLAGS = "turns", "soft", "changes"  # in the order of the fields
+Array = npt.NDArray[np.float64]
+
+MAX_UNIT = 1.001  # of a unit vector's coordinate, and its rounding
+MAX_ANGLE_VARIANCE = 10.0  # radians², the square of half a turn
+MAX_GAIN = 1e3  # from a channel of a camera to one of sRGB
+MAX_PX = 1e6  # of places and lengths
+MAX_ORDER = 64  # of the Fourier series of an outline
 
 
 def model_to_json(model: ColorModel) -> str:
@@ -38,24 +46,6 @@ def model_to_json(model: ColorModel) -> str:
     return "{\n" + ",\n".join(lines) + "\n}"
 
 
-def model_from_json(text: str) -> ColorModel:
-    """The model of `model_to_json`.
-
-    Raises
-    ------
-    AttributeError, KeyError, TypeError, ValueError
-        If the text is something else.
-    """
-    return _model(json.loads(text))
-
-
-def _model(fields: Any) -> ColorModel:
-    evidence = {k: math.inf if v is None else float(v) for k, v in fields["evidence"].items()}
-    rows = fields.get("to_srgb")
-    to_srgb = None if rows is None else tuple(tuple(map(float, row)) for row in rows)
-    return ColorModel(fields["basis"], fields["covariance"], evidence, to_srgb)
-
-
 def read_color_model(path: str | Path) -> ColorModel:
     """Read a color model that `write` wrote.
 
@@ -65,11 +55,8 @@ def read_color_model(path: str | Path) -> ColorModel:
         If the file cannot be read or holds no color model.
     """
     hint = "give a file that blurmatte wrote, e.g. with blurmatte color"
-    fields = read_json(path, hint)
-    if isinstance(fields, dict) and "light" in fields:
-        raise FileError(f"{path}: {hint}; the file holds a transfer curve")
-    with parsing(path, hint, "color model"):
-        return _model(fields)
+    model: ColorModel = read_json(path, MODEL, hint, "color model")
+    return model
 
 
 def path_to_mapping(path: Trajectory, radius: float | None = None) -> dict[str, Any]:
@@ -87,10 +74,8 @@ def read_path(path: str | Path) -> tuple[Trajectory, float | None]:
         If the file cannot be read or holds no path.
     """
     hint = 'give {"xy": [[x, y], …], "t": [0, …, 1]}, in pixels and fractions of the exposure'
-    fields = read_json(path, hint)
-    with parsing(path, hint, "path"):
-        radius = fields.get("radius")
-        return Trajectory(fields["xy"], fields["t"]), None if radius is None else float(radius)
+    path_and_radius: tuple[Trajectory, float | None] = read_json(path, _PATH, hint, "path")
+    return path_and_radius
 
 
 def sweep_to_json(sweep: Sweep) -> str:
@@ -119,28 +104,82 @@ def sweep_from_json(text: str) -> Sweep:
     ------
     FileError
         If an older version wrote it, with other shapes and without diagnostics.
-    KeyError, TypeError, ValueError
+    ValueError
         If the text is something else.
     """
-    fields: Any = json.loads(text)
+    fields = parse_json(text, dict[str, Any])
     if "bulges" in fields or "stats" in fields:
         raise FileError("solve its picture again; the sweep of an older blurmatte cannot be read")
-    width, height = fields["size"]
+    sweep: Sweep = parse_json(text, Annotated[_SweepFields, AfterValidator(_sweep)])
+    return sweep
+
+
+@dataclass
+class _ModelFields:
+    basis: Annotated[Array, numbers(-MAX_UNIT, MAX_UNIT, 3, None)]
+    covariance: Annotated[Array, covariance_matrix(MAX_ANGLE_VARIANCE, 3, 3)]
+    evidence: dict[str, Annotated[float, numbers(0, math.inf)] | None]
+    to_srgb: Annotated[Array, numbers(-MAX_GAIN, MAX_GAIN, 3, 3)] | None = None
+
+
+def _model(fields: _ModelFields) -> ColorModel:
+    evidence = {k: math.inf if v is None else v for k, v in fields.evidence.items()}
+    rows = fields.to_srgb
+    to_srgb = None if rows is None else tuple(map(tuple, rows.tolist()))
+    return ColorModel(fields.basis, fields.covariance, evidence, to_srgb)
+
+
+MODEL = Annotated[_ModelFields, AfterValidator(_model)]
+
+
+@dataclass
+class _PathFields:
+    xy: Annotated[Array, numbers(-MAX_PX, MAX_PX, None, 2)]
+    t: Annotated[Array, numbers(0, 1, None)]
+    radius: Annotated[float, numbers(0, MAX_PX)] | None = None
+
+
+_PATH = Annotated[_PathFields, AfterValidator(lambda f: (Trajectory(f.xy, f.t), f.radius))]
+
+
+@dataclass
+class _CastFields:
+    offset: Annotated[Array, numbers(-MAX_PX, MAX_PX, 2)]
+    softness: Annotated[float, numbers(0, MAX_PX)]
+    strength: Annotated[Array, numbers(0, 1, 3)]
+
+
+@dataclass
+class _SweepFields:
+    family: str
+    path: Annotated[Array, numbers(-MAX_PX, MAX_PX, None)]
+    order: Annotated[int, numbers(1, MAX_ORDER, whole=True)]
+    shape: Annotated[Array, numbers(-MAX_PX, MAX_PX, None)]
+    model: Json[_ModelFields]
+    covariance: Annotated[Array, covariance_matrix(MAX_PX**2, None, None)]
+    size: Annotated[Array, numbers(1, MAX_PX, 2, whole=True)]
+    diagnostics: Diagnostics
+    cast: _CastFields | None = None
+    turns: bool = False
+    soft: bool = False
+    changes: bool = False
+
+
+def _sweep(fields: _SweepFields) -> Sweep:
+    family = path_family(fields.family)
+    silhouette = Silhouette(fields.order, fields.turns, fields.soft, fields.changes)
+    counts = family.size, silhouette.size
+    if (len(fields.path), len(fields.shape)) != counts or len(fields.covariance) != sum(counts):
+        raise ValueError(f"path and shape must have {counts[0]} and {counts[1]} parameters")
+    width, height = fields.size.tolist()
     return Sweep(
-        path_family(fields["family"]),
-        np.array(fields["path"], float),
-        Silhouette(int(fields["order"]), *(bool(fields.get(name)) for name in _SILHOUETTE_FLAGS)),
-        np.array(fields["shape"], float),
-        model_from_json(fields["model"]),
-        np.array(fields["covariance"], float),
-        (int(width), int(height)),
-        Diagnostics(**fields["diagnostics"]),
-        _cast_from_json(fields.get("cast")),
+        family,
+        fields.path,
+        silhouette,
+        fields.shape,
+        _model(fields.model),
+        fields.covariance,
+        (width, height),
+        fields.diagnostics,
+        None if fields.cast is None else CastShadow(**vars(fields.cast)),
     )
-
-
-def _cast_from_json(fields: Any) -> CastShadow | None:
-    if fields is None:
-        return None
-    offset, strength = (np.array(fields[name], float) for name in ("offset", "strength"))
-    return CastShadow(offset, float(fields["softness"]), strength)

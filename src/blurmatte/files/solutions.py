@@ -7,18 +7,26 @@ attributes.
 
 import json
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import MAX_PIXELS
 from blurmatte.errors import FileError
+from blurmatte.files.calibration import MAX_PX, NOISE
+from blurmatte.files.documents import numbers, parse_json
 from blurmatte.files.exr import changed_header
-from blurmatte.files.models import model_from_json, model_to_json, sweep_from_json, sweep_to_json
+from blurmatte.files.models import MODEL, model_to_json, sweep_from_json, sweep_to_json
 from blurmatte.files.raster import Raster, load
+from blurmatte.matting import Alternative, Grade
 from blurmatte.matting.solution import Solution
+from blurmatte.sweep import Diagnostics
+
+MAX_SUM = 1e12  # of alpha or pixels; other statistics are less
+MAX_SECONDS = 1e6  # of an exposure
 
 CHANNELS = (
     *("R", "G", "B", "A", "alpha.raw", "alpha.std"),
@@ -70,14 +78,14 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     """
     raster = load(Path(path), max_pixels, CHANNELS[4:])
     try:
-        model = model_from_json(str(raster.tags["blurmatte:model"]))
-        stats = _frozen(json.loads(str(raster.tags["blurmatte:stats"])))
+        model = parse_json(str(raster.tags.get("blurmatte:model", "")), MODEL)
+        stats = _read_stats(str(raster.tags.get("blurmatte:stats", "")))
         text = raster.tags.get("blurmatte:sweep")
         sweep = None if text is None else sweep_from_json(str(text))
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
-    except (AttributeError, KeyError, TypeError, ValueError) as error:
-        raise changed_header(path) from error
+    except ValueError as error:
+        raise changed_header(path, error) from error
     solver = str(raster.tags.get("blurmatte:solver", ""))
     return Solution(**_arrays(raster), model=model, solver=solver, stats=stats, sweep=sweep)
 
@@ -98,6 +106,80 @@ def _arrays(raster: Raster) -> Mapping[str, Any]:
         "premultiplied_std": light("premultiplied_std"),
         "quality": single("quality.flags").astype(np.uint8),
     }
+
+
+_Known = Annotated[float, numbers(0, MAX_SUM)]
+_Box = Annotated[npt.NDArray[Any], numbers(0, MAX_PX, 4, whole=True)]
+_Points = Annotated[npt.NDArray[Any], numbers(-MAX_PX, MAX_PX, None, 2)]
+
+
+@dataclass
+class _Match:
+    in_words: str
+    agreement: float
+    edge_agreement: float
+
+
+@dataclass
+class _Smooth:
+    order: int
+    converged: bool
+
+
+@dataclass
+class _MedianStd:
+    median_std: _Known
+
+
+@dataclass
+class _Shadow:
+    offset: Annotated[npt.NDArray[Any], numbers(-MAX_PX, MAX_PX, 2)]
+    strength: Annotated[npt.NDArray[Any], numbers(0, 1, 3)]
+
+
+@dataclass
+class _Sweep:
+    silhouette: str
+    path: str
+    xy: _Points
+    length: _Known
+    radius: _Known
+    radius_std: _Known
+    outlines: list[_Points]
+    diagnostics: Diagnostics
+    softness: _Known = 0.0
+    shadow: _Shadow | None = None
+
+
+@dataclass
+class _Stats:
+    """The statistics that other parts of this package use; there may be more."""
+
+    pixels: Annotated[int, numbers(0, MAX_SUM, whole=True)] = 0
+    pixels_known: Annotated[int, numbers(0, MAX_SUM, whole=True)] = 0
+    sum_alpha: Annotated[float, numbers(-MAX_SUM, MAX_SUM)] | None = None
+    sum_alpha_std: _Known = 0.0
+    alpha_scale_std: _Known | None = None
+    alpha_error: _Known | None = None
+    exposure_time: Annotated[float, numbers(0, MAX_SECONDS)] | None = None
+    streak_box: _Box | None = None
+    other_boxes: tuple[_Box, ...] = ()
+    image_noise: NOISE | _MedianStd | None = None
+    plate_noise: NOISE | _MedianStd | None = None
+    match: _Match | None = None
+    smooth: _Smooth | None = None
+    only_light_lost: bool = False
+    grade: Grade | None = None
+    grade_reasons: tuple[str, ...] = ()
+    weights: Annotated[npt.NDArray[Any], numbers(0, 1, None)] | None = None
+    alternatives: tuple[Alternative, ...] = ()
+    sweep: _Sweep | None = None
+
+
+def _read_stats(text: str) -> dict[str, Any]:
+    parse_json(text, _Stats)
+    stats: dict[str, Any] = _frozen(parse_json(text, dict[str, Any]))
+    return stats
 
 
 def _plain(value: Any) -> Any:

@@ -6,7 +6,6 @@ Colors are linear [r, g, b] or sRGB-coded "#rrggbb"; lengths are pixels, angles 
 
 import inspect
 import re
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
@@ -17,6 +16,7 @@ import numpy as np
 
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
+from blurmatte.files.documents import parse_toml, read_document
 from blurmatte.radiometry import SRGB, NoiseModel, named_transfer
 from blurmatte.rendering import (
     Ball,
@@ -77,8 +77,8 @@ def scene_title(scene: str | Path) -> str:
         If the file does not exist or is not TOML.
     """
     try:
-        return str(tomllib.loads(scene_text(scene)).get("title", ""))
-    except tomllib.TOMLDecodeError as error:
+        return str(parse_toml(scene_text(scene)).get("title", ""))
+    except ValueError as error:
         raise FileError(f"{scene}: {error}") from error
 
 
@@ -93,12 +93,9 @@ def scene_text(scene: str | Path) -> str:
     named = _NAMED / f"{scene}.toml"
     path = named if str(scene) in scene_names() else Path(scene)
     try:
-        return path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise FileError(
-            f"{scene}: cannot be read ({getattr(error, 'strerror', None) or error}); give a scene "
-            f"file, or one of {', '.join(scene_names())}"
-        ) from error
+        return read_document(path, "give a scene file")
+    except FileError as error:
+        raise FileError(f"{error}; the built-in scenes are {', '.join(scene_names())}") from error
 
 
 def scene_files(scene: str | Path) -> list[Path]:
@@ -109,7 +106,7 @@ def scene_files(scene: str | Path) -> list[Path]:
     FileError
         If the file does not exist.
     """
-    found, tables = [Path(scene)], [tomllib.loads(scene_text(scene))]
+    found, tables = [Path(scene)], [parse_toml(scene_text(scene))]
     for table in tables:  # grows
         tables += [value for value in table.values() if isinstance(value, dict)]
         if isinstance(table.get("file"), str):
@@ -139,8 +136,8 @@ def read_shots(scene: str | Path, max_pixels: int = MAX_RENDERED_PIXELS) -> list
     """
     text = scene_text(scene)
     try:
-        return _shots(tomllib.loads(text), Path(scene).parent, max_pixels)
-    except (tomllib.TOMLDecodeError, ValueError, TypeError) as error:
+        return _shots(parse_toml(text), Path(scene).parent, max_pixels)
+    except (ValueError, TypeError) as error:
         raise FileError(f"{scene}: {error}") from error
 
 

@@ -1,0 +1,204 @@
+"""Documents: JSON, TOML and EXR headers, checked against a schema before any of their values is used.
+
+A schema is a dataclass whose fields are annotated with `numbers` and `covariance_matrix`, or are of
+types that pydantic checks; other keys of a document are ignored.
+"""
+
+import math
+import reprlib
+import tomllib
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+from pydantic import PlainValidator, TypeAdapter, ValidationError
+
+from blurmatte.errors import FileError
+from blurmatte.files.errors import check_exists, unreadable
+
+MAX_NUMBER = 1e9  # in a TOML document, absolute; seeds are larger
+MAX_BYTES = 1 << 26  # of a document; those of this package have less than 1 << 20
+_KEYS = {  # that only this kind of JSON file has
+    "transfer curve": "light",
+    "color model": "basis",
+    "noise model": "read_std",
+    "calibrated camera": "fx",
+    "path": "xy",
+    "report": "in_words",
+}
+
+
+class DocumentError(FileError):
+    """A document does not agree with its schema."""
+
+
+def read_document(path: str | Path, hint: str) -> str:
+    """The text of a file.
+
+    Raises
+    ------
+    FileError
+        If it cannot be read, is no text, or too long; the message holds `hint`.
+    """
+    check_exists(Path(path), hint)
+    try:
+        with Path(path).open("rb") as file:
+            text = file.read(MAX_BYTES + 1)
+    except OSError as error:
+        raise unreadable(path, error) from error
+    if len(text) > MAX_BYTES:
+        raise FileError(f"{path}: {hint}; the file has more than the limit of {MAX_BYTES} bytes")
+    try:
+        return text.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise FileError(f"{path}: {hint}; the file is no text in UTF-8") from error
+
+
+def read_json(path: str | Path, schema: Any, hint: str, what: str) -> Any:
+    """The value of a JSON file, by its schema.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read or does not hold `what`; the message begins with `hint`, and names
+        the key and the allowed range.
+    """
+    text = read_document(path, hint)
+    try:
+        return parse_json(text, schema)
+    except ValueError as error:
+        found = json_kind(text)
+        reason = str(error) if found in what else f"it holds a {found}"
+        raise DocumentError(f"{path}: {hint}; the file holds no {what} ({reason})") from error
+
+
+def parse_json(text: str, schema: Any) -> Any:
+    """The value of a JSON text, by its schema.
+
+    Raises
+    ------
+    ValueError
+        If the text is no JSON, or does not agree with the schema; the message names the key and the
+        allowed range.
+    """
+    try:
+        return _adapter(schema).validate_json(text, strict=True)
+    except ValidationError as error:
+        raise ValueError(_reason(error)) from error
+
+
+def json_kind(text: str) -> str:
+    """Which document of this package a JSON text holds, by its keys; empty if none."""
+    try:
+        fields = parse_json(text, dict[str, Any])
+    except ValueError:
+        return ""
+    return next((kind for kind, key in _KEYS.items() if key in fields), "")
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """The tables of a TOML text; its numbers are finite, and at most MAX_NUMBER but for seeds.
+
+    Raises
+    ------
+    ValueError
+        If it is no TOML, or a number is not within these limits; the message names the key.
+    """
+    try:
+        tables = tomllib.loads(text)
+        _check_numbers("", tables)
+    except RecursionError as error:
+        raise ValueError("tables and lists must not nest as deeply as here") from error
+    return tables
+
+
+def numbers(low: float, high: float, *shape: int | None, whole: bool = False) -> PlainValidator:
+    """A field that holds numbers from `low` to `high` in nested lists of this shape.
+
+    Parameters
+    ----------
+    low, high : float
+        Inclusive.
+    *shape : int or None
+        Lengths of the lists, None for any; a single number by default.
+    whole : bool
+        Integers only.
+
+    Returns
+    -------
+    PlainValidator
+        It gives an array, or a float or int.
+    """
+    kind = "whole number" if whole else "number"
+    count = " x ".join("n" if n is None else str(n) for n in shape)
+    must = f"must be {count} {kind}s" if shape else f"must be a {kind}"
+    kinds = (int,) if whole else (int, float)
+
+    def check(value: Any) -> Any:
+        found = np.array(value, dtype=object)
+        fits = found.ndim == len(shape)
+        fits = fits and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
+        wrong = [x for x in found.flat if type(x) not in kinds or not low <= x <= high]
+        if wrong or not fits:
+            got = reprlib.repr(wrong[0] if wrong else value)
+            raise ValueError(f"{must} from {low:g} to {high:g}, got {got}")
+        right = found.astype(int if whole else float)
+        return right if shape else right.item()
+
+    return PlainValidator(check)
+
+
+def covariance_matrix(high: float, *shape: int | None) -> PlainValidator:
+    """A field that holds a covariance: symmetric, without a negative variance, at most `high`."""
+    check = numbers(-high, high, *shape).func
+
+    def positive(value: Any) -> npt.NDArray[np.float64]:
+        C = np.asarray(check(value))  # type: ignore[call-arg]
+        slack = 1e-6 * np.abs(C).max(initial=0)
+        if C.ndim != 2 or C.shape[0] != C.shape[1] or np.abs(C - C.T).max(initial=0) > slack:
+            raise ValueError(f"must be a symmetric matrix, got the shape {C.shape}")
+        least = float(np.linalg.eigvalsh(C).min(initial=0))
+        if least < -slack:
+            raise ValueError(f"must have no negative variance, got {least:.3g}")
+        return C
+
+    return PlainValidator(positive)
+
+
+@cache
+def _adapter(schema: Any) -> TypeAdapter[Any]:
+    return TypeAdapter(schema)
+
+
+def _reason(error: ValidationError) -> str:
+    """One clause about the first disagreement: the key, what its value must be, and what it is."""
+    first = error.errors(include_url=False)[0]
+    key = ".".join(map(str, first["loc"]))
+    match first["type"]:
+        case "json_invalid":
+            return f"{key or 'the text'} is no JSON: {first['ctx']['error']}"
+        case "missing":
+            return f"{key} is missing"
+        case "value_error":
+            said = str(first["ctx"]["error"])
+        case "bool_type":
+            said = f"must be true or false, got {reprlib.repr(first['input'])}"
+        case _:
+            said = first["msg"].replace("Input should", "must").replace("a valid ", "a ")
+            said += f", got {reprlib.repr(first['input'])}"
+    return f"{key}{'' if said.startswith('must') else ':'} {said}" if key else said
+
+
+def _check_numbers(name: str, value: Any) -> None:
+    if isinstance(value, dict | list):
+        parts = value.items() if isinstance(value, dict) else enumerate(value)
+        for key, part in parts:
+            _check_numbers(f"{name}.{key}".lstrip("."), part)
+    elif isinstance(value, int | float) and not isinstance(value, bool):
+        limit = 2**63 if name == "seed" else MAX_NUMBER
+        if not -limit <= value <= limit or not math.isfinite(value):
+            raise ValueError(
+                f"{name} must be a number from {-limit:g} to {limit:g}, got {reprlib.repr(value)}"
+            )
