@@ -61,5 +61,5 @@ def test_changed_header_is_rejected(tmp_path, picture):
     with pytest.raises(FileError) as caught:
         read(path)
     assert str(caught.value).startswith(
-        f"{path}: give the EXR as blurmatte.write made it; another program has changed its header"
+        f"{path}: give the EXR as blurmatte.write made it; another program or version wrote its header"
     )

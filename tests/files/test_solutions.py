@@ -122,7 +122,7 @@ def test_changed_header_is_rejected(path, solution):
     rewritten(path, "blurmatte:model", "{}")
     with pytest.raises(
         FileError,
-        match=r"give the EXR as blurmatte.write made it; another program has changed its header",
+        match=r"give the EXR as blurmatte.write made it; another program or version wrote its header",
     ):
         read_solution(path)
 

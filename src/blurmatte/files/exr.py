@@ -61,8 +61,8 @@ def with_exr_parts(image: LinearImage, raster: Raster) -> LinearImage:
 def changed_header(path: str | Path, reason: ValueError) -> FileError:
     """The error for an EXR whose attributes are not those that `write` stored."""
     return DocumentError(
-        f"{path}: give the EXR as blurmatte.write made it; another program has changed its header "
-        f"({reason})"
+        f"{path}: give the EXR as blurmatte.write made it; another program or version wrote its "
+        f"header ({reason})"
     )
 
 

@@ -78,10 +78,10 @@ def read_solution(path: str | Path, max_pixels: int = MAX_PIXELS) -> Solution:
     """
     raster = load(Path(path), max_pixels, CHANNELS[4:])
     try:
-        model = parse_json(str(raster.tags.get("blurmatte:model", "")), MODEL)
-        stats = _read_stats(str(raster.tags.get("blurmatte:stats", "")))
         text = raster.tags.get("blurmatte:sweep")
         sweep = None if text is None else sweep_from_json(str(text))
+        model = parse_json(str(raster.tags.get("blurmatte:model", "")), MODEL)
+        stats = _read_stats(str(raster.tags.get("blurmatte:stats", "")))
     except FileError as error:
         raise FileError(f"{path}: {error}") from error
     except ValueError as error:
