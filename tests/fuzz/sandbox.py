@@ -23,6 +23,7 @@ _FOREIGN = re.compile(
     r"libpng|libjpeg|TIFF(Read|Fetch|Open)|Traceback|\w*Warning: |\s+warnings\.warn|^\[\w+ @ 0x"
     r"|Error in |^Exception "
 )
+_NUMPY = re.compile(r"RuntimeWarning|encountered in|divide by zero")
 _NOT_A_NUMBER = re.compile(r"(?<![\w.])[-+]?(nan|inf|infinity)(?![\w.])", re.IGNORECASE)
 
 
@@ -149,7 +150,7 @@ def _fault_of_text(answer: dict) -> str:
     lines = answer["stderr"].strip().splitlines()
     own = "blurmatte: "  # a message of a library may be quoted in one of the program
     for line in lines:
-        if _FOREIGN.search(line) and not line.startswith(own):
+        if _NUMPY.search(line) or (_FOREIGN.search(line) and not line.startswith(own)):
             return f"on stderr: {line[:300]}"
     if answer["code"] == 2 and not 1 <= len([ln for ln in lines if "warning:" not in ln]) <= 3:
         return f"a refusal of {len(lines)} lines: {answer['stderr'][:300]}"
