@@ -136,7 +136,7 @@ def test_files_that_are_no_text_are_refused_by_every_reader(tmp_path, reader):
         ("x = " + "[" * 2000 + "]" * 2000, "nest"),
         (
             "body = { radius = inf }",
-            "body.radius must be a number from -1e[+]09 to 1e[+]09, got inf",
+            "body.radius must be a number from -100000 to 100000, got inf",
         ),
         ("path = [1, nan]", "path.1 must be a number"),
         (f"size = [{HUGE}, 2]", "size.0 must be a number"),

@@ -3,7 +3,7 @@
 Counts commands that end in a traceback, a crash or a hang, need more memory than the limit, change an
 input, write NaN, or let a library write to stderr. The first files of each fault are kept.
 
-Run: python -m tests.fuzz --count 10000 --seed 0 [--workers 2] [--keep FOLDER]
+Run: python -m tests.fuzz --count 10000 --seed 0 [--workers 2] [--keep FOLDER] [--only PATTERN]
 """
 
 import argparse
@@ -21,9 +21,10 @@ def main() -> int:
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--workers", type=int, default=1)
     parser.add_argument("--keep", type=Path, help="folder for the files of faults")
+    parser.add_argument("--only", default="*", help="seeds whose names match, such as '*.json'")
     asked = parser.parse_args()
     started = time.monotonic()
-    faults = fuzz(asked.count, asked.seed, asked.workers, asked.keep)
+    faults = fuzz(asked.count, asked.seed, asked.workers, asked.keep, asked.only)
     for fault, count in faults.most_common():
         print(f"\n{count} times: {fault}")
     minutes = (time.monotonic() - started) / 60

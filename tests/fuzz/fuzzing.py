@@ -17,19 +17,21 @@ KEPT_PER_FAULT = 3
 _NUMBERS = re.compile(r"0x[0-9a-f]+|\d+|'[^']*'|/\S+")
 
 
-def fuzz(count: int, seed: int, workers: int = 1, keep: Path | None = None) -> Counter[str]:
+def fuzz(
+    count: int, seed: int, workers: int = 1, keep: Path | None = None, pattern: str = "*"
+) -> Counter[str]:
     """How often each fault occurred; numbers and names in its text are left out."""
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder:
         seeds = Path(folder) / "seeds"
         seeds.mkdir()
         make_seeds(seeds)
         shares = [count // workers + (k < count % workers) for k in range(workers)]
-        tasks = [(seeds, share, seed + k, keep) for k, share in enumerate(shares)]
+        tasks = [(seeds, share, seed + k, keep, pattern) for k, share in enumerate(shares)]
         with multiprocessing.get_context("spawn").Pool(workers) as pool:
             return sum(pool.starmap(_part, tasks), Counter())
 
 
-def _part(seeds: Path, count: int, seed: int, keep: Path | None) -> Counter[str]:
+def _part(seeds: Path, count: int, seed: int, keep: Path | None, pattern: str) -> Counter[str]:
     faults: Counter[str] = Counter()
     done = 0
     with tempfile.TemporaryDirectory(prefix="fuzz-") as folder, Sandbox(seeds, Path(folder)) as box:
@@ -42,7 +44,7 @@ def _part(seeds: Path, count: int, seed: int, keep: Path | None) -> Counter[str]
             phases=[Phase.generate],
             suppress_health_check=list(HealthCheck),
         )
-        @given(cases(seeds))
+        @given(cases(seeds, pattern))
         def look(case: Case) -> None:
             nonlocal done
             done += 1

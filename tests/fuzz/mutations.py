@@ -38,6 +38,8 @@ VALUES = (
 )
 # A number, a word, or a text; of JSON and TOML.
 _TOKEN = re.compile(rb'-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?|true|false|null|"[^"\\]*"')
+_NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+NUMBERS = (0, -1, 1, 2, 0.5, 1e-320, 1e-9, 1e-3, 100, 1000, 1e5, 1e6, -1e6, 1e9, 1e12, 1e38, 2**63)
 _EXR_TEXT = re.compile(rb"(blurmatte:\w+|chromaticities)\0(string|chromaticities)\0")
 _PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -45,17 +47,18 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 def damaged(content: bytes, is_text: bool) -> st.SearchStrategy[bytes]:
     """The content with one to MAX_CHANGES changes, and the sums of a PNG corrected in most cases."""
     changes = [_flip, _replace, _cut, _remove, _repeat, _insert]
-    if is_text:
-        changes = [_token, _token, _token, _line, *changes]
+    if is_text:  # most damage leaves a document whose syntax is valid
+        changes = [_token, _token, _line, *changes]
+        likely = [_number]
     elif _EXR_TEXT.search(content):
-        changes = [_exr_text, _exr_text, _exr_text, *changes, _integer]
+        changes, likely = [_exr_text, *changes, _integer], [_exr_number, _exr_number, _exr_text]
     else:
-        changes = [*changes, _integer, _integer]
+        changes, likely = [*changes, _integer, _integer], changes
 
     @st.composite
     def strategy(draw: Callable) -> bytes:
-        changed = content
-        for change in draw(st.lists(st.sampled_from(changes), min_size=1, max_size=MAX_CHANGES)):
+        changed, kinds = content, draw(st.sampled_from((changes, likely)))
+        for change in draw(st.lists(st.sampled_from(kinds), min_size=1, max_size=MAX_CHANGES)):
             if changed:
                 changed = change(draw, changed)
         if changed.startswith(_PNG) and draw(st.integers(0, 3)):
@@ -135,6 +138,18 @@ def _token(draw: Callable, content: bytes) -> bytes:
     return content[: token.start()] + value.encode("utf-8", "replace") + content[token.end() :]
 
 
+def _number(draw: Callable, content: bytes) -> bytes:
+    """Another number, or the same times a power of ten, or its negative."""
+    found = list(_NUMBER.finditer(content))
+    if not found:
+        return content
+    old = draw(st.sampled_from(found))
+    scaled = [float(old[0]) * factor for factor in (-1, 10, 1000, 1e-3)]
+    new = draw(st.sampled_from([*NUMBERS, *scaled]))
+    text = repr(int(new) if b"." not in old[0] and new == int(new) else float(new))
+    return content[: old.start()] + text.encode() + content[old.end() :]
+
+
 def _line(draw: Callable, content: bytes) -> bytes:
     """A line removed, or moved to another place."""
     lines = content.splitlines(keepends=True)
@@ -145,12 +160,22 @@ def _line(draw: Callable, content: bytes) -> bytes:
 
 
 def _exr_text(draw: Callable, content: bytes) -> bytes:
-    """A value in the text of an attribute, whose length is stored before it."""
+    """A value in the text of an attribute."""
+    return _in_exr(draw, content, _token)
+
+
+def _exr_number(draw: Callable, content: bytes) -> bytes:
+    """A number in the text of an attribute."""
+    return _in_exr(draw, content, _number)
+
+
+def _in_exr(draw: Callable, content: bytes, change: Callable) -> bytes:
+    """Change the text of an attribute, whose length is stored before it."""
     attributes = list(_EXR_TEXT.finditer(content))
     if not attributes:
         return content
     start = draw(st.sampled_from(attributes)).end()
     (length,) = struct.unpack("<i", content[start : start + 4].ljust(4, b"\0"))
     end = start + 4 + max(length, 0)
-    text = _token(draw, content[start + 4 : end])
+    text = change(draw, content[start + 4 : end])
     return content[:start] + struct.pack("<i", len(text)) + text + content[end:]

@@ -23,7 +23,7 @@ from blurmatte.trajectory import Trajectory
 SIZE = 48, 36
 COLOR = "#ffc032"
 FRAMES = 5
-SCENE = """size = [32, 24]
+SCENE = """size = [48, 36]
 seed = 3
 [plate]
 kind = "textured"

@@ -9,7 +9,7 @@ from tests.fuzz.mutations import with_sums
 from tests.fuzz.sandbox import Case, Sandbox
 from tests.fuzz.seeds import make_seeds
 
-QUICK = 40  # damaged files of every run of the tests
+QUICK = 120  # damaged files of every run of the tests
 LONG = 10_000
 
 

@@ -18,7 +18,7 @@ from pydantic import PlainValidator, TypeAdapter, ValidationError
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_exists, unreadable
 
-MAX_NUMBER = 1e9  # in a TOML document, absolute; seeds are larger
+MAX_NUMBER = 1e5  # in a TOML document, absolute; seeds are larger
 MAX_BYTES = 1 << 26  # of a document; those of this package have less than 1 << 20
 _KEYS = {  # that only this kind of JSON file has
     "transfer curve": "light",
