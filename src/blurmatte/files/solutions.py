@@ -168,7 +168,7 @@ class _Stats:
     plate_noise: NOISE | _MedianStd | None = None
     match: _Match | None = None
     smooth: _Smooth | None = None
-    only_light_lost: bool = False
+    may_be_shadow: bool = False
     grade: Grade | None = None
     grade_reasons: tuple[str, ...] = ()
     weights: Annotated[npt.NDArray[Any], numbers(0, 1, None)] | None = None
