@@ -883,7 +883,10 @@ def test_render_lists_its_scenes():
     [
         ((), "give a SCENE, or --all, or --list"),
         (("easy",), "give --out, the folder"),
-        (("nowhere", "--out", "x"), "nowhere: cannot be read"),
+        (
+            ("nowhere", "--out", "x"),
+            "nowhere: check the name; there is no such file; the built-in scenes are",
+        ),
     ],
 )
 def test_render_refuses_in_one_line(args, says):
