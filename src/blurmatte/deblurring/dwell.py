@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_kind, check_map
 from blurmatte.deblurring.operator import Sparse
-from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 

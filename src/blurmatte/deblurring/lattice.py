@@ -15,8 +15,8 @@ from functools import cached_property
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 Ints = npt.NDArray[np.int32]

@@ -18,8 +18,8 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 Sparse = Any  # scipy.sparse.csr_matrix

@@ -23,7 +23,7 @@ from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
 from blurmatte.deblurring.operator import Sparse
 from blurmatte.deblurring.view import View
-from blurmatte.sweep import Sweep
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 

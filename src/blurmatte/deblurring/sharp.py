@@ -17,10 +17,10 @@ from blurmatte.deblurring.total_variation import fit_total_variation
 from blurmatte.deblurring.view import View
 from blurmatte.errors import MotionError
 from blurmatte.layer import Layer
-from blurmatte.matting import Solution
+from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage, check_picture
-from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 

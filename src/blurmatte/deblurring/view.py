@@ -18,8 +18,8 @@ from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations
 from blurmatte.deblurring.operator import MAX_STEP_PX, Sparse, blur_operator, poses_of
 from blurmatte.radiometry import LinearImage, smooth_variance
-from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 

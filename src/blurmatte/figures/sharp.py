@@ -3,7 +3,7 @@
 import numpy as np
 
 from blurmatte.checks import check_kind, check_same_size
-from blurmatte.deblurring import Sharp
+from blurmatte.deblurring.sharp import Sharp
 from blurmatte.figures.drawing import Pixels, checkerboard, gray_codes, round_up, srgb_codes
 from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
 from blurmatte.layer import Layer, box_around, check_layer

@@ -21,9 +21,10 @@ from blurmatte.files.documents import numbers, parse_json
 from blurmatte.files.exr import changed_header
 from blurmatte.files.models import MODEL, model_to_json, sweep_from_json, sweep_to_json
 from blurmatte.files.raster import Raster, load
-from blurmatte.matting import Alternative, Grade
+from blurmatte.matting.alternatives import Alternative
+from blurmatte.matting.maps import Grade
 from blurmatte.matting.solution import Solution
-from blurmatte.sweep import Diagnostics
+from blurmatte.sweep.sweep import Diagnostics
 
 MAX_SUM = 1e12  # of alpha or pixels; other statistics are less
 MAX_SECONDS = 1e6  # of an exposure
