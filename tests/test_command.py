@@ -7,11 +7,11 @@ from importlib.metadata import entry_points
 import pytest
 
 import blurmatte
-import blurmatte_command
+from blurmatte.__main__ import run
 
 RAISES = """
 import sys
-import blurmatte_command
+from blurmatte.__main__ import run
 
 class Imports:
     def find_spec(self, name, *_):
@@ -19,13 +19,13 @@ class Imports:
             raise {}
 
 sys.meta_path.insert(0, Imports())
-blurmatte_command.run()
+run()
 """
 
 
 def test_installed_command_is_run():
     (command,) = entry_points(group="console_scripts", name="blurmatte")
-    assert command.load() is blurmatte_command.run
+    assert command.load() is run
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def _ring(number, frame):
 
 
 def _answer(args: list[str]) -> dict:
-    from blurmatte_command import run
+    from blurmatte.__main__ import run
 
     sys.argv = ["blurmatte", *args]
     warnings.resetwarnings()

@@ -28,7 +28,7 @@ from blurmatte.cli.console import (
 from blurmatte.cli.old_spellings import modern
 from blurmatte.cli.output_checks import protecting
 from blurmatte.cli.rows import pictures_of
-from blurmatte_command import interrupted
+from blurmatte.interrupts import interrupted
 
 F = TypeVar("F", bound=Callable[..., None])
 

@@ -121,9 +121,20 @@ def solve(
     selection = replace(selection, reading=reading)
     matching = matching_of(plate.match)
     task = _Task(reading, B, notes, selection, occluder, method, matching)
+    _solve_each(task, pairs, required, clip.workers, as_json)
+
+
+def _solve_each(
+    task: _Task,
+    pairs: list[tuple[Path, Path]],
+    required: bm.Grade | None,
+    workers: int | None,
+    as_json: bool,
+) -> None:
+    """Solve images, each into its folder, and say what came of them."""
     failed, lower = 0, 0
-    with bm.Workers(_processes(clip.workers, len(pairs))) as workers:
-        answers = workers.in_order(_OneOfRow(task, verbosity()), pairs)
+    with bm.Workers(_processes(workers, len(pairs))) as processes:
+        answers = processes.in_order(_OneOfRow(task, verbosity()), pairs)
         for path, folder, answer in with_progress(_with(pairs, answers), "solving", len(pairs)):
             if answer.refusal:
                 complain(answer.refusal)

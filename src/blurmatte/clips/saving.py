@@ -180,11 +180,6 @@ def save_clip(
         work = _Work(manifest)
         shots = shots_of(run.frames, workers)
         for number, shot in enumerate(shots, 1):
-            if shot.moving:
-                work.problems.append(
-                    f"{shot}: give a part in which it stands still, or stabilize it"
-                )
-                continue
             try:
                 yield from _shot(run, folder, number, shot, work, workers)
             except BlurmatteError as error:
@@ -204,6 +199,8 @@ def _shot(
     run: ClipRun, folder: Path, number: int, shot: Shot, work: _Work, workers: Workers
 ) -> Iterator[FrameSightings | FrameRecord]:
     """Measure and solve the frames of a shot that are not done."""
+    if shot.moving:
+        raise MotionError("give a part in which the camera stands still, or stabilize the clip")
     seen = [
         _sightings(saved["found"])
         for saved in work.manifest.of_kind("seen")

@@ -104,13 +104,7 @@ def measure_clip(
         if model is None:
             model = clip_color(frames, plate, processes)
         seen = sightings(
-            frames,
-            plate,
-            model,
-            several=several,
-            numbers=numbers,
-            rate=rate,
-            workers=processes,
+            frames, plate, model, several=several, numbers=numbers, rate=rate, workers=processes
         )
         return link_objects(seen) if several else link_sightings(seen)
 
