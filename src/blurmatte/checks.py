@@ -14,6 +14,7 @@ Floats = npt.NDArray[np.floating[Any]]
 Bools = npt.NDArray[np.bool_]
 Box = tuple[int, int, int, int]  # (x0, y0, x1, y1) pixels; x1 and y1 are one past the last
 MAX_PIXELS = 200_000_000  # default limit of pictures that are read
+MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
 
 
 def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> None:
@@ -65,11 +66,17 @@ def check_points(name: str, value: npt.ArrayLike, columns: int) -> npt.NDArray[n
     return points
 
 
-def check_finite(name: str, value: Floats) -> None:
-    """Raise if `value` holds NaN or infinite numbers."""
-    if not (np.isfinite(np.min(value)) and np.isfinite(np.max(value))):
+def check_finite(name: str, value: Floats, limit: float = MAX_LIGHT) -> None:
+    """Raise if `value` holds NaN, infinite numbers, or some beyond ± `limit`."""
+    least, most = np.min(value), np.max(value)
+    if not (np.isfinite(least) and np.isfinite(most)):
         raise ValueError(
             f"{name} must be finite; replace missing values by any number and mark them in `valid`"
+        )
+    if max(-least, most) > limit:
+        raise ValueError(
+            f"{name} must not exceed {limit:g} (1 is white), got {max(-least, most):.3g}; scale it, or "
+            "replace such values and mark them in `valid`"
         )
 
 

@@ -27,7 +27,7 @@ from blurmatte.background.match import Match, median_light
 from blurmatte.background.warp import IDENTITY_LIGHT
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
 from blurmatte.statistics import robust_std
 
 Array = npt.NDArray[np.float64]
@@ -126,7 +126,7 @@ def fit_match(image: LinearImage, plate: LinearImage, matching: Matching | None 
     check_same_colors("the image", image, "the plate", plate)
     check_same_size("image", image.size, "plate", plate.size)
     check_kind("matching", matching, Matching | None, "such as blurmatte.Matching.NONE")
-    gray = image.meta.gray or plate.meta.gray  # `solve` rejects these, with the reason
+    gray = are_gray(image, plate)  # `solve` rejects these, with the reason
     if gray or matching is Matching.NONE or min(image.size) < MatchSettings.min_side_px:
         return Match.nothing(image.size)
     logging.getLogger("blurmatte").info("matching the plate")

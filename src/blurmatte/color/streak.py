@@ -18,7 +18,7 @@ from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfi
 from blurmatte.color.model import ColorModel
 from blurmatte.color.posterior import posterior, unit
 from blurmatte.errors import ColorModelError
-from blurmatte.radiometry import LinearImage, check_same_colors
+from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
 from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
 
 Array = npt.NDArray[np.float64]
@@ -131,13 +131,16 @@ def check_color_fit(
 
 
 def check_not_gray(image: LinearImage, plate: LinearImage) -> None:
-    """Raise ColorModelError if either picture has one channel: alpha is estimated from color."""
-    for picture in (image, plate):
-        if picture.meta.gray:
-            raise ColorModelError(
-                f"{picture.meta.source or 'a picture'} is gray: alpha is estimated from color, so "
-                "image and plate must both have it"
-            )
+    """Raise ColorModelError if a file has one channel, or both pictures are gray.
+
+    Alpha is estimated from color.
+    """
+    if are_gray(image, plate):
+        gray = [p for p in (image, plate) if p.meta.gray] or [image]
+        raise ColorModelError(
+            f"{gray[0].meta.source or 'a picture'} is gray: alpha is estimated from color, so "
+            "image and plate must both have it"
+        )
 
 
 def check_chroma_resolution(image: LinearImage, streak: Streak) -> None:

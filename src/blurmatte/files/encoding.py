@@ -1,11 +1,14 @@
 """How the code values of a picture file encode light, by its caller, its profile or its tags.
 
-The first source that states it wins: the caller's `transfer`, the ICC profile, PNG's cICP, sRGB and
-gAMA chunks, EXIF. Otherwise floats are linear, and integers are taken as sRGB with a warning.
+The first source that states it wins: PNG's cICP chunk, the ICC profile, PNG's sRGB, gAMA and cHRM
+chunks, the attributes of an EXR, EXIF. The caller's `transfer` replaces the curves. Otherwise floats
+are linear, and integers are taken as sRGB with a warning.
 """
 
 import warnings
+from collections.abc import Sequence
 from enum import IntEnum
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,8 +16,16 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import FileError, TransferWarning
+from blurmatte.files.errors import kind_of
 from blurmatte.files.icc import Matrix, Profile, ProfileError, parse_profile
-from blurmatte.files.raster import IS_SRGB, Raster
+from blurmatte.files.png import PngHeader
+from blurmatte.files.primaries import (
+    ADOBE_RGB,
+    CICP_PRIMARIES,
+    INTEROP_PRIMARIES,
+    matrix_to_srgb,
+)
+from blurmatte.files.raster import DCF, IS_SRGB, PRIMARIES, Raster
 from blurmatte.radiometry.transfer import LINEAR, REC709, SRGB, Transfer, gamma
 
 
@@ -35,7 +46,14 @@ CICP_CURVES = {
     13: SRGB,
 }
 
+_HDR = {16: "PQ", 18: "HLG"}
+_INTEROP_CURVES = {
+    **{"lin": LINEAR, "srgb": SRGB},
+    **{f"g{tenths}": gamma(tenths / 10) for tenths in (18, 22, 24, 26)},
+}
+_IS_ADOBE = 2  # value of the EXIF tag ColorSpace that some programs write
 _ASSUMED = Profile((SRGB, SRGB, SRGB), None)
+Curves = tuple[Transfer, Transfer, Transfer]
 
 
 def icc_profile(raster: Raster) -> bytes | None:
@@ -45,9 +63,9 @@ def icc_profile(raster: Raster) -> bytes | None:
 
 
 def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> Profile | None:
-    """The curves and the primaries of a file; None for floats that are linear light.
+    """The curves and the primaries of a file; None for floats that are linear light of sRGB.
 
-    A `transfer` from the caller replaces the curves of the ICC profile, not its primaries.
+    A `transfer` from the caller replaces the curves that the file states, not its primaries.
 
     Raises
     ------
@@ -59,19 +77,36 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
     TransferWarning
         If the file states no encoding and its integers are taken as sRGB.
     """
-    if transfer is not None:
-        return Profile((transfer, transfer, transfer), _primaries_matrix(raster))
-    found = _from_profile(raster) or png_encoding(raster)
-    if found or raster.levels is None:
+    given = None if transfer is None else (transfer,) * 3
+    found = _stated(raster, given)
+    if found is not None:
         return found
-    if raster.tags.get("Exif:ColorSpace") != IS_SRGB:
+    matrix = primaries_alone(raster)
+    if given is None and raster.levels is None:
+        return None if matrix is None else Profile((LINEAR,) * 3, matrix)
+    if given is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
         warnings.warn(
             f"{raster.path}: pass transfer=SRGB (--transfer srgb) if that is right; "
             "the file has no color profile and its code values are taken as sRGB",
             TransferWarning,
             stacklevel=stacklevel + 1,
         )
-    return _ASSUMED
+    return Profile(given or _ASSUMED.curves, matrix)
+
+
+def _stated(raster: Raster, given: Curves | None) -> Profile | None:
+    """The encoding that a file states, with the curves `given` if there are any."""
+    chunks = png_encoding(raster, given)
+    data = icc_profile(raster)
+    if data is not None and not (raster.png and raster.png.cicp):
+        return _from_profile(raster, data, given)
+    if chunks is not None:
+        return chunks
+    if kind_of(raster.path) == "EXR":
+        return _from_exr(raster, given)
+    if raster.tags.get("Exif:ColorSpace") == _IS_ADOBE or raster.tags.get(DCF) == b"R03":
+        return Profile(given or (gamma(563 / 256),) * 3, matrix_to_srgb(ADOBE_RGB))
+    return None
 
 
 def to_light(numbers: npt.NDArray[Any], encoding: Profile | None) -> Floats:
@@ -105,53 +140,93 @@ def to_srgb_primaries(light: Floats, encoding: Profile) -> Floats:
     return np.asarray(light @ encoding.matrix.T.astype(light.dtype))
 
 
-def png_encoding(raster: Raster) -> Profile | None:
-    """The encoding that the chunks of a PNG state, without its ICC profile."""
-    if raster.png is None:
+def png_encoding(raster: Raster, given: Curves | None = None) -> Profile | None:
+    """The encoding that the chunks of a PNG state, without its ICC profile, but by cICP before it."""
+    header = raster.png
+    if header is None:
         return None
-    if "CICP" in raster.tags:
-        return _from_cicp(raster)
-    if raster.png.srgb:
-        return _ASSUMED
-    if raster.png.gamma is None:
-        return None
-    curve = _gamma_curve(raster.png.gamma)
-    return Profile((curve, curve, curve), None) if curve else None
+    if header.cicp:
+        return _from_cicp(raster.path, header.cicp, given)
+    if header.srgb:
+        return Profile(given or _ASSUMED.curves, None)
+    curve = _gamma_curve(header) if header.gamma else None
+    return Profile(given or (curve,) * 3, primaries_alone(raster)) if curve else None
 
 
-def _from_profile(raster: Raster) -> Profile | None:
-    data = icc_profile(raster)
-    if data is None:
-        return None
+def primaries_alone(raster: Raster) -> Matrix | None:
+    """From the primaries in a PNG's cHRM chunk or in EXIF, which hold no curve, to those of sRGB."""
+    stated = raster.png.chromaticities if raster.png else None
+    if stated is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
+        stated = raster.tags.get(PRIMARIES)
+    return None if stated is None else _matrix(raster.path, "primaries", stated)
+
+
+def _matrix(path: Path, name: str, chromaticities: Sequence[float]) -> Matrix | None:
     try:
-        return parse_profile(data)
+        return matrix_to_srgb(chromaticities)
+    except ValueError as error:
+        raise FileError(f"{path}: convert the picture to sRGB; its {name} {error}") from error
+
+
+def _from_profile(raster: Raster, data: bytes, given: Curves | None) -> Profile:
+    try:
+        profile = parse_profile(data)
     except ProfileError as error:
+        if given:  # the caller's curve replaces a profile that cannot be used
+            return Profile(given, None)
         raise FileError(
             f"{raster.path}: convert the picture to sRGB; its color profile {error}"
         ) from error
+    return Profile(given, profile.matrix) if given else profile
 
 
-def _primaries_matrix(raster: Raster) -> Matrix | None:
-    data = icc_profile(raster)
-    try:
-        return parse_profile(data).matrix if data is not None else None
-    except ProfileError:  # the caller's curve replaces a profile that cannot be used
-        return None
-
-
-def _from_cicp(raster: Raster) -> Profile:
-    primaries, curve, *_ = (int(number) for number in raster.tags["CICP"])
-    if primaries != H273.BT709 or curve not in CICP_CURVES:
+def _from_exr(raster: Raster, given: Curves | None) -> Profile | None:
+    """By `colorInteropID`, which OpenImageIO also finds in ACES containers, and by `chromaticities`."""
+    xy, name = raster.tags.get("chromaticities"), str(raster.tags.get("oiio:ColorSpace", ""))
+    matrix = None if xy is None else _matrix(raster.path, "chromaticities", xy)
+    if name in ("", "unknown", "data"):
+        return None if matrix is None else Profile(given or (LINEAR,) * 3, matrix)
+    curve, _, space = name.removesuffix("_scene").removesuffix("_display").partition("_")
+    if curve not in _INTEROP_CURVES or space not in INTEROP_PRIMARIES:
         raise FileError(
-            f"{raster.path}: convert the picture to sRGB; its cICP chunk states primaries "
-            f"{primaries} and curve {curve} of H.273, which are not supported"
+            f"{raster.path}: convert it to lin_rec709_scene; its colorInteropID states {name!r}, which "
+            "is not supported"
         )
-    return Profile((CICP_CURVES[curve],) * 3, None)
+    named = matrix_to_srgb(INTEROP_PRIMARIES[space])
+    if xy is not None and not np.allclose(_or_eye(matrix), _or_eye(named), atol=0.01):
+        raise FileError(
+            f"{raster.path}: export it again; its chromaticities are not those of its "
+            f"colorInteropID {name!r}"
+        )
+    if named is None and curve == "lin" and given is None:
+        return None
+    return Profile(given or (_INTEROP_CURVES[curve],) * 3, named)
 
 
-def _gamma_curve(exponent: float) -> Transfer | None:
+def _or_eye(matrix: Matrix | None) -> Matrix:
+    return np.eye(3) if matrix is None else matrix
+
+
+def _from_cicp(path: Path, cicp: tuple[int, ...], given: Curves | None) -> Profile:
+    primaries, curve, matrix, full_range = cicp
+    advice = f"{path}: convert the picture to sRGB; its cICP chunk states"
+    if curve in _HDR and not given:
+        raise FileError(f"{advice} {_HDR[curve]} ({curve} of H.273), a curve for HDR screens")
+    if primaries not in CICP_PRIMARIES or not (given or curve in CICP_CURVES):
+        raise FileError(
+            f"{advice} primaries {primaries} and curve {curve} of H.273, which are not supported"
+        )
+    if matrix or not full_range:
+        what = "Y'CbCr" if matrix else "video range, where black is 16 and white 235"
+        raise FileError(f"{advice} {what}, which is not supported")
+    curves = given or (CICP_CURVES[curve],) * 3
+    return Profile(curves, matrix_to_srgb(CICP_PRIMARIES[primaries]))
+
+
+def _gamma_curve(header: PngHeader) -> Transfer | None:
     """The curve of a gAMA chunk; 1/2.2 stands for sRGB in files without an sRGB chunk."""
-    if abs(exponent - 1 / 2.2) < 0.005:
+    exponent, adobe = header.gamma or 0.0, header.chromaticities == ADOBE_RGB
+    if abs(exponent - 1 / 2.2) < 0.005 and not adobe:
         return SRGB
     if abs(exponent - 1) < 0.001:
         return LINEAR

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.checks import Floats
+from blurmatte.checks import MAX_PIXELS, Floats
 from blurmatte.errors import FileError
 
 EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
@@ -31,6 +31,8 @@ _SIGNATURES = {
     b"MM\0+": "TIFF",
     b"\x76\x2f\x31\x01": "EXR",
 }
+_MAX_UNPROVEN = 50_000_000  # pixels: they need 2 GB at most
+_PIXELS_PER_BYTE = 32  # of a larger picture; no camera's has more, a flat one in a PNG has 340
 _BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
 
 
@@ -121,12 +123,22 @@ def damaged(path: Path, kind: str, complaints: list[str]) -> FileError:
 
 
 def check_size(path: Path, size: tuple[int, int], max_pixels: int) -> None:
-    """Raise FileError if a (width, height) exceeds the limit."""
+    """Raise FileError if a (width, height) exceeds the limit, or a small file claims a large picture.
+
+    A limit above the default lets such files pass.
+    """
     width, height = size
     if width * height > max_pixels:
         raise FileError(
             f"{path}: raise the limit with max_pixels= (--max-pixels) if the size is right; "
             f"{width} x {height} pixels are more than the limit of {max_pixels}"
+        )
+    stored = path.stat().st_size
+    if width * height > max(_MAX_UNPROVEN, _PIXELS_PER_BYTE * stored) and max_pixels <= MAX_PIXELS:
+        raise FileError(
+            f"{path}: pass max_pixels={MAX_PIXELS + 1} (--max-pixels {MAX_PIXELS + 1}) if the size is "
+            f"right; {width} x {height} pixels in {stored} bytes are hardly a picture (the limit is "
+            f"{_MAX_UNPROVEN}, or {_PIXELS_PER_BYTE} pixels per byte)"
         )
 
 
@@ -144,6 +156,8 @@ def check_format(path: Path, kind: str, spec: Any, tags: Mapping[str, Any]) -> N
     if spec.deep:
         raise FileError(f"{path}: flatten it; a deep EXR has several values per pixel")
     form = str(spec.format)
+    if form == "double" and spec.tile_width:  # OpenImageIO reads them as black
+        raise FileError(f"{path}: export 32-bit floats; 64-bit floats in tiles cannot be read")
     bits = int(tags.get("oiio:BitsPerSample", _BITS.get(form, 0)))
     if bits != _BITS.get(form) or (kind == "JPEG" and form != "uint8"):
         raise FileError(

@@ -4,6 +4,7 @@ EXIF is a TIFF without a picture: a header and a directory of tags. Values are n
 that none changes, and neither do the notes of camera makers.
 """
 
+import mmap
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -16,6 +17,7 @@ import numpy as np
 class TiffTag(IntEnum):
     """Numbers of tags [TIFF 6.0, EXIF 2.32, DNG 1.4]."""
 
+    INTEROPERABILITY_INDEX = 1
     PHOTOMETRIC = 262
     MAKE = 271
     MODEL = 272
@@ -23,7 +25,10 @@ class TiffTag(IntEnum):
     STRIP_LENGTHS = 279
     X_RESOLUTION = 282
     Y_RESOLUTION = 283
+    ORIENTATION = 274
     RESOLUTION_UNIT = 296
+    WHITE_POINT = 318
+    PRIMARY_CHROMATICITIES = 319
     SUB_DIRECTORIES = 330
     SAMPLE_FORMAT = 339
     THUMBNAIL = 513
@@ -42,6 +47,8 @@ class TiffTag(IntEnum):
     BLACK_LEVEL = 50714
     NOISE_PROFILE = 51041
 
+
+EXIF_MARK = b"Exif\0\0"  # before the block in a JPEG; some programs write it in a PNG, too
 
 # Bytes of a number of each type; types 5 and 10 are fractions of two numbers.
 _BYTES = {1: 1, 2: 1, 3: 2, 4: 4, 5: 4, 6: 1, 7: 1, 8: 2, 9: 4, 10: 4, 11: 4, 12: 8, 13: 4, 16: 8}
@@ -87,8 +94,8 @@ def numbers(tag: Union[Tag, "Tags"]) -> list[int]:
     return [int(n) for n in np.frombuffer(tag.data, f">u{_BYTES[tag.form]}")]
 
 
-def parse_tags(block: bytes) -> Tags:
-    """The tags of the first directory of a TIFF or an EXIF block, with nested directories.
+def parse_tags(block: bytes | mmap.mmap, page: int = 0) -> Tags:
+    """The tags of one directory of a TIFF or an EXIF block, with nested directories.
 
     Tags whose values lie outside the block are omitted.
 
@@ -98,7 +105,16 @@ def parse_tags(block: bytes) -> Tags:
         If it is no such block.
     """
     order, big, at = _header(block)
+    for _ in range(page):
+        at = _directory(block, order, big, at, depth=1)[2]
     return _directory(block, order, big, at, depth=0)[0]
+
+
+def fractions(tag: Union[Tag, "Tags"]) -> list[float]:
+    """The quotients of a tag of fractions; none if a divisor is 0."""
+    values = numbers(tag)
+    pairs = list(zip(values[::2], values[1::2], strict=False))
+    return [] if any(divisor == 0 for _, divisor in pairs) else [n / d for n, d in pairs]
 
 
 def tags_block(tags: Tags, order: str = ">") -> bytes:
@@ -127,7 +143,7 @@ def without_thumbnail(block: bytes) -> bytes:
     return bytes(result)
 
 
-def _header(block: bytes) -> tuple[str, bool, int]:
+def _header(block: bytes | mmap.mmap) -> tuple[str, bool, int]:
     """Byte order, True for 64-bit offsets, and the offset of the first directory."""
     order = {b"II": "<", b"MM": ">"}.get(block[:2])
     if order is None or len(block) < 8:
@@ -141,7 +157,7 @@ def _header(block: bytes) -> tuple[str, bool, int]:
 
 
 def _directory(
-    block: bytes, order: str, big: bool, at: int, depth: int
+    block: bytes | mmap.mmap, order: str, big: bool, at: int, depth: int
 ) -> tuple[dict[int, Union[Tag, "Tags"]], int, int]:
     """The tags of the directory at `at`, its end, and the offset of the next directory or 0."""
     offset, length = (order + "Q", 20) if big else (order + "L", 12)

@@ -18,6 +18,10 @@ from blurmatte.radiometry.transfer import LINEAR, SRGB, Transfer, gamma
 
 Matrix = npt.NDArray[np.float64]
 
+SAME_PRIMARIES = (
+    3e-3  # of a matrix to sRGB: sRGB profiles differ so much in their adaptation to D50
+)
+
 # Columns: red, green and blue of sRGB in XYZ, adapted to D50 by the Bradford transform.
 _SRGB_TO_XYZ = np.array(
     [
@@ -92,8 +96,7 @@ def _rgb(tags: Mapping[bytes, bytes]) -> Profile:
     red, green, blue = (_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC"))
     to_xyz = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
     matrix = np.linalg.solve(_SRGB_TO_XYZ, to_xyz)
-    # sRGB profiles differ by up to 0.003 in their adaptation to D50.
-    same = bool(np.all(np.abs(matrix - np.eye(3)) < 3e-3))
+    same = bool(np.all(np.abs(matrix - np.eye(3)) < SAME_PRIMARIES))
     return Profile((red, green, blue), None if same else matrix)
 
 

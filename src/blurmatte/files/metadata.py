@@ -14,9 +14,10 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.errors import FileError
-from blurmatte.files.encoding import icc_profile, png_encoding
+from blurmatte.files.encoding import icc_profile, png_encoding, primaries_alone
 from blurmatte.files.errors import damaged, kind_of
 from blurmatte.files.exif import (
+    EXIF_MARK,
     Tag,
     Tags,
     TiffTag,
@@ -34,10 +35,11 @@ from blurmatte.files.raster import IS_SRGB, Raster, save_pixels
 from blurmatte.jpeg import metadata_segments
 from blurmatte.radiometry.transfer import SRGB
 
-_EXIF_MARK, _XMP_MARK = b"Exif\0\0", b"http://ns.adobe.com/xap/1.0/\0"
+_XMP_MARK = b"http://ns.adobe.com/xap/1.0/\0"
 _PNG_XMP = b"XML:com.adobe.xmp\0"  # keyword of an iTXt chunk
 _INCH, _CENTIMETER = 2, 3  # values of RESOLUTION_UNIT
 _INCH_METERS = 0.0254
+_MAX_XMP_BYTES = 1 << 24  # of a compressed packet
 # TIFF tags of the layout of pixels.
 _LAYOUT = (256, 257, 258, 259, 262, 273, 277, 278, 279, 284, 317, 338, 339)
 # TIFF tags that are not copied: layout, other pages, thumbnails, Photoshop's layers; XMP and ICC.
@@ -84,8 +86,8 @@ def current_segments(segments: tuple[bytes, ...]) -> tuple[bytes, ...]:
     current = []
     for segment in segments:
         head, body = segment[:4], segment[4:]
-        if head[1] == 0xE1 and body.startswith(_EXIF_MARK):
-            segment = head + _EXIF_MARK + without_thumbnail(body[len(_EXIF_MARK) :])
+        if head[1] == 0xE1 and body.startswith(EXIF_MARK):
+            segment = head + EXIF_MARK + without_thumbnail(body[len(EXIF_MARK) :])
         if not (head[1] == 0xE2 and body.startswith(b"MPF\0")):
             current.append(segment)
     return tuple(current)
@@ -108,10 +110,16 @@ def save_png(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
         omitted = _PIXEL_CHUNKS if same_color_type else _PIXEL_CHUNKS + _CHANNEL_CHUNKS
         others = [(kind, data) for kind, data in own if kind not in omitted]
         others = [(k, without_thumbnail(d) if k == b"eXIf" else d) for k, d in others]
+        pixels_at = [kind for kind, _ in own if kind not in omitted or kind == b"IDAT"].index(
+            b"IDAT"
+        )
     else:
         others = _png_chunks_of(read_metadata(raster), raster)
+        pixels_at = len(others)
     data = [(kind, data) for kind, data in new if kind == b"IDAT"]
-    save_chunks(path, [(b"IHDR", header), *others, *data, (b"IEND", b"")])
+    # Chunks behind the pixels stay there: readers ignore the orientation of an eXIf chunk behind them.
+    chunks = [*others[:pixels_at], *data, *others[pixels_at:]]
+    save_chunks(path, [(b"IHDR", header), *chunks, (b"IEND", b"")])
 
 
 def save_tiff(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
@@ -159,12 +167,12 @@ def save_new_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
         raise FileError(f"{raster.path}: write .png or .tif; a JPEG cannot hold its alpha")
     metadata = read_metadata(raster)
     exif = _exif_with_color_space(metadata, raster)
-    if len(exif) > 65533 - 2 - len(_EXIF_MARK):  # one segment
+    if len(exif) > 65533 - 2 - len(EXIF_MARK):  # one segment
         raise FileError(f"{raster.path}: write .png or .tif; its EXIF is too long for a JPEG")
     codes = raster_colors(raster, pixels)
     if codes.dtype == np.uint16:
         codes = np.rint(codes / 257).astype(np.uint8)
-    options: dict[str, Any] = {"exif": _EXIF_MARK + exif} if exif else {}
+    options: dict[str, Any] = {"exif": EXIF_MARK + exif} if exif else {}
     options |= {"icc_profile": metadata.profile} if metadata.profile else {}
     options |= {"xmp": metadata.xmp} if metadata.xmp else {}
     options |= {"dpi": metadata.dpi} if metadata.dpi else {}
@@ -181,10 +189,12 @@ def raster_colors(raster: Raster, pixels: npt.NDArray[Any]) -> npt.NDArray[Any]:
 
 
 def _read_png(raster: Raster) -> Metadata:
-    exif, xmp, dpi = b"", b"", None
+    exif, xmp, dpi, pixels_seen = b"", b"", None, False
     for kind, data in png_chunks(raster.path):
+        pixels_seen |= kind == b"IDAT"
         if kind == b"eXIf":
-            exif = without_thumbnail(data.removeprefix(_EXIF_MARK))
+            exif = without_thumbnail(data.removeprefix(EXIF_MARK))
+            exif = _without_orientation(exif) if pixels_seen else exif
         elif kind == b"iTXt" and data.startswith(_PNG_XMP):
             xmp = _png_text(data) or xmp
         elif kind == b"pHYs" and len(data) == 9 and data[8] == 1:
@@ -193,11 +203,17 @@ def _read_png(raster: Raster) -> Metadata:
     return Metadata(icc_profile(raster), exif, xmp, dpi)
 
 
+def _without_orientation(exif: bytes) -> bytes:
+    """EXIF from behind the pixels of a PNG, where readers ignore its orientation."""
+    tags = _tags_of(Metadata(None, exif, b"", None), (TiffTag.ORIENTATION,))
+    return tags_block(tags) if tags else b""
+
+
 def _png_text(data: bytes) -> bytes:
     """The text of an iTXt chunk; empty if it is invalid."""
     try:
         compressed, text = data[len(_PNG_XMP)], data[len(_PNG_XMP) + 2 :].split(b"\0", 2)[2]
-        return zlib.decompress(text) if compressed else text
+        return zlib.decompressobj().decompress(text, _MAX_XMP_BYTES) if compressed else text
     except (IndexError, zlib.error):
         return b""
 
@@ -206,8 +222,8 @@ def _read_jpeg(raster: Raster) -> Metadata:
     exif, xmp, dpi = b"", b"", None
     for segment in metadata_segments(raster.path.read_bytes()):
         kind, body = segment[1], segment[4:]
-        if kind == 0xE1 and body.startswith(_EXIF_MARK) and not exif:
-            exif = without_thumbnail(body[len(_EXIF_MARK) :])
+        if kind == 0xE1 and body.startswith(EXIF_MARK) and not exif:
+            exif = without_thumbnail(body[len(EXIF_MARK) :])
         elif kind == 0xE1 and body.startswith(_XMP_MARK):
             xmp = body[len(_XMP_MARK) :]
         elif kind == 0xE0 and body.startswith(b"JFIF\0") and body[7:8] in (b"\1", b"\2"):
@@ -219,7 +235,7 @@ def _read_jpeg(raster: Raster) -> Metadata:
 
 def _read_tiff(raster: Raster) -> Metadata:
     try:
-        tags = parse_tags(raster.path.read_bytes())
+        tags = parse_tags(raster.path.read_bytes(), raster.page)
     except ValueError as error:
         raise damaged(raster.path, "TIFF", [f"its tags: {error}"]) from error
     xmp = tags.get(TiffTag.XMP)
@@ -268,8 +284,15 @@ def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
 
 def _png_states_srgb(raster: Raster) -> bool:
     """True if the chunks of a PNG state sRGB, and it has no ICC profile."""
-    stated = png_encoding(raster) if icc_profile(raster) is None else None
-    if stated is not None and stated.curves[0] is not SRGB:
+    if raster.png is None:
+        return False
+    profile, cicp = icc_profile(raster) is not None, raster.png.cicp is not None
+    stated = None if profile and not cicp else png_encoding(raster)
+    curve = SRGB if stated is None else stated.curves[0]
+    matrix = primaries_alone(raster) if stated is None and not profile else None
+    if stated is not None:
+        matrix = stated.matrix
+    if curve is not SRGB or matrix is not None or (profile and cicp):
         raise FileError(f"{raster.path}: write .png; only a PNG can state its encoding of light")
     return stated is not None
 

@@ -11,7 +11,21 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blurmatte.errors import FileError
-from blurmatte.files.errors import PNG_SIGNATURE
+from blurmatte.files.errors import PNG_SIGNATURE, damaged
+
+Pass = tuple[int, int, int, int]  # first x and y, steps of x and y
+
+_SAMPLES = {0: 1, 2: 3, 3: 1, 4: 2, 6: 4}  # per pixel, by color type
+_BITS = {0: (1, 2, 4, 8, 16), 2: (8, 16), 3: (1, 2, 4, 8), 4: (8, 16), 6: (8, 16)}
+_PASSES: tuple[tuple[Pass, ...], ...] = (  # by interlace method: none, Adam7
+    ((0, 0, 1, 1),),
+    (
+        *((0, 0, 8, 8), (4, 0, 8, 8), (0, 4, 4, 8), (2, 0, 4, 4)),
+        *((0, 2, 2, 4), (1, 0, 2, 2), (0, 1, 1, 2)),
+    ),
+)
+_LENGTHS = {b"IHDR": 13, b"gAMA": 4, b"cHRM": 32, b"sRGB": 1, b"cICP": 4}
+_PIECE = 1 << 16  # bytes inflated at a time
 
 
 @dataclass(frozen=True)
@@ -30,6 +44,14 @@ class PngHeader:
         True if there is an sRGB chunk.
     gamma : float or None
         Code value = light ** gamma, from the gAMA chunk.
+    chromaticities : eight floats or None
+        CIE (x, y) of red, green, blue and white, from the cHRM chunk.
+    cicp : four ints or None
+        Primaries, curve, matrix and full range by ITU-T H.273, from the cICP chunk.
+    exif : bytes
+        The block of an eXIf chunk before the pixels.
+    inflated_bytes : int
+        Of the pixels, and of a filter byte for each row.
     """
 
     size: tuple[int, int]
@@ -37,6 +59,10 @@ class PngHeader:
     palette: bool
     srgb: bool
     gamma: float | None
+    chromaticities: tuple[float, ...] | None
+    cicp: tuple[int, ...] | None
+    exif: bytes
+    inflated_bytes: int
 
 
 def inspect_png(path: Path) -> PngHeader:
@@ -49,22 +75,81 @@ def inspect_png(path: Path) -> PngHeader:
     """
     chunks: dict[bytes, bytes] = {}
     for kind, data in _chunks(path, path.read_bytes()):
-        chunks.setdefault(kind, bytes(data) if kind != b"IDAT" else b"")
+        _check_chunk(path, kind, len(data))
+        if b"IDAT" not in chunks:  # later chunks do not count for the pixels
+            chunks.setdefault(kind, bytes(data) if kind != b"IDAT" else b"")
     if len(chunks.get(b"IHDR", b"")) != 13 or b"IDAT" not in chunks:
         raise FileError(f"{path}: export it again; the PNG has no picture")
-    width, height, bits, color = struct.unpack(">IIBB", chunks[b"IHDR"][:10])
+    width, height, bits, color, *methods = struct.unpack(">IIBBBBB", chunks[b"IHDR"])
+    valid = bits in _BITS.get(color, ()) and methods[:2] == [0, 0] and methods[2] < len(_PASSES)
+    if not (valid and 0 < width < 2**31 and 0 < height < 2**31):
+        raise FileError(f"{path}: copy or export it again; the PNG is damaged (its header)")
     gamma = int.from_bytes(chunks.get(b"gAMA", b"")) / 100_000
-    return PngHeader((width, height), bits, color == 3, b"sRGB" in chunks, gamma or None)
+    white_first = [n / 100_000 for n in struct.unpack(">8I", chunks.get(b"cHRM", bytes(32)))]
+    return PngHeader(
+        (width, height),
+        bits,
+        color == 3,
+        b"sRGB" in chunks,
+        gamma or None,
+        (*white_first[2:], *white_first[:2]) if b"cHRM" in chunks else None,
+        tuple(chunks[b"cICP"]) if b"cICP" in chunks else None,
+        chunks.get(b"eXIf", b""),
+        _inflated_bytes(width, height, bits * _SAMPLES[color], _PASSES[methods[2]]),
+    )
 
 
 def check_png(path: Path, header: PngHeader) -> None:
-    """Raise FileError for palettes and fewer than 8 bits; OpenImageIO would expand both to 8 bits."""
+    """Raise FileError for palettes, fewer than 8 bits, and pixels that cannot be inflated.
+
+    OpenImageIO would expand the former to 8 bits; libpng prints its complaints about the latter.
+    """
     if header.palette:
         raise FileError(f"{path}: export it as RGB; a palette rounds the colors of a PNG")
     if header.bits < 8:
         raise FileError(
             f"{path}: export 8 or 16 bits; it has fewer than 8 bits per channel ({header.bits})"
         )
+    stream, missing = zlib.decompressobj(), header.inflated_bytes
+    try:
+        for kind, data in _chunks(path, path.read_bytes()):
+            for start in range(0, len(data) if kind == b"IDAT" else 0, _PIECE):
+                piece = bytes(data[start : start + _PIECE])
+                while missing >= 0 and piece and not stream.eof:
+                    missing -= len(stream.decompress(piece, 64 * _PIECE))
+                    piece = stream.unconsumed_tail
+    except zlib.error as error:
+        raise damaged(path, "PNG", ["its pixels cannot be inflated"]) from error
+    if missing > 0:
+        raise damaged(path, "PNG", ["pixels are missing"])
+
+
+def _check_chunk(path: Path, kind: bytes, length: int) -> None:
+    """Raise FileError for chunks that libpng complains about, and those of Xcode."""
+    if kind == b"CgBI":
+        raise FileError(
+            f"{path}: convert it back (xcrun pngcrush -revert-iphone-optimizations IN OUT), or give "
+            "the original; it is a PNG that Xcode changed for the iPhone (CgBI)"
+        )
+    name = kind.decode("latin-1")
+    if not (name.isascii() and name.isalpha()):
+        raise FileError(f"{path}: copy or export it again; the PNG is damaged (a chunk's name)")
+    if name[0].isupper() and kind not in (b"IHDR", b"PLTE", b"IDAT", b"IEND"):
+        raise FileError(f"{path}: export it again; the PNG needs an extension ({name})")
+    if length != _LENGTHS.get(kind, length):
+        raise FileError(
+            f"{path}: export it again; the PNG is damaged: its {name} chunk has {length} bytes instead "
+            f"of {_LENGTHS[kind]}"
+        )
+
+
+def _inflated_bytes(width: int, height: int, bits: int, passes: Iterable[Pass]) -> int:
+    total = 0
+    for x, y, dx, dy in passes:
+        columns, rows = -(-(width - x) // dx), -(-(height - y) // dy)
+        if columns > 0 and rows > 0:
+            total += rows * (1 + (columns * bits + 7) // 8)
+    return total
 
 
 def png_chunks(path: Path) -> list[tuple[bytes, bytes]]:

@@ -5,7 +5,9 @@ before memory is allocated. Failures to write are OSError, as for any file.
 """
 
 import io
+import mmap
 import re
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import MAX_PIXELS, Bools
-from blurmatte.errors import FileError
+from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import (
     RAW,
     check_format,
@@ -24,20 +26,32 @@ from blurmatte.files.errors import (
     kind_of,
     wanted_channels,
 )
-from blurmatte.files.exif import TiffTag
+from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, parse_tags
 from blurmatte.files.png import PngHeader, check_png, inspect_png
+from blurmatte.jpeg import metadata_segments
 
 # Other attributes are not read: they may hold text in an unknown encoding.
 _TAGS = (
-    *("ICCProfile", "CICP", "Orientation", "ExposureTime", "Exif:ColorSpace"),
+    *("ICCProfile", "Orientation", "ExposureTime", "Exif:ColorSpace"),
     *("oiio:UnassociatedAlpha", "oiio:BitsPerSample", "tiff:PhotometricInterpretation"),
-    *("tiff:ColorSpace", "jpeg:ColorSpace"),
+    *(
+        "tiff:ColorSpace",
+        "jpeg:ColorSpace",
+        "oiio:ColorSpace",
+        "chromaticities",
+        "tiff:subfiletype",
+    ),
     *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
 )
 # Some cameras pad the end of a JPEG; every other complaint of libjpeg means lost pixels.
 _HARMLESS = re.compile(r"extraneous bytes before marker 0xd9")
+# libtiff's complaints about compression.
+_UNREADABLE = re.compile(r"([\w ]+) compression support is not|Compression scheme (\d+) ")
+_METHODS = {"34712": "JPEG 2000", "50002": "JPEG XL", "52546": "JPEG XL"}
 IS_SRGB = 1  # value of the EXIF tag ColorSpace
+DCF, PRIMARIES = "DCF", "primaries"  # our names of tags of EXIF that OpenImageIO does not give
+_REDUCED_OR_MASK = 1 | 4  # bits of tiff:subfiletype: a smaller copy of another page, or its mask
 
 
 @dataclass(frozen=True, eq=False)
@@ -58,6 +72,8 @@ class Raster:
         Attributes of the file, by OpenImageIO's names.
     png : PngHeader or None
         The header of a PNG.
+    page : int
+        Of a TIFF, the first that is no thumbnail.
     """
 
     path: Path
@@ -66,6 +82,7 @@ class Raster:
     inside: Bools
     tags: Mapping[str, Any]
     png: PngHeader | None
+    page: int = 0
 
     @property
     def levels(self) -> int | None:
@@ -140,21 +157,25 @@ def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None
         check_size(path, png.size, max_pixels)
         check_png(path, png)
     try:
-        pixels, kept, tags, spec = _stored(path, kind, max_pixels, names)
+        page, pixels, kept, tags, spec = _stored(path, kind, max_pixels, names)
     except UnicodeDecodeError as error:
         raise damaged(path, kind, ["a name is not text"]) from error
+    if kind != "EXR":
+        tags |= _colors_of_exif(_exif_block(path, kind, png), page)
     pixels, inside = _full_picture(pixels, spec)
     orientation = int(tags.get("Orientation", 1))
     pixels, inside = upright(pixels, orientation), upright(inside, orientation)
-    return Raster(path, pixels, kept, inside, tags, png)
+    return Raster(path, pixels, kept, inside, tags, png, page)
 
 
 def _stored(
     path: Path, kind: str, max_pixels: int, names: tuple[str, ...] | None
-) -> tuple[npt.NDArray[Any], tuple[str, ...], dict[str, Any], Any]:
-    """Pixels, channel names, tags, and OpenImageIO's ImageSpec."""
+) -> tuple[int, npt.NDArray[Any], tuple[str, ...], dict[str, Any], Any]:
+    """Page, pixels, channel names, tags, and OpenImageIO's ImageSpec."""
     source, spec = _open(path, kind, max_pixels)
     try:
+        page = _main_page(path, source) if kind == "TIFF" else 0
+        spec = source.spec()
         if kind != "EXR":  # in other formats an offset is a position on a page
             spec.x, spec.y, spec.full_x, spec.full_y = 0, 0, 0, 0
             spec.full_width, spec.full_height = spec.width, spec.height
@@ -164,11 +185,89 @@ def _stored(
         tags = {name: value for name, value in found.items() if value is not None}
         check_format(path, kind, spec, tags)
         kept = wanted_channels(path, tuple(spec.channelnames), names)
-        return _pixels(path, kind, source, spec, kept), kept, tags, spec
+        pixels = _pixels(path, kind, source, spec, kept)
+        if tags.get("tiff:PhotometricInterpretation") == 0:
+            pixels = _white_is_top(path, pixels, kept, tags)
+        return page, pixels, kept, tags, spec
     finally:
         source.close()
         if source.has_error:  # an error that is not fetched is printed when `source` is deleted
             source.geterror()
+
+
+def _main_page(path: Path, source: Any) -> int:
+    """The first page of a TIFF that is neither a thumbnail nor a mask; `source` is moved to it."""
+    pages: list[int] = []
+    while source.seek_subimage(len(pages), 0):
+        pages.append(int(source.spec().getattribute("tiff:subfiletype") or 0))
+    if source.has_error:
+        source.geterror()
+    full = [page for page, kind in enumerate(pages) if not kind & _REDUCED_OR_MASK]
+    if not full:
+        raise FileError(
+            f"{path}: export it again as a TIFF of one page; it holds a thumbnail, and no picture that "
+            "can be read"
+        )
+    if len(full) > 1:
+        warnings.warn(
+            f"{path}: save the page that is wanted as a file of its own; "
+            f"page {full[0] + 1} of {len(pages)} is read",
+            BlurmatteWarning,
+            stacklevel=2,
+        )
+    source.seek_subimage(full[0], 0)
+    return full[0]
+
+
+def _white_is_top(
+    path: Path, pixels: npt.NDArray[Any], names: tuple[str, ...], tags: Mapping[str, Any]
+) -> npt.NDArray[Any]:
+    """Gray of a TIFF in which 0 is white, inverted where OpenImageIO has not done so.
+
+    It inverts 8 bits, and alpha as well.
+    """
+    premultiplied = "A" in names and not tags.get("oiio:UnassociatedAlpha", 0)
+    if pixels.dtype.kind == "f" or premultiplied:
+        raise FileError(
+            f"{path}: export it with black as 0 (BlackIsZero); in the TIFF 0 is white (WhiteIsZero), "
+            "which has no meaning for " + ("premultiplied colors" if premultiplied else "floats")
+        )
+    wrong = "A" if pixels.dtype == np.uint8 else "Y"
+    columns = [i for i, name in enumerate(names) if name == wrong]
+    pixels[..., columns] = np.iinfo(pixels.dtype).max - pixels[..., columns]
+    return pixels
+
+
+def _exif_block(path: Path, kind: str, png: PngHeader | None) -> bytes | mmap.mmap:
+    """EXIF of a PNG or JPEG; a TIFF is such a block itself."""
+    if png is not None:
+        return png.exif.removeprefix(EXIF_MARK)
+    if kind == "JPEG":
+        bodies = (segment[4:] for segment in metadata_segments(path.read_bytes()))
+        return next((b.removeprefix(EXIF_MARK) for b in bodies if b.startswith(EXIF_MARK)), b"")
+    with path.open("rb") as file:
+        return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+
+
+def _colors_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
+    """DCF's name of the color space, such as b"R03", and chromaticities, where EXIF states them."""
+    try:
+        tags = parse_tags(block, page)
+    except ValueError:  # some cameras and programs write invalid EXIF
+        return {}
+    found: dict[str, Any] = {}
+    index: Tag | Tags = tags
+    for name in (TiffTag.EXIF, TiffTag.INTEROPERABILITY, TiffTag.INTEROPERABILITY_INDEX):
+        index = {} if isinstance(index, Tag) else index.get(name, {})
+    if isinstance(index, Tag):
+        found[DCF] = index.data.rstrip(b"\0")
+    white, colors = (
+        fractions(tags.get(name, {}))
+        for name in (TiffTag.WHITE_POINT, TiffTag.PRIMARY_CHROMATICITIES)
+    )
+    if len(white) == 2 and len(colors) == 6:
+        found[PRIMARIES] = (*colors, *white)
+    return found
 
 
 def _open(path: Path, kind: str, max_pixels: int) -> tuple[Any, Any]:
@@ -192,8 +291,15 @@ def _pixels(
 ) -> npt.NDArray[Any]:
     at = [spec.channelnames.index(name) for name in names]
     form = str(spec.format) if str(spec.format).startswith("uint") else "float"
-    pixels = source.read_image(0, 0, min(at), max(at) + 1, form)
+    pixels = source.read_image(source.current_subimage(), 0, min(at), max(at) + 1, form)
     complaints = [line for line in source.geterror().splitlines() if not _HARMLESS.search(line)]
+    method = _UNREADABLE.search(" ".join(complaints))
+    if method:
+        name = method[1] or _METHODS.get(method[2], f"method {method[2]}")
+        raise FileError(
+            f"{path}: save it without compression, or with ZIP (Deflate) or LZW; the {kind} is "
+            f"compressed by {name}, which cannot be read"
+        )
     if pixels is None or complaints:
         raise damaged(path, kind, complaints)
     if at != list(range(min(at), max(at) + 1)):

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from blurmatte.checks import MAX_PIXELS, Bools, Floats, check_kind
+from blurmatte.checks import MAX_LIGHT, MAX_PIXELS, Bools, Floats, check_kind
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
 from blurmatte.files.errors import RAW, check_premultiplied, kind_of
@@ -116,7 +116,7 @@ def read_layer(
     encoding = encoding_of(raster, transfer, stacklevel=2)
     light = _premultiplied(raster, alpha, encoding)
     _check_finite(raster.path, light, alpha)
-    if encoding is None and raster.associated:
+    if raster.associated and _is_linear(raster, encoding):
         check_premultiplied(raster.path, light, alpha)
     return Layer(alpha, light)
 
@@ -137,13 +137,22 @@ def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
     return replace(image, rgb=to_srgb_primaries(image.rgb, encoding))
 
 
+def _is_linear(raster: Raster, encoding: Profile | None) -> bool:
+    """True if the file holds linear light as floats, in any primaries."""
+    curves = () if encoding is None else encoding.curves
+    return raster.levels is None and all(curve is LINEAR for curve in curves)
+
+
 def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> Floats:
     """Light times alpha. Curves apply to straight colors, so these are computed first."""
     alpha = alpha[..., None]
     if not raster.associated:
-        return np.asarray(_decoded(raster, encoding).rgb * alpha)
-    if encoding is None:  # without a copy, because layers are large
-        return to_light(raster.view("YYY" if raster.gray else "RGB"), None)
+        light = _decoded(raster, encoding).rgb
+        light *= alpha
+        return light
+    if _is_linear(raster, encoding):
+        # Not divided by alpha, which is 0 in a glow; without a copy, because layers are large.
+        return to_light(raster.view("YYY" if raster.gray else "RGB"), encoding)
     codes = raster.colors / np.float32((raster.levels or 2) - 1)
     straight = np.divide(codes, alpha, out=np.zeros_like(codes), where=alpha > 0)
     return np.asarray(to_light(straight, encoding) * alpha)
@@ -151,15 +160,15 @@ def _premultiplied(raster: Raster, alpha: Floats, encoding: Profile | None) -> F
 
 def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> None:
     numbers = [light] if alpha is None else [light, alpha]
-    if all(np.isfinite([values.min(), values.max()]).all() for values in numbers):
+    if all(values.min() >= -MAX_LIGHT and values.max() <= MAX_LIGHT for values in numbers):
         return
-    finite: Bools = np.asarray(np.isfinite(light).all(axis=-1))
+    usual: Bools = np.asarray((np.abs(light) <= MAX_LIGHT).all(axis=-1))
     if alpha is not None:
-        finite = finite & np.isfinite(alpha)
-    bad = finite.size - int(np.count_nonzero(finite))
+        usual = usual & (np.abs(alpha) <= MAX_LIGHT)
+    bad = usual.size - int(np.count_nonzero(usual))
     raise FileError(
-        f"{path}: repair it in the program that wrote it; "
-        f"{bad} of {finite.size} pixels are NaN or infinite"
+        f"{path}: repair it in the program that wrote it; {bad} of {usual.size} pixels are NaN, "
+        f"infinite, or beyond {MAX_LIGHT:g} times white"
     )
 
 

@@ -55,6 +55,8 @@ from blurmatte.sweep.model.chroma_subsampling import (
 
 Array = npt.NDArray[np.float64]
 
+MAX_STRENGTH = 1e6  # and its inverse: beyond them alpha is constant, or that of single pixels
+
 
 @dataclass(frozen=True)
 class SmoothSettings:
@@ -104,23 +106,28 @@ class Smooth:
     Parameters
     ----------
     strength : float
-        Smoothness relative to the one estimated from the data, > 0; 1 has the least error on average.
+        Smoothness relative to the one estimated from the data, 1e-6 to 1e6; 1 has the least error on
+        average.
     max_alpha_std : float
         A pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL, > 0.
 
     Raises
     ------
     ValueError
-        If a number is not positive.
+        If a number is not positive, or `strength` is beyond its range.
     """
 
     strength: float = 1.0
     max_alpha_std: float = 0.3
 
     def __post_init__(self) -> None:
-        for name in ("strength", "max_alpha_std"):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
+        if not 1 / MAX_STRENGTH <= self.strength <= MAX_STRENGTH:
+            raise ValueError(
+                f"strength must lie between {1 / MAX_STRENGTH:g} and {MAX_STRENGTH:g}, "
+                f"got {self.strength:g}"
+            )
+        if not self.max_alpha_std > 0:
+            raise ValueError(f"max_alpha_std must be positive, got {self.max_alpha_std}")
 
     def __call__(
         self,

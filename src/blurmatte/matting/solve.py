@@ -13,6 +13,7 @@ from blurmatte.color.color_projection import streak_of_color
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.color.streak import check_not_gray
+from blurmatte.errors import BlurmatteError
 from blurmatte.matting.case import MARGIN_PX, Case, Pictures, Solver
 from blurmatte.matting.hypotheses import average_hypotheses
 from blurmatte.matting.maps import Grade, PixelMaps, Quality, has_flag
@@ -201,11 +202,25 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         **numbers,
     }
     stats["sum_alpha_std"] = float(np.hypot(stats["sum_alpha_std"], shadow_std))
+    _check_numbers(maps, case)
     sweep = None if case.hypotheses is None else case.hypotheses.best
     if sweep is not None and "alpha_error" in numbers:
         factor = max(numbers["alpha_error"] / numbers["claimed_error"], 1.0)
         sweep = replace(sweep, covariance=factor**2 * sweep.covariance)
     return Solution(*maps, model=case.model, solver=repr(case.solver), stats=stats, sweep=sweep)
+
+
+def _check_numbers(maps: PixelMaps, case: Case) -> None:
+    """Raise BlurmatteError if light or noise was beyond what 32-bit floats can square."""
+    missing = sum(int(np.isnan(values).sum()) for values in maps[:4])
+    if missing:
+        light = max(float(np.abs(p.rgb).max()) for p in (case.image, case.plate))
+        std = max(float(p.variance.max()) ** 0.5 for p in (case.image, case.plate))
+        raise BlurmatteError(
+            f"{missing} numbers of alpha and color are undefined: light up to {light:.2g} with noise "
+            f"up to {std:.2g} (1 is white) is too much; repair the pictures, or give another noise "
+            "(--noise)"
+        )
 
 
 def _box_of(case: Case) -> Box:

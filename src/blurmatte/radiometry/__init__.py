@@ -11,6 +11,7 @@ from blurmatte.radiometry.color_space import light_of_hex as light_of_hex
 from blurmatte.radiometry.compression import Compression as Compression
 from blurmatte.radiometry.image import LinearImage as LinearImage
 from blurmatte.radiometry.image import Meta as Meta
+from blurmatte.radiometry.image import are_gray as are_gray
 from blurmatte.radiometry.image import check_picture as check_picture
 from blurmatte.radiometry.image import check_same_colors as check_same_colors
 from blurmatte.radiometry.image import decode as decode

@@ -6,6 +6,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import (
+    MAX_LIGHT,
     Bools,
     Floats,
     check_box,
@@ -97,7 +98,8 @@ class LinearImage:
     Raises
     ------
     TypeError, ValueError
-        For arrays of another dtype or shape, NaN and infinite values, negative variances.
+        For arrays of another dtype or shape, NaN and infinite values, light beyond a million times
+        white, negative variances.
     """
 
     rgb: Floats
@@ -113,7 +115,7 @@ class LinearImage:
         check_map("valid", self.valid, self.rgb.shape[:2], kinds="b")
         if not isinstance(self.noise, NoiseModel | None):
             check_map("noise", self.noise, self.rgb.shape)
-            check_finite("noise", self.noise)
+            check_finite("noise", self.noise, MAX_LIGHT**2)
             if np.min(self.noise) < 0:
                 raise ValueError(f"noise holds variances, got {np.min(self.noise):g}")
 
@@ -206,6 +208,26 @@ def check_picture(name: str, picture: object) -> None:
     """Raise TypeError unless it is a LinearImage."""
     hint = "use blurmatte.read(file) or blurmatte.LinearImage(array of linear light)"
     check_kind(name, picture, LinearImage, hint)
+
+
+def are_gray(image: LinearImage, plate: LinearImage) -> bool:
+    """True if a file has one channel, or red, green and blue are equal in both, up to rounding."""
+    pictures = image, plate
+    return any(p.meta.gray for p in pictures) or all(_equal_channels(p) for p in pictures)
+
+
+def _equal_channels(picture: LinearImage) -> bool:
+    """True if the channels differ by at most one code value, or the rounding of 16-bit floats."""
+    transfer, levels = picture.meta.transfer or LINEAR, picture.meta.levels
+    for rows in (slice(None, None, 64), slice(None)):  # most pictures need no more than some rows
+        light = picture.rgb[rows]
+        most = light.max(axis=-1)
+        tolerance = 1e-3 * np.abs(most)
+        if levels is not None:
+            tolerance += 1.01 * np.abs(transfer.slope(most)) / (levels - 1)
+        if np.any(most - light.min(axis=-1) > tolerance):
+            return False
+    return True
 
 
 def check_same_colors(first: str, a: LinearImage, second: str, b: LinearImage) -> None:

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Floats, check_kind
+from blurmatte.checks import MAX_LIGHT, Floats, check_kind
 from blurmatte.radiometry.transfer import Transfer
 
 PerChannel = tuple[float, float, float]
@@ -35,7 +35,7 @@ class NoiseModel:
     Raises
     ------
     ValueError
-        If a number is negative, infinite or NaN.
+        If a number is negative, NaN, or above a million.
     """
 
     gain: PerChannel | float = (0.0, 0.0, 0.0)
@@ -45,8 +45,10 @@ class NoiseModel:
     def __post_init__(self) -> None:
         for name in ("gain", "read_std", "relative_std"):
             value = np.broadcast_to(np.asarray(getattr(self, name), dtype=float), (3,))
-            if not np.all(np.isfinite(value) & (value >= 0)):
-                raise ValueError(f"{name} must be finite and not negative, got {value.tolist()}")
+            if not np.all((value >= 0) & (value <= MAX_LIGHT)):
+                raise ValueError(
+                    f"{name} must lie between 0 and {MAX_LIGHT:g} (1 is white), got {value.tolist()}"
+                )
             object.__setattr__(self, name, tuple(value.tolist()))
 
     def __repr__(self) -> str:

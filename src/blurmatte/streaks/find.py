@@ -42,7 +42,7 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
         width, height = image.size
         raise PlateError(f"the picture is {width}x{height} pixels; it must be 16x16 or more")
     if not (image.valid & plate.valid).any():
-        raise PlateError("image and plate have no unclipped pixel in common; expose shorter")
+        raise _nothing_usable(image, plate)
     image, plate = with_noise(image, plate)
     cell = int(np.ceil(np.sqrt(image.valid.size / StreakSettings.max_cells)))
     T = evidence(image, plate, cell)
@@ -55,6 +55,16 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
             mask = _to_pixels(part, place, cell, image.valid.shape)
             streaks.append(Streak(mask, evidence=float(T[place][part].sum()), cell=cell))
     return sorted(streaks, key=lambda streak: -streak.evidence)
+
+
+def _nothing_usable(image: LinearImage, plate: LinearImage) -> PlateError:
+    """The error for pictures without a valid pixel in common: transparent, or clipped."""
+    for name, picture in (("the image", image), ("the plate", plate)):
+        if not picture.valid.any() and not picture.clipped.any(axis=-1).all():
+            return PlateError(
+                f"{name} has no opaque pixel: its alpha is below 1 everywhere; export it without alpha"
+            )
+    return PlateError("image and plate have no unclipped pixel in common; expose shorter")
 
 
 def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
