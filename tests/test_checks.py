@@ -19,7 +19,8 @@ def test_valid_values_pass():
     check_map("alpha", np.zeros((2, 3)), (2, 3))
     check_map("valid", np.zeros((2, 3), bool), (2, 3), kinds="b")
     check_map("quality", np.zeros((2, 3), np.uint8), (2, 3), kinds="u")
-    check_finite("rgb", np.array([-1e30, 1e30]))
+    check_finite("rgb", np.array([-1e6, 1e6]))
+    check_finite("noise", np.array([0, 1e12]), limit=1e12)
     check_same_size("image", (3, 2), "plate", (3, 2))
     check_kind("number", 3, int | None, "such as 3")
     check_kind("number", None, int | None, "such as 3")
@@ -73,6 +74,12 @@ def test_rejects_arrays_that_are_no_points():
 def test_rejects_values_that_are_not_finite(bad):
     with pytest.raises(ValueError, match="rgb must be finite"):
         check_finite("rgb", np.array([0, bad, 1]))
+
+
+@pytest.mark.parametrize("value", [1.01e6, -1e38])
+def test_light_beyond_what_32_bits_can_square_is_rejected(value):
+    with pytest.raises(ValueError, match=r"rgb must not exceed 1e\+06 \(1 is white\)"):
+        check_finite("rgb", np.array([0, value, 1]))
 
 
 def test_rejects_different_sizes():

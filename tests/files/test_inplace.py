@@ -320,6 +320,22 @@ def test_chunks_of_a_png_are_kept(tmp_path, make_png):
     assert np.array_equal(pillow_codes(tmp_path / "n.png"), codes)
 
 
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_exif_behind_the_pixels_does_not_turn_a_png(tmp_path, make_png, extension):
+    png = make_png(
+        scene(), {b"sRGB": b"\0", b"eXIf": camera_exif(6).tobytes().removeprefix(b"Exif\0\0")}
+    )
+    at, pixels = png.index(b"eXIf") - 4, png.index(b"IDAT") - 4
+    source, target = tmp_path / "a.png", tmp_path / f"b.{extension}"
+    source.write_bytes(png[:at] + png[pixels:-12] + png[at:pixels] + png[-12:])
+    image = read(source)
+    write_changed(target, source, image, np.zeros(image.valid.shape, bool))
+    assert read(target).size == image.size == SIZE
+    if extension == "png":
+        written = target.read_bytes()
+        assert written.index(b"sRGB") < written.index(b"IDAT") < written.index(b"eXIf")
+
+
 @pytest.mark.parametrize("target", EXTENSIONS)
 @pytest.mark.parametrize("source", EXTENSIONS)
 def test_declaration_of_srgb_is_kept_in_every_format(tmp_path, make_png, source, target):

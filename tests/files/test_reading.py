@@ -10,7 +10,7 @@ from PIL import Image, ImageOps
 
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
-from blurmatte.files.raster import as_stored
+from blurmatte.files.raster import as_stored, save_pixels
 from blurmatte.jpeg import jpeg_bytes, read_jpeg
 from blurmatte.radiometry import SRGB
 
@@ -257,3 +257,11 @@ def test_a_jpeg_of_the_coarsest_steps_is_read(tmp_path, ramp):
     image = read(tmp_path / "a.jpg", SRGB)
     assert image.size == (ramp.shape[1], ramp.shape[0])
     assert image.meta.compression is None
+
+
+def test_light_beyond_a_million_is_counted(tmp_path):
+    light = np.full((8, 8, 3), 0.5, np.float32)
+    light[2, 3], light[4, 5, 0] = 1e38, -2e6
+    save_pixels(tmp_path / "a.exr", [light], "RGB", {})
+    with pytest.raises(FileError, match=r"2 of 64 pixels are NaN, infinite, or beyond 1e\+06"):
+        read(tmp_path / "a.exr")

@@ -261,3 +261,9 @@ def test_the_same_every_time():
 def test_numbers_must_be_positive(name, value):
     with pytest.raises(ValueError, match=f"{name} must be positive"):
         Smooth(**{name: value})
+
+
+@pytest.mark.parametrize("value", [1e-320, 1e-7, 1e7, np.inf])
+def test_strength_has_a_range(value):
+    with pytest.raises(ValueError, match=r"strength must lie between 1e-06 and 1e\+06"):
+        Smooth(strength=value)

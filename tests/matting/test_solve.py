@@ -11,7 +11,13 @@ from numpy.testing import assert_allclose, assert_array_equal
 from blurmatte.background import Matching, make_plate
 from blurmatte.calibration import with_noise
 from blurmatte.color import ColorModel
-from blurmatte.errors import ColorModelError, MotionError, PlateError, PlateWarning
+from blurmatte.errors import (
+    BlurmatteError,
+    ColorModelError,
+    MotionError,
+    PlateError,
+    PlateWarning,
+)
 from blurmatte.files import read, read_frames
 from blurmatte.matting import Grade, PixelMaps, Pixelwise, Quality, Swept, solve
 from blurmatte.matting.plate_check import _looks_swapped
@@ -511,6 +517,28 @@ def test_rejects_gray_pictures(paint):
     gray = LinearImage(paint.plate.rgb, meta=Meta("wall.png", gray=True))
     with pytest.raises(ColorModelError, match=r"wall\.png is gray: alpha is estimated from color"):
         solve(paint.image, gray)
+
+
+def test_gray_pictures_of_three_channels(paint):
+    gray = [LinearImage(p.rgb[..., [1, 1, 1]], valid=p.valid) for p in (paint.image, paint.plate)]
+    with pytest.raises(ColorModelError, match="is gray: alpha is estimated from color"):
+        solve(*gray)
+
+
+def test_numbers_that_overflow_are_no_answer(paint):
+    """The light of a pixel and its noise, both near their limits."""
+    light = paint.plate.rgb.copy()
+    light[5, 5] = 1e6
+    noise = NoiseModel(relative_std=1e6)
+    pictures = (
+        replace(p, rgb=np.where(light == 1e6, light, p.rgb), noise=noise)
+        for p in (paint.image, paint.plate)
+    )
+    box = Streak(np.ones(paint.image.valid.shape, bool))
+    with pytest.raises(
+        BlurmatteError, match="numbers of alpha and color are undefined: light up to 1e"
+    ):
+        solve(*pictures, ColorModel.from_hex("#ffc032"), Pixelwise(), streak=box)
 
 
 @pytest.mark.parametrize("model", [None, ColorModel.any()])

@@ -6,7 +6,16 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
-from blurmatte.radiometry import LINEAR, SRGB, Compression, LinearImage, Meta, NoiseModel, decode
+from blurmatte.radiometry import (
+    LINEAR,
+    SRGB,
+    Compression,
+    LinearImage,
+    Meta,
+    NoiseModel,
+    are_gray,
+    decode,
+)
 
 NOISE = NoiseModel(gain=1e-3, read_std=0.01)
 
@@ -115,3 +124,30 @@ def test_crop_moves_the_origin_of_the_compression(rgb):
     part = image.crop((2, 1, 6, 4)).crop((1, 1, 3, 2))
     assert part.meta.compression == replace(meta.compression, origin=(4, 2))
     assert image.meta.compression.origin == (1, 0)
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+def test_equal_channels_in_both_pictures_are_gray(dtype):
+    codes = np.random.default_rng(0).integers(1, np.iinfo(dtype).max, (130, 7, 1)).astype(dtype)
+    gray = decode(np.repeat(codes, 3, axis=2), SRGB)
+    colored = np.repeat(codes, 3, axis=2)
+    colored[77, 3, 2] -= 1  # one code value in one pixel
+    assert are_gray(gray, gray)
+    assert not are_gray(gray, decode(colored, SRGB))
+    assert are_gray(decode(colored, SRGB), replace(gray, meta=Meta(gray=True)))
+
+
+def test_floats_are_gray_up_to_16_bits(rgb):
+    gray = rgb[..., :1] * [1, 1.0004, 1]
+    assert are_gray(LinearImage(gray), LinearImage(gray))
+    assert not are_gray(LinearImage(gray * [1, 1, 1.01]), LinearImage(gray))
+
+
+def test_light_and_noise_beyond_a_million_are_rejected(rgb):
+    with pytest.raises(ValueError, match="rgb must not exceed"):
+        LinearImage(rgb * 1e7)
+    for name in ("gain", "read_std", "relative_std"):
+        with pytest.raises(ValueError, match=f"{name} must lie between 0 and"):
+            NoiseModel(**{name: 2.0**63})
+        with pytest.raises(ValueError, match=f"{name} must lie between 0 and"):
+            NoiseModel(**{name: float("nan")})

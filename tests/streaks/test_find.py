@@ -1,5 +1,7 @@
 """find_streaks: finds faint moving objects, and nothing in noise and compressed files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -266,3 +268,12 @@ def test_merge_across_occluder_joins_parts_on_both_sides():
     assert [s.box for s in merge_across_occluder(parts, np.zeros_like(occluder))] == [
         s.box for s in parts
     ]
+
+
+def test_pictures_without_an_opaque_pixel_are_named(paint):
+    image, plate = paint.image, paint.plate
+    transparent = replace(image, valid=np.zeros_like(image.valid))
+    with pytest.raises(PlateError, match="the image has no opaque pixel: its alpha is below 1"):
+        find_streaks(transparent, plate)
+    with pytest.raises(PlateError, match="the plate has no opaque pixel"):
+        find_streaks(image, replace(plate, valid=np.zeros_like(plate.valid)))

@@ -25,6 +25,7 @@ _PASSES: tuple[tuple[Pass, ...], ...] = (  # by interlace method: none, Adam7
     ),
 )
 _LENGTHS = {b"IHDR": 13, b"gAMA": 4, b"cHRM": 32, b"sRGB": 1, b"cICP": 4}
+_MAX_TEXT_BYTES = 1 << 24  # of all text and the profile, inflated; libpng reads more very slowly
 _PIECE = 1 << 16  # bytes inflated at a time
 
 
@@ -74,8 +75,15 @@ def inspect_png(path: Path) -> PngHeader:
         If it is truncated or damaged.
     """
     chunks: dict[bytes, bytes] = {}
+    inflatable = _MAX_TEXT_BYTES
     for kind, data in _chunks(path, path.read_bytes()):
         _check_chunk(path, kind, len(data))
+        inflatable -= _inflated_text(kind, bytes(data), inflatable)
+        if inflatable < 0:
+            raise FileError(
+                f"{path}: export it again without text and profile; those of the PNG inflate to more "
+                f"than {_MAX_TEXT_BYTES >> 20} MiB"
+            )
         if b"IDAT" not in chunks:  # later chunks do not count for the pixels
             chunks.setdefault(kind, bytes(data) if kind != b"IDAT" else b"")
     if len(chunks.get(b"IHDR", b"")) != 13 or b"IDAT" not in chunks:
@@ -141,6 +149,18 @@ def _check_chunk(path: Path, kind: bytes, length: int) -> None:
             f"{path}: export it again; the PNG is damaged: its {name} chunk has {length} bytes instead "
             f"of {_LENGTHS[kind]}"
         )
+
+
+def _inflated_text(kind: bytes, data: bytes, limit: int) -> int:
+    """Bytes of a compressed text or profile, up to one more than `limit`; 0 if it is invalid."""
+    if kind not in (b"zTXt", b"iTXt", b"iCCP"):
+        return 0
+    parts = data.split(b"\0", 1)[-1]
+    body = parts[1:] if kind != b"iTXt" else parts[2:].split(b"\0", 2)[-1] * (parts[:1] == b"\1")
+    try:
+        return len(zlib.decompressobj().decompress(body, limit + 1))
+    except zlib.error:
+        return 0
 
 
 def _inflated_bytes(width: int, height: int, bits: int, passes: Iterable[Pass]) -> int:

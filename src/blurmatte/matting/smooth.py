@@ -121,13 +121,14 @@ class Smooth:
     max_alpha_std: float = 0.3
 
     def __post_init__(self) -> None:
+        for name in ("strength", "max_alpha_std"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be positive, got {getattr(self, name)}")
         if not 1 / MAX_STRENGTH <= self.strength <= MAX_STRENGTH:
             raise ValueError(
                 f"strength must lie between {1 / MAX_STRENGTH:g} and {MAX_STRENGTH:g}, "
                 f"got {self.strength:g}"
             )
-        if not self.max_alpha_std > 0:
-            raise ValueError(f"max_alpha_std must be positive, got {self.max_alpha_std}")
 
     def __call__(
         self,

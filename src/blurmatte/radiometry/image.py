@@ -217,14 +217,13 @@ def are_gray(image: LinearImage, plate: LinearImage) -> bool:
 
 
 def _equal_channels(picture: LinearImage) -> bool:
-    """True if the channels differ by at most one code value, or the rounding of 16-bit floats."""
+    """True if the channels are equal, up to the rounding of 16-bit floats."""
     transfer, levels = picture.meta.transfer or LINEAR, picture.meta.levels
     for rows in (slice(None, None, 64), slice(None)):  # most pictures need no more than some rows
         light = picture.rgb[rows]
         most = light.max(axis=-1)
-        tolerance = 1e-3 * np.abs(most)
-        if levels is not None:
-            tolerance += 1.01 * np.abs(transfer.slope(most)) / (levels - 1)
+        relative, step = (1e-3, 0.0) if levels is None else (1e-6, 1 / (levels - 1))
+        tolerance = relative * np.abs(most) + 0.5 * step * np.abs(transfer.slope(most))
         if np.any(most - light.min(axis=-1) > tolerance):
             return False
     return True
