@@ -531,7 +531,7 @@ def test_numbers_that_overflow_are_no_answer(paint):
     light[5, 5] = 1e6
     noise = NoiseModel(relative_std=1e6)
     pictures = (
-        replace(p, rgb=np.where(light == 1e6, light, p.rgb), noise=noise)
+        replace(p, rgb=np.where(light == 1e6, light, p.rgb).astype(np.float32), noise=noise)
         for p in (paint.image, paint.plate)
     )
     box = Streak(np.ones(paint.image.valid.shape, bool))
