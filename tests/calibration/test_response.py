@@ -250,7 +250,7 @@ def test_rejects_decoded_pictures_and_profiles():
         bm.fit_response([srgb, flat(0.5, 2)])
     profiled = replace(first.meta, icc_profile=b"of wide primaries")
     mixed = replace(first, rgb=first.rgb @ np.full((3, 3), 1 / 3, np.float32), meta=profiled)
-    with pytest.raises(bm.ResponseError, match="its color profile has other primaries"):
+    with pytest.raises(bm.ResponseError, match="its color profile or tags state other primaries"):
         bm.fit_response([mixed, flat(0.5, 2)])
     with pytest.raises(ValueError, match="time_std must lie between 0 and 1"):
         bm.fit_response([first, flat(0.5, 2)], time_std=-1)

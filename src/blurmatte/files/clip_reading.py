@@ -28,6 +28,7 @@ from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
 from blurmatte.files.errors import check_exists, check_size
 from blurmatte.files.icc import Matrix, Profile
+from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame
 from blurmatte.radiometry.image import LinearImage, Meta
@@ -37,16 +38,6 @@ _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode 
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
 _FRAMES_WORTH_SEEKING = 25  # fewer are decoded faster than the times of all packets are read
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
-
-# x, y of red, green and blue; 5 is for 625 lines, 6 for 525 lines.
-_PRIMARIES = {
-    1: ((0.640, 0.330), (0.300, 0.600), (0.150, 0.060)),
-    5: ((0.640, 0.330), (0.290, 0.600), (0.150, 0.060)),
-    6: ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070)),
-    7: ((0.630, 0.340), (0.310, 0.595), (0.155, 0.070)),
-    9: ((0.708, 0.292), (0.170, 0.797), (0.131, 0.046)),
-    12: ((0.680, 0.320), (0.265, 0.690), (0.150, 0.060)),
-}
 
 
 @dataclass(frozen=True)
@@ -480,20 +471,12 @@ def _matrix(path: Path, frame: Any) -> Matrix | None:
     stated = int(frame.color_primaries)
     if stated in (0, H273.BT709, H273.UNSPECIFIED):
         return None
-    if stated not in _PRIMARIES:
+    if stated not in CICP_PRIMARIES:
         raise FileError(
             f"{path}: convert the clip to BT.709; its primaries (number {stated} of H.273) "
             "are not supported"
         )
-    to_709 = np.linalg.solve(_to_xyz(_PRIMARIES[H273.BT709]), _to_xyz(_PRIMARIES[stated]))
-    return np.asarray(to_709, dtype=np.float64)
-
-
-def _to_xyz(primaries: Any) -> Matrix:
-    """(3, 3) matrix from linear RGB, with white D65, to CIE XYZ (SMPTE RP 177)."""
-    white = (0.3127, 0.3290)
-    xyz = np.array([(x / y, 1, (1 - x - y) / y) for x, y in (*primaries, white)]).T
-    return np.asarray(xyz[:, :3] * np.linalg.solve(xyz[:, :3], xyz[:, 3]), dtype=np.float64)
+    return matrix_to_srgb(CICP_PRIMARIES[stated])
 
 
 def video_library(path: Path) -> Any:
