@@ -202,6 +202,7 @@ def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: 
         "transfer": meta.transfer.name if meta.transfer else "linear",
         "transfer_from": source,
         "color_space": meta.color_space,
+        "converted": meta.converted,
         "white_balance": meta.white_balance,
         "camera": meta.camera,
         "exposure_time": meta.exposure_time,
@@ -234,7 +235,8 @@ def _header(path: Path, about: Mapping[str, Any]) -> Iterator[str]:
     colors = "gray" if about["gray"] else "RGB"
     yield f"{path}: {about['format']}, {by(about['size'])} pixels, {bits} {colors}{what}"
     yield f"transfer: {about['transfer']} ({about['transfer_from']})"
-    yield f"colors: {_colors(about['color_space'], about['white_balance'])}"
+    converted = ", converted from those of the file" if about["converted"] else ""
+    yield f"colors: {_colors(about['color_space'], about['white_balance'])}{converted}"
     if about["camera"]:
         yield f"camera: {about['camera']}"
     time = about["exposure_time"]

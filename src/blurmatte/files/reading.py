@@ -183,6 +183,7 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         icc_profile=icc_profile(raster),
         gray=raster.gray,
         color_space="sRGB",
+        converted=encoding is not None and encoding.matrix is not None,
         compression=_compression(raster, encoding),
     )
 

@@ -43,6 +43,8 @@ class Meta:
     color_space : str or None
         Primaries of the light: "sRGB"; "camera", those of the sensor, as in camera RAW; None if
         unknown.
+    converted : bool
+        True if the file states other primaries than those of `color_space`.
     camera : str
         Model of the camera; "" if unknown.
     white_balance : three floats or None
@@ -63,6 +65,7 @@ class Meta:
     icc_profile: bytes | None = field(default=None, repr=False)
     gray: bool = False
     color_space: str | None = None
+    converted: bool = False
     camera: str = ""
     white_balance: tuple[float, float, float] | None = None
     to_srgb: Matrix3 | None = field(default=None, repr=False)
