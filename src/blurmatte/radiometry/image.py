@@ -216,7 +216,10 @@ def check_picture(name: str, picture: object) -> None:
 def are_gray(image: LinearImage, plate: LinearImage) -> bool:
     """True if a file has one channel, or red, green and blue are equal in both, up to rounding."""
     pictures = image, plate
-    return any(p.meta.gray for p in pictures) or all(_equal_channels(p) for p in pictures)
+    if any(p.meta.gray for p in pictures):
+        return True
+    flat = all(np.ptp(p.rgb) == 0 for p in pictures)  # for these there are better messages
+    return not flat and all(_equal_channels(p) for p in pictures)
 
 
 def _equal_channels(picture: LinearImage) -> bool:
