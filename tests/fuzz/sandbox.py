@@ -80,7 +80,7 @@ class Sandbox:
             _fault_of_text(answer),
             "" if _fingerprint(self.seeds) == self._before else "an input was changed",
             self._changed(case, file),
-            _fault_of_results(out) if answer["code"] == 0 else "",
+            fault_of_results(out) if answer["code"] == 0 else "",
         )
         return next(filter(None, faults), "")
 
@@ -157,7 +157,7 @@ def _fault_of_text(answer: dict) -> str:
     return ""
 
 
-def _fault_of_results(out: Path) -> str:
+def fault_of_results(out: Path) -> str:
     """NaN in what was written, and files that were left behind."""
     for path in sorted(path for path in out.rglob("*") if path.is_file()):
         if path.name.startswith(".blurmatte") or path.name == JOURNAL:
@@ -168,7 +168,9 @@ def _fault_of_results(out: Path) -> str:
                 return f"{path.name} holds {found[0]}"
         if path.suffix == ".exr":
             file = oiio.ImageInput.open(str(path))
-            if file is None or np.isnan(file.read_image("float")).any():
+            if file is None:
+                return f"{path.name} cannot be read: {oiio.geterror()}"
+            if np.isnan(file.read_image("float")).any():
                 return f"{path.name} holds NaN"
             file.close()
     return ""

@@ -1,13 +1,16 @@
 """Commands on damaged files end with an answer or a refusal: no traceback, hang, or changed input."""
 
+import numpy as np
 import pytest
 from hypothesis import HealthCheck, Phase, given, settings
 from tests.fuzz.cases import cases
 from tests.fuzz.commands import COMMANDS
 from tests.fuzz.fuzzing import fuzz
 from tests.fuzz.mutations import with_sums
-from tests.fuzz.sandbox import Case, Sandbox
+from tests.fuzz.sandbox import Case, Sandbox, fault_of_results
 from tests.fuzz.seeds import make_seeds
+
+from blurmatte.files.raster import save_pixels
 
 QUICK = 120  # damaged files of every run of the tests
 LONG = 10_000
@@ -68,6 +71,31 @@ def test_many_damaged_files_are_read_or_refused():
 def test_answers_and_refusals_are_no_fault(sandbox, seed, command, content, says):
     """exact."""
     assert sandbox.fault(Case(seed, command, content)) == says
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "says"),
+    [
+        ("a.csv", b"x,y\n1,nan\n", "a.csv holds nan"),
+        ("a.json", b'{"x": [1, -Infinity]}', "a.json holds -Infinity"),
+        ("a.json", b'{"nan": "inf", "information": 1}', ""),
+        (".blurmatte-1", b"", ".blurmatte-1 was left"),
+    ],
+)
+def test_results_that_are_a_fault(tmp_path, name, content, says):
+    """exact: NaN in tables, reports and pictures, and files that were left."""
+    (tmp_path / name).write_bytes(content)
+    assert fault_of_results(tmp_path) == says
+
+
+def test_nan_in_a_picture_is_a_fault(tmp_path):
+    """exact: one of its numbers."""
+    pixels = np.ones((4, 5, 3), np.float32)
+    save_pixels(tmp_path / "a.exr", [pixels], "RGB", {})
+    assert not fault_of_results(tmp_path)
+    pixels[2, 3, 1] = np.nan
+    save_pixels(tmp_path / "a.exr", [pixels], "RGB", {})
+    assert fault_of_results(tmp_path) == "a.exr holds NaN"
 
 
 def test_checksums_of_a_damaged_png_are_corrected(seeds):
