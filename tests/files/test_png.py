@@ -32,6 +32,15 @@ def test_chunks_are_refused_by_name(tmp_path, ramp, make_png, capfd, chunks, say
     assert capfd.readouterr() == ("", "")
 
 
+def test_second_header_is_damage(tmp_path, ramp, make_png, capfd):
+    """door: libpng would read the picture and print a complaint."""
+    path, png = tmp_path / "a.png", make_png(ramp)
+    path.write_bytes(png[:33] + png[8:])
+    with pytest.raises(FileError, match="second header"):
+        read(path, SRGB)
+    assert not capfd.readouterr().err
+
+
 def with_pixels(png, stream):
     """The PNG with other deflated pixels."""
     start = png.index(b"IDAT")

@@ -78,6 +78,8 @@ def inspect_png(path: Path) -> PngHeader:
     inflatable = _MAX_TEXT_BYTES
     for kind, data in _chunks(path, path.read_bytes()):
         _check_chunk(path, kind, len(data))
+        if kind == b"IHDR" and chunks:
+            raise damaged(path, "PNG", ["it has a second header"])
         inflatable -= _inflated_text(kind, bytes(data), inflatable)
         if inflatable < 0:
             raise FileError(
