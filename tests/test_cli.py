@@ -537,7 +537,7 @@ def _infinite(value):
         light = bm.read(here / "image.png").rgb.copy()
         light[3, 4, 1] = value
         OpenEXR.File({"type": OpenEXR.scanlineimage}, {"RGB": light}).write(str(path))
-        return "1 of 10240 pixels are NaN or infinite"
+        return "1 of 10240 pixels are NaN, infinite, or beyond"
 
     return forge
 

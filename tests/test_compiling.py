@@ -19,7 +19,8 @@ def answer(folder, **environment):
     """What a process prints that runs the kernel: its result, and hits of the cache."""
     command = [sys.executable, "-c", USE]
     path = os.pathsep.join([str(folder), *filter(None, sys.path)])
-    env = os.environ | {"PYTHONPATH": path, **environment}
+    inherited = {key: x for key, x in os.environ.items() if key != "NUMBA_CACHE_DIR"}
+    env = inherited | {"PYTHONPATH": path, **environment}
     return subprocess.run(command, env=env, capture_output=True, text=True)
 
 

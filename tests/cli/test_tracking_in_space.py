@@ -134,12 +134,15 @@ def test_refuses_camera_of_other_size(track, folder):
     [
         (
             (),
-            "--camera needs --radius or --diameter, the ball's true size; if nobody knows it, guess",
+            "--camera needs --radius or --diameter, the ball's true size; if it is unknown",
         ),
         (("--radius", "0"), "--radius must be above 0, got '0'"),
         (("--diameter", "-4cm"), "--diameter must be above 0, got '-4cm'"),
         (("--radius", "2cm", "--diameter", "4cm"), "give one of --radius, --diameter"),
-        (("--radius", "2cm", "--scale", "1mm"), "give the ball's true size alone"),
+        (
+            ("--radius", "2cm", "--scale", "1mm"),
+            "give --radius or --diameter with --camera",
+        ),
         (("--radius", "2cm", "--gravity", "0,9.81"), "like 0,9.81,0; got two numbers, '0,9.81'"),
         (("--radius", "2cm", "--gravity", "-9.81"), "--gravity must be above 0, or a vector"),
         (("--radius", "2cm", "--gravity", "0,0,0"), "--gravity must be above 0, or a vector"),

@@ -46,12 +46,10 @@ _LAYERS = "exr", "png", "tif", "mov"
 class MaybePlate:
     """The plate, and how it may be changed to match the image."""
 
-    plate: Annotated[
-        Path | None, option("FILE", "The same scene without the object; of a clip, else made.")
-    ] = None
-    match: Annotated[
-        str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.")
-    ] = "auto"
+    plate: Annotated[Path | None, option("FILE", "Without the object; of a clip, else made.")] = (
+        None
+    )
+    match: Annotated[str, option("MODE", "auto, none, exposure, shift or full.")] = "auto"
 
     def __post_init__(self) -> None:
         matching_of(self.match)

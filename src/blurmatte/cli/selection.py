@@ -28,7 +28,7 @@ FrameRange = Annotated[
 ]
 Region = Annotated[
     str | None,
-    option("X0,Y0,X1,Y1|FILE", "Where it moved: a box (X1, Y1 excluded) or a white mask.", OBJECT),
+    option("X0,Y0,X1,Y1|FILE", "Where it moved: a box, or a white mask.", OBJECT),
 ]
 Occluder = Annotated[
     Path | None, option("FILE", "A mask, white where something is in front.", OBJECT)
@@ -92,9 +92,9 @@ class Reading:
 class CameraReading(Reading):
     """How picture files of a camera with known noise are read."""
 
-    noise: Annotated[
-        Path | None, option("FILE.json", "The camera's, from calibrate noise; else measured.")
-    ] = None
+    noise: Annotated[Path | None, option("FILE.json", "From calibrate noise; else measured.")] = (
+        None
+    )
 
     @property
     def camera_noise(self) -> bm.NoiseModel | None:
@@ -129,7 +129,7 @@ class ColorOptions:
         list[str] | None,
         option(
             "HEX|X,Y[,R]|FILE|core",
-            "Its color: #d8ff3c, its pixels, a model; repeatable.",
+            "#d8ff3c, its pixels, a model; repeatable.",
             OBJECT,
         ),
     ] = None

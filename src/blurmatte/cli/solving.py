@@ -76,7 +76,7 @@ class _Task:
 )
 def solve(
     images: Annotated[
-        list[str], typer.Argument(metavar="IMAGE", help=f"Pictures with a streak: {ROWS}. A clip.")
+        list[str], typer.Argument(metavar="IMAGE", help=f"Pictures: {ROWS}. A clip.")
     ],
     plate: MaybePlate,
     out: OutFolder,
@@ -86,7 +86,7 @@ def solve(
     region: Region = None,
     occluder: Occluder = None,
     solver: Annotated[
-        str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded[:FILE].")
+        str, option("NAME[:VALUE]", "auto, swept, smooth[:F], pixelwise, shaded.")
     ] = "auto",
     require: Annotated[
         str | None, option("confirmed|plausible", "Exit code 3 if a grade is lower.")
@@ -95,9 +95,8 @@ def solve(
 ) -> None:
     """Separate the moving object in each IMAGE from its background.
 
-    Writes alpha.png, color.png, layer.exr, layer.png, model.json, overview.png and report.json; of
-    several images, each into a folder of its own. Of a clip, also shot.####.exr, layer.000123.exr of
-    each frame with the object, frames.csv, overview.png and report.json; what is done is not repeated.
+    Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
+    folder of its own. Of a clip: layer.000123.exr of each frame with the object, and frames.csv.
     """
     from blurmatte.results import RESULT_FILES
 

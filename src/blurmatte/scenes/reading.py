@@ -5,6 +5,7 @@ Colors are linear [r, g, b] or sRGB-coded "#rrggbb"; lengths are pixels, angles 
 """
 
 import inspect
+import math
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -47,7 +48,6 @@ from blurmatte.trajectory import Trajectory
 
 MAX_RENDERED_PIXELS = 25_000_000  # a renderer holds some 400 bytes for each
 MAX_COUNT = 10_000  # frames of a clip, pictures of a plate, points of a path
-MAX_NUMBER = 1e6  # pixels, degrees, light: larger than anything that can be seen
 MAX_BLUR = 200  # pixels, of lens, defocus and shadows
 
 Table = Mapping[str, Any]
@@ -298,7 +298,7 @@ def _check_range(name: str, value: Any) -> None:
     limits = dict.fromkeys(("count", "points", "plate_frames"), MAX_COUNT)
     limits |= dict.fromkeys(("blur", "defocus", "softness"), MAX_BLUR)
     key = name.rpartition(".")[2]
-    most = limits.get(key, MAX_NUMBER)
+    most = limits.get(key, math.inf)
     for number in value if isinstance(value, list) else [value]:
         if isinstance(number, list):
             _check_range(name, number)
