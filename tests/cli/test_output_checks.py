@@ -131,3 +131,12 @@ def test_refuses_absurd_scenes_before_rendering(old, new, said, tmp_path):
     assert (result.exit_code, result.stdout) == (2, "")
     assert said in line
     assert not (tmp_path / "o").exists()
+
+
+def test_a_named_scene_may_be_rendered_into_a_folder_of_its_name(tmp_path, monkeypatch):
+    """Door: what does not exist cannot be replaced; a second run writes the same folder."""
+    monkeypatch.chdir(tmp_path)
+    for _ in range(2):
+        result = CliRunner().invoke(app, ("render", "easy", "--out", "easy"))
+        assert (result.exit_code, result.stderr) == (0, "")
+    assert (tmp_path / "easy" / "image.png").exists()

@@ -85,7 +85,7 @@ def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[li
     read = [path for name in values.keys() - OUTPUTS for path in _named(values[name])]
     read += inputs
     there = [path for path in read if _is_file(path)]
-    token = _inputs.set({key: path for path in read for key in _identities(path)})
+    token = _inputs.set({key: path for path in there for key in _identities(path)})
     try:
         check_outputs(*(values.get(name) for name in OUTPUTS))
         yield [line for folder in {path.parent for path in there} for line in _incomplete(folder)]

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import numpy.typing as npt
+from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
@@ -182,10 +183,11 @@ def deblur(
         check_same_size("the sweep", motion.size, "the image", picture.size)
         check_same_size("the plate", behind.size, "the image", picture.size)
         views.append(View.of(*with_noise(picture, behind), motion))
-    lattice = _affordable(views)
-    state = refined(views, lattice) if refine else explained(views, lattice)
-    fit = fit_total_variation(state.equations, lattice, state.fit)
-    return _sharp([view.sweep for view in state.views], lattice, fit)
+    with threadpool_limits(1):  # blocks of a band are small: threads wait longer than they work
+        lattice = _affordable(views)
+        state = refined(views, lattice) if refine else explained(views, lattice)
+        fit = fit_total_variation(state.equations, lattice, state.fit)
+        return _sharp([view.sweep for view in state.views], lattice, fit)
 
 
 def _affordable(views: Sequence[View]) -> Lattice:

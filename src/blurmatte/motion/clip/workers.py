@@ -17,6 +17,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, TypeVar
 
+from threadpoolctl import threadpool_limits
+
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedSequence
 
@@ -238,6 +240,7 @@ def _begin() -> None:
     # An interrupt reaches all processes of a terminal. A worker that dies with a lock of the pool would
     # block the main process; the main process ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threadpool_limits(1)  # there are as many processes as cores
     threading.Thread(target=_end_with_parent, daemon=True).start()
 
 
