@@ -8,7 +8,7 @@ with the silhouette χ, its center cₜ and its map Lₜ at exposure fraction t.
 exact at every moment; only o is interpolated. To interpolate the product χ o instead would blur the rim
 and make alpha wrong by several percent. Rows of A sum to alpha.
 
-`Poses` are all that A knows of the motion: a body that turns in space would map each node by itself.
+`Poses` are all that A knows of the motion: a body that turns in space would map each node separately.
 """
 
 from dataclasses import dataclass

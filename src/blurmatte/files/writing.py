@@ -77,8 +77,8 @@ def write(
     (H, W, 3) uint8   .png .jpg, unchanged: code values of sRGB
     ================  ================================================================
 
-    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot. An EXR stores the
-    inverse conversion, and `read` applies it. The numbers of a Solution stay in camera colors.
+    Pictures and layers of a camera RAW are written as sRGB, white balanced as shot; an EXR stores the
+    inverse, which `read` applies. The numbers of a Solution stay in camera colors.
 
     Parameters
     ----------
@@ -95,8 +95,7 @@ def write(
         If the object cannot be written in any format.
     """
     target, writers = Path(path), _writers(thing)
-    extension = extension_of(target)
-    if extension not in writers:
+    if (extension := extension_of(target)) not in writers:
         formats = " or ".join(writers)
         raise FileError(f"{path}: change the extension; {_kind(thing)} is written as {formats}")
     with replacing(target, extension) as temporary:

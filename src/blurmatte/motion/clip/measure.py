@@ -146,8 +146,7 @@ def sightings(
     skip : int
         Number of frames that were done before.
     workers : int or Workers
-        Number of processes, or the processes; the results do not depend on it. Programs that use more
-        than one need the usual `if __name__ == "__main__":`.
+        Number of processes, or the processes; the results do not depend on it (see `Workers`).
 
     Yields
     ------
