@@ -68,7 +68,7 @@ def kind_of(path: Path) -> str:
     if path.suffix.lower() in _CLIPS:
         raise FileError(
             f"{path}: extract one frame of the clip, because one picture is needed; or use "
-            "blurmatte measure or blurmatte plate (read_frames), which read clips"
+            "blurmatte track or blurmatte solve (read_frames), which read clips"
         )
     if path.suffix.lower() not in EXTENSIONS and not named_raw:
         raise FileError(
