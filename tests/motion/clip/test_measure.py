@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.color import ColorModel
-from blurmatte.errors import MotionError
+from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.explain import explain
 from blurmatte.motion import (
     FrameMotion,
@@ -190,6 +190,15 @@ def test_errors_of_fall_match_scatter():
     assert np.std(z) == pytest.approx(1, abs=0.12)
     assert abs(np.mean(z)) < 0.15
     assert np.mean(chi2) == pytest.approx(1, abs=0.1)
+
+
+def test_rejects_gray_frames():
+    """Also those of three equal channels."""
+    light = [light_of(plain_plate(SIZE, (0.5, 0.5, 0.48), 4), k)[..., [1, 1, 1]] for k in range(3)]
+    plate, *frames = map(LinearImage, light)
+    for call in (lambda: measure_clip(frames, plate, MODEL), lambda: clip_color(frames, plate)):
+        with pytest.raises(ColorModelError, match="is gray"):
+            call()
 
 
 def test_rejects_arc_and_too_few_frames():

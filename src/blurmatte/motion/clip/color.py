@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from blurmatte.color.model import ColorModel
+from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared
@@ -64,8 +65,10 @@ def clip_color(
     Raises
     ------
     ColorModelError
-        If no frame determines it.
+        If no frame determines it, or the pictures are gray.
     """
+    if len(frames):
+        check_not_gray(frames[0], plate)
     scene = StaticScene.of(frames, plate)
     votes: list[Vote] = []
     with shared(workers) as processes:

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from blurmatte.background import Matching, make_plate
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.color.model import ColorModel
+from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
@@ -182,6 +183,7 @@ def _check_clip(
         raise ValueError("frames must be one or more, got none")
     check_picture("a frame", frames[0])
     check_same_size("a frame", frames[0].size, "plate", plate.size)
+    check_not_gray(frames[0], plate)
 
 
 @dataclass(frozen=True, eq=False)
