@@ -925,6 +925,16 @@ def test_scene_without_a_result_counts_as_a_miss(rendered, tmp_path):
     assert result.stdout.splitlines()[2].split()[:2] == ["two", "miss"]
 
 
+def test_scores_are_a_table(rendered, tmp_path):
+    """Exact: one row for each scene, with its name."""
+    truth, out = rendered / "scenes", tmp_path / "scores.csv"
+    (place, *_) = bm.find_scenes(truth)
+    result = run("score", place / "truth/layer.exr", "--truth", place, "--out", out)
+    assert result.exit_code == 0, result.stderr
+    names, values = (line.split(",") for line in out.read_text().splitlines())
+    assert (names[:2], values[:2]) == (["scene", "answered"], [place.name, "True"])
+
+
 def test_score_refuses_in_one_line(rendered, tmp_path):
     truth = ("--truth", rendered / "scenes" / "one")
     layer = bm.read_layer(rendered / "scenes" / "one" / "truth" / "layer.exr")

@@ -122,7 +122,8 @@ def score(
     else:
         say(bm.score_table(scores))
     if out is not None:
-        bm.write(out, numbers)
+        rows = [{"scene": name, **row} for name, row in numbers.items()]
+        bm.write(out, rows if out.suffix.lower() == ".csv" else numbers)
     if broken:
         raise typer.Exit(ExitCode.REFUSED)
 
