@@ -31,8 +31,6 @@ end = [34, 22]
     [
         (("solve", *SOLVE, "--out", "mine"), "mine: mine is a file; give the name of a folder"),
         (("solve", *SOLVE, "--out", "mine/x/y"), "mine/x/y: mine is a file"),
-        (("solve", "color.png", "--plate", "b.png", "--out", "."), "color.png: would be replaced"),
-        (("solve", "a.png", "--plate", "./r/layer.png", "--out", "r"), "would be replaced"),
         (("render", "easy", "--out", "mine"), "mine is a file"),
         (("color", *SOLVE, "--out", "c.txt"), "c.txt: a color model is written as .json"),
         (("color", *SOLVE, "--out", "folder.json"), "folder.json: is a folder"),
@@ -82,6 +80,8 @@ def test_refuses_output_before_reading(words, said, tmp_path, monkeypatch):
         (("edit", "f", "--fade", "1", "--out", "f/l.####.png"), "f/l.0001.png: would be replaced"),
         (("edit", "a.exr", "--fade", "2", "--out", "e.png", "--sheet", "e.png"), "written twice"),
         (("compose", "a.exr", "--over", "b.png", "--out", "b.png"), "b.png: would be replaced"),
+        (("solve", "color.png", "--plate", "b.png", "--out", "."), "color.png: would be replaced"),
+        (("solve", "a.png", "--plate", "./r/layer.png", "--out", "r"), "would be replaced"),
         (("render", "f/scene.toml", "--out", "f"), "f/scene.toml: would be replaced"),
         (("render", "f/scene.toml", "--out", "g"), "g/plate.png: would be replaced"),
         (("score", "f", "--truth", "t", "--out", "t/truth/path.json"), "and it is read"),
@@ -93,7 +93,8 @@ def test_refuses_output_before_reading(words, said, tmp_path, monkeypatch):
 def test_refuses_output_that_is_read(words, said, tmp_path, monkeypatch):
     """Door: also by links, in folders and rows; and inputs that are endless."""
     monkeypatch.chdir(tmp_path)
-    for name in ("n.json", "f/p_overview.png", "f/l.0001.png", "g/plate.png", "t/truth/path.json"):
+    names = "n.json", "f/p_overview.png", "f/l.0001.png", "g/plate.png", "t/truth/path.json"
+    for name in (*names, "b.png", "color.png", "r/layer.png"):
         (tmp_path / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / name).write_text("mine")
     bm.write(tmp_path / "g/plate.png", bm.LinearImage(np.full((36, 48, 3), 0.5)))
