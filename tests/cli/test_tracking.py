@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -158,6 +159,24 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     assert skipped == [first_new]
     assert out.read_bytes() == whole
     assert not begun.exists()
+
+
+@pytest.mark.parametrize(
+    ("key", "value"), [("xy_covariance", "2.0"), ("x", '"3"'), ("x_std", "-1"), ("moved", "[[]]")]
+)
+def test_impossible_values_of_a_journal_are_damage(track, tmp_path, monkeypatch, key, value):
+    """Exact: the frame of such a line, and those after it, are measured again."""
+    out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
+    with monkeypatch.context() as patch:
+        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
+        track("--out", out)
+    whole, lines = out.read_text(), begun.read_text().splitlines(keepends=True)
+    out.unlink()
+    lines[2], count = re.subn(f'"{key}": [^,]*', f'"{key}": {value}', lines[2], count=1)
+    assert count == 1
+    begun.write_text("".join(lines))
+    assert track("--out", out, "--resume").exit_code == 0
+    assert out.read_text() == whole
 
 
 def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, monkeypatch):

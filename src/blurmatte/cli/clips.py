@@ -217,11 +217,10 @@ def _journal(task: ClipTask) -> _Journal:
         for line in lines:
             if not line.endswith(b"\n"):
                 break
-            saved = json.loads(line)
             if heads:
-                frames.append(_frame(saved))
+                frames.append(_frame(line.decode()))
             else:
-                heads.append(saved)
+                heads.append(json.loads(line))
             size += len(line)
     if not frames:
         return _Journal()  # it holds nothing to continue with
@@ -232,9 +231,15 @@ def _journal(task: ClipTask) -> _Journal:
     return _Journal(frames, size)
 
 
-def _frame(saved: dict[str, Any]) -> bm.FrameSightings:
-    found = tuple(bm.Sighting(**one) for one in saved.pop("found"))
-    return bm.FrameSightings(found=found, **saved)
+def _frame(line: str) -> bm.FrameSightings:
+    """A frame of a journal; ValueError for another content."""
+    from blurmatte.files.documents import parse_json
+
+    frame: bm.FrameSightings = parse_json(line, bm.FrameSightings)
+    for one in frame.found:
+        if not abs(one.xy_covariance) <= 1.001 * one.x_std * one.y_std:
+            raise ValueError("a covariance must not exceed the standard deviations")
+    return frame
 
 
 def _kept(
