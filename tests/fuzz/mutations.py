@@ -69,7 +69,7 @@ def damaged(content: bytes, is_text: bool) -> st.SearchStrategy[bytes]:
 
 
 def with_sums(png: bytes) -> bytes:
-    """A PNG whose checksums agree with its chunks, as far as these can be read."""
+    """A PNG with the correct checksum of each chunk, up to the first one that cannot be read."""
     at, parts = len(_PNG), [_PNG]
     while at + 12 <= len(png):
         (length,) = struct.unpack(">I", png[at : at + 4])
