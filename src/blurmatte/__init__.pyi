@@ -102,6 +102,7 @@ from blurmatte.motion import measure_rotation as measure_rotation
 from blurmatte.motion import places_in_space as places_in_space
 from blurmatte.motion import sightings as sightings
 from blurmatte.motion import solve_clip as solve_clip
+from blurmatte.figures import ClipPhysics as ClipPhysics
 from blurmatte.figures import draw_clip as draw_clip
 from blurmatte.figures import draw_edit as draw_edit
 from blurmatte.figures import draw_exposures as draw_exposures

@@ -1,13 +1,15 @@
 """draw_clip: each of several objects has a color; one object has the default color."""
 
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from blurmatte.figures import draw_clip
+from blurmatte.figures import ClipPhysics, draw_clip
+from blurmatte.figures.clip import charts_of
 from blurmatte.figures.drawing import Palette
-from blurmatte.motion import BallPlace, FrameMotion, Sighting
+from blurmatte.motion import BallPlace, FrameMotion, Scale, Sighting
 from blurmatte.radiometry import LinearImage
 
 PLATE = LinearImage(np.full((90, 120, 3), 0.05))
@@ -25,7 +27,7 @@ def row(k, number, y, doubts=""):
 
 def rows_with(sheet, color):
     """Rows of the picture that contain a color, without the charts below."""
-    return np.flatnonzero((sheet[:850] == color).all(axis=-1).any(axis=1))
+    return np.flatnonzero((sheet[:1300] == color).all(axis=-1).any(axis=1))
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -42,15 +44,15 @@ def test_objects_have_different_colors(count):
 
 
 def test_doubted_frames_are_dashed():
-    """Exact: doubtful frames have neither bright lines nor ellipses."""
+    """Exact: doubtful frames have neither bright lines nor crosses."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))
     bright = [
-        np.sum((draw_clip(PLATE, way)[100:850] == Palette.bright).all(axis=-1))
+        np.sum((draw_clip(PLATE, way)[100:1300] == Palette.bright).all(axis=-1))
         for way in (sure, doubted)
     ]
-    ellipses = [len(rows_with(draw_clip(PLATE, way), Palette.streak)) for way in (sure, doubted)]
+    crosses = [len(rows_with(draw_clip(PLATE, way), Palette.streak)) for way in (sure, doubted)]
     assert bright[0] > 300 > bright[1] == 0
-    assert ellipses[0] > ellipses[1] == 0
+    assert crosses[0] > crosses[1] == 0
     one = draw_clip(PLATE, [*sure[:2], doubted[2], *sure[3:]])
     assert len(rows_with(one, Palette.other)) > 0
 
@@ -60,23 +62,49 @@ def test_clip_without_detections_is_drawn():
     assert draw_clip(PLATE, [FrameMotion(0, None, None, reason="nothing moved")]).shape[1] == 1800
 
 
+def labels(rows, physics):
+    """Labels of the charts."""
+    return [chart.label for chart in charts_of(rows, physics).charts]
+
+
 def test_places_in_space_have_a_chart_of_depth():
-    """Exact: three charts instead of two, also if positions or speeds are missing."""
+    """Exact: the charts are drawn too if positions or speeds are missing."""
     rows, V = [row(k, 1, 45.0) for k in range(5)], 1e-4 * np.eye(3)
     there = [BallPlace(k, k / 30, 1, np.array([0, 0, 2 + 0.1 * k]), V, V, 0.01) for k in range(4)]
     moving = [replace(ball, velocity=np.ones(3), velocity_covariance=V) for ball in there]
-    sheets = [
-        draw_clip(PLATE, rows, (), places) for places in (None, [*there, None], [*moving, None])
+    known = [ClipPhysics(places=[*places, None]) for places in (there, moving)]
+    space = ["x, m", "height, m", "depth, m", "speed in space, m/s", "radius, px"]
+    assert [labels(rows, physics) for physics in known] == [space, space]
+    sheets = [draw_clip(PLATE, rows, (), physics) for physics in known]
+    assert not np.array_equal(*sheets)
+
+
+def test_scale_gives_charts_in_meters():
+    """Exact: lengths from the first place, heights upwards; pixels if an object has no scale."""
+    rows = [row(k, 1, 45.0 + k) for k in range(5)]
+    charts = charts_of(rows, ClipPhysics({1: Scale(0.02)})).charts
+    assert [chart.label for chart in charts[:2]] == ["x, m", "height, m"]
+    assert [chart.value(4) for chart in charts[:2]] == [
+        (pytest.approx(4 * 15 * 0.02), pytest.approx(0.002)),
+        (pytest.approx(-4 * 0.02), pytest.approx(0.002)),
     ]
-    assert {sheet.shape for sheet in sheets} == {sheets[0].shape}
-    frames = [charts_in(sheet) for sheet in sheets]
-    assert frames == [2, 3, 3]
-    assert not np.array_equal(sheets[1], sheets[2])
+    pixels = ["x, px", "y, px", "speed, px per exposure", "radius, px"]
+    assert labels(rows, ClipPhysics({2: Scale(0.02)})) == pixels
 
 
-def charts_in(sheet):
-    """Number of charts below the picture, counted as pairs of dark lines."""
-    white = (sheet == 255).all(axis=-1).sum(axis=1) > 900
-    chart = sheet[np.flatnonzero(white)[len(np.flatnonzero(white)) // 5 :]]
-    dark = (chart < 30).all(axis=-1).mean(axis=0) > 0.6
-    return int(np.sum(np.diff(dark.astype(int)) == 1)) // 2
+def test_scale_bar_has_its_length():
+    """Exact: at 0.02 m per pixel a bar of 0.5 m is 25 px of the plate long."""
+    rows = [row(k, 1, 20.0) for k in range(5)]
+    plain, scaled = (draw_clip(PLATE, rows, (), ClipPhysics(s)) for s in ({}, {1: Scale(0.02)}))
+    bar = (scaled == Palette.bright).all(axis=-1) & ~(plain == Palette.bright).all(axis=-1)
+    per_pixel = (1800 - 2 * 40) / PLATE.size[0]
+    assert bar[900:1400].sum(axis=1).max() == pytest.approx(25 * per_pixel, abs=2)
+
+
+def test_sheet_without_matplotlib_has_no_charts(monkeypatch):
+    """Door: the picture, and a sentence in place of the charts."""
+    rows = [row(k, 1, 45.0) for k in range(5)]
+    with_charts = draw_clip(PLATE, rows)
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    without = draw_clip(PLATE, rows)
+    assert without.shape[0] < with_charts.shape[0] - 500

@@ -146,6 +146,22 @@ def table(
     return lines
 
 
+def drawn(
+    lines: Sequence[dict[str, Any]], found: Sequence[Summary], places: Places | None
+) -> bm.ClipPhysics:
+    """What the sheet shows in meters and seconds, from the rows of the table."""
+    metric = any(line["speed_unit"] == "m/s" for line in lines)
+    speeds = [
+        None if line["speed"] is None else (line["speed"], line["speed_std"]) for line in lines
+    ]
+    return bm.ClipPhysics(
+        {one.number: one.scale for one in found if one.scale is not None},
+        {one.number: one.fall for one in found if one.fall is not None},
+        speeds if metric else None,
+        places,
+    )
+
+
 def _numbers(row: bm.FrameMotion, known: Known) -> dict[str, Any]:
     """Those of the row, with the errors that all places share."""
     numbers = row.numbers()

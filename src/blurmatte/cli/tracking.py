@@ -9,7 +9,7 @@ from typing import Annotated, Any
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.clip_table import Gravity, Known, summaries, table, words
+from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, words
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
 from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
@@ -238,7 +238,7 @@ def _answer(
         bm.write(task.out, lines)
     if overlay is not None:
         with waiting("drawing the paths"):
-            bm.write(overlay, bm.draw_clip(measured.plate, rows, said, places))
+            bm.write(overlay, bm.draw_clip(measured.plate, rows, said, drawn(lines, found, places)))
     remove_unfinished(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}

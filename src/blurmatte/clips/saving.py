@@ -262,13 +262,8 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
         for number, plate in enumerate(work.plates, 1):
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
             write(files[-1], plate)
-    try:
-        sheet = draw_clip(work.plates[0], work.rows, _words(work, shots))
-    except ImportError as error:
-        work.problems.append(f"overview.png: {error}")
-    else:
-        files.append(folder / "overview.png")
-        write(files[-1], sheet)
+    files.append(folder / "overview.png")
+    write(files[-1], draw_clip(work.plates[0], work.rows, _words(work, shots)))
     if run.extension == ".mov":
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:

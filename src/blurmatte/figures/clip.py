@@ -1,13 +1,14 @@
-"""The sheet of a clip: paths of objects over the plate, their speeds and sizes over time."""
+"""The sheet of a clip: paths of objects over the plate; places, speeds and sizes over time."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.figures.chart import new_figure, pixels
 from blurmatte.figures.drawing import (
     Color,
@@ -15,15 +16,19 @@ from blurmatte.figures.drawing import (
     Pixels,
     draw_line,
     ellipse_enlargement,
-    error_ellipse,
     fitted,
+    principal_axes,
 )
 from blurmatte.figures.sheet import Page, Sheet
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace
+from blurmatte.motion.picture.motion import Scale
 from blurmatte.radiometry import LinearImage
 
 Array = npt.NDArray[np.float64]
+
+MAX_PICTURE_HEIGHT = 1300  # pixels of the sheet
 
 # Ten colors that are distinct on dark and on white, those of matplotlib and Tableau.
 _PALETTE = (
@@ -32,19 +37,42 @@ _PALETTE = (
 )  # fmt: skip
 
 
+@dataclass(frozen=True, eq=False)
+class ClipPhysics:
+    """What is known of the objects of a clip in meters and seconds.
+
+    Parameters
+    ----------
+    scales : mapping of int to Scale
+        Size of a pixel where an object moved, by its number.
+    falls : mapping of int to FreeFall
+        The parabola through the positions of an object, by its number.
+    speeds : sequence of (float, float) or None, optional
+        Speed in each row and its error, m/s; None in a row without one.
+    places : sequence of BallPlace or None, optional
+        Result of `places_in_space`, one for each row.
+    """
+
+    scales: Mapping[int, Scale] = field(default_factory=dict)
+    falls: Mapping[int, FreeFall] = field(default_factory=dict)
+    speeds: Sequence[tuple[float, float] | None] | None = None
+    places: Sequence[BallPlace | None] | None = None
+
+
 def draw_clip(
     plate: LinearImage,
     rows: Sequence[FrameMotion],
     words: Sequence[str] = (),
-    places: Sequence[BallPlace | None] | None = None,
+    physics: ClipPhysics | None = None,
 ) -> Pixels:
-    """Draw the paths of objects through a clip over its plate, and speed and radius over time.
+    """Draw the paths of objects through a clip over its plate; place, speed and radius over time.
 
     The path within each exposure is bright, that between frames is blue. Several objects have a color
     and a number each. Frames with doubtful numbers have a dashed, unconnected path and hollow points.
-    Ellipses show one standard deviation of the centers, enlarged for visibility by a factor that the
-    sheet states. With positions in space, the speed is that in space, and depth is shown too. Needs
-    matplotlib (`pip install "blurmatte[plot]"`).
+    Crosses show the principal standard deviations of the centers, enlarged for visibility by a factor
+    that the sheet states. With a scale, the charts are in meters, and a fall is drawn as a curve
+    through the positions; with positions in space, depth is shown too. The charts need matplotlib
+    (`pip install "blurmatte[plot]"`); without it the sheet has none and says so.
 
     Parameters
     ----------
@@ -54,23 +82,43 @@ def draw_clip(
         Result of `measure_clip`.
     words : sequence of str
         Sentences to show on the sheet.
-    places : sequence of BallPlace or None, optional
-        Result of `places_in_space`, one for each row.
+    physics : ClipPhysics, optional
+        What is known in meters and seconds; without it the charts are in pixels.
 
     Returns
     -------
     (H, W, 3) uint8
         sRGB-coded, 1800 pixels wide.
-
-    Raises
-    ------
-    BlurmatteError
-        If matplotlib is not installed.
     """
+    physics = physics or ClipPhysics()
+    found = [row for row in rows if row.sighting is not None]
+    picture, enlarged = _paths(plate, found, physics.scales)
+    frames, of = len({row.frame for row in found}), len({row.frame for row in rows})
+    sheet, count = Sheet(), len(_objects(found))
+    several = f"{count} objects, " if count > 1 else ""
+    sheet.title("clip", f"{several}found in {frames} of {of} frames")
+    notes = [f"Crosses: standard deviations of the centers, {enlarged:g} times enlarged."]
+    if any(not fall.rejection for fall in physics.falls.values()):
+        notes.append("Gray curve: the parabola of the fall.")
+    parts = [picture]
+    if found:
+        try:
+            parts = _with_charts(picture, charts_of(rows, physics))
+        except BlurmatteError as error:
+            notes.append(f"No charts: {error}.")
+    for part in parts:
+        sheet.picture(part)
+    sheet.sentences([*words, *notes, *_on_doubts(found)])
+    return sheet.pixels()
+
+
+def _paths(
+    plate: LinearImage, found: Sequence[FrameMotion], scales: Mapping[int, Scale]
+) -> tuple[Pixels, float]:
+    """The plate with the paths of all objects, and the factor that enlarges the crosses."""
     from PIL import ImageDraw
 
-    found = [row for row in rows if row.sighting is not None]
-    picture, scale = fitted(plate.in_srgb(), (Page.width - 2 * Page.margin, Page.picture_height))
+    picture, scale = fitted(plate.in_srgb(), (Page.width - 2 * Page.margin, MAX_PICTURE_HEIGHT))
     pen = ImageDraw.Draw(picture)
     sights = [row.sighting for row in found if row.sighting is not None and not _doubted(row)]
     enlarged = _enlarged(sights, scale)
@@ -81,16 +129,23 @@ def draw_clip(
         for number, path in objects.items():
             _draw_path(pen, path, scale, _color(number), _color(number), enlarged)
             _number(pen, number, path, scale)
-    frames, of = len({row.frame for row in found}), len({row.frame for row in rows})
-    sheet = Sheet()
-    several = f"{len(objects)} objects, " if len(objects) > 1 else ""
-    sheet.title("clip", f"{several}found in {frames} of {of} frames")
-    sheet.picture(np.asarray(picture))
-    if found:
-        sheet.picture(_time_charts(rows, places))
-    note = f"Ellipses: one standard deviation of the centers, {enlarged:g} times enlarged."
-    sheet.sentences([*words, note, *_on_doubts(found)])
-    return sheet.pixels()
+    if len(scales) == 1:
+        (only,) = scales.values()
+        _draw_scale_bar(pen, picture.size, scale / only.meters_per_pixel)
+    return np.asarray(picture), enlarged
+
+
+def _draw_scale_bar(pen: Any, size: tuple[int, int], per_meter: float) -> None:
+    """Draw a bar of 1, 2 or 5 times a power of ten meters in the lower left corner."""
+    from PIL import ImageFont
+
+    lengths = [m * 10.0**k for k in range(-6, 5) for m in (1, 2, 5)]
+    length = max((one for one in lengths if one * per_meter <= size[0] / 4), default=lengths[0])
+    x, y, width = 24, size[1] - 24, length * per_meter
+    font = ImageFont.load_default(Page.body_size)
+    pen.rectangle((x - 8, y - 34, x + max(width, 80) + 8, y + 10), Palette.ground)
+    pen.line([(x, y), (x + width, y)], Palette.bright, 3)
+    pen.text((x, y - 28), f"{length:g} m", Palette.bright, font)
 
 
 def _doubted(row: FrameMotion) -> bool:
@@ -132,10 +187,10 @@ def _draw_path(
     path: Sequence[FrameMotion],
     scale: float,
     between: Color,
-    ellipses: Color,
+    crosses: Color,
     enlarged: float,
 ) -> None:
-    """Draw the path between frames, within each exposure, and the error ellipses of the centers."""
+    """Draw the path between frames, within each exposure, and the errors of the centers."""
     for a, b in pairwise(path):
         if a.track != b.track or _doubted(a) or _doubted(b):
             continue
@@ -147,7 +202,8 @@ def _draw_path(
             _draw_dashes(pen, ends, scale, between)
             continue
         draw_line(pen, ends, scale, Palette.bright)
-        draw_line(pen, error_ellipse(s.place, s.covariance, enlarged), scale, ellipses)
+        for axis in enlarged * principal_axes(s.covariance):
+            draw_line(pen, [s.place - axis, s.place + axis], scale, crosses)
 
 
 def _draw_dashes(pen: Any, ends: Array, scale: float, color: Color) -> None:
@@ -172,7 +228,7 @@ def _number(pen: Any, number: int, path: Sequence[FrameMotion], scale: float) ->
 
 
 def _enlarged(sights: Sequence[Sighting], scale: float) -> float:
-    """Factor at which an ellipse of median size is visible."""
+    """Factor at which a cross of median size is visible."""
     if not sights:
         return 1.0
     usual = float(np.median([np.hypot(s.x_std, s.y_std) for s in sights]))
@@ -194,63 +250,192 @@ class _Series:
         return self.values if self.unsure.all() else self.values[~self.unsure]
 
 
-def _time_charts(rows: Sequence[FrameMotion], places: Sequence[BallPlace | None] | None) -> Pixels:
-    """Charts of speed and radius, and of depth for positions in space."""
-    timed = all(row.time is not None for row in rows)
-    balls = places if places is not None else [None] * len(rows)
-    seen = [(row, ball) for row, ball in zip(rows, balls, strict=True) if row.sighting is not None]
-    charts = ["speed, px per exposure", "radius, px"]
-    if places is not None:
-        charts = ["speed in space, m/s", "radius, px", "depth, m"]
-    dpi = 100
-    figure = new_figure(((Page.width - 2 * Page.margin) / dpi, 3.4), dpi)
-    for n, what in enumerate(charts, start=1):
-        axes = figure.add_subplot(
-            1, len(charts), n, xlabel="time, s" if timed else "frame", ylabel=what
+@dataclass(frozen=True, eq=False)
+class _Chart:
+    """A quantity over time.
+
+    `value` gives the quantity of a row and its error, or None; `fall` gives that of a falling object,
+    by its number and the positions (n, 2) or (n, 3) of a parabola.
+    """
+
+    label: str
+    value: Callable[[int], tuple[float, float] | None]
+    fall: Callable[[int, Array], Array] | None = None
+    from_zero: bool = False
+    downward: bool = False
+
+
+@dataclass(frozen=True, eq=False)
+class _Charts:
+    """All charts of a clip with its rows."""
+
+    rows: Sequence[FrameMotion]
+    charts: Sequence[_Chart]
+    falls: Mapping[int, FreeFall]
+
+    @property
+    def timed(self) -> bool:
+        """True if the times of all frames are known."""
+        return all(row.time is not None for row in self.rows)
+
+    def series(self, chart: _Chart, number: int) -> _Series:
+        """Values of an object over the frames that have one."""
+        points = []
+        for k, row in enumerate(self.rows):
+            value = chart.value(k) if row.sighting is not None else None
+            if (row.object or 1) == number and value is not None:
+                points.append((row.time if self.timed else row.frame, *value, _doubted(row)))
+        t, values, errors, unsure = np.array(points, float).reshape(-1, 4).T
+        return _Series(t, values, errors, unsure > 0)
+
+
+def charts_of(rows: Sequence[FrameMotion], physics: ClipPhysics) -> _Charts:
+    """Charts of place, speed and radius, in meters where they are known."""
+    charts = _in_picture(rows, physics) if physics.places is None else _in_space(physics.places)
+    radius = _Chart(
+        "radius, px", lambda k: _of(rows[k], lambda s: (s.radius, s.radius_std)), from_zero=True
+    )
+    return _Charts(rows, [*charts, radius], physics.falls)
+
+
+def _of(
+    row: FrameMotion, value: Callable[[Sighting], tuple[float, float]]
+) -> tuple[float, float] | None:
+    """A value of the row's detection, if there is one."""
+    return None if row.sighting is None else value(row.sighting)
+
+
+def _in_space(places: Sequence[BallPlace | None]) -> list[_Chart]:
+    """Charts of a ball in space: y is down there, height up."""
+
+    def coordinate(axis: int, sign: float) -> Callable[[int], tuple[float, float] | None]:
+        """A coordinate of the ball in a row, and its error."""
+
+        def value(k: int) -> tuple[float, float] | None:
+            """That of row k."""
+            ball = places[k]
+            if ball is None:
+                return None
+            return sign * float(ball.place[axis]), float(ball.place_std[axis])
+
+        return value
+
+    def speed(k: int) -> tuple[float, float] | None:
+        """Speed in row k, and its error."""
+        ball = places[k]
+        return None if ball is None or ball.velocity is None else (ball.speed, ball.speed_std)
+
+    return [
+        _Chart("x, m", coordinate(0, 1), lambda _, at: at[:, 0]),
+        _Chart("height, m", coordinate(1, -1), lambda _, at: -at[:, 1]),
+        _Chart("depth, m", coordinate(2, 1), lambda _, at: at[:, 2]),
+        _Chart("speed in space, m/s", speed, from_zero=True),
+    ]
+
+
+def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Chart]:
+    """Charts of objects in the picture; in meters from their first place if all have a scale."""
+    firsts = {n: path[0].sighting for n, path in _objects([r for r in rows if r.sighting]).items()}
+    scaled = bool(firsts) and firsts.keys() <= physics.scales.keys()
+
+    def position(axis: int, number: int, at: Array) -> Array:
+        """A coordinate (n,) of positions (n, 2): pixels, or meters to the right or up."""
+        first = firsts[number]
+        if not scaled or first is None:
+            return np.asarray(at[:, axis])
+        sign = (1, -1)[axis] * physics.scales[number].meters_per_pixel
+        return np.asarray(sign * (at[:, axis] - first.place[axis]))
+
+    def chart(axis: int) -> _Chart:
+        """Chart of a coordinate."""
+
+        def value(k: int) -> tuple[float, float] | None:
+            """The coordinate in row k, and its error."""
+            number, one = rows[k].object or 1, rows[k].sighting
+            if one is None:
+                return None
+            unit = physics.scales[number].meters_per_pixel if scaled else 1.0
+            std = unit * (one.x_std, one.y_std)[axis]
+            return float(position(axis, number, one.place[None])[0]), std
+
+        label = ("x, m", "height, m")[axis] if scaled else ("x, px", "y, px")[axis]
+        return _Chart(
+            label,
+            value,
+            lambda number, at: position(axis, number, at),
+            downward=axis == 1 and not scaled,
         )
-        by_object = {k: _series(seen, k, timed, what) for k in _numbers(seen)}
+
+    speeds = physics.speeds
+    if speeds is not None:
+        speed = _Chart("speed, m/s", lambda k: speeds[k], from_zero=True)
+    else:
+        speed = _Chart(
+            "speed, px per exposure",
+            lambda k: _of(rows[k], lambda s: (s.length, s.length_std)),
+            from_zero=True,
+        )
+    return [chart(0), chart(1), speed]
+
+
+def _with_charts(picture: Pixels, charts: _Charts) -> list[Pixels]:
+    """The picture and below it the charts, or one page with the charts right of a narrow picture."""
+    room = Page.width - 2 * Page.margin
+    rest = room - picture.shape[1] - Page.gap
+    if rest < room / 3:
+        columns = 2 if len(charts.charts) == 4 else 3
+        lines = -(-len(charts.charts) // columns)
+        return [picture, _drawn(charts, (room, 300 * lines), columns)]
+    height = max(picture.shape[0], 220 * len(charts.charts))
+    page = np.full((height, room, 3), Palette.ground, np.uint8)
+    page[: picture.shape[0], : picture.shape[1]] = picture
+    page[:, -rest:] = _drawn(charts, (rest, height), 1)
+    return [page]
+
+
+def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Pixels:
+    """Draw the charts in columns on (width, height) pixels."""
+    dpi = 100
+    figure = new_figure((size[0] / dpi, size[1] / dpi), dpi)
+    lines = -(-len(charts.charts) // columns)
+    numbers = sorted({row.object or 1 for row in charts.rows if row.sighting is not None})
+    for n, chart in enumerate(charts.charts):
+        last = n + columns >= len(charts.charts)
+        when = "time, s" if charts.timed else "frame"
+        axes = figure.add_subplot(
+            lines, columns, n + 1, xlabel=when if last else "", ylabel=chart.label
+        )
+        by_object = {k: charts.series(chart, k) for k in numbers}
         for number, series in by_object.items():
             _draw_series(axes, series, number)
-        believed = [s.believed for s in by_object.values() if len(s.values)]
-        if what != "depth, m":  # depths are far from 0
+            if chart.fall is not None and charts.timed:
+                _draw_fall(axes, series, charts.falls.get(number), number, chart.fall)
+        if chart.from_zero:
+            believed = [s.believed for s in by_object.values() if len(s.values)]
             highest = max((float(np.quantile(values, 0.95)) for values in believed), default=0.0)
             axes.set_ylim(0, 1.3 * highest + 1e-6)
+        if chart.downward:
+            axes.invert_yaxis()
         axes.grid(alpha=0.3)
         if len(by_object) > 1:
             axes.legend(title="object", fontsize="small")
     return pixels(figure)
 
 
-def _numbers(seen: Sequence[tuple[FrameMotion, BallPlace | None]]) -> list[int]:
-    return sorted({row.object or 1 for row, _ in seen})
-
-
-def _series(
-    seen: Sequence[tuple[FrameMotion, BallPlace | None]], number: int, timed: bool, what: str
-) -> _Series:
-    """Series of an object over the frames that have a value."""
-    points = []
-    for row, ball in seen:
-        value = _value(row, ball, what)
-        if (row.object or 1) == number and value is not None:
-            points.append((row.time if timed else row.frame, *value, _doubted(row)))
-    t, values, errors, unsure = np.array(points, float).reshape(-1, 4).T
-    return _Series(t, values, errors, unsure > 0)
-
-
-def _value(row: FrameMotion, ball: BallPlace | None, what: str) -> tuple[float, float] | None:
-    """Value of a frame in a chart, and its error."""
-    one = row.sighting
-    match what:
-        case "radius, px" if one is not None:
-            return one.radius, one.radius_std
-        case "speed, px per exposure" if one is not None:
-            return one.length, one.length_std
-        case "depth, m" if ball is not None:
-            return float(ball.place[2]), float(ball.place_std[2])
-        case "speed in space, m/s" if ball is not None and ball.velocity is not None:
-            return ball.speed, ball.speed_std
-    return None
+def _draw_fall(
+    axes: Any,
+    series: _Series,
+    fall: FreeFall | None,
+    number: int,
+    coordinate: Callable[[int, Array], Array],
+) -> None:
+    """Draw the parabola of a fall over the times of its object."""
+    if fall is None or fall.rejection or not len(series.t):
+        return
+    t = np.linspace(series.t[0], series.t[-1], 200)
+    since = (t - fall.time)[:, None]
+    at = fall.place + fall.velocity * since + 0.5 * fall.acceleration * since**2
+    axes.plot(t, coordinate(number, at), color="0.5", lw=1, zorder=1)
 
 
 def _draw_series(axes: Any, series: _Series, number: int) -> None:

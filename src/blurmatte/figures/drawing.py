@@ -93,11 +93,15 @@ def unit_circle() -> npt.NDArray[np.float64]:
     return np.stack([f(np.linspace(0, 2 * np.pi, 65)) for f in (np.cos, np.sin)], axis=1)
 
 
+def principal_axes(covariance: Floats) -> Floats:
+    """(n, n) half-axes of one standard deviation along the eigenvectors of a covariance, as rows."""
+    values, axes = np.linalg.eigh(covariance)
+    return np.asarray(np.sqrt(np.maximum(values, 0))[:, None] * axes.T)
+
+
 def error_ellipse(center: Floats, covariance: Floats, enlargement: float) -> Floats:
     """(65, 2) points of the ellipse of one standard deviation around `center` (x, y), enlarged."""
-    values, axes = np.linalg.eigh(covariance)
-    half_axes = enlargement * np.sqrt(np.maximum(values, 0))
-    return np.asarray(center + unit_circle() * half_axes @ axes.T)
+    return np.asarray(center + enlargement * unit_circle() @ principal_axes(covariance))
 
 
 def ellipse_enlargement(std: float, room: float) -> float:
