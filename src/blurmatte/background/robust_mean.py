@@ -33,22 +33,15 @@ class MeanSettings:
 
 @dataclass(frozen=True, eq=False)
 class Modes:
-    """Mode of the samples, pixel by pixel.
+    """Mode of the samples, pixel by pixel."""
 
-    Parameters
-    ----------
-    light, rival : (H, W, 3) float32
-        Mean of the largest set of samples that agree, and of the next; the rival is -1 if none.
-    near : (H, W) int32
-        Number of samples in the largest set.
-    variance : (H, W, 3) float32
-        Variance of one frame, light²: noise times the inflation λ at restless places, such as edges in
-        video.
-    """
-
+    # (H, W, 3) float32: mean of the largest set of samples that agree, and of the next; the rival
+    # is -1 if none
     light: Floats
     rival: Floats
-    near: npt.NDArray[np.int32]
+    near: npt.NDArray[np.int32]  # (H, W) int32: number of samples in the largest set
+    # (H, W, 3) float32: variance of one frame, light²: noise times the inflation λ at restless
+    # places, such as edges in video
     variance: Floats
 
 
@@ -90,33 +83,20 @@ def find_modes(samples: Samples) -> Modes:
 
 @dataclass(frozen=True, eq=False)
 class Sums:
-    """Sums over the free frames of each pixel, accumulated frame by frame.
+    """Sums over the free frames of each pixel, accumulated frame by frame."""
 
-    Parameters
-    ----------
-    total, squares : (H, W, 3) float32
-        Sums of x − m and of its squares.
-    batch_squares, batch_products : (H, W, 3) float32
-        Σ S² and Σ S n over the batches.
-    batch_counts : (H, W) float32
-        Σ n².
-    counts : (H, W, 5) int32
-        Free frames of the batch and of the clip; clipped ones of these, and ones very close to the
-        mode; frames very close to the rival.
-    batch : (H, W, 3) float32
-        S of the current batch.
-    gain : list of (3,) float
-        Of each frame.
-    """
-
+    # (H, W, 3) float32: sums of x − m and of its squares
     total: Floats
     squares: Floats
+    # (H, W, 3) float32: Σ S² and Σ S n over the batches
     batch_squares: Floats
     batch_products: Floats
-    batch_counts: Floats
+    batch_counts: Floats  # (H, W) float32: Σ n²
+    # (H, W, 5) int32: free frames of the batch and of the clip; clipped ones of these, and ones
+    # very close to the mode; frames very close to the rival
     counts: npt.NDArray[np.int32]
-    batch: Floats
-    gain: list[Floats]
+    batch: Floats  # (H, W, 3) float32: S of the current batch
+    gain: list[Floats]  # list of (3,) float: of each frame
 
     @classmethod
     def empty(cls, shape: tuple[int, ...]) -> "Sums":

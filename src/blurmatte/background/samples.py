@@ -40,27 +40,13 @@ class SampleSettings:
 
 @dataclass(frozen=True, eq=False)
 class Samples:
-    """Frames at equal distances.
+    """Frames at equal distances."""
 
-    Parameters
-    ----------
-    light : (K, H, W, 3) float16
-        As read, gain included.
-    gain : (K, 3) float
-        Of each frame; the median over the clip is near 1.
-    noise : NoiseModel
-        Of one frame.
-    names : sequence of str
-        Of the frames, for errors.
-    count : int
-        Number of frames of the clip.
-    """
-
-    light: npt.NDArray[np.float16]
-    gain: Floats
-    noise: NoiseModel
-    names: Sequence[str]
-    count: int
+    light: npt.NDArray[np.float16]  # (K, H, W, 3) float16: as read, gain included
+    gain: Floats  # (K, 3) float: of each frame; the median over the clip is near 1
+    noise: NoiseModel  # of one frame
+    names: Sequence[str]  # of the frames, for errors
+    count: int  # number of frames of the clip
 
 
 def take_samples(frames: Iterable[LinearImage]) -> Samples:

@@ -19,44 +19,22 @@ _AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
 
 @dataclass(frozen=True)
 class PlaceSettings:
-    """How many places are chosen and needed.
+    """How many places are chosen and needed."""
 
-    Parameters
-    ----------
-    max_pixels : int
-        Evenly spaced pixels from which places are chosen.
-    per_level : int
-        Places for each of 256 levels and each channel.
-    per_channel : int
-        Places of a channel that has few levels.
-    min_shared : int
-        Places that two pictures must share.
-    """
-
-    max_pixels: int = 1_000_000
-    per_level: int = 40
-    per_channel: int = 1000
-    min_shared: int = 30
+    max_pixels: int = 1_000_000  # evenly spaced pixels from which places are chosen
+    per_level: int = 40  # places for each of 256 levels and each channel
+    per_channel: int = 1000  # places of a channel that has few levels
+    min_shared: int = 30  # places that two pictures must share
 
 
 @dataclass(frozen=True, eq=False)
 class Bracket:
-    """Pictures sorted by exposure time.
-
-    Parameters
-    ----------
-    pictures : tuple of LinearImage
-    names : tuple of str
-    times : (N,) float
-        Seconds.
-    time_std : float
-        Relative standard deviation of the times.
-    """
+    """Pictures sorted by exposure time."""
 
     pictures: tuple[LinearImage, ...]
     names: tuple[str, ...]
-    times: Array
-    time_std: float
+    times: Array  # (N,) float: seconds
+    time_std: float  # relative standard deviation of the times
 
     @classmethod
     def of(
@@ -125,18 +103,11 @@ class Bracket:
 
 @dataclass(frozen=True, eq=False)
 class Places:
-    """Pixels of one channel or several, in all pictures.
+    """Pixels of one channel or several, in all pictures."""
 
-    Parameters
-    ----------
-    codes : (N, pictures) float
-        Code values, 0…1.
-    around, spread : (N, pictures) float
-        Mean and range of the eight neighbors. Places are selected by these and not by `codes`:
-        selection by a value's own noise would bias the curve.
-    """
-
-    codes: Floats
+    codes: Floats  # (N, pictures) float: code values, 0…1
+    # (N, pictures) float: mean and range of the eight neighbors. Places are selected by these and
+    # not by `codes`: selection by a value's own noise would bias the curve
     around: Floats
     spread: Floats
 

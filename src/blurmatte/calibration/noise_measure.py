@@ -27,47 +27,26 @@ _TINY = 1e-20  # light² or a fraction: guards a division
 
 @dataclass(frozen=True)
 class RejectionSettings:
-    """Rejection of pixels where the scene changed.
+    """Rejection of pixels where the scene changed."""
 
-    Parameters
-    ----------
-    pixels_per_level : int
-        Pixels that determine a variance at one level of light.
-    quiet_fraction : float
-        Of the pixels at a level of light that must be still.
-    tail_probability : float
-        Of noise beyond four standard deviations, where pixels are rejected.
-    iterations : int
-        Of rejection and estimation of the variance.
-    patch_px : int
-        Width of the patches in which changes are detected.
-    low_quantile, low_quantile_std : float
-        Quantile of the patches that measures their scatter, and its distance from the mean of a
-        normal distribution, standard deviations.
-    patch_threshold_std : float
-        Standard deviations of a patch's mean beyond which the scene changed.
-    max_changed_fraction : float
-        Of the picture.
-    max_over_curve : float
-        Ratio of the typical variance at a level of light to the fitted curve.
-    end_margin_std : float
-        Standard deviations from black or white within which noise is truncated.
-    min_variance : float
-        Light², that of rounding to 32-bit floats.
-    """
-
-    pixels_per_level: int = 200
-    quiet_fraction: float = 0.25
+    pixels_per_level: int = 200  # pixels that determine a variance at one level of light
+    quiet_fraction: float = 0.25  # of the pixels at a level of light that must be still
+    # Of noise beyond four standard deviations, where pixels are rejected
     tail_probability: float = 6e-5
-    iterations: int = 8
-    patch_px: int = 7
+    iterations: int = 8  # of rejection and estimation of the variance
+    patch_px: int = 7  # width of the patches in which changes are detected
+    # Quantile of the patches that measures their scatter, and its distance from the mean of a
+    # normal distribution, standard deviations
     low_quantile: float = 0.1
     low_quantile_std: float = 1.28
+    # Standard deviations of a patch's mean beyond which the scene changed
     patch_threshold_std: float = 5.0
-    max_changed_fraction: float = 0.5
+    max_changed_fraction: float = 0.5  # of the picture
+    # Ratio of the typical variance at a level of light to the fitted curve
     max_over_curve: float = 2.0
+    # Standard deviations from black or white within which noise is truncated
     end_margin_std: float = 3.0
-    min_variance: float = 1e-14
+    min_variance: float = 1e-14  # light², that of rounding to 32-bit floats
 
 
 def measure_noise(frames: Iterable[LinearImage], still: Bools | None = None) -> NoiseFit:

@@ -24,78 +24,38 @@ AROUND_PX = 5  # width of the window whose mean light pixels are sorted by
 
 @dataclass(frozen=True)
 class SampleSettings:
-    """Which pixels are sampled, and limits on the change between frames.
+    """Which pixels are sampled, and limits on the change between frames."""
 
-    Parameters
-    ----------
-    max_pixels : float
-        Pixels sampled of a picture; of larger ones bands of rows are taken.
-    band_rows : int
-        Rows of a band: a multiple of the blocks of compressed files.
-    min_pixels : int
-        Pixels that determine a variance to a tenth.
-    max_levels : int
-        Levels of light: noise is a smooth function of it.
-    drift_pixels, drift_pixels_per_level : int
-        Pixels for the drift of brightness, in all and at one level of light.
-    max_drift : float
-        Fraction of the light by which frames of equal exposure may differ.
-    tile_px : int
-        Width of the tiles of an even region whose light is taken for a parabola.
-    shift_tiles : int
-        Tiles a side whose shifts are measured.
-    chance_pixels : float
-        Fraction of a change explained by a shift by chance, times the number of pixels.
-    max_shift_share : float
-        Fraction of the change's variance that a shift of the camera may explain.
-    """
-
-    max_pixels: float = 1e6
-    band_rows: int = 32
-    min_pixels: int = 256
-    max_levels: int = 24
+    max_pixels: float = 1e6  # pixels sampled of a picture; of larger ones bands of rows are taken
+    band_rows: int = 32  # rows of a band: a multiple of the blocks of compressed files
+    min_pixels: int = 256  # pixels that determine a variance to a tenth
+    max_levels: int = 24  # levels of light: noise is a smooth function of it
+    # Pixels for the drift of brightness, in all and at one level of light
     drift_pixels: int = 60_000
     drift_pixels_per_level: int = 500
-    max_drift: float = 0.2
-    tile_px: int = 32
-    shift_tiles: int = 4
+    max_drift: float = 0.2  # fraction of the light by which frames of equal exposure may differ
+    tile_px: int = 32  # width of the tiles of an even region whose light is taken for a parabola
+    shift_tiles: int = 4  # tiles a side whose shifts are measured
+    # Fraction of a change explained by a shift by chance, times the number of pixels
     chance_pixels: float = 30
+    # Fraction of the change's variance that a shift of the camera may explain
     max_shift_share: float = 0.02
 
 
 @dataclass(frozen=True, eq=False)
 class Sample:
-    """Noise and light of many pixels.
+    """Noise and light of many pixels."""
 
-    Parameters
-    ----------
-    light : (H, W, 3) float
-        Mean light.
-    v, e : (H, W, 3) float
-        Squared noise, light², and noise, light.
-    use : (H, W, 3) bool
-        Where noise is known.
-    freedom : float
-        Degrees of freedom of v.
-    frames : float
-        Number of frames averaged for `light`; infinite if it has no noise.
-    repeated : bool
-        True if the same light was measured repeatedly.
-    step : (H, W, 3) float
-        Light per code value of the file; 0 for floats.
-    rounding : NoiseModel
-        Noise of rounding to these steps.
-    """
-
-    light: Array
+    light: Array  # (H, W, 3) float: mean light
+    # (H, W, 3) float: squared noise, light², and noise, light
     v: Array
     e: Array
-    use: Bools
-    freedom: float
-    frames: float
-    repeated: bool
-    step: Array
-    rounding: NoiseModel
+    use: Bools  # (H, W, 3) bool: where noise is known
+    freedom: float  # degrees of freedom of v
+    frames: float  # number of frames averaged for `light`; infinite if it has no noise
+    repeated: bool  # true if the same light was measured repeatedly
+    step: Array  # (H, W, 3) float: light per code value of the file; 0 for floats
+    rounding: NoiseModel  # noise of rounding to these steps
 
 
 def noise_of_frames(frames: Iterable[LinearImage], still: Bools | None) -> Sample:

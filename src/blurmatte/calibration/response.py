@@ -37,43 +37,23 @@ _CODES = np.arange(CELLS + 1) / CELLS
 
 @dataclass(frozen=True)
 class ResponseSettings:
-    """Prior, rejection and convergence of the fit.
+    """Prior, rejection and convergence of the fit."""
 
-    Parameters
-    ----------
-    black_std : float
-        Prior standard deviation of the black level, of full scale; video's is 0.004 (16 of 255),
-        that of log curves 0.0004.
-    margin_std : float
-        Standard deviations of the noise that code values keep from the ends of the range.
-    rejected_probability : float
-        Of an inlier to be rejected.
-    max_iterations : int
-        Of Gauss-Newton.
-    max_step_std, min_step_std : float
-        Longest step, and the step at convergence, standard deviations of the prior.
-    start_places : int
-        Places on which the curves of the prior's family are compared.
-    min_agreement : float
-        Fraction of the places that must agree with the curve.
-    max_noise : float
-        Of a code value, fraction of full scale; more is motion.
-    channel_std : float
-        Standard deviations by which different channels must differ.
-    groups, min_group_places : int
-        Groups of code values for mean residuals, and places in one.
-    """
-
+    # Prior standard deviation of the black level, of full scale; video's is 0.004 (16 of 255), that
+    # of log curves 0.0004
     black_std: float = 0.002
+    # Standard deviations of the noise that code values keep from the ends of the range
     margin_std: float = 2.0
-    rejected_probability: float = 1e-4
-    max_iterations: int = 25
+    rejected_probability: float = 1e-4  # of an inlier to be rejected
+    max_iterations: int = 25  # of Gauss-Newton
+    # Longest step, and the step at convergence, standard deviations of the prior
     max_step_std: float = 2.0
     min_step_std: float = 0.02
-    start_places: int = 500
-    min_agreement: float = 0.7
-    max_noise: float = 6 / 255
-    channel_std: float = 3.0
+    start_places: int = 500  # places on which the curves of the prior's family are compared
+    min_agreement: float = 0.7  # fraction of the places that must agree with the curve
+    max_noise: float = 6 / 255  # of a code value, fraction of full scale; more is motion
+    channel_std: float = 3.0  # standard deviations by which different channels must differ
+    # Groups of code values for mean residuals, and places in one
     groups: int = 16
     min_group_places: int = 20
 

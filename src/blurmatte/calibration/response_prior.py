@@ -25,19 +25,11 @@ CELLS = 255
 
 @dataclass(frozen=True, eq=False)
 class ResponsePrior:
-    """h = mean + basis @ z, where the z are independent and have the variance 1.
+    """h = mean + basis @ z, where the z are independent and have the variance 1."""
 
-    Parameters
-    ----------
-    mean : (CELLS,) float
-    basis : (CELLS, rank) float
-    members : (N, rank) float
-        z of each curve of the family.
-    """
-
-    mean: Array
-    basis: Array
-    members: Array
+    mean: Array  # (CELLS,) float
+    basis: Array  # (CELLS, rank) float
+    members: Array  # (N, rank) float: z of each curve of the family
 
 
 @lru_cache(maxsize=1)

@@ -18,33 +18,17 @@ Gravity = tuple[float | list[float], float]
 
 @dataclass(frozen=True)
 class Known:
-    """What is known besides the pictures.
+    """What is known besides the pictures."""
 
-    Parameters
-    ----------
-    scale_of : callable
-        Meters per pixel of an object with this radius and its error in pixels; None if not known.
-    by_size : bool
-        Whether that needs the radius.
-    moved_in_space : callable or None
-        Path length within an exposure, meters, of a ball in space; None without a camera.
-    gravity : tuple or None
-        A number or a vector, m/s², and the error of its size.
-    time : (float, float) or None
-        Exposure time and its error, seconds.
-    line_time : float
-        Of a rolling shutter, seconds.
-    place_std : (float, float)
-        Error in x and y that all places share, pixels.
-    """
-
+    # Meters per pixel of an object with this radius and its error in pixels; None if not known
     scale_of: Callable[[float, float], bm.Scale | None]
-    by_size: bool
+    by_size: bool  # whether that needs the radius
+    # Path length within an exposure, meters, of a ball in space; None without a camera
     moved_in_space: Callable[[bm.BallPlace | None, bm.Sighting | None], Length | None] | None
-    gravity: Gravity | None
-    time: Length | None
-    line_time: float
-    place_std: tuple[float, float] = (0.0, 0.0)
+    gravity: Gravity | None  # a number or a vector, m/s², and the error of its size
+    time: Length | None  # exposure time and its error, seconds
+    line_time: float  # of a rolling shutter, seconds
+    place_std: tuple[float, float] = (0.0, 0.0)  # error in x and y that all places share, pixels
 
     def scale(self, rows: Rows) -> bm.Scale | None:
         """Meters per pixel of the object in these rows."""
@@ -55,22 +39,12 @@ class Known:
 
 @dataclass(frozen=True, eq=False)
 class Summary:
-    """What all frames of one object say.
+    """What all frames of one object say."""
 
-    Parameters
-    ----------
-    number : int
-        Of the object.
-    words : list of str
-    fall : FreeFall or None
-    scale : Scale or None
-        Of all its frames, if there is one.
-    """
-
-    number: int
+    number: int  # of the object
     words: list[str]
     fall: bm.FreeFall | None
-    scale: bm.Scale | None
+    scale: bm.Scale | None  # of all its frames, if there is one
 
 
 def summaries(rows: Rows, places: Places | None, several: bool, known: Known) -> list[Summary]:

@@ -21,20 +21,11 @@ _MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than t
 
 @dataclass(frozen=True, eq=False)
 class KnownBall:
-    """A ball of known radius before a calibrated camera.
-
-    Parameters
-    ----------
-    lens : Intrinsics
-    radius : (float, float)
-        True radius and its error, meters.
-    line_time : float
-        Of a rolling shutter, seconds.
-    """
+    """A ball of known radius before a calibrated camera."""
 
     lens: bm.Intrinsics
-    radius: tuple[float, float]
-    line_time: float
+    radius: tuple[float, float]  # true radius and its error, meters
+    line_time: float  # of a rolling shutter, seconds
 
     def places(
         self,
@@ -66,40 +57,17 @@ class KnownBall:
 
 @dataclass(frozen=True)
 class ClipTask:
-    """What is measured in the frames of a clip.
+    """What is measured in the frames of a clip."""
 
-    Parameters
-    ----------
-    source : Path
-        The clip, for messages.
-    color : str or None
-        HEX, FILE.json or any; None: found in some of the frames.
-    several : bool
-        Whether all objects of the color are followed.
-    min_frames : int
-        Of these objects: in how many frames each is seen at least.
-    rate : float or None
-        Frames per second, if the clip does not say.
-    workers : int or None
-        Number of processes; None: one for each core.
-    out : Path or None
-        The table; finished frames are kept next to it.
-    resume : bool
-        Whether an interrupted run is continued.
-    same : dict
-        Settings that must be equal to resume.
-    ball : KnownBall or None
-    """
-
-    source: Path
-    color: str | None
-    several: bool
-    min_frames: int
-    rate: float | None
-    workers: int | None
-    out: Path | None
-    resume: bool
-    same: dict[str, Any]
+    source: Path  # the clip, for messages
+    color: str | None  # HEX, FILE.json or any; None: found in some of the frames
+    several: bool  # whether all objects of the color are followed
+    min_frames: int  # of these objects: in how many frames each is seen at least
+    rate: float | None  # frames per second, if the clip does not say
+    workers: int | None  # number of processes; None: one for each core
+    out: Path | None  # the table; finished frames are kept next to it
+    resume: bool  # whether an interrupted run is continued
+    same: dict[str, Any]  # settings that must be equal to resume
     ball: KnownBall | None = None
 
     @property

@@ -26,28 +26,16 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class CoreSettings:
-    """Which pixels count as opaque.
+    """Which pixels count as opaque."""
 
-    Parameters
-    ----------
-    window_px : int
-        Width of the neighborhood of v.
-    zero_std : float
-        Standard deviations within which v is zero.
-    max_std, max_piece_std : float
-        Largest standard deviation of v for a pixel, and for a connected piece of the core.
-    min_piece_std : float
-        Standard deviation of v for a perfect fit: a plate has errors of its own.
-    min_area_px : int
-        Pixels of a piece.
-    """
-
-    window_px: int = 7
-    zero_std: float = 2.0
+    window_px: int = 7  # width of the neighborhood of v
+    zero_std: float = 2.0  # standard deviations within which v is zero
+    # Largest standard deviation of v for a pixel, and for a connected piece of the core
     max_std: float = 0.15
     max_piece_std: float = 0.05
+    # Standard deviation of v for a perfect fit: a plate has errors of its own
     min_piece_std: float = 0.01
-    min_area_px: int = 9
+    min_area_px: int = 9  # pixels of a piece
 
 
 def pick_colors(image: LinearImage, x: float, y: float, radius: float = 2) -> Array:

@@ -24,45 +24,23 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShadowSettings:
-    """Limits of the shadow model.
+    """Limits of the shadow model."""
 
-    Parameters
-    ----------
-    margin_px : int
-        Width of the unchanged surroundings of a streak.
-    max_hue : float
-        Relative difference of a channel of a shadow from their mean, by illuminants of several colors.
-    iterations : int
-        Of fitting the hue, which converges in three.
-    min_object_light : float
-        Light of an object over the change; less may be an error of the plate.
-    noise_std : float
-        Standard deviations by which the residual's energy must exceed that of noise.
-    block_px : int
-        Width of the blocks over which noise may be correlated.
-    min_other_motion : float
-        Change outside the streak, over that within it, that is taken for another moving object.
-    min_other_motion_chi2 : float
-        The same over the variance of noise.
-    window_px : int
-        Width of the window in which single pixels are tested.
-    darker_std : float
-        Standard deviations of the loss of light there, and of the residual.
-    max_residual : float
-        Residual there over the light lost.
-    """
-
-    margin_px: int = 16
+    margin_px: int = 16  # width of the unchanged surroundings of a streak
+    # Relative difference of a channel of a shadow from their mean, by illuminants of several colors
     max_hue: float = 0.1
-    iterations: int = 6
+    iterations: int = 6  # of fitting the hue, which converges in three
+    # Light of an object over the change; less may be an error of the plate
     min_object_light: float = 0.06
+    # Standard deviations by which the residual's energy must exceed that of noise
     noise_std: float = 3.0
-    block_px: int = 8
+    block_px: int = 8  # width of the blocks over which noise may be correlated
+    # Change outside the streak, over that within it, that is taken for another moving object
     min_other_motion: float = 0.5
-    min_other_motion_chi2: float = 3.0
-    window_px: int = 3
-    darker_std: float = 4.0
-    max_residual: float = 0.15
+    min_other_motion_chi2: float = 3.0  # the same over the variance of noise
+    window_px: int = 3  # width of the window in which single pixels are tested
+    darker_std: float = 4.0  # standard deviations of the loss of light there, and of the residual
+    max_residual: float = 0.15  # residual there over the light lost
 
 
 ONLY_DARKER = (

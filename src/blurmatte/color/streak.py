@@ -29,40 +29,22 @@ _IF_ROUND = "; if it is round and of several colors, allow any (--rank 3, ColorM
 
 @dataclass(frozen=True)
 class ColorFitSettings:
-    """Requirements on pixels, and limits of an accepted fit.
+    """Requirements on pixels, and limits of an accepted fit."""
 
-    Parameters
-    ----------
-    min_pixels, max_pixels : int
-        Usable pixels of a streak, and those selected of a larger one.
-    max_angle_std_deg : float
-        Standard deviation of the direction.
-    max_scale_std : float
-        The same over the angle to the plate's hue: the relative error of alpha.
-    max_unexplained : float
-        Residual over the change between plate and image; one paint leaves 0.05, two 0.13.
-    max_infeasible : float
-        Fraction of pixels with infeasible alpha or light.
-    min_coarse_step : float
-        Quantization step of coarsely compressed chroma, codes; quality 95 has 10.
-    min_coarse_blocks : int
-        Coded units of such a file that a streak must cover.
-    recompressions : int
-        Images rendered for the error of compression.
-    recompression_margin_px : int
-        Surroundings of the streak in these.
-    """
-
+    # Usable pixels of a streak, and those selected of a larger one
     min_pixels: int = 20
     max_pixels: int = 2500
-    max_angle_std_deg: float = 3.0
+    max_angle_std_deg: float = 3.0  # standard deviation of the direction
+    # The same over the angle to the plate's hue: the relative error of alpha
     max_scale_std: float = 0.2
+    # Residual over the change between plate and image; one paint leaves 0.05, two 0.13
     max_unexplained: float = 0.1
-    max_infeasible: float = 0.05
+    max_infeasible: float = 0.05  # fraction of pixels with infeasible alpha or light
+    # Quantization step of coarsely compressed chroma, codes; quality 95 has 10
     min_coarse_step: float = 15.0
-    min_coarse_blocks: int = 3
-    recompressions: int = 2
-    recompression_margin_px: int = 24
+    min_coarse_blocks: int = 3  # coded units of such a file that a streak must cover
+    recompressions: int = 2  # images rendered for the error of compression
+    recompression_margin_px: int = 24  # surroundings of the streak in these
 
 
 def fit_color_from_hues(

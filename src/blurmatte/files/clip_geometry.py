@@ -17,17 +17,10 @@ _PROGRESSIVE = 1  # FFmpeg's AVFieldOrder; above are interlaced ones, 0 is unkno
 
 @dataclass(frozen=True)
 class Orientation:
-    """How stored frames become upright: transposed first, then flipped.
+    """How stored frames become upright: transposed first, then flipped."""
 
-    Parameters
-    ----------
-    transposed : bool
-        True if rows become columns.
-    left_right, upside_down : bool
-        True if the (transposed) frame is flipped along x, along y.
-    """
-
-    transposed: bool = False
+    transposed: bool = False  # true if rows become columns
+    # True if the (transposed) frame is flipped along x, along y
     left_right: bool = False
     upside_down: bool = False
 

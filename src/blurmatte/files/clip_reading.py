@@ -42,42 +42,19 @@ LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-rang
 
 @dataclass(frozen=True)
 class Clip:
-    """Properties of a video stream.
+    """Properties of a video stream."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    size : (width, height)
-        Upright, pixels.
-    timing : Timing
-        Number and times of the frames.
-    orientation : Orientation
-        Of the stored frames.
-    decoder : str
-        Name of FFmpeg's decoder; "" for the usual one.
-    siting : str or None
-        Where its chroma lies, in FFmpeg's words; "" if not known, None if it is not subsampled.
-    encoding : Profile
-        Curves, and the matrix to the primaries of sRGB.
-    bits : int
-        Per code value.
-    white : int
-        The code value of white in FFmpeg's R'G'B' of 8 or 16 bits.
-    alpha : bool
-        True if it has an alpha channel.
-    """
-
-    path: Path
-    size: tuple[int, int]
-    timing: Timing
-    orientation: Orientation
-    decoder: str
+    path: Path  # the file
+    size: tuple[int, int]  # upright, pixels
+    timing: Timing  # number and times of the frames
+    orientation: Orientation  # of the stored frames
+    decoder: str  # name of FFmpeg's decoder; "" for the usual one
+    # Where its chroma lies, in FFmpeg's words; "" if not known, None if it is not subsampled
     siting: str | None
-    encoding: Profile
-    bits: int
-    white: int
-    alpha: bool
+    encoding: Profile  # curves, and the matrix to the primaries of sRGB
+    bits: int  # per code value
+    white: int  # the code value of white in FFmpeg's R'G'B' of 8 or 16 bits
+    alpha: bool  # true if it has an alpha channel
 
     @property
     def place_std(self) -> tuple[float, float]:

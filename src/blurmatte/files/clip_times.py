@@ -23,27 +23,14 @@ _CLOCK = re.compile(r"(\d+):(\d+):(\d+(?:\.\d+)?)")
 
 @dataclass(frozen=True)
 class Timing:
-    """When the frames of a clip were taken.
+    """When the frames of a clip were taken."""
 
-    Parameters
-    ----------
-    count : int
-        Number of frames that are shown.
-    playback_rate : float or None
-        Frames per second, on average.
-    rate : float or None
-        As they were taken, on average.
-    times : tuple of float or None
-        Of the frames, seconds, in order; None if the file does not state them.
-    by_stamp : dict
-        The same by time stamp, in ticks of the file.
-    """
-
-    count: int
-    playback_rate: float | None
-    rate: float | None
+    count: int  # number of frames that are shown
+    playback_rate: float | None  # frames per second, on average
+    rate: float | None  # as they were taken, on average
+    # Of the frames, seconds, in order; None if the file does not state them
     times: tuple[float, ...] | None
-    by_stamp: Mapping[int, float]
+    by_stamp: Mapping[int, float]  # the same by time stamp, in ticks of the file
 
     def of(self, frame: Any) -> float | None:
         """The time of a `VideoFrame`, seconds."""

@@ -38,17 +38,10 @@ class ProfileError(ValueError):
 
 @dataclass(frozen=True, eq=False)
 class Profile:
-    """Code values to linear light with the primaries of sRGB and Rec. 709.
+    """Code values to linear light with the primaries of sRGB and Rec. 709."""
 
-    Parameters
-    ----------
-    curves : three Transfer
-        Curves of red, green and blue.
-    matrix : (3, 3) float or None
-        From linear light with the profile's primaries to sRGB primaries; None if they are equal.
-    """
-
-    curves: tuple[Transfer, Transfer, Transfer]
+    curves: tuple[Transfer, Transfer, Transfer]  # curves of red, green and blue
+    # From linear light with the profile's primaries to sRGB primaries; None if they are equal
     matrix: Matrix | None
 
 

@@ -55,24 +55,12 @@ _CHANNEL_CHUNKS = (b"tRNS", b"sBIT")
 
 @dataclass(frozen=True)
 class Metadata:
-    """Metadata of a picture file.
+    """Metadata of a picture file."""
 
-    Parameters
-    ----------
-    profile : bytes or None
-        The ICC profile.
-    exif : bytes
-        A block of tags, see exif.py; empty if there is none.
-    xmp : bytes
-        An XMP packet; empty if there is none.
-    dpi : (float, float) or None
-        Pixels per inch, where stated outside EXIF.
-    """
-
-    profile: bytes | None
-    exif: bytes
-    xmp: bytes
-    dpi: tuple[float, float] | None
+    profile: bytes | None  # the ICC profile
+    exif: bytes  # a block of tags, see exif.py; empty if there is none
+    xmp: bytes  # an XMP packet; empty if there is none
+    dpi: tuple[float, float] | None  # pixels per inch, where stated outside EXIF
 
 
 def read_metadata(raster: Raster) -> Metadata:

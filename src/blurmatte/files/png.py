@@ -31,39 +31,19 @@ _PIECE = 1 << 16  # bytes inflated at a time
 
 @dataclass(frozen=True)
 class PngHeader:
-    """The header of a PNG, and its chunks that state how code values encode light.
+    """The header of a PNG, and its chunks that state how code values encode light."""
 
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height, pixels.
-    bits : int
-        Per channel.
-    palette : bool
-        True if pixels are indices into a table of colors.
-    srgb : bool
-        True if there is an sRGB chunk.
-    gamma : float or None
-        Code value = light ** gamma, from the gAMA chunk.
-    chromaticities : eight floats or None
-        CIE (x, y) of red, green, blue and white, from the cHRM chunk.
-    cicp : four ints or None
-        Primaries, curve, matrix and full range by ITU-T H.273, from the cICP chunk.
-    exif : bytes
-        The block of an eXIf chunk before the pixels.
-    inflated_bytes : int
-        Of the pixels, and of a filter byte for each row.
-    """
-
-    size: tuple[int, int]
-    bits: int
-    palette: bool
-    srgb: bool
-    gamma: float | None
+    size: tuple[int, int]  # width and height, pixels
+    bits: int  # per channel
+    palette: bool  # true if pixels are indices into a table of colors
+    srgb: bool  # true if there is an sRGB chunk
+    gamma: float | None  # code value = light ** gamma, from the gAMA chunk
+    # CIE (x, y) of red, green, blue and white, from the cHRM chunk
     chromaticities: tuple[float, ...] | None
+    # Primaries, curve, matrix and full range by ITU-T H.273, from the cICP chunk
     cicp: tuple[int, ...] | None
-    exif: bytes
-    inflated_bytes: int
+    exif: bytes  # the block of an eXIf chunk before the pixels
+    inflated_bytes: int  # of the pixels, and of a filter byte for each row
 
 
 def inspect_png(path: Path) -> PngHeader:

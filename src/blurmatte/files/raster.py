@@ -56,33 +56,17 @@ _REDUCED_OR_MASK = 1 | 4  # bits of tiff:subfiletype: a smaller copy of another 
 
 @dataclass(frozen=True, eq=False)
 class Raster:
-    """The numbers of a picture file, upright.
+    """The numbers of a picture file, upright."""
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    pixels : (H, W, n) uint8, uint16 or float32
-        As stored.
-    names : tuple of str
-        Names of the channels.
-    inside : (H, W) bool
-        False where the file holds no pixels: the data window of an EXR may be smaller than its picture.
-    tags : mapping
-        Attributes of the file, by OpenImageIO's names.
-    png : PngHeader or None
-        The header of a PNG.
-    page : int
-        Of a TIFF, the first that is no thumbnail.
-    """
-
-    path: Path
-    pixels: npt.NDArray[Any]
-    names: tuple[str, ...]
+    path: Path  # the file
+    pixels: npt.NDArray[Any]  # (H, W, n) uint8, uint16 or float32: as stored
+    names: tuple[str, ...]  # names of the channels
+    # (H, W) bool: false where the file holds no pixels: the data window of an EXR may be smaller
+    # than its picture
     inside: Bools
-    tags: Mapping[str, Any]
-    png: PngHeader | None
-    page: int = 0
+    tags: Mapping[str, Any]  # attributes of the file, by OpenImageIO's names
+    png: PngHeader | None  # the header of a PNG
+    page: int = 0  # of a TIFF, the first that is no thumbnail
 
     @property
     def levels(self) -> int | None:

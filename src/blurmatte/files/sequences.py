@@ -21,20 +21,12 @@ _NUMBER = re.compile(r"#+|%(?:0(\d))?d")
 
 @dataclass(frozen=True)
 class Numbering:
-    """File names of a sequence.
-
-    Parameters
-    ----------
-    folder : Path
-    before, after : str
-        The name around the number.
-    digits : int
-        Minimum number of digits.
-    """
+    """File names of a sequence."""
 
     folder: Path
+    # before, after: the name around the number
     before: str
-    digits: int
+    digits: int  # minimum number of digits
     after: str
 
     def name(self, number: int) -> str:

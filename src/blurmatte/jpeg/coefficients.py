@@ -33,25 +33,16 @@ class Component:
 
 @dataclass(frozen=True, eq=False)
 class Jpeg:
-    """A JPEG without its entropy coding.
+    """A JPEG without its entropy coding."""
 
-    Parameters
-    ----------
-    metadata : tuple of bytes
-        The APPn and COM segments as stored: EXIF, color profile, comments …
-    size : (int, int)
-        Width and height in pixels, as stored.
-    components : tuple of Component
-    quantization : tuple of (64,) uint16
-        The table of each component, in zigzag order.
-    coefficients : (N, 64) int16
-        Quantized, in zigzag order: all blocks of the first component row by row, then of the next.
-    """
-
+    # The APPn and COM segments as stored: EXIF, color profile, comments …
     metadata: tuple[bytes, ...]
-    size: tuple[int, int]
+    size: tuple[int, int]  # width and height in pixels, as stored
     components: tuple[Component, ...]
+    # Tuple of (64,) uint16: the table of each component, in zigzag order
     quantization: tuple[npt.NDArray[np.uint16], ...]
+    # (N, 64) int16: quantized, in zigzag order: all blocks of the first component row by row, then
+    # of the next
     coefficients: npt.NDArray[np.int16]
 
     @property

@@ -38,32 +38,18 @@ _SUPPORTED_FRAMES = (Marker.SOF0, Marker.SOF1, Marker.SOF2)
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """The header of a scan.
+    """The header of a scan."""
 
-    Parameters
-    ----------
-    components : tuple of int
-        Indices into the components of the frame.
-    dc, ac : tuple of tables
-        Decoding tables of each component, see `decoding_table`.
-    band : (int, int)
-        The first and the last coefficient.
-    high, low : int
-        The lowest bit known before, 0 for none; and the lowest bit in this scan.
-    interval : int
-        MCUs between restart markers; 0 for none.
-    start : int
-        Offset of the entropy-coded data in the file.
-    """
-
-    components: tuple[int, ...]
+    components: tuple[int, ...]  # indices into the components of the frame
+    # Decoding tables of each component, see `decoding_table`
     dc: tuple[Table, ...]
     ac: tuple[Table, ...]
-    band: tuple[int, int]
+    band: tuple[int, int]  # the first and the last coefficient
+    # The lowest bit known before, 0 for none; and the lowest bit in this scan
     high: int
     low: int
-    interval: int
-    start: int
+    interval: int  # MCUs between restart markers; 0 for none
+    start: int  # offset of the entropy-coded data in the file
 
 
 @dataclass(eq=False)

@@ -22,21 +22,13 @@ MIN_WEIGHT = 1e-3  # of an averaged hypothesis
 
 @dataclass(frozen=True, eq=False)
 class AlphaEstimate:
-    """Alpha in a box by one hypothesis.
+    """Alpha in a box by one hypothesis."""
 
-    Parameters
-    ----------
-    alpha, alpha_std : (h, w) float
-        Of each pixel; not finite where alpha is unknown.
-    sum_std : float
-        Standard deviation of the sum of alpha.
-    scale_std : float
-        Relative standard deviation of a factor common to all pixels, not included in `alpha_std`.
-    """
-
+    # (h, w) float: of each pixel; not finite where alpha is unknown
     alpha: Floats
     alpha_std: Floats
-    sum_std: float
+    sum_std: float  # standard deviation of the sum of alpha
+    # Relative standard deviation of a factor common to all pixels, not included in `alpha_std`
     scale_std: float = 0.0
 
 

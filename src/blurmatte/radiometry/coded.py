@@ -19,30 +19,16 @@ Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.
 
 @dataclass(frozen=True, eq=False)
 class CodedFrame:
-    """Code values of one frame.
+    """Code values of one frame."""
 
-    Parameters
-    ----------
-    number : int
-        In its clip, from 0.
-    time : float or None
-        Presentation time, seconds.
-    planes : three 2-D arrays
-        The first has a value for each pixel; the others have the same size, or half of it (rounded up)
-        in both directions. Y'CbCr or R'G'B', integers or floats.
-    zero : three floats
-        The value of each plane where there is no light, or no color.
-    step : float
-        Difference of two code values; 0 for floats.
-    light_of : callable
-        Linear light of a box (x0, y0, x1, y1), or of every n-th pixel of the frame.
-    """
-
-    number: int
-    time: float | None
+    number: int  # in its clip, from 0
+    time: float | None  # presentation time, seconds
+    # The first has a value for each pixel; the others have the same size, or half of it (rounded
+    # up) in both directions. Y'CbCr or R'G'B', integers or floats
     planes: Planes
-    zero: tuple[float, float, float]
-    step: float
+    zero: tuple[float, float, float]  # the value of each plane where there is no light, or no color
+    step: float  # difference of two code values; 0 for floats
+    # Linear light of a box (x0, y0, x1, y1), or of every n-th pixel of the frame
     light_of: Callable[[Box, int], LinearImage] = field(repr=False)
 
     @property

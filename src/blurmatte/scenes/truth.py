@@ -15,52 +15,25 @@ LAYER_FILES = ("layer.exr", "layer.png", "layer.tif", "alpha.png")
 
 @dataclass(frozen=True, eq=False)
 class Truth:
-    """The truth of a scene that `save_shot` wrote.
+    """The truth of a scene that `save_shot` wrote."""
 
-    Parameters
-    ----------
-    layer : Layer
-        True alpha and premultiplied light.
-    plate : LinearImage
-        The plate behind the object, without noise.
-    trajectory : Trajectory
-        True path of the center.
-    radius : float
-        Extent of the object from its center at the start, pixels.
-    subframes : tuple of Layer
-        Sharp layers at the middles of equal parts of the exposure.
-    """
-
-    layer: Layer
-    plate: LinearImage
-    trajectory: Trajectory
-    radius: float
-    subframes: tuple[Layer, ...]
+    layer: Layer  # true alpha and premultiplied light
+    plate: LinearImage  # the plate behind the object, without noise
+    trajectory: Trajectory  # true path of the center
+    radius: float  # extent of the object from its center at the start, pixels
+    subframes: tuple[Layer, ...]  # sharp layers at the middles of equal parts of the exposure
 
 
 @dataclass(frozen=True, eq=False)
 class Answer:
-    """The answer of a program to a scene.
+    """The answer of a program to a scene."""
 
-    Parameters
-    ----------
-    layer : Layer
-        Alpha and premultiplied light; the light is 0 if `alpha_only`.
-    alpha_only : bool
-        True if the program estimates no color.
-    solution : Solution, optional
-        Estimates with their standard deviations, if blurmatte wrote it.
-    trajectory : Trajectory, optional
-        Path of the object's center.
-    subframes : tuple of Layer, optional
-        Sharp layers, as many as in the truth.
-    """
-
-    layer: Layer
-    alpha_only: bool = False
+    layer: Layer  # alpha and premultiplied light; the light is 0 if `alpha_only`
+    alpha_only: bool = False  # true if the program estimates no color
+    # Estimates with their standard deviations, if blurmatte wrote it
     solution: Solution | None = None
-    trajectory: Trajectory | None = None
-    subframes: tuple[Layer, ...] | None = None
+    trajectory: Trajectory | None = None  # path of the object's center
+    subframes: tuple[Layer, ...] | None = None  # sharp layers, as many as in the truth
 
 
 def find_scenes(folder: str | Path) -> list[Path]:

@@ -58,33 +58,17 @@ Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
 @dataclass(frozen=True)
 class HypothesisSettings:
-    """Which streaks are fitted, and which hypotheses are fitted, refined and kept.
+    """Which streaks are fitted, and which hypotheses are fitted, refined and kept."""
 
-    Parameters
-    ----------
-    max_streaks : int
-        That are compared.
-    min_evidence_ratio : float
-        Evidence of a streak over that of the strongest.
-    max_explained_inflation : float
-        Variance inflation of residuals that another shape or light does not reduce.
-    min_light_weight : float
-        Weight of other light on the plate: 150 to 1.
-    min_refined_weight : float
-        Weight of a hypothesis that is refined.
-    min_alpha_difference : float
-        Relative root mean square difference of alpha of two hypotheses.
-    max_solid_blur : float
-        Blur of the rim over the radius; shadows are softer.
-    """
-
-    max_streaks: int = 5
-    min_evidence_ratio: float = 0.01
+    max_streaks: int = 5  # that are compared
+    min_evidence_ratio: float = 0.01  # evidence of a streak over that of the strongest
+    # Variance inflation of residuals that another shape or light does not reduce
     max_explained_inflation: float = 1.2
-    min_light_weight: float = 0.993
-    min_refined_weight: float = 1e-3
+    min_light_weight: float = 0.993  # weight of other light on the plate: 150 to 1
+    min_refined_weight: float = 1e-3  # weight of a hypothesis that is refined
+    # Relative root mean square difference of alpha of two hypotheses
     min_alpha_difference: float = 0.01
-    max_solid_blur: float = 0.1
+    max_solid_blur: float = 0.1  # blur of the rim over the radius; shadows are softer
 
 
 def fit_sweep(

@@ -20,39 +20,21 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class ShadowMaskSettings:
-    """Settings of the detection of a shadow; light is in units of the object's own.
+    """Settings of the detection of a shadow; light is in units of the object's own."""
 
-    Parameters
-    ----------
-    windows_px : tuple of int
-        Widths of the windows: dark shadows may be narrow, faint ones need larger windows.
-    max_shadow_light : float
-        Upper bound of the light in a shadow on the plate.
-    max_shaded_light : float
-        The same for a shadow that extends onto the object.
-    max_underside_light : float
-        The same if the shape is unknown: less than the light on the underside of a ball below a lamp.
-    threshold_std : float
-        Threshold of both tests, in standard deviations of the noise.
-    rim_px : int
-        Dilation of the mask.
-    min_fraction, max_fraction : float
-        Bounds of the shadow's fraction of the streak; a shadow is neither negligible nor all of it.
-    bleed_px : int
-        Distance over which files spread a streak's colors.
-    min_windows : int
-        Number of windows outside the streak that suffice to measure their noise.
-    """
-
+    # Widths of the windows: dark shadows may be narrow, faint ones need larger windows
     windows_px: tuple[int, ...] = (5, 11, 21)
-    max_shadow_light: float = 0.2
-    max_shaded_light: float = 0.85
+    max_shadow_light: float = 0.2  # upper bound of the light in a shadow on the plate
+    max_shaded_light: float = 0.85  # the same for a shadow that extends onto the object
+    # The same if the shape is unknown: less than the light on the underside of a ball below a lamp
     max_underside_light: float = 0.4
-    threshold_std: float = 4.0
-    rim_px: int = 2
+    threshold_std: float = 4.0  # threshold of both tests, in standard deviations of the noise
+    rim_px: int = 2  # dilation of the mask
+    # Bounds of the shadow's fraction of the streak; a shadow is neither negligible nor all of it
     min_fraction: float = 0.03
     max_fraction: float = 0.8
-    bleed_px: int = 4
+    bleed_px: int = 4  # distance over which files spread a streak's colors
+    # Number of windows outside the streak that suffice to measure their noise
     min_windows: int = 20
 
 

@@ -20,16 +20,10 @@ DIFFERENCE_STEP = 1e-3  # standard deviations: small against curvature, large ag
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """An input of a measurement.
+    """An input of a measurement."""
 
-    Parameters
-    ----------
-    values : (n,) float
-    covariance : (n, n) float
-    """
-
-    values: Array
-    covariance: Array
+    values: Array  # (n,) float
+    covariance: Array  # (n, n) float
 
     @classmethod
     def number(cls, value: float, std: float) -> "Source":

@@ -33,20 +33,11 @@ _GROWTHS = {2: np.array([[-0.5], [0.5]]), 3: np.array([[-0.5, 0], [0, 1], [0.5, 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class PerspectiveBall(Silhouette):
-    """The image of a ball in the pixels of an observation.
-
-    Parameters
-    ----------
-    intrinsics : Intrinsics
-    rays : (h, w, 3) float
-        Unit directions of the rays of the pixels.
-    slopes : (h, w, 3, 2) float
-        Their change from pixel to pixel, in x and y.
-    """
+    """The image of a ball in the pixels of an observation."""
 
     intrinsics: Intrinsics
-    rays: Array
-    slopes: Array
+    rays: Array  # (h, w, 3) float: unit directions of the rays of the pixels
+    slopes: Array  # (h, w, 3, 2) float: their change from pixel to pixel, in x and y
 
     @classmethod
     def in_observation(cls, intrinsics: Intrinsics, data: Observation) -> "PerspectiveBall":

@@ -29,50 +29,24 @@ class ErrorTerms:
     """Causes of an error larger than claimed, each 0 or more; 0 means no evidence for the cause.
 
     Disagreements are log(1 + d/s) with the root mean square difference d of alpha.
-
-    Parameters
-    ----------
-    shapeless : float
-        Disagreement with the likeliest alpha without a shape, or of the likeliest shape with it.
-    one_paint : float
-        The least disagreement with another hypothesis of one paint.
-    mean : float
-        That of the other hypotheses in the mean.
-    least : float
-        That of the one that differs least.
-    correlation : float
-        Log of the variance inflation of the likeliest hypothesis.
-    color_spread : float
-        Spread of color across its mean, radians.
-    color_angle : float
-        log(1 + σ) of the standard deviation of the color's direction, degrees.
-    radius : float
-        log(1 + σ) of the standard deviation of the radius, percent.
-    blur : float
-        log(1 + σ) of the standard deviation of the rim's blur, percent of the radius.
-    residuals : float
-        Log of the residual excess.
-    noise : float
-        Log of the noise inflation.
-    without_shape : float
-        1 if alpha without a shape is the likeliest hypothesis.
-    small_claim : float
-        Log of 0.05 over the claim.
     """
 
+    # Disagreement with the likeliest alpha without a shape, or of the likeliest shape with it
     shapeless: float = 0.0
-    one_paint: float = 0.0
-    mean: float = 0.0
-    least: float = 0.0
-    correlation: float = 0.0
-    color_spread: float = 0.0
+    one_paint: float = 0.0  # the least disagreement with another hypothesis of one paint
+    mean: float = 0.0  # that of the other hypotheses in the mean
+    least: float = 0.0  # that of the one that differs least
+    correlation: float = 0.0  # log of the variance inflation of the likeliest hypothesis
+    color_spread: float = 0.0  # spread of color across its mean, radians
+    # Log(1 + σ) of the standard deviation of the color's direction, degrees
     color_angle: float = 0.0
-    radius: float = 0.0
+    radius: float = 0.0  # log(1 + σ) of the standard deviation of the radius, percent
+    # Log(1 + σ) of the standard deviation of the rim's blur, percent of the radius
     blur: float = 0.0
-    residuals: float = 0.0
-    noise: float = 0.0
-    without_shape: float = 0.0
-    small_claim: float = 0.0
+    residuals: float = 0.0  # log of the residual excess
+    noise: float = 0.0  # log of the noise inflation
+    without_shape: float = 0.0  # 1 if alpha without a shape is the likeliest hypothesis
+    small_claim: float = 0.0  # log of 0.05 over the claim
 
     def __post_init__(self) -> None:
         wrong = [name for name, value in asdict(self).items() if not value >= 0]
@@ -100,24 +74,12 @@ REASONS = {
 
 @dataclass(frozen=True)
 class Calibration:
-    """The fitted calibration.
+    """The fitted calibration."""
 
-    Parameters
-    ----------
-    intercept : float
-        b.
-    coefficients : mapping of str to float
-        c of each of the `ErrorTerms`, 0 or more.
-    class_factors : mapping of str to float
-        By which the errors of a class of files are multiplied.
-    provenance : str
-        Data of the fit.
-    """
-
-    intercept: float
-    coefficients: Mapping[str, float]
-    class_factors: Mapping[str, float]
-    provenance: str = ""
+    intercept: float  # b
+    coefficients: Mapping[str, float]  # c of each of the `ErrorTerms`, 0 or more
+    class_factors: Mapping[str, float]  # by which the errors of a class of files are multiplied
+    provenance: str = ""  # data of the fit
 
     def factor(self, terms: ErrorTerms, file_class: str) -> float:
         """Factor of a claimed error."""

@@ -33,24 +33,12 @@ OPTIMISM = 0.3
 
 @dataclass(frozen=True)
 class Evidence:
-    """How well a hypothesis predicts an observation.
+    """How well a hypothesis predicts an observation."""
 
-    Parameters
-    ----------
-    cost : float
-        Negative log marginal likelihood.
-    inflation : float
-        Of the variance of block sums of its residuals, 1 or more.
-    parameters : int
-        That were fitted, colors apart.
-    pixels : float
-        Of the observation.
-    """
-
-    cost: float
-    inflation: float
-    parameters: int
-    pixels: float
+    cost: float  # negative log marginal likelihood
+    inflation: float  # of the variance of block sums of its residuals, 1 or more
+    parameters: int  # that were fitted, colors apart
+    pixels: float  # of the observation
 
 
 def evidence_of(
@@ -132,27 +120,13 @@ def in_observation(values: Array, observation: Observation) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class Hypotheses:
-    """Sweeps that may explain a streak, and the evidence for each.
+    """Sweeps that may explain a streak, and the evidence for each."""
 
-    Parameters
-    ----------
-    observation : Observation
-        The data of all comparisons.
-    sweeps : tuple of Sweep
-        The likeliest first.
-    evidence : tuple of Evidence
-        Of each sweep.
-    plate : LinearImage
-        In the light that the object left on it, with its error.
-    streak : Streak
-        The part of the picture that moved before that plate.
-    """
-
-    observation: Observation
-    sweeps: tuple[Sweep, ...]
-    evidence: tuple[Evidence, ...]
-    plate: LinearImage
-    streak: Streak
+    observation: Observation  # the data of all comparisons
+    sweeps: tuple[Sweep, ...]  # the likeliest first
+    evidence: tuple[Evidence, ...]  # of each sweep
+    plate: LinearImage  # in the light that the object left on it, with its error
+    streak: Streak  # the part of the picture that moved before that plate
 
     @property
     def best(self) -> Sweep:

@@ -8,19 +8,11 @@ from blurmatte.sweep.model.state import State
 
 @dataclass(frozen=True, eq=False)
 class Candidate:
-    """A fitted sweep.
-
-    Parameters
-    ----------
-    state : State
-    cast : CastShadow, optional
-        The shadow in which the state's plate lies.
-    chroma_blur : float
-        Pixels by which the file blurred colors, a standard deviation; 0 if it did not.
-    """
+    """A fitted sweep."""
 
     state: State
-    cast: CastShadow | None = None
+    cast: CastShadow | None = None  # the shadow in which the state's plate lies
+    # Pixels by which the file blurred colors, a standard deviation; 0 if it did not
     chroma_blur: float = 0.0
 
     @property

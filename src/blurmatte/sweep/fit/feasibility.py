@@ -12,26 +12,14 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class PhysicalLimits:
-    """Limits of a sweep that is physically possible.
+    """Limits of a sweep that is physically possible."""
 
-    Parameters
-    ----------
-    max_light : float
-        Mean light of the object, where the sensor's white is 1.
-    min_light : float
-        Of a channel, of the brightest one; noise may make a dark channel negative.
-    min_visible_fraction : float
-        Of the total alpha, on valid pixels.
-    max_outside_fraction : float
-        Of the path, outside the mask.
-    max_turn_rad : float
-        Turn of the path within the object's own width: half a circle, and rounding.
-    """
-
-    max_light: float = 1.2
+    max_light: float = 1.2  # mean light of the object, where the sensor's white is 1
+    # Of a channel, of the brightest one; noise may make a dark channel negative
     min_light: float = -0.1
-    min_visible_fraction: float = 0.5
-    max_outside_fraction: float = 0.01
+    min_visible_fraction: float = 0.5  # of the total alpha, on valid pixels
+    max_outside_fraction: float = 0.01  # of the path, outside the mask
+    # Turn of the path within the object's own width: half a circle, and rounding
     max_turn_rad: float = 3.5
 
 

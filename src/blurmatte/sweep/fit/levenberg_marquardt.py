@@ -14,38 +14,20 @@ ROUGH_TOLERANCE = 0.1  # units of log likelihood, on large pixels, and where fit
 
 @dataclass(frozen=True)
 class LevenbergMarquardt:
-    """Settings of the damping and of the step length.
+    """Settings of the damping and of the step length."""
 
-    Parameters
-    ----------
-    first_damping, min_damping : float
-        Of the curvature.
-    damping_after_failure : float
-        Of the curvature; less hardly changes a step that failed.
-    increase, decrease : float
-        Factors of the damping after bad and good steps.
-    max_trials : int
-        Dampings in one step.
-    min_gain_ratio : float
-        Of the predicted gain; a smaller gain increases the damping.
-    min_curvature : float
-        Of the largest curvature.
-    max_move : float
-        In a step, of the radius; two pixels if that is more.
-    max_bend : float
-        In a step, of the radius or radians.
-    """
-
+    # Of the curvature
     first_damping: float = 1e-2
     min_damping: float = 1e-7
-    damping_after_failure: float = 0.1
+    damping_after_failure: float = 0.1  # of the curvature; less hardly changes a step that failed
+    # Factors of the damping after bad and good steps
     increase: float = 6
     decrease: float = 5
-    max_trials: int = 8
-    min_gain_ratio: float = 0.25
-    min_curvature: float = 1e-10
-    max_move: float = 0.5
-    max_bend: float = 0.3
+    max_trials: int = 8  # dampings in one step
+    min_gain_ratio: float = 0.25  # of the predicted gain; a smaller gain increases the damping
+    min_curvature: float = 1e-10  # of the largest curvature
+    max_move: float = 0.5  # in a step, of the radius; two pixels if that is more
+    max_bend: float = 0.3  # in a step, of the radius or radians
 
 
 def minimize(

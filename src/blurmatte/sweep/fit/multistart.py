@@ -32,62 +32,35 @@ NODES_PER_RADIUS = 4.0  # of the color field, in a half width
 
 @dataclass(frozen=True)
 class MultistartSettings:
-    """Settings of the search; lengths are in half widths of the streak unless they say pixels.
+    """Settings of the search; lengths are in half widths of the streak unless they say pixels."""
 
-    Parameters
-    ----------
-    radii, quick_radii : tuple of float
-        Radii of the discs that fits start from, for one picture and for one of many frames.
-    radius_bounds : (float, float)
-    margin : float
-        Around the streak.
-    coarse_radius_px, fine_radius_px : float
-        Radius of a disc on large and on small pixels.
-    max_pixels : int
-        Of an observation; larger ones are averaged.
-    max_steps : int
-        Of one fit.
-    coarse_tolerance : float
-        On large pixels, units of log likelihood.
-    max_finalists : int
-        Families of paths that are refined.
-    first_blur_px : float
-        Standard deviation of the rim's blur that fits of soft discs start from.
-    """
-
+    # Radii of the discs that fits start from, for one picture and for one of many frames
     radii: tuple[float, ...] = (1.0, 0.75, 1.2, 0.5)
     quick_radii: tuple[float, ...] = (0.8,)
     radius_bounds: tuple[float, float] = (0.25, 1.6)
-    margin: float = 2.5
+    margin: float = 2.5  # around the streak
+    # Radius of a disc on large and on small pixels
     coarse_radius_px: float = 4.0
     fine_radius_px: float = 16.0
-    max_pixels: int = 80_000
-    max_steps: int = 25
-    coarse_tolerance: float = 0.3
-    max_finalists: int = 2
+    max_pixels: int = 80_000  # of an observation; larger ones are averaged
+    max_steps: int = 25  # of one fit
+    coarse_tolerance: float = 0.3  # on large pixels, units of log likelihood
+    max_finalists: int = 2  # families of paths that are refined
+    # Standard deviation of the rim's blur that fits of soft discs start from
     first_blur_px: float = 0.7
 
 
 @dataclass(frozen=True, eq=False)
 class Multistart:
-    """Observations, fine and coarse, and where fits start.
-
-    Parameters
-    ----------
-    observation, coarse : Observation
-    curves : sequence of ((n, 2) float, float)
-        Curves through the streak, and the radius of a disc that may have moved along each.
-    bounds : (float, float)
-        Of the radius, pixels.
-    middle : (2,) float
-        Of the streak's box (x, y), pixels.
-    """
+    """Observations, fine and coarse, and where fits start."""
 
     observation: Observation
     coarse: Observation
+    # Sequence of ((n, 2) float, float): curves through the streak, and the radius of a disc that
+    # may have moved along each
     curves: Sequence[tuple[Array, float]]
-    bounds: tuple[float, float]
-    middle: Array
+    bounds: tuple[float, float]  # of the radius, pixels
+    middle: Array  # (2,) float: of the streak's box (x, y), pixels
 
     @classmethod
     def of(

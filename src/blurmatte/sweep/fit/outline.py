@@ -26,37 +26,21 @@ from blurmatte.sweep.model.state import State, state_at
 
 @dataclass(frozen=True)
 class OutlineSearch:
-    """Settings of the search for shapes.
+    """Settings of the search for shapes."""
 
-    Parameters
-    ----------
-    coarse_radius_px, soft_coarse_radius_px : float
-        Radius of a disc on large pixels, with a sharp and with a soft rim.
-    first_order : int
-        Of the outlines that all searches start with.
-    coarse_orders, fine_orders : tuple of int
-        Tried on large pixels from the best outline, and on small pixels in turn.
-    radius_bounds : (float, float)
-        Of the disc's radius.
-    max_coarse_steps, max_fine_steps : int
-    max_growth_steps : int
-        Of a growing disc on large pixels.
-    growths : tuple of float
-        Log growth that fits start from.
-    max_explained_inflation : float
-        Variance inflation of residuals that other shapes do not reduce.
-    """
-
+    # Radius of a disc on large pixels, with a sharp and with a soft rim
     coarse_radius_px: float = 8.0
     soft_coarse_radius_px: float = 4.0
-    first_order: int = 6
+    first_order: int = 6  # of the outlines that all searches start with
+    # Tried on large pixels from the best outline, and on small pixels in turn
     coarse_orders: tuple[int, ...] = (2, 4, 8)
     fine_orders: tuple[int, ...] = (4, 8, 12)
-    radius_bounds: tuple[float, float] = (0.25, 2.5)
+    radius_bounds: tuple[float, float] = (0.25, 2.5)  # of the disc's radius
     max_coarse_steps: int = 20
     max_fine_steps: int = 15
-    max_growth_steps: int = 15
-    growths: tuple[float, ...] = (-0.5, 0.5)
+    max_growth_steps: int = 15  # of a growing disc on large pixels
+    growths: tuple[float, ...] = (-0.5, 0.5)  # log growth that fits start from
+    # Variance inflation of residuals that other shapes do not reduce
     max_explained_inflation: float = 1.3
 
 

@@ -19,40 +19,23 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ShadowSearch:
-    """Settings of the search for a shadow; lengths are in radii of the disc.
+    """Settings of the search for a shadow; lengths are in radii of the disc."""
 
-    Parameters
-    ----------
-    coarse_radius_px : float
-        Radius of a disc on large pixels, on which both disc and shadow are resolved.
-    coarse_rounds, fine_rounds : int
-        Of block-coordinate descent, on large and on small pixels.
-    max_disc_steps : int
-        Of the disc in a round.
-    converged_difference : float
-        Relative change of alpha in a round.
-    first_distances : tuple of float
-        From the disc's center to the shadow's, at the start of a fit.
-    first_directions : int
-        Of each of these distances.
-    max_distance : float
-    min_softness, first_softness, max_softness : float
-    cauchy_scale : float
-        Of the loss, standard deviations.
-    """
-
+    # Radius of a disc on large pixels, on which both disc and shadow are resolved
     coarse_radius_px: float = 8.0
+    # Of block-coordinate descent, on large and on small pixels
     coarse_rounds: int = 10
     fine_rounds: int = 4
-    max_disc_steps: int = 10
-    converged_difference: float = 2e-3
+    max_disc_steps: int = 10  # of the disc in a round
+    converged_difference: float = 2e-3  # relative change of alpha in a round
+    # From the disc's center to the shadow's, at the start of a fit
     first_distances: tuple[float, ...] = (0.7, 1.4, 2.2)
-    first_directions: int = 8
+    first_directions: int = 8  # of each of these distances
     max_distance: float = 6.0
     min_softness: float = 0.03
     first_softness: float = 0.3
     max_softness: float = 1.0
-    cauchy_scale: float = 2.5
+    cauchy_scale: float = 2.5  # of the loss, standard deviations
 
 
 def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, CastShadow] | None:

@@ -20,26 +20,16 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class CastShadow:
-    """A shadow that a disc casts.
-
-    Parameters
-    ----------
-    offset : (2,) float
-        From the disc's center to its shadow's, pixels.
-    softness : float
-        Standard deviation of its blur, pixels.
-    strength : (3,) float
-        t of each channel, 0…1.
-    """
+    """A shadow that a disc casts."""
 
     size: ClassVar[int] = 6  # parameters
     MIN_STRENGTH: ClassVar[float] = 0.04  # of the channel that loses most
     MAX_STRENGTH: ClassVar[float] = 0.95  # of the same channel: other light reaches the plate too
     MIN_STRENGTH_RATIO: ClassVar[float] = 0.5  # smallest over largest: lamps are about white
 
-    offset: Array
-    softness: float
-    strength: Array
+    offset: Array  # (2,) float: from the disc's center to its shadow's, pixels
+    softness: float  # standard deviation of its blur, pixels
+    strength: Array  # (3,) float: t of each channel, 0…1
 
     @property
     def is_possible(self) -> bool:

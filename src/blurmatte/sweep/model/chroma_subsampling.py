@@ -25,15 +25,9 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Blur:
-    """A file with a Gaussian blur of chroma.
+    """A file with a Gaussian blur of chroma."""
 
-    Parameters
-    ----------
-    std : float
-        Standard deviation of the blur, pixels.
-    """
-
-    std: float
+    std: float  # standard deviation of the blur, pixels
 
     def seen(self, codes: Array) -> Array:
         """(h, w, 3) code values after the file."""
@@ -45,17 +39,10 @@ class Blur:
 
 @dataclass(frozen=True)
 class Compressed:
-    """A file of known compression.
-
-    Parameters
-    ----------
-    compression : Compression
-    noise : float
-        Standard deviation of code values.
-    """
+    """A file of known compression."""
 
     compression: Compression
-    noise: float
+    noise: float  # standard deviation of code values
 
     @classmethod
     def of(
@@ -88,22 +75,13 @@ def file_of(image: LinearImage) -> Compressed | None:
 
 @dataclass(frozen=True, eq=False)
 class ChromaBlur:
-    """Image and plate, and the file that blurred the image's colors.
+    """Image and plate, and the file that blurred the image's colors."""
 
-    Parameters
-    ----------
-    C, B : (h, w, 3) float
-        Light of image and plate.
-    file : Blur or Compressed
-        Effect on the image's code values.
-    transfer : Transfer
-        Of the file.
-    """
-
+    # (h, w, 3) float: light of image and plate
     C: Floats
     B: Floats
-    file: File
-    transfer: Transfer
+    file: File  # effect on the image's code values
+    transfer: Transfer  # of the file
 
     @cached_property
     def _codes(self) -> Array:

@@ -32,46 +32,23 @@ Light = tuple[Array, Array, Array, Array]
 
 @dataclass(frozen=True)
 class FieldSettings:
-    """Settings of the fit of a field.
+    """Settings of the fit of a field."""
 
-    Parameters
-    ----------
-    rounds : int
-        Of the colors, then their spread and the pixels' weights.
-    first_spread : (3,) float
-        Along each axis, of the mean color's length.
-    min_spread : float
-        Of the mean color's length.
-    min_length : float
-        Of the mean color, linear light.
-    """
-
-    rounds: int = 4
+    rounds: int = 4  # of the colors, then their spread and the pixels' weights
+    # Along each axis, of the mean color's length
     first_spread: tuple[float, float, float] = (0.5, 0.2, 0.2)
-    min_spread: float = 0.004
-    min_length: float = 1e-3
+    min_spread: float = 0.004  # of the mean color's length
+    min_length: float = 1e-3  # of the mean color, linear light
 
 
 @dataclass(frozen=True, eq=False)
 class Grid:
-    """Nodes of the cells that an object covered.
+    """Nodes of the cells that an object covered."""
 
-    Parameters
-    ----------
-    pitch : float
-        Pixels from node to node.
-    number : (rows, columns) int
-        Number of each node, −1 where there is none.
-    neighbors : (2, k) int
-        Pairs of adjacent nodes, the lower number first.
-    width : int
-        Of the lower band of a matrix that couples nodes of one cell.
-    """
-
-    pitch: float
-    number: Indices
-    neighbors: Indices
-    width: int
+    pitch: float  # pixels from node to node
+    number: Indices  # number of each node, −1 where there is none
+    neighbors: Indices  # pairs of adjacent nodes, the lower number first
+    width: int  # of the lower band of a matrix that couples nodes of one cell
 
     @classmethod
     def over(cls, alpha: Array, pitch: float) -> "Grid":
@@ -110,32 +87,19 @@ class Grid:
 
 @dataclass(frozen=True, eq=False)
 class ColorField:
-    """Colors of a grid's nodes, along the axes of color space.
-
-    Parameters
-    ----------
-    grid : Grid
-    colors : (n, 3) float
-        Linear light.
-    prior : (3, width, n) float
-        Lower bands of the inverse covariance of their prior, along each axis.
-    cost : float
-        Negative log prior density of these colors, and the log volume of their posterior.
-    mean, mean_std, spread, change : (3,) float
-        m, its standard deviation, κ and τ.
-    rank : int
-        Number of axes along which the mean is free.
-    """
+    """Colors of a grid's nodes, along the axes of color space."""
 
     grid: Grid
-    colors: Array
+    colors: Array  # (n, 3) float: linear light
+    # (3, width, n) float: lower bands of the inverse covariance of their prior, along each axis
     prior: Array
-    cost: float
+    cost: float  # negative log prior density of these colors, and the log volume of their posterior
+    # (3,) float: m, its standard deviation, κ and τ
     mean: Array
     mean_std: Array
     spread: Array
     change: Array
-    rank: int = 3
+    rank: int = 3  # number of axes along which the mean is free
 
     def residuals(self, light: Light, alpha: Array) -> Array:
         """(3, h, w) of unit variance."""

@@ -16,23 +16,13 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class ColorPrior:
-    """Axes of color space, and the spread of colors along them.
+    """Axes of color space, and the spread of colors along them."""
 
-    Parameters
-    ----------
-    axes : (3, 3) float
-        Orthonormal columns, linear RGB.
-    rank : int
-        Number of axes along which the mean color is free; 3 if nothing is known.
-    varied : int
-        Number of axes along which the spread of colors is estimated; it is small along the others.
-    angle_std : float
-        Standard deviation of the angle between colors and the first `rank` axes, radians.
-    """
-
-    axes: Array
-    rank: int = 3
+    axes: Array  # (3, 3) float: orthonormal columns, linear RGB
+    rank: int = 3  # number of axes along which the mean color is free; 3 if nothing is known
+    # Number of axes along which the spread of colors is estimated; it is small along the others
     varied: int = 3
+    # Standard deviation of the angle between colors and the first `rank` axes, radians
     angle_std: float = 0.0
 
     @property

@@ -29,52 +29,30 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True)
 class LightingSettings:
-    """Settings of the fit of ρ; all but rounds and pitch are fractions of the plate's light.
+    """Settings of the fit of ρ; all but rounds and pitch are fractions of the plate's light."""
 
-    Parameters
-    ----------
-    rounds : int
-        Of the field, then its amplitude and the pixels' weights.
-    first_spread, first_step : float
-        κ and τ at the start, as of a shadow near a wall.
-    min_spread : float
-        Of κ and τ.
-    min_change, max_change : float
-        Of ρ.
-    pitch : float
-        From node to node, in those of the color field: half the half width of a streak.
-    """
-
-    rounds: int = 6
+    rounds: int = 6  # of the field, then its amplitude and the pixels' weights
+    # κ and τ at the start, as of a shadow near a wall
     first_spread: float = 0.3
     first_step: float = 0.15
-    min_spread: float = 1e-4
+    min_spread: float = 1e-4  # of κ and τ
+    # Of ρ
     min_change: float = -0.95
     max_change: float = 0.5
+    # From node to node, in those of the color field: half the half width of a streak
     pitch: float = 2.0
 
 
 @dataclass(frozen=True, eq=False)
 class Lighting:
-    """The change ρ of the plate's light in an observation.
+    """The change ρ of the plate's light in an observation."""
 
-    Parameters
-    ----------
-    change, std : (h, w) float
-        ρ in the observation's pixels, and its standard deviation given its neighbors.
-    cost : float
-        Negative log prior density of its nodes, and the log volume of their posterior.
-    origin : (float, float)
-        Where the center of pixel (0, 0) is, in pixels of the picture.
-    scale : float
-        Width of a pixel, in pixels of the picture.
-    """
-
+    # (h, w) float: ρ in the observation's pixels, and its standard deviation given its neighbors
     change: Array
     std: Array
-    cost: float
-    origin: tuple[float, float]
-    scale: float
+    cost: float  # negative log prior density of its nodes, and the log volume of their posterior
+    origin: tuple[float, float]  # where the center of pixel (0, 0) is, in pixels of the picture
+    scale: float  # width of a pixel, in pixels of the picture
 
     def is_possible(self, alpha: Array) -> bool:
         """True if an object of this alpha can cause this change.

@@ -21,81 +21,43 @@ Bools = npt.NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class BlockStatistics:
-    """Blocks of pixels over which the correlation of noise and of residuals is measured.
+    """Blocks of pixels over which the correlation of noise and of residuals is measured."""
 
-    Parameters
-    ----------
-    sizes_px : tuple of int
-        Widths: the noise of files and the residuals of wrong shapes correlate over such distances.
-    margin_px : int
-        Around a streak, where pixels do not count as background.
-    trimmed_inside : float
-        Fraction of the blocks of a sweep that is dropped: tolerates occluders and holes.
-    trimmed_outside : float
-        Fraction of the background's blocks that is dropped: tolerates other moving objects.
-    """
-
+    # Widths: the noise of files and the residuals of wrong shapes correlate over such distances
     sizes_px: tuple[int, ...] = (4, 8)
-    margin_px: int = 3
+    margin_px: int = 3  # around a streak, where pixels do not count as background
+    # Fraction of the blocks of a sweep that is dropped: tolerates occluders and holes
     trimmed_inside: float = 0.1
+    # Fraction of the background's blocks that is dropped: tolerates other moving objects
     trimmed_outside: float = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Observation:
-    """Image and plate within a box.
+    """Image and plate within a box."""
 
-    Parameters
-    ----------
-    C, B : (h, w, 3) float
-        Light.
-    C_variance, B_variance : (h, w, 3) float
-        Noise.
-    weight : (h, w) float
-        Of a pixel: 1, less far from the streak, 0 where it is not valid.
-    valid : (h, w) bool
-        Where image and plate are valid.
-    streak : (h, w) bool
-        Where something moved.
-    near : (h, w) bool
-        Where the object may have been.
-    size : (float, float)
-        (width, height) of the picture, in its pixels.
-    origin : (float, float)
-        Where the center of pixel (0, 0) is, in pixels of the picture.
-    color : ColorPrior
-        What is known of the object's colors, and the axes of color space for its field.
-    scale : float
-        Width of a pixel here, in pixels of the picture.
-    grain : float
-        Pixels of the picture within which the object's color hardly changes.
-    noise_inflation : float
-        Variance of the noise here over the variance that was measured.
-    chroma_error : (h, w, 3) float, optional
-        Light by which the image's file may have changed a pixel's color.
-    compression : Compression, optional
-        Of the image's file, of which these are the pixels; see `Meta.sharing`.
-    known_size : SizePrior, optional
-        Of the object, from other frames.
-    """
-
+    # (h, w, 3) float: light
     C: Array
     B: Array
+    # (h, w, 3) float: noise
     C_variance: Array
     B_variance: Array
-    weight: Array
-    valid: Bools
-    streak: Bools
-    near: Bools
-    size: tuple[float, float]
-    origin: tuple[float, float]
+    weight: Array  # (h, w) float: of a pixel: 1, less far from the streak, 0 where it is not valid
+    valid: Bools  # (h, w) bool: where image and plate are valid
+    streak: Bools  # (h, w) bool: where something moved
+    near: Bools  # (h, w) bool: where the object may have been
+    size: tuple[float, float]  # (width, height) of the picture, in its pixels
+    origin: tuple[float, float]  # where the center of pixel (0, 0) is, in pixels of the picture
+    # What is known of the object's colors, and the axes of color space for its field
     color: ColorPrior = field(default_factory=lambda: ColorPrior(np.eye(3)))
-    scale: float = 1.0
-    grain: float = 4.0
-    noise_inflation: float = 1.0
+    scale: float = 1.0  # width of a pixel here, in pixels of the picture
+    grain: float = 4.0  # pixels of the picture within which the object's color hardly changes
+    noise_inflation: float = 1.0  # variance of the noise here over the variance that was measured
+    # (h, w, 3) float: light by which the image's file may have changed a pixel's color
     chroma_error: Array | None = None
+    # Of the image's file, of which these are the pixels; see `Meta.sharing`
     compression: Compression | None = None
-    known_size: SizePrior | None = None
+    known_size: SizePrior | None = None  # of the object, from other frames
 
     @property
     def pixels(self) -> Pixels:

@@ -5,21 +5,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Pixels:
-    """Pixels of a box of the picture, or blocks of them.
+    """Pixels of a box of the picture, or blocks of them."""
 
-    Parameters
-    ----------
-    shape : (int, int)
-        (height, width) of the box, in these pixels.
-    origin : (float, float)
-        Where the center of pixel (0, 0) is (x, y), in pixels of the picture.
-    scale : float
-        Width of a pixel here, in pixels of the picture.
-    """
-
-    shape: tuple[int, int]
+    shape: tuple[int, int]  # (height, width) of the box, in these pixels
+    # Where the center of pixel (0, 0) is (x, y), in pixels of the picture
     origin: tuple[float, float] = (0.0, 0.0)
-    scale: float = 1.0
+    scale: float = 1.0  # width of a pixel here, in pixels of the picture
 
     @classmethod
     def of_box(cls, box: tuple[int, int, int, int]) -> "Pixels":

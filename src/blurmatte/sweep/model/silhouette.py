@@ -23,51 +23,29 @@ OPAQUE = 0.999  # alpha from which the plate is invisible
 
 @dataclass(frozen=True)
 class ShapeLimits:
-    """Bounds of the parameters of a silhouette.
+    """Bounds of the parameters of a silhouette."""
 
-    Parameters
-    ----------
-    max_log_stretch : float
-        Half the log of length over width: 55 times as long as wide.
-    max_coefficients : float
-        Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points has
-        half of it.
-    max_log_rate : float
-        Logarithm by which a length changes during the exposure: 7.4 times.
-    min_blur_px : float
-        Standard deviation of the rim's blur: a pixel's width hides less.
-    max_file_blur_px : float
-        Standard deviation by which files blur colors: blocks of 4 pixels share a color.
-    max_lens_blur : float
-        Standard deviation by which a lens blurs the rim, of the radius; more hides the shape.
-    """
-
-    max_log_stretch: float = 2.0
+    max_log_stretch: float = 2.0  # half the log of length over width: 55 times as long as wide
+    # Norm of the Fourier coefficients of log R, √2 of its root mean square; a star of five points
+    # has half of it
     max_coefficients: float = 1.0
-    max_log_rate: float = 2.0
-    min_blur_px: float = 0.2
+    max_log_rate: float = 2.0  # logarithm by which a length changes during the exposure: 7.4 times
+    min_blur_px: float = 0.2  # standard deviation of the rim's blur: a pixel's width hides less
+    # Standard deviation by which files blur colors: blocks of 4 pixels share a color
     max_file_blur_px: float = 2.0
+    # Standard deviation by which a lens blurs the rim, of the radius; more hides the shape
     max_lens_blur: float = 0.3
 
 
 @dataclass(frozen=True)
 class TimeSampling:
-    """Moments at which a moving shape is drawn.
+    """Moments at which a moving shape is drawn."""
 
-    Parameters
-    ----------
-    parts, soft_parts : int
-        Equal parts of the exposure that are subdivided; fewer where rim and path are smooth.
-    max_step_px : float
-        Distance between two moments.
-    max_per_part : int
-        Moments in a part.
-    """
-
+    # Equal parts of the exposure that are subdivided; fewer where rim and path are smooth
     parts: int = 48
     soft_parts: int = 8
-    max_step_px: float = 0.7
-    max_per_part: int = 200
+    max_step_px: float = 0.7  # distance between two moments
+    max_per_part: int = 200  # moments in a part
 
 
 @dataclass(frozen=True, eq=False)
@@ -97,26 +75,16 @@ class Silhouette:
     G = [[g + a, b], [b, g − a]] and the rates g, a, b, natural logarithms: g is growth, as of an object
     that approaches, and (a, b) a change of foreshortening. A disc has only g.
 
-    Parameters
-    ----------
-    order : int
-        Of the Fourier series of the outline: 1 is a disc, 2 an ellipse.
-    turns : bool
-        It rotates at constant rate in the plane of the picture.
-    soft : bool
-        Its rim is blurred: by the lens, or by the file.
-    changes : bool
-        Its size, and unless it is a disc its proportions, change at constant rates.
-
     Raises
     ------
     ValueError
         If `order` is less than 1, or a disc turns, which is not observable.
     """
 
-    order: int = 1
-    turns: bool = False
-    soft: bool = False
+    order: int = 1  # of the Fourier series of the outline: 1 is a disc, 2 an ellipse
+    turns: bool = False  # it rotates at constant rate in the plane of the picture
+    soft: bool = False  # its rim is blurred: by the lens, or by the file
+    # Its size, and unless it is a disc its proportions, change at constant rates
     changes: bool = False
 
     def __post_init__(self) -> None:

@@ -17,38 +17,18 @@ Array = npt.NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """Path and shape, and their fit to an observation.
-
-    Parameters
-    ----------
-    observation : Observation
-    family : PathFamily
-    path : (n,) float
-    silhouette : Silhouette
-        Kind of the shape.
-    shape : (m,) float
-    swept : Swept
-        Alpha and its derivatives.
-    field : ColorField
-        The colors.
-    e : (3, h, w) float
-        Residuals of unit variance, along the observation's axes of color.
-    cost : float
-        Negative log marginal likelihood.
-    converged : bool
-        No step reduces the cost any more.
-    """
+    """Path and shape, and their fit to an observation."""
 
     observation: Observation
     family: PathFamily
-    path: Array
-    silhouette: Silhouette
-    shape: Array
-    swept: Swept
-    field: ColorField
-    e: Array
-    cost: float
-    converged: bool = False
+    path: Array  # (n,) float
+    silhouette: Silhouette  # kind of the shape
+    shape: Array  # (m,) float
+    swept: Swept  # alpha and its derivatives
+    field: ColorField  # the colors
+    e: Array  # (3, h, w) float: residuals of unit variance, along the observation's axes of color
+    cost: float  # negative log marginal likelihood
+    converged: bool = False  # no step reduces the cost any more
 
     @property
     def size(self) -> int:
