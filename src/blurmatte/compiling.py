@@ -54,10 +54,7 @@ def _is_whole(content: bytes) -> bool:
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """numba.njit with these options; the code is kept for the next process, wherever it can be.
 
-    Warns
-    -----
-    BlurmatteWarning
-        Once, if numba's usual folders cannot be written to.
+    Warns once if numba's usual folders cannot be written to.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:

@@ -323,10 +323,7 @@ def box_around(*layers: Layer) -> Box | None:
 def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
     """(n, 3) linear light of one to three colors, each sRGB-coded hex or linear.
 
-    Raises
-    ------
-    ValueError
-        For another number, or values that are no colors.
+    Raises ValueError for another number, or values that are no colors.
     """
     rows = [
         light_of_hex(color)[0] if isinstance(color, str) else np.asarray(color, dtype=float)
@@ -340,10 +337,7 @@ def colors_of(colors: Iterable[Color]) -> npt.NDArray[np.float64]:
 def split(light: Floats, paints: npt.NDArray[np.float64]) -> Floats:
     """(..., n) amounts of each paint in light (..., 3), by least squares.
 
-    Raises
-    ------
-    ValueError
-        If a paint is black, or paints are mixtures of one another to 3 degrees.
+    Raises ValueError if a paint is black, or paints are mixtures of one another to 3 degrees.
     """
     size = np.linalg.norm(paints, axis=1)
     if size.min() < 1e-6:

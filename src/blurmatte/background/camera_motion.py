@@ -29,22 +29,12 @@ class CameraMotionSettings:
 
 
 def check_static_camera(light: Floats, gain: Floats, variance: float, names: Sequence[str]) -> None:
-    """Raise PlateError if most of the picture is shifted between frames.
+    """Raise PlateError, naming frames and shift, if most of the picture moves between frames.
 
-    Parameters
-    ----------
-    light : (K, H, W, 3) float
-    gain : (K, 3) float
-        Of each frame.
-    variance : float
-        Of the noise of a frame, averaged over the channels, light².
-    names : sequence of str
-        Of the frames, for the error.
-
-    Raises
-    ------
-    PlateError
-        Naming the frames and the shift.
+    light (K, H, W, 3).
+    gain (K, 3): of each frame.
+    variance: of the noise of a frame, averaged over the channels, light².
+    names: of the frames, for the error.
     """
     middle = len(light) // 2
     others = np.unique(np.linspace(0, len(light) - 1, CameraMotionSettings.frames).astype(int))

@@ -247,12 +247,7 @@ def agreement(image: LinearImage, plate: LinearImage) -> tuple[float, float]:
     """Robust standard deviation of image − plate over its noise: everywhere, and at the plate's edges.
 
     1 if only noise differs, less for rounded or compressed noise. Moving objects are trimmed. Edges are
-    the tenth of the pixels with the largest gradient.
-
-    Parameters
-    ----------
-    image, plate : LinearImage
-        The same size, noise known.
+    the tenth of the pixels with the largest gradient. The pictures have one size and known noise.
     """
     rows = slice(None, None, max(1, round(image.valid.size / 2.5e5)))  # enough pixels
     image, plate = (_rows_of(picture, rows) for picture in (image, plate))

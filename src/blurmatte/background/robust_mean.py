@@ -120,13 +120,7 @@ class Sums:
 
 
 def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
-    """Sum all frames; `count` is their expected number.
-
-    Raises
-    ------
-    ValueError
-        If their sizes differ.
-    """
+    """Sum all frames, of expected number `count`; raises ValueError if their sizes differ."""
     sums, precision = Sums.empty(modes.light.shape), 1 / modes.variance
     static, variance, place = _gain_pixels(modes)
     length = max(1, -(-count // MeanSettings.batches))

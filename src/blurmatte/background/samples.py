@@ -52,12 +52,8 @@ class Samples:
 def take_samples(frames: Iterable[LinearImage]) -> Samples:
     """Read the frames once and keep a number of them that does not depend on the clip's length.
 
-    Raises
-    ------
-    PlateError
-        If there are fewer than three frames, a cut, or too large a change of light.
-    ValueError
-        If their sizes differ.
+    Raises PlateError if there are fewer than three frames, a cut, or too large a change of light.
+    Raises ValueError if their sizes differ.
     """
     count = len(frames) if isinstance(frames, Sequence) else sum(1 for _ in frames)
     light, parts, names = _equally_spaced(frames, count)

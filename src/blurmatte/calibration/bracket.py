@@ -159,13 +159,7 @@ class Places:
         return np.asarray((self.codes > 0) & (self.codes < 1))
 
     def check_shared(self, bracket: Bracket) -> None:
-        """Raise unless successive pictures share places, and longer exposures are brighter.
-
-        Raises
-        ------
-        ResponseError
-            If not.
-        """
+        """Raise ResponseError unless successive pictures share places and get brighter."""
         inside = self.usable(_STEP)
         for first, second in zip(
             range(len(bracket.names)), range(1, len(bracket.names)), strict=False

@@ -110,24 +110,14 @@ class NoiseFit:
 def fit_sensor(x: Array, y: Array, spread: Array, rounding: Array) -> tuple[Array, Array, Array]:
     """The sensor's coefficients, by robust non-negative least squares.
 
-    Parameters
-    ----------
-    x, y : (K,) float
-        Levels of light, and variances without rounding.
-    spread : (K,) float
-        Standard deviation of y, as a fraction of the total variance, y plus rounding.
-    rounding : (K,) float
-        Variance of the rounding there.
+    x, y (K,): levels of light, and variances without rounding.
+    spread (K,): standard deviation of y, as a fraction of the total variance, y plus rounding.
+    rounding (K,): variance of the rounding there.
 
-    Returns
-    -------
-    coefficients : (3,) float
-        Not negative. That of light² is 0 unless it exceeds twice its standard deviation.
-    covariance : (3, 3) float
-        From the scatter of the levels, at least that of `spread`, of all three coefficients. The prior
-        standard deviation of each is the value that would explain all of the variance.
-    y_std : (K,) float
-        Standard deviation of y.
+    Returns the coefficients (3,), their covariance (3, 3), and the standard deviation (K,) of y.
+    No coefficient is negative; that of light² is 0 unless it exceeds twice its standard deviation.
+    The covariance is that of the scatter of the levels, at least of `spread`. The prior standard
+    deviation of a coefficient is the value that would explain all of the variance.
     """
     A = np.stack([x**0, x, x**2], axis=1)
     theta, weight, y_std = _weighted(A, y, spread, rounding)
@@ -160,14 +150,10 @@ def _weighted(A: Array, y: Array, spread: Array, rounding: Array) -> tuple[Array
 def without_rounding(y: Array, step2: Array, repeated: bool) -> Array:
     """Variances before the rounding to code values.
 
-    Parameters
-    ----------
-    y : (K,) float
-        Variances of values that are rounded to code values, light².
-    step2 : (K,) float
-        Squared steps of the code values, light²; 0 for none.
-    repeated : bool
-        True for repeated measurements of the same light; else the rounding error is independent.
+    y (K,): variances of values that are rounded to code values, light².
+    step2 (K,): squared steps of the code values, light²; 0 for none.
+    repeated: true for repeated measurements of the same light; else the rounding error is
+        independent.
     """
     steps = np.maximum(step2, _TINY)
     if not repeated:

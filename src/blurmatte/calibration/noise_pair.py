@@ -150,14 +150,9 @@ def plate_share(C: Floats, B: Floats, s2: Floats, kept: Bools) -> tuple[float, f
     pixels are weighted down by that of the next row, whose noise is independent, and the estimate is
     combined with a prior of 0.5 ± 0.3.
 
-    Parameters
-    ----------
-    C, B : (H, W, 3) float
-        Light.
-    s2 : (H, W, 3) float
-        Variance of C − B, light².
-    kept : (H, W, 3) bool
-        Inliers.
+    C, B (H, W, 3): light.
+    s2 (H, W, 3): variance of C − B, light².
+    kept (H, W, 3): inliers.
     """
     of_C, of_B = _fine_structure(C), _fine_structure(B)
     scene = np.roll((of_C + of_B) / 2, 1, axis=0)

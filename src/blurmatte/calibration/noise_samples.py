@@ -133,13 +133,7 @@ def noise_within(picture: LinearImage, region: Bools) -> Sample:
 
 
 def require_pixels(use: Bools) -> None:
-    """Raise unless each channel has enough pixels.
-
-    Raises
-    ------
-    NoiseError
-        If a channel has too few.
-    """
+    """Raise NoiseError unless each channel has enough pixels."""
     count = int(use.sum(axis=(0, 1)).min())
     if count < SampleSettings.min_pixels:
         raise NoiseError(

@@ -50,10 +50,8 @@ class Summary:
 def summaries(rows: Rows, places: Places | None, several: bool, known: Known) -> list[Summary]:
     """Of the one object of a clip, or of each; the scale is that of its own place.
 
-    Raises
-    ------
-    MotionError
-        If the scale should follow from the radius of the only object, and it was not found.
+    Raises MotionError if the scale should follow from the radius of the only object, and it was not
+    found.
     """
     if not several:
         return [_summary(1, rows, places, known)]

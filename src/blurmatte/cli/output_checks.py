@@ -20,13 +20,7 @@ _inputs: ContextVar[dict[object, Path]] = ContextVar("inputs", default={})  # no
 
 
 def check_file(path: Path | None, what: str, *endings: str) -> None:
-    """Check that a file can be written; None is allowed.
-
-    Raises
-    ------
-    FileError
-        If its ending is none of `endings`, it is a folder, or there is no folder for it.
-    """
+    """Raise FileError if a path has none of the `endings`, is a folder, or lies in none."""
     from blurmatte.files.atomic import check_replaceable
 
     if path is None:
@@ -51,13 +45,7 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Check that a folder exists or can be made.
-
-    Raises
-    ------
-    FileError
-        If it or one above it is a file, or may not be written to.
-    """
+    """Raise FileError if a folder or one above it is a file, or may not be written to."""
     there = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not there.is_dir():
         raise bm.FileError(f"{path}: {there.name} is a file; give the name of a folder")
@@ -70,17 +58,11 @@ def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[li
 
     Yields warnings of sets of files that a stopped run left incomplete.
 
-    Parameters
-    ----------
-    values : mapping
-        From the names of options to their values; those of `OUTPUTS` are files to write.
-    inputs : iterable of Path
-        What else is read: the pictures of a row or a folder.
+    values: from the names of options to their values; those of `OUTPUTS` are files to write.
+    inputs: what else is read: the pictures of a row or a folder.
 
-    Raises
-    ------
-    FileError
-        If an input is a pipe or a device, or one of the outputs is an input or another output.
+    Raises FileError if an input is a pipe or a device, or one of the outputs is an input or another
+    output.
     """
     read = [path for name in values.keys() - OUTPUTS for path in _named(values[name])]
     read += inputs
@@ -94,12 +76,9 @@ def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[li
 
 
 def check_outputs(*outputs: Path | None, inputs: Iterable[Path] = ()) -> None:
-    """Check that no file to write is an input, or another output; None and folders are allowed.
+    """Raise FileError if a file to write is an input or another output, also through links or rows.
 
-    Raises
-    ------
-    FileError
-        If it is: by name, through links, or as one of a row.
+    None and folders are allowed.
     """
     taken = _inputs.get() | {key: path for path in inputs for key in _identities(path)}
     written = dict[object, Path]()

@@ -51,16 +51,9 @@ def frame_range(
 ) -> slice:
     """Frames from START to STOP (excluded), every STEP-th: numbers, or seconds like 2.5s.
 
-    Parameters
-    ----------
-    name : str
-        Of the option.
-    text : str or None
-        START:STOP or START:STOP:STEP; parts may be left out.
-    times : sequence of float or None
-        Of all frames, seconds, in order.
-    places : sequence of int or None
-        Numbers of all frames, in order; None for 0, 1, …
+    text: START:STOP or START:STOP:STEP; parts may be left out.
+    times: of all frames, seconds, in order.
+    places: numbers of all frames, in order; None for 0, 1, …
     """
     if text is None:
         return slice(None)

@@ -84,15 +84,8 @@ class ScaleOptions(BallSize):
 def check_camera(lens: bm.Intrinsics, size: tuple[int, int]) -> None:
     """Check that it may be the camera of pictures of a size.
 
-    Raises
-    ------
-    ValueError
-        If it was calibrated with pictures of another size.
-
-    Warns
-    -----
-    BlurmatteWarning
-        If that is not known, and its axis is far from their middle.
+    Raises ValueError if it was calibrated with pictures of another size. Warns BlurmatteWarning if
+    that is not known, and its axis is far from their middle.
     """
     lens.check_size(size)
     (x, y), axis = ((n - 1) / 2 for n in size), (lens.cx, lens.cy)

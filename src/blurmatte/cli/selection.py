@@ -119,10 +119,7 @@ class PlateOptions:
 class ColorOptions:
     """What the options say of the object's color.
 
-    Raises
-    ------
-    ValueError
-        If they contradict each other, whatever the pictures show.
+    Raises ValueError if they contradict each other, whatever the pictures show.
     """
 
     color: Annotated[

@@ -27,21 +27,9 @@ _VARIANCE_FLOOR = 1e-14  # light²: guards a division
 def projection_vectors(
     image: LinearImage, plate: LinearImage, model: ColorModel
 ) -> tuple[Floats, Floats]:
-    """The vectors m that project an image on a color, and the weights of p.
+    """The vectors m (H, W, 3) that project an image on a color, p = m·C, and weights (H, W) of p.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        With known noise.
-    model : ColorModel
-        Of rank 1.
-
-    Returns
-    -------
-    m : (H, W, 3) float32
-        p = m·C.
-    weight : (H, W) float32
-        1 / Var p; 0 where the plate is not valid.
+    The weight is 1 / Var p, 0 where the plate is not valid. The noise is known, the model of rank 1.
     """
     l = model.basis[:, 0].astype(np.float32)
     B = np.asarray(plate.rgb, np.float32)

@@ -20,26 +20,15 @@ Array = npt.NDArray[np.float64]
 def recompressed(
     l: Array, image: LinearImage, plate: LinearImage, streak: Streak, count: int
 ) -> tuple[list[LinearImage], LinearImage]:
-    """Images of a line of colors and the plate, compressed as the image was.
+    """Images of a line of colors, and the plate, compressed as the image was.
 
     The plate is compressed once more in the same way, so that it has the same relation to the rendered
     images as before to the image.
 
-    Parameters
-    ----------
-    l : (3,) float
-        Unit direction of the line.
-    image, plate : LinearImage
-        The surroundings of the streak, with known noise.
-    streak : Streak
-        Where the object moved; elsewhere the plate is rendered.
-    count : int
-        Number of images, which differ in their noise. The draws are seeded.
-
-    Returns
-    -------
-    tuple of list of LinearImage, and LinearImage
-        The images, and the plate.
+    l (3,): unit direction of the line.
+    image, plate: the surroundings of the streak, with known noise.
+    streak: where the object moved; elsewhere the plate is rendered.
+    count: number of images, which differ in their noise. The draws are seeded.
     """
     compression, transfer = image.meta.sharing, image.meta.transfer or SRGB
     assert compression is not None

@@ -175,13 +175,7 @@ def misfit(l: Array, p: Pixels) -> float:
     The sums of z = r / s over blocks have φ times the variance of independent pixels if noise is
     correlated (JPEG) or the model has errors (a highlight, a second paint, a shadow). Model errors are
     similar from block to block and do not average out: the correlation of adjacent blocks, plus one
-    standard deviation of it, estimates the part common to all blocks.
-
-    Parameters
-    ----------
-    l : (3,) float
-        The best direction.
-    p : Pixels
+    standard deviation of it, estimates the part common to all blocks. l (3,) is the best direction.
     """
     solution = closed_form(l[None], p)
     z = np.clip(solution.r / solution.r_std, -_OUTLIER_STD, _OUTLIER_STD)[0]

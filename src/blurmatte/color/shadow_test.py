@@ -64,17 +64,8 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
     The mean product of neighbors is the energy of a change free of independent noise; correlated noise
     is measured outside the streak.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        With known noise.
-    streak : Streak
-
-    Returns
-    -------
-    bool
-        True for shadows, for objects whose light is less than 6 % of the change, of the plate's hue,
-        or below the noise. False where nothing changed.
+    True for shadows, and for objects whose light is less than 6 % of the change, of the plate's hue,
+    or below the noise. False where nothing changed. The noise must be known.
     """
     box = streak.around(ShadowSettings.margin_px)
     inside = streak.mask[box[1] : box[3], box[0] : box[2]]
@@ -90,13 +81,7 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
 
 
 def darker_pixels(image: LinearImage, plate: LinearImage) -> Bools:
-    """(h, w) True where the image is a darker copy of the plate, within a small window.
-
-    Parameters
-    ----------
-    image, plate : LinearImage
-        With known noise.
-    """
+    """(h, w) True where the image, of known noise, is a darker copy of the plate in a small window."""
     from scipy.ndimage import uniform_filter
 
     lost, B = _over_noise(image, plate, smooth_variance(image) + smooth_variance(plate))

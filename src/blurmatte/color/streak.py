@@ -55,27 +55,14 @@ def fit_color_from_hues(
 ) -> ColorModel:
     """Estimate the object's line of colors from its streak (in place of [GC07 §3.1]).
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        The same size; unknown noise is measured.
-    streak : Streak, optional
-        Where the object moved; by default the strongest of `find_streaks`.
-    max_brightness : float
-        Upper bound of the object's largest channel, linear light, 1 = sensor white. An object that
-        would be clipped at rest is brighter than 1, so the default is no bound.
+    image, plate: the same size; unknown noise is measured.
+    streak: where the object moved; by default the strongest of `find_streaks`.
+    max_brightness: upper bound of the object's largest channel, linear light, 1 = sensor white. An
+        object that would be clipped at rest is brighter than 1, so the default is no bound.
 
-    Returns
-    -------
-    ColorModel
-        Rank 1, with the covariance of its direction, and its error from each kind of evidence.
-
-    Raises
-    ------
-    ColorModelError
-        If the streak does not determine the color, or no single line fits it.
-    MotionError
-        If no streak was given and nothing moved.
+    Returns ColorModel: rank 1, with the covariance of its direction, and its error from each kind
+    of evidence. Raises ColorModelError if the streak does not determine the color, or no single
+    line fits it. Raises MotionError if no streak was given and nothing moved.
     """
     check_color_fit(image, plate, streak, max_brightness)
     image, plate = with_noise(image, plate)

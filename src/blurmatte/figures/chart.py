@@ -9,13 +9,7 @@ from blurmatte.errors import BlurmatteError
 
 
 def new_figure(size: tuple[float, float], dpi: int) -> Any:
-    """An empty figure of a size (width, height) in inches.
-
-    Raises
-    ------
-    BlurmatteError
-        If matplotlib is not installed.
-    """
+    """An empty figure of a size in inches; raises BlurmatteError if matplotlib is not installed."""
     try:
         from matplotlib.figure import Figure
     except ImportError as error:

@@ -67,10 +67,7 @@ def moved_together(folder: Path) -> Iterator[tuple[Path, list[str]]]:
     They move up in that order if no exception is raised. The older file of the last name is removed
     before, so that a set without its last file is incomplete.
 
-    Raises
-    ------
-    FileError
-        If they cannot be written. Files that existed before are not changed then.
+    Raises FileError if they cannot be written. Files that existed before are not changed then.
     """
     made = _missing_folders({folder})
     _remove_leftovers(folder)

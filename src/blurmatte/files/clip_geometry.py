@@ -45,10 +45,7 @@ def orientation_of(path: Path, frame: Any) -> Orientation:
     The matrix (a b u; c d v; x y w) shows the pixel (p, q) at (a p + c q, b p + d q). One of zeros
     states nothing. FFmpeg derives the shape of pixels from its scale.
 
-    Raises
-    ------
-    FileError
-        If it turns by another angle than a multiple of 90°, shears or distorts.
+    Raises FileError if it turns by another angle than a multiple of 90°, shears or distorts.
     """
     stated = frame.side_data.get("DISPLAYMATRIX")
     if stated is None:

@@ -66,17 +66,10 @@ class Clip:
 def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel: int) -> Clip:
     """Read the properties of a clip and decode its first frames.
 
-    Raises
-    ------
-    FileError
-        If it cannot be read, has no video, or its geometry or encoding of light is not supported.
-
-    Warns
-    -----
-    BlurmatteWarning
-        If the file is truncated, holds several videos, or was not taken at the rate it is played at.
-    TransferWarning
-        If the clip does not state how code values encode light, and they are taken as Rec. 709.
+    Raises FileError if it cannot be read, has no video, or its geometry or encoding of light is not
+    supported. Warns BlurmatteWarning if the file is truncated, holds several videos, or was not
+    taken at the rate it is played at. Warns TransferWarning if the clip does not state how code
+    values encode light, and they are taken as Rec. 709.
     """
     with _opened(path) as (container, stream):
         size = stream.width, stream.height
@@ -157,10 +150,7 @@ def _packets_decoded(container: Any, stream: Any, decoder: str) -> Iterator[Any]
 def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
     """The frames of these numbers, in order, decoded one at a time.
 
-    Raises
-    ------
-    FileError
-        If the clip is damaged, or its frames differ in size.
+    Raises FileError if the clip is damaged or its frames differ in size, as do all decoders here.
     """
     table = _table(clip)
     for number, frame in _decoded(clip, numbers):
@@ -185,10 +175,7 @@ def _light(
 def sited_by(clip: Clip, plate: LinearImage | None, number: int) -> Clip:
     """The clip, with its chroma where that of frame `number` agrees with a plate of the scene.
 
-    Warns
-    -----
-    BlurmatteWarning
-        If neither it nor the edges of the scene show where chroma lies.
+    Warns BlurmatteWarning if neither it nor the edges of the scene show where chroma lies.
     """
     if clip.siting is None:
         return clip
@@ -215,13 +202,7 @@ def _chroma(clip: Clip, light: Floats) -> list[npt.NDArray[np.float64]]:
 
 
 def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:
-    """The frames of a clip with alpha, whose colors are straight.
-
-    Raises
-    ------
-    FileError
-        As `decode_frames`.
-    """
+    """The frames of a clip with alpha, whose colors are straight."""
     table = _table(clip)
     shift = 16 - clip.bits if clip.bits > 8 else 0
     top = np.float32(2**clip.bits - 1)
@@ -236,11 +217,6 @@ def decode_coded(clip: Clip, numbers: range) -> Iterator[CodedFrame]:
     """The frames of these numbers as code values, Y'CbCr 4:2:0 of 8 bits; see `CodedFrame`.
 
     Decoding starts at the last key frame before them.
-
-    Raises
-    ------
-    FileError
-        As `decode_frames`.
     """
     table = _table(clip)
     for number, frame in _from_key_frame(clip, numbers):
@@ -457,13 +433,7 @@ def _matrix(path: Path, frame: Any) -> Matrix | None:
 
 
 def video_library(path: Path) -> Any:
-    """PyAV.
-
-    Raises
-    ------
-    FileError
-        If it is not installed.
-    """
+    """PyAV; raises FileError if it is not installed."""
     try:
         import av
     except ImportError as error:

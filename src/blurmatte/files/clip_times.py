@@ -41,11 +41,8 @@ class Timing:
 def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timing:
     """Read all packets of a clip. Stamps within a tick of a constant rate are taken as exact.
 
-    Warns
-    -----
-    BlurmatteWarning
-        If the file is truncated, or states that frames were taken at another rate than they are
-        played at; times are then those of the capture, if the rates are constant.
+    Warns BlurmatteWarning if the file is truncated, or states that frames were taken at another
+    rate than they are played at; times are then those of the capture, if the rates are constant.
     """
     import av
 

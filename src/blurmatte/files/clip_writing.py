@@ -30,15 +30,7 @@ _H264 = {"crf": "16", "threads": "4"}
 
 
 def save_prores(path: Path, things: Iterable[Layer | LinearImage | Any], rate: float) -> None:
-    """ProRes 4444, with alpha if they are layers.
-
-    Raises
-    ------
-    FileError
-        If PyAV is missing.
-    OSError
-        If the file cannot be written completely.
-    """
+    """ProRes 4444, with alpha if they are layers; needs PyAV."""
     with _clip(path, "prores_ks", rate, _PRORES) as add:
         for thing in things:
             colors = np.rint(_coded(thing) * LIMITED_WHITE).astype(np.uint16)
@@ -52,12 +44,7 @@ def save_prores(path: Path, things: Iterable[Layer | LinearImage | Any], rate: f
 def save_h264(path: Path, pictures: Iterable[LinearImage | Any], rate: float) -> None:
     """H.264 for viewing; the last row or column of odd sizes is repeated, as 4:2:0 needs even sizes.
 
-    Raises
-    ------
-    FileError
-        If PyAV is missing.
-    OSError
-        If the file cannot be written completely.
+    Needs PyAV. Raises OSError, as all functions here, if the file cannot be written completely.
     """
     with _clip(path, "libx264", rate, _H264) as add:
         for picture in pictures:
@@ -68,13 +55,7 @@ def save_h264(path: Path, pictures: Iterable[LinearImage | Any], rate: float) ->
 
 
 def save_animation(path: Path, pictures: Iterable[LinearImage | Any], rate: float) -> None:
-    """GIF or WebP in an endless loop.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written completely.
-    """
+    """GIF or WebP in an endless loop."""
     from PIL import Image
 
     frames = (Image.fromarray(_srgb(picture)) for picture in pictures)

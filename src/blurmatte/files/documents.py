@@ -35,13 +35,7 @@ class DocumentError(FileError):
 
 
 def read_document(path: str | Path, hint: str) -> str:
-    """The text of a file.
-
-    Raises
-    ------
-    FileError
-        If it cannot be read, is no text, or too long; the message holds `hint`.
-    """
+    """The text of a file; a FileError with this hint if it cannot be read, is no text, or too long."""
     check_exists(Path(path), hint)
     try:
         with Path(path).open("rb") as file:
@@ -59,11 +53,8 @@ def read_document(path: str | Path, hint: str) -> str:
 def read_json(path: str | Path, schema: Any, hint: str, what: str) -> Any:
     """The value of a JSON file, by its schema.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read or does not hold `what`; the message begins with `hint`, and names
-        the key and the allowed range.
+    Raises FileError if the file does not hold `what`; the message begins with `hint`, and names the
+    key and the allowed range.
     """
     text = read_document(path, hint)
     try:
@@ -75,14 +66,7 @@ def read_json(path: str | Path, schema: Any, hint: str, what: str) -> Any:
 
 
 def parse_json(text: str, schema: Any) -> Any:
-    """The value of a JSON text, by its schema.
-
-    Raises
-    ------
-    ValueError
-        If the text is no JSON, or does not agree with the schema; the message names the key and the
-        allowed range.
-    """
+    """The value of a JSON text; a ValueError with key and allowed range if it violates the schema."""
     try:
         return _adapter(schema).validate_json(text, strict=True)
     except ValidationError as error:
@@ -101,10 +85,7 @@ def json_kind(text: str) -> str:
 def parse_toml(text: str) -> dict[str, Any]:
     """The tables of a TOML text; its numbers are finite, and at most MAX_NUMBER but for seeds.
 
-    Raises
-    ------
-    ValueError
-        If it is no TOML, or a number is not within these limits; the message names the key.
+    Raises ValueError, with the key, if it is no TOML or a number is not within these limits.
     """
     try:
         tables = tomllib.loads(text)
@@ -117,19 +98,8 @@ def parse_toml(text: str) -> dict[str, Any]:
 def numbers(low: float, high: float, *shape: int | None, whole: bool = False) -> PlainValidator:
     """A field that holds numbers from `low` to `high` in nested lists of this shape.
 
-    Parameters
-    ----------
-    low, high : float
-        Inclusive.
-    *shape : int or None
-        Lengths of the lists, None for any; a single number by default.
-    whole : bool
-        Integers only.
-
-    Returns
-    -------
-    PlainValidator
-        It gives an array, or a float or int.
+    Both limits are allowed. `shape` are the lengths of the lists, None for any, or nothing for a
+    single number; if `whole`, integers only. The value is an array, or a float or int.
     """
     kind = "whole number" if whole else "number"
     count = " x ".join("n" if n is None else str(n) for n in shape)

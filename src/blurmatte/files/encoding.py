@@ -67,15 +67,8 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
 
     A `transfer` from the caller replaces the curves that the file states, not its primaries.
 
-    Raises
-    ------
-    FileError
-        If the file states an encoding that is not supported: look-up tables, HDR curves.
-
-    Warns
-    -----
-    TransferWarning
-        If the file states no encoding and its integers are taken as sRGB.
+    Raises FileError if the file states an encoding that is not supported: look-up tables, HDR
+    curves. Warns TransferWarning if the file states no encoding and its integers are taken as sRGB.
     """
     given = None if transfer is None else (transfer,) * 3
     found = _stated(raster, given)

@@ -53,10 +53,7 @@ def kind_of(path: Path) -> str:
 
     Most RAW files begin like a TIFF, so for them the extension decides.
 
-    Raises
-    ------
-    FileError
-        If the file cannot be read or is none of these.
+    Raises FileError if the file cannot be read or is none of these.
     """
     check_exists(path, "give a picture file")
     try:
@@ -200,10 +197,7 @@ def wanted_channels(
 ) -> tuple[str, ...]:
     """The channels `names` of a file, or by default those of its picture: light, alpha, noise.
 
-    Raises
-    ------
-    FileError
-        If some of them are not `present`.
+    Raises FileError if some of them are not `present`.
     """
     listed = ", ".join(present[:12])
     if names is not None:

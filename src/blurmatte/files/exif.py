@@ -97,12 +97,7 @@ def numbers(tag: Union[Tag, "Tags"]) -> list[int]:
 def parse_tags(block: bytes | mmap.mmap, page: int = 0) -> Tags:
     """The tags of one directory of a TIFF or an EXIF block, with nested directories.
 
-    Tags whose values lie outside the block are omitted.
-
-    Raises
-    ------
-    ValueError
-        If it is no such block.
+    Tags whose values lie outside the block are omitted. Raises ValueError if it is no such block.
     """
     order, big, at = _header(block)
     for _ in range(page):

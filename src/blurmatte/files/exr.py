@@ -47,10 +47,7 @@ def exr_parts(
 def with_exr_parts(image: LinearImage, raster: Raster) -> LinearImage:
     """The image with the variance, the valid pixels and the camera colors that `write` stored.
 
-    Raises
-    ------
-    FileError
-        If another program has changed them.
+    Raises FileError if another program has changed them.
     """
     if _LAYERS in raster.tags:
         image = _with_layers(image, raster)

@@ -389,13 +389,7 @@ def _write_sequence(target: Path, frames: Iterator[Thing], start: int) -> list[P
 
 
 def _checked(things: Iterable[Thing]) -> Iterator[Thing]:
-    """The frames, checked to be of one kind and size.
-
-    Raises
-    ------
-    TypeError, ValueError
-        At the first that differs, and if there are none.
-    """
+    """The frames; an error at the first that differs in kind or size, and if there are none."""
     kind, size = "", (0, 0)
     for number, thing in enumerate(things):
         if number == 0:

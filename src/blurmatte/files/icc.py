@@ -49,10 +49,7 @@ class Profile:
 def parse_profile(data: bytes) -> Profile:
     """Read an ICC profile.
 
-    Raises
-    ------
-    ProfileError
-        If the profile is damaged, or is not a matrix profile of RGB or gray.
+    Raises ProfileError if the profile is damaged, or is not a matrix profile of RGB or gray.
     """
     try:
         space, connection = data[16:20], data[20:24]

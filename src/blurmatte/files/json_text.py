@@ -11,24 +11,12 @@ import numpy as np
 
 
 def mapping_to_json(mapping: Mapping[str, Any]) -> str:
-    """A report; NumPy arrays become lists, and numbers that are not finite become null.
-
-    Raises
-    ------
-    TypeError
-        If a value has no JSON equivalent.
-    """
+    """A report; NumPy arrays become lists, and numbers that are not finite become null."""
     return _indented(plain(mapping), "")
 
 
 def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A line of names and a line of values for each row; missing values are empty.
-
-    Raises
-    ------
-    TypeError
-        If a value is neither a number nor text.
-    """
+    """A line of names and a line of values for each row; missing values are empty."""
     lines = io.StringIO(newline="")
     writer = csv.writer(lines, lineterminator="\n")
     flat = flat_rows(rows)
@@ -37,26 +25,12 @@ def rows_to_csv(rows: Sequence[Mapping[str, Any]]) -> str:
 
 
 def rows_to_json(rows: Sequence[Mapping[str, Any]]) -> str:
-    """A list with one line per row.
-
-    Raises
-    ------
-    TypeError
-        If a value is neither a number nor text.
-    """
+    """A list with one line per row."""
     return "[\n" + ",\n".join("  " + _dumped(row) for row in flat_rows(rows)) + "\n]"
 
 
 def flat_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
-    """Rows of one table, of numbers, text and None.
-
-    Raises
-    ------
-    TypeError
-        If a value is something else.
-    ValueError
-        If rows have other names than the first.
-    """
+    """Rows of one table; raises if a value is no number, text or None, or if rows differ in names."""
     flat: list[dict[str, Any]] = [plain(row) for row in rows]
     for row in flat:
         if row.keys() != flat[0].keys():
@@ -68,13 +42,7 @@ def flat_rows(rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
 
 
 def plain(value: Any) -> Any:
-    """The value in the types of JSON.
-
-    Raises
-    ------
-    TypeError
-        If there is none.
-    """
+    """The value in the types of JSON; raises TypeError if there is none."""
     match value:
         case np.generic() | np.ndarray():
             return plain(value.tolist())

@@ -84,10 +84,7 @@ def current_segments(segments: tuple[bytes, ...]) -> tuple[bytes, ...]:
 def save_png(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
     """Write pixels with the metadata of the file of `raster`; of a PNG every chunk as stored.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written completely.
+    This and the next two raise OSError if the file cannot be written completely.
     """
     save_pixels(path, [pixels], raster.names, {"oiio:UnassociatedAlpha": 1})
     new = png_chunks(path)
@@ -111,13 +108,7 @@ def save_png(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
 
 
 def save_tiff(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
-    """Write pixels with the metadata of the file of `raster`.
-
-    Raises
-    ------
-    OSError
-        If the file cannot be written completely.
-    """
+    """Write pixels with the metadata of the file of `raster`."""
     alpha = 0 if raster.associated else 1
     # OpenImageIO 3.2 fails to write a TIFF without a color space; the tag is not copied.
     options = {"oiio:ColorSpace": "srgb_rec709_scene", "oiio:UnassociatedAlpha": alpha}
@@ -142,12 +133,7 @@ def save_tiff(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
 def save_new_jpeg(path: Path, raster: Raster, pixels: npt.NDArray[Any]) -> None:
     """Compress all pixels at quality 95, 4:4:4, with the metadata of the file of `raster`.
 
-    Raises
-    ------
-    FileError
-        If a JPEG cannot hold them.
-    OSError
-        If the file cannot be written completely.
+    Raises FileError if a JPEG cannot hold them.
     """
     from PIL import Image
 

@@ -66,13 +66,7 @@ def path_to_mapping(path: Trajectory, radius: float | None = None) -> dict[str, 
 
 
 def read_path(path: str | Path) -> tuple[Trajectory, float | None]:
-    """Read a path and the radius of the object in pixels, None if not given.
-
-    Raises
-    ------
-    FileError
-        If the file cannot be read or holds no path.
-    """
+    """Read a path and the object's radius in pixels, None if not given; FileError if there is none."""
     hint = 'give {"xy": [[x, y], …], "t": [0, …, 1]}, in pixels and fractions of the exposure'
     path_and_radius: tuple[Trajectory, float | None] = read_json(path, _PATH, hint, "path")
     return path_and_radius
@@ -100,12 +94,8 @@ def sweep_to_json(sweep: Sweep) -> str:
 def sweep_from_json(text: str) -> Sweep:
     """The sweep of `sweep_to_json`.
 
-    Raises
-    ------
-    FileError
-        If an older version wrote it, with other shapes and without diagnostics.
-    ValueError
-        If the text is something else.
+    Raises FileError if an older version wrote it, without diagnostics, and ValueError if the text is
+    something else.
     """
     fields = parse_json(text, dict[str, Any])
     if "bulges" in fields or "stats" in fields:

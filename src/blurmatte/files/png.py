@@ -47,13 +47,7 @@ class PngHeader:
 
 
 def inspect_png(path: Path) -> PngHeader:
-    """Check that a PNG is complete, and read its header.
-
-    Raises
-    ------
-    FileError
-        If it is truncated or damaged.
-    """
+    """The header of a PNG; raises FileError if it is truncated or damaged."""
     chunks: dict[bytes, bytes] = {}
     inflatable = _MAX_TEXT_BYTES
     for kind, data in _chunks(path, path.read_bytes()):
@@ -155,13 +149,7 @@ def _inflated_bytes(width: int, height: int, bits: int, passes: Iterable[Pass]) 
 
 
 def png_chunks(path: Path) -> list[tuple[bytes, bytes]]:
-    """Type and data of every chunk of a PNG, the header first.
-
-    Raises
-    ------
-    FileError
-        If it is truncated or damaged.
-    """
+    """Type and data of every chunk of a PNG, the header first; FileError if it is damaged."""
     return [(kind, bytes(data)) for kind, data in _chunks(path, path.read_bytes())]
 
 

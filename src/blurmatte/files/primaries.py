@@ -48,10 +48,7 @@ INTEROP_PRIMARIES: dict[str, Chromaticities] = {
 def matrix_to_srgb(chromaticities: Sequence[float]) -> Matrix | None:
     """From linear light with these primaries to those of sRGB; None if they are equal.
 
-    Raises
-    ------
-    ValueError
-        If they are no primaries of three independent colors and a white.
+    Raises ValueError if they are no primaries of three independent colors and a white.
     """
     with np.errstate(all="ignore"):
         try:

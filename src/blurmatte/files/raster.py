@@ -117,21 +117,12 @@ class Raster:
 
 
 def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None = None) -> Raster:
-    """Read the numbers of a picture file.
+    """Read the numbers of a PNG, JPEG, TIFF or OpenEXR.
 
-    Parameters
-    ----------
-    path : Path
-        PNG, JPEG, TIFF or OpenEXR.
-    max_pixels : int
-        Larger pictures are rejected before memory is allocated.
-    names : tuple of str, optional
-        The channels to read; by default those of the picture, see `wanted_channels`.
+    max_pixels: larger pictures are rejected before memory is allocated.
+    names: the channels to read; by default those of the picture, see `wanted_channels`.
 
-    Raises
-    ------
-    FileError
-        If the file is missing, damaged, or of an unsupported kind.
+    Raises FileError if the file is missing, damaged, or of an unsupported kind.
     """
     kind = kind_of(path)
     if kind == RAW:
@@ -329,21 +320,12 @@ def save_pixels(
 ) -> None:
     """Write numbers losslessly: integers as integers, all floats as float32.
 
-    Parameters
-    ----------
-    path : Path
-        The extension determines the format.
-    parts : sequence of (H, W) or (H, W, n) arrays
-        The channels, one part after another; the type of the first is the type of all.
-    names : sequence of str
-        Names of the channels.
-    tags : mapping
-        Attributes of the file, by OpenImageIO's names.
+    path: its extension determines the format.
+    parts (H, W) or (H, W, n): channels, one part after another, all of the type of the first.
+    names: of the channels.
+    tags: attributes of the file, by OpenImageIO's names.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written completely.
+    Raises OSError if the file cannot be written completely.
     """
     import OpenImageIO as oiio
 
@@ -387,10 +369,7 @@ def save_jpeg(path: Path, codes: npt.NDArray[np.uint8], exposure_time: float | N
 
     Pillow writes it: on a full disk OpenImageIO's JPEG library terminates the process.
 
-    Raises
-    ------
-    OSError
-        If the file cannot be written completely.
+    Raises OSError if the file cannot be written completely.
     """
     from PIL import Image
     from PIL.TiffImagePlugin import IFDRational

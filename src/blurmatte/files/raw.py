@@ -59,23 +59,11 @@ def read_raw(path: Path, max_pixels: int = MAX_PIXELS) -> LinearImage:
     Mosaics of Bayer, X-Trans and other patterns of red, green and blue; DNGs that hold all
     three; gray sensors.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    max_pixels : int
-        Larger pictures are rejected before memory is allocated.
+    Pictures of more than `max_pixels` are rejected before memory is allocated. The light is float32;
+    `valid` is False where a contributing sensor pixel is saturated. The noise is that of a DNG's
+    NoiseProfile after interpolation, averaged over the pattern; None for other files.
 
-    Returns
-    -------
-    LinearImage
-        float32. `valid` is False where a contributing sensor pixel is saturated. The noise is that of
-        a DNG's NoiseProfile after interpolation, averaged over the pattern; None for other files.
-
-    Raises
-    ------
-    FileError
-        If the extra is not installed, or the file holds no usable light.
+    Raises FileError if the extra is not installed, or the file holds no usable light.
     """
     rawpy = _library(path)
     directories = _directories(path)

@@ -43,13 +43,7 @@ class Numbering:
 
 
 def numbering(path: Path) -> Numbering | None:
-    """The numbering that a file name stands for; None if it has no number.
-
-    Raises
-    ------
-    FileError
-        If there are several numbers.
-    """
+    """The numbering that a file name stands for; None without a number, FileError with several."""
     places = list(_NUMBER.finditer(path.name))
     if not places:
         return None
@@ -63,13 +57,7 @@ def numbering(path: Path) -> Numbering | None:
 
 
 def source_paths(source: Source) -> list[Path]:
-    """The files of a sequence, see `read_frames`; or the path of a single file.
-
-    Raises
-    ------
-    FileError
-        If there are none.
-    """
+    """The files of a sequence, see `read_frames`, or one file; raises FileError if there are none."""
     if not isinstance(source, str | Path):
         paths = [Path(path) for path in source]
         if not paths:

@@ -108,22 +108,10 @@ def write_together(folder: str | Path, things: Mapping[str, Any]) -> list[Path]:
     If the program is stopped while they move, the last one is missing, and a file that is called like
     it, with `.incomplete` at the end, stays until they are written again.
 
-    Parameters
-    ----------
-    folder : str or Path
-        Created if it does not exist.
-    things : mapping
-        From file names, which may contain folders, to objects that `write` accepts.
+    folder: created if it does not exist.
+    things: from file names, which may contain folders, to objects that `write` accepts.
 
-    Returns
-    -------
-    list of Path
-        The files.
-
-    Raises
-    ------
-    FileError
-        If one of them cannot be written. Files that existed before are not changed then.
+    Raises FileError if one of them cannot be written. Files that existed before do not change then.
     """
     folder = Path(folder)
     with moved_together(folder) as (temporary, names):

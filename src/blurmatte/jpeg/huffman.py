@@ -28,16 +28,8 @@ def decoding_table(counts: bytes, symbols: bytes) -> Table:
 def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, Codes, Lengths]:
     """Optimal codes of at most 16 bits for symbols with the given frequencies.
 
-    Parameters
-    ----------
-    counts : (256,) int
-        Frequency of each symbol; at least one is positive.
-
-    Returns
-    -------
-    tuple of bytes, (256,) uint32 and (256,) uint8
-        The symbols in the order of their code lengths; code and length of each symbol, 0 for those
-        that do not occur.
+    At least one of the frequencies (256,) is positive. Returns the symbols in the order of their
+    code lengths; code and length of each symbol, (256,), 0 for those that do not occur.
     """
     sizes = _unlimited_lengths(counts)
     per_length = _limited_lengths(np.bincount([size for size in sizes if size]))

@@ -18,17 +18,8 @@ _ORIENTATIONS = {
 def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
     """Read the coefficients of a JPEG.
 
-    Parameters
-    ----------
-    data : bytes
-        The whole file. Bytes after the end of the picture are ignored.
-    max_pixels : int, optional
-        Larger pictures are rejected before memory is allocated.
-
-    Raises
-    ------
-    JpegError
-        If the file is damaged or not supported.
+    Bytes after the end of the picture are ignored. Pictures of more than `max_pixels` are rejected
+    before memory is allocated. Raises JpegError if the file is damaged or not supported.
     """
     if data[:2] != bytes([0xFF, Marker.SOI]):
         raise JpegError("the file is no JPEG")

@@ -23,18 +23,11 @@ _PILLOW_SUBSAMPLING = {
 def replace_blocks(jpeg: Jpeg, codes: npt.NDArray[np.uint8], changed: Bools) -> Jpeg:
     """Compress the MCUs that contain a changed pixel; all others keep their coefficients.
 
-    Parameters
-    ----------
-    jpeg : Jpeg
-    codes : (H, W, 3) or (H, W) uint8
-        The whole picture as stored (not rotated), R'G'B' or gray like `jpeg`. Unchanged pixels of
-        an MCU with a changed pixel are compressed as well.
-    changed : (H, W) bool
+    codes (H, W, 3) or (H, W) uint8: the whole picture as stored (not rotated), R'G'B' or gray like
+        `jpeg`. Unchanged pixels of an MCU with a changed pixel are compressed as well.
+    changed (H, W).
 
-    Raises
-    ------
-    JpegError
-        If Pillow cannot compress with the sampling or the tables of `jpeg`.
+    Raises JpegError if Pillow cannot compress with the sampling or the tables of `jpeg`.
     """
     if not changed.any():
         return jpeg

@@ -71,10 +71,7 @@ class Segments:
     def next_scan(self, at: int) -> Scan | None:
         """Parse from the marker at `at` to the data of the next scan; None at the end of the picture.
 
-        Raises
-        ------
-        JpegError
-            If the file is damaged or not supported.
+        Raises JpegError if the file is damaged or not supported.
         """
         while True:
             marker, at = _marker(self.data, at)

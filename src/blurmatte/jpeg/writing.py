@@ -13,10 +13,7 @@ from blurmatte.jpeg.segments import Marker
 def jpeg_bytes(jpeg: Jpeg) -> bytes:
     """The file of a JPEG: sequential, without restart markers.
 
-    Raises
-    ------
-    JpegError
-        If the coefficients or the chroma sampling do not fit a sequential JPEG.
+    Raises JpegError if the coefficients or the chroma sampling do not fit a sequential JPEG.
     """
     from blurmatte.jpeg.entropy import pack, tokenize
 

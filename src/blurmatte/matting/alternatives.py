@@ -96,16 +96,9 @@ def alternative(
 ) -> Alternative:
     """Compare a hypothesis with the result.
 
-    Parameters
-    ----------
-    hypothesis : Sweep or ColorModel
-        A shape on a path, or the colors of a hypothesis without a shape.
-    weight : float
-    estimate, result : AlphaEstimate
-        Its alpha in the box, and that of the result.
-    pictures : (LinearImage, LinearImage)
-        Image and plate in the box, noise known.
-    box : (int, int, int, int)
+    hypothesis: a shape on a path, or the colors of a hypothesis without a shape.
+    estimate, result: its alpha in the box, and that of the result.
+    pictures: image and plate in the box, noise known.
     """
     image, plate = pictures
     model, radius = hypothesis, None
@@ -128,11 +121,7 @@ def alternative(
 def listed(alternatives: Sequence[Alternative], scores: Array) -> list[Alternative]:
     """Alternatives that matter or disagree with the result, in order of likelihood.
 
-    Parameters
-    ----------
-    alternatives : sequence of Alternative
-    scores : (n,) float
-        Negative log of their weights, up to a constant. The likeliest is the result's own.
+    scores (n,): negative log of their weights, up to a constant. The likeliest is the result's own.
     """
     own, *others = np.argsort(scores, kind="stable")
     kept = [alternatives[own]]

@@ -36,13 +36,7 @@ def averaged(estimates: Sequence[AlphaEstimate], weights: Array) -> AlphaEstimat
     """The average of hypotheses.
 
     At each pixel only those that know its alpha are averaged. Weights below `MIN_WEIGHT` count as 0.
-
-    Parameters
-    ----------
-    estimates : sequence of AlphaEstimate
-        Of the same box.
-    weights : (n,) float
-        They sum to 1.
+    The boxes are the same, and the weights sum to 1.
     """
     alphas = np.stack([np.asarray(one.alpha, float) for one in estimates])
     stds = np.stack([np.asarray(one.alpha_std, float) for one in estimates])

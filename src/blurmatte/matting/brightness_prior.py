@@ -32,14 +32,9 @@ Array = npt.NDArray[np.float64]
 def with_brightness(
     first: FirstEstimate, information: Floats, pull: Floats
 ) -> tuple[Floats, Floats]:
-    """Information and pull of each pixel with the brightness of its neighbors added.
+    """Information and pull (h, w) of the closed form with the brightness of neighbors added.
 
-    Parameters
-    ----------
-    first : FirstEstimate
-        With a line of colors.
-    information, pull : (h, w) float
-        Of the closed form.
+    The first estimate has a line of colors.
     """
     C, B, bias, variance = _along_line(first)
     alpha, inside = first.alpha, first.pixels.inside
@@ -91,12 +86,7 @@ def _along_line(first: FirstEstimate) -> tuple[Floats, Floats, Floats, Floats]:
 def _brightness(known: CellEvidence, need: Floats) -> tuple[Floats, Floats]:
     """(h, w) k and n σ² of each pixel, from the size of cells with the least error there.
 
-    Parameters
-    ----------
-    known : CellEvidence
-        On k.
-    need : (h, w) float
-        Share of each pixel's information that k would contribute.
+    `known` is the evidence on k, `need` (h, w) the share of a pixel's information that k would add.
     """
     levels, needs = [known], [np.asarray(need)]
     while min(levels[-1].mask.shape) > 4 * BORDER:

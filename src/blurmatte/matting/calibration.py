@@ -73,15 +73,10 @@ def error_terms(
 ) -> ErrorTerms:
     """The terms of the calibration.
 
-    Parameters
-    ----------
-    average : AlphaEstimate
-    estimates : sequence of AlphaEstimate
-        The hypotheses.
-    summaries : sequence of HypothesisSummary
-        Of the same hypotheses: first sweeps in order of likelihood, then those without a shape.
-    diagnostics : Diagnostics
-        Of the likeliest sweep.
+    estimates: the hypotheses.
+    summaries: of the same hypotheses: first sweeps in order of likelihood, then those without a
+        shape.
+    diagnostics: of the likeliest sweep.
     """
     claim = claimed_error(average)
     terms = [float(np.log1p(rms_difference(average, one) / claim)) for one in estimates]
@@ -123,14 +118,8 @@ def calibrated(
 ) -> AlphaEstimate:
     """An average with its calibrated error.
 
-    Parameters
-    ----------
-    average : AlphaEstimate
-    estimates : sequence of AlphaEstimate
-        The hypotheses; the object may have been at any pixel that one of them covers.
-    terms : ErrorTerms
-    compressed : bool
-        Whether the image's file is compressed.
+    estimates: the hypotheses; the object may have been at any pixel that one of them covers.
+    compressed: whether the image's file is compressed.
     """
     claim = claimed_error(average)
     file_class = COMPRESSED if compressed else UNCOMPRESSED

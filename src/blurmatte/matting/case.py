@@ -99,11 +99,7 @@ class Case:
 
         Pixels with one clipped channel and those at uncertain edges are solved by their own equations.
 
-        Parameters
-        ----------
-        box : Box
-        out : PixelMaps, optional
-            Arrays to write to.
+        out: arrays to write to.
         """
         solver = self.solver if isinstance(self.solver, Pixelwise) else Pixelwise()
         flags = self._flags()

@@ -33,16 +33,10 @@ def solve_clipped(
 ) -> None:
     """Write alpha and light of pixels with one clipped channel into maps of the closed form.
 
-    Parameters
-    ----------
-    maps : PixelMaps
-        Changed in place; the bit SATURATED stays.
-    image, plate : LinearImage
-        Noise known.
-    model : ColorModel
-        A line of colors; for others nothing is written.
-    max_alpha_std : float
-        A pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL.
+    maps: changed in place; the bit SATURATED stays.
+    image, plate: noise known.
+    model: a line of colors; for others nothing is written.
+    max_alpha_std: a pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL.
     """
     if model.rank != 1 or (image.valid & plate.valid).all():
         return

@@ -75,16 +75,10 @@ def pixels_of(
 ) -> Pixels:
     """Light and noise of the pixels, independent of alpha.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Noise known.
-    model : ColorModel
-        Of any rank. With rank 1 a pixel with one clipped channel has information.
-    inside : (h, w) bool
-        Where alpha may be other than 0.
-    mixed : MixedPlate, optional
-        Where the plate's edges are uncertain.
+    image, plate: noise known.
+    model: of any rank. With rank 1 a pixel with one clipped channel has information.
+    inside (h, w): where alpha may be other than 0.
+    mixed: where the plate's edges are uncertain.
     """
     use = inside & image.valid & plate.valid
     V_C = smooth_variance(image).astype(image.rgb.dtype)
@@ -105,20 +99,13 @@ def pixels_of(
 
 
 def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
-    """Information and pull of each pixel, both 0 where it is clipped or not inside.
+    """Information and pull (h, w) of each pixel, both 0 where it is clipped or not inside.
 
     The noise of pixels counts as independent (see `noise_inflation`). For a line or plane of colors
     from the closed form; for a model of rank 3 from the attenuation of the plate's texture.
 
-    Parameters
-    ----------
-    pixels : Pixels
-    alpha : (h, w)
-        An estimate independent of the pixel's noise: the plate's noise is weighted by 1 − alpha.
-
-    Returns
-    -------
-    information, pull : (h, w) float
+    alpha (h, w) is an estimate independent of the pixel's noise, since the plate's noise is weighted
+    by 1 − alpha.
     """
     model, mixed, use = pixels.model, pixels.mixed, pixels.use
     if model.rank == 3:
@@ -209,12 +196,7 @@ def min_alpha(pixels: Pixels, noise_inflation: float) -> Floats:
 
     In no channel (1 − α) B can exceed C. The light is averaged with a Gaussian of 2 pixels and C raised
     by three standard deviations, so that the bound is negligible where there was no object.
-
-    Parameters
-    ----------
-    pixels : Pixels
-    noise_inflation : float
-        Factor by which correlation of noise raises the variance of sums.
+    `noise_inflation` is the factor by which correlation of noise raises the variance of sums.
     """
     from scipy.ndimage import gaussian_filter
 

@@ -106,13 +106,8 @@ class _Hypotheses:
 def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMaps, dict[str, Any]]:
     """Average the sweeps of a case, and alpha without a shape unless its solver is `Swept`.
 
-    Returns
-    -------
-    case : Case
-        With solver and colors of the likeliest hypothesis.
-    maps : PixelMaps
-    numbers : dict
-        For `Solution.stats`.
+    Returns a case with solver and colors of the likeliest hypothesis, maps, and numbers for
+    `Solution.stats`.
     """
     found = _Hypotheses.of(case)
     box, best = found.box, found.best

@@ -23,12 +23,7 @@ def inpaint_light(maps: PixelMaps, image: LinearImage, plate: LinearImage) -> No
     standard deviation. A channel that the image clips has at least the light that the image shows; the
     excess over the mean is added to light and error.
 
-    Parameters
-    ----------
-    maps : PixelMaps
-        Around a streak; changed in place.
-    image, plate : LinearImage
-        Of the same box.
+    The maps, of the same box as the pictures, are changed in place.
     """
     alpha = np.clip(maps.alpha.astype(float), 0, 1)
     here = ~has_flag(maps.quality, _NOT_FILLED) & np.isfinite(maps.alpha_std) & (alpha > 0)

@@ -92,11 +92,7 @@ def has_flag(quality: npt.NDArray[np.uint8], flags: Quality) -> Bools:
 def alpha_flags(alpha: Floats, alpha_std: Floats, max_alpha_std: float) -> npt.NDArray[np.uint8]:
     """PLATE_IN_MODEL where alpha is too uncertain, and OUT_OF_RANGE where it is not in [0, 1].
 
-    Parameters
-    ----------
-    alpha, alpha_std : (...) float
-    max_alpha_std : float
-        Largest standard deviation of an alpha that counts as known.
+    `max_alpha_std` is the largest standard deviation of an alpha that counts as known.
     """
     outside = np.abs(alpha - 0.5) > 0.5 + MAX_RANGE_STDS * alpha_std
     uncertain = (alpha_std > max_alpha_std) * np.uint8(Quality.PLATE_IN_MODEL)

@@ -56,17 +56,8 @@ class MixedPlate:
 def mixed_plate(image: LinearImage, plate: LinearImage, still: Bools) -> MixedPlate:
     """Find where a plate's edges are uncertain, and how uncertain they are.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Noise known.
-    still : (h, w) bool
-        Where nothing moved.
-
-    Returns
-    -------
-    MixedPlate
-        Without a pixel if the plate's edges fit within the noise.
+    The noise is known; `still` (h, w) is True where nothing moved. The result has no pixels if the
+    plate's edges fit within the noise.
     """
     B = np.asarray(plate.rgb, float)
     K = _neighborhoods(B)
@@ -111,17 +102,10 @@ def solve_mixed_plate(
 ) -> None:
     """Write alpha, light and their errors of the edge pixels into maps of the closed form.
 
-    Parameters
-    ----------
-    maps : PixelMaps
-        Of the same size as image and plate; changed in place.
-    mixed : MixedPlate
-    image, plate : LinearImage
-        Noise known.
-    model : ColorModel
-        Of rank 1 or 2.
-    max_alpha_std : float
-        A pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL.
+    maps: of the same size as image and plate; changed in place.
+    image, plate: noise known.
+    model: of rank 1 or 2.
+    max_alpha_std: a pixel with a larger standard deviation of alpha is marked PLATE_IN_MODEL.
     """
     if model.rank == 3 or not mixed.edges.any():
         return

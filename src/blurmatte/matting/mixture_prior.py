@@ -44,20 +44,9 @@ class MixtureSettings:
 def with_mixture(
     first: FirstEstimate, information: Floats, pull: Floats
 ) -> tuple[Floats, Floats, Floats]:
-    """Information and pull of each pixel with the mixture of its neighbors added.
+    """Information and pull (h, w) of the closed form with the mixture of neighbors added.
 
-    Parameters
-    ----------
-    first : FirstEstimate
-        With a plane of colors.
-    information, pull : (h, w) float
-        Of the closed form.
-
-    Returns
-    -------
-    information, pull : (h, w) float
-    shared : (h, w) float
-        Variance that neighbors share.
+    The first estimate has a plane of colors. Returns also the variance (h, w) that neighbors share.
     """
     pixels, kind, S = first.pixels, information.dtype, MixtureSettings
     M, inside = pixels.model.basis, pixels.inside

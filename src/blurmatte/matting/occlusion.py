@@ -37,16 +37,10 @@ def occluded(alpha: Array, light: Array, C: Array, B: Array, variance: Array, us
     patch, three pixels of a patch that are clear each. Seeds grow into neighbors that look like the
     plate. Regions only at the rim of the sweep are ignored: the fitted shape may be slightly wrong.
 
-    Parameters
-    ----------
-    alpha : (h, w) float
-        Of the sweep.
-    light : (3,) float
-        Of the object at alpha 1.
-    C, B, variance : (h, w, 3) float
-        Light of image and plate, and the noise variance of their difference.
-    use : (h, w) bool
-        Pixels with valid data.
+    alpha (h, w): of the sweep.
+    light (3,): of the object at alpha 1.
+    C, B, variance (h, w, 3): light of image and plate, and the noise variance of their difference.
+    use (h, w): pixels with valid data.
     """
     from scipy.ndimage import binary_propagation
 

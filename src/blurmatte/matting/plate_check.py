@@ -15,10 +15,7 @@ from blurmatte.streaks import Streak
 def warn_if_plate_differs(image: LinearImage, plate: LinearImage, streak: Streak) -> None:
     """Warn where image and plate look swapped, or differ in brightness around the streak.
 
-    Warns
-    -----
-    PlateWarning
-        One line with the difference and what to do.
+    The PlateWarning is one line with the difference and what to do.
     """
     if _looks_swapped(image, plate, streak):
         warnings.warn(

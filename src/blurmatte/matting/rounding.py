@@ -32,15 +32,9 @@ def rounding_pulls(
     Empty if the picture does not consist of codes, or the model has rank 3, whose evidence, texture,
     does not depend on errors that neighbors share.
 
-    Parameters
-    ----------
-    pixels : Pixels
-    alpha : (h, w)
-        An estimate.
-    levels : sequence of CellEvidence
-        From pixels on, each of twice the width.
-    samples : int
-        How many maps to draw, with a fixed seed.
+    alpha (h, w): an estimate.
+    levels: from pixels on, each of twice the width.
+    samples: how many maps to draw, with a fixed seed.
     """
     from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes  # numba is slow
 

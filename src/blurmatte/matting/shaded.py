@@ -86,16 +86,10 @@ class Shaded:
     ) -> Array:
         """Write alpha and light into maps of the closed form; returns S, (h, w).
 
-        Parameters
-        ----------
-        maps : PixelMaps
-            Changed in place.
-        image, plate : LinearImage
-            Of the size of the maps, noise known.
-        shaded : LinearImage or None
-            `self.plate`, matched to the image and cropped to the same size, noise known.
-        model : ColorModel
-            Of rank 1.
+        maps: changed in place.
+        image, plate: of the size of the maps, noise known.
+        shaded: `self.plate`, matched to the image and cropped to the same size, noise known.
+        model: of rank 1.
         """
         C, B = (np.asarray(picture.rgb, float) for picture in (image, plate))
         if shaded is None:

@@ -26,24 +26,13 @@ def mark_shadow(
 ) -> float:
     """Set the flag SHADOW where the image is only darker than the plate, and increase the error there.
 
-    Parameters
-    ----------
-    maps : PixelMaps
-        A solution; flags and errors are changed in place.
-    image, plate : LinearImage
-        Noise known.
-    streak : Streak
-    model : ColorModel
-    without_sweep : bool
-        Whether no sweep locates the object. Then, if it has one color, pixels with clearly less light
-        than the rest of the object are shadow.
-    whole : bool
-        Whether the whole streak only lost light.
+    maps: a solution; flags and errors are changed in place.
+    image, plate: noise known.
+    without_sweep: whether no sweep locates the object. Then, if it has one color, pixels with
+        clearly less light than the rest of the object are shadow.
+    whole: whether the whole streak only lost light.
 
-    Returns
-    -------
-    float
-        Error of the sum of alpha if the marked pixels are the object's shadow.
+    Returns the error of the sum of alpha if the marked pixels are the object's shadow.
     """
     box = streak.box
     place = slice(box[1], box[3]), slice(box[0], box[2])

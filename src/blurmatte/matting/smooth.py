@@ -142,29 +142,14 @@ class Smooth:
     ) -> dict[str, Any]:
         """Write alpha and light into maps of the closed form.
 
-        Parameters
-        ----------
-        maps : PixelMaps
-            Of the closed form with the same model; changed in place.
-        image, plate : LinearImage
-            Within the box, noise known.
-        model : ColorModel
-            Of any rank; with rank 3 alpha follows from the attenuation of the plate's texture.
-        inside : (h, w) bool
-            Where in the box alpha may be other than 0.
-        box : Box
-        mixed : MixedPlate, optional
-            Where in the box the plate's edges are uncertain.
+        maps: of the closed form with the same model; changed in place.
+        image, plate: within the box, noise known.
+        model: of any rank; with rank 3 alpha follows from the attenuation of the plate's texture.
+        inside (h, w): where in the box alpha may be other than 0.
+        mixed: where in the box the plate's edges are uncertain.
 
-        Returns
-        -------
-        dict
-            The standard deviation of the sum of alpha, the smoothness, and the convergence.
-
-        Warns
-        -----
-        ConvergenceWarning
-            If the last step still changed the result.
+        Returns the standard deviation of the sum of alpha, the smoothness, and the
+        convergence. Warns ConvergenceWarning if the last step still changed the result.
         """
         pixels = pixels_of(image, plate, model, inside, mixed)
         file = file_of(pixels.image)

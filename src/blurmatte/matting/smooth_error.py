@@ -39,18 +39,10 @@ def simulated_variance(
 ) -> tuple[Floats, float]:
     """Variance of each cell of a field, (h, w), and the square of the bias of its sum.
 
-    Parameters
-    ----------
-    evidence : CellEvidence
-    prior : Prior
-    field : Field
-        Fitted with this prior.
-    refit : callable
-        The field of other evidence, including the choice of the prior.
-    cells : int
-        Pixels per cell.
-    trials : int
-        Number of simulations, with a fixed seed.
+    field: fitted with this prior.
+    refit: the field of other evidence, including the choice of the prior.
+    cells: pixels per cell.
+    trials: number of simulations, with a fixed seed.
     """
     A, x, mask = evidence.information, field.x, evidence.mask
     tolerance, residuals = FieldSettings.tolerance, [_residuals(evidence, x)]

@@ -87,19 +87,11 @@ def fit_field(
 ) -> Field:
     """Fit a field to evidence and prior.
 
-    Parameters
-    ----------
-    evidence : CellEvidence
-    prior : Prior
-    start : Field or None
-        From a coarser level or another prior.
-    samples : int
-        Samples of the posterior. With 0 only the mean changes, which suffices for cells much smaller
-        than the structure of the field.
-    cells : int
-        Pixels per cell; its differences count as many times.
-    local : bool
-        Whether to fit the local scale.
+    start: from a coarser level or another prior.
+    samples: samples of the posterior. With 0 only the mean changes, which suffices for cells much
+        smaller than the structure of the field.
+    cells: pixels per cell; its differences count as many times.
+    local: whether to fit the local scale.
     """
     A, mask, rounds = evidence.information, evidence.mask, FieldSettings.rounds
     rng = np.random.default_rng(0)
@@ -208,12 +200,7 @@ def pooled_variance(variance: Floats, mask: Bools) -> Floats:
 def local_mean(values: Floats, parameters: Floats, mask: Bools) -> Array:
     """Gaussian means over neighborhoods of `FieldSettings.local_dof` effective parameters on average.
 
-    Parameters
-    ----------
-    values : (h, w) float
-    parameters : (h, w) float
-        Effective parameters of each cell: information times variance.
-    mask : (h, w) bool
+    The effective parameters (h, w) of a cell are its information times its variance.
     """
     from scipy.ndimage import gaussian_filter
 

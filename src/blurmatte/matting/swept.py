@@ -38,17 +38,10 @@ class Swept:
         a highlight) are marked MISFIT, by the light before chroma subsampling. Pixels outside the
         object that are only darker than the plate are marked SHADOW.
 
-        Parameters
-        ----------
-        maps : PixelMaps
-            Of the closed form with the sweep's color; changed in place.
-        sweep : Sweep
-        estimate : AlphaEstimate
-            Alpha in the box: the sweep's, or an average in which it has the largest weight.
-        image, plate : LinearImage
-            Within the box, noise known.
-        box : Box
-            Around streak and sweep.
+        maps: of the closed form with the sweep's color; changed in place.
+        estimate: alpha in the box: the sweep's, or an average in which it has the largest weight.
+        image, plate: within the box, noise known.
+        box: around streak and sweep.
         """
         maps = maps.within(box)
         alpha, alpha_std = (np.asarray(x, float) for x in (estimate.alpha, estimate.alpha_std))

@@ -38,15 +38,7 @@ class CodedFrame:
         return width, height
 
     def light(self, box: Box | None = None, every: int = 1) -> LinearImage:
-        """Linear light of a box, of the whole frame by default.
-
-        Parameters
-        ----------
-        box : (x0, y0, x1, y1), optional
-            Pixels, x1 and y1 exclusive.
-        every : int
-            Only every n-th pixel of each row and column.
-        """
+        """Linear light of a box, or of the whole frame; every n-th pixel of each row and column."""
         return self.light_of((0, 0, *self.size) if box is None else box, every)
 
 

@@ -21,22 +21,9 @@ def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
 
 
 def light_of_hex(*colors: str) -> npt.NDArray[np.float64]:
-    """Linear sRGB of sRGB-coded colors.
+    """(n, 3) linear sRGB, 0…1, of colors of six hexadecimal digits, with or without a #.
 
-    Parameters
-    ----------
-    *colors : str
-        Six hexadecimal digits each, with or without a # before them.
-
-    Returns
-    -------
-    (n, 3) float
-        0…1.
-
-    Raises
-    ------
-    ValueError
-        If a color is not written like that.
+    Raises ValueError if a color is not written like that.
     """
     codes = []
     for color in colors:

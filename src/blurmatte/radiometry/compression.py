@@ -82,18 +82,9 @@ class Compression:
         return replace(self, origin=(-self.origin[0] - width, self.origin[1]))
 
     def expected(self, codes: Floats, noise: float) -> Array:
-        """Mean of what the file returns for code values with noise.
+        """(H, W, 3) mean of what the file returns for code values R'G'B', 0…1, with noise.
 
-        Parameters
-        ----------
-        codes : (H, W, 3) float
-            R'G'B', 0…1.
-        noise : float
-            Standard deviation in each channel, 0…1. The draws are seeded.
-
-        Returns
-        -------
-        (H, W, 3) float
+        The noise is a standard deviation of each channel, 0…1. The draws are seeded.
         """
         if self.shared not in _SAMPLINGS:
             turned = self.transposed().expected(np.swapaxes(codes, 0, 1), noise)

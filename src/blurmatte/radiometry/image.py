@@ -271,10 +271,7 @@ def smooth_variance(picture: LinearImage) -> npt.NDArray[np.float64]:
     The variance of a pixel depends on its own noise: brighter pixels would get less weight, and every
     weighted fit would be biased to dark.
 
-    Raises
-    ------
-    ValueError
-        If the noise is unknown.
+    Raises ValueError if the noise is unknown.
     """
     from scipy.ndimage import gaussian_filter
 

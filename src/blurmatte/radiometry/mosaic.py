@@ -19,18 +19,11 @@ Pattern = npt.NDArray[np.integer[Any]]
 def demosaic(mosaic: Floats, pattern: Pattern) -> Floats:
     """Interpolate the missing colors of each pixel.
 
-    Parameters
-    ----------
-    mosaic : (H, W) float
-        Light of one color in each pixel; 2 x 2 pixels or more.
-    pattern : (h, w) int
-        Index of that color: 0 red, 1 green, 2 blue; repeated to the right and downwards. Any 3 x 3
-        pixels contain all three colors, as in Bayer and X-Trans patterns.
+    mosaic (H, W): light of one color in each pixel; 2 x 2 pixels or more.
+    pattern (h, w): index of that color: 0 red, 1 green, 2 blue; repeated to the right and downwards.
+        Any 3 x 3 pixels contain all three colors, as in Bayer and X-Trans patterns.
 
-    Returns
-    -------
-    (H, W, 3) float
-        The dtype of `mosaic`.
+    Returns (H, W, 3) of the dtype of `mosaic`.
     """
     rgb = np.empty((*mosaic.shape, 3), mosaic.dtype)
     for c in range(3):

@@ -35,10 +35,7 @@ _CONFIG = "studio-config-v4.0.0_aces-v2.0_ocio-v2.5"
 def log_curve(name: str) -> Transfer:
     """One of LOG_CURVES. Needs the `ocio` extra.
 
-    Raises
-    ------
-    BlurmatteError
-        If OpenColorIO is not installed.
+    Raises BlurmatteError if OpenColorIO is not installed.
     """
     try:
         import PyOpenColorIO as ocio

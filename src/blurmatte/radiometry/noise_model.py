@@ -99,18 +99,9 @@ def rounding_variance(light: Floats, levels: int, transfer: Transfer) -> Floats:
 
 
 def fit_coefficients(light: Floats, variance: Floats, weight: Floats | float = 1.0) -> Floats:
-    """Coefficients of 1, light and light² in a variance, by non-negative least squares.
+    """(3,) coefficients of 1, light and light² in a variance, by non-negative least squares.
 
-    Parameters
-    ----------
-    light, variance : (K,) float
-        Variances, light², above 0, at levels of light.
-    weight : (K,) float
-        Of their relative errors.
-
-    Returns
-    -------
-    (3,) float
+    The variances (K,), light², are above 0; `weight` is that of their relative errors.
     """
     from scipy.optimize import nnls
 

@@ -101,10 +101,7 @@ def scene_text(scene: str | Path) -> str:
 def scene_files(scene: str | Path) -> list[Path]:
     """The scene file, and the pictures that it names, of which some may not exist.
 
-    Raises
-    ------
-    FileError
-        If the file does not exist.
+    Raises FileError if the file does not exist.
     """
     found, tables = [Path(scene)], [parse_toml(scene_text(scene))]
     for table in tables:  # grows

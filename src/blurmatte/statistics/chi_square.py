@@ -10,19 +10,7 @@ QUANTILE_999_3 = 16.27  # its 99.9 % quantile
 def chi_square_quantile(
     probability: float, degrees_of_freedom: npt.ArrayLike
 ) -> npt.NDArray[np.float64]:
-    """Value below which χ² lies with a probability.
-
-    Parameters
-    ----------
-    probability : float
-        0…1.
-    degrees_of_freedom : (...) float
-        Above 0.
-
-    Returns
-    -------
-    (...) float
-    """
+    """Value below which χ² of (...) degrees of freedom, above 0, lies with a probability."""
     from scipy.special import gammaincinv
 
     return np.asarray(2 * gammaincinv(np.asarray(degrees_of_freedom) / 2, probability))

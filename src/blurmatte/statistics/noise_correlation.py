@@ -15,14 +15,7 @@ _CORE, _CORE_MEAN = 0.9, 0.623  # lower fraction of χ² of one degree of freedo
 
 
 def block_sums(values: Floats, size: int) -> Floats:
-    """(H // size, W // size, ...) sums over blocks; an incomplete last row or column is dropped.
-
-    Parameters
-    ----------
-    values : (H, W, ...) float
-    size : int
-        Width of a block, pixels.
-    """
+    """(H // size, W // size, ...) sums over blocks; an incomplete last row or column is dropped."""
     h, w = (side // size * size for side in values.shape[:2])
     cut = values[:h, :w]
     if size == 1:
@@ -38,14 +31,7 @@ def block_sums(values: Floats, size: int) -> Floats:
 
 
 def cell_means(values: Floats, side: int) -> Floats:
-    """(H // side, W // side, ...) means over blocks; an incomplete last row or column is dropped.
-
-    Parameters
-    ----------
-    values : (H, W, ...) float
-    side : int
-        Width of a block, pixels, >= 1.
-    """
+    """(H // side, W // side, ...) means over blocks; an incomplete last row or column is dropped."""
     sums = block_sums(values, side)
     return sums if side == 1 else np.asarray(sums / side**2)
 
@@ -56,14 +42,9 @@ def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:
     Their mean is the variance of a pixel if pixels are independent. Only blocks count of which more
     than half is used; an incomplete last row or column is dropped.
 
-    Parameters
-    ----------
-    e : (H, W, channels) float
-        Noise, of mean zero.
-    use : (H, W) bool
-        The pixels to sum.
-    size : int
-        Width of a block, pixels.
+    e (H, W, channels): noise, of mean zero.
+    use (H, W): the pixels to sum.
+    size: width of a block, pixels.
     """
     count = block_sums(use.astype(float), size)
     full = count > size**2 / 2
@@ -89,10 +70,7 @@ def variance_inflation(e: Floats, use: Bools) -> npt.NDArray[np.float64]:
 def core_mean_square(squares: Floats) -> float:
     """Variance of normal numbers from the lower 90 % of their squares; 1 if there are none.
 
-    Parameters
-    ----------
-    squares : (N,) float
-        Squared numbers, of which up to a tenth may be outliers.
+    Up to a tenth of the squares may be of outliers.
     """
     if len(squares) == 0:
         return 1.0
@@ -103,14 +81,9 @@ def core_mean_square(squares: Floats) -> float:
 def significant_inflation(squares: Floats, independent: int, significance: float = 2.5) -> float:
     """Variance inflation from squared standardized block sums; 1 if not significant.
 
-    Parameters
-    ----------
-    squares : (N,) float
-        Squares of block sums over their standard deviation for independent pixels.
-    independent : int
-        How many of them are statistically independent.
-    significance : float
-        Standard deviations of the mean square by which it must exceed 1.
+    squares (N,): squares of block sums over their standard deviation for independent pixels.
+    independent: how many of them are statistically independent.
+    significance: standard deviations of the mean square by which it must exceed 1.
     """
     if independent == 0 or len(squares) == 0:
         return 1.0

@@ -10,14 +10,6 @@ MAD_TO_STD = 1.4826  # 1 / Φ⁻¹(3/4): standard deviation of normal numbers ov
 def robust_std(deviations: Floats) -> float:
     """Standard deviation of normal numbers about zero, from the median of their absolute values.
 
-    Parameters
-    ----------
-    deviations : (...) float
-        Deviations from the center, at least one.
-
-    Returns
-    -------
-    float
-        In the unit of the deviations. Correct for up to half outliers if these are on both sides.
+    There is at least one deviation. Up to half may be outliers, if these are on both sides.
     """
     return MAD_TO_STD * float(np.median(np.abs(deviations)))

@@ -68,13 +68,7 @@ def _nothing_usable(image: LinearImage, plate: LinearImage) -> PlateError:
 
 
 def require_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
-    """`find_streaks`, with an error if there are none.
-
-    Raises
-    ------
-    MotionError
-        If nothing moved.
-    """
+    """`find_streaks`, with a MotionError if nothing moved."""
     streaks = find_streaks(image, plate)
     if not streaks:
         raise MotionError(
@@ -147,17 +141,10 @@ def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[in
 def merge_across_occluder(streaks: Sequence[Streak], occluder: Bools) -> list[Streak]:
     """Merge the first streak with those that continue it on the other side of an occluder.
 
-    Parameters
-    ----------
-    streaks : sequence of Streak
-        At least one, the strongest first.
-    occluder : (H, W) bool
-        Static objects in front of the moving one.
+    streaks: at least one, the strongest first.
+    occluder (H, W): static objects in front of the moving one.
 
-    Returns
-    -------
-    list of Streak
-        The first is the merged one; its mask includes the hidden part between.
+    The first of the result is the merged one; its mask includes the hidden part between.
     """
     from scipy.ndimage import binary_dilation, distance_transform_edt
 

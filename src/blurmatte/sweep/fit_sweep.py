@@ -128,14 +128,9 @@ def likeliest_streak(
     A moving person may change more pixels than a ball, but no disc explains them. So may a shadow,
     which moves with its object: streaks that add light are preferred.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Noise known.
-    streaks : sequence of Streak
-        The strongest first, which is returned if a disc explains none by more than half.
-    model : ColorModel, optional
-        Prior of the color.
+    image, plate: noise known.
+    streaks: the strongest first, which is returned if a disc explains none by more than half.
+    model: prior of the color.
     """
     settings = HypothesisSettings
     min_evidence = settings.min_evidence_ratio * streaks[0].evidence
@@ -239,20 +234,8 @@ def fit_disc(
 ) -> Sweep:
     """A disc on a parabola: the quick part of `fit_sweep`, for the frames of a clip.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Of one size, noise known.
-    streak : Streak
-        Where the object moved.
-    model : ColorModel, optional
-        As for `fit_sweep`; one paint if not given.
-
-    Returns
-    -------
-    Sweep
-        It need not explain the streak, see `Sweep.rejection`. Colors that the file blurred are not
-        corrected.
+    The noise is known. Without a model the object has one paint. The result need not explain the
+    streak, see `Sweep.rejection`. Colors that the file blurred are not corrected.
     """
     color = _prior(model) if model is not None else _FREE.of_one_paint
     search = _quick_search(streak, image, plate, color)

@@ -41,19 +41,8 @@ class ShadowMaskSettings:
 def shadow_around(image: LinearImage, plate: LinearImage, streak: Streak, color: Array) -> Bools:
     """Mask of the shadow of an object whose shape is unknown.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Of known noise.
-    streak : Streak
-        Where light of the object is visible.
-    color : (3,) float
-        Unit color of the object.
-
-    Returns
-    -------
-    (H, W) bool
-        As of `cast_shadow_mask`; without the shape, the part on the object is not found.
+    The streak is where light of the object is visible, `color` (3,) its unit color, and the noise is
+    known. As `cast_shadow_mask`; without the shape, the part on the object is not found.
     """
     y, x = streak.rows_columns
     use = (streak.mask & image.valid & plate.valid)[y, x]
@@ -78,22 +67,11 @@ def cast_shadow_mask(
 ) -> Bools:
     """Mask of the part of a streak that is the shadow of an object elsewhere in it.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Of known noise.
-    streak : Streak
-    color : (3,) float
-        Unit color of the object.
-    brightness : float
-        Light along it where the object is opaque.
-    shaded : float
-        Fraction of the object's light below which pixels next to the shadow count as shadow too.
+    color (3,): unit color of the object.
+    brightness: light along it where the object is opaque.
+    shaded: fraction of the object's light below which pixels next to the shadow count as shadow.
 
-    Returns
-    -------
-    (H, W) bool
-        Empty if it is not significant. Black parts of an object cannot be distinguished from a shadow.
+    Empty if it is not significant. Black parts of an object cannot be distinguished from a shadow.
     """
     from scipy.ndimage import binary_propagation
 
@@ -119,16 +97,7 @@ def cast_shadow_mask(
 def darkness(image: LinearImage, plate: LinearImage, streak: Streak) -> Bools:
     """Mask of the part of a streak that is the plate, but darker; no color is needed.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-        Of known noise.
-    streak : Streak
-
-    Returns
-    -------
-    (H, W) bool
-        Empty if it is hardly any or most of the streak.
+    Empty if it is hardly any or most of the streak.
     """
     y, x = streak.rows_columns
     inside = streak.mask[y, x]

@@ -39,13 +39,7 @@ def propagated(
 ) -> tuple[Array, Array]:
     """Values (n,) of a function of parameters (m,), and their covariance (n, n).
 
-    Parameters
-    ----------
-    function : callable
-        From (m,) to (n,).
-    parameters, covariance : (m,), (m, m) float
-    angles : slice
-        Which values are angles in radians; their differences are wrapped to ±π.
+    Differences of those values that are `angles`, in radians, are wrapped to ±π.
     """
     values = function(parameters)
     steps = DIFFERENCE_STEP * np.sqrt(np.maximum(np.diag(covariance), 0)) + 1e-9
@@ -64,17 +58,7 @@ def covariances(
 ) -> tuple[Array, dict[str, Array]]:
     """Value of f, and the covariance that each source alone causes.
 
-    Parameters
-    ----------
-    f : callable
-        Takes one array for each source, in their order; gives an array (m,).
-    sources : mapping of str to Source
-        Independent of each other.
-
-    Returns
-    -------
-    value : (m,) float
-    parts : dict of str to (m, m) float
+    f maps one array for each source, in their order, to an array (m,). The sources are independent.
     """
     values = [source.values for source in sources.values()]
     value = np.asarray(f(*values), dtype=float)
@@ -110,10 +94,8 @@ def path_source(
 ) -> tuple[Source, Callable[[Array, Array], Array]]:
     """Parameters of a path in a picture, and the function from them and times (T,) to pixels (T, 2).
 
-    Raises
-    ------
-    TypeError, ValueError
-        If it is no path, or the standard deviation is negative or not finite.
+    Raises TypeError, ValueError if it is no path, or the standard deviation is negative or not
+    finite.
     """
     check_with_std("path", 1.0, path_std)
     if isinstance(path, Sweep):

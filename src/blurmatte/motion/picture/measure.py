@@ -175,10 +175,7 @@ def _doubts_of_sweep(sweep: Sweep) -> tuple[str, ...]:
 def motion_of_alpha(solution: Solution) -> Motion:
     """Motion from sum, mean and covariance of alpha.
 
-    Raises
-    ------
-    MotionError
-        If the sum of alpha is not above its error.
+    Raises MotionError if the sum of alpha is not above its error.
     """
     use = solution.streak & solution.known
     parameters, covariance = _moments(solution, use)

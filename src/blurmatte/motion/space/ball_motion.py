@@ -178,20 +178,12 @@ def ball_motion(
 ) -> BallMotion:
     """BallMotion from positions in ball radii, with the errors of all their inputs.
 
-    Parameters
-    ----------
-    nodes : callable
-        Positions (3, 3) at the beginning, middle and end, radii, as a function of the parameters
+    nodes: positions (3, 3) at the beginning, middle and end, radii, as a function of the parameters
         fitted to the picture and of the values of a camera.
-    picture : Source
-        The fitted parameters.
-    intrinsics : Intrinsics
-    radius : (float, float)
-        Of the ball and its standard deviation, meters.
-    exposure : (float or None, float)
-        Time and its standard deviation, seconds.
-    path : str
-        Its model; see `BallMotion`.
+    picture: the fitted parameters.
+    radius: of the ball and its standard deviation, meters.
+    exposure: time and its standard deviation, seconds.
+    path: its model; see `BallMotion`.
     """
     check_with_std("radius", *radius)
     check_exposure(*exposure)

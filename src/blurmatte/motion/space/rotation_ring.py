@@ -97,10 +97,7 @@ def blades_of(pixels: Pixels, c: Array, ring: tuple[float, float]) -> list[tuple
 def _profile(pixels: Pixels, c: Array, ring: tuple[float, float]) -> Array:
     """(720,) mean of alpha over the ring at each angle, with the least smoothing that is significant.
 
-    Raises
-    ------
-    MotionError
-        If it does not vary.
+    Raises MotionError if alpha does not vary.
     """
     from scipy.ndimage import gaussian_filter1d
 

@@ -46,15 +46,10 @@ def evidence_of(
 ) -> Evidence:
     """The evidence for an alpha.
 
-    Parameters
-    ----------
-    observation : Observation
-        With the plate as the hypothesis has it.
-    alpha, alpha_std : (h, w) float
-        In the observation's pixels; a standard deviation of 0 where alpha has a shape, whose error is
-        in its parameters.
-    parameters : int
-        That were fitted, colors apart.
+    observation: with the plate as the hypothesis has it.
+    alpha, alpha_std (h, w): in the observation's pixels; a standard deviation of 0 where alpha has
+        a shape, whose error is in its parameters.
+    parameters: number of those that were fitted, colors apart.
     """
     weight = observation.weight
     alpha = np.where(alpha > 0.002, np.clip(alpha, 0, 1), 0)  # less is noise of alpha
@@ -81,23 +76,14 @@ def evidence_of(
 def hypothesis_weights(evidence: list[Evidence]) -> Array:
     """(n,) weights that sum to 1: exp(−cost / inflation − ½ p log n) [Schwarz 1978].
 
-    Parameters
-    ----------
-    evidence : list of Evidence
-        Of the same observation.
+    All evidence is of the same observation.
     """
     weights = np.exp(-hypothesis_scores(evidence))
     return np.asarray(weights / weights.sum())
 
 
 def hypothesis_scores(evidence: list[Evidence]) -> Array:
-    """(n,) negative log of the weights over the largest, 0 or more, finite where weights underflow.
-
-    Parameters
-    ----------
-    evidence : list of Evidence
-        Of the same observation.
-    """
+    """(n,) negative log of the weights over the largest, 0 or more, finite where weights underflow."""
     likeliest = min(evidence, key=lambda one: one.cost)
     scores = np.array(
         [

@@ -28,15 +28,7 @@ def candidate_before_file(
 
 
 def corrected_for_file(state: State, transfer: Transfer) -> State:
-    """The sweep fitted to its light before the file.
-
-    Parameters
-    ----------
-    state : State
-        Fitted to the light of the file.
-    transfer : Transfer
-        Of the file.
-    """
+    """A sweep that was fitted to the light of a file, fitted to its light before the file."""
     observed, blur = state.observation, chroma_blur_std(state)
     bounds = state.shape[0] / 2, state.shape[0] * 2
     for _ in range(2):  # the second correction starts from the shape of the first

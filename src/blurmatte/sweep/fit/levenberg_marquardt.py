@@ -40,14 +40,7 @@ def minimize(
 
     The result has converged if no step gains more than the tolerance and the radius is within bounds.
 
-    Parameters
-    ----------
-    start : State
-    bounds : (float, float)
-        Of the radius, pixels.
-    max_steps : int
-    tolerance : float
-        Units of log likelihood.
+    Bounds of the radius are in pixels, the tolerance in units of log likelihood.
     """
     settings = LevenbergMarquardt
     state, damping = start, settings.first_damping

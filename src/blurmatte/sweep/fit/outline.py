@@ -45,13 +45,7 @@ class OutlineSearch:
 
 
 def fit_outline(disc: State) -> State:
-    """The shape of the least Bayesian information criterion; the disc if that is one.
-
-    Parameters
-    ----------
-    disc : State
-        Where a fit of a disc of one paint ended.
-    """
+    """The shape of the least Bayesian information criterion, from a fitted disc of one paint."""
     settings = OutlineSearch
     low, high = settings.radius_bounds
     bounds = low * disc.shape[0], high * disc.shape[0]
@@ -78,15 +72,7 @@ def fit_outline(disc: State) -> State:
 
 
 def fit_growing(disc: State, bounds: tuple[float, float]) -> State:
-    """The growing disc of the least Bayesian information criterion; the disc if its own is less.
-
-    Parameters
-    ----------
-    disc : State
-        Where a fit of a disc ended.
-    bounds : (float, float)
-        Of the radius, pixels.
-    """
+    """The growing disc of the least Bayesian information criterion; the disc if its own is less."""
     settings, coarse = OutlineSearch, _on_large_pixels(disc)
     best = best_of([coarse, *_fitted(growing(coarse), bounds, settings.max_growth_steps)])
     if best is coarse:

@@ -39,14 +39,7 @@ class ShadowSearch:
 
 
 def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, CastShadow] | None:
-    """A disc with its own shadow, if that is possible and likelier than the disc alone.
-
-    Parameters
-    ----------
-    disc : State
-    bounds : (float, float)
-        Of the radius, pixels.
-    """
+    """A disc with its own shadow, if that is possible and likelier than the disc alone."""
     coarse = disc.observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
     on_coarse = disc.on(coarse)
     straight = on_coarse.along(LINE)
@@ -86,13 +79,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     """The shadow that minimizes the residuals of a disc; it need not be possible.
 
     Where the object was, residuals along its mean color are ignored, for shading causes them.
-
-    Parameters
-    ----------
-    observation : Observation
-        With the plate without a shadow.
-    disc : State
-    start : CastShadow, optional
+    The observation has the plate without a shadow.
     """
     observation = observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
     color = disc.mean_color
@@ -132,15 +119,7 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
 
 
 def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
-    """(3,) offset (x, y) and log softness, in radii, of the least residuals.
-
-    Parameters
-    ----------
-    residuals : function
-        Of x, in standard deviations.
-    start : (3,) float, optional
-        If not given, the best of several.
-    """
+    """(3,) offset (x, y) and log softness, in radii, of the least residuals."""
     from scipy.optimize import least_squares
 
     settings, difference = ShadowSearch, 0.02  # radii, of numerical derivatives

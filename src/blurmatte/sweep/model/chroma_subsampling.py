@@ -94,14 +94,7 @@ class ChromaBlur:
         return np.asarray(self.transfer.decode(self.file.seen(codes)))
 
     def before(self, alpha: Array, own: Array) -> Array:
-        """(h, w, 3) light of the image before its file.
-
-        Parameters
-        ----------
-        alpha : (h, w) float
-        own : (h, w, 3) float
-            Light of the object: alpha times its color.
-        """
+        """(h, w, 3) light of the image before its file; `own` is alpha times the object's color."""
         through, encode = (1 - alpha)[..., None], self.transfer.encode
         predicted = np.asarray(encode(np.maximum(through * self.B + own, 0)))
         with_plate = np.asarray(encode(np.maximum(through * self._plate + own, 0)))
@@ -131,14 +124,7 @@ def light_of_colors(
     The brightness is that of each pixel; the direction within the model is that of a Gaussian
     neighborhood of twice the blur, which the file preserves.
 
-    Parameters
-    ----------
-    image, plate : LinearImage
-    alpha : (h, w) float
-    basis : (3, rank) float
-        Directions of the model's colors.
-    std : float
-        Pixels by which the file blurs colors.
+    `basis` (3, rank) are the directions of the model's colors, `std` the blur by the file, pixels.
     """
     from scipy.ndimage import gaussian_filter
 

@@ -124,17 +124,7 @@ class ColorField:
     ) -> tuple[Array, Array]:
         """Curvature (n, n) and gradient (n,) of the cost by the parameters of alpha.
 
-        The colors are marginalized.
-
-        Parameters
-        ----------
-        J : (h, w, n) float
-            Derivatives of alpha.
-        light : four of (h, w, 3) float
-            Image, plate, and the variances of both, along the axes.
-        alpha, weight : (h, w) float
-        e : (3, h, w) float
-            Residuals.
+        The colors are marginalized. J (h, w, n): derivatives of alpha; e (3, h, w): residuals.
         """
         from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
 
@@ -154,14 +144,8 @@ def fit_field(
 ) -> tuple[ColorField, Array]:
     """The colors of the largest posterior density for an alpha, and residuals (3, h, w).
 
-    Parameters
-    ----------
-    light : four of (h, w, 3) float
-        Image, plate, and the variances of both, along the axes of `color`.
-    alpha, weight : (h, w) float
-    pitch : float
-        Pixels from node to node.
-    color : ColorPrior
+    `light` are image, plate, and the variances of both, (h, w, 3), along the axes of `color`; the
+    pitch is that of the nodes, pixels.
     """
     from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
 

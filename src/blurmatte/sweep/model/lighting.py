@@ -93,12 +93,8 @@ class Lighting:
 def fit_lighting(observation: Observation) -> Lighting:
     """The change of the plate's light, estimated without a model of the object.
 
-    Pixels of another hue than the plate's show the object and have little influence.
-
-    Parameters
-    ----------
-    observation : Observation
-        With the plate as it was without the object.
+    Pixels of another hue than the plate's show the object and have little influence. The
+    observation has the plate as it was without the object.
     """
     from blurmatte.sweep.model import (
         color_field_kernel,

@@ -19,10 +19,6 @@ def exponential(a: Any, b: Any) -> tuple[Array, Array, Array]:
     """Exp S (..., 2, 2) with S = [[a, b], [b, −a]], and its derivatives by a and b.
 
     exp S = cosh m + S sinh(m)/m with m² = a² + b².
-
-    Parameters
-    ----------
-    a, b : float or (T, 1, 1) float
     """
     one, S = np.eye(2), a * _BY_A + b * _BY_B
     m = np.maximum(np.hypot(a, b), 1e-4)  # a smaller m changes lengths by 5e-9 of them
@@ -35,11 +31,7 @@ def exponential(a: Any, b: Any) -> tuple[Array, Array, Array]:
 def changed(rates: Array, late: Array) -> tuple[Array, Array]:
     """Maps (T, 2, 2) of changes of some rates (3,), and their derivatives (T, 2, 2, 3) by the rates.
 
-    Parameters
-    ----------
-    rates : (3,) float
-    late : (T,) float
-        τ, fractions of the exposure.
+    `late` (T,) are τ, fractions of the exposure.
     """
     (g, a, b), late = rates, late[:, None, None]
     unit, by_a, by_b = exponential(a * late, b * late)
@@ -51,15 +43,8 @@ def changed(rates: Array, late: Array) -> tuple[Array, Array]:
 def turned(turn: float, late: Array, maps: Array, by: Array) -> tuple[Array, Array]:
     """Maps (T, 2, 2) and derivatives (T, 2, 2, 1 + l), turned by turn τ, the first by the turn.
 
-    Parameters
-    ----------
-    turn : float
-        Radians from +x towards +y.
-    late : (T,) float
-        τ, fractions of the exposure.
-    maps : (T, 2, 2) float
-    by : (T, 2, 2, l) float
-        Derivatives of the maps by some parameters.
+    The turn is in radians from +x towards +y; `late` (T,) are τ, fractions of the exposure; `by`
+    (T, 2, 2, l) are derivatives of the maps by some parameters.
     """
     late = late[:, None, None]
     rotation = np.cos(turn * late) * np.eye(2) + np.sin(turn * late) * _QUARTER

@@ -89,13 +89,7 @@ class Observation:
         return replace(self, color=self.color.of_one_paint)
 
     def along_colors(self, alpha: Array) -> "Observation":
-        """The same with axes along the mean color and the largest spread, if no color is known.
-
-        Parameters
-        ----------
-        alpha : (h, w) float
-            Of the object of these colors.
-        """
+        """The same with axes along mean color and largest spread of this alpha, if none are known."""
         weight = self.weight * (alpha > 0.02)  # fainter pixels do not show the color
         total = float((weight * alpha**2).sum())
         if self.color.rank < 3 or total == 0:

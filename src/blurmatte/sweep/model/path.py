@@ -176,13 +176,7 @@ ARC, BOUNCE, FROM_REST = Arc(), Bounce(), FromRest()
 
 
 def path_family(name: str) -> PathFamily:
-    """The family of this name.
-
-    Raises
-    ------
-    ValueError
-        If there is none.
-    """
+    """The family of this name; raises ValueError if there is none."""
     families = {f.name: f for f in (LINE, PARABOLA, CUBIC, ARC, BOUNCE, FROM_REST)}
     if name not in families:
         raise ValueError(f"a path is one of {', '.join(families)}, got {name!r}")

@@ -75,10 +75,7 @@ class Silhouette:
     G = [[g + a, b], [b, g − a]] and the rates g, a, b, natural logarithms: g is growth, as of an object
     that approaches, and (a, b) a change of foreshortening. A disc has only g.
 
-    Raises
-    ------
-    ValueError
-        If `order` is less than 1, or a disc turns, which is not observable.
+    Raises ValueError if `order` is less than 1, or a disc turns, which is not observable.
     """
 
     order: int = 1  # of the Fourier series of the outline: 1 is a disc, 2 an ellipse
@@ -149,16 +146,9 @@ class Silhouette:
         return bool(long > ShapeLimits.max_log_stretch or jagged > ShapeLimits.max_coefficients)
 
     def sweep(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> Swept:
-        """Alpha of a shape that moves along a path; the path may leave the pixels.
+        """Alpha of a shape that moves along a path, which may leave the pixels.
 
-        Parameters
-        ----------
-        family : PathFamily
-        path : (n,) float
-            Its parameters, pixels of the picture.
-        shape : (m,) float
-            Its parameters, pixels of the picture.
-        pixels : Pixels
+        The parameters of path (n,) and shape (m,) are in pixels of the picture.
         """
         from blurmatte.sweep.model import (
             silhouette_kernel as kernel,
@@ -361,16 +351,9 @@ def moments(
     that alpha is a smooth function of the path. A soft rim on a path without a kink makes alpha smooth
     in time: a piece of two standard deviations of the blur has two Gauss–Legendre nodes.
 
-    Parameters
-    ----------
-    family : PathFamily
-    path : (n,) float
-    scale : float
-        Width of a pixel, pixels of the picture.
-    rim_motion : float
-        Distance by which turn and change move the rim, pixels of the picture.
-    soft : float
-        Standard deviation of the rim's blur, in units of `scale`.
+    scale: width of a pixel, pixels of the picture.
+    rim_motion: distance by which turn and change move the rim, pixels of the picture.
+    soft: standard deviation of the rim's blur, in units of `scale`.
     """
     from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
 
