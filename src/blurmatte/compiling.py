@@ -58,6 +58,7 @@ def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
+        """The kernel of a function, kept on disk."""
         kernel = numba.njit(**options)(function)
         try:
             kernel.enable_caching()

@@ -40,6 +40,7 @@ def catch_interrupts() -> None:
     os.environ["PYTHONWARNINGS"] = f"{filters},{_QUIET}" if filters else _QUIET
 
     def watch() -> None:
+        """End this process some seconds after a signal."""
         with writer:  # keeps it open
             reader.recv(1)
             time.sleep(_SECONDS_TO_END)

@@ -91,6 +91,7 @@ def printing(verbosity: Verbosity) -> Iterator[None]:
     usual = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *place: Any) -> None:
+        """A warning in one line if it is blurmatte's."""
         if issubclass(category, bm.BlurmatteWarning):
             warn(str(message))  # not about a file, else `about` had shown it
         else:

@@ -249,6 +249,7 @@ def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) 
     time = clip.timing.of(frame)
 
     def light_of(box: Box, every: int) -> LinearImage:
+        """Light of every n-th pixel of a box."""
         if not codes:
             codes.append(_codes(clip, frame))
         x0, y0, x1, y1 = box

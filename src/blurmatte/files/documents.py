@@ -107,6 +107,7 @@ def numbers(low: float, high: float, *shape: int | None, whole: bool = False) ->
     kinds = (int,) if whole else (int, float)
 
     def check(value: Any) -> Any:
+        """The numbers; ValueError if they are others."""
         found = np.array(value, dtype=object)
         fits = found.ndim == len(shape)
         fits = fits and all(n in (None, m) for n, m in zip(shape, found.shape, strict=True))
@@ -125,6 +126,7 @@ def covariance_matrix(high: float, *shape: int | None) -> PlainValidator:
     check = numbers(-high, high, *shape).func
 
     def positive(value: Any) -> npt.NDArray[np.float64]:
+        """The matrix; ValueError if it is no covariance."""
         C = np.asarray(check(value))  # type: ignore[call-arg]
         slack = 1e-6 * np.abs(C).max(initial=0)
         if C.ndim != 2 or C.shape[0] != C.shape[1] or np.abs(C - C.T).max(initial=0) > slack:

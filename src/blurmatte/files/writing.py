@@ -212,6 +212,7 @@ def _spread_writers(spread: PointSpread) -> Mapping[str, _Writer]:
     parts = [np.dstack([spread.weight, spread.std]).astype(np.float32)]
 
     def save_maps(path: Path) -> None:
+        """Both maps as channels."""
         save_pixels(path, parts, ("weight", "std"), {"Exif:ColorSpace": 65535})  # uncalibrated
 
     rows = spread.rows

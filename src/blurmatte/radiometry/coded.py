@@ -46,6 +46,7 @@ def coded(number: int, image: LinearImage) -> CodedFrame:
     """A picture of linear light as a frame: its planes are red, green and blue light."""
 
     def light_of(box: Box, every: int) -> LinearImage:
+        """Light of every n-th pixel of a box."""
         part = image.crop(box)
         if every == 1:
             return part
