@@ -80,6 +80,19 @@ def check_finite(name: str, value: Floats, limit: float = MAX_LIGHT) -> None:
         )
 
 
+def check_positive(name: str, value: float, unit: str = "") -> None:
+    """Raise ValueError unless a number is finite and above 0."""
+    if not (np.isfinite(value) and value > 0):
+        must = f"a positive number of {unit}" if unit else "finite and above 0"
+        raise ValueError(f"{name} must be {must}, got {value}")
+
+
+def check_not_negative(name: str, value: float) -> None:
+    """Raise ValueError unless a number is finite and 0 or more."""
+    if not (np.isfinite(value) and value >= 0):
+        raise ValueError(f"{name} must be finite and not negative, got {value}")
+
+
 def check_same_size(first: str, a: tuple[int, int], second: str, b: tuple[int, int]) -> None:
     """Raise unless the sizes (width, height) of two named pictures agree."""
     if a != b:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind, check_points
+from blurmatte.checks import check_kind, check_not_negative, check_points
 
 Array = npt.NDArray[np.float64]
 
@@ -121,8 +121,7 @@ class Intrinsics:
             If a length is not positive, or the standard deviation is negative or not finite.
         """
         width, height = size
-        if not (np.isfinite(std) and std >= 0):
-            raise ValueError(f"std must be finite and not negative, got {std}")
+        check_not_negative("std", std)
         if sensor_width is not None and not sensor_width > 0:
             raise ValueError(f"sensor_width must be positive millimeters, got {sensor_width}")
         # A 35 mm equivalent is for a diagonal of 36 mm by 24 mm [CIPA DCG-001].

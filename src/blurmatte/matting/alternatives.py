@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_not_negative
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.calibration import GRADE_LIMITS, rms_difference
@@ -70,9 +71,7 @@ class Alternative:
 
     def __post_init__(self) -> None:
         for name in ("weight", "alpha_factor", "alpha_difference"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
+            check_not_negative(name, getattr(self, name))
 
     @property
     def matters(self) -> bool:

@@ -6,7 +6,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_finite, check_light
+from blurmatte.checks import check_finite, check_light, check_not_negative, check_positive
 from blurmatte.color.model import ColorModel
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage
 from blurmatte.rendering.lighting import (
@@ -101,13 +101,11 @@ class Ball:
     texture: Array | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.radius) and self.radius > 0):
-            raise ValueError(f"radius must be a positive number of pixels, got {self.radius}")
+        check_positive("radius", self.radius, "pixels")
         check_lighting(self.lamps, self.ambient)
         if not 0 <= self.band <= 1:
             raise ValueError(f"band must lie between 0 and 1, got {self.band}")
-        if not (np.isfinite(self.highlight) and self.highlight >= 0):
-            raise ValueError(f"highlight must be finite and not negative, got {self.highlight}")
+        check_not_negative("highlight", self.highlight)
         if not (np.isfinite(self.shininess) and self.shininess >= 1):
             raise ValueError(f"shininess must be 1 or more, got {self.shininess}")
         unit_direction("axis", self.axis)

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.checks import Floats, check_light
+from blurmatte.checks import Floats, check_light, check_not_negative
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.mosaic import variance_shares
 from blurmatte.rendering.codes import (
@@ -82,9 +82,7 @@ class Camera:
         if not isinstance(self.noise, NoiseModel):
             raise TypeError(f"noise must be a NoiseModel, got {type(self.noise).__name__}")
         for name in ("code_std", "blur", "defocus"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
+            check_not_negative(name, getattr(self, name))
         if not isinstance(self.processing, Processing):
             raise TypeError(
                 f"processing must be a Processing, got {type(self.processing).__name__}"

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_finite
+from blurmatte.checks import check_finite, check_positive
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.rendering.coverage import box_coverage, cell_edges, polygon_coverage
@@ -50,9 +50,7 @@ class Sheet:
 
     def __post_init__(self) -> None:
         for name in ("width", "height"):
-            side = getattr(self, name)
-            if not (np.isfinite(side) and side > 0):
-                raise ValueError(f"{name} must be a positive number of pixels, got {side}")
+            check_positive(name, getattr(self, name), "pixels")
         object.__setattr__(self, "color", check_color("color", self.color))
 
     def __repr__(self) -> str:
@@ -110,8 +108,7 @@ class Cube:
     lamps: tuple[Lamp, ...] = (Lamp(),)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.side) and self.side > 0):
-            raise ValueError(f"side must be a positive number of pixels, got {self.side}")
+        check_positive("side", self.side, "pixels")
         check_lighting(self.lamps, self.ambient)
         color = np.array(self.color, dtype=float)
         if color.shape == (6, 3):

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_positive
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
@@ -173,8 +174,7 @@ class Pinhole:
     center: tuple[float, float] | None = None
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.focal) and self.focal > 0):
-            raise ValueError(f"focal must be a positive number of pixels, got {self.focal}")
+        check_positive("focal", self.focal, "pixels")
         if self.center is not None and (
             np.shape(self.center) != (2,) or not np.all(np.isfinite(self.center))
         ):

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Floats, check_not_negative, check_positive
 from blurmatte.rendering.codes import from_ycbcr, to_ycbcr, ycbcr_variance
 
 Array = npt.NDArray[np.float64]
@@ -48,16 +48,10 @@ class Processing:
 
     def __post_init__(self) -> None:
         for name in ("noise_reduction", "sharpening"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
+            check_not_negative(name, getattr(self, name))
         if not 0 <= self.tone <= 1:
             raise ValueError(f"tone must lie between 0 and 1, got {self.tone}")
-        if not (np.isfinite(self.sharpening_radius) and self.sharpening_radius > 0):
-            raise ValueError(
-                f"sharpening_radius must be a positive number of pixels, got "
-                f"{self.sharpening_radius}"
-            )
+        check_positive("sharpening_radius", self.sharpening_radius, "pixels")
 
     @property
     def active(self) -> bool:

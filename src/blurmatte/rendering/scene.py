@@ -8,7 +8,14 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_kind, check_light, check_same_size
+from blurmatte.checks import (
+    Floats,
+    check_kind,
+    check_light,
+    check_not_negative,
+    check_positive,
+    check_same_size,
+)
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.rendering.pose import Change, Pinhole, Pose
@@ -64,8 +71,7 @@ class Shadow:
     def __post_init__(self) -> None:
         if np.shape(self.offset) != (2,) or not np.all(np.isfinite(self.offset)):
             raise ValueError(f"offset must be two finite numbers of pixels, got {self.offset}")
-        if not (np.isfinite(self.softness) and self.softness >= 0):
-            raise ValueError(f"softness must be finite and not negative, got {self.softness}")
+        check_not_negative("softness", self.softness)
         strength = np.asarray(self.strength, dtype=float)
         if strength.shape != (3,) or not np.all((strength >= 0) & (strength <= 1)):
             raise ValueError(f"strength must be three numbers 0…1, got {self.strength}")
@@ -105,8 +111,7 @@ class Nearby:
         for name in ("occlusion", "bounce"):
             if not 0 <= getattr(self, name) <= 1:
                 raise ValueError(f"{name} must lie between 0 and 1, got {getattr(self, name)}")
-        if not (np.isfinite(self.reach) and self.reach > 0):
-            raise ValueError(f"reach must be a positive number of radii, got {self.reach}")
+        check_positive("reach", self.reach, "radii")
 
     def taken(self, color: Array) -> Array:
         """(3,) fraction of the plate's light that a body of mean `color` removes at its foot."""
@@ -179,9 +184,7 @@ class Scene:
         if not 0 < self.opacity <= 1:
             raise ValueError(f"opacity must be above 0 and at most 1, got {self.opacity}")
         for name in ("defocus", "pixel_filter"):
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise ValueError(f"{name} must be finite and not negative, got {value}")
+            check_not_negative(name, getattr(self, name))
         if not 0 <= self.shutter_ramp <= 0.5:
             raise ValueError(f"shutter_ramp must lie between 0 and 0.5, got {self.shutter_ramp}")
         if self.occluder is not None:

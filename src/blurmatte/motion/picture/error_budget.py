@@ -10,11 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_not_negative, check_positive
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
 
 Array = npt.NDArray[np.float64]
 
+check_std = check_not_negative  # of a standard deviation
 DIFFERENCE_STEP = 1e-3  # standard deviations: small against curvature, large against rounding
 
 
@@ -111,18 +113,6 @@ def path_source(
         return np.asarray(path.at(t) + ends)
 
     return Source(np.zeros(4), path_std**2 * np.eye(4)), moved
-
-
-def check_positive(name: str, value: float) -> None:
-    """Raise ValueError unless a number is finite and above 0."""
-    if not (np.isfinite(value) and value > 0):
-        raise ValueError(f"{name} must be finite and above 0, got {value}")
-
-
-def check_std(name: str, value: float) -> None:
-    """Raise ValueError unless a standard deviation is finite and not negative."""
-    if not (np.isfinite(value) and value >= 0):
-        raise ValueError(f"{name} must be finite and not negative, got {value}")
 
 
 def check_with_std(name: str, value: float, std: float) -> None:

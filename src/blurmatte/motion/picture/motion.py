@@ -22,9 +22,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import check_kind, check_positive
 from blurmatte.errors import MotionError
-from blurmatte.motion.picture.error_budget import check_positive, check_std
+from blurmatte.motion.picture.error_budget import check_std
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
 

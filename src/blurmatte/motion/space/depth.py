@@ -16,11 +16,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import check_positive
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
     Source,
-    check_positive,
     check_std,
     check_with_std,
     covariances,
