@@ -3,12 +3,15 @@
 from blurmatte.background import PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.color.model import ColorModel
+from blurmatte.explain.calibration import (
+    curve_in_words,
+    noise_in_words,
+    plate_in_words,
+    response_in_words,
+)
 from blurmatte.explain.color import color_in_words
-from blurmatte.explain.curve import curve_in_words, response_in_words
 from blurmatte.explain.fall import fall_in_words
 from blurmatte.explain.motion import motion_in_words, scatter_in_words, speed_in_words
-from blurmatte.explain.noise import noise_in_words
-from blurmatte.explain.plate import plate_in_words
 from blurmatte.explain.solution import solution_in_words
 from blurmatte.explain.space import SpaceMotion, space_motion_in_words
 from blurmatte.matting.solution import Solution

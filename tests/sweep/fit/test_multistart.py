@@ -1,6 +1,7 @@
 """Multistart: the global search finds a rendered ball on a path of every family."""
 
 from dataclasses import replace
+from threading import Barrier, get_ident
 
 import numpy as np
 import pytest
@@ -24,8 +25,9 @@ from tests.sweep.scenes import (
 from blurmatte.rendering import Ball
 from blurmatte.streaks import require_streaks
 from blurmatte.sweep.assess.diagnostics import sweep_of
+from blurmatte.sweep.fit import multistart
 from blurmatte.sweep.fit.candidate import Candidate
-from blurmatte.sweep.fit.multistart import Multistart, fitted_to_hue, with_varied_colors
+from blurmatte.sweep.fit.multistart import Multistart, fitted_to_hue, thread_map, with_varied_colors
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 
 every_family = pytest.mark.parametrize("family", PATHS, ids=lambda family: family.name)
@@ -146,3 +148,27 @@ def test_hue_is_not_used_without_contrast_of_hue():
     search = searched(gray).of_one_paint
     quick = search.quick()
     assert fitted_to_hue(quick, search.bounds) is quick
+
+
+def test_results_keep_the_order_of_the_arguments():
+    """invariant: in any order of completion."""
+    assert thread_map(lambda x: x * x, iter(range(20))) == [x * x for x in range(20)]
+    assert thread_map(abs, []) == []
+
+
+def test_calls_run_concurrently(monkeypatch):
+    """invariant: each waits until the other has begun."""
+    monkeypatch.setattr(multistart, "cpu_count", lambda: 2)
+    both = Barrier(2, timeout=10)
+    assert sorted(thread_map(lambda _: both.wait(), range(2))) == [0, 1]
+
+
+def test_a_single_call_runs_in_the_calling_thread():
+    """invariant"""
+    assert thread_map(lambda _: get_ident(), [0]) == [get_ident()]
+
+
+def test_exceptions_are_raised():
+    """door"""
+    with pytest.raises(ZeroDivisionError):
+        thread_map(lambda x: 1 // x, [1, 0, 2])

@@ -4,8 +4,11 @@ The search is coarse to fine: every family of paths is fitted on large pixels fr
 through the streak, and the best few are refined on small pixels.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from os import cpu_count
+from typing import TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -14,7 +17,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.centerline import center_curve, depth_of
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.parallel import thread_map
 from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR, best_of, ranked
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_prior import ColorPrior
@@ -25,6 +27,8 @@ from blurmatte.sweep.model.size_prior import SizePrior
 from blurmatte.sweep.model.state import State, state_at
 
 Array = npt.NDArray[np.float64]
+S = TypeVar("S")
+T = TypeVar("T")
 
 FAMILIES: tuple[PathFamily, ...] = (LINE, ARC, PARABOLA, CUBIC, FROM_REST, BOUNCE)
 NODES_PER_RADIUS = 4.0  # of the color field, in a half width
@@ -249,3 +253,15 @@ def with_varied_colors(state: State) -> State:
     color = state.observation.color
     varied = replace(color, varied=color.rank)
     return state.relit(replace(state.observation, color=varied))
+
+
+def thread_map(function: Callable[[S], T], things: Iterable[S]) -> list[T]:
+    """Results of a function in the order of its arguments; the first exception is raised.
+
+    Fits run mostly in compiled code, which releases the interpreter's lock.
+    """
+    several = list(things)
+    if len(several) < 2:
+        return [function(thing) for thing in several]
+    with ThreadPoolExecutor(min(cpu_count() or 1, len(several))) as threads:
+        return list(threads.map(function, several))

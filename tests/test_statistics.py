@@ -1,16 +1,22 @@
-"""Noise correlation from sums over blocks."""
+"""Noise correlation from sums over blocks, robust scale, χ² quantiles."""
 
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import gaussian_filter
+from scipy.stats import chi2, norm
 
 from blurmatte.statistics import (
     BLOCK_SIZES,
+    MAD_TO_STD,
+    MEDIAN_3,
+    QUANTILE_999_3,
     block_squares,
     block_sums,
     cell_means,
+    chi_square_quantile,
     core_mean_square,
+    robust_std,
     significant_inflation,
     variance_inflation,
 )
@@ -137,3 +143,30 @@ def test_inflation_is_one_unless_significant():
     assert significant_inflation(1.3 * squares, 10) == 1
     assert significant_inflation(1.3 * squares, 4000) > 1.2
     assert significant_inflation(squares, 0) == 1
+
+
+def test_factor_is_that_of_the_normal_distribution():
+    """Oracle: Φ⁻¹(3/4) of SciPy, to the digits printed."""
+    assert_allclose(MAD_TO_STD, 1 / norm.ppf(0.75), atol=5e-5)
+
+
+def test_std_of_normal_numbers_despite_outliers():
+    """Exact, but for chance: outliers on both sides hardly change it."""
+    x = 0.3 * np.random.default_rng(0).normal(size=20_000)
+    assert_allclose(robust_std(x), 0.3, rtol=0.03)
+    x[:400] = 1e9
+    x[400:800] = -1e9
+    assert_allclose(robust_std(x), 0.3, rtol=0.08)
+
+
+@pytest.mark.parametrize("probability", [0.01, 0.25, 0.5, 1 - 6e-5])
+def test_quantiles_are_those_of_scipy(probability):
+    """Oracle."""
+    dof = np.array([1, 2, 1.5, 3, 300])
+    assert_allclose(chi_square_quantile(probability, dof), chi2.ppf(probability, dof), rtol=1e-9)
+
+
+def test_constants_are_the_quantiles():
+    """Oracle: to the digits printed."""
+    assert_allclose(MEDIAN_3, chi2.ppf(0.5, 3), atol=5e-4)
+    assert_allclose(QUANTILE_999_3, chi2.ppf(0.999, 3), atol=5e-3)

@@ -1,8 +1,8 @@
-"""Correlation of noise between neighboring pixels, from the variance of sums over blocks.
+"""Statistical constants and small estimators, each once.
 
-Demosaicing, compression and chroma subsampling correlate the noise of neighbors. In this file the
-variance inflation of a block is the variance of its sum over that of independent pixels: 1 for white
-noise, the number of pixels if all of them have the same error. It is n / effective n.
+Demosaicing, compression and chroma subsampling correlate the noise of neighbors. Here the variance
+inflation of a block is the variance of its sum over that of independent pixels: 1 for white noise, the
+number of pixels if all of them have the same error. It is n / effective n.
 """
 
 import numpy as np
@@ -10,8 +10,28 @@ import numpy.typing as npt
 
 from blurmatte.checks import Bools, Floats
 
+MEDIAN_3 = 2.366  # median of χ² with three degrees of freedom, one for each channel
+QUANTILE_999_3 = 16.27  # its 99.9 % quantile
+MAD_TO_STD = 1.4826  # 1 / Φ⁻¹(3/4): standard deviation of normal numbers over their median size
 BLOCK_SIZES = (2, 4, 8, 16)  # pixels: compressed files have blocks of up to 16
 _CORE, _CORE_MEAN = 0.9, 0.623  # lower fraction of χ² of one degree of freedom, and its mean
+
+
+def chi_square_quantile(
+    probability: float, degrees_of_freedom: npt.ArrayLike
+) -> npt.NDArray[np.float64]:
+    """Value below which χ² of (...) degrees of freedom, above 0, lies with a probability."""
+    from scipy.special import gammaincinv
+
+    return np.asarray(2 * gammaincinv(np.asarray(degrees_of_freedom) / 2, probability))
+
+
+def robust_std(deviations: Floats) -> float:
+    """Standard deviation of normal numbers about zero, from the median of their absolute values.
+
+    There is at least one deviation. Up to half may be outliers, if these are on both sides.
+    """
+    return MAD_TO_STD * float(np.median(np.abs(deviations)))
 
 
 def block_sums(values: Floats, size: int) -> Floats:
