@@ -16,6 +16,7 @@ import numpy as np
 import OpenEXR
 import pytest
 from PIL import Image
+from tests.scenes.texts import BALL
 from typer.testing import CliRunner
 
 import blurmatte as bm
@@ -814,35 +815,11 @@ def test_interrupt_exits_130_quietly(scene, tmp_path):
     assert not (tmp_path / "o").exists()
 
 
-SCENE = """
-title = "A ball"
-size = [72, 48]
-seed = 1
-
-[plate]
-kind = "colorful"
-tile = 15
-
-[body]
-kind = "ball"
-radius = 7
-color = "#ff9020"
-
-[path]
-kind = "line"
-start = [20, 20]
-end = [48, 28]
-
-[camera]
-code_std = 0.004
-"""
-
-
 @pytest.fixture(scope="module")
 def rendered(tmp_path_factory):
     """A folder with two rendered scenes, one and two, and their scene file."""
     folder = tmp_path_factory.mktemp("rendered")
-    for name, text in (("one", SCENE), ("two", SCENE.replace("seed = 1", "seed = 2"))):
+    for name, text in (("one", BALL), ("two", BALL.replace("seed = 1", "seed = 2"))):
         (folder / f"{name}.toml").write_text(text)
     good("render", folder / "one.toml", folder / "two.toml", "--out", folder / "scenes")
     return folder
@@ -853,10 +830,10 @@ def test_render_writes_pictures_and_truth(rendered):
     assert sorted(p.name for p in folder.iterdir()) == [
         *("image.png", "overview.png", "plate.png", "scene.toml", "truth")
     ]
-    assert (folder / "scene.toml").read_text() == SCENE
+    assert (folder / "scene.toml").read_text() == BALL
     assert len(list((folder / "truth").glob("subframe_*.exr"))) == 8
-    assert bm.read(folder / "image.png").size == (72, 48)
-    assert bm.read(folder / "overview.png").size == (4 * 72, 48)
+    assert bm.read(folder / "image.png").size == (48, 36)
+    assert bm.read(folder / "overview.png").size == (4 * 48, 36)
 
 
 def test_render_writes_a_single_scene_into_the_folder(rendered, tmp_path):
@@ -867,7 +844,7 @@ def test_render_writes_a_single_scene_into_the_folder(rendered, tmp_path):
 
 
 def test_render_numbers_the_frames_of_a_clip(tmp_path):
-    (tmp_path / "clip.toml").write_text(SCENE + "[clip]\ncount = 2\nduty = 0.5\n")
+    (tmp_path / "clip.toml").write_text(BALL + "[clip]\ncount = 2\nduty = 0.5\n")
     good("render", tmp_path / "clip.toml", "--out", tmp_path / "x")
     assert sorted(p.name for p in (tmp_path / "x").iterdir()) == ["000", "001"]
 
@@ -943,7 +920,7 @@ def test_score_refuses_in_one_line(rendered, tmp_path):
     bm.write(tmp_path / "nan.exr", bm.Layer(np.nan * layer.alpha, layer.premultiplied))
     bm.write(tmp_path / "opaque.png", bm.LinearImage(layer.premultiplied))
     for name, says in [
-        ("small.exr", "the result is 72x47 pixels and the truth 72x48"),
+        ("small.exr", "the result is 48x35 pixels and the truth 48x36"),
         ("nan.exr", "NaN"),
         ("opaque.png", "has no alpha"),
         ("missing.exr", "missing.exr"),

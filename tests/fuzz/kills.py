@@ -1,7 +1,7 @@
 """Kill commands at every file event, and check what they leave; run by test_kills.
 
 A server imports everything once, but reads no picture, which would start threads; each run is a process
-that it forks. `python kills.py FOLDER EVERY
+that it forks. `python -m tests.fuzz.kills FOLDER EVERY
 NAME…` prints JSON: how many runs were killed, and what was wrong.
 """
 
@@ -16,6 +16,7 @@ from importlib import import_module
 from pathlib import Path
 
 import numpy as np
+from tests.scenes.texts import BALL
 from typer.testing import CliRunner
 
 import blurmatte
@@ -26,22 +27,6 @@ from blurmatte.rendering import Ball, Scene, colorful_plate
 
 KILLED = 99
 EVENTS = "os.rename", "os.remove", "os.mkdir", "os.rmdir", "os.truncate", "os.chmod"
-SCENE = """
-size = [48, 36]
-[plate]
-kind = "colorful"
-tile = 9
-[body]
-kind = "ball"
-radius = 5
-color = "#ffb040"
-[path]
-kind = "line"
-start = [12, 12]
-end = [34, 22]
-[camera]
-code_std = 0.004
-"""
 PIXELWISE = "--solver", "pixelwise", "--transfer", "srgb"
 
 Files = dict[str, bytes]
@@ -62,8 +47,8 @@ def make_inputs(folder: Path) -> None:
     bm.write(folder / "plate.png", empty)
     bm.write(folder / "f3.jpg", image)
     bm.write(folder / "layer.exr", bm.solve(image, empty, truth.model, bm.Pixelwise()))
-    (folder / "scene.toml").write_text(SCENE)
-    (folder / "old.toml").write_text(SCENE.replace("radius = 5", "radius = 4"))
+    (folder / "scene.toml").write_text(BALL)
+    (folder / "old.toml").write_text(BALL.replace("radius = 5", "radius = 4"))
     bm.save_shot(folder / "truth", bm.read_shots(folder / "scene.toml")[0])
 
 

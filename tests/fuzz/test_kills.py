@@ -7,13 +7,13 @@ from pathlib import Path
 
 import pytest
 
-SERVER = Path(__file__).with_name("kills.py")
+ROOT = Path(__file__).parents[2]
 
 
 def kill(folder, every, *names):
     """Of a killing of commands: how often, and what was wrong."""
-    command = [sys.executable, SERVER, folder, str(every), *names]
-    ended = subprocess.run(command, capture_output=True, text=True)
+    command = [sys.executable, "-m", "tests.fuzz.kills", folder, str(every), *names]
+    ended = subprocess.run(command, cwd=ROOT, capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     answer = json.loads(ended.stdout)
     return answer["kills"], answer["wrong"]
