@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import Annotated, Any
@@ -97,7 +98,8 @@ def edit(
                 bm.write(out, done.after)
         else:
             pictures = [own.image, *filter(None, [own.plate])]
-            before, read = _read(reading, _reader(layer, reading), Path(layer), pictures)
+            reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
+            before, read = _read(reading, reader, Path(layer), pictures)
             with about(Path(layer)):
                 after = changed(before, wanted)
             matched = _matched(own.plate, own.match, read)
@@ -224,10 +226,6 @@ def _edit_row(
 def _layer(layer: str, reading: Reading) -> bm.Layer:
     with about(Path(layer)):
         return bm.read_layer(layer, max_pixels=reading.max_pixels)
-
-
-def _reader(layer: str, reading: Reading) -> Callable[[], bm.Layer]:
-    return lambda: bm.read_layer(layer, max_pixels=reading.max_pixels)
 
 
 def _read(

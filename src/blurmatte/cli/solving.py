@@ -8,7 +8,7 @@ import math
 import os
 import shlex
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -134,7 +134,8 @@ def _solve_each(
     failed, lower = 0, 0
     with bm.Workers(_processes(workers, len(pairs))) as processes:
         answers = processes.in_order(_OneOfRow(task, verbosity()), pairs)
-        for path, folder, answer in with_progress(_with(pairs, answers), "solving", len(pairs)):
+        both = zip(pairs, answers, strict=True)
+        for (path, folder), answer in with_progress(both, "solving", len(pairs)):
             if answer.refusal:
                 complain(answer.refusal)
                 failed += 1
@@ -183,13 +184,6 @@ def _processes(wanted: int | None, count: int) -> int:
     if wanted is not None:
         return min(wanted, count)
     return 1 if count < _MIN_IMAGES_TO_PARALLELIZE else min(os.cpu_count() or 1, count)
-
-
-def _with(
-    pairs: Sequence[tuple[Path, Path]], answers: Iterator[_Answer]
-) -> Iterator[tuple[Path, Path, _Answer]]:
-    for (path, folder), answer in zip(pairs, answers, strict=True):
-        yield path, folder, answer
 
 
 def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:

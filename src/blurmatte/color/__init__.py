@@ -7,10 +7,7 @@ from blurmatte.color.model import ColorModel as ColorModel
 from blurmatte.color.published import published_color_line as published_color_line
 from blurmatte.color.samples import core_colors as core_colors
 from blurmatte.color.samples import pick_colors as pick_colors
-from blurmatte.color.shadow_test import check_no_shadow as check_no_shadow
 from blurmatte.color.shadow_test import darker_pixels as darker_pixels
 from blurmatte.color.shadow_test import may_be_shadow as may_be_shadow
 from blurmatte.color.streak import check_chroma_resolution as check_chroma_resolution
-from blurmatte.color.streak import check_color_fit as check_color_fit
-from blurmatte.color.streak import check_not_gray as check_not_gray
 from blurmatte.color.streak import fit_color_from_hues as fit_color_from_hues

@@ -1,9 +1,7 @@
 """What was found or measured, in plain words."""
 
-from blurmatte.explain.alternatives import also_fits as also_fits
 from blurmatte.explain.alternatives import alternatives_in_words as alternatives_in_words
 from blurmatte.explain.alternatives import alternatives_of as alternatives_of
-from blurmatte.explain.doubt import alpha_peak as alpha_peak
 from blurmatte.explain.doubt import doubts as doubts
 from blurmatte.explain.explain import explain as explain
 from blurmatte.explain.grade import grade_in_words as grade_in_words

@@ -1,6 +1,6 @@
 """The accuracy of alpha in one sentence: grade, error, and its main causes."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from blurmatte.explain.numbers import rounded_std
@@ -32,7 +32,8 @@ def grade_in_words(solution: Solution) -> list[str]:
     if "grade" not in stats:
         return []
     grade, known = solution.grade, ", ".join(_errors(stats, solution.grade))
-    reasons = "" if grade is Grade.CONFIRMED else _joined(stats.get("grade_reasons", ()))
+    names = () if grade is Grade.CONFIRMED else stats.get("grade_reasons", ())
+    reasons = ", and ".join(_REASONS.get(name, name) for name in names)
     said = {
         Grade.CONFIRMED: [known],
         Grade.PLAUSIBLE: [known, reasons],
@@ -52,7 +53,3 @@ def _errors(stats: Mapping[str, Any], grade: Grade) -> list[str]:
     if grade is not Grade.ASSUMED and scale is not None:
         said.append(f"its sum within {rounded_std(100 * scale)} %")
     return said
-
-
-def _joined(reasons: Iterable[str]) -> str:
-    return ", and ".join(_REASONS.get(name, name) for name in reasons)

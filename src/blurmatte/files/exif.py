@@ -82,11 +82,6 @@ def rational(value: float) -> Tag:
     return Tag(5, 1, struct.pack(">2L", round(value * 1000), 1000))
 
 
-def raw_bytes(data: bytes) -> Tag:
-    """A tag of the type UNDEFINED."""
-    return Tag(7, len(data), data)
-
-
 def numbers(tag: Union[Tag, "Tags"]) -> list[int]:
     """The integers of a tag; none of a directory."""
     if not isinstance(tag, Tag):

@@ -84,14 +84,11 @@ def _gray(tags: Mapping[bytes, bytes]) -> Profile:
 
 def _rgb(tags: Mapping[bytes, bytes]) -> Profile:
     red, green, blue = (_curve(tags[name]) for name in (b"rTRC", b"gTRC", b"bTRC"))
-    to_xyz = np.stack([_xyz(tags[name]) for name in (b"rXYZ", b"gXYZ", b"bXYZ")], axis=1)
+    columns = [struct.unpack_from(">3i", tags[name], 8) for name in (b"rXYZ", b"gXYZ", b"bXYZ")]
+    to_xyz = np.array(columns).T / 65536
     matrix = np.linalg.solve(_SRGB_TO_XYZ, to_xyz)
     same = bool(np.all(np.abs(matrix - np.eye(3)) < SAME_PRIMARIES))
     return Profile((red, green, blue), None if same else matrix)
-
-
-def _xyz(tag: bytes) -> Matrix:
-    return np.array(struct.unpack_from(">3i", tag, 8)) / 65536
 
 
 def _curve(tag: bytes) -> Transfer:

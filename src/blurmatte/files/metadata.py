@@ -25,7 +25,6 @@ from blurmatte.files.exif import (
     numbers,
     parse_tags,
     rational,
-    raw_bytes,
     shorts,
     tags_block,
     without_thumbnail,
@@ -281,7 +280,7 @@ def _tiff_tags_of(metadata: Metadata, raster: Raster) -> dict[int, Any]:
         tags |= {TiffTag.X_RESOLUTION: x, TiffTag.Y_RESOLUTION: y}
         tags |= {TiffTag.RESOLUTION_UNIT: shorts(_INCH)}
     if metadata.profile:
-        tags[TiffTag.ICC] = raw_bytes(metadata.profile)
+        tags[TiffTag.ICC] = Tag(7, len(metadata.profile), metadata.profile)
     if metadata.xmp:
         tags[TiffTag.XMP] = Tag(1, len(metadata.xmp), metadata.xmp)
     return tags

@@ -1,6 +1,5 @@
 """From image, plate and colors to alpha and color, each with its error."""
 
-from blurmatte.matting.alternatives import Alternative as Alternative
 from blurmatte.matting.maps import Grade as Grade
 from blurmatte.matting.maps import PixelMaps as PixelMaps
 from blurmatte.matting.maps import Quality as Quality

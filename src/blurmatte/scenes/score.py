@@ -104,8 +104,9 @@ def score(answer: Answer | None, truth: Truth) -> Score:
     """
     check_kind("answer", answer, Answer | None, "use blurmatte.read_answer(file)")
     check_kind("truth", truth, Truth, "use blurmatte.read_truth(folder)")
-    given = answer or Answer(_empty_layer(truth))
-    layer, true = given.layer, truth.layer
+    true = truth.layer
+    given = answer or Answer(Layer(0 * true.alpha, 0 * true.premultiplied))
+    layer, mirrored = given.layer, LinearImage(truth.plate.rgb[:, ::-1])
     check_same_size("the result", layer.size, "the truth", true.size)
     color = None if given.alpha_only else _color_distance(layer, true)
     iou, psnr, ssim = _motion_scores(given, truth)
@@ -121,9 +122,7 @@ def score(answer: Answer | None, truth: Truth) -> Score:
         ),
         color_units=color.units if color else None,
         color_degrees=color.degrees if color else None,
-        recomposite_psnr=(
-            None if given.alpha_only else recomposite_psnr(layer, true, _mirrored(truth.plate))
-        ),
+        recomposite_psnr=None if given.alpha_only else recomposite_psnr(layer, true, mirrored),
         alpha_spread=_alpha_spread(given, truth),
         trajectory_iou=iou,
         subframe_psnr=psnr,
@@ -188,14 +187,6 @@ def _mean(name: str, scores: Sequence[Score]) -> float | None:
     if not known:
         return None
     return float(np.sum(known)) / (len(values) if name == "trajectory_iou" else len(known))
-
-
-def _empty_layer(truth: Truth) -> Layer:
-    return Layer(0 * truth.layer.alpha, 0 * truth.layer.premultiplied)
-
-
-def _mirrored(plate: LinearImage) -> LinearImage:
-    return LinearImage(plate.rgb[:, ::-1])
 
 
 def _color_distance(layer: Layer, true: Layer) -> ColorDistance | None:

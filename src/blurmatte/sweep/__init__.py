@@ -1,16 +1,11 @@
 """Path, silhouette and color of a streak in one fit."""
 
-from blurmatte.sweep.assess.model_selection import Hypotheses as Hypotheses
 from blurmatte.sweep.color_fit import fit_color as fit_color
 from blurmatte.sweep.color_fusion import fuse_colors as fuse_colors
 from blurmatte.sweep.fit_sweep import fit_disc as fit_disc
 from blurmatte.sweep.fit_sweep import fit_hypotheses as fit_hypotheses
 from blurmatte.sweep.fit_sweep import fit_sweep as fit_sweep
 from blurmatte.sweep.fit_sweep import likeliest_streak as likeliest_streak
-from blurmatte.sweep.model.chroma_subsampling import Compressed as Compressed
-from blurmatte.sweep.model.chroma_subsampling import file_of as file_of
-from blurmatte.sweep.model.chroma_subsampling import image_before as image_before
-from blurmatte.sweep.model.chroma_subsampling import light_of_colors as light_of_colors
 from blurmatte.sweep.model.path import path_family as path_family
 from blurmatte.sweep.model.size_prior import SizePrior as SizePrior
 from blurmatte.sweep.sweep import Diagnostics as Diagnostics

@@ -23,11 +23,6 @@ class PhysicalLimits:
     max_turn_rad: float = 3.5
 
 
-def is_admissible(state: State) -> bool:
-    """True if the sweep is physically possible."""
-    return not rejection(state)
-
-
 def rejection(state: State) -> str:
     """Reason why the sweep is physically impossible, to follow "the fit"; empty if it is possible."""
     light = state.mean_color

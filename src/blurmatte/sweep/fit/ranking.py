@@ -8,7 +8,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from blurmatte.sweep.fit.feasibility import is_admissible
+from blurmatte.sweep.fit.feasibility import rejection
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
@@ -23,7 +23,7 @@ def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     Inadmissible states are dropped if there are others. The time of a kink counts as two parameters,
     for noise favors one of many times [Yao 1988].
     """
-    admissible = [state for state in states if is_admissible(state)] or list(states)
+    admissible = [state for state in states if not rejection(state)] or list(states)
     likeliest = min(admissible, key=lambda state: state.cost)
     inflation = variance_inflation(likeliest)
     scores = [
