@@ -112,7 +112,9 @@ def _measured(
     first, guessed = reading.read(paths[0])
     if guessed and first.meta.transfer is not None:  # one warning will do
         reading = replace(reading, transfer=first.meta.transfer.name)
-    inside = None if region is None else _inside(region, first)
+    inside = None
+    if region is not None:
+        inside = bm.Streak.from_box(box("--region", region), first.size).mask
     if plate is not None:
         return bm.measure_noise_against(first, reading.read(plate)[0], inside)
     if len(paths) > 1:
@@ -124,12 +126,6 @@ def _measured(
             "picture does not separate noise from scene"
         )
     return bm.measure_noise_within(first, inside)
-
-
-def _inside(
-    region: str, picture: bm.LinearImage
-) -> np.ndarray[tuple[int, int], np.dtype[np.bool_]]:
-    return bm.Streak.from_box(box("--region", region), picture.size).mask
 
 
 def _seconds(text: str) -> list[float]:

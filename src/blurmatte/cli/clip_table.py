@@ -62,15 +62,11 @@ def summaries(rows: Rows, places: Places | None, several: bool, known: Known) ->
         try:
             one = _summary(number, mine, there, known)
         except bm.MotionError as error:
-            unscaled = replace(known, scale_of=_no_scale, by_size=False, gravity=None)
+            unscaled = replace(known, scale_of=lambda *_: None, by_size=False, gravity=None)
             one = replace(_summary(number, mine, there, unscaled), words=[f"No scale: {error}."])
         frames = f"Object {number}: in {len(mine)} frames, {mine[0].frame} to {mine[-1].frame}."
         found.append(replace(one, words=[frames, *one.words]))
     return found
-
-
-def _no_scale(*_: float) -> None:
-    return None
 
 
 def _summary(number: int, rows: Rows, places: Places | None, known: Known) -> Summary:
