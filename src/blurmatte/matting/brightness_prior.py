@@ -46,7 +46,8 @@ def with_brightness(
     if not mean > 0:
         return information, pull
     contrast = (mean - B) ** 2
-    noise = information * variance + contrast  # of k, times information and alpha²
+    # Of k, times information and alpha²; positive where a pixel of the mean color has no information.
+    noise = np.maximum(information * variance + contrast, 1e-30)
     known = covered * information * alpha**2 / noise
     k, shared = _brightness(
         CellEvidence(
