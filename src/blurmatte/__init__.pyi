@@ -139,7 +139,6 @@ from blurmatte.rendering import render as render
 from blurmatte.results import save_exposures as save_exposures
 from blurmatte.results import save_plate as save_plate
 from blurmatte.results import save_results as save_results
-from blurmatte.sweep import SizePrior as SizePrior
 from blurmatte.scenes import Score as Score
 from blurmatte.scenes import find_scenes as find_scenes
 from blurmatte.scenes import mean_score as mean_score

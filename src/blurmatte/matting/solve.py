@@ -28,7 +28,7 @@ from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
 from blurmatte.sweep.fit_sweep import fit_hypotheses, likeliest_streak
-from blurmatte.sweep.model.size_prior import SizePrior
+from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.sweep import Sweep
 
 _LOG = logging.getLogger("blurmatte")  # INFO at the beginning of each stage
@@ -45,7 +45,7 @@ def solve(
     occluder: Bools | None = None,
     out: PixelMaps | None = None,
     start: Sweep | None = None,
-    known_size: SizePrior | None = None,
+    prior: MotionPrior | None = None,
 ) -> Solution:
     """Separate a moving object from its background: alpha, color, and the error of both.
 
@@ -70,8 +70,8 @@ def solve(
         Arrays to write the result to, for pictures of the same size.
     start : Sweep, optional
         `Solution.sweep` of another frame of the same motion; see `fit_sweep`.
-    known_size : SizePrior, optional
-        The object is a disc, with this radius from other frames.
+    prior : MotionPrior, optional
+        Radius and path from other frames, and whether the silhouette is known to be a disc.
 
     Raises
     ------
@@ -88,7 +88,7 @@ def solve(
     """
     _check(image, plate, model, solver, streak, out, start)
     pictures = _matched(image, plate, matching, occluder)
-    case, others = _case_of(pictures, model, solver, streak, start, known_size)
+    case, others = _case_of(pictures, model, solver, streak, start, prior)
     warn_if_plate_differs(pictures.image, pictures.plate, case.found)
     return _solution(case, others, out)
 
@@ -137,7 +137,7 @@ def _case_of(
     solver: Solver | None,
     streak: Streak | None,
     start: Sweep | None,
-    known_size: SizePrior | None,
+    prior: MotionPrior | None,
 ) -> tuple[Case, list[Streak]]:
     """Streak, colors, and sweeps unless the solver needs none; and the other streaks found."""
     image, plate = pictures.image, pictures.plate
@@ -154,7 +154,7 @@ def _case_of(
         chosen = streak_of_color(found, image, plate, model)
     if model is None or not isinstance(solver, Pixelwise | Smooth | Shaded):
         _LOG.info("fitting the sweep")
-        hypotheses = fit_hypotheses(image, plate, chosen, model, start, known_size)
+        hypotheses = fit_hypotheses(image, plate, chosen, model, start, prior)
         if model is None or model.covariance.any():
             model = hypotheses.best.model  # the streak adds information to uncertain colors
     others = [other for other in found if other is not chosen]

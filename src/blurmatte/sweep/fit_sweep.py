@@ -44,9 +44,10 @@ from blurmatte.sweep.fit.residuals import (
 from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
-from blurmatte.sweep.model.size_prior import SizePrior
 from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import Sweep
 
@@ -153,14 +154,14 @@ def fit_hypotheses(
     streak: Streak,
     model: ColorModel | None = None,
     start: Sweep | None = None,
-    known_size: SizePrior | None = None,
+    prior: MotionPrior | None = None,
 ) -> Hypotheses:
     """All hypotheses about pictures whose noise is known; parameters as for `fit_sweep` and `solve`.
 
     Before the plate as it is, or in the light that the object left on it if that is decisively
     likelier.
     """
-    search = partial(_search, model=model, known_size=known_size)
+    search = partial(_search, model=model, motion=prior)
     found = _fit_before(image, plate, streak, search, start)
     found = _in_likelier_light(found, image, search, start)
     if model is None and not _is_solid(found.best):
@@ -204,7 +205,8 @@ def _fit_before(
     search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
     explained = HypothesisSettings.max_explained_inflation
-    if search.observation.known_size is not None:
+    prior = search.observation.prior
+    if prior is not None and prior.is_disc:
         shaded = None
         if variance_inflation(one_paint[0]) > explained:
             shaded = _with_shadow(search, one_paint[0], image, plate, streak)
@@ -338,6 +340,11 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
     if inflation > 1:
         search = search.with_noise_inflated(inflation)
         discs = best(search)
+    prior = search.observation.prior
+    if prior is not None:
+        weight = variance_inflation(discs[0][0]) * VARIANCE * prior.scatter**2
+        search = search.with_prior(replace(prior, weight=weight))
+        discs = best(search)
     return search, *discs
 
 
@@ -346,9 +353,9 @@ def _search(
     image: LinearImage,
     plate: LinearImage,
     model: ColorModel | None,
-    known_size: SizePrior | None,
+    motion: MotionPrior | None,
 ) -> Multistart:
-    return Multistart.of(streak, image, plate, _prior(model)).with_known_size(known_size)
+    return Multistart.of(streak, image, plate, _prior(model)).with_prior(motion)
 
 
 def _quick_search(
@@ -368,6 +375,8 @@ def _evidence(observation: Observation, candidate: Candidate) -> Evidence:
     if candidate.cast is not None:
         observation = in_shadow(observation, state, candidate.cast)
     evidence = evidence_of(observation, alpha, np.zeros_like(alpha), candidate.parameters)
-    if observation.known_size is None:
+    prior = observation.prior
+    if prior is None:
         return evidence
-    return replace(evidence, cost=evidence.cost + observation.known_size.cost(state.shape))
+    added = prior.cost(state.family, state.path, state.shape)
+    return replace(evidence, cost=evidence.cost + added)

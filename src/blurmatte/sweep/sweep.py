@@ -62,6 +62,8 @@ class Diagnostics:
         Number of pixels in the sweep over the variance inflation.
     chroma_blur : float
         Standard deviation by which the file blurred colors, pixels; 0 if it did not.
+    prior_probability : float
+        That a frame which agrees with its clip differs from the prior by as much; 1 without a prior.
     """
 
     rejection: str = ""
@@ -78,6 +80,7 @@ class Diagnostics:
     signal_to_noise: float = 0.0
     effective_pixels: float = 0.0
     chroma_blur: float = 0.0
+    prior_probability: float = 1.0
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,13 +7,14 @@ in time; the frame itself does not count, so that the prediction is a prior for 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from blurmatte.color.model import ColorModel
+from blurmatte.motion.clip.clip_path import ClipPath, is_whole
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.sweep import SizePrior
+from blurmatte.sweep import MotionPrior
 
 
 @dataclass(frozen=True)
@@ -23,10 +24,6 @@ class PoolingSettings:
     max_neighbors: int = 12
     max_distance_frames: int = 15
     min_neighbors: int = 4  # for a line and its scatter
-    min_disc_frames: int = (
-        14  # that a disc explains, of an object that is one: so many have a scatter
-    )
-    min_disc_fraction: float = 0.8  # of its frames: others may be occluded, or cut by the border
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,33 +36,34 @@ class ClipObject:
         Its color, fused from the frames.
     rows : tuple of FrameMotion
         Of all frames, or of those in which it is.
-    sizes : tuple of SizePrior or None
-        For each row, the radius that the other frames predict; None if too few do.
+    path : ClipPath
+        One curve in time.
+    priors : tuple of MotionPrior or None
+        For each row, the radius and the path that the other frames predict; None if too few do.
     """
 
     model: ColorModel
     rows: tuple[FrameMotion, ...]
-    sizes: tuple[SizePrior | None, ...]
-
-    @property
-    def is_disc(self) -> bool:
-        """Whether a disc explains so many of the frames that the silhouette is one in all."""
-        seen = [row.sighting for row in self.rows if row.sighting is not None]
-        discs = sum(_is_whole(one) for one in seen)
-        least = PoolingSettings.min_disc_fraction * len(seen)
-        return discs >= max(PoolingSettings.min_disc_frames, least)
+    path: ClipPath
+    priors: tuple[MotionPrior | None, ...]
 
     @classmethod
     def of(cls, rows: Sequence[FrameMotion], model: ColorModel) -> ClipObject:
         """The object of the rows of a table."""
-        return cls(model, tuple(rows), tuple(predicted_sizes(rows)))
+        path = ClipPath.of(rows)
+        scatter = max(path.birge_ratio, 1.0)
+        priors = [
+            None if size is None else replace(size, path=path.prior(k), scatter=scatter)
+            for k, size in enumerate(predicted_sizes(rows))
+        ]
+        return cls(model, tuple(rows), path, tuple(priors))
 
 
-def predicted_sizes(rows: Sequence[FrameMotion]) -> list[SizePrior | None]:
+def predicted_sizes(rows: Sequence[FrameMotion]) -> list[MotionPrior | None]:
     """The radius in each row from the other rows around it, with its error."""
     frames = np.array([row.frame for row in rows])
-    usable = np.array([row.sighting is not None and _is_whole(row.sighting) for row in rows], bool)
-    sizes: list[SizePrior | None] = []
+    usable = np.array([row.sighting is not None and is_whole(row.sighting) for row in rows], bool)
+    sizes: list[MotionPrior | None] = []
     for k in range(len(rows)):
         distance = np.abs(frames - frames[k])
         other = usable & (distance > 0) & (distance <= PoolingSettings.max_distance_frames)
@@ -76,7 +74,7 @@ def predicted_sizes(rows: Sequence[FrameMotion]) -> list[SizePrior | None]:
     return sizes
 
 
-def _predicted(t: np.ndarray, seen: Sequence[Sighting]) -> SizePrior | None:
+def _predicted(t: np.ndarray, seen: Sequence[Sighting]) -> MotionPrior | None:
     """The radius at time 0 by a line through those of other times."""
     if len(seen) < PoolingSettings.min_neighbors:
         return None
@@ -89,12 +87,8 @@ def _predicted(t: np.ndarray, seen: Sequence[Sighting]) -> SizePrior | None:
     left = len(t) - (1 if one_sided else 2)
     chi2 = float(np.sum((radius / std - A @ fitted) ** 2)) / left
     error = float(np.sqrt(covariance[0, 0] * max(chi2, 1.0)))
-    scatter = float(np.sqrt(max(chi2 - 1, 0) * np.median(std) ** 2))  # of single frames
+    # Of one frame: compression and lens may shift all alike, and then a mean is no better.
+    common = float(np.sqrt(max(chi2, 1.0)) * np.median(std))
     if not fitted[0] > 0:
         return None
-    return SizePrior(float(fitted[0]), float(np.hypot(error, scatter)) + 1e-6)
-
-
-def _is_whole(sighting: Sighting) -> bool:
-    """Whether a disc explains the streak and it is not cut by the border or doubtful."""
-    return sighting.source == "sweep" and not (sighting.at_border or sighting.doubts)
+    return MotionPrior(float(fitted[0]), float(np.hypot(error, common)))

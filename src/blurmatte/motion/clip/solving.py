@@ -29,11 +29,15 @@ from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, shared
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
 from blurmatte.streaks import Streak, dilated
-from blurmatte.sweep import SizePrior, Sweep
-from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep import MotionPrior, Sweep
+from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
+SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at most
+_MIN_PROBABILITY = 1e-3  # that a frame differs as much from its prior: less is a contradiction
+_CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,17 +50,20 @@ class Wanted:
         Of the frame in the clip.
     row : FrameMotion
         Where the object is.
-    size : SizePrior or None
-        Its radius from the other frames.
-    is_disc : bool
-        Its silhouette is a disc, as most frames show: other shapes, and alpha without one, are no
-        alternatives then. Errors are multiplied by the scatter of the frames.
+    prior : MotionPrior or None
+        Its radius and path from the other frames. If its silhouette is a disc, other shapes, and alpha
+        without one, are no alternatives.
     """
 
     index: int
     row: FrameMotion
-    size: SizePrior | None
-    is_disc: bool = False
+    prior: MotionPrior | None
+
+
+    def as_disc(self) -> Wanted:
+        """The same of an object whose silhouette is a disc."""
+        prior = self.prior
+        return self if prior is None else replace(self, prior=replace(prior, is_disc=True))
 
 
 @dataclass(frozen=True, eq=False)
@@ -107,21 +114,49 @@ class FrameSolver:
         boxes = self.scene.gate.changes(frame).boxes
         box = _box_of(sighting, boxes, frame.size)
         (crop,) = self.scene.crops(frame, [box])
-        start = _start(sighting, crop, self.model, wanted.size)
+        streak, solution, prior = self._streak(crop, sighting), None, wanted.prior
+        if prior is not None:
+            prior = prior.shifted(-np.array(crop.box[:2], float))
+        start = _start(sighting, crop, self.model, prior)
+        if prior is not None:
+            solution = self._solution(crop, streak, start, prior)
+            assert solution.sweep is not None
+            if solution.sweep.diagnostics.prior_probability > _MIN_PROBABILITY:
+                return crop, solution
+        alone = self._solution(crop, streak, start, None)
+        if solution is not None:
+            reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
+            alone = replace(alone, stats={**alone.stats, "grade_reasons": reasons})
+        return crop, alone
+
+    def _solution(
+        self, crop: Crop, streak: Streak | None, start: Sweep | None, prior: MotionPrior | None
+    ) -> Solution:
+        """The solution with a prior, or of the crop alone."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BlurmatteWarning)
-            solution = solve(
+            return solve(
                 crop.image,
                 crop.plate,
                 self.model if self.model.rank < 3 else None,
-                Swept() if wanted.is_disc and start is not None else None,
-                streak=self._streak(crop, sighting),
+                Swept() if prior is not None and prior.is_disc else None,
+                streak=streak,
                 matching=Matching.NONE,
                 start=start,
-                known_size=wanted.size if wanted.is_disc else None,
+                prior=prior,
             )
-        scatter = max(wanted.row.place_scatter, wanted.row.radius_scatter)
-        return crop, solution.with_errors_times(scatter) if wanted.is_disc else solution
+
+    def silhouette_odds(
+        self, frames: Sequence[LinearImage], wanted: Wanted
+    ) -> tuple[float, float] | None:
+        """Log odds of a disc against an outline, and against no shape, in a frame given alone."""
+        (frame,) = coded_frames(frames, slice(None))
+        try:
+            _, solution = self.solved(frame, wanted)
+        except BlurmatteError:
+            return None
+        outline, no_shape = solution.stats["disc_log_odds"]
+        return float(outline), float(no_shape)
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
@@ -188,8 +223,8 @@ def solve_clip(
         numbers = range(len(frames))
         seen = sightings(frames, plate, model, several=several, numbers=numbers, workers=processes)
         rows = link_objects(seen) if several else link_sightings(seen)
-        found = wanted_frames(rows, model, numbers)
         solver = FrameSolver.of(frames, plate, model)
+        found = wanted_frames(frames, rows, solver, numbers, processes)
         tasks = ((frames[one.index : one.index + 1], one) for one in found)
         for one, solution in zip(found, processes.in_order(solver, tasks), strict=True):
             if isinstance(solution, Solution):
@@ -202,28 +237,53 @@ def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
 
 
 def wanted_frames(
-    rows: Sequence[FrameMotion], model: ColorModel, numbers: Sequence[int]
+    frames: Sequence[LinearImage],
+    rows: Sequence[FrameMotion],
+    solver: FrameSolver,
+    numbers: Sequence[int],
+    workers: Workers,
 ) -> list[Wanted]:
     """The frames to solve, with what the others say of them.
 
+    The silhouette is a disc in all frames if that is decisively likelier than other outlines, and than
+    no shape at all, in frames all over the clip together: the log Bayes factors of single frames add.
+
     Parameters
     ----------
+    frames : sequence of LinearImage
+        Of the clip.
     rows : sequence of FrameMotion
-        The table of a clip.
-    model : ColorModel
-        Of the object.
+        The table of the clip.
+    solver : FrameSolver
+        With the color of the object.
     numbers : sequence of int
         Of all frames of the clip, as in the table.
+    workers : Workers
     """
     wanted, index_of = [], {number: index for index, number in enumerate(numbers)}
     for number in sorted({row.object or 1 for row in rows if row.sighting is not None}):
         mine = [row for row in rows if row.sighting is not None and (row.object or 1) == number]
-        shared_by = ClipObject.of(mine, model)
-        wanted += [
-            Wanted(index_of[row.frame], row, size, shared_by.is_disc)
-            for row, size in zip(mine, shared_by.sizes, strict=True)
+        priors = ClipObject.of(mine, solver.model).priors
+        found = [
+            Wanted(index_of[row.frame], row, prior)
+            for row, prior in zip(mine, priors, strict=True)
         ]
+        if _is_disc(frames, found, solver, workers):
+            found = [one.as_disc() for one in found]
+        wanted += found
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
+
+
+def _is_disc(
+    frames: Sequence[LinearImage], wanted: Sequence[Wanted], solver: FrameSolver, workers: Workers
+) -> bool:
+    """Whether the sum of the log Bayes factors of some frames is decisive for a disc."""
+    known = [one for one in wanted if one.prior is not None]
+    chosen = known[:: -(-len(known) // SILHOUETTE_FRAMES) or 1]
+    tasks = ((frames[one.index : one.index + 1], one) for one in chosen)
+    odds = [one for one in workers.in_order(solver.silhouette_odds, tasks) if one is not None]
+    total = np.sum(odds, axis=0) if odds else np.zeros(2)
+    return bool(np.all(total > DECISIVE_LOG_BAYES_FACTOR))
 
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:
@@ -239,13 +299,15 @@ def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> 
 
 
 def _start(
-    sighting: Sighting, crop: Crop, model: ColorModel, size: SizePrior | None
+    sighting: Sighting, crop: Crop, model: ColorModel, prior: MotionPrior | None
 ) -> Sweep | None:
-    """Where the fit starts: the path that was measured, and the radius from all frames."""
-    if sighting.source != "sweep" and size is None:
+    """Where the fit starts: the path from all frames, or else the one that was measured."""
+    if sighting.source != "sweep" and prior is None:
         return None
-    radius = sighting.radius if size is None else size.radius
-    ends = [sighting.first_x, sighting.first_y, sighting.last_x, sighting.last_y]
-    path = LINE.shifted(np.array(ends), -np.array(crop.box[:2], float))
-    shape, covariance = DISC.start(radius), np.zeros((5, 5))
-    return Sweep(LINE, path, DISC, shape, model, covariance, crop.image.size)
+    family, ends = LINE, np.array([sighting.first_x, sighting.first_y, sighting.last_x, sighting.last_y])
+    path = LINE.shifted(ends, -np.array(crop.box[:2], float))
+    if prior is not None and prior.path is not None:
+        family, path = PARABOLA, prior.path.points.ravel()
+    shape = DISC.start(sighting.radius if prior is None else prior.radius)
+    covariance = np.zeros((len(path) + 1, len(path) + 1))
+    return Sweep(family, path, DISC, shape, model, covariance, crop.image.size)

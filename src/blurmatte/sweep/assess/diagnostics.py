@@ -25,7 +25,9 @@ _MAX_ONE_COLOR_SPREAD = (
 def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     """The sweep of a candidate: parameters, colors and their covariance in an image."""
     state = candidate.state
-    inflation = variance_inflation(state) * VARIANCE
+    inflation, prior = variance_inflation(state) * VARIANCE, state.observation.prior
+    if prior is not None:
+        inflation *= prior.scatter**2
     H, _ = state.information()
     covariance = inflation * np.asarray(np.linalg.pinv(H, hermitian=True), float)
     silhouette = state.silhouette
@@ -41,6 +43,9 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     radius_std = float(np.sqrt(step @ covariance[len(state.path) :, len(state.path) :] @ step))
     angle = model.angle_std if model.rank < 3 else 0.0
     diagnostics = diagnosed(candidate, silhouette.radius(shape), radius_std, angle)
+    if prior is not None:
+        probability = prior.probability(state.family, state.path, shape, covariance)
+        diagnostics = replace(diagnostics, prior_probability=probability)
     return Sweep(
         state.family, state.path, silhouette, shape, model, covariance, image.size, diagnostics,
         candidate.cast,

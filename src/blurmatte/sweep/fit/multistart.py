@@ -21,9 +21,9 @@ from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR, best_of, rank
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.observation import Observation, observation_around
+from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.silhouette import DISC
-from blurmatte.sweep.model.size_prior import SizePrior
 from blurmatte.sweep.model.state import State, state_at
 
 Array = npt.NDArray[np.float64]
@@ -104,14 +104,14 @@ class Multistart:
         """With the variance of noise multiplied by a factor."""
         return replace(self, observation=self.observation.raised(by), coarse=self.coarse.raised(by))
 
-    def with_known_size(self, known: SizePrior | None) -> "Multistart":
-        """With a prior of the radius; its mean lies within the bounds."""
-        if known is None:
+    def with_prior(self, prior: MotionPrior | None) -> "Multistart":
+        """With a prior; its radius lies within the bounds."""
+        if prior is None:
             return self
         low, high = self.bounds
-        bounds = min(low, known.radius / 2), max(high, 2 * known.radius)
-        fine = replace(self.observation, known_size=known)
-        coarse = replace(self.coarse, known_size=known)
+        bounds = min(low, prior.radius / 2), max(high, 2 * prior.radius)
+        fine = replace(self.observation, prior=prior)
+        coarse = replace(self.coarse, prior=prior)
         return replace(self, observation=fine, coarse=coarse, bounds=bounds)
 
     def best(self) -> tuple[list[State], list[State]]:
@@ -142,8 +142,13 @@ class Multistart:
     def near(self, family: PathFamily, curve: Array, radius: float) -> State:
         """The best fit that starts from a curve (33, 2) and a radius, or from a line there.
 
-        The curve is centered on the streak: the next frame shows about the same path elsewhere.
+        The curve is centered on the streak: the next frame shows about the same path elsewhere. If
+        there is a prior of the path, the curve is its mean, and no other family is fitted.
         """
+        prior = self.observation.prior
+        if prior is not None and prior.path is not None:
+            (fit,) = self._fits(curve, radius, (family,))
+            return self.softened(self._refined(fit))
         curve = curve + self.middle - (curve.min(axis=0) + curve.max(axis=0)) / 2
         fits = self._fits(curve, radius, tuple(dict.fromkeys((family, LINE))))
         return self.softened(best_of([self._refined(fit) for fit in fits]))

@@ -12,8 +12,8 @@ from blurmatte.streaks.morphology import dilated
 from blurmatte.streaks.streak import Streak
 from blurmatte.sweep.model.chroma_subsampling import Blur, ChromaBlur, Compressed
 from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.pixels import Pixels
-from blurmatte.sweep.model.size_prior import SizePrior
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
@@ -115,9 +115,12 @@ class Observation:
 
     def raised(self, by: float) -> "Observation":
         """The same with the variance of noise multiplied by a factor."""
-        C_variance, B_variance = by * self.C_variance, by * self.B_variance
+        C_variance, B_variance, prior = by * self.C_variance, by * self.B_variance, self.prior
+        if prior is not None:
+            prior = replace(prior, weight=max(prior.weight / by, 1.0))
         return replace(
             self,
+            prior=prior,
             C_variance=C_variance,
             B_variance=B_variance,
             noise_inflation=by * self.noise_inflation,
@@ -167,7 +170,7 @@ class Observation:
             self.grain,
             self.noise_inflation,
             None if self.chroma_error is None else means(self.chroma_error),
-            known_size=self.known_size,
+            prior=self.prior,
         )
 
 

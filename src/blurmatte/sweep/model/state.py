@@ -64,8 +64,10 @@ class State:
             self.weights,
             self.e,
         )
-        known = self.observation.known_size
-        return (H, g) if known is None else known.added(H, g, self.shape)
+        prior = self.observation.prior
+        if prior is None:
+            return H, g
+        return prior.added(H, g, self.family, self.path, self.shape)
 
     def on(self, observation: Observation) -> "State":
         """The same path and shape in another observation."""
@@ -95,8 +97,16 @@ class State:
 
     def relit(self, observation: Observation) -> "State":
         """The same path and shape in an observation of the same pixels: alpha is not computed again."""
-        field, e, cost = _explained(observation, self.swept.alpha, self.shape)
-        return replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
+        field, e, cost = _explained(observation, self.swept.alpha)
+        relit = replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
+        return relit._with_prior()
+
+    def _with_prior(self) -> "State":
+        """The same with the prior's part of the cost."""
+        prior = self.observation.prior
+        if prior is None:
+            return self
+        return replace(self, cost=self.cost + prior.cost(self.family, self.path, self.shape))
 
 
 def state_at(
@@ -108,17 +118,14 @@ def state_at(
 ) -> State:
     """The state of a path and a shape: alpha, colors, residuals and cost."""
     swept = silhouette.sweep(family, path, shape, observation.pixels)
-    field, e, cost = _explained(observation, swept.alpha, shape)
-    return State(observation, family, path, silhouette, shape, swept, field, e, cost)
+    field, e, cost = _explained(observation, swept.alpha)
+    state = State(observation, family, path, silhouette, shape, swept, field, e, cost)
+    return state._with_prior()
 
 
-def _explained(
-    observation: Observation, alpha: Array, shape: Array
-) -> tuple[ColorField, Array, float]:
-    """Field, residuals and cost of a `State`."""
+def _explained(observation: Observation, alpha: Array) -> tuple[ColorField, Array, float]:
+    """Field, residuals and cost of a `State` without a prior."""
     light, weight = observation.light, observation.weight
     field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
     cost = float(np.sum(weight * loss((e**2).sum(axis=0)))) + field.cost
-    if observation.known_size is not None:
-        cost += observation.known_size.cost(shape)
     return field, e, cost

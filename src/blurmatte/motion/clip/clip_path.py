@@ -1,0 +1,396 @@
+"""ClipPath: the path of an object as one curve over absolute time, of which each frame sees its exposure.
+
+Frame k is exposed from t_k to t_k + d, times in intervals between frames, with one d for the clip. With
+c, c′, c″ the curve and its derivatives in the middle of the exposure, frame k alone measures
+
+    its mean position     c + d² c″ / 24,
+    its displacement      d c′,
+
+both with their covariance. c is the smoothing spline whose third derivative is white noise
+(`smoothing`): a parabola for a fall. The intensity of the noise is the one for which the frames are
+likeliest when each is predicted from all others. Where the reduced χ² of these predictions is above 1,
+the frames have errors in common with none of their own causes, such as compression: one is added to all
+positions, and one to all displacements, that makes it 1 [Paule and Mandel 1982].
+
+The velocity may jump, at a bounce. The curve is broken where the frames before and those after it predict
+states that differ by more than the six parameters of a jump are worth (Bayesian information
+criterion). A frame that differs from its prediction by more than noise does predicts nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
+from blurmatte.motion.clip.smoothing import Estimate, Measurements, transition
+from blurmatte.sweep import PathPrior
+
+Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
+
+_ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
+_MEDIAN_CHI2, _MEDIAN_CHI2_OF_BOTH = 1.386, 3.357  # of two and of four degrees of freedom
+_ROUNDS = 3  # of errors and curve, until they do not change
+_BATCHES = 8  # of frames, whose displacements are compared
+
+
+@dataclass(frozen=True)
+class ClipPathSettings:
+    """How a curve is fitted to the frames of a clip.
+
+    Parameters
+    ----------
+    min_frames : int
+        Of a part of the path: a parabola through three leaves some to compare.
+    intensity_decades : (float, float)
+        Range of the intensity of the noise, powers of ten, pixels² per interval⁵.
+    student_freedom : float
+        Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
+    min_outlier_probability : float
+        That noise differs by as much in any of the frames: less is a mistake.
+    min_std_px : float
+        No mean position and no displacement is known better.
+    """
+
+    min_frames: int = 5
+    intensity_decades: tuple[float, float] = (-8.0, 4.0)
+    student_freedom: float = 4.0
+    min_outlier_probability: float = 1e-3
+    min_std_px: float = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class ClipPath:
+    """Path of an object in the frames of a clip, each predicted from the others.
+
+    Parameters
+    ----------
+    exposure, exposure_std : float
+        d and its error, intervals between frames.
+    place_std, move_std : float
+        Errors of positions and of displacements, pixels, beyond those of the single frames.
+    birge_ratio : float
+        Root of the reduced χ² of positions and displacements with their own errors alone.
+    freedom : int
+        Degrees of freedom of that χ².
+    states : Estimate
+        Of each row from the other rows: position, velocity and acceleration in the middle of its
+        exposure, per interval; errors include the added ones.
+    chi2 : (n,) float
+        Of the measurements of each row about the prediction from the others; NaN without one.
+    breaks : tuple of int
+        Rows at which a part of the path begins, after a bounce.
+    """
+
+    exposure: float
+    exposure_std: float
+    place_std: float
+    move_std: float
+    birge_ratio: float
+    freedom: int
+    states: Estimate
+    chi2: Array
+    breaks: tuple[int, ...] = ()
+
+    @classmethod
+    def of(cls, rows: Sequence[FrameMotion]) -> ClipPath:
+        """The path of the rows of one object, in order of time."""
+        fit = _Fit.of(rows)
+        if fit.used.sum() >= ClipPathSettings.min_frames:
+            fit = fit.with_intensity().with_exposure().with_intensity().broken()
+            fit = fit.with_added().with_exposure().without_outliers()
+            for _ in range(_ROUNDS):
+                fit = fit.with_added().with_exposure().with_intensity()
+        states, chi2 = fit.left_out()
+        return cls(
+            fit.exposure, fit.exposure_std, *fit.added, fit.birge_ratio, fit.freedom, states, chi2.sum(axis=1),
+            tuple(int(k) for k in np.flatnonzero(np.diff(fit.part)) + 1),
+        )  # fmt: skip
+
+    def prior(self, row: int) -> PathPrior | None:
+        """Begin, middle and end of the path in a row, as the other rows predict them."""
+        if not (self.exposure > 0 and self.states.known[row]):
+            return None
+        d, x, V = self.exposure, self.states.mean[row], self.states.covariance[row]
+        times = (-d / 2, 0.0, d / 2)
+        J = np.concatenate([np.eye(2, 6) @ transition(t, _ORDER, _AXES) for t in times])
+        by_exposure = np.concatenate([np.sign(t) * (x[2:4] + t * x[4:]) / 2 for t in times])
+        covariance = J @ V @ J.T + self.exposure_std**2 * np.outer(by_exposure, by_exposure)
+        return PathPrior((J @ x).reshape(3, 2), covariance)
+
+
+def is_whole(sighting: Sighting | None) -> bool:
+    """Whether a disc explains the streak and it is not cut by the border or doubtful."""
+    if sighting is None or sighting.source != "sweep":
+        return False
+    return not (sighting.at_border or sighting.doubts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """What each row measured, and the curve's constants.
+
+    `part` (n,) numbers the parts between breaks; `used` (n,) are the rows that predict others. Weights
+    are inverse covariances, 0 for what was not measured.
+    """
+
+    times: Array
+    places: Array
+    place_weights: Array
+    moves: Array  # displacements, in the direction of time
+    move_weights: Array
+    used: Bools
+    part: npt.NDArray[np.int_]
+    exposure: float = 0.0
+    exposure_std: float = 0.0
+    intensity: float = 0.0
+    added: tuple[float, float] = (0.0, 0.0)  # standard deviations of positions, displacements
+
+    @classmethod
+    def of(cls, rows: Sequence[FrameMotion]) -> _Fit:
+        """The measurements of rows, those that are whole in use."""
+        n, least = len(rows), ClipPathSettings.min_std_px**2 * np.eye(2)
+        places, moves = np.zeros((2, n, 2))
+        place_weights, move_weights = np.zeros((2, n, 2, 2))
+        for k, row in enumerate(rows):
+            if (one := row.sighting) is not None:
+                places[k], moves[k] = one.place, (one.vx, one.vy)
+                place_weights[k] = np.linalg.inv(one.covariance + least)
+                if one.moved:
+                    move_weights[k] = np.linalg.inv(_displacement_covariance(one) + least)
+        used = np.array([is_whole(row.sighting) for row in rows], bool)
+        times = np.array(in_intervals(rows), float)
+        return cls(
+            times, places, place_weights, moves, move_weights, used, np.zeros(n, np.int_)
+        )
+
+    def measurements(self, used: Bools) -> Measurements:
+        """Of the state in the middle of each exposure; without displacements until d is known."""
+        n, d = len(self.times), self.exposure
+        H, W = np.zeros((n, 4, 6)), np.zeros((n, 4, 4))
+        H[:, :2] = np.hstack([np.eye(2), np.zeros((2, 2)), d**2 / 24 * np.eye(2)])
+        H[:, 2:, 2:4] = d * np.eye(2)
+        W[used, :2, :2] = _with_added(self.place_weights[used], self.added[0])
+        if d > 0:
+            W[used, 2:, 2:] = _with_added(self.move_weights[used], self.added[1])
+        return Measurements(self.times, H, np.hstack([self.places, self.moves]), W, _AXES)
+
+    def left_out(self) -> tuple[Estimate, Array]:
+        """The state in each row from the others of its part, and χ² of its measurements (n, 2)."""
+        return self._left_out(self.intensity)[:2]
+
+    def _left_out(self, intensity: float) -> tuple[Estimate, Array, Array]:
+        """The same for an intensity of the noise, and the logs of the determinants (n, 2)."""
+        n = len(self.times)
+        mean, covariance = np.full((n, 6), np.nan), np.full((n, 6, 6), np.nan)
+        used = self.measurements(self.used)
+        for part in np.unique(self.part):
+            mine = np.flatnonzero(self.part == part)
+            if self.used[mine].sum() >= ClipPathSettings.min_frames:
+                found = Estimate.of(used.taken(mine).left_out(intensity))
+                mean[mine], covariance[mine] = found.mean, found.covariance
+        states = Estimate(mean, covariance)
+        return states, *_compared(self.measurements(np.ones(n, bool)), states)
+
+    def with_intensity(self) -> _Fit:
+        """With the intensity for which the frames are likeliest when the others predict them."""
+        low, high = ClipPathSettings.intensity_decades
+        decades = np.arange(low, high + 1)
+        costs = [self._cost(10.0**decade) for decade in decades]
+        best = float(decades[int(np.argmin(costs))])
+        finer = best + np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
+        costs = [self._cost(10.0**decade) for decade in finer]
+        return replace(self, intensity=float(10.0 ** finer[int(np.argmin(costs))]))
+
+    def _cost(self, intensity: float) -> float:
+        """Negative log likelihood (Student's t) of the frames, each predicted from the others.
+
+        The scale of all errors is the likeliest: the Birge ratio is in it.
+        """
+        states, chi2, logs = self._left_out(intensity)
+        known = self.used & states.known
+        if not known.any():
+            return np.inf
+        nu, m = ClipPathSettings.student_freedom, self._measured[known].sum(axis=1)
+        chi2, logs = chi2[known].sum(axis=1), logs[known].sum(axis=1)
+        scale = 1.0
+        for _ in range(20):  # expectation maximization
+            scale = float(np.sum((nu + m) / (nu + chi2 / scale) * chi2) / np.sum(m)) + 1e-12
+        return float(
+            np.sum((nu + m) / 2 * np.log1p(chi2 / (nu * scale)) + m / 2 * np.log(scale) + logs / 2)
+        )
+
+    @property
+    def _measured(self) -> Array:
+        """(n, 2) numbers that a row measured of position and displacement."""
+        moved = (self.move_weights[:, 0, 0] > 0) & (self.exposure > 0)
+        return np.stack([2.0 * (self.place_weights[:, 0, 0] > 0), 2.0 * moved], axis=1)
+
+    @property
+    def freedom(self) -> int:
+        """Degrees of freedom of the frames about the curve."""
+        fitted = 6 * len(np.unique(self.part[self.used])) + 2  # states; d and the intensity
+        return max(int(self._measured[self.used].sum()) - fitted, 0)
+
+    @property
+    def birge_ratio(self) -> float:
+        """Root of the reduced χ² of the rows in use with their own errors alone; 1 if there are none."""
+        states, chi2 = replace(self, added=(0.0, 0.0)).left_out()
+        known = self.used & states.known
+        count = int(self._measured[known].sum())
+        return float(np.sqrt(chi2[known].sum() / count)) if count else 1.0
+
+    def with_added(self) -> _Fit:
+        """With the error by which frames scatter beyond their own [Paule and Mandel 1982]."""
+        states, chi2 = self.left_out()
+        known, found = self.used & states.known, []
+        rows = self.measurements(known)
+        for kind, before in enumerate(self.added):
+            m = slice(2 * kind, 2 * kind + 2)
+            use = np.flatnonzero(known & (self._measured[:, kind] > 0))
+            if not len(use):
+                found.append(before)
+                continue
+            H = rows.H[use, m]
+            z = rows.y[use, m] - np.einsum("kms,ks->km", H, states.mean[use])
+            S = np.linalg.inv(rows.weights[use, m, m]) + H @ states.covariance[use] @ H.swapaxes(1, 2)
+            values, vectors = np.linalg.eigh(S)
+            z2 = np.einsum("kmi,km->ki", vectors, z) ** 2
+            found.append(_added_std(z2, values - before**2))
+        return replace(self, added=(found[0], found[1]))
+
+    def with_exposure(self) -> _Fit:
+        """With the likeliest d, and displacements in the direction of the curve."""
+        places_alone = replace(self, move_weights=np.zeros_like(self.move_weights))
+        L, v = places_alone.measurements(self.used).information
+        others = [np.zeros_like(L), np.zeros_like(v)]
+        for part in np.unique(self.part):
+            mine = np.flatnonzero(self.part == part)
+            kept = places_alone.measurements(self.used).taken(mine)
+            for total, found in zip(others, kept.left_out(self.intensity), strict=True):
+                total[mine] = found
+        states = Estimate.of((L + others[0], v + others[1]))
+        known = self.used & states.known & (self.move_weights[:, 0, 0] > 0)
+        if not known.any():
+            return self
+        velocity, V = states.mean[known, 2:4], states.covariance[known, 2:4, 2:4]
+        forward = np.sign(np.einsum("ki,ki->k", self.moves[known], velocity))
+        moves = self.moves.copy()
+        moves[known] *= np.where(forward == 0, 1, forward)[:, None]
+        own = np.linalg.inv(_with_added(self.move_weights[known], self.added[1]))
+        d = self.exposure or float(np.median(_norms(moves[known]) / _norms(velocity)))
+        weights = np.linalg.inv(own + d**2 * V)
+        curvature = np.einsum("ki,kij,kj->k", velocity, weights, velocity)
+        slope = np.einsum("ki,kij,kj->k", velocity, weights, moves[known])
+        d, std = _from_batches(slope, curvature)
+        return replace(self, moves=moves, exposure=d, exposure_std=std)
+
+    def broken(self) -> _Fit:
+        """With parts between jumps of the velocity."""
+        fit = self
+        for part in range(len(self.times)):
+            while (at := fit._break_in(part)) is not None:
+                later = (fit.part > part) | ((fit.part == part) & (np.arange(len(fit.part)) >= at))
+                fit = replace(fit, part=fit.part + later)
+            if part >= fit.part.max():
+                break
+        return fit
+
+    def _break_in(self, part: int) -> int | None:
+        """The first row after the most significant jump within a part; None if none is."""
+        mine = np.flatnonzero((self.part == part) & self.used)
+        least = ClipPathSettings.min_frames
+        if len(mine) < 2 * least:
+            return None
+        one = self.measurements(self.used).taken(mine)
+        forward, backward = one.from_each_side(self.intensity)
+        jumps = np.full(len(mine), -np.inf)
+        chi2 = self.left_out()[1][mine].sum(axis=1)
+        scale = max(float(np.median(chi2)) / _MEDIAN_CHI2_OF_BOTH, 1.0) if self.exposure else 1.0
+        for k in range(least, len(mine) - least + 1):
+            if forward.known[k] and backward.known[k]:
+                jump = forward.mean[k] - backward.mean[k]
+                V = forward.covariance[k] + backward.covariance[k]
+                jumps[k] = float(jump @ np.linalg.solve(V, jump)) / scale
+        worth = (6 * np.log(4 * len(mine)) + 2 * np.log(len(mine))) if len(mine) else np.inf
+        k = int(np.argmax(jumps))
+        return int(mine[k]) if jumps[k] > worth else None
+
+    def without_outliers(self) -> _Fit:
+        """Without frames that differ from their prediction by more than noise does."""
+        from scipy.special import chdtri  # scipy.stats takes a second to import
+
+        fit = self
+        for _ in range(int(self.used.sum())):
+            chi2 = fit.left_out()[1].sum(axis=1)
+            known = fit.used & np.isfinite(chi2)
+            limit = ClipPathSettings.min_outlier_probability / max(int(known.sum()), 1)
+            excess = np.where(known, chi2 / chdtri(fit._measured.sum(axis=1), limit), 0)
+            worst = int(np.argmax(excess))
+            if excess[worst] < 1:
+                break
+            used = fit.used.copy()
+            used[worst] = False
+            fit = replace(fit, used=used).with_intensity().with_added()
+        return fit
+
+
+def _displacement_covariance(one: Sighting) -> Array:
+    """(2, 2) from the errors of length and angle."""
+    c, s, L = np.cos(one.angle), np.sin(one.angle), one.length
+    J = np.array([[c, -L * s], [s, L * c]])
+    return np.asarray((J * np.array([one.length_std, one.angle_std]) ** 2) @ J.T)
+
+
+def _compared(rows: Measurements, states: Estimate) -> tuple[Array, Array]:
+    """χ² of positions and displacements about predictions and log determinants, (n, 2); NaN without."""
+    chi2, logs = np.full((2, len(rows.times), 2), np.nan)
+    for k in np.flatnonzero(states.known):
+        for kind, m in enumerate((slice(0, 2), slice(2, 4))):
+            chi2[k, kind], logs[k, kind] = 0, 0
+            if rows.weights[k][m, m][0, 0] > 0:
+                H, z = rows.H[k][m], rows.y[k][m] - rows.H[k][m] @ states.mean[k]
+                S = np.linalg.inv(rows.weights[k][m, m]) + H @ states.covariance[k] @ H.T
+                chi2[k, kind] = z @ np.linalg.solve(S, z)
+                logs[k, kind] = np.linalg.slogdet(S)[1]
+    return chi2, logs
+
+
+def _norms(vectors: Array) -> Array:
+    return np.asarray(np.maximum(np.linalg.norm(vectors, axis=1), 1e-9))
+
+
+def _with_added(weights: Array, std: float) -> Array:
+    """Inverse covariances (n, 2, 2) with an error added to both axes; 0 where they were 0."""
+    scale = np.eye(2) + std**2 * weights
+    return np.asarray(np.linalg.solve(scale, weights))
+
+
+def _added_std(z2: Array, variance: Array) -> float:
+    """The error that makes the mean of squared residuals over variances 1; 0 if it is less."""
+    low, high = 0.0, float(np.max(z2, initial=0.0))
+    if np.mean(z2 / np.maximum(variance, 1e-12)) <= 1:
+        return 0.0
+    for _ in range(60):
+        middle = (low + high) / 2
+        above = np.mean(z2 / np.maximum(variance + middle, 1e-12)) > 1
+        low, high = (middle, high) if above else (low, middle)
+    return float(np.sqrt(high))
+
+
+def _from_batches(slope: Array, curvature: Array) -> tuple[float, float]:
+    """The mean of slope / curvature and its error, from batches of frames if they scatter more.
+
+    Errors of the displacements correlate in time, as the speed does.
+    """
+    d, std = float(slope.sum() / curvature.sum()), float(curvature.sum() ** -0.5)
+    edges = np.linspace(0, len(slope), _BATCHES + 1).astype(int)[:-1]
+    if len(slope) < 2 * _BATCHES:
+        return d, std
+    slopes, curvatures = (np.add.reduceat(values, edges) for values in (slope, curvature))
+    chi2 = float(np.sum(curvatures * (slopes / curvatures - d) ** 2)) / (_BATCHES - 1)
+    return d, std * max(chi2, 1.0) ** 0.5

@@ -1,0 +1,134 @@
+"""MotionPrior: radius and path in one exposure, as other frames of its clip predict them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.sweep.model.path import PathFamily
+
+Array = npt.NDArray[np.float64]
+
+_TIMES = np.array([0.0, 0.5, 1.0])  # of a path's points, exposures
+_MIN_LEARNED = 1e-3  # of the prior's variance: of less the picture says nothing
+
+
+@dataclass(frozen=True, eq=False)
+class PathPrior:
+    """A Gaussian prior of the path in an exposure.
+
+    Parameters
+    ----------
+    points : (3, 2) float
+        Its beginning, middle in time and end, pixels of the picture.
+    covariance : (6, 6) float
+        Of x and y of the three.
+    """
+
+    points: Array
+    covariance: Array
+
+    def shifted(self, by: Array) -> PathPrior:
+        """The same moved by (x, y)."""
+        return replace(self, points=self.points + by)
+
+
+@dataclass(frozen=True, eq=False)
+class MotionPrior:
+    """A Gaussian prior of the motion of an object.
+
+    Parameters
+    ----------
+    radius, radius_std : float
+        Pixels of the picture.
+    path : PathPrior, optional
+    is_disc : bool
+        The silhouette is known to be a disc.
+    scatter : float
+        Factor of the errors of the picture alone, 1 or more: frames of its clip scatter by so much
+        more than each states.
+    weight : float
+        Of its cost. Residuals that correlate weigh too much by their variance inflation; the prior
+        has to be multiplied by the same to keep its share.
+
+    Raises
+    ------
+    ValueError
+        If a number is not above 0.
+    """
+
+    radius: float
+    radius_std: float
+    path: PathPrior | None = None
+    is_disc: bool = False
+    scatter: float = 1.0
+    weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("radius", "radius_std", "scatter", "weight"):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"{name} must be above 0, got {getattr(self, name)}")
+
+    def shifted(self, by: Array) -> MotionPrior:
+        """The same moved by (x, y)."""
+        return self if self.path is None else replace(self, path=self.path.shifted(by))
+
+    def cost(self, family: PathFamily, path: Array, shape: Array) -> float:
+        """Negative log of the prior density, up to a constant."""
+        residual, _, precision = self._linear(family, path, shape)
+        return float(residual @ precision @ residual) / 2
+
+    def added(
+        self, H: Array, g: Array, family: PathFamily, path: Array, shape: Array
+    ) -> tuple[Array, Array]:
+        """Curvature and gradient of a cost by path and shape, with the prior's."""
+        residual, J, precision = self._linear(family, path, shape)
+        return H + J.T @ precision @ J, g + J.T @ precision @ residual
+
+    def probability(
+        self, family: PathFamily, path: Array, shape: Array, covariance: Array
+    ) -> float:
+        """That a frame which agrees with the prior ends as far from it, or farther.
+
+        An estimate m with the covariance V that contains a prior m₀ with the covariance P differs from
+        it by m − m₀ with the covariance P − V.
+
+        Parameters
+        ----------
+        family : PathFamily
+        path, shape : (n,), (m,) float
+            Estimate with this prior.
+        covariance : (n + m, n + m) float
+            Of the estimate.
+        """
+        from scipy.special import chdtrc  # scipy.stats takes a second to import
+
+        residual, J, precision = replace(self, weight=1.0)._linear(family, path, shape)
+        root = np.linalg.cholesky(precision).T
+        learned, axes = np.linalg.eigh(
+            np.eye(len(root)) - root @ J @ covariance @ J.T @ root.T
+        )
+        seen = learned > _MIN_LEARNED
+        chi2 = np.sum((axes.T @ root @ residual)[seen] ** 2 / learned[seen])
+        return float(chdtrc(max(np.count_nonzero(seen), 1), chi2))
+
+    def _linear(
+        self, family: PathFamily, path: Array, shape: Array
+    ) -> tuple[Array, Array, Array]:
+        """Residual, its derivatives by path and shape, and the precision of the prior."""
+        size = len(path) + len(shape)
+        residual, J = np.array([shape[0] - self.radius]), np.zeros((1, size))
+        J[0, len(path)] = 1
+        precision = np.array([[self.radius_std**-2]])
+        if self.path is not None:
+            xy, D = family.at(path, _TIMES)
+            residual = np.concatenate([(xy - self.path.points).ravel(), residual])
+            along = np.zeros((6, size))
+            along[:, : len(path)] = D.reshape(6, -1)
+            J = np.concatenate([along, J])
+            both = np.zeros((7, 7))
+            both[:6, :6], both[6:, 6:] = np.linalg.inv(self.path.covariance), precision
+            precision = both
+        return residual, J, self.weight * precision
