@@ -91,8 +91,8 @@ class _Hypotheses:
         found: list[Sweep | _Shapeless] = [*self.sweeps, *self.shapeless]
         return found[int(np.argmax(self.weights))]
 
-    def disc_log_odds(self) -> tuple[float, float]:
-        """Logs of the weight of the likeliest disc over that of an outline, and of no shape.
+    def shape_log_odds(self) -> tuple[float, float]:
+        """Log odds of the likeliest disc against an outline, and of a shape against none.
 
         Outlines are not fitted where a disc leaves nothing to explain: then an ellipse would be less
         likely by the price of its two parameters.
@@ -100,12 +100,14 @@ class _Hypotheses:
         scores = hypothesis_scores(self.evidence)
         orders = np.array([sweep.silhouette.order for sweep in self.sweeps])
         shapes, others = scores[: len(orders)], scores[len(orders) :]
+        no_shape = float(others.min() - shapes.min()) if len(others) else 0.0
         if not np.any(orders == 1):
-            return -np.inf, -np.inf
-        best, disc = shapes[orders == 1].min(), self.evidence[int(np.argmax(orders == 1))]
+            return -np.inf, no_shape
+        disc = self.evidence[int(np.argmax(orders == 1))]
         price = float(np.log(max(disc.pixels / disc.inflation, 2.0)))
-        outline = float(shapes[orders > 1].min() - best) if np.any(orders > 1) else price
-        return outline, float(others.min() - best) if len(others) else 0.0
+        if np.any(orders > 1):
+            price = float(shapes[orders > 1].min() - shapes[orders == 1].min())
+        return price, no_shape
 
     @property
     def summaries(self) -> list[HypothesisSummary]:
@@ -147,7 +149,7 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
         "sum_alpha_std": average.sum_std,
         "alpha_scale_std": average.scale_std,
         "weights": found.weights.tolist(),
-        "disc_log_odds": found.disc_log_odds(),
+        "shape_log_odds": found.shape_log_odds(),
         "alternatives": _alternatives(found, average, (C, B)),
         "claimed_error": claim,
         "error_terms": asdict(terms),

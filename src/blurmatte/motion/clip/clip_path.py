@@ -71,45 +71,69 @@ class ClipPath:
     ----------
     exposure, exposure_std : float
         d and its error, intervals between frames.
-    place_std, move_std : float
-        Errors of positions and of displacements, pixels, beyond those of the single frames.
-    birge_ratio : float
-        Root of the reduced χ² of positions and displacements with their own errors alone.
+    added, added_to_moments : (float, float)
+        Errors of positions and of displacements, pixels, beyond those that frames state: of frames
+        that a disc explains, and of those measured by the moments of alpha.
     freedom : int
-        Degrees of freedom of that χ².
+        Degrees of freedom of the frames about the curve.
     states : Estimate
         Of each row from the other rows: position, velocity and acceleration in the middle of its
         exposure, per interval; errors include the added ones.
-    chi2 : (n,) float
-        Of the measurements of each row about the prediction from the others; NaN without one.
+    chi2 : (n, 2) float
+        Of position and displacement of each row, with its own error, about the prediction from the
+        others; NaN without one.
+    used : (n,) bool
+        Rows that predict others.
     breaks : tuple of int
         Rows at which a part of the path begins, after a bounce.
     """
 
     exposure: float
     exposure_std: float
-    place_std: float
-    move_std: float
-    birge_ratio: float
+    added: tuple[float, float]
+    added_to_moments: tuple[float, float]
     freedom: int
     states: Estimate
     chi2: Array
+    used: Bools
     breaks: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, rows: Sequence[FrameMotion]) -> ClipPath:
         """The path of the rows of one object, in order of time."""
-        fit = _Fit.of(rows)
+        fit, seen = _Fit.of(rows), [row.sighting for row in rows]
         if fit.used.sum() >= ClipPathSettings.min_frames:
             fit = fit.with_intensity().with_exposure().with_intensity().broken()
             fit = fit.with_added().with_exposure().without_outliers()
             for _ in range(_ROUNDS):
                 fit = fit.with_added().with_exposure().with_intensity()
-        states, chi2 = fit.left_out()
+        states, _ = fit.left_out()
+        own = replace(fit, added=(0.0, 0.0)).measurements(np.ones(len(rows), bool))
+        chi2, _ = _compared(own, states)
+        moments = np.array([s is not None and s.source == "moments" for s in seen], bool)
+        of_moments = fit.added_to(moments)
         return cls(
-            fit.exposure, fit.exposure_std, *fit.added, fit.birge_ratio, fit.freedom, states, chi2.sum(axis=1),
+            fit.exposure, fit.exposure_std, fit.added, of_moments, fit.freedom, states, chi2, fit.used,
             tuple(int(k) for k in np.flatnonzero(np.diff(fit.part)) + 1),
         )  # fmt: skip
+
+    @property
+    def birge_ratio(self) -> float:
+        """Root of the reduced χ² of the rows that predict others, with their own errors; at least 1."""
+        chi2 = self.chi2[self.used]
+        known = chi2[np.isfinite(chi2) & (chi2 > 0)]
+        return max(float(np.sqrt(known.mean() / 2)), 1.0) if known.size and self.freedom else 1.0
+
+    def factors(self, sighting: Sighting) -> tuple[float, float]:
+        """By which the errors of position and of displacement of a detection become those here."""
+        place, move = self.added_to_moments if sighting.source == "moments" else self.added
+        variances = np.trace(sighting.covariance) / 2, (sighting.vx_std**2 + sighting.vy_std**2) / 2
+        least = ClipPathSettings.min_std_px**2
+        of_place, of_move = (
+            float(np.sqrt(1 + added**2 / max(variance, least)))
+            for added, variance in zip((place, move), variances, strict=True)
+        )
+        return of_place, of_move
 
     def prior(self, row: int) -> PathPrior | None:
         """Begin, middle and end of the path in a row, as the other rows predict them."""
@@ -157,16 +181,14 @@ class _Fit:
         places, moves = np.zeros((2, n, 2))
         place_weights, move_weights = np.zeros((2, n, 2, 2))
         for k, row in enumerate(rows):
-            if (one := row.sighting) is not None:
+            if (one := row.stated) is not None:
                 places[k], moves[k] = one.place, (one.vx, one.vy)
                 place_weights[k] = np.linalg.inv(one.covariance + least)
                 if one.moved:
                     move_weights[k] = np.linalg.inv(_displacement_covariance(one) + least)
         used = np.array([is_whole(row.sighting) for row in rows], bool)
         times = np.array(in_intervals(rows), float)
-        return cls(
-            times, places, place_weights, moves, move_weights, used, np.zeros(n, np.int_)
-        )
+        return cls(times, places, place_weights, moves, move_weights, used, np.zeros(n, np.int_))
 
     def measurements(self, used: Bools) -> Measurements:
         """Of the state in the middle of each exposure; without displacements until d is known."""
@@ -236,32 +258,27 @@ class _Fit:
         fitted = 6 * len(np.unique(self.part[self.used])) + 2  # states; d and the intensity
         return max(int(self._measured[self.used].sum()) - fitted, 0)
 
-    @property
-    def birge_ratio(self) -> float:
-        """Root of the reduced χ² of the rows in use with their own errors alone; 1 if there are none."""
-        states, chi2 = replace(self, added=(0.0, 0.0)).left_out()
-        known = self.used & states.known
-        count = int(self._measured[known].sum())
-        return float(np.sqrt(chi2[known].sum() / count)) if count else 1.0
-
     def with_added(self) -> _Fit:
-        """With the error by which frames scatter beyond their own [Paule and Mandel 1982]."""
-        states, chi2 = self.left_out()
-        known, found = self.used & states.known, []
-        rows = self.measurements(known)
-        for kind, before in enumerate(self.added):
-            m = slice(2 * kind, 2 * kind + 2)
-            use = np.flatnonzero(known & (self._measured[:, kind] > 0))
-            if not len(use):
-                found.append(before)
-                continue
+        """With the errors by which the rows in use scatter beyond their own."""
+        return replace(self, added=self.added_to(self.used))
+
+    def added_to(self, which: Bools) -> tuple[float, float]:
+        """Errors of positions and displacements of some rows beyond their own [Paule and Mandel 1982]."""
+        states, _ = self.left_out()
+        known, found = which & states.known, []
+        rows = replace(self, added=(0.0, 0.0)).measurements(known)
+        for kind in range(2):
+            m, use = (
+                slice(2 * kind, 2 * kind + 2),
+                np.flatnonzero(rows.weights[:, 2 * kind, 2 * kind]),
+            )
             H = rows.H[use, m]
             z = rows.y[use, m] - np.einsum("kms,ks->km", H, states.mean[use])
-            S = np.linalg.inv(rows.weights[use, m, m]) + H @ states.covariance[use] @ H.swapaxes(1, 2)
+            S = np.linalg.inv(rows.weights[use, m, m])
+            S = S + H @ states.covariance[use] @ H.swapaxes(1, 2)
             values, vectors = np.linalg.eigh(S)
-            z2 = np.einsum("kmi,km->ki", vectors, z) ** 2
-            found.append(_added_std(z2, values - before**2))
-        return replace(self, added=(found[0], found[1]))
+            found.append(_added_std(np.einsum("kmi,km->ki", vectors, z) ** 2, values))
+        return found[0], found[1]
 
     def with_exposure(self) -> _Fit:
         """With the likeliest d, and displacements in the direction of the curve."""

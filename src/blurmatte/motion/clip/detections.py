@@ -1,5 +1,7 @@
 """Detections of an object in single frames, and rows of its track."""
 
+from __future__ import annotations
+
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -82,7 +84,20 @@ class Sighting:
         off = self.xy_covariance
         return np.array([[self.x_std**2, off], [off, self.y_std**2]])
 
-    def shifted(self, x: float, y: float) -> "Sighting":
+    def with_errors_times(self, place: float, path: float, radius: float) -> Sighting:
+        """The same with the errors of position, of the path, and of the radius multiplied."""
+        names = "vx_std", "vy_std", "length_std", "angle_std"
+        larger = {name: path * getattr(self, name) for name in names}
+        return replace(
+            self,
+            **larger,
+            x_std=place * self.x_std,
+            y_std=place * self.y_std,
+            xy_covariance=place**2 * self.xy_covariance,
+            radius_std=radius * self.radius_std,
+        )
+
+    def shifted(self, x: float, y: float) -> Sighting:
         """The same elsewhere, such as in the picture if it was measured in a part of it, pixels."""
         return replace(
             self,
@@ -95,7 +110,7 @@ class Sighting:
         )
 
     @property
-    def reversed(self) -> "Sighting":
+    def reversed(self) -> Sighting:
         """The motion with the direction of time reversed."""
         return replace(
             self,
@@ -158,9 +173,9 @@ class FrameMotion:
         Why there is no detection; "" if there is one.
     object : int or None
         Number of the object, from 1.
-    place_scatter, radius_scatter : float
-        Factors by which the errors of position and path, and of the radius, were multiplied, because
-        the object's frames scatter more than their own errors (`frame_scatter`).
+    place_scatter, path_scatter, radius_scatter : float
+        Factors by which the errors of position, of length and direction, and of the radius were
+        multiplied, because the object's frames scatter more than their own errors.
     """
 
     frame: int
@@ -172,7 +187,16 @@ class FrameMotion:
     reason: str = ""
     object: int | None = None
     place_scatter: float = 1.0
+    path_scatter: float = 1.0
     radius_scatter: float = 1.0
+
+    @property
+    def stated(self) -> Sighting | None:
+        """The detection with the errors that the frame alone states."""
+        if self.sighting is None:
+            return None
+        factors = self.place_scatter, self.path_scatter, self.radius_scatter
+        return self.sighting.with_errors_times(*(1 / factor for factor in factors))
 
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table; pixels, radians, exposures, seconds."""
@@ -180,7 +204,7 @@ class FrameMotion:
         row |= {"object": self.object, "track": self.track}
         for name in Sighting.__dataclass_fields__:
             row[name] = None if self.sighting is None else getattr(self.sighting, name)
-        for name in ("directed", "place_scatter", "radius_scatter"):
+        for name in ("directed", "place_scatter", "path_scatter", "radius_scatter"):
             row[name] = None if self.sighting is None else getattr(self, name)
         return row | {"others": self.others, "reason": self.reason}
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import check_kind
+from blurmatte.motion.clip.clip_path import ClipPath
 from blurmatte.motion.clip.detections import (
     FrameMotion,
     FrameSightings,
@@ -13,7 +14,7 @@ from blurmatte.motion.clip.detections import (
     check_rows,
     in_intervals,
 )
-from blurmatte.motion.clip.track_outliers import Scatter, doubted, scatter_of, with_scatter
+from blurmatte.motion.clip.track_outliers import Scatter, doubted, scatter_of
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 
 _OFF_TRACK = "the object's track does not go there; {} streak{} of its color ignored"
@@ -118,9 +119,8 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
     """
     check_rows(rows)
     taken = in_intervals(rows)
-    seen = [(t, row, row.sighting) for t, row in zip(taken, rows, strict=True) if row.sighting]
-    own = [with_scatter(s, 1 / row.place_scatter, 1 / row.radius_scatter) for _, row, s in seen]
-    return scatter_of([t for t, *_ in seen], own)
+    seen = [(t, one) for t, row in zip(taken, rows, strict=True) if (one := row.stated) is not None]
+    return scatter_of([t for t, _ in seen], [one for _, one in seen])
 
 
 def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
@@ -139,28 +139,35 @@ def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]
 
 
 def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
-    """The rows with doubts of outliers, and errors multiplied by the scatter of each object."""
+    """The rows with doubts of outliers, and errors multiplied by the scatter of each object.
+
+    Errors of position and path are increased by those that explain their scatter about the path of the
+    clip.
+    """
     compared, taken = list(rows), in_intervals(rows)
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
         frames = [taken[k] for k in of]
         seen = doubted(frames, [one for k in of if (one := rows[k].sighting) is not None])
-        place, radius = _inflation(scatter_of(frames, seen))
+        path = ClipPath.of(
+            [replace(rows[k], sighting=one) for k, one in zip(of, seen, strict=True)]
+        )
+        radius = _radius_inflation(scatter_of(frames, seen))
         for k, sighting in zip(of, seen, strict=True):
+            factors = *path.factors(sighting), radius
             compared[k] = replace(
                 rows[k],
-                sighting=with_scatter(sighting, place, radius),
-                place_scatter=place,
+                sighting=sighting.with_errors_times(*factors),
+                place_scatter=factors[0],
+                path_scatter=factors[1],
                 radius_scatter=radius,
             )
     return compared
 
 
-def _inflation(scatter: Scatter | None) -> tuple[float, float]:
-    """Factors for the errors of positions and of radii; 1 if the scatter is not significant."""
-    if scatter is None or not scatter.too_large:
-        return 1.0, 1.0
-    return max(scatter.place, 1.0), max(scatter.radius, 1.0)
+def _radius_inflation(scatter: Scatter | None) -> float:
+    """Factor for the errors of radii; 1 if the scatter is not significant."""
+    return 1.0 if scatter is None or not scatter.too_large else max(scatter.radius, 1.0)
 
 
 def _row(

@@ -51,7 +51,7 @@ class ClipObject:
     def of(cls, rows: Sequence[FrameMotion], model: ColorModel) -> ClipObject:
         """The object of the rows of a table."""
         path = ClipPath.of(rows)
-        scatter = max(path.birge_ratio, 1.0)
+        scatter = path.birge_ratio
         priors = [
             None if size is None else replace(size, path=path.prior(k), scatter=scatter)
             for k, size in enumerate(predicted_sizes(rows))
@@ -69,7 +69,7 @@ def predicted_sizes(rows: Sequence[FrameMotion]) -> list[MotionPrior | None]:
         other = usable & (distance > 0) & (distance <= PoolingSettings.max_distance_frames)
         nearest = np.argsort(distance + np.where(other, 0, np.inf), kind="stable")
         near = nearest[: min(int(other.sum()), PoolingSettings.max_neighbors)]
-        seen = [one for i in near if (one := rows[i].sighting) is not None]
+        seen = [one for i in near if (one := rows[i].stated) is not None]
         sizes.append(_predicted(frames[near] - frames[k], seen))
     return sizes
 

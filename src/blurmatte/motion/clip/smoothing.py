@@ -13,7 +13,6 @@ two-filter recursion [Fraser and Potter 1969]; their sum is all but its own. Not
 the first measurement.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import factorial
 
@@ -22,7 +21,9 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_MAX_CONDITION = 1e11  # of the information in its own units, above which the state is not determined
+_MAX_CONDITION = (
+    1e11  # of the information in its own units, above which the state is not determined
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,7 +51,7 @@ class Measurements:
     @property
     def order(self) -> int:
         """Number of derivatives in the state, p."""
-        return self.H.shape[2] // self.axes
+        return int(self.H.shape[2]) // self.axes
 
     @property
     def information(self) -> tuple[Array, Array]:
@@ -58,7 +59,7 @@ class Measurements:
         HW = np.einsum("kms,kmn->ksn", self.H, self.weights)
         return HW @ self.H, np.einsum("ksn,kn->ks", HW, self.y)
 
-    def taken(self, which: Sequence[int] | Array) -> "Measurements":
+    def taken(self, which: npt.NDArray[np.intp]) -> "Measurements":
         """Some of them."""
         return Measurements(
             self.times[which], self.H[which], self.y[which], self.weights[which], self.axes
@@ -114,7 +115,7 @@ def transition(step: float, order: int, axes: int) -> Array:
     for i in range(order):
         for j in range(i, order):
             F[i, j] = step ** (j - i) / factorial(j - i)
-    return np.kron(F, np.eye(axes))
+    return np.asarray(np.kron(F, np.eye(axes)), float)
 
 
 def diffusion(step: float, order: int, axes: int) -> Array:
@@ -124,7 +125,7 @@ def diffusion(step: float, order: int, axes: int) -> Array:
         for j in range(order):
             a, b = order - 1 - i, order - 1 - j
             Q[i, j] = step ** (a + b + 1) / ((a + b + 1) * factorial(a) * factorial(b))
-    return np.kron(Q, np.eye(axes))
+    return np.asarray(np.kron(Q, np.eye(axes)), float)
 
 
 def _carried(

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -36,7 +37,7 @@ from blurmatte.sweep.model.silhouette import DISC
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
 SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at most
-_MIN_PROBABILITY = 1e-3  # that a frame differs as much from its prior: less is a contradiction
+_MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
 
@@ -51,19 +52,23 @@ class Wanted:
     row : FrameMotion
         Where the object is.
     prior : MotionPrior or None
-        Its radius and path from the other frames. If its silhouette is a disc, other shapes, and alpha
-        without one, are no alternatives.
+        Its radius and path from the other frames. If its silhouette is a disc, other shapes are no
+        alternatives.
+    has_shape : bool
+        Alpha without a shape is no alternative.
     """
 
     index: int
     row: FrameMotion
     prior: MotionPrior | None
+    has_shape: bool = False
 
-
-    def as_disc(self) -> Wanted:
-        """The same of an object whose silhouette is a disc."""
+    def shaped(self, is_disc: bool) -> Wanted:
+        """The same of an object that has a shape, perhaps a disc, if there is a prior of it."""
         prior = self.prior
-        return self if prior is None else replace(self, prior=replace(prior, is_disc=True))
+        if prior is None:
+            return self
+        return replace(self, prior=replace(prior, is_disc=is_disc), has_shape=True)
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +78,7 @@ class FrameSolver:
     scene: StaticScene
     model: ColorModel
     color: MatchedFilter | None
+    min_probability: float  #: that a frame differs as much from its prior: less is a contradiction
 
     @classmethod
     def of(
@@ -83,7 +89,7 @@ class FrameSolver:
         model = replace(model, to_srgb=first.meta.to_srgb)
         if model.rank == 1:
             color = MatchedFilter.of(scene.plate, with_default_noise(first, scene.noise), model)
-        return cls(scene, model, color)
+        return cls(scene, model, color, _MIN_PROBABILITY / len(frames))
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
         """The solution in the whole picture, or why there is none.
@@ -114,23 +120,31 @@ class FrameSolver:
         boxes = self.scene.gate.changes(frame).boxes
         box = _box_of(sighting, boxes, frame.size)
         (crop,) = self.scene.crops(frame, [box])
-        streak, solution, prior = self._streak(crop, sighting), None, wanted.prior
+        streak, prior = self._streak(crop, sighting), wanted.prior
         if prior is not None:
             prior = prior.shifted(-np.array(crop.box[:2], float))
         start = _start(sighting, crop, self.model, prior)
         if prior is not None:
-            solution = self._solution(crop, streak, start, prior)
-            assert solution.sweep is not None
-            if solution.sweep.diagnostics.prior_probability > _MIN_PROBABILITY:
-                return crop, solution
-        alone = self._solution(crop, streak, start, None)
-        if solution is not None:
+            with suppress(BlurmatteError):
+                solver = Swept() if wanted.has_shape else None
+                solution = self._solution(crop, streak, start, prior, solver)
+                assert solution.sweep is not None
+                if solution.sweep.diagnostics.prior_probability > self.min_probability:
+                    return crop, solution
+            start = _start(sighting, crop, self.model, None)
+        alone = self._solution(crop, streak, start)
+        if prior is not None:
             reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
             alone = replace(alone, stats={**alone.stats, "grade_reasons": reasons})
         return crop, alone
 
     def _solution(
-        self, crop: Crop, streak: Streak | None, start: Sweep | None, prior: MotionPrior | None
+        self,
+        crop: Crop,
+        streak: Streak | None,
+        start: Sweep | None,
+        prior: MotionPrior | None = None,
+        solver: Swept | None = None,
     ) -> Solution:
         """The solution with a prior, or of the crop alone."""
         with warnings.catch_warnings():
@@ -139,7 +153,7 @@ class FrameSolver:
                 crop.image,
                 crop.plate,
                 self.model if self.model.rank < 3 else None,
-                Swept() if prior is not None and prior.is_disc else None,
+                solver,
                 streak=streak,
                 matching=Matching.NONE,
                 start=start,
@@ -149,14 +163,14 @@ class FrameSolver:
     def silhouette_odds(
         self, frames: Sequence[LinearImage], wanted: Wanted
     ) -> tuple[float, float] | None:
-        """Log odds of a disc against an outline, and against no shape, in a frame given alone."""
+        """Log odds of a disc against an outline, and of a shape against none, in a frame given alone."""
         (frame,) = coded_frames(frames, slice(None))
         try:
             _, solution = self.solved(frame, wanted)
         except BlurmatteError:
             return None
-        outline, no_shape = solution.stats["disc_log_odds"]
-        return float(outline), float(no_shape)
+        disc, shape = solution.stats["shape_log_odds"]
+        return float(disc), float(shape)
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
@@ -245,8 +259,9 @@ def wanted_frames(
 ) -> list[Wanted]:
     """The frames to solve, with what the others say of them.
 
-    The silhouette is a disc in all frames if that is decisively likelier than other outlines, and than
-    no shape at all, in frames all over the clip together: the log Bayes factors of single frames add.
+    The object has a shape in all frames if that is decisively likelier than alpha without one, and the
+    shape is a disc if that is decisively likelier than other outlines, in frames all over the clip
+    together: the log Bayes factors of single frames add.
 
     Parameters
     ----------
@@ -265,25 +280,25 @@ def wanted_frames(
         mine = [row for row in rows if row.sighting is not None and (row.object or 1) == number]
         priors = ClipObject.of(mine, solver.model).priors
         found = [
-            Wanted(index_of[row.frame], row, prior)
-            for row, prior in zip(mine, priors, strict=True)
+            Wanted(index_of[row.frame], row, prior) for row, prior in zip(mine, priors, strict=True)
         ]
-        if _is_disc(frames, found, solver, workers):
-            found = [one.as_disc() for one in found]
+        is_disc, has_shape = _decided(frames, found, solver, workers)
+        found = [one.shaped(is_disc) for one in found] if has_shape else found
         wanted += found
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
 
 
-def _is_disc(
+def _decided(
     frames: Sequence[LinearImage], wanted: Sequence[Wanted], solver: FrameSolver, workers: Workers
-) -> bool:
-    """Whether the sum of the log Bayes factors of some frames is decisive for a disc."""
+) -> tuple[bool, bool]:
+    """Whether the sums of the log Bayes factors of some frames are decisive for a disc, and a shape."""
     known = [one for one in wanted if one.prior is not None]
     chosen = known[:: -(-len(known) // SILHOUETTE_FRAMES) or 1]
     tasks = ((frames[one.index : one.index + 1], one) for one in chosen)
     odds = [one for one in workers.in_order(solver.silhouette_odds, tasks) if one is not None]
     total = np.sum(odds, axis=0) if odds else np.zeros(2)
-    return bool(np.all(total > DECISIVE_LOG_BAYES_FACTOR))
+    disc, shape = (total > DECISIVE_LOG_BAYES_FACTOR).tolist()
+    return disc, shape
 
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:
@@ -304,7 +319,10 @@ def _start(
     """Where the fit starts: the path from all frames, or else the one that was measured."""
     if sighting.source != "sweep" and prior is None:
         return None
-    family, ends = LINE, np.array([sighting.first_x, sighting.first_y, sighting.last_x, sighting.last_y])
+    family, ends = (
+        LINE,
+        np.array([sighting.first_x, sighting.first_y, sighting.last_x, sighting.last_y]),
+    )
     path = LINE.shifted(ends, -np.array(crop.box[:2], float))
     if prior is not None and prior.path is not None:
         family, path = PARABOLA, prior.path.points.ravel()

@@ -108,18 +108,6 @@ def doubted(frames: Sequence[float], seen: Sequence[Sighting]) -> list[Sighting]
     return checked
 
 
-def with_scatter(sighting: Sighting, place: float, radius: float) -> Sighting:
-    """The detection with its errors of position and path, and of the radius, multiplied by factors."""
-    names = "x_std", "y_std", "vx_std", "vy_std", "length_std", "angle_std"
-    larger = {name: place * getattr(sighting, name) for name in names}
-    return replace(
-        sighting,
-        **larger,
-        xy_covariance=place**2 * sighting.xy_covariance,
-        radius_std=radius * sighting.radius_std,
-    )
-
-
 def _residuals(frames: Sequence[float], seen: Sequence[Sighting]) -> tuple[Array, Array, Array]:
     """Residuals of position and radius, NaN if unknown.
 

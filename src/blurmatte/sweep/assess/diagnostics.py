@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.color.model import ColorModel
+from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.feasibility import rejection
@@ -17,6 +18,7 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Diagnostics, Sweep
 
+_MIN_LIGHT = 1e-9  # of white, of an object that has a color
 _MAX_ONE_COLOR_SPREAD = (
     0.1  # radians across the mean color: noise, gloss and two lamps of one paint
 )
@@ -88,7 +90,9 @@ def _color_model(state: State, inflation: float, area_error: float) -> ColorMode
     wrong by `area_error`, adds to the color.
     """
     field, observation = state.field, state.observation
-    axes, length = observation.color.axes, max(float(np.linalg.norm(field.mean)), 1e-9)
+    axes, length = observation.color.axes, float(np.linalg.norm(field.mean))
+    if not length > _MIN_LIGHT:
+        raise ColorModelError("the fit found no light of the object along its path")
     rank = observation.color.rank
     if rank == 3:
         rank = 1 + int(np.count_nonzero(field.spread[1:] > _MAX_ONE_COLOR_SPREAD * length))

@@ -20,8 +20,8 @@ from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR, best_of, ranked
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_prior import ColorPrior
-from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.motion_prior import MotionPrior
+from blurmatte.sweep.model.observation import Observation, observation_around
 from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARABOLA, PathFamily
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.model.state import State, state_at

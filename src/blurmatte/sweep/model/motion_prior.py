@@ -107,16 +107,12 @@ class MotionPrior:
 
         residual, J, precision = replace(self, weight=1.0)._linear(family, path, shape)
         root = np.linalg.cholesky(precision).T
-        learned, axes = np.linalg.eigh(
-            np.eye(len(root)) - root @ J @ covariance @ J.T @ root.T
-        )
+        learned, axes = np.linalg.eigh(np.eye(len(root)) - root @ J @ covariance @ J.T @ root.T)
         seen = learned > _MIN_LEARNED
         chi2 = np.sum((axes.T @ root @ residual)[seen] ** 2 / learned[seen])
         return float(chdtrc(max(np.count_nonzero(seen), 1), chi2))
 
-    def _linear(
-        self, family: PathFamily, path: Array, shape: Array
-    ) -> tuple[Array, Array, Array]:
+    def _linear(self, family: PathFamily, path: Array, shape: Array) -> tuple[Array, Array, Array]:
         """Residual, its derivatives by path and shape, and the precision of the prior."""
         size = len(path) + len(shape)
         residual, J = np.array([shape[0] - self.radius]), np.zeros((1, size))

@@ -57,7 +57,7 @@ class Observation:
     chroma_error: Array | None = None
     # Of the image's file, of which these are the pixels; see `Meta.sharing`
     compression: Compression | None = None
-    known_size: SizePrior | None = None  # of the object, from other frames
+    prior: MotionPrior | None = None  # of the object, from other frames
 
     @property
     def pixels(self) -> Pixels:
