@@ -154,6 +154,8 @@ from blurmatte.scenes import score_table as score_table
 from blurmatte.streaks import Streak as Streak
 from blurmatte.streaks import find_streak_within as find_streak_within
 from blurmatte.streaks import find_streaks as find_streaks
+from blurmatte.sweep import MotionPrior as MotionPrior
+from blurmatte.sweep import PathPrior as PathPrior
 from blurmatte.sweep import Sweep as Sweep
 from blurmatte.sweep import TransferFit as TransferFit
 from blurmatte.sweep import fit_color as fit_color

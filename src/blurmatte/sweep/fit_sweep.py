@@ -335,12 +335,12 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
         disc = search.of_one_paint.near(start.family, curve, start.radius)
         return [disc], [with_varied_colors(disc)]
 
+    prior, search = search.observation.prior, search.without_prior  # it would hide a misfit
     discs = best(search)
     inflation = noise_inflation(discs[0][0])
     if inflation > 1:
         search = search.with_noise_inflated(inflation)
         discs = best(search)
-    prior = search.observation.prior
     if prior is not None:
         weight = variance_inflation(discs[0][0]) * VARIANCE * prior.scatter**2
         search = search.with_prior(replace(prior, weight=weight))

@@ -1,4 +1,4 @@
-"""ClipPath: the path of an object as one curve over absolute time, of which each frame sees its exposure.
+"""ClipPath: the path of an object as one curve over time, of which each frame sees its exposure.
 
 Frame k is exposed from t_k to t_k + d, times in intervals between frames, with one d for the clip. With
 c, c′, c″ the curve and its derivatives in the middle of the exposure, frame k alone measures
@@ -12,9 +12,9 @@ likeliest when each is predicted from all others. Where the reduced χ² of thes
 the frames have errors in common with none of their own causes, such as compression: one is added to all
 positions, and one to all displacements, that makes it 1 [Paule and Mandel 1982].
 
-The velocity may jump, at a bounce. The curve is broken where the frames before and those after it predict
-states that differ by more than the six parameters of a jump are worth (Bayesian information
-criterion). A frame that differs from its prediction by more than noise does predicts nothing.
+The velocity may jump, at a bounce. The curve is broken where that makes the frames decisively likelier,
+each predicted from the others of its part. A frame that differs from its prediction by more than
+noise does predicts nothing.
 """
 
 from __future__ import annotations
@@ -28,12 +28,13 @@ import numpy.typing as npt
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
 from blurmatte.motion.clip.smoothing import Estimate, Measurements, transition
 from blurmatte.sweep import PathPrior
+from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
-_MEDIAN_CHI2, _MEDIAN_CHI2_OF_BOTH = 1.386, 3.357  # of two and of four degrees of freedom
+_MEDIAN_CHI2 = 3.357  # of four degrees of freedom
 _ROUNDS = 3  # of errors and curve, until they do not change
 _BATCHES = 8  # of frames, whose displacements are compared
 
@@ -53,7 +54,7 @@ class ClipPathSettings:
     min_outlier_probability : float
         That noise differs by as much in any of the frames: less is a mistake.
     min_std_px : float
-        No mean position and no displacement is known better.
+        No position and no displacement is known better.
     """
 
     min_frames: int = 5
@@ -104,7 +105,7 @@ class ClipPath:
         fit, seen = _Fit.of(rows), [row.sighting for row in rows]
         if fit.used.sum() >= ClipPathSettings.min_frames:
             fit = fit.with_intensity().with_exposure().with_intensity().broken()
-            fit = fit.with_added().with_exposure().without_outliers()
+            fit = fit.without_outliers()
             for _ in range(_ROUNDS):
                 fit = fit.with_added().with_exposure().with_intensity()
         states, _ = fit.left_out()
@@ -144,6 +145,7 @@ class ClipPath:
         J = np.concatenate([np.eye(2, 6) @ transition(t, _ORDER, _AXES) for t in times])
         by_exposure = np.concatenate([np.sign(t) * (x[2:4] + t * x[4:]) / 2 for t in times])
         covariance = J @ V @ J.T + self.exposure_std**2 * np.outer(by_exposure, by_exposure)
+        covariance += ClipPathSettings.min_std_px**2 * np.eye(6)
         return PathPrior((J @ x).reshape(3, 2), covariance)
 
 
@@ -263,19 +265,13 @@ class _Fit:
         return replace(self, added=self.added_to(self.used))
 
     def added_to(self, which: Bools) -> tuple[float, float]:
-        """Errors of positions and displacements of some rows beyond their own [Paule and Mandel 1982]."""
+        """Errors of positions and displacements of some rows beyond their own [Paule, Mandel 1982]."""
         states, _ = self.left_out()
         known, found = which & states.known, []
         rows = replace(self, added=(0.0, 0.0)).measurements(known)
         for kind in range(2):
-            m, use = (
-                slice(2 * kind, 2 * kind + 2),
-                np.flatnonzero(rows.weights[:, 2 * kind, 2 * kind]),
-            )
-            H = rows.H[use, m]
-            z = rows.y[use, m] - np.einsum("kms,ks->km", H, states.mean[use])
-            S = np.linalg.inv(rows.weights[use, m, m])
-            S = S + H @ states.covariance[use] @ H.swapaxes(1, 2)
+            use = np.flatnonzero(rows.weights[:, 2 * kind, 2 * kind])
+            z, S = _residuals(rows, states, use, slice(2 * kind, 2 * kind + 2))
             values, vectors = np.linalg.eigh(S)
             found.append(_added_std(np.einsum("kmi,km->ki", vectors, z) ** 2, values))
         return found[0], found[1]
@@ -307,35 +303,35 @@ class _Fit:
         return replace(self, moves=moves, exposure=d, exposure_std=std)
 
     def broken(self) -> _Fit:
-        """With parts between jumps of the velocity."""
-        fit = self
-        for part in range(len(self.times)):
-            while (at := fit._break_in(part)) is not None:
-                later = (fit.part > part) | ((fit.part == part) & (np.arange(len(fit.part)) >= at))
-                fit = replace(fit, part=fit.part + later)
-            if part >= fit.part.max():
-                break
+        """With parts between jumps of the velocity: those that make the frames decisively likelier."""
+        fit, part, rows = self, 0, np.arange(len(self.times))
+        while part <= fit.part.max():
+            at = fit._largest_jump(part)
+            if at is not None:
+                later = (fit.part > part) | ((fit.part == part) & (rows >= at))
+                split = replace(fit, part=fit.part + later).with_intensity()
+                gain = fit._cost(fit.intensity) - split._cost(split.intensity)
+                if gain > DECISIVE_LOG_BAYES_FACTOR:
+                    fit = split
+                    continue
+            part += 1
         return fit
 
-    def _break_in(self, part: int) -> int | None:
-        """The first row after the most significant jump within a part; None if none is."""
+    def _largest_jump(self, part: int) -> int | None:
+        """The row within a part before which the rows on both sides differ most about the state."""
         mine = np.flatnonzero((self.part == part) & self.used)
         least = ClipPathSettings.min_frames
         if len(mine) < 2 * least:
             return None
         one = self.measurements(self.used).taken(mine)
-        forward, backward = one.from_each_side(self.intensity)
+        before, after = one.from_each_side(self.intensity)
         jumps = np.full(len(mine), -np.inf)
-        chi2 = self.left_out()[1][mine].sum(axis=1)
-        scale = max(float(np.median(chi2)) / _MEDIAN_CHI2_OF_BOTH, 1.0) if self.exposure else 1.0
         for k in range(least, len(mine) - least + 1):
-            if forward.known[k] and backward.known[k]:
-                jump = forward.mean[k] - backward.mean[k]
-                V = forward.covariance[k] + backward.covariance[k]
-                jumps[k] = float(jump @ np.linalg.solve(V, jump)) / scale
-        worth = (6 * np.log(4 * len(mine)) + 2 * np.log(len(mine))) if len(mine) else np.inf
-        k = int(np.argmax(jumps))
-        return int(mine[k]) if jumps[k] > worth else None
+            if before.known[k] and after.known[k]:
+                jump = before.mean[k] - after.mean[k]
+                V = before.covariance[k] + after.covariance[k]
+                jumps[k] = float(jump @ np.linalg.solve(V, jump))
+        return int(mine[np.argmax(jumps)])
 
     def without_outliers(self) -> _Fit:
         """Without frames that differ from their prediction by more than noise does."""
@@ -345,14 +341,17 @@ class _Fit:
         for _ in range(int(self.used.sum())):
             chi2 = fit.left_out()[1].sum(axis=1)
             known = fit.used & np.isfinite(chi2)
-            limit = ClipPathSettings.min_outlier_probability / max(int(known.sum()), 1)
-            excess = np.where(known, chi2 / chdtri(fit._measured.sum(axis=1), limit), 0)
+            if not known.any():
+                break
+            scale = max(float(np.median(chi2[known])) / _MEDIAN_CHI2, 1.0)
+            limit = ClipPathSettings.min_outlier_probability / int(known.sum())
+            excess = np.where(known, chi2 / scale / chdtri(fit._measured.sum(axis=1), limit), 0)
             worst = int(np.argmax(excess))
             if excess[worst] < 1:
                 break
             used = fit.used.copy()
             used[worst] = False
-            fit = replace(fit, used=used).with_intensity().with_added()
+            fit = replace(fit, used=used).with_intensity()
         return fit
 
 
@@ -366,15 +365,23 @@ def _displacement_covariance(one: Sighting) -> Array:
 def _compared(rows: Measurements, states: Estimate) -> tuple[Array, Array]:
     """χ² of positions and displacements about predictions and log determinants, (n, 2); NaN without."""
     chi2, logs = np.full((2, len(rows.times), 2), np.nan)
-    for k in np.flatnonzero(states.known):
-        for kind, m in enumerate((slice(0, 2), slice(2, 4))):
-            chi2[k, kind], logs[k, kind] = 0, 0
-            if rows.weights[k][m, m][0, 0] > 0:
-                H, z = rows.H[k][m], rows.y[k][m] - rows.H[k][m] @ states.mean[k]
-                S = np.linalg.inv(rows.weights[k][m, m]) + H @ states.covariance[k] @ H.T
-                chi2[k, kind] = z @ np.linalg.solve(S, z)
-                logs[k, kind] = np.linalg.slogdet(S)[1]
+    chi2[states.known], logs[states.known] = 0, 0
+    for kind, m in enumerate((slice(0, 2), slice(2, 4))):
+        use = np.flatnonzero(states.known & (rows.weights[:, m, m][:, 0, 0] > 0))
+        z, S = _residuals(rows, states, use, m)
+        chi2[use, kind] = np.einsum("ki,ki->k", z, np.linalg.solve(S, z[..., None])[..., 0])
+        logs[use, kind] = np.linalg.slogdet(S)[1]
     return chi2, logs
+
+
+def _residuals(
+    rows: Measurements, states: Estimate, use: npt.NDArray[np.intp], of: slice
+) -> tuple[Array, Array]:
+    """Of some numbers of some rows about predictions (k, 2), and their covariances (k, 2, 2)."""
+    H = rows.H[use, of]
+    z = rows.y[use, of] - np.einsum("kms,ks->km", H, states.mean[use])
+    R = np.linalg.inv(rows.weights[use, of, of])
+    return z, R + H @ states.covariance[use] @ H.swapaxes(1, 2)
 
 
 def _norms(vectors: Array) -> Array:
@@ -390,7 +397,7 @@ def _with_added(weights: Array, std: float) -> Array:
 def _added_std(z2: Array, variance: Array) -> float:
     """The error that makes the mean of squared residuals over variances 1; 0 if it is less."""
     low, high = 0.0, float(np.max(z2, initial=0.0))
-    if np.mean(z2 / np.maximum(variance, 1e-12)) <= 1:
+    if not len(z2) or np.mean(z2 / np.maximum(variance, 1e-12)) <= 1:
         return 0.0
     for _ in range(60):
         middle = (low + high) / 2

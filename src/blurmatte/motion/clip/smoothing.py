@@ -8,12 +8,13 @@ Over a time h
     s(t + h) = F s(t) + w,    F = exp(h N),    Cov w = q ∫ F(u) e eᵀ F(u)ᵀ du,
 
 N the shift to the next derivative, e the last one. A measurement k has the information (Λ, η) =
-(Hᵀ R⁻¹ H, Hᵀ R⁻¹ y) about s. Information from earlier and from later ones is carried to its time by the
+(Hᵀ R⁻¹ H, Hᵀ R⁻¹ y) about s. Information from earlier and later ones is carried to its time by the
 two-filter recursion [Fraser and Potter 1969]; their sum is all but its own. Nothing is known of s before
 the first measurement.
 """
 
 from dataclasses import dataclass
+from functools import lru_cache
 from math import factorial
 
 import numpy as np
@@ -100,8 +101,18 @@ class Estimate:
     @classmethod
     def of(cls, information: tuple[Array, Array]) -> "Estimate":
         """From information."""
-        found = [_solved(L, v) for L, v in zip(*information, strict=True)]
-        return cls(np.array([mean for mean, _ in found]), np.array([V for _, V in found]))
+        L, v = information
+        scale = np.sqrt(np.diagonal(L, axis1=1, axis2=2))
+        known = np.all(np.isfinite(scale) & (scale > 0), axis=1)
+        mean, covariance = np.full(v.shape, np.nan), np.full(L.shape, np.nan)
+        both = scale[:, :, None] * scale[:, None]
+        values, vectors = np.linalg.eigh(L[known] / both[known])
+        known[known] = values[:, 0] * _MAX_CONDITION > values[:, -1]
+        use = values[:, 0] * _MAX_CONDITION > values[:, -1]
+        values, vectors = values[use], vectors[use]
+        V = (vectors / values[:, None]) @ vectors.swapaxes(1, 2) / both[known]
+        mean[known], covariance[known] = np.einsum("kij,kj->ki", V, v[known]), V
+        return cls(mean, covariance)
 
     @property
     def known(self) -> npt.NDArray[np.bool_]:
@@ -109,6 +120,7 @@ class Estimate:
         return np.asarray(np.isfinite(self.mean[:, 0]))
 
 
+@lru_cache(maxsize=1024)
 def transition(step: float, order: int, axes: int) -> Array:
     """F, (p a, p a)."""
     F = np.zeros((order, order))
@@ -118,6 +130,7 @@ def transition(step: float, order: int, axes: int) -> Array:
     return np.asarray(np.kron(F, np.eye(axes)), float)
 
 
+@lru_cache(maxsize=1024)
 def diffusion(step: float, order: int, axes: int) -> Array:
     """Covariance of w for q = 1, (p a, p a)."""
     Q = np.zeros((order, order))
@@ -148,15 +161,3 @@ def _carried(
         carried_L, carried_v = (both[:, :-1] + both[:, :-1].T) / 2, both[:, -1]
         before_L[k], before_v[k] = flipped * carried_L, flip * carried_v
     return before_L, before_v
-
-
-def _solved(L: Array, v: Array) -> tuple[Array, Array]:
-    scale = np.sqrt(np.diag(L))
-    if not np.all(np.isfinite(scale) & (scale > 0)):
-        return np.full_like(v, np.nan), np.full_like(L, np.nan)
-    scaled = L / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(scaled)
-    if not values[0] * _MAX_CONDITION > values[-1]:
-        return np.full_like(v, np.nan), np.full_like(L, np.nan)
-    V = (vectors / values) @ vectors.T / np.outer(scale, scale)
-    return V @ v, V

@@ -131,7 +131,7 @@ class FrameSolver:
                 assert solution.sweep is not None
                 if solution.sweep.diagnostics.prior_probability > self.min_probability:
                     return crop, solution
-            start = _start(sighting, crop, self.model, None)
+            start = None  # it may have bounced
         alone = self._solution(crop, streak, start)
         if prior is not None:
             reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
@@ -163,11 +163,16 @@ class FrameSolver:
     def silhouette_odds(
         self, frames: Sequence[LinearImage], wanted: Wanted
     ) -> tuple[float, float] | None:
-        """Log odds of a disc against an outline, and of a shape against none, in a frame given alone."""
+        """Log odds of a disc against an outline, and of a shape against none, in a frame given alone.
+
+        None for a frame that contradicts the others.
+        """
         (frame,) = coded_frames(frames, slice(None))
         try:
             _, solution = self.solved(frame, wanted)
         except BlurmatteError:
+            return None
+        if _CONTRADICTS in solution.stats.get("grade_reasons", ()):
             return None
         disc, shape = solution.stats["shape_log_odds"]
         return float(disc), float(shape)

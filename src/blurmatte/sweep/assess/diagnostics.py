@@ -46,7 +46,8 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     angle = model.angle_std if model.rank < 3 else 0.0
     diagnostics = diagnosed(candidate, silhouette.radius(shape), radius_std, angle)
     if prior is not None:
-        probability = prior.probability(state.family, state.path, shape, covariance)
+        alike = prior.weight / inflation * covariance  # as the fit weights picture and prior
+        probability = prior.probability(state.family, state.path, shape, alike)
         diagnostics = replace(diagnostics, prior_probability=probability)
     return Sweep(
         state.family, state.path, silhouette, shape, model, covariance, image.size, diagnostics,

@@ -114,6 +114,12 @@ class Multistart:
         coarse = replace(self.coarse, prior=prior)
         return replace(self, observation=fine, coarse=coarse, bounds=bounds)
 
+    @property
+    def without_prior(self) -> "Multistart":
+        """The same without what other frames say."""
+        fine, coarse = (replace(one, prior=None) for one in (self.observation, self.coarse))
+        return replace(self, observation=fine, coarse=coarse)
+
     def best(self) -> tuple[list[State], list[State]]:
         """The best discs of one paint, and of colors that vary; the best of each comes first.
 

@@ -12,7 +12,7 @@ from blurmatte.sweep.model.path import PathFamily
 Array = npt.NDArray[np.float64]
 
 _TIMES = np.array([0.0, 0.5, 1.0])  # of a path's points, exposures
-_MIN_LEARNED = 1e-3  # of the prior's variance: of less the picture says nothing
+_MIN_LEARNED = 1e-6  # of the prior's variance: of less the picture says nothing
 
 
 @dataclass(frozen=True, eq=False)

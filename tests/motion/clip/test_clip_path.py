@@ -1,0 +1,133 @@
+"""ClipPath: the path of an object as one curve, each frame predicted from the others."""
+
+import numpy as np
+import pytest
+
+from blurmatte.motion import FrameMotion, Sighting
+from blurmatte.motion.clip.clip_path import ClipPath
+
+EXPOSURE = 0.4  # intervals between frames
+STD = 0.2
+
+
+def fall(t):
+    """A throw, pixels at times in intervals."""
+    return np.stack([20 + 9 * t, 200 - 14 * t + 0.6 * t**2], axis=-1)
+
+
+def circle(t):
+    """Once around in 21 intervals."""
+    return 150 + 80 * np.stack([np.cos(0.3 * t), np.sin(0.3 * t)], axis=-1)
+
+
+def bounce(t):
+    """A throw to the floor at t = 9.7, between two exposures."""
+    s = np.asarray(t - 9.7)[..., None]
+    down, up = np.array([8.0, 12.0]), np.array([6.5, -9.0])
+    return np.array([100.0, 200.0]) + np.where(s < 0, down, up) * s + np.array([0, 0.5]) * s**2
+
+
+def row(number, path, rng=None, std=STD, factor=1.0, **changes):
+    """The row of a frame; its errors are `factor` times the stated ones."""
+    t = number + EXPOSURE * (np.arange(200) + 0.5) / 200
+    place, ends = path(t).mean(axis=0), path(number + EXPOSURE * np.array([0.0, 1.0]))
+    move = ends[1] - ends[0]
+    if rng is not None:
+        place, move = (v + factor * std * rng.normal(size=2) for v in (place, move))
+    length, angle = float(np.hypot(*move)), float(np.arctan2(move[1], move[0]))
+    numbers = {
+        "x": place[0], "y": place[1], "x_std": std, "y_std": std, "xy_covariance": 0.0,
+        "vx": move[0], "vy": move[1], "vx_std": std, "vy_std": std, "length": length,
+        "length_std": std, "angle": angle, "angle_std": std / length, "radius": 8.0,
+        "radius_std": 0.1, "first_x": ends[0, 0], "first_y": ends[0, 1], "last_x": ends[1, 0],
+        "last_y": ends[1, 1], "color": "", "evidence": 1.0, "source": "sweep", "path": "line",
+        "silhouette": "disc", "residual_excess": 1.0, "at_border": False, "moved": True, "doubts": "",
+    }  # fmt: skip
+    return FrameMotion(number, number / 30, Sighting(**(numbers | changes)))
+
+
+def rows_of(path, count=24, rng=None, **more):
+    """Rows of successive frames."""
+    return [row(k, path, rng, **more) for k in range(count)]
+
+
+def ends_of(number, path):
+    """True beginning, middle and end of the exposure."""
+    return path(number + EXPOSURE * np.array([0.0, 0.5, 1.0]))
+
+
+def test_curve_through_noiseless_frames_gives_their_ends_back():
+    """Exact."""
+    found = ClipPath.of(rows_of(fall))
+    assert found.exposure == pytest.approx(EXPOSURE, rel=1e-4)
+    for k in range(24):
+        assert found.prior(k).points == pytest.approx(ends_of(k, fall), abs=1e-3)
+
+
+@pytest.mark.parametrize("path", [fall, circle, bounce])
+def test_errors_of_predictions_are_as_stated(path):
+    """Honest: of ends and middle, each frame from the others."""
+    z2 = []
+    for seed in range(4):
+        found = ClipPath.of(rows_of(path, rng=np.random.default_rng(seed)))
+        for k in range(24):
+            prior = found.prior(k)
+            error = (prior.points - ends_of(k, path)).ravel()
+            z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
+    assert 0.6 < np.sqrt(np.mean(z2)) < 1.4
+
+
+def test_frames_determine_the_exposure():
+    """Honest."""
+    found = [ClipPath.of(rows_of(fall, rng=np.random.default_rng(seed))) for seed in range(12)]
+    z = [(one.exposure - EXPOSURE) / one.exposure_std for one in found]
+    assert 0.5 < np.sqrt(np.mean(np.square(z))) < 1.5
+
+
+def test_path_is_broken_at_a_bounce_only():
+    for seed in range(3):
+        assert ClipPath.of(rows_of(bounce, rng=np.random.default_rng(seed))).breaks == (10,)
+        for smooth in (fall, circle):
+            assert not ClipPath.of(rows_of(smooth, rng=np.random.default_rng(seed))).breaks
+
+
+def test_scatter_beyond_stated_errors_is_found():
+    """Honest: three times the stated errors, and the stated ones."""
+    for factor in (1.0, 3.0):
+        found = [
+            ClipPath.of(rows_of(fall, rng=np.random.default_rng(seed), factor=factor))
+            for seed in range(4)
+        ]
+        ratio = np.mean([one.birge_ratio for one in found])
+        assert ratio == pytest.approx(factor, rel=0.2)
+        added = np.mean([one.added for one in found])
+        assert added == pytest.approx(STD * np.sqrt(factor**2 - 1), abs=0.1)
+        place, move = found[0].factors(rows_of(fall)[3].sighting)
+        assert place == pytest.approx(factor, rel=0.4)
+        assert move == pytest.approx(factor, rel=0.4)
+
+
+def test_direction_of_a_streak_does_not_matter():
+    """Invariant: single frames do not know the direction of time."""
+    rows = rows_of(fall, rng=np.random.default_rng(0))
+    turned = [
+        FrameMotion(one.frame, one.time, one.sighting.reversed if k % 3 else one.sighting)
+        for k, one in enumerate(rows)
+    ]
+    a, b = (ClipPath.of(some).prior(7) for some in (rows, turned))
+    assert a.points == pytest.approx(b.points, abs=1e-6)
+
+
+def test_a_mistake_predicts_nothing_and_is_predicted():
+    rows = rows_of(fall, rng=np.random.default_rng(0))
+    wrong = rows[12].sighting.x + 8 * STD
+    found = ClipPath.of(rows[:12] + [row(12, fall, x=wrong)] + rows[13:])
+    assert np.flatnonzero(~found.used).tolist() == [12]
+    assert found.chi2[12].sum() > 30
+    assert found.prior(12).points == pytest.approx(ends_of(12, fall), abs=1)
+
+
+def test_too_few_frames_predict_nothing():
+    found = ClipPath.of(rows_of(fall, 4))
+    assert [found.prior(k) for k in range(4)] == [None] * 4
+    assert ClipPath.of([]).breaks == ()
