@@ -121,7 +121,7 @@ def test_direction_of_a_streak_does_not_matter():
 def test_a_mistake_predicts_nothing_and_is_predicted():
     rows = rows_of(fall, rng=np.random.default_rng(0))
     wrong = rows[12].sighting.x + 8 * STD
-    found = ClipPath.of(rows[:12] + [row(12, fall, x=wrong)] + rows[13:])
+    found = ClipPath.of([*rows[:12], row(12, fall, x=wrong), *rows[13:]])
     assert np.flatnonzero(~found.used).tolist() == [12]
     assert found.chi2[12].sum() > 30
     assert found.prior(12).points == pytest.approx(ends_of(12, fall), abs=1)

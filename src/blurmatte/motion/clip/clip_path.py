@@ -27,8 +27,8 @@ import numpy.typing as npt
 
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
 from blurmatte.motion.clip.smoothing import Estimate, Measurements, transition
-from blurmatte.sweep import PathPrior
-from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.sweep.model.motion_prior import PathPrior
 
 Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]

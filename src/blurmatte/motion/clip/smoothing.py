@@ -9,8 +9,8 @@ Over a time h
 
 N the shift to the next derivative, e the last one. A measurement k has the information (Λ, η) =
 (Hᵀ R⁻¹ H, Hᵀ R⁻¹ y) about s. Information from earlier and later ones is carried to its time by the
-two-filter recursion [Fraser and Potter 1969]; their sum is all but its own. Nothing is known of s before
-the first measurement.
+two-filter recursion [Fraser and Potter 1969]; their sum is all but its own. Nothing is known of s
+before the first measurement.
 """
 
 from dataclasses import dataclass

@@ -29,9 +29,9 @@ from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.scene import Crop, StaticScene
 from blurmatte.motion.clip.workers import Workers, shared
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak, dilated
 from blurmatte.sweep import MotionPrior, Sweep
-from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
 

@@ -14,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.centerline import center_curve, depth_of
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.ranking import DECISIVE_LOG_BAYES_FACTOR, best_of, ranked
+from blurmatte.sweep.fit.ranking import best_of, ranked
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior

@@ -13,9 +13,6 @@ from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
 
-# Units of log likelihood, about 150 to 1: decisive on the scale of Kass and Raftery (1995).
-DECISIVE_LOG_BAYES_FACTOR = 5.0
-
 
 def ranked(states: Sequence[State]) -> list[tuple[float, State]]:
     """Score above the best, units of log likelihood, and state; sorted, the best first.
