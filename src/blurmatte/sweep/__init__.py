@@ -6,14 +6,6 @@ from blurmatte.sweep.fit_sweep import fit_disc as fit_disc
 from blurmatte.sweep.fit_sweep import fit_hypotheses as fit_hypotheses
 from blurmatte.sweep.fit_sweep import fit_sweep as fit_sweep
 from blurmatte.sweep.fit_sweep import likeliest_streak as likeliest_streak
-<<<<<<< HEAD
-from blurmatte.sweep.model.path import path_family as path_family
-=======
-from blurmatte.sweep.model.chroma_subsampling import Compressed as Compressed
-from blurmatte.sweep.model.chroma_subsampling import file_of as file_of
-from blurmatte.sweep.model.chroma_subsampling import image_before as image_before
-from blurmatte.sweep.model.chroma_subsampling import light_of_colors as light_of_colors
->>>>>>> bcda4b4 (Decide silhouettes by the frames' summed Bayes factors)
 from blurmatte.sweep.model.motion_prior import MotionPrior as MotionPrior
 from blurmatte.sweep.model.motion_prior import PathPrior as PathPrior
 from blurmatte.sweep.model.path import path_family as path_family

@@ -12,9 +12,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.ranking import (
-    DECISIVE_LOG_BAYES_FACTOR,
     best_of,
     bic_penalty,
 )
