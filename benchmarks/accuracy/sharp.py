@@ -80,7 +80,7 @@ def scene(length: float, seed: int) -> Scene:
 
 def trial(camera: str, length: float, seed: int) -> Outcome:
     truth = render(scene(length, seed))
-    image, plate = Shot(truth.scene, CAMERAS[camera], frames=5, seed=seed).photograph(truth)
+    image, plate = Shot(truth.scene, CAMERAS[camera], plate_frames=5, seed=seed).photograph(truth)
     sweep = fit_sweep(image, plate, model=ColorModel.any())
     start = time.process_time()
     sharp = deblur(image, plate, sweep)

@@ -53,6 +53,8 @@ def test_mean_and_variance_are_those_of_the_dense_inverse(problem):
         covariance = np.linalg.inv(dense(equations.band[c] + prior))
         assert_allclose(normal.mean[:, c], covariance @ equations.right[c], rtol=1e-7)
         assert_allclose(normal.variances()[:, c], np.diag(covariance), rtol=1e-7)
+        i, j = lattice.edges.T
+        assert_allclose(normal.covariance_band()[c, i, j - i], covariance[i, j], rtol=1e-6)
 
 
 def test_evidence_is_that_of_the_data_as_a_normal_vector(problem):

@@ -7,13 +7,23 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.operator import blur_operator, poses_of
+from blurmatte.deblurring.operator import blur_operator, blurred, poses_of
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette
 
 
 def operator(sweep, **kwargs):
     return blur_operator(sweep, Lattice.of(sweep), Pixels.of_box(sweep.box), **kwargs)
+
+
+def test_blurred_values_are_the_product(ball):
+    lattice, pixels = Lattice.of(ball.sweep), Pixels.of_box(ball.sweep.box)
+    poses = poses_of(ball.sweep, 0.1, 0.6)
+    A = blur_operator(ball.sweep, lattice, pixels, poses)
+    values = np.random.default_rng(0).normal(size=(lattice.size, 2))
+    alpha, sums = blurred(values, ball.sweep, lattice, pixels, poses)
+    assert_allclose(alpha, np.asarray(A.sum(axis=1)).ravel(), atol=1e-12)
+    assert_allclose(sums, A @ values, atol=1e-12)
 
 
 def test_rows_sum_to_alpha(ball):

@@ -9,8 +9,9 @@ from numpy.testing import assert_allclose
 import blurmatte as bm
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.metrics import subframe_psnr
+from blurmatte.rendering import Camera, Shot
 
-from .conftest import case
+from .conftest import case, patches
 
 
 @pytest.fixture(scope="module")
@@ -76,16 +77,56 @@ def test_refinement_moves_the_path_to_the_truth(ball):
     assert np.sqrt(np.mean(error**2 / np.diag(found.covariance)[:4])) < 3
 
 
-def test_a_second_picture_in_another_direction_decreases_the_error(ball, sharp):
-    other = case(start=(36, 8.3), end=(24.2, 33.5))
-    both = bm.deblur(
-        [ball.image, other.image], [ball.plate, other.plate], [ball.sweep, other.sweep]
-    )
+def test_a_second_picture_in_another_direction_decreases_the_error():
+    alone, together = [], []
+    for seed in range(3):
+        first, other = case(seed=seed), case(start=(36, 8.3), end=(24.2, 33.5), seed=seed)
+        one = bm.deblur(first.image, first.plate, first.sweep)
+        both = bm.deblur(
+            [first.image, other.image], [first.plate, other.plate], [first.sweep, other.sweep]
+        )
+        color, nodes = true_color(first, one.lattice)
+        alone.append(np.mean((one.color[nodes] - color) ** 2))
+        together.append(np.mean((both.color[nodes] - color) ** 2))
+        assert np.mean(both.node_std) < np.mean(one.node_std)
+        assert both.at(0.5, picture=1).alpha.max() > 0.999
+    assert np.mean(together) < 0.9 * np.mean(alone)
+
+
+def test_pictures_of_different_distances_are_scaled_to_one_object(ball, sharp):
+    """The second picture is from farther away: the same ball with 0.75 of the radius."""
+    far = case(start=(36, 8.3), end=(24.2, 33.5), radius=6.0)
+    both = bm.deblur([ball.image, far.image], [ball.plate, far.plate], [ball.sweep, far.sweep])
+    assert [round(sweep.radius) for sweep in both.sweeps] == [8, 6]
+    assert both.misfit < 1.3
     color, nodes = true_color(ball, sharp.lattice)
-    alone, together = (np.sqrt(np.mean((s.color[nodes] - color) ** 2)) for s in (sharp, both))
-    assert together < 0.9 * alone
-    assert np.mean(both.node_std) < np.mean(sharp.node_std)
-    assert both.at(0.5, picture=1).alpha.max() > 0.999
+    alone, together = (np.mean((one.color[nodes] - color) ** 2) for one in (sharp, both))
+    assert together < 1.1 * alone
+    small = both.at(0.5, picture=1)
+    assert abs(small.alpha.sum() / (np.pi * 6**2) - 1) < 0.02
+    true = far.truth.scene.body.sharp(
+        *(np.arange(n) - at for n, at in zip((64, 42), far.sweep.trajectory.at(0.5), strict=True)),
+        far.truth.scene.pose(0.5),
+    )
+    inside = true[0] > 0.999
+    assert np.sqrt(np.mean((small.straight() - true[1])[inside] ** 2)) < 0.1
+
+
+def test_a_compressed_picture_is_sharper_under_the_likelihood_of_its_file(monkeypatch):
+    """A ball of saturated patches, 4:2:0: independent noise and unblurred chroma are wrong."""
+    truth = case(texture=patches(5)).truth
+    camera = Camera(code_std=1 / 255, bits=8, jpeg_quality=90, chroma="4:2:0")
+    image, plate = Shot(truth.scene, camera, plate_frames=5, seed=0).photograph(truth)
+    assert image.meta.compression is not None
+    sweep = case().sweep
+    fitted = bm.deblur(image, plate, sweep, refine=False)
+    monkeypatch.setattr(
+        "blurmatte.deblurring.sharp.compressed_color", lambda state, lattice, fit: fit.normal.mean
+    )
+    independent = bm.deblur(image, plate, sweep, refine=False)
+    color, nodes = true_color(case(texture=patches(5)), fitted.lattice)
+    error, before = (np.mean((one.color[nodes] - color) ** 2) for one in (fitted, independent))
+    assert error < 0.8 * before
 
 
 def test_color_std_covers_the_object(sharp):

@@ -22,13 +22,19 @@ def width_of(first, columns):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def add_normal(first, columns, values, weights, band):  # type: ignore[no-untyped-def]
-    """Add Aᵀ W A to a band (n, b + 1); weights (pixels,)."""
+def add_normal(first, columns, values, weights, bands):  # type: ignore[no-untyped-def]
+    """Add Aᵀ W A of three channels to bands (3, n, b + 1); weights (pixels, 3)."""
     for p in range(len(first) - 1):
-        if weights[p] == 0:
+        w0, w1, w2 = weights[p, 0], weights[p, 1], weights[p, 2]
+        if w0 == 0 and w1 == 0 and w2 == 0:
             continue
         end = first[p + 1]
         for q in range(first[p], end):
-            i, scaled = columns[q], weights[p] * values[q]
+            i, value = columns[q], values[q]
+            s0, s1, s2 = w0 * value, w1 * value, w2 * value
+            row0, row1, row2 = bands[0, i], bands[1, i], bands[2, i]
             for r in range(q, end):
-                band[i, columns[r] - i] += scaled * values[r]
+                k = columns[r] - i
+                row0[k] += s0 * values[r]
+                row1[k] += s1 * values[r]
+                row2[k] += s2 * values[r]

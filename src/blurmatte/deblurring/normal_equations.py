@@ -48,9 +48,7 @@ class NormalEquations:
         from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
         band = np.zeros((3, lattice.size, bandwidth(A, lattice) + 1))
-        for c in range(3):
-            weights = np.ascontiguousarray(weight[:, c])
-            kernel.add_normal(A.indptr, A.indices, A.data, weights, band[c])
+        kernel.add_normal(A.indptr, A.indices, A.data, np.ascontiguousarray(weight), band)
         right = np.asarray(A.T @ (weight * light)).T
         return cls(
             band, right, (weight * light**2).sum(axis=0), int((weight > 0).all(axis=1).sum())
@@ -113,28 +111,35 @@ class Normal:
 
     def variances(self) -> Array:
         """(n, 3) variances of the nodes."""
-        return np.stack([_inverse_diagonal(factor) for factor in self.factors], axis=1)
+        return self.covariance_band()[..., 0].T
+
+    def covariance_band(self) -> Array:
+        """(3, n, b + 1) the covariances as bands; elements outside are not 0 but not computed."""
+        return np.stack([_inverse_band(factor) for factor in self.factors])
 
 
-def _inverse_diagonal(factor: Array) -> Array:
-    """(n,) diagonal of S⁻¹ from the band of its Cholesky factor L [Takahashi, Fagan & Chen 1973].
+def _inverse_band(factor: Array) -> Array:
+    """(n, b + 1) band of S⁻¹ from that of its Cholesky factor L [Takahashi, Fagan & Chen 1973].
 
     In blocks of the band's width S is tridiagonal. With G = L[k + 1, k] L[k, k]⁻¹ the blocks of the
     inverse are, from the last one upwards,
 
-        Z[k, k] = (L[k, k] L[k, k]ᵀ)⁻¹ + Gᵀ Z[k + 1, k + 1] G.
+        Z[k + 1, k] = −Z[k + 1, k + 1] G,   Z[k, k] = (L[k, k] L[k, k]ᵀ)⁻¹ − Gᵀ Z[k + 1, k].
     """
     from scipy.linalg.lapack import dtrtri
 
-    n, width = len(factor), factor.shape[1]
-    diagonal, later = np.empty(n), np.zeros((0, 0))
+    n, width = factor.shape
+    band, later = np.zeros_like(factor), np.zeros((0, 0))
     for begin in range((n - 1) // width * width, -1, -width):
         end, last = min(begin + width, n), min(begin + 2 * width, n)
         inverse, _ = dtrtri(_block(factor, begin, end, begin, end), lower=1)
         G = _block(factor, end, last, begin, end) @ inverse
-        later = inverse.T @ inverse + G.T @ (later @ G)
-        diagonal[begin:end] = np.diag(later)
-    return diagonal
+        below = -later @ G
+        later = inverse.T @ inverse - G.T @ below
+        rows = np.concatenate([later, below, np.zeros((2 * width - (last - begin), end - begin))])
+        column = np.arange(end - begin)[:, None]
+        band[begin:end] = rows[column + np.arange(width), column]
+    return band
 
 
 def _block(factor: Array, top: int, bottom: int, left: int, right: int) -> Array:

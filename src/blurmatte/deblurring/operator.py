@@ -69,17 +69,32 @@ def blur_operator(
     """A (h w, n) of the pixels of a box: nodes of the straight color → premultiplied light."""
     from scipy.sparse import csr_matrix
 
-    from blurmatte.deblurring import (
-        operator_kernel as kernel,
-    )  # numba takes half a second to import
+    from blurmatte.deblurring import operator_kernel as kernel  # numba takes half a second
 
     poses = poses_of(sweep) if poses is None else poses
+    first, columns, values = kernel.rows_of(*_moments(sweep, lattice, pixels, poses))
+    shape = (pixels.shape[0] * pixels.shape[1], lattice.size)
+    return csr_matrix((values, columns, first), shape=shape)
+
+
+def blurred(
+    values: Array, sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses
+) -> tuple[Array, Array]:
+    """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
+    from blurmatte.deblurring import operator_kernel as kernel  # numba takes half a second
+
+    moments = _moments(sweep, lattice, pixels, poses)
+    alpha, sums = kernel.sums_of(*moments, np.ascontiguousarray(values))
+    return np.asarray(alpha), np.asarray(sums)
+
+
+def _moments(sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses) -> tuple[Any, ...]:
+    """Arguments of the kernels: the poses on the lattice, and where they cover pixels."""
+    from blurmatte.deblurring import operator_kernel as kernel  # numba takes half a second
+
     xy = poses.xy - np.array(pixels.origin)
     rim, soft = sweep.silhouette.rim(sweep.shape), sweep.softness
     covered = kernel.covered_moments(xy, poses.maps, rim, soft, pixels.shape)
     to_lattice = np.linalg.inv(poses.maps) * (lattice.radius / sweep.radius / lattice.pitch)
-    first, columns, values = kernel.rows_of(
-        poses.durations, xy, to_lattice, lattice.corner, lattice.node, pixels.shape[1], covered
-    )
-    shape = (pixels.shape[0] * pixels.shape[1], lattice.size)
-    return csr_matrix((values, columns, first), shape=shape)
+    width = pixels.shape[1]
+    return poses.durations, xy, to_lattice, lattice.corner, lattice.node, width, covered

@@ -18,10 +18,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.deblurring.gaussian import GaussianFit, fit_gaussian, fit_strength
+from blurmatte.deblurring.gaussian import (
+    GaussianFit,
+    fit_gaussian,
+    fit_strength,
+    refit_strength,
+)
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
-from blurmatte.deblurring.operator import Sparse
+from blurmatte.deblurring.operator import Sparse, blurred, poses_of
 from blurmatte.deblurring.view import View
 from blurmatte.sweep.sweep import Sweep
 
@@ -100,9 +105,11 @@ def refined(views: Sequence[View], lattice: Lattice) -> Explained:
             break
     if state is first:
         return first
-    information, _ = _information(state, first, lattice, prior)
-    covariance = np.asarray(np.linalg.inv(information), float)
-    return explained(_with_covariance(state.views, covariance), lattice)
+    covariance = np.asarray(np.linalg.inv(information), float)  # before the last, small, step
+    views = _with_covariance(state.views, covariance)
+    Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
+    fit = refit_strength(state.equations, Q, state.fit.strength)
+    return replace(state, views=tuple(views), fit=fit)
 
 
 def _along(
@@ -160,9 +167,9 @@ def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     """J (pixels, 3, k) by differences over a standard deviation of each parameter."""
 
     def model(moved: View) -> Array:
-        A = moved.blur(lattice, step=_DERIVATIVE_STEP_PX)
-        alpha = np.asarray(A.sum(axis=1))
-        return np.asarray(A @ color - alpha * view.B)
+        poses = poses_of(moved.sweep, step=_DERIVATIVE_STEP_PX)
+        alpha, light = blurred(color, moved.sweep, lattice, view.pixels, poses)
+        return light - alpha[:, None] * view.B
 
     at, start = parameters(view.sweep), model(view)
     std = np.sqrt(np.diag(view.sweep.covariance))

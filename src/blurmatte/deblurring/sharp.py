@@ -1,7 +1,7 @@
 """Sharp: an object as it was at any moment of the exposure, and `deblur`, which finds it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -9,10 +9,11 @@ from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
+from blurmatte.deblurring.compressed import compressed_color
 from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import bandwidth
-from blurmatte.deblurring.operator import Poses, blur_operator, poses_of
+from blurmatte.deblurring.operator import Poses, blurred, poses_of
 from blurmatte.deblurring.refine import explained, refined
 from blurmatte.deblurring.total_variation import fit_total_variation
 from blurmatte.deblurring.view import View
@@ -27,6 +28,7 @@ Array = npt.NDArray[np.float64]
 
 
 _MAX_WORK = 4e8  # operations of a Cholesky factor: a disc of 40 pixels on a line
+_COARSE_STEP_PX = 2.0  # of motion between two moments, to estimate a bandwidth
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,9 +124,8 @@ class Sharp:
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
         """Alpha (h, w, 1) in the sweep's box, and values of the nodes (n, c) times alpha (h, w, c)."""
         pixels = Pixels.of_box(sweep.box)
-        A = blur_operator(sweep, self.lattice, pixels, poses)
-        alpha = np.asarray(A.sum(axis=1)).reshape(*pixels.shape, 1)
-        return alpha, np.asarray(A @ values).reshape(*pixels.shape, -1)
+        alpha, sums = blurred(values, sweep, self.lattice, pixels, poses)
+        return alpha.reshape(*pixels.shape, 1), sums.reshape(*pixels.shape, -1)
 
     def _placed(self, values: Array, sweep: Sweep) -> Array:
         """A box in the whole picture, zeros around it."""
@@ -187,6 +188,9 @@ def deblur(
         lattice = _affordable(views)
         state = refined(views, lattice) if refine else explained(views, lattice)
         fit = fit_total_variation(state.equations, lattice, state.fit)
+        if any(view.stored is not None for view in views):
+            normal = replace(fit.normal, mean=compressed_color(state, lattice, fit))
+            fit = replace(fit, normal=normal)
         return _sharp([view.sweep for view in state.views], lattice, fit)
 
 
@@ -197,7 +201,7 @@ def _affordable(views: Sequence[View]) -> Lattice:
     objects on curved paths, whose bands are wide, get a coarser lattice.
     """
     lattice = Lattice.of(views[0].sweep)
-    width = max(bandwidth(view.blur(lattice), lattice) for view in views)
+    width = max(bandwidth(view.blur(lattice, _COARSE_STEP_PX), lattice) for view in views)
     work = lattice.size * float(width) ** 2
     if work <= _MAX_WORK:
         return lattice

@@ -1,0 +1,182 @@
+"""The numbers that a JPEG file stores of a picture, as linear functions of its code values.
+
+In this file Y is luma, Cb and Cr are chroma [T.871], R, G and B code values 0…255. A file stores the
+cosine transforms of blocks of 8 by 8 pixels, of chroma after averaging the pixels that share it, each
+rounded to a multiple of its step q: with a variance of q²/12 about the picture's. Decoders interpolate
+chroma linearly.
+
+All this is separable: a component x (h, w) has the coefficients R x Cᵀ, with sparse matrices R and C of
+whole coded units, of which the picture shows a part.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.radiometry import LUMA_WEIGHTS, Compression
+
+Array = npt.NDArray[np.float64]
+Matrix = Any  # scipy.sparse.csr_matrix
+
+_BLOCK = 8  # pixels, width of a block of the cosine transform
+_R, _, _B = np.eye(3)
+_YCC = np.stack(
+    [
+        LUMA_WEIGHTS,
+        (_B - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[2]),
+        (_R - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[0]),
+    ]
+)
+
+
+@dataclass(frozen=True)
+class _Axis:
+    """Matrices along an axis: `size` pixels from `start` in whole units, `shared` with one chroma."""
+
+    size: int
+    start: int
+    shared: int
+
+    @property
+    def whole(self) -> int:
+        """Pixels of the whole units."""
+        unit = _BLOCK * self.shared
+        return -(-(self.start + self.size) // unit) * unit
+
+    def part(self, matrix: Matrix) -> Matrix:
+        """The columns of the pixels shown."""
+        return matrix[:, self.start : self.start + self.size]
+
+    @cached_property
+    def luma(self) -> Matrix:
+        """Pixels → coefficients of luma."""
+        return self.part(_cosines(self.whole))
+
+    @cached_property
+    def mean(self) -> Matrix:
+        """Pixels of the units → their chroma."""
+        from scipy.sparse import identity, kron
+
+        number = self.whole // self.shared
+        return kron(identity(number), np.full((1, self.shared), 1 / self.shared), format="csr")
+
+    @cached_property
+    def interpolated(self) -> Matrix:
+        """Chroma → pixels of the units; pairs are 3/4 their own and 1/4 the next one's."""
+        from scipy.sparse import csr_matrix, identity
+
+        number = self.whole // self.shared
+        if self.shared == 1:
+            return identity(number, format="csr")
+        pixel = np.arange(self.whole)
+        own = pixel // 2
+        other = np.clip(own + 2 * (pixel % 2) - 1, 0, number - 1)
+        weights = np.concatenate([np.full(self.whole, 0.75), np.full(self.whole, 0.25)])
+        places = np.concatenate([pixel, pixel]), np.concatenate([own, other])
+        return csr_matrix((weights, places), shape=(self.whole, number))
+
+    @cached_property
+    def chroma(self) -> Matrix:
+        """Pixels before the file → coefficients of chroma."""
+        return self.part(_cosines(self.whole // self.shared) @ self.mean)
+
+    @cached_property
+    def stored(self) -> Array:
+        """Pixels after the file → coefficients of chroma, (k, size): interpolation is inverted."""
+        smoothing = (self.mean @ self.interpolated).toarray()
+        cosines = _cosines(self.whole // self.shared).toarray()
+        return np.asarray(self.part(cosines @ np.linalg.solve(smoothing, self.mean.toarray())))
+
+    @cached_property
+    def seen(self) -> Matrix:
+        """Chroma of pixels before the file → after it; beyond the picture's edges as at them."""
+        from scipy.sparse import csr_matrix
+
+        places = np.clip(np.arange(self.whole) - self.start, 0, self.size - 1)
+        shape = self.whole, self.size
+        edges = csr_matrix((np.ones(self.whole), (np.arange(self.whole), places)), shape=shape)
+        return (self.interpolated @ self.mean @ edges)[self.start : self.start + self.size]
+
+
+def _cosines(count: int) -> Matrix:
+    """Orthonormal cosine transform of blocks of so many pixels."""
+    from scipy.fft import dct
+    from scipy.sparse import identity, kron
+
+    block = dct(np.eye(_BLOCK), axis=0, norm="ortho")
+    return kron(identity(count // _BLOCK), block, format="csr")
+
+
+@dataclass(frozen=True, eq=False)
+class Coefficients:
+    """The transform of a part of a picture.
+
+    Parameters
+    ----------
+    compression : Compression
+        Its origin is that of the part.
+    shape : (int, int)
+        Height and width of the part.
+    """
+
+    compression: Compression
+    shape: tuple[int, int]
+
+    @cached_property
+    def _axes(self) -> tuple[_Axis, _Axis]:
+        """Vertical and horizontal."""
+        x, y = (o % n for o, n in zip(self.compression.origin, self.compression.mcu, strict=True))
+        across, down = self.compression.shared
+        return _Axis(self.shape[0], y, down), _Axis(self.shape[1], x, across)
+
+    @cached_property
+    def _pairs(self) -> tuple[tuple[Matrix, Matrix], ...]:
+        """R and C of Y, Cb, Cr."""
+        vertical, horizontal = self._axes
+        chroma = vertical.chroma, horizontal.chroma
+        return (vertical.luma, horizontal.luma), chroma, chroma
+
+    @cached_property
+    def step_variances(self) -> tuple[Array, ...]:
+        """Variance of rounding, q² / 12, of the coefficients of Y, Cb, Cr."""
+        tables = self.compression.luma, self.compression.chroma, self.compression.chroma
+        return tuple(
+            np.tile(np.square(q) / 12.0, (R.shape[0] // _BLOCK, C.shape[0] // _BLOCK))
+            for q, (R, C) in zip(tables, self._pairs, strict=True)
+        )
+
+    def of(self, codes: Array) -> list[Array]:
+        """Coefficients of differences of code values (h, w, 3), 0 beyond the edges, before a file."""
+        components = np.moveaxis(codes @ _YCC.T, -1, 0)
+        pairs = zip(components, self._pairs, strict=True)
+        return [np.asarray((C @ (R @ x).T).T) for x, (R, C) in pairs]
+
+    def stored(self, codes: Array) -> list[Array]:
+        """Coefficients of differences of code values (h, w, 3) read from a file."""
+        luma, *chroma = np.moveaxis(codes @ _YCC.T, -1, 0)
+        (R, C), (vertical, horizontal) = self._pairs[0], self._axes
+        of_chroma = [vertical.stored @ x @ horizontal.stored.T for x in chroma]
+        return [np.asarray((C @ (R @ luma).T).T), *of_chroma]
+
+    def adjoint(self, coefficients: list[Array]) -> Array:
+        """(h, w, 3) the adjoint of `of`."""
+        pairs = zip(coefficients, self._pairs, strict=True)
+        return np.asarray(np.stack([(C.T @ (R.T @ x).T).T for x, (R, C) in pairs], axis=-1) @ _YCC)
+
+    def variances(self, codes: Array) -> list[Array]:
+        """Variances of the coefficients from those of independent code values (h, w, 3)."""
+        components = np.moveaxis(codes @ np.square(_YCC).T, -1, 0)
+        pairs = zip(components, self._pairs, strict=True)
+        return [np.asarray((C.power(2) @ (R.power(2) @ x).T).T) for x, (R, C) in pairs]
+
+    def seen(self, codes: Array) -> Array:
+        """Code values (h, w, 3) with the chroma that a file returns."""
+        vertical, horizontal = self._axes
+        luma = (codes @ LUMA_WEIGHTS)[..., None]
+        chroma = [
+            (horizontal.seen @ (vertical.seen @ x).T).T for x in np.moveaxis(codes - luma, -1, 0)
+        ]
+        return np.asarray(luma + np.stack(chroma, axis=-1))
