@@ -4,6 +4,7 @@ import json
 
 import numpy as np
 import pytest
+from PIL import Image
 from typer.testing import CliRunner
 
 import blurmatte as bm
@@ -69,6 +70,31 @@ def test_frames_are_a_clip_of_layers(folder, tmp_path):
     said = good("sharpen", folder / "layer.exr", "--frames", 3, "-o", tmp_path / "ball.mov")
     assert "3 sharp" in said.output
     assert len(list(bm.read_layers(tmp_path / "ball.mov"))) == 3
+
+
+def test_several_layers_are_one_clip(folder, tmp_path):
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "layer.exr").write_bytes((folder / "layer.exr").read_bytes())
+    said = good("sharpen", tmp_path / "*/layer.exr", "--frames", 2, "-o", tmp_path / "ball.mov")
+    assert said.output.count("2 sharp") == 2
+    assert "not refined" in said.output
+    assert len(list(bm.read_layers(tmp_path / "ball.mov"))) == 4
+    good("sharpen", tmp_path / "*/layer.exr", "-o", tmp_path / "row.##.exr")
+    assert len(list(tmp_path.glob("row.*.exr"))) == 2
+    sheet = "--sheet", tmp_path / "sheet.png"
+    assert "one layer" in refused("sharpen", tmp_path / "*/layer.exr", *sheet, "-o", "a.mov")
+
+
+def test_clips_without_alpha_show_the_moments_over_the_plate(folder, tmp_path):
+    for name in ("ball.webp", "ball.gif"):
+        good(
+            *("sharpen", folder / "layer.exr", "--plate", folder / "plate.png"),
+            *("--frames", 3, "-o", tmp_path / name),
+        )
+        with Image.open(tmp_path / name) as clip:
+            assert clip.n_frames == 3
+            assert clip.size == SIZE
 
 
 def test_pictures_refine_the_path_and_are_behind_a_gif(folder, tmp_path):

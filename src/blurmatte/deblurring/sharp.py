@@ -225,9 +225,10 @@ def deblur_solution(solution: Solution) -> Sharp:
             "no shape on a path explains this object, so it cannot be deblurred; solve its pictures "
             "with a color or a region, until the sweep is accepted"
         )
-    light = np.where(solution.known[..., None], solution.premultiplied, 0).astype(float)
-    variance = np.where(solution.known[..., None], solution.premultiplied_std**2, 1).astype(float)
-    picture = LinearImage(light, variance, solution.known)
+    known = solution.known & np.isfinite(solution.premultiplied_std).all(axis=-1)
+    light = np.where(known[..., None], solution.premultiplied, 0).astype(float)
+    variance = np.where(known[..., None], solution.premultiplied_std, 1).astype(float) ** 2
+    picture = LinearImage(light, variance, known)
     nothing = np.zeros_like(light)
     return deblur(picture, LinearImage(nothing, nothing), solution.sweep, refine=False)
 

@@ -45,7 +45,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
     panels += [
         Panel(_over_checks(one.crop(box)), name) for one, name in zip(moments, names, strict=True)
     ]
-    sheet.grid(panels, Layout.best(size, len(panels)), "the object")
+    sheet.grid(panels, _row(size, len(panels)), "the object")
     close = box_around(moments[1]) or box
     part = moments[1].crop(close)
     x0, y0, x1, y1 = close
@@ -60,10 +60,14 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
         "the color and its standard deviation",
     )
     frames = [Panel(_over_checks(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
-    sheet.grid(
-        frames, Layout.best(size, len(frames)), "sub-frames; the direction of time is unknown"
-    )
+    sheet.grid(frames, _row(size, len(frames)), "sub-frames; the direction of time is unknown")
     return sheet.pixels()
+
+
+def _row(size: tuple[int, int], count: int) -> Layout:
+    """Panels in one row, or in two or more if that shows them larger."""
+    layouts = [Layout.best(size, count, columns) for columns in (count, count // 2, 2)]
+    return max(layouts, key=lambda layout: layout.scale)
 
 
 def _over_checks(layer: Layer) -> Pixels:
