@@ -156,6 +156,13 @@ def test_a_solution_is_deblurred_without_its_pictures(ball):
         bm.deblur_solution(replace(solution, sweep=None))
 
 
+def test_a_rejected_sweep_is_warned_of(ball):
+    diagnostics = replace(ball.sweep.diagnostics, converged=False)
+    rejected = replace(ball.sweep, diagnostics=diagnostics)
+    with pytest.warns(bm.BlurmatteWarning, match="did not converge"):
+        bm.deblur(ball.image, ball.plate, rejected, refine=False)
+
+
 def test_large_curved_objects_get_a_coarser_lattice(ball, monkeypatch):
     monkeypatch.setattr("blurmatte.deblurring.sharp._MAX_WORK", 1e4)
     coarse = bm.deblur(ball.image, ball.plate, ball.sweep, refine=False)

@@ -1,5 +1,6 @@
 """Sharp: an object as it was at any moment of the exposure, and `deblur`, which finds it."""
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -17,7 +18,7 @@ from blurmatte.deblurring.operator import Poses, blurred, poses_of
 from blurmatte.deblurring.refine import explained, refined
 from blurmatte.deblurring.total_variation import fit_total_variation
 from blurmatte.deblurring.view import View
-from blurmatte.errors import MotionError
+from blurmatte.errors import BlurmatteWarning, MotionError
 from blurmatte.layer import Layer
 from blurmatte.matting.solution import Solution
 from blurmatte.radiometry import LinearImage, check_picture
@@ -163,6 +164,11 @@ def deblur(
     -------
     Sharp
 
+    Warns
+    -----
+    BlurmatteWarning
+        If a sweep has a `rejection`.
+
     Raises
     ------
     TypeError, ValueError
@@ -183,15 +189,29 @@ def deblur(
         check_kind("sweep", motion, Sweep, "use blurmatte.fit_sweep(image, plate)")
         check_same_size("the sweep", motion.size, "the image", picture.size)
         check_same_size("the plate", behind.size, "the image", picture.size)
+        _warn_if_rejected(motion)
         views.append(View.of(*with_noise(picture, behind), motion))
     with threadpool_limits(1):  # blocks of a band are small: threads wait longer than they work
-        lattice = _affordable(views)
-        state = refined(views, lattice) if refine else explained(views, lattice)
-        fit = fit_total_variation(state.equations, lattice, state.fit)
-        if any(view.stored is not None for view in views):
-            normal = replace(fit.normal, mean=compressed_color(state, lattice, fit))
-            fit = replace(fit, normal=normal)
-        return _sharp([view.sweep for view in state.views], lattice, fit)
+        return _explained_by(views, refine)
+
+
+def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
+    lattice = _affordable(views)
+    state = refined(views, lattice) if refine else explained(views, lattice)
+    fit = fit_total_variation(state.equations, lattice, state.fit)
+    if any(view.stored is not None for view in views):
+        normal = replace(fit.normal, mean=compressed_color(state, lattice, fit))
+        fit = replace(fit, normal=normal)
+    return _sharp([view.sweep for view in state.views], lattice, fit)
+
+
+def _warn_if_rejected(sweep: Sweep) -> None:
+    if sweep.rejection:
+        warnings.warn(
+            f"the fit of the sweep {sweep.rejection}: an object deblurred along it may be wrong",
+            BlurmatteWarning,
+            stacklevel=3,
+        )
 
 
 def _affordable(views: Sequence[View]) -> Lattice:
