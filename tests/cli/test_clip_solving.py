@@ -38,10 +38,15 @@ def shot(tmp_path_factory):
 
 def test_numbered_pictures_become_layers_and_are_solved_once(shot, tmp_path):
     words = ("solve", shot / "f.####.exr", "--plate", shot / "plate.exr", "-o", tmp_path / "o")
-    words += ("--color", "#e9b45e", "--workers", "1")
+    graphics = np.zeros((48, 72, 3), np.uint8)
+    graphics[40:, :10] = 255
+    bm.write(tmp_path / "graphics.png", graphics)
+    words += ("--color", "#e9b45e", "--workers", "1", "--table", "parquet")
+    words += ("--occluder", tmp_path / "graphics.png")
     first = run(*words)
     assert first.exit_code == 0, first.stderr
     assert "4 layers" in first.stdout
+    assert "frames.parquet" in first.stdout
     assert sorted(p.name for p in (tmp_path / "o").glob("layer.*")) == [
         f"layer.{k:06d}.exr" for k in range(1, 5)
     ]
@@ -75,6 +80,7 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
         (("--region", "1,1,9,9", "--layers", "exr"), "a clip takes no --region"),
         (("--color", "12,12"), "give --color as hex or a model file"),
         (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
+        (("--table", "xlsx"), "--table must be csv or parquet"),
         (("--frames", "7:9"), "selects no frame"),
         (("--workers", "2", "--scheduler", "tcp://host:8786"), "give --workers or --scheduler"),
     ],

@@ -11,7 +11,7 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import app
+from blurmatte.cli import app, clips
 from blurmatte.cli.clip_table import Known, table
 from blurmatte.motion import Workers
 from blurmatte.rendering import colorful_plate
@@ -110,7 +110,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     track("--out", out)
     whole = out.read_bytes()
     out.unlink()
-    real = bm.sightings
+    real = clips.sightings_in_scene
 
     def interrupted(*args, **options):
         for k, seen in enumerate(real(*args, **options)):
@@ -118,7 +118,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
                 raise KeyboardInterrupt
             yield seen
 
-    monkeypatch.setattr(bm, "sightings", interrupted)
+    monkeypatch.setattr(clips, "sightings_in_scene", interrupted)
     stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
     assert f"{begun}: keeps the finished frames; add --resume to continue" in stopped.stderr
@@ -130,7 +130,9 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     other = track("--out", out, "--resume", "--frames", "::2")
     assert "was begun with other options" in other.stderr
     skipped = []
-    monkeypatch.setattr(bm, "sightings", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o))
+    monkeypatch.setattr(
+        clips, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+    )
     assert track("--out", out, "--resume").exit_code == 0
     assert skipped == [2]
     assert out.read_bytes() == whole
@@ -152,8 +154,10 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     out.unlink()
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
-    real, skipped = bm.sightings, []
-    monkeypatch.setattr(bm, "sightings", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o))
+    real, skipped = clips.sightings_in_scene, []
+    monkeypatch.setattr(
+        clips, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+    )
     resume = ("--resume",) if first_new else ()
     assert track("--out", out, *resume).exit_code == 0
     assert skipped == [first_new]
@@ -184,7 +188,7 @@ def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, m
         raise ValueError("Singular matrix")
         yield
 
-    monkeypatch.setattr(bm, "sightings", fails)
+    monkeypatch.setattr(clips, "sightings_in_scene", fails)
     assert track("--out", tmp_path / "t.csv").exit_code == 2
     assert list(tmp_path.iterdir()) == []
 

@@ -2,11 +2,13 @@
 
 import os
 import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.clips.conftest import FIRST, LAST
+from tests.clips.conftest import COLOR, COUNT, FIRST, LAST, NOISE
 
 import blurmatte as bm
 from blurmatte.motion.clip.workers import Failure
@@ -84,8 +86,12 @@ def test_interrupted_run_ends_with_the_same_bytes(shot, once, tmp_path):
     assert (tmp_path / "frames.csv").read_bytes() == (once[0] / "frames.csv").read_bytes()
 
 
-def test_movie_is_as_long_as_the_clip(shot, tmp_path):
-    saved(shot, tmp_path, extension=".mov")
+def test_movie_is_as_long_as_the_clip_and_table_may_be_parquet(shot, once, tmp_path):
+    pq = pytest.importorskip("pyarrow.parquet")
+    saved(shot, tmp_path, extension=".mov", table=".parquet")
+    table = pq.read_table(tmp_path / "frames.parquet")
+    assert table.column_names == (once[0] / "frames.csv").read_text().split("\n")[0].split(",")
+    assert table["frame"].to_pylist() == list(range(FIRST, LAST + 1))
     layers = bm.read_layers(tmp_path / "layers.mov")
     assert len(layers) == 12
     assert [k for k, layer in enumerate(layers) if layer.alpha.max() > 0.1] == [*range(3, 10)]
@@ -132,7 +138,99 @@ def test_failure_is_named_and_the_rest_goes_on(count):
     assert str(failure.error) == "one is bad"
 
 
-def test_cluster_writes_the_same_bytes(shot, once, tmp_path):
+KILLED_RUN = """
+import os, signal, sys
+from pathlib import Path
+import blurmatte as bm
+from blurmatte.clips.manifest import Manifest
+
+shot, folder, stop = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3])
+append, count = Manifest.append, [0]
+
+def dying(self, kind, value):
+    count[0] += 1
+    if count[0] == stop:
+        self.file.write('{"' + kind)  # half a line
+        self.file.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+    append(self, kind, value)
+
+Manifest.append = dying
+inputs = (*sorted(shot.glob("shot.*.exr")), shot / "plate.exr")
+run = bm.ClipRun(inputs, bm.read_frames(shot / "shot.####.exr"), bm.read(shot / "plate.exr"))
+list(bm.save_clip(run, folder, bm.Workers(1)))
+"""
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
+@pytest.mark.parametrize("stop", [4, 14])  # while frames are measured, and while they are solved
+def test_killed_run_ends_with_the_same_bytes(shot, once, tmp_path, stop):
+    words = [sys.executable, "-c", KILLED_RUN, str(shot), str(tmp_path), str(stop)]
+    killed = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert killed.returncode == -signal.SIGKILL, killed.stderr
+    assert not (tmp_path / "frames.csv").exists()
+    report = saved(shot, tmp_path)
+    assert report.new == len(NAMES) - max(stop - 1 - COUNT, 0)
+    assert contents(tmp_path) == contents(once[0])
+
+
+def test_missing_pyarrow_is_said_at_once(shot, monkeypatch):
+    monkeypatch.setitem(sys.modules, "pyarrow.parquet", None)
+    with pytest.raises(bm.FileError, match=r"blurmatte\[tables\]"):
+        run_of(shot, table=".parquet")
+    with pytest.raises(ValueError, match="xlsx"):
+        run_of(shot, table=".xlsx")
+
+
+def test_graphics_in_front_of_the_scene_are_no_motion(pictures, truth):
+    """A clock at the bottom changes in every frame; the ball is solved, and nothing else."""
+    frames, plate = pictures
+    hidden = np.zeros(plate.valid.shape, bool)
+    hidden[36:48, 20:60] = True
+    rng, shown = np.random.default_rng(4), []
+    for frame in frames:
+        light = frame.rgb.copy()
+        light[38:46, 22:58] = rng.uniform(0, 1, (8, 36, 3))
+        shown.append(bm.LinearImage(light, bm.NoiseModel(read_std=NOISE)))
+    plate = plate.with_noise(bm.NoiseModel(read_std=1e-4))
+    model = bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR))
+    solved = dict(bm.solve_clip(shown, plate, model, occluder=hidden))
+    assert sorted(solved) == list(range(FIRST, LAST + 1))
+    for k, solution in solved.items():
+        error = np.where(solution.known, solution.alpha, 0) - truth[k].alpha
+        assert np.sqrt(np.mean(error[truth[k].alpha > 0] ** 2)) < 0.02
+
+
+def test_occluder_of_another_size_is_refused(pictures):
+    frames, plate = pictures
+    with pytest.raises(ValueError, match="occluder"):
+        next(bm.solve_clip(frames, plate, occluder=np.zeros((3, 4), bool)))
+
+
+def test_layers_agree_in_other_readers(once, pictures):
+    """OpenEXR and oiio's own `over` composite a layer to the frame, noise of the frame apart."""
+    OpenEXR = pytest.importorskip("OpenEXR")
+    oiio = pytest.importorskip("OpenImageIO")
+    folder, _ = once
+    frames, plate = pictures
+    k, name = FIRST + 2, str(folder / NAMES[2])
+    with OpenEXR.File(name) as file:
+        rgba = file.channels()["RGBA"].pixels
+    under = np.dstack([plate.rgb, np.ones(plate.rgb.shape[:2])]).astype(np.float32)
+    layer, below = oiio.ImageBuf(name), oiio.ImageBuf(under)
+    below.specmod().alpha_channel = 3
+    composites = [
+        rgba[..., :3] + (1 - rgba[..., 3:]) * plate.rgb,
+        oiio.ImageBufAlgo.over(layer, below).get_pixels(oiio.FLOAT)[..., :3],
+    ]
+    own = bm.read_layer(name).over(plate).rgb
+    for composite in composites:
+        assert np.sqrt(np.mean((composite - own) ** 2)) < 10 ** (-70 / 20)
+        assert np.sqrt(np.mean((composite - frames[k].rgb) ** 2)) < 1.15 * NOISE
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
+def test_cluster_that_loses_a_worker_writes_the_same_bytes(shot, once, tmp_path):
     distributed = pytest.importorskip("distributed", reason="needs the `cluster` extra")
     with (
         distributed.LocalCluster(
@@ -141,6 +239,10 @@ def test_cluster_writes_the_same_bytes(shot, once, tmp_path):
         distributed.Client(local) as client,
         bm.cluster_workers(client, tmp_path) as workers,
     ):
-        saved(shot, tmp_path, workers)
+        victim = min(client.run(os.getpid).values())
+        for event in bm.save_clip(run_of(shot), tmp_path, workers):
+            if isinstance(event, bm.FrameRecord) and victim:
+                os.kill(victim, signal.SIGKILL)
+                victim = 0
     for name in (*NAMES, "frames.csv", "report.json"):
         assert (tmp_path / name).read_bytes() == (once[0] / name).read_bytes()

@@ -34,6 +34,51 @@ def test_light_of_a_box_is_that_of_the_decoded_frame(frames, which):
         assert np.array_equal(frame.light(every=5).rgb, image.rgb[::5, ::5])
 
 
+def test_frames_in_any_order_are_those_in_order(frames):
+    """Invariant: a clip that stays open gives the frames of one that is opened anew."""
+    planes = [frame.planes[0].copy() for frame in frames.coded(slice(None))]
+    for k in (3, 4, 50, 20, 20, 59, 0):
+        (frame,) = frames.coded(slice(k, k + 1))
+        assert frame.number == k
+        assert np.array_equal(frame.planes[0], planes[k])
+
+
+def test_clip_that_was_written_again_is_read_again(tmp_path):
+    for light in (0.2, 0.6):
+        images = [bm.LinearImage(np.full((48, 64, 3), light, np.float32))] * 3
+        bm.write_frames(tmp_path / "clip.mp4", images)
+        frame = next(bm.read_frames(tmp_path / "clip.mp4").coded(slice(1, 2)))
+        assert frame.light().rgb.mean() == pytest.approx(light, rel=0.02)
+
+
+def with_keys_every(path, count, distance):
+    """A clip whose key frames are so many frames apart."""
+    av = pytest.importorskip("av")
+    with av.open(str(path), "w") as target:
+        options = {"g": str(distance), "sc_threshold": "0"}
+        stream = target.add_stream("libx264", rate=25, options=options)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        for k in range(count):
+            picture = np.full((48, 64, 3), 40 + 2 * k, np.uint8)
+            target.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+        target.mux(stream.encode())
+    return bm.read_frames(path, bm.REC709)
+
+
+@pytest.mark.parametrize(
+    ("distance", "ends"), [(12, [24, 48, 72, 80]), (30, [30, 60, 80]), (70, [20, 40, 70, 80])]
+)
+def test_parts_begin_at_key_frames_that_are_near(tmp_path, distance, ends):
+    """Exact: the first key frame from 20 frames on, if that is within 40."""
+    frames = with_keys_every(tmp_path / "clip.mp4", 80, distance)
+    parts = list(frames.parts(0, 20))
+    assert [part.stop for part in parts] == ends
+    assert [part.start for part in parts] == [0, *ends[:-1]]
+    assert next(frames.parts(7, 20)).start == 7
+    again = [frame.number for part in parts for frame in frames[part].coded(slice(None))]
+    assert again == list(range(80))
+
+
 def test_numbers_are_those_of_the_source(frames):
     assert [frame.number for frame in frames[30:50].coded(slice(3, 9, 2))] == [33, 35, 37]
 

@@ -103,15 +103,31 @@ def test_sums_over_pairs_agree_with_numpy():
     assert np.array_equal(out, plane.reshape(5, 2, 7, 2).sum(axis=(1, 3)))
 
 
-def test_counts_and_sums_agree_with_numpy():
+@pytest.mark.parametrize("n", [1, 2])
+def test_counts_and_sums_agree_with_numpy(n):
     rng = np.random.default_rng(9)
-    cells, expected = rng.normal(0, 1, (2, 8, 12)).astype(np.float32)
-    reach = np.full((8, 12), 0.8, np.float32)
+    plane = rng.integers(0, 9, (8 * n, 12 * n)).astype(np.uint8)
+    expected = rng.normal(8, 3, (8, 12)).astype(np.float32)
+    reach = np.full((8, 12), 5.2, np.float32)
     counts, sums = np.zeros((2, 3), np.int32), np.empty((2, 3), np.float32)
-    count_changes(cells, np.float32(1.5), expected, reach, 4, counts, sums)
-    d = cells - np.float32(1.5) * expected
-    assert np.allclose(sums, d.reshape(2, 4, 3, 4).sum(axis=(1, 3)), atol=1e-5)
-    assert np.array_equal(counts, (np.abs(d) > 0.8).reshape(2, 4, 3, 4).sum(axis=(1, 3)))
+    count_changes(plane, np.float32(4), np.float32(1.5), expected, reach, 4, counts, sums)
+    cells = plane.reshape(8, n, 12, n).sum(axis=(1, 3)).astype(np.float32)
+    d = cells - 4 - np.float32(1.5) * expected
+    assert np.allclose(sums, d.reshape(2, 4, 3, 4).sum(axis=(1, 3)), atol=1e-3)
+    assert np.array_equal(counts, (np.abs(d) > 5.2).reshape(2, 4, 3, 4).sum(axis=(1, 3)))
+
+
+def test_hidden_places_do_not_move():
+    """A clock that runs is no motion, an object next to it is."""
+    plate, noisy = scene(np.random.default_rng(11))
+    hidden = np.zeros(plate.shape, bool)
+    hidden[10:30, 10:50] = True
+    samples = [framed(k, noisy()) for k in range(12)]
+    gate, frame = Gate.of(framed(-1, plate), samples, hidden), framed(0, noisy())
+    frame.planes[0][10:30, 10:50] = 20
+    assert gate.changes(frame).boxes == ()
+    frame.planes[0][60:70, 60:70] = 20
+    assert len(gate.changes(frame).boxes) == 1
 
 
 def test_overlapping_boxes_are_joined_until_none_overlap():

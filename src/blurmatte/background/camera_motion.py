@@ -28,10 +28,12 @@ class CameraMotionSettings:
     max_residual_ratio: float = 0.8  # of the differences with and without a shift
 
 
-def check_static_camera(light: Floats, gain: Floats, variance: float, names: Sequence[str]) -> None:
+def check_static_camera(
+    light: Sequence[Floats], gain: Floats, variance: float, names: Sequence[str]
+) -> None:
     """Raise PlateError, naming frames and shift, if most of the picture moves between frames.
 
-    light (K, H, W, 3).
+    light: (H, W, 3) each.
     gain (K, 3): of each frame.
     variance: of the noise of a frame, averaged over the channels, light².
     names: of the frames, for the error.

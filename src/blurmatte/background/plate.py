@@ -5,14 +5,21 @@ frames that agree with it. In this file B is the plate, δ its difference from t
 of one frame and n the number of frames in which a pixel was free.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from blurmatte.background.camera_motion import check_static_camera
-from blurmatte.background.robust_mean import Modes, Sums, find_modes, sum_frames
-from blurmatte.background.samples import take_samples
+from blurmatte.background.robust_mean import (
+    Modes,
+    Sums,
+    find_modes,
+    find_restlessness,
+    gains_of_samples,
+    sum_frames,
+)
+from blurmatte.background.samples import Samples, take_samples
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LINEAR, LinearImage, Meta, rounding_variance
@@ -30,6 +37,8 @@ class PlateSettings:
     variance_window_px: int = 5
     variance_window_frames: float = 16  # weight of the window's variance against the pixel's own
     correlation_window_px: int = 33  # over which the correlation of noise in time is constant
+    band_pixels: int = 200_000  # estimated at a time
+    band_overlap_px: int = 19  # half the larger window, and what marks moving rims
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,7 +73,7 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     divided out; the plate has the median brightness.
 
     The frames are read twice (three times if they have no length), one at a time; memory does not
-    depend on their number.
+    depend on their number. Few frames of a clip are read once, and kept as code values.
 
     Parameters
     ----------
@@ -93,32 +102,65 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     light = float(np.median(samples.light[len(samples.light) // 2]))
     variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
     check_static_camera(samples.light, samples.gain, variance, samples.names)
-    modes, count = find_modes(samples), samples.count
+    if samples.are_all:
+        return _of_samples(samples)
+    rows, count = slice(0, samples.light.size[1]), samples.count
+    modes = find_modes(samples, find_restlessness(samples), rows)
     del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
-    return _plate_fit(sums, modes, next(iter(frames)))
+    return _plate_fit(_estimates(sums, modes, next(iter(frames)).meta), sums.gain)
 
 
-def _plate_fit(sums: Sums, modes: Modes, frame: LinearImage) -> PlateFit:
-    gain, settings = np.array(sums.gain), PlateSettings
-    _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
-    known = (free > settings.majority * len(gain)) | (rival <= settings.max_rival_ratio * close)
-    known &= free >= max(settings.min_free_fraction * len(gain), settings.min_free_frames)
-    valid = known & (clipped <= settings.max_clipped_fraction * free)
+def _of_samples(samples: Samples) -> PlateFit:
+    """The plate of samples that are all frames, in bands: sums take the memory of many frames."""
+    (width, height), settings = samples.light.size, PlateSettings
+    restless = find_restlessness(samples)
+    gains = gains_of_samples(samples, restless)
+    meta = next(samples.light.bands(slice(0, 1))).meta
+    light, noise = np.empty((2, height, width, 3), np.float32)
+    whole = light, noise, np.empty((height, width), bool), np.empty((height, width), np.float32)
+    for start in range(0, height, rows := max(settings.band_pixels // width, 1)):
+        inner = slice(start, min(start + rows, height))
+        outer = slice(
+            max(inner.start - settings.band_overlap_px, 0),
+            min(inner.stop + settings.band_overlap_px, height),
+        )
+        modes = find_modes(samples, restless, outer)
+        sums = sum_frames(samples.light.bands(outer), modes, samples.count, gains)
+        part = slice(inner.start - outer.start, inner.stop - outer.start)
+        for to, estimate in zip(whole, _estimates(sums, modes, meta), strict=True):
+            to[inner] = estimate[part]
+    return _plate_fit(whole, gains)
+
+
+Estimates = tuple[Floats, Floats, Bools, Floats]
+
+
+def _plate_fit(estimates: Estimates, gains: Sequence[Floats]) -> PlateFit:
+    light, noise, valid, coverage = estimates
     if not valid.any():
         raise PlateError(
             "no pixel of the background was found: none has the same unclipped light in enough "
             "frames; give more frames, or some without the object"
         )
-    n = np.maximum(free, 1)[..., None]
-    rgb = modes.light + sums.total / n
+    meta = Meta(source=f"plate of {len(gains)} frames")
+    return PlateFit(LinearImage(light, noise, valid, meta), coverage, np.array(gains))
+
+
+def _estimates(sums: Sums, modes: Modes, meta: Meta) -> Estimates:
+    """Light, its variance, whether it is valid, and coverage; `meta` is that of a frame."""
+    count, settings = len(sums.gain), PlateSettings
+    _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
+    known = (free > settings.majority * count) | (rival <= settings.max_rival_ratio * close)
+    known &= free >= max(settings.min_free_fraction * count, settings.min_free_frames)
+    valid = known & (clipped <= settings.max_clipped_fraction * free)
+    rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
     noise = np.empty_like(modes.light)
     for c in range(3):  # one at a time saves memory
-        rounding = _rounding(rgb[..., c], frame.meta)
+        rounding = _rounding(rgb[..., c], meta)
         noise[..., c] = _variance(sums, c, known, modes.variance[..., c], rounding)
-    meta = Meta(source=f"plate of {len(gain)} frames")
-    plate = LinearImage(rgb.astype(np.float32), noise, valid, meta)
-    return PlateFit(plate, np.where(known, free / len(gain), 0).astype(np.float32), gain)
+    coverage = np.where(known, free / count, 0).astype(np.float32)
+    return rgb.astype(np.float32), noise, valid, coverage
 
 
 def _variance(sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats) -> Floats:

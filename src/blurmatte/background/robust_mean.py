@@ -4,7 +4,7 @@ In this file x is the light of a frame over its gain, m the mode of a pixel over
 sum of x − m over the n free frames of a batch, a pixel being free in the frames that agree with m.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -45,40 +45,81 @@ class Modes:
     variance: Floats
 
 
-def find_modes(samples: Samples) -> Modes:
-    """Mode of each pixel."""
+def find_restlessness(samples: Samples) -> Floats:
+    """(H, W) float32 inflation λ of the noise of a frame at each pixel."""
     from scipy.ndimage import uniform_filter
 
     from blurmatte.background import robust_mean_kernel as kernel
 
-    count, height, width, _ = samples.light.shape
-    light, rival = np.empty((2, height, width, 3), np.float32)
-    near, restless = np.empty((height, width), np.int32), np.empty((height, width), np.float32)
-    noise = tuple(samples.noise.coefficients.astype(np.float32).ravel())
-    gain = samples.gain.astype(np.float32)[:, None, None]
-    strips = [slice(row, row + 16) for row in range(0, height, 16)]
-
-    def flat(rows: slice) -> Floats:
-        """(frames, pixels, 3) light of some rows, at a common exposure."""
-        return (samples.light[:, rows] / gain).reshape(count, -1, 3)
+    width, height = samples.light.size
+    restless, noise = np.empty((height, width), np.float32), _coefficients(samples)
 
     def inflation(rows: slice) -> None:
         """Noise inflation of some rows."""
-        kernel.find_restlessness(flat(rows), noise, restless[rows].reshape(-1))
-
-    def mode(rows: slice) -> None:
-        """Mode, its rival, and the number of samples near it, of some rows."""
-        kernel.find_modes(
-            flat(rows), noise, restless[rows].reshape(-1), np.float32(MeanSettings.min_rival_ratio),
-            light[rows].reshape(-1, 3), rival[rows].reshape(-1, 3), near[rows].reshape(-1),
-        )  # fmt: skip
+        kernel.find_restlessness(_flat(samples, rows), noise, restless[rows].reshape(-1))
 
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
-        list(pool.map(inflation, strips))
-        restless = uniform_filter(restless, MeanSettings.restlessness_window_px)
-        restless = np.clip(restless, 1, MeanSettings.max_restlessness)
-        list(pool.map(mode, strips))
-    return Modes(light, rival, near, samples.noise.variance(light) * restless[..., None])
+        list(pool.map(inflation, _strips(0, height)))
+    restless = uniform_filter(restless, MeanSettings.restlessness_window_px)
+    return np.asarray(np.clip(restless, 1, MeanSettings.max_restlessness))
+
+
+def find_modes(samples: Samples, restless: Floats, rows: slice) -> Modes:
+    """Mode of each pixel in some rows."""
+    shape = (rows.stop - rows.start, samples.light.size[0])
+    light, rival = np.empty((2, *shape, 3), np.float32)
+    near = np.empty(shape, np.int32)
+
+    def mode(strip: slice) -> None:
+        """Mode, its rival, and the number of samples near it, of a strip."""
+        to = slice(strip.start - rows.start, strip.stop - rows.start)
+        results = light[to].reshape(-1, 3), rival[to].reshape(-1, 3), near[to].reshape(-1)
+        _find_modes(_flat(samples, strip), samples, restless[strip].reshape(-1), results)
+
+    with ThreadPoolExecutor(cpu_count() or 1) as pool:
+        list(pool.map(mode, _strips(rows.start, rows.stop)))
+    return Modes(light, rival, near, samples.noise.variance(light) * restless[rows][..., None])
+
+
+def gains_of_samples(samples: Samples, restless: Floats) -> list[Floats]:
+    """(3,) gain of each sample against the modes, from the pixels of `gain_grid`."""
+    there = restless[gain_grid(restless.shape)].reshape(-1)
+    light, rival = np.empty((2, len(there), 3), np.float32)
+    near = np.empty(len(there), np.int32)
+    flat = np.moveaxis(samples.few, 1, -1) / samples.gain[:, None]
+    _find_modes(np.ascontiguousarray(flat, np.float32), samples, there, (light, rival, near))
+    sure = near >= MeanSettings.min_mode_fraction * near.max()
+    variance = samples.noise.variance(light) * there[:, None]
+    static, variance = (a[sure].T.astype(float) for a in (light, variance))
+    return [fit_gain(x[:, sure], static, variance) for x in samples.few]
+
+
+def _find_modes(
+    flat: Floats, samples: Samples, restless: Floats, results: tuple[npt.NDArray[Any], ...]
+) -> None:
+    """Write mode, rival and number of samples near the mode of (frames, pixels, 3) light."""
+    from blurmatte.background import robust_mean_kernel as kernel
+
+    ratio = np.float32(MeanSettings.min_rival_ratio)
+    kernel.find_modes(flat, _coefficients(samples), restless, ratio, *results)
+
+
+def _coefficients(samples: Samples) -> tuple[np.float32, ...]:
+    return tuple(samples.noise.coefficients.astype(np.float32).ravel())
+
+
+def _flat(samples: Samples, rows: slice) -> Floats:
+    """(frames, pixels, 3) light of some rows, at a common exposure."""
+    gain = samples.gain.astype(np.float32)
+    flat = np.empty((len(gain), (rows.stop - rows.start) * samples.light.size[0], 3), np.float32)
+    for to, band, g in zip(flat, samples.light.bands(rows), gain, strict=True):
+        np.divide(band.rgb.reshape(-1, 3), g, out=to)
+    return flat
+
+
+def _strips(start: int, stop: int, height: int = 8) -> list[slice]:
+    """Strips of some rows."""
+    return [slice(row, min(row + height, stop)) for row in range(start, stop, height)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,8 +160,13 @@ class Sums:
         )
 
 
-def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
-    """Sum all frames, of expected number `count`; raises ValueError if their sizes differ."""
+def sum_frames(
+    frames: Iterable[LinearImage], modes: Modes, count: int, gains: Sequence[Floats] | None = None
+) -> Sums:
+    """Sum all frames, of expected number `count`; their gains are found if not given.
+
+    Raises ValueError if their sizes differ.
+    """
     sums, precision = Sums.empty(modes.light.shape), 1 / modes.variance
     static, variance, place = _gain_pixels(modes)
     length = max(1, -(-count // MeanSettings.batches))
@@ -128,7 +174,10 @@ def sum_frames(frames: Iterable[LinearImage], modes: Modes, count: int) -> Sums:
         for number, frame in enumerate(_prefetched(frames)):
             if frame.rgb.shape != modes.light.shape:
                 raise ValueError(size_error(frame, number, modes.near.shape[::-1]))
-            sums.gain.append(fit_gain(frame.rgb[place].T.astype(float), static, variance))
+            gain = None if gains is None else gains[number]
+            if gain is None:
+                gain = fit_gain(frame.rgb[place].T.astype(float), static, variance)
+            sums.gain.append(gain)
             _add(sums, frame, modes, precision, pool)
             if (number + 1) % length == 0:
                 sums.close_batch()

@@ -4,17 +4,20 @@ In this file x is the light of a frame, B the static light and g the gain of the
 which lamps or the exposure changed all of it: x = g B.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import islice, pairwise
+from typing import overload
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import fit_noise
-from blurmatte.checks import Floats
+from blurmatte.checks import Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.statistics import MAD_TO_STD
 
 
@@ -24,7 +27,9 @@ class SampleSettings:
 
     min_samples: int = 20
     max_samples: int = 64
-    max_bytes: float = 1.0e9  # of all samples, at 6 bytes a pixel
+    max_bytes: float = 1.0e9  # of all samples that are pictures, at 6 bytes a pixel
+    min_coded: int = 16  # samples of a clip, whose code values are kept
+    max_coded_bytes: float = 2.0e8  # of them
     noise_pixels: float = 1e5  # of a frame
     noise_pairs: int = 3  # of frames, of which the median noise is taken
     gain_pixels: float = 1e4  # of a frame
@@ -38,15 +43,53 @@ class SampleSettings:
     min_cut_contrast: float = 0.1  # relative change of light, beyond noise, that counts as changed
 
 
+LightOf = Callable[[Box, int], LinearImage]
+
+
+@dataclass(frozen=True, eq=False)
+class SampledLight(Sequence[Floats]):
+    """Light of each sample: (H, W, 3) float32, as read, gain included."""
+
+    parts: list[LightOf]  # light of a box of each
+    size: tuple[int, int]  # (width, height)
+    exact: bool  # whether it is the light of the frame, and not rounded to half precision
+
+    def __len__(self) -> int:
+        return len(self.parts)
+
+    @overload
+    def __getitem__(self, k: int) -> Floats: ...
+    @overload
+    def __getitem__(self, k: slice) -> list[Floats]: ...
+    def __getitem__(self, k: int | slice) -> Floats | list[Floats]:
+        if isinstance(k, slice):
+            return [self[one] for one in range(len(self))[k]]
+        return self.whole(k).rgb
+
+    def whole(self, k: int) -> LinearImage:
+        """A sample."""
+        return self.parts[k]((0, 0, *self.size), 1)
+
+    def bands(self, rows: slice) -> Iterator[LinearImage]:
+        """Some rows of each sample."""
+        return (part((0, rows.start, self.size[0], rows.stop), 1) for part in self.parts)
+
+
 @dataclass(frozen=True, eq=False)
 class Samples:
     """Frames at equal distances."""
 
-    light: npt.NDArray[np.float16]  # (K, H, W, 3) float16: as read, gain included
+    light: SampledLight
     gain: Floats  # (K, 3) float: of each frame; the median over the clip is near 1
     noise: NoiseModel  # of one frame
+    few: Floats  # (K, 3, n) float: light of the pixels of `gain_grid`
     names: Sequence[str]  # of the frames, for errors
     count: int  # number of frames of the clip
+
+    @property
+    def are_all(self) -> bool:
+        """Whether these are all frames, as they were read."""
+        return self.light.exact and len(self.light) == self.count
 
 
 def take_samples(frames: Iterable[LinearImage]) -> Samples:
@@ -55,15 +98,24 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
     Raises PlateError if there are fewer than three frames, a cut, or too large a change of light.
     Raises ValueError if their sizes differ.
     """
-    count = len(frames) if isinstance(frames, Sequence) else sum(1 for _ in frames)
-    light, parts, names = _equally_spaced(frames, count)
+    count = len(frames) if isinstance(frames, Sequence | CodedSequence) else sum(1 for _ in frames)
+    light, rows, names, few = _equally_spaced(frames, count)
     if len(light) < 3:
         raise PlateError(f"a plate needs at least 3 frames, got {len(light)}; give more of them")
-    _check_no_cut(light, names)
-    noise = _noise(parts)
-    gain = _gains(light, noise)
+    small = np.array(few)
+    _check_no_cut(small, names)
+    if light.exact:
+        rows = {k: _noise_rows(light.whole(k)) for pair in _pairs(len(light)) for k in pair}
+    noise = _noise([(rows[i], rows[k]) for i, k in _pairs(len(light))])
+    gain = _gains(small, noise)
     _check_drift(gain, names)
-    return Samples(light, gain, noise, names, count)
+    return Samples(light, gain, noise, small, names, count)
+
+
+def max_coded_samples(pixels: int, bytes_per_pixel: int) -> int:
+    """Number of frames of a clip whose code values are kept at most."""
+    most = SampleSettings.max_coded_bytes / (bytes_per_pixel * pixels)
+    return int(np.clip(most, SampleSettings.min_coded, SampleSettings.max_samples))
 
 
 def frame_name(frame: LinearImage, number: int) -> str:
@@ -109,27 +161,59 @@ def gain_grid(shape: Sequence[int]) -> tuple[slice, slice]:
 
 def _equally_spaced(
     frames: Iterable[LinearImage], count: int
-) -> tuple[npt.NDArray[np.float16], list[LinearImage], list[str]]:
-    """Frames at equal distances, some rows of each in full precision, and their names."""
-    first = next(iter(frames), None)
-    if first is None:
-        return np.empty((0, 1, 1, 3), np.float16), [], []
-    check_picture("the first frame", first)
-    most = SampleSettings.max_bytes / (6 * first.valid.size)
-    most = np.clip(most, SampleSettings.min_samples, SampleSettings.max_samples)
-    step = max(1, -(-count // int(most)))
-    start = (count - 1) % step // 2
-    light = np.empty((-(-(count - start) // step), *first.rgb.shape), np.float16)
-    parts, names = list[LinearImage](), list[str]()
-    for frame in islice(_every(frames, start, step), len(light)):
-        number = start + len(parts) * step
-        check_picture(f"frame {number}", frame)
-        if frame.size != first.size:
-            raise ValueError(size_error(frame, number, first.size))
-        light[len(parts)] = frame.rgb
-        parts.append(_noise_rows(frame))
+) -> tuple[SampledLight, dict[int, LinearImage], list[str], list[Floats]]:
+    """Frames at equal distances; some rows of each that is rounded; names; light of a few pixels."""
+    light, names, few = SampledLight([], (1, 1), False), list[str](), list[Floats]()
+    rows = dict[int, LinearImage]()
+    for number, frame, light_of in _samples(frames, count):
+        check_picture(f"frame {number}" if names else "the first frame", frame)
+        if not names:
+            light = SampledLight([], frame.size, light_of is not None)
+        if frame.size != light.size:
+            raise ValueError(size_error(frame, number, light.size))
+        if light_of is None:
+            rows[len(names)] = _noise_rows(frame)
+        light.parts.append(light_of or partial(_part, frame.rgb.astype(np.float16)))
         names.append(frame_name(frame, number))
-    return light[: len(parts)], parts, names
+        pixels = frame.rgb[gain_grid(frame.rgb.shape)].astype(float).reshape(-1, 3)
+        few.append(np.ascontiguousarray(pixels.T))
+    return light, rows, names, few
+
+
+def _samples(
+    frames: Iterable[LinearImage], count: int
+) -> Iterator[tuple[int, LinearImage, LightOf | None]]:
+    """Numbers and light of the samples, and where their light is kept without a rounding."""
+    if count and isinstance(frames, CodedSequence):
+        first = next(frames.coded(slice(0, 1)))
+        if first.light_bytes:
+            width, height = first.size
+            which = _spaced(count, max_coded_samples(width * height, first.light_bytes))
+            for number, coded in zip(range(count)[which], frames.coded(which), strict=False):
+                yield number, coded.light(), coded.light_of
+            return
+    one = next(iter(frames), None)
+    if one is None:
+        return
+    check_picture("the first frame", one)
+    most = SampleSettings.max_bytes / (6 * one.valid.size)
+    which = _spaced(
+        count, int(np.clip(most, SampleSettings.min_samples, SampleSettings.max_samples))
+    )
+    numbers = range(count)[which]
+    for number, frame in zip(numbers, _every(frames, numbers.start, numbers.step), strict=False):
+        yield number, frame, None
+
+
+def _spaced(count: int, most: int) -> slice:
+    """At most so many frames at equal distances."""
+    step = max(1, -(-count // most))
+    return slice((count - 1) % step // 2, None, step)
+
+
+def _part(light: npt.NDArray[np.float16], box: Box, every: int) -> LinearImage:
+    x0, y0, x1, y1 = box
+    return LinearImage(light[y0:y1:every, x0:x1:every].astype(np.float32))
 
 
 def _every(frames: Iterable[LinearImage], start: int, step: int) -> Iterator[LinearImage]:
@@ -144,30 +228,34 @@ def _noise_rows(frame: LinearImage) -> LinearImage:
     return LinearImage(frame.rgb[rows].copy(), valid=frame.valid[rows].copy(), meta=frame.meta)
 
 
-def _noise(parts: Sequence[LinearImage]) -> NoiseModel:
-    """Noise of one frame from differences of pairs; the median of a few pairs.
+def _pairs(count: int) -> list[tuple[int, int]]:
+    """Pairs of samples whose differences are noise.
 
-    The frames of a pair are about half a clip apart, since video repeats unchanged blocks for long. The
-    distances differ, since clips may be periodic.
+    They are about half a clip apart, since video repeats unchanged blocks for long. The distances
+    differ, since clips may be periodic.
     """
-    models, half = [], len(parts) // 2
-    starts = np.linspace(0, len(parts) - 1 - half, SampleSettings.noise_pairs).astype(int)
-    for shorter, i in enumerate(starts):
-        a, b = parts[i], parts[i + max(half - shorter, 1)]
+    half = count // 2
+    starts = np.linspace(0, count - 1 - half, SampleSettings.noise_pairs).astype(int)
+    return [(int(i), int(i) + max(half - shorter, 1)) for shorter, i in enumerate(starts)]
+
+
+def _noise(pairs: Iterable[tuple[LinearImage, LinearImage]]) -> NoiseModel:
+    """Noise of one frame from differences of pairs; the median of a few pairs."""
+    models, parts = [], list(pairs)
+    for a, b in parts:
         ratio = median_ratio(b.rgb.reshape(-1, 3).T, a.rgb.reshape(-1, 3).T)
         b = replace(b, rgb=(b.rgb / ratio).astype(np.float32))
         first, second = fit_noise(a, b)
         models.append((first.coefficients + second.coefficients) / 2)
     strengths = [float(np.sum(model @ [1, 0.2, 0.04])) for model in models]  # at a light of 0.2
     model = models[np.argsort(strengths)[len(models) // 2]]
-    rounding = 3.0 * rounding_noise(parts[0]).coefficients  # it changes light by whole steps
+    rounding = 3.0 * rounding_noise(parts[0][0]).coefficients  # it changes light by whole steps
     float16 = 2.0**-22 / 3  # variance of its rounding over light²
     return NoiseModel.from_coefficients(model + rounding + [1e-12, 0, float16])
 
 
-def _check_no_cut(light: Floats, names: Sequence[str]) -> None:
+def _check_no_cut(small: Floats, names: Sequence[str]) -> None:
     """Raise PlateError if most of the picture changes between two samples."""
-    small = _gain_pixels(light)
     after = np.stack([b / median_ratio(b, a)[:, None] for a, b in pairwise(small)])
     change = np.abs(after - small[:-1])
     noise = MAD_TO_STD * np.median(change, axis=(0, 2), keepdims=True)
@@ -182,15 +270,8 @@ def _check_no_cut(light: Floats, names: Sequence[str]) -> None:
         )
 
 
-def _gain_pixels(light: Floats) -> Floats:
-    """(K, 3, n) light of the pixels of `gain_grid`."""
-    few = light[:, *gain_grid(light.shape[1:])].astype(float)
-    return np.ascontiguousarray(np.moveaxis(few.reshape(len(few), -1, 3), -1, 1))
-
-
-def _gains(light: Floats, noise: NoiseModel) -> Floats:
+def _gains(small: Floats, noise: NoiseModel) -> Floats:
     """(K, 3) gain of each sample against their median, both by alternating estimation."""
-    small = _gain_pixels(light)
     gain = np.ones((len(small), 3))
     for _ in range(2):
         static = np.median(small / gain[..., None], axis=0)

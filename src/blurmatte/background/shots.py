@@ -61,8 +61,10 @@ def thumbnail(frame: CodedFrame) -> Thumbnail:
     """(h, w) means of the first plane over squares, minus its zero; incomplete squares are dropped."""
     side = min(ShotSettings.side, *frame.planes[0].shape)
     h, w = (n // side for n in frame.planes[0].shape)
-    luma = frame.planes[0][: h * side, : w * side].reshape(h, side, w, side)
-    return np.asarray(luma.mean(axis=(1, 3), dtype=np.float32) - np.float32(frame.zero[0]))
+    luma = frame.planes[0][: h * side, : w * side]
+    rows = luma.reshape(h, side, -1).sum(axis=1, dtype=np.float32)  # fast, for rows are contiguous
+    means = rows.reshape(h, w, side).sum(axis=2) / np.float32(side**2)
+    return np.asarray(means - np.float32(frame.zero[0]))
 
 
 def find_shots(thumbnails: Iterable[Thumbnail], step: float) -> list[Shot]:

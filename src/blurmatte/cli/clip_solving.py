@@ -36,6 +36,7 @@ from blurmatte.cli.selection import (
     chosen_frames,
     matching_of,
 )
+from blurmatte.motion.clip.workers import return_freed_memory
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
@@ -64,6 +65,7 @@ class ClipOptions:
         str | None, option("exr|png|tif|mov", "A file for each frame, or one .mov; exr.", CLIP)
     ] = None
     several: Annotated[bool, flag("--several", "All objects of that color.", CLIP)] = False
+    table: Annotated[str | None, option("csv|parquet", "Of the frames; csv.", CLIP)] = None
     workers: Annotated[int | None, option("N", "Processes; one for each core.", CLIP)] = None
     scheduler: Annotated[
         str | None, option("ADDRESS", "Of a Dask cluster: tcp://host:8786.", CLIP)
@@ -73,6 +75,8 @@ class ClipOptions:
         frame_range("--frames", self.frames)
         if self.layers is not None and self.layers not in _LAYERS:
             raise ValueError(f"--layers must be {', '.join(_LAYERS)}, got {self.layers!r}")
+        if self.table not in (None, "csv", "parquet"):
+            raise ValueError(f"--table must be csv or parquet, got {self.table!r}")
         if self.workers is not None and self.workers < 1:
             raise ValueError(f"--workers must be at least 1, got {self.workers}")
         if self.workers is not None and self.scheduler is not None:
@@ -85,7 +89,7 @@ class ClipOptions:
 
         Numbered pictures are, unless an option is given that only pictures have: `each_alone`.
         """
-        asked = self.layers or self.several or self.frames or self.scheduler
+        asked = self.layers or self.several or self.table or self.frames or self.scheduler
         if asked or out.suffix.lower() == ".mov":
             return True
         if len(images) > 1:
@@ -104,21 +108,27 @@ def solve_clip(
     colors: ColorOptions,
     reading: CameraReading,
     options: ClipOptions,
+    occluder: Path | None,
     required: bm.Grade | None,
     as_json: bool,
 ) -> None:
     """Write a layer for each frame of a clip, and say what came of it."""
+    if options.scheduler is not None:  # its workers run in other folders
+        images = [str(Path(image).absolute()) for image in images]
     source = images[0] if len(images) == 1 else images
+    return_freed_memory()
     with about(Path(images[0])):
         frames = bm.read_frames(source, reading.curve, reading.max_pixels)
         frames = chosen_frames(frames, options.frames)
         run = bm.ClipRun(
-            tuple(dict.fromkeys(p for p in _inputs(images, plate, colors) if p.is_file())),
+            tuple(_inputs(images, plate.plate, occluder, colors)),
             frames,
             None if plate.plate is None else reading.read(plate.plate)[0],
             _model(colors),
             options.several,
             _extension(out, options),
+            None if occluder is None else reading.mask("occluder", occluder, frames.size),
+            f".{options.table or 'csv'}",
             shlex.join(["blurmatte", *sys.argv[1:]]),
         )
         folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
@@ -130,11 +140,13 @@ def solve_clip(
     _check_grades(report, required)
 
 
-def _inputs(images: list[str], plate: MaybePlate, colors: ColorOptions) -> Iterator[Path]:
-    yield from expanded(images)
-    if plate.plate is not None:
-        yield plate.plate
-    yield from (Path(color) for color in colors.color or ())
+def _inputs(
+    images: list[str], plate: Path | None, occluder: Path | None, colors: ColorOptions
+) -> Iterator[Path]:
+    """The files that were given, each once."""
+    others = [path for path in (plate, occluder) if path is not None]
+    paths = [*expanded(images), *others, *map(Path, colors.color or ())]
+    yield from dict.fromkeys(path for path in paths if path.is_file())
 
 
 def _extension(out: Path, options: ClipOptions) -> str:
@@ -210,7 +222,7 @@ def _answer(report: bm.ClipReport, folder: Path, out: Path, as_json: bool) -> No
     failed = [record for record in report.records if record.reason]
     if failed:
         lines.append(f"{len(failed)} frames without a layer: {failed[0].reason}")
-    lines.append(str(out if out.suffix.lower() == ".mov" else folder / "frames.csv"))
+    lines.append(str(out if out.suffix.lower() == ".mov" else report.files[0]))
     say("\n".join(lines))
 
 

@@ -13,6 +13,10 @@ from typing import Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.console import NamedError, about, complain, waiting, with_progress
+from blurmatte.motion.clip.color import color_in_scene
+from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
+from blurmatte.motion.clip.scene import StaticScene, clip_plate
+from blurmatte.motion.clip.workers import return_freed_memory
 
 Places: TypeAlias = "Sequence[bm.BallPlace | None]"
 
@@ -104,16 +108,18 @@ def measure_frames(
     count = task.workers
     if count is None:
         count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
+    return_freed_memory()
     with about(task.source):
         frames = frames.for_plate(plate)
         if plate is None:
             with waiting("making the plate"):
-                plate = bm.make_plate(frames).plate
+                plate = clip_plate(frames)
         with bm.Workers(min(count, len(frames))) as workers:
+            scene = scene_of(frames, plate, model)
             if model is None:
                 with waiting("finding the color"):
-                    model = bm.clip_color(frames, plate, workers)
-            rows = _rows(task, frames, plate, model, journal, workers)
+                    model = color_in_scene(frames, scene, workers)
+            rows = _rows(task, frames, scene, model, journal, workers)
             if task.ball is None:
                 return Measured(plate, model, rows, None, frames.place_std)
             places = task.ball.places(frames, plate, rows, model, workers)
@@ -123,21 +129,21 @@ def measure_frames(
 def _rows(
     task: ClipTask,
     frames: bm.Frames[bm.LinearImage],
-    plate: bm.LinearImage,
+    scene: StaticScene,
     model: bm.ColorModel,
     journal: _Journal,
     workers: bm.Workers,
 ) -> list[bm.FrameMotion]:
     """The object in each frame that is not finished, then all of them joined to tracks."""
-    seen = bm.sightings(
+    seen = sightings_in_scene(
         frames,
-        plate,
+        scene,
         model,
+        workers,
         several=task.several,
         numbers=frames.frame_numbers,
         rate=task.rate,
         skip=len(journal.frames),
-        workers=workers,
     )
     left = len(frames) - len(journal.frames)
     kept = _kept(task, journal, with_progress(seen, "measuring", left))

@@ -101,11 +101,11 @@ def solve(
     from blurmatte.results import RESULT_FILES
 
     required = _required(require)
-    each_alone = region is not None or occluder is not None or solver != "auto"
-    if clip.means_clip(images, out, plate.plate, each_alone):
+    each_alone = region is not None or solver != "auto"
+    if clip.means_clip(images, out, plate.plate, each_alone or occluder is not None):
         if each_alone:
-            raise ValueError("a clip takes no --region, --occluder or --solver")
-        solve_clip(images, plate, out, colors, reading, clip, required, as_json)
+            raise ValueError("a clip takes no --region or --solver")
+        solve_clip(images, plate, out, colors, reading, clip, occluder, required, as_json)
         return
     if plate.plate is None:
         raise ValueError("Missing option '--plate'; see blurmatte solve --help")

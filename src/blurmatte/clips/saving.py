@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from blurmatte.background import Shot
-from blurmatte.checks import check_kind
+from blurmatte.checks import Bools, check_kind
 from blurmatte.clips.layers import LAYER_EXTENSIONS, LayerWriter, write_movie
 from blurmatte.clips.manifest import Manifest, key_of, opened_manifest
 from blurmatte.clips.shots import SolvableShot, prepared, shots_of
@@ -18,12 +18,13 @@ from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
 from blurmatte.figures import draw_clip
-from blurmatte.files import Frames, write
+from blurmatte.files import Frames, require_parquet, write
 from blurmatte.matting import Grade
 from blurmatte.motion import FrameMotion, FrameSightings, Sighting, Workers
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
+TABLE_EXTENSIONS = ".csv", ".parquet"
 DEFAULT_RATE = 25.0  # frames per second of a movie of pictures without times
 
 
@@ -46,13 +47,20 @@ class ClipRun:
         Every object of that color, each in a folder of its own.
     extension : str
         Of the layers: .exr, .png, .tif, or .mov for one ProRes 4444 of all of them.
+    occluder : (H, W) bool, optional
+        Where something is in front of the scene in all frames, as in `solve_clip`; its file is one of
+        the inputs.
+    table : str
+        Of the frames: .csv or .parquet (the `tables` extra).
     command : str
         How it was called, for the report.
 
     Raises
     ------
     ValueError
-        If the extension is another.
+        If an extension is another.
+    FileError
+        If pyarrow is missing and the table is .parquet.
     """
 
     inputs: tuple[Path, ...]
@@ -61,6 +69,8 @@ class ClipRun:
     model: ColorModel | None = None
     several: bool = False
     extension: str = ".exr"
+    occluder: Bools | None = None
+    table: str = ".csv"
     command: str = ""
 
     def __post_init__(self) -> None:
@@ -69,6 +79,10 @@ class ClipRun:
             raise ValueError(
                 f"layers are written as {', '.join(LAYER_EXTENSIONS)} or .mov, got {self.extension!r}"
             )
+        if self.table not in TABLE_EXTENSIONS:
+            raise ValueError(f"table must be .csv or .parquet, got {self.table!r}")
+        if self.table == ".parquet":
+            require_parquet()  # the table is written at the end
 
     @property
     def key(self) -> str:
@@ -144,7 +158,7 @@ def save_clip(
 
     =================  ===============================================================
     layer.000123.exr   the object in frame 123, in the whole window
-    frames.csv         a row for each of them: time, place, radius, grade, box
+    frames.csv         a row for each of them: time, place, radius, grade, box; or frames.parquet
     overview.png       the paths over the plate (needs matplotlib)
     report.json        shots, grades, problems, speed
     plate.exr          if it was made; plate2.exr of the second shot, and so on
@@ -206,7 +220,8 @@ def _shot(
         for saved in work.manifest.of_kind("seen")
         if saved["shot"] == number
     ]
-    steps = prepared(number, shot, run.frames, run.plate, run.model, run.several, seen, workers)
+    given = run.plate, run.model, run.several, run.occluder
+    steps = prepared(number, shot, run.frames, *given, seen, workers)
     ready: SolvableShot | None = None
     for step in steps:
         if isinstance(step, SolvableShot):
@@ -237,8 +252,9 @@ def _solved(
     if run.several:
         for number in {one.row.object or 1 for one in rest}:
             (folder / f"object{number}").mkdir(exist_ok=True)
-    tasks = [(shot.frames[one.index : one.index + 1], one) for one in rest]
-    for one, outcome in zip(rest, workers.outcomes(writer, tasks), strict=True):
+    parts = ((slice(one.index, one.index + 1), one) for one in rest)
+    outcomes = workers.over(shot.frames, writer, parts)
+    for one, outcome in zip(rest, outcomes, strict=True):
         if isinstance(outcome, Failure):
             work.problems.append(f"frame {one.row.frame}: {outcome.error}")
             continue
@@ -256,7 +272,7 @@ def _sightings(saved: dict[str, Any]) -> FrameSightings:
 
 def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:
     """Write table, plates, sheet and movie; their paths."""
-    files = [folder / "frames.csv"]
+    files = [folder / f"frames{run.table}"]
     write(files[0], [record.numbers() for record in work.records])
     if run.plate is None:
         for number, plate in enumerate(work.plates, 1):

@@ -7,19 +7,21 @@ from dataclasses import dataclass
 
 from blurmatte.background import Shot, find_shots, thumbnail
 from blurmatte.background.shots import Thumbnail
+from blurmatte.checks import Bools
 from blurmatte.color import ColorModel
 from blurmatte.files import Frames
 from blurmatte.motion import (
     FrameMotion,
     FrameSightings,
     Workers,
-    clip_color,
     link_objects,
     link_sightings,
-    sightings,
 )
-from blurmatte.motion.clip.solving import FrameSolver, Wanted, clip_plate, wanted_frames
-from blurmatte.motion.clip.workers import tasks_of
+from blurmatte.motion.clip.color import color_in_scene
+from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
+from blurmatte.motion.clip.scene import clip_plate
+from blurmatte.motion.clip.solving import FrameSolver, Wanted, wanted_frames
+from blurmatte.motion.clip.workers import parts_of, successes
 from blurmatte.radiometry import LinearImage, coded_frames
 
 
@@ -54,12 +56,12 @@ class SolvableShot:
 def shots_of(frames: Frames[LinearImage], workers: Workers) -> list[Shot]:
     """The shots of a clip."""
     step = next(coded_frames(frames, slice(0, 1))).step
-    parts = workers.in_order(_thumbnails, tasks_of(frames))
+    parts = successes(workers.over(frames, _thumbnails, parts_of(frames, workers)))
     return find_shots((one for part in parts for one in part), step)
 
 
-def _thumbnails(frames: Sequence[LinearImage], which: slice, _first: int) -> list[Thumbnail]:
-    return [thumbnail(frame) for frame in coded_frames(frames, which)]
+def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail]:
+    return [thumbnail(frame) for frame in coded_frames(frames, slice(None))]
 
 
 def prepared(
@@ -69,6 +71,7 @@ def prepared(
     plate: LinearImage | None,
     model: ColorModel | None,
     several: bool,
+    hidden: Bools | None,
     finished: Sequence[FrameSightings],
     workers: Workers,
 ) -> Iterator[FrameSightings | SolvableShot]:
@@ -81,16 +84,17 @@ def prepared(
     """
     part = frames[shot.start : shot.stop]
     plate = clip_plate(part) if plate is None else plate
-    model = clip_color(part, plate, workers) if model is None else model
+    scene = scene_of(part, plate, model, hidden)
+    model = color_in_scene(part, scene, workers) if model is None else model
     seen = list(finished)
     numbers = part.frame_numbers
-    new = sightings(
-        part, plate, model, several=several, numbers=numbers, skip=len(seen), workers=workers
+    new = sightings_in_scene(
+        part, scene, model, workers, several=several, numbers=numbers, skip=len(seen)
     )
     for one in new:
         seen.append(one)
         yield one
     rows = link_objects(seen) if several else link_sightings(seen)
-    solver = FrameSolver.of(part, plate, model)
-    wanted = wanted_frames(part, rows, solver, numbers, workers)
+    wanted = wanted_frames(rows, model, numbers)
+    solver = FrameSolver.of(part, scene, model)
     yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))

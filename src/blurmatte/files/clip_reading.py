@@ -5,9 +5,7 @@ by the matrix and range of the stream; here R'G'B' becomes light with the primar
 """
 
 import warnings
-from bisect import bisect_left
 from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +16,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.chroma_siting import siting_against, siting_of, with_siting
+from blurmatte.files.clip_decoding import decoded, decoded_packets, opened, video_library, videos_of
 from blurmatte.files.clip_geometry import (
     Orientation,
     check_progressive,
@@ -26,7 +25,7 @@ from blurmatte.files.clip_geometry import (
 )
 from blurmatte.files.clip_times import Timing, timing_of
 from blurmatte.files.encoding import CICP_CURVES, H273, to_srgb_primaries
-from blurmatte.files.errors import check_exists, check_size
+from blurmatte.files.errors import check_size
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
 from blurmatte.layer import Layer
@@ -36,7 +35,7 @@ from blurmatte.radiometry.transfer import REC709, Transfer
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
-_FRAMES_WORTH_SEEKING = 25  # fewer are decoded faster than the times of all packets are read
+_ENCODED_ROWS = 64  # of a picture at a time: saves memory
 LIMITED_WHITE = 65281  # FFmpeg's 16-bit R'G'B' code of white, from limited-range Y'CbCr
 
 
@@ -48,6 +47,7 @@ class Clip:
     size: tuple[int, int]  # upright, pixels
     timing: Timing  # number and times of the frames
     orientation: Orientation  # of the stored frames
+    rotation: int  # the same as FFmpeg states it, degrees
     decoder: str  # name of FFmpeg's decoder; "" for the usual one
     # Where its chroma lies, in FFmpeg's words; "" if not known, None if it is not subsampled
     siting: str | None
@@ -71,11 +71,11 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
     taken at the rate it is played at. Warns TransferWarning if the clip does not state how code
     values encode light, and they are taken as Rec. 709.
     """
-    with _opened(path) as (container, stream):
+    with opened(path) as (container, stream):
         size = stream.width, stream.height
         check_size(path, size, max_pixels)
         check_square_pixels(path, size, stream.sample_aspect_ratio)
-        videos = len(_videos(container))
+        videos = len(videos_of(container))
         if videos > 1:
             warnings.warn(
                 f"{path}: extract another one if that is meant; it holds {videos} videos, and the "
@@ -85,9 +85,8 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             )
         timing = timing_of(path, container, stream, stacklevel + 1)
         decoder = _decoder_with_alpha(path, stream)
-    with _opened(path) as (container, stream):
-        decoded = _packets_decoded(container, stream, decoder)
-        first = next(decoded, None)
+    with opened(path) as (container, stream):
+        first = next(decoded_packets(container, stream, decoder), None)
         if first is None:
             raise FileError(f"{path}: copy or export it again; no frame can be decoded")
         check_progressive(path, first, stream.codec_context.field_order)
@@ -101,6 +100,7 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             size=orientation.size(first),
             timing=timing,
             orientation=orientation,
+            rotation=first.rotation,
             decoder=decoder,
             siting=siting_of(first),
             encoding=encoding,
@@ -108,15 +108,6 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             white=_white(first, bits),
             alpha=any(part.is_alpha for part in first.format.components),
         )
-
-
-def _videos(container: Any) -> list[Any]:
-    """The video streams that are no cover pictures and have a known size."""
-    from av.stream import Disposition
-
-    still = Disposition.attached_pic | Disposition.timed_thumbnails
-    videos = (stream for stream in container.streams.video if not stream.disposition & still)
-    return [one for one in videos if one.codec_context is not None and one.width and one.height]
 
 
 def _decoder_with_alpha(path: Path, stream: Any) -> str:
@@ -132,19 +123,6 @@ def _decoder_with_alpha(path: Path, stream: Any) -> str:
             f"{path}: export ProRes 4444, EXR or PNG; its alpha needs {name}, which this PyAV lacks"
         )
     return name
-
-
-def _packets_decoded(container: Any, stream: Any, decoder: str) -> Iterator[Any]:
-    """The `VideoFrame`s of a stream."""
-    if not decoder:
-        stream.thread_type = "AUTO"
-        yield from container.decode(stream)
-        return
-    from av import VideoCodecContext
-
-    context: Any = VideoCodecContext.create(decoder, "r")
-    for packet in container.demux(stream):
-        yield from context.decode(packet)
 
 
 def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
@@ -216,21 +194,29 @@ def decode_layers(clip: Clip, numbers: range) -> Iterator[Layer]:
 def decode_coded(clip: Clip, numbers: range) -> Iterator[CodedFrame]:
     """The frames of these numbers as code values, Y'CbCr 4:2:0 of 8 bits; see `CodedFrame`.
 
-    Decoding starts at the last key frame before them.
+    The clip stays open, for the frames after them.
+
+    Raises
+    ------
+    FileError
+        As `decode_frames`.
     """
     table = _table(clip)
-    for number, frame in _from_key_frame(clip, numbers):
+    for number, frame in _decoded(clip, numbers, keep_open=True):
         yield _coded(clip, table, number, frame)
 
 
 def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
     """A picture of linear sRGB in the code values that `decode_coded` gives."""
     av = video_library(clip.path)
-    light = picture.rgb.astype(float)
-    if clip.encoding.matrix is not None:
-        light = light @ np.linalg.inv(clip.encoding.matrix).T
-    codes = clip.encoding.curves[0].encode(np.clip(light, 0, 1))
-    rgb = np.rint(65535 * np.clip(codes, 0, 1)).astype(np.uint16)
+    rgb = np.empty(picture.rgb.shape, np.uint16)
+    for row in range(0, len(rgb), _ENCODED_ROWS):
+        strip = np.s_[row : row + _ENCODED_ROWS]
+        light = picture.rgb[strip].astype(float)
+        if clip.encoding.matrix is not None:
+            light = light @ np.linalg.inv(clip.encoding.matrix).T
+        codes = clip.encoding.curves[0].encode(np.clip(light, 0, 1))
+        rgb[strip] = np.rint(65535 * np.clip(codes, 0, 1))
     _, like = next(_decoded(clip, range(1)))
     frame = av.VideoFrame.from_ndarray(rgb, format="rgb48le").reformat(
         format="yuv420p",
@@ -245,21 +231,34 @@ def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
 def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) -> CodedFrame:
     """A `VideoFrame` as code values; its light is converted when it is first asked for."""
     same = frame if _is_planar(frame) else frame.reformat(format="yuv420p", threads=1)
-    codes: list[npt.NDArray[Any]] = []
-    time = clip.timing.of(frame)
-
-    def light_of(box: Box, every: int) -> LinearImage:
-        """Light of every n-th pixel of a box."""
-        if not codes:
-            codes.append(_codes(clip, frame))
-        x0, y0, x1, y1 = box
-        part = codes[0][y0:y1:every, x0:x1:every]
-        return _light(clip, table, part, number, time)
-
+    time, size = clip.timing.of(frame), 3 if clip.bits <= 8 else 6
     luma, blue, red = (
         np.ascontiguousarray(clip.orientation.upright(plane)) for plane in _planes(same)
     )
-    return CodedFrame(number, time, (luma, blue, red), _zero(same), 1.0, light_of)
+    light_of = _LightOf(clip, table, number, time, frame)
+    return CodedFrame(number, time, (luma, blue, red), _zero(same), 1.0, light_of, size)
+
+
+class _LightOf:
+    """Light of boxes of a `VideoFrame`, of which only R'G'B' codes are kept once it is asked for."""
+
+    def __init__(
+        self,
+        clip: Clip,
+        table: npt.NDArray[np.float32],
+        number: int,
+        time: float | None,
+        frame: Any,
+    ) -> None:
+        self.clip, self.table, self.number, self.time = clip, table, number, time
+        self.frame, self.codes = frame, np.empty((0, 0, 3), np.uint8)
+
+    def __call__(self, box: Box, every: int) -> LinearImage:
+        if self.frame is not None:
+            self.codes, self.frame = _codes(self.clip, self.frame), None
+        x0, y0, x1, y1 = box
+        part = self.codes[y0:y1:every, x0:x1:every]
+        return _light(self.clip, self.table, part, self.number, self.time)
 
 
 def _is_planar(frame: Any) -> bool:
@@ -290,36 +289,15 @@ def _stated_matrix(frame: Any) -> int:
     return _usual_matrix(frame) if stated == H273.UNSPECIFIED else stated
 
 
-def _from_key_frame(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
-    """As `_decoded`, without the frames before the last key frame before the first."""
-    stamps = sorted(clip.timing.by_stamp)
-    if clip.decoder or not _FRAMES_WORTH_SEEKING <= numbers.start < len(stamps):
-        yield from _decoded(clip, numbers)
-        return
-    with _opened(clip.path) as (container, stream):
-        container.seek(stamps[numbers.start], stream=stream)
-        for frame in container.decode(stream):
-            number = bisect_left(stamps, frame.pts or 0)
-            if number >= numbers.stop:
-                return
-            if number in numbers and stamps[number] == frame.pts:
-                yield number, _checked(clip, number, frame)
-
-
-def _decoded(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
+def _decoded(clip: Clip, numbers: range, keep_open: bool = False) -> Iterator[tuple[int, Any]]:
     """Numbers and `VideoFrame`s."""
-    count = 0
-    with _opened(clip.path) as (container, stream):
-        for number, frame in enumerate(_packets_decoded(container, stream, clip.decoder)):
-            if number >= numbers.stop:
-                return
-            count = number + 1
-            if number not in numbers:
-                continue
+    missing = 0
+    for number, frame in decoded(clip.path, clip.timing, clip.decoder, numbers, keep_open):
+        if frame is None:
+            missing += 1
+        else:
             yield number, _checked(clip, number, frame)
-        hidden = stream.codec.name == "vp8"  # packets of references that are not shown
-    missing = min(clip.timing.count, numbers.stop) - count
-    if missing > 0 and not hidden:
+    if missing > 0:
         warnings.warn(
             f"{clip.path}: copy or export it again; {missing} of {clip.timing.count} frames cannot be "
             "decoded",
@@ -331,9 +309,9 @@ def _decoded(clip: Clip, numbers: range) -> Iterator[tuple[int, Any]]:
 def _checked(clip: Clip, number: int, frame: Any) -> Any:
     """The frame; raises FileError unless it is like the first one."""
     check_progressive(clip.path, frame, 0)
-    orientation = orientation_of(clip.path, frame)
-    size = orientation.size(frame)
-    if size != clip.size or orientation != clip.orientation:
+    size = clip.orientation.size(frame)
+    # The display matrix itself is in `side_data`, which would keep every frame in memory.
+    if size != clip.size or frame.rotation != clip.rotation:
         raise FileError(
             f"{clip.path}: cut the clip at frame {number}; it has {size[0]}x{size[1]} pixels, "
             f"but the first frame has {clip.size[0]}x{clip.size[1]}, or it is turned otherwise"
@@ -431,33 +409,3 @@ def _matrix(path: Path, frame: Any) -> Matrix | None:
             "are not supported"
         )
     return matrix_to_srgb(CICP_PRIMARIES[stated])
-
-
-def video_library(path: Path) -> Any:
-    """PyAV; raises FileError if it is not installed."""
-    try:
-        import av
-    except ImportError as error:
-        raise FileError(
-            f'{path}: pip install "blurmatte[video]", or use pictures; clips need PyAV'
-        ) from error
-    return av
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
-    """The container and its video stream; errors of FFmpeg become FileErrors."""
-    av = video_library(path)
-    check_exists(path, "give a clip, or the pictures in it")
-    try:
-        with av.open(str(path)) as container:
-            videos = _videos(container)
-            if not videos:
-                raise FileError(
-                    f"{path}: give a clip with pictures; the file holds no video, or none of known size"
-                )
-            yield container, videos[0]
-    except av.FFmpegError as error:
-        raise FileError(
-            f"{path}: copy or export it again; it is no clip, or it is damaged ({error.strerror})"
-        ) from error

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.errors import BlurmatteWarning
 
@@ -21,21 +22,43 @@ _CAPTURE_RATE = re.compile(r"(capture|camera|sensor).*(fps|frame.?rate)$", re.IG
 _CLOCK = re.compile(r"(\d+):(\d+):(\d+(?:\.\d+)?)")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Timing:
     """When the frames of a clip were taken."""
 
     count: int  # number of frames that are shown
     playback_rate: float | None  # frames per second, on average
     rate: float | None  # as they were taken, on average
-    # Of the frames, seconds, in order; None if the file does not state them
-    times: tuple[float, ...] | None
-    by_stamp: Mapping[int, float]  # the same by time stamp, in ticks of the file
+    # (n,): time stamps of the frames in order, in ticks of the file; empty if it does not state them
+    stamps: npt.NDArray[np.int64]
+    seconds: npt.NDArray[np.float64]  # (n,): their times
+    keys: npt.NDArray[np.int64]  # (m,): indices of key frames, at which decoding can begin
+
+    @property
+    def times(self) -> tuple[float, ...] | None:
+        """Of the frames, seconds, in order; None if the file does not state them."""
+        return tuple(self.seconds.tolist()) if len(self.stamps) else None
+
+    def index_of(self, stamp: int | None) -> int | None:
+        """Which frame has a time stamp."""
+        at = int(np.searchsorted(self.stamps, stamp)) if stamp is not None else len(self.stamps)
+        return at if at < len(self.stamps) and self.stamps[at] == stamp else None
 
     def of(self, frame: Any) -> float | None:
         """The time of a `VideoFrame`, seconds."""
-        time: float | None = self.by_stamp.get(frame.pts, frame.time)
+        at = self.index_of(frame.pts)
+        time: float | None = frame.time if at is None else float(self.seconds[at])
         return time
+
+    def key_before(self, index: int) -> int:
+        """The last key frame up to a frame; 0 if none is known."""
+        at = int(np.searchsorted(self.keys, index, side="right"))
+        return int(self.keys[at - 1]) if at else 0
+
+    def key_from(self, index: int) -> int:
+        """The first key frame from a frame on; the number of frames if there is none."""
+        at = int(np.searchsorted(self.keys, index))
+        return int(self.keys[at]) if at < len(self.keys) else self.count
 
 
 def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timing:
@@ -47,6 +70,7 @@ def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timin
     import av
 
     stamps: list[int | None] = []
+    keys: list[int] = []
     partial = False
     ends: dict[int, Fraction] = {}
     try:
@@ -57,6 +81,8 @@ def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timin
                 ends[packet.stream_index] = max(end, ends.get(packet.stream_index, end))
             if packet.stream_index == stream.index and packet.size and not packet.is_discard:
                 stamps.append(packet.pts)
+                if packet.is_keyframe and packet.pts is not None:
+                    keys.append(packet.pts)
                 partial = packet.is_corrupt
     except av.FFmpegError:
         pass  # the end of a truncated file
@@ -73,13 +99,13 @@ def timing_of(path: Path, container: Any, stream: Any, stacklevel: int) -> Timin
             BlurmatteWarning,
             stacklevel=stacklevel + 1,
         )
-    known = [pts for pts in stamps if pts is not None]
-    if len(known) < len(stamps) or not known:
-        return Timing(len(stamps), rate, rate, None, {})
-    known.sort()
-    exact, constant = _on_grid(known, stream)
-    times = tuple(float(t * stream.time_base) for t in exact)
-    timing = Timing(len(times), rate, rate, times, dict(zip(known, times, strict=True)))
+    known = np.sort([pts for pts in stamps if pts is not None]).astype(np.int64)
+    if len(known) < len(stamps) or not len(known):
+        none = np.empty(0, np.int64)
+        return Timing(len(stamps), rate, rate, none, none.astype(float), none)
+    seconds, constant = _on_grid(known, stream)
+    at = np.searchsorted(known, np.sort(keys))  # of those that are shown
+    timing = Timing(len(known), rate, rate, known, seconds, at[at < len(known)])
     return _as_captured(path, timing, _capture_rate(container, stream), constant, stacklevel + 1)
 
 
@@ -100,9 +126,9 @@ def _missing_at_end(container: Any, stream: Any, ends: Mapping[int, Fraction], r
     return max(round(float(stated - max(end, end - start)) * rate), 0)
 
 
-def _on_grid(stamps: list[int], stream: Any) -> tuple[list[Fraction | int], bool]:
-    """The stamps, in ticks, exact if they are rounded times of a rate; True if none is left out."""
-    offsets = np.array(stamps) - stamps[0]
+def _on_grid(stamps: npt.NDArray[np.int64], stream: Any) -> tuple[npt.NDArray[np.float64], bool]:
+    """Seconds of the stamps, exact if they are rounded times of a rate; True if none is left out."""
+    offsets = stamps - stamps[0]
     for rate in (stream.base_rate, stream.average_rate, stream.guessed_rate):
         ticks = 1 / (rate * stream.time_base) if rate else Fraction(0)
         if ticks < _MIN_TICKS:
@@ -110,9 +136,10 @@ def _on_grid(stamps: list[int], stream: Any) -> tuple[list[Fraction | int], bool
         number = np.rint(offsets / float(ticks)).astype(int)
         rounding = offsets - number * float(ticks)
         if np.ptp(rounding) < 1.001 and np.all(np.diff(number) > 0):
-            exact: list[Fraction | int] = [stamps[0] + int(n) * ticks for n in number]
-            return exact, bool(np.all(np.diff(number) == 1))
-    return list(stamps), False
+            first = int(stamps[0])
+            exact = (float((first + int(n) * ticks) * stream.time_base) for n in number)
+            return np.fromiter(exact, float, len(number)), bool(np.all(np.diff(number) == 1))
+    return np.array([float(int(stamp) * stream.time_base) for stamp in stamps]), False
 
 
 def _capture_rate(container: Any, stream: Any) -> tuple[str, float] | None:
@@ -132,9 +159,9 @@ def _as_captured(
     stacklevel: int,
 ) -> Timing:
     """The times of the capture, if it was at another rate and both are constant."""
-    if stated is None or timing.times is None or len(timing.times) < 2:
+    if stated is None or len(timing.stamps) < 2:
         return timing
-    (name, rate), played = stated, 1 / float(np.median(np.diff(timing.times)))
+    (name, rate), played = stated, 1 / float(np.median(np.diff(timing.seconds)))
     ratio = rate / played
     if 1 / _MIN_SPEED_RATIO < ratio < _MIN_SPEED_RATIO:
         return timing
@@ -151,5 +178,4 @@ def _as_captured(
     )
     if not constant:
         return timing
-    by_stamp = {stamp: time / ratio for stamp, time in timing.by_stamp.items()}
-    return replace(timing, rate=rate, times=tuple(by_stamp.values()), by_stamp=by_stamp)
+    return replace(timing, rate=rate, seconds=timing.seconds / ratio)

@@ -16,7 +16,8 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.files.chroma_siting import rec709_converter
-from blurmatte.files.clip_reading import LIMITED_WHITE, video_library
+from blurmatte.files.clip_decoding import video_library
+from blurmatte.files.clip_reading import LIMITED_WHITE
 from blurmatte.files.encoding import H273
 from blurmatte.layer import Layer
 from blurmatte.radiometry.image import LinearImage

@@ -119,9 +119,9 @@ class Frames(Sequence[Frame]):
         return replace(self, clip=clip, load=partial(decode_frames, clip))
 
     @property
-    def frame_numbers(self) -> list[int]:
+    def frame_numbers(self) -> Sequence[int]:
         """Number of each frame; missing pictures are counted."""
-        return [n if self.places is None else self.places[n] for n in self.numbers]
+        return self.numbers if self.places is None else [self.places[n] for n in self.numbers]
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -154,6 +154,21 @@ class Frames(Sequence[Frame]):
         for number, image in zip(numbers, self.load(numbers), strict=False):
             if isinstance(image, LinearImage):
                 yield coded(number, image)
+
+    def parts(self, first: int, length: int) -> Iterator[slice]:
+        """All frames from the first on, in parts of `length` frames.
+
+        Those of a clip are up to twice as long if the next then begins at a key frame: others decode
+        frames of the part before them, too.
+        """
+        while first < len(self):
+            stop = min(first + length, len(self))
+            if self.clip is not None and stop < len(self):
+                key = self.clip.timing.key_from(self.numbers[stop])
+                at = -(-(key - self.numbers.start) // self.numbers.step)
+                stop = at if at <= min(first + 2 * length, len(self)) else stop
+            yield slice(first, stop)
+            first = stop
 
     def as_codes(self, picture: LinearImage) -> CodedFrame:
         """A picture of the same scene in the code values of the frames."""

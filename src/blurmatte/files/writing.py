@@ -227,12 +227,19 @@ def _save_text(path: Path, text: str) -> None:
     path.write_text(text, encoding="utf-8", newline="\n")
 
 
-def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+def require_parquet() -> None:
+    """Raise FileError if pyarrow is not installed, before hours of work."""
     try:
-        from pyarrow import Table
-        from pyarrow.parquet import write_table
+        import pyarrow.parquet  # noqa: F401
     except ImportError as error:
         raise FileError('pip install "blurmatte[tables]"; .parquet needs pyarrow') from error
+
+
+def _save_parquet(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
+    require_parquet()
+    from pyarrow import Table
+    from pyarrow.parquet import write_table
+
     write_table(Table.from_pylist(flat_rows(rows)), path)
 
 

@@ -30,6 +30,8 @@ class CodedFrame:
     step: float  # difference of two code values; 0 for floats
     # Linear light of a box (x0, y0, x1, y1), or of every n-th pixel of the frame
     light_of: Callable[[Box, int], LinearImage] = field(repr=False)
+    # For each pixel, that `light_of` keeps once it was called; 0 if it keeps pictures of light
+    light_bytes: int = 0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -61,7 +63,7 @@ def coded(number: int, image: LinearImage) -> CodedFrame:
 
 @runtime_checkable
 class CodedSequence(Protocol):
-    """Frames that can be read as code values."""
+    """Frames of a file or of several, which can be read as code values in parts."""
 
     def coded(self, which: slice) -> Iterator[CodedFrame]:
         """Some of the frames."""
@@ -69,6 +71,10 @@ class CodedSequence(Protocol):
 
     def as_codes(self, picture: LinearImage) -> CodedFrame:
         """A picture of the same scene in the code values of the frames."""
+        ...
+
+    def parts(self, first: int, length: int) -> Iterator[slice]:
+        """All frames from the first on in parts that are read on their own."""
         ...
 
 

@@ -90,7 +90,9 @@ class Gate:
     size: tuple[int, int]
 
     @classmethod
-    def of(cls, plate: CodedFrame, samples: Iterable[CodedFrame]) -> "Gate":
+    def of(
+        cls, plate: CodedFrame, samples: Iterable[CodedFrame], hidden: Bools | None = None
+    ) -> "Gate":
         """The gate of a plate.
 
         Parameters
@@ -99,26 +101,34 @@ class Gate:
             The plate in the code values of the frames.
         samples : iterable of CodedFrame
             Frames of which most show the plate at each place, about a dozen.
+        hidden : (H, W) bool, optional
+            Where changes are no motion.
         """
         settings, block = GateSettings, GateSettings.block_cells
         expected = _cells(plate.planes, plate.zero)
-        near: list[list[Map]] = [[], [], []]
-        over_blocks: list[list[Map]] = [[], [], []]
+        few: list[tuple[Planes, float]] = []
         for sample in samples:
             check_same_size("a sample", sample.size, "plate", plate.size)
-            cells = _cells(sample.planes, sample.zero)
-            gain = _gain(cells, expected)
-            for c in range(3):
-                d = cells[c] - gain * expected[c]
-                near[c].append(d)
-                over_blocks[c].append(_block_sums(d, block))
-        if not near[0]:
+            planes = _padded(sample.planes)
+            few.append((planes, _gain(_few_cells(planes[0], sample.zero[0]), expected[0])))
+        if not few:
             raise ValueError("samples must hold one frame or more, got none")
         reach, of_blocks = [], []
-        for c in range(3):
+        for c, cells in enumerate(expected):  # one at a time saves memory
+            d = np.empty((len(few), *cells.shape), np.float32)
+            for to, (planes, gain) in zip(d, few, strict=True):
+                np.subtract(_summed(planes[c], cells.shape, plate.zero[c]), gain * cells, out=to)
+            over_blocks = np.stack([_block_sums(one, block) for one in d])
             codes = _codes_per_cell(plate, c) * max(plate.step, 0.0)
-            reach.append(_reach(near[c], settings.min_cell_codes * codes))
-            of_blocks.append(_reach(over_blocks[c], settings.min_block_codes * codes * block**2))
+            reach.append(_reach(d, settings.min_cell_codes * codes))
+            of_blocks.append(_reach(over_blocks, settings.min_block_codes * codes * block**2))
+        if hidden is not None:
+            ignored = _padded((hidden, hidden, hidden))[0]
+            for side, tables in ((CELL, reach), (CELL * block, of_blocks)):
+                h, w = (n // side for n in ignored.shape)
+                touched = ignored.reshape(h, side, w, side).any(axis=(1, 3))
+                for table in tables:
+                    table[touched] = np.inf
         return cls(expected, tuple(reach), tuple(of_blocks), plate.zero, plate.size)
 
     def changes(self, frame: CodedFrame) -> Change:
@@ -132,46 +142,64 @@ class Gate:
         from blurmatte.streaks.gate_kernel import count_changes  # numba takes half a second
 
         check_same_size("a frame", frame.size, "plate", self.size)
-        cells = _cells(frame.planes, self.zero)
-        gain, block = _gain(cells, self.cells), GateSettings.block_cells
+        planes, block = _padded(frame.planes), GateSettings.block_cells
+        gain = _gain(_few_cells(planes[0], self.zero[0]), self.cells[0])
         counts = np.zeros(self.block_reach[0].shape, np.int32)
         sums, moved = np.empty(counts.shape, np.float32), np.zeros(counts.shape, bool)
         for c in range(3):
-            count_changes(
-                cells[c], np.float32(gain), self.cells[c], self.cell_reach[c], block, counts, sums
-            )
+            zero = np.float32(self.zero[c] * (planes[c].size // self.cells[c].size))
+            table = self.cells[c], self.cell_reach[c]
+            count_changes(planes[c], zero, np.float32(gain), *table, block, counts, sums)
             moved |= np.abs(sums) > self.block_reach[c]
         moved |= counts >= GateSettings.min_cells
         boxes = _boxes(moved, CELL * block, self.size)
         return Change(frame.number, frame.time, boxes, float(moved.mean()), gain)
 
 
-def _cells(planes: Planes, zero: tuple[float, float, float]) -> tuple[Map, ...]:
-    """Each plane minus its zero, over cells; cells at odd borders are extended to whole ones."""
-    from blurmatte.streaks.gate_kernel import sum_pairs  # numba takes half a second
+def _padded(planes: Planes) -> Planes:
+    """The planes, extended at the right and below to whole blocks.
 
-    height, width = planes[0].shape
-    h, w = -(-height // CELL), -(-width // CELL)
-    pad = (-h) % GateSettings.block_cells, (-w) % GateSettings.block_cells
-    cells = []
-    for plane, offset in zip(planes, zero, strict=True):
-        if plane.shape == (height, width):
-            if height % CELL or width % CELL:
-                plane = np.pad(plane, ((0, height % CELL), (0, width % CELL)), mode="edge")
-            summed = np.empty((h, w), np.float32)
-            sum_pairs(plane, summed)
-            summed -= np.float32(CELL**2 * offset)
-        elif plane.shape == (h, w):
-            summed = plane.astype(np.float32)
-            summed -= np.float32(offset)
-        else:
+    Raises ValueError if planes are neither of the size of the first nor of half of it.
+    """
+    (height, width), side = planes[0].shape, CELL * GateSettings.block_cells
+    whole = np.array([-(-height // side) * side, -(-width // side) * side])
+    padded = []
+    for plane in planes:
+        if plane.shape not in ((height, width), (-(-height // CELL), -(-width // CELL))):
             raise ValueError(
                 f"planes must have the size of the first or half of it, got {plane.shape}"
             )
-        cells.append(
-            np.pad(summed, ((0, pad[0]), (0, pad[1])), mode="edge") if any(pad) else summed
-        )
-    return tuple(cells)
+        shape = whole if plane.shape == (height, width) else whole // CELL
+        more = [(0, int(n)) for n in shape - plane.shape]
+        padded.append(np.pad(plane, more, mode="edge") if any(n for _, n in more) else plane)
+    return padded[0], padded[1], padded[2]
+
+
+def _cells(planes: Planes, zero: tuple[float, float, float]) -> tuple[Map, ...]:
+    """Each plane minus its zero, over cells."""
+    padded = _padded(planes)
+    h, w = (n // CELL for n in padded[0].shape)
+    return tuple(_summed(plane, (h, w), offset) for plane, offset in zip(padded, zero, strict=True))
+
+
+def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float) -> Map:
+    """Sums of a padded plane minus its zero over cells."""
+    from blurmatte.streaks.gate_kernel import sum_pairs  # numba takes half a second
+
+    if plane.shape == shape:
+        summed = plane.astype(np.float32)
+    else:
+        summed = np.empty(shape, np.float32)
+        sum_pairs(plane, summed)
+    summed -= np.float32(plane.size // summed.size * zero)
+    return summed
+
+
+def _few_cells(plane: npt.NDArray[np.generic], zero: float) -> Map:
+    """Every n-th cell of the first plane, from which the gain is found."""
+    step = CELL * GateSettings.gain_every_cells
+    corners = (plane[y::step, x::step].astype(np.float32) for y in range(CELL) for x in range(CELL))
+    return np.asarray(sum(corners) - np.float32(CELL**2 * zero))
 
 
 def _codes_per_cell(frame: CodedFrame, c: int) -> float:
@@ -179,14 +207,13 @@ def _codes_per_cell(frame: CodedFrame, c: int) -> float:
     return float(CELL**2 if frame.planes[c].shape == frame.planes[0].shape else 1)
 
 
-def _gain(cells: tuple[Map, ...], expected: tuple[Map, ...]) -> float:
+def _gain(few: Map, expected: Map) -> float:
     """Gain of a frame: the median ratio of its first plane to the plate's; 1 if it hardly changed."""
-    few = np.s_[:: GateSettings.gain_every_cells, :: GateSettings.gain_every_cells]
-    a, b = cells[0][few], expected[0][few]
+    b = expected[:: GateSettings.gain_every_cells, :: GateSettings.gain_every_cells]
     bright = b > 0.1 * b.max()  # dark code values have no ratio
     if not bright.any():
         return 1.0
-    gain = float(np.median(a[bright] / b[bright]))
+    gain = float(np.median(few[bright] / b[bright]))
     return gain if abs(gain - 1) > GateSettings.max_gain_change else 1.0
 
 
@@ -195,19 +222,21 @@ def _block_sums(cells: Map, block: int) -> Map:
     return np.asarray(cells.reshape(h, block, w, block).sum(axis=(1, 3)))
 
 
-def _reach(differences: list[Map], least: float) -> Map:
+def _reach(differences: Map, least: float) -> Map:
     """Largest |d| without motion, from a low quantile of |d| over frames.
 
     An object may cover a place in half of them. Few frames share one median of the whole picture.
+    The differences are overwritten.
     """
     from scipy.ndimage import uniform_filter
 
-    sizes = np.abs(differences)
+    sizes = np.abs(differences, out=differences)
     if len(sizes) < GateSettings.min_samples:
         std = np.full(sizes[0].shape, MAD_TO_STD * np.median(sizes))
     else:
         rank = int(GateSettings.quantile * len(sizes))
-        std = np.partition(sizes, rank, axis=0)[rank] / GateSettings.quantile_stds
+        sizes.partition(rank, axis=0)
+        std = sizes[rank] / GateSettings.quantile_stds
     variance = uniform_filter(std**2, GateSettings.std_window_cells, mode="nearest")
     std = np.sqrt(np.maximum(variance, std**2))  # of edges, which restless places are next to
     return np.asarray(np.maximum(GateSettings.max_std * std, max(least, 1e-9)), np.float32)

@@ -1,5 +1,6 @@
 """Compiled loops of the gate: sums of codes over cells, and comparison with a table."""
 
+import numpy as np
 from numba import njit
 
 
@@ -16,15 +17,17 @@ def sum_pairs(plane, out):  # type: ignore[no-untyped-def]
 
 
 @njit(cache=True, nogil=True)
-def count_changes(cells, gain, expected, reach, block, counts, sums):  # type: ignore[no-untyped-def]
+def count_changes(plane, zero, gain, expected, reach, block, counts, sums):  # type: ignore[no-untyped-def]
     """Count the cells of each block that differ from the plate, and sum their differences.
 
     Parameters
     ----------
-    cells, expected, reach : (h, w) float32
-        A frame, the plate, and the largest difference without motion.
-    gain : float32
-        Of the frame over the plate.
+    plane : (n h, n w)
+        Code values of a frame; a cell has n x n of them, and n is 1 or 2.
+    zero, gain : float32
+        Of a cell without light, and of the frame over the plate.
+    expected, reach : (h, w) float32
+        Cells of the plate, minus their zero, and the largest difference without motion.
     block : int
         Cells along a side of a block.
     counts : (h // block, w // block) int32
@@ -33,14 +36,26 @@ def count_changes(cells, gain, expected, reach, block, counts, sums):  # type: i
         Overwritten by the sums of the differences.
     """
     width = counts.shape[1] * block
+    halved = plane.shape[0] == 2 * expected.shape[0]
+    line = np.empty(width, np.float32)
     for y in range(counts.shape[0]):
         for x in range(counts.shape[1]):
             sums[y, x] = 0
         for i in range(y * block, y * block + block):
+            if halved:
+                upper, lower = plane[2 * i], plane[2 * i + 1]
+                for j in range(width):
+                    total = upper[2 * j] + upper[2 * j + 1]
+                    total += lower[2 * j]
+                    total += lower[2 * j + 1]
+                    line[j] = total
+            else:
+                for j in range(width):
+                    line[j] = plane[i, j]
             for x in range(0, width, block):
                 total, count = sums[y, x // block], 0
                 for j in range(x, x + block):
-                    d = cells[i, j] - gain * expected[i, j]
+                    d = line[j] - zero - gain * expected[i, j]
                     total += d
                     count += abs(d) > reach[i, j]
                 sums[y, x // block] = total

@@ -1,6 +1,7 @@
 """Workers: several works in one pool. clip_color: frames that vote, and when the vote ends."""
 
 import operator
+from dataclasses import dataclass
 from itertools import islice
 
 import numpy as np
@@ -21,6 +22,28 @@ def test_pool_runs_several_works_in_order():
         assert list(workers.in_order(operator.sub, pairs, 1)) == [k - 3 for k in range(7)]
         assert list(islice(workers.in_order(operator.add, pairs), 2)) == [3, 4]
         assert list(workers.in_order(operator.mul, pairs)) == [3 * k for k in range(7)]
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Adds to arrays of its own; two layouts, one of which does not lie in memory in order."""
+
+    large: np.ndarray
+    strided: np.ndarray
+    empty: np.ndarray
+
+    def __call__(self, k):
+        self.large[0] += k  # of this process alone
+        return float(self.large.sum() + self.strided.sum() + self.empty.sum())
+
+
+def test_arrays_of_a_work_arrive_and_may_be_written():
+    """Exact: each process has its own copy of arrays that are mapped from one file."""
+    table = Table(np.arange(1000.0), np.arange(12.0).reshape(3, 4)[:, ::2], np.empty(0))
+    with Workers(2) as workers:
+        once = list(workers.in_order(table, [(0,)] * 4))
+    assert once == [table.large.sum() + table.strided.sum()] * 4
+    assert table.large[0] == 0
 
 
 @pytest.mark.parametrize("count", [0, -1, 1.5])

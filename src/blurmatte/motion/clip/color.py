@@ -9,7 +9,7 @@ from blurmatte.color.model import ColorModel
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
-from blurmatte.motion.clip.workers import Workers, shared
+from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.color_fusion import fuse_colors
@@ -69,19 +69,26 @@ def clip_color(
     """
     if len(frames):
         check_not_gray(frames[0], plate)
-    scene = StaticScene.of(frames, plate)
-    votes: list[Vote] = []
     with shared(workers) as processes:
-        busy = [change.number for change in survey(frames, scene, processes) if change.boxes]
-        for fit, inside, rounds in _TRIALS:
-            voter = _Voter(scene, fit, inside)
-            tasks = ((frames[k : k + 1],) for k in _spread(busy, rounds))
-            for number, colors in enumerate(processes.in_order(voter, tasks, 1)):
-                votes += [(model, weight, number) for model, weight in colors]
-                if _decided(votes):
-                    break
-            if votes:
+        return color_in_scene(frames, StaticScene.of(frames, plate), processes)
+
+
+def color_in_scene(
+    frames: Sequence[LinearImage], scene: StaticScene, workers: Workers
+) -> ColorModel:
+    """As `clip_color`."""
+    votes: list[Vote] = []
+    busy = [change.number for change in survey(frames, scene, workers) if change.boxes]
+    for fit, inside, rounds in _TRIALS:
+        voter = _Voter(scene, fit, inside)
+        parts = ((slice(k, k + 1),) for k in _spread(busy, rounds))
+        found = successes(workers.over(frames, voter, parts, 1))
+        for number, colors in enumerate(found):
+            votes += [(model, weight, number) for model, weight in colors]
+            if _decided(votes):
                 break
+        if votes:
+            break
     votes = [vote for vote in votes if vote[0].rank == 1] or votes[:1]
     if not votes:
         raise ColorModelError(

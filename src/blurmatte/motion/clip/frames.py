@@ -19,7 +19,7 @@ class ClipFrames(Protocol):
     """Frames of a clip, or of a sequence with missing pictures."""
 
     @property
-    def frame_numbers(self) -> list[int]:
+    def frame_numbers(self) -> Sequence[int]:
         """Number of each frame."""
         ...
 

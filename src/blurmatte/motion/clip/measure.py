@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.background import Matching, make_plate
-from blurmatte.checks import check_kind, check_same_size
+from blurmatte.background import Matching
+from blurmatte.checks import Bools, check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
@@ -29,8 +29,8 @@ from blurmatte.motion.clip.matched_filter import (
     min_energy,
     moving_parts,
 )
-from blurmatte.motion.clip.scene import Crop, StaticScene
-from blurmatte.motion.clip.workers import Workers, shared, tasks_of
+from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
+from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import CodedFrame, LinearImage, check_picture, coded_frames
@@ -70,7 +70,7 @@ def measure_clip(
     frames : sequence of LinearImage
         From `read_frames`, or a list.
     plate : LinearImage, optional
-        The scene without the object; made from the frames if not given.
+        The scene without the object; made from up to 60 frames if not given.
     model : ColorModel, optional
         Its color; `clip_color` finds it if not given.
     several : bool
@@ -100,7 +100,7 @@ def measure_clip(
     if isinstance(frames, ClipFrames):
         frames = frames.for_plate(plate)
     if plate is None:
-        plate = make_plate(frames).plate
+        plate = clip_plate(frames)
     with shared(workers) as processes:
         if model is None:
             model = clip_color(frames, plate, processes)
@@ -160,16 +160,45 @@ def sightings(
         If a frame and the plate differ in size, or rate or workers are not positive.
     """
     _check_clip(frames, plate, model, rate)
-    scene, first = StaticScene.of(frames, plate), frames[0]
+    scene = StaticScene.of(frames, plate)
+    with shared(workers) as processes:
+        yield from sightings_in_scene(
+            frames, scene, model, processes, several=several, numbers=numbers, rate=rate, skip=skip
+        )
+
+
+def sightings_in_scene(
+    frames: Sequence[LinearImage],
+    scene: StaticScene,
+    model: ColorModel,
+    workers: Workers,
+    *,
+    several: bool,
+    numbers: Iterable[int] | None,
+    rate: float | None = None,
+    skip: int = 0,
+) -> Iterator[FrameSightings]:
+    """As `sightings`."""
+    first = frames[0]
     model = replace(model, to_srgb=first.meta.to_srgb)
     color = None
     if model.rank == 1:
         color = MatchedFilter.of(scene.plate, with_default_noise(first, scene.noise), model)
-    where = None if numbers is None else tuple(numbers)
+    where = numbers if numbers is None or isinstance(numbers, range) else tuple(numbers)
     detect = _Detector(scene, model, color, where, rate, several)
-    with shared(workers) as processes:
-        for found in processes.in_order(detect, tasks_of(frames, skip)):
-            yield from found
+    for found in successes(workers.over(frames, detect, parts_of(frames, workers, skip))):
+        yield from found
+
+
+def scene_of(
+    frames: Sequence[LinearImage],
+    plate: LinearImage,
+    model: ColorModel | None,
+    hidden: Bools | None = None,
+) -> StaticScene:
+    """The scene of a clip, whose plate and color model, if there is one, are checked."""
+    _check_clip(frames, plate, ColorModel.any() if model is None else model, None)
+    return StaticScene.of(frames, plate, hidden)
 
 
 def _check_clip(
@@ -193,14 +222,12 @@ class _Detector:
     scene: StaticScene
     model: ColorModel
     color: MatchedFilter | None
-    numbers: tuple[int, ...] | None
+    numbers: Sequence[int] | None
     rate: float | None
     several: bool
 
-    def __call__(
-        self, frames: Sequence[LinearImage], which: slice, first: int
-    ) -> list[FrameSightings]:
-        found = enumerate(coded_frames(frames, which), first)
+    def __call__(self, frames: Sequence[LinearImage], first: int) -> list[FrameSightings]:
+        found = enumerate(coded_frames(frames, slice(None)), first)
         return [self._detected(index, frame) for index, frame in found]
 
     def _detected(self, index: int, frame: CodedFrame) -> FrameSightings:

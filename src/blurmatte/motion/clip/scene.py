@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blurmatte.background import make_plate, max_coded_samples
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Box
+from blurmatte.checks import Bools, Box, check_map
 from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain, with_default_noise
-from blurmatte.motion.clip.workers import Workers, tasks_of
+from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames, in_codes_of
 from blurmatte.streaks import Change, Gate
 
+PLATE_FRAMES = 60  # from which the plate of a clip is made at most
 GATE_SAMPLES = 16  # frames from which the differences without motion are measured
 GAIN_EVERY = 5  # pixels in rows and columns; enough for a median
 
@@ -48,22 +51,33 @@ class StaticScene:
     noise : NoiseModel or (H, W, 3) float
         Of frames that have none of their own.
     gate : Gate
+    hidden : (H, W) bool, optional
+        Where something is in front of the scene.
     """
 
     plate: LinearImage
     few: LinearImage
     noise: Noise
     gate: Gate
+    hidden: Bools | None = None
 
     @classmethod
-    def of(cls, frames: Sequence[LinearImage], plate: LinearImage) -> StaticScene:
-        """The scene of a clip and its plate; unknown noise is measured in the first frame."""
+    def of(
+        cls, frames: Sequence[LinearImage], plate: LinearImage, hidden: Bools | None = None
+    ) -> StaticScene:
+        """The scene of a clip and its plate; unknown noise is measured in the first frame.
+
+        Raises ValueError if what is hidden is not a mask of the size of the frames.
+        """
+        if hidden is not None:
+            check_map("occluder", hidden, plate.valid.shape, kinds="b")
+            plate = replace(plate, valid=plate.valid & ~hidden)
         first, plate = with_noise(frames[0], plate)
         samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
-        gate = Gate.of(in_codes_of(frames, plate), samples)
+        gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        return cls(plate, few, noise_of(first), gate)
+        return cls(plate, few, noise_of(first), gate, hidden)
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
         """Image and plate in boxes of a frame."""
@@ -74,15 +88,34 @@ class StaticScene:
                 image = with_default_noise(image, self._noise_in(box))
             yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
 
+    def hidden_in(self, box: Box) -> Bools | None:
+        """What is hidden in a box; None for nothing."""
+        x0, y0, x1, y1 = box
+        hidden = None if self.hidden is None else self.hidden[y0:y1, x0:x1]
+        return hidden if hidden is not None and hidden.any() else None
+
     def _noise_in(self, box: Box) -> Noise:
         x0, y0, x1, y1 = box
         return self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
 
 
+def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
+    """The plate of a clip, from frames all over it."""
+    most = PLATE_FRAMES
+    if len(frames):
+        first = next(coded_frames(frames, slice(0, 1)))
+        if first.light_bytes:
+            most = min(most, max_coded_samples(math.prod(first.size), first.light_bytes))
+    plate = make_plate(frames[:: -(-len(frames) // most) or 1]).plate
+    trim_memory()  # of the frames
+    return plate
+
+
 def survey(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> Iterator[Change]:
     """What moved in each frame of a clip, in order."""
-    for found in workers.in_order(_Survey(scene.gate), tasks_of(frames)):
-        yield from found
+    found = workers.over(frames, _Survey(scene.gate), parts_of(frames, workers))
+    for changes in successes(found):
+        yield from changes
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,6 +124,6 @@ class _Survey:
 
     gate: Gate
 
-    def __call__(self, frames: Sequence[LinearImage], which: slice, first: int) -> list[Change]:
-        changes = map(self.gate.changes, coded_frames(frames, which))
+    def __call__(self, frames: Sequence[LinearImage], first: int) -> list[Change]:
+        changes = map(self.gate.changes, coded_frames(frames, slice(None)))
         return [replace(change, number=k) for k, change in enumerate(changes, first)]

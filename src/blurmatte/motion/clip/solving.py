@@ -12,33 +12,28 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.background import Matching, make_plate
-from blurmatte.checks import Box, check_kind
+from blurmatte.background import Matching
+from blurmatte.checks import Bools, Box, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import BlurmatteError, BlurmatteWarning
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import solve
 from blurmatte.matting.swept import Swept
-from blurmatte.motion.clip.color import clip_color
+from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.frames import ClipFrames, with_default_noise
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
-from blurmatte.motion.clip.measure import sightings
+from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
 from blurmatte.motion.clip.pooling import ClipObject
-from blurmatte.motion.clip.scene import Crop, StaticScene
-from blurmatte.motion.clip.workers import Workers, shared
+from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
+from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak, dilated
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
-
-PLATE_FRAMES = 60  # from which the plate of a clip is made at most
-SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at most
-_MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
-_CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,10 +77,10 @@ class FrameSolver:
 
     @classmethod
     def of(
-        cls, frames: Sequence[LinearImage], plate: LinearImage, model: ColorModel
+        cls, frames: Sequence[LinearImage], scene: StaticScene, model: ColorModel
     ) -> FrameSolver:
-        """For a clip, its plate and the color of its object."""
-        scene, first, color = StaticScene.of(frames, plate), frames[0], None
+        """For a clip, its scene and the color of its object."""
+        first, color = frames[0], None
         model = replace(model, to_srgb=first.meta.to_srgb)
         if model.rank == 1:
             color = MatchedFilter.of(scene.plate, with_default_noise(first, scene.noise), model)
@@ -157,7 +152,8 @@ class FrameSolver:
                 streak=streak,
                 matching=Matching.NONE,
                 start=start,
-                prior=prior,
+                known_size=wanted.size if wanted.is_disc else None,
+                occluder=self.scene.hidden_in(crop.box),
             )
 
     def silhouette_odds(
@@ -199,6 +195,7 @@ def solve_clip(
     model: ColorModel | None = None,
     *,
     several: bool = False,
+    occluder: Bools | None = None,
     workers: int | Workers = 1,
 ) -> Iterator[tuple[int, Solution]]:
     """Separate a moving object from its background in each frame of a clip of a fixed camera.
@@ -217,6 +214,9 @@ def solve_clip(
         Its color; `clip_color` finds it if not given.
     several : bool
         Solve every object of that color, as `measure_clip` follows them.
+    occluder : (H, W) bool, optional
+        Where something is in front of the scene in all frames, such as a score board: changes there are
+        no motion. Alpha continues behind it, as in `solve`.
     workers : int or Workers
         As in `sightings`.
 
@@ -238,21 +238,17 @@ def solve_clip(
         frames = frames.for_plate(plate)
     plate = clip_plate(frames) if plate is None else plate
     with shared(workers) as processes:
-        model = clip_color(frames, plate, processes) if model is None else model
-        numbers = range(len(frames))
-        seen = sightings(frames, plate, model, several=several, numbers=numbers, workers=processes)
+        scene, numbers = scene_of(frames, plate, model, occluder), range(len(frames))
+        model = color_in_scene(frames, scene, processes) if model is None else model
+        seen = sightings_in_scene(frames, scene, model, processes, several=several, numbers=numbers)
         rows = link_objects(seen) if several else link_sightings(seen)
-        solver = FrameSolver.of(frames, plate, model)
-        found = wanted_frames(frames, rows, solver, numbers, processes)
-        tasks = ((frames[one.index : one.index + 1], one) for one in found)
-        for one, solution in zip(found, processes.in_order(solver, tasks), strict=True):
+        found = wanted_frames(rows, model, numbers)
+        solver = FrameSolver.of(frames, scene, model)
+        parts = ((slice(one.index, one.index + 1), one) for one in found)
+        solutions = successes(processes.over(frames, solver, parts))
+        for one, solution in zip(found, solutions, strict=True):
             if isinstance(solution, Solution):
                 yield one.index, solution
-
-
-def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
-    """The plate of a clip, from frames all over it."""
-    return make_plate(frames[:: -(-len(frames) // PLATE_FRAMES) or 1]).plate
 
 
 def wanted_frames(

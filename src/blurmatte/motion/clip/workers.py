@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import concurrent.futures
+import ctypes
+import mmap
 import multiprocessing
 import os
 import pickle
 import signal
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass, replace
 from multiprocessing import resource_tracker
 from pathlib import Path
@@ -22,8 +25,12 @@ from threadpoolctl import threadpool_limits
 from blurmatte.radiometry import LinearImage
 from blurmatte.radiometry.coded import CodedSequence
 
-FRAMES_PER_TASK = 10  # of a clip that each process opens itself
+FRAMES_PER_TASK = 10, 50  # of a clip that each process opens itself, at least and at most
+TASKS_PER_WORKER = 2  # at least, if there are enough frames
 MAX_ATTEMPTS = 3  # of a task whose process dies
+_ALIGNMENT = 64  # bytes, of arrays in a file
+_M_MMAP_THRESHOLD = -3  # its number in malloc.h
+_MMAP_THRESHOLD_BYTES = 2 << 20
 
 Answer = TypeVar("Answer")
 
@@ -98,10 +105,31 @@ class Workers:
             Tasks in memory for each process, 1 or more. Tasks that are running when the iteration is
             stopped are wasted.
         """
-        for outcome in self.outcomes(work, tasks, waiting):
-            if isinstance(outcome, Failure):
-                raise outcome.error
-            yield outcome
+        yield from successes(self.outcomes(work, tasks, waiting))
+
+    def over(
+        self,
+        frames: Sequence[LinearImage],
+        work: Callable[..., Answer],
+        parts: Iterable[tuple[Any, ...]],
+        waiting: int = 2,
+    ) -> Iterator[Answer | Failure]:
+        """As `outcomes`, for parts of a clip, which is sent to each process once.
+
+        Parameters
+        ----------
+        frames : sequence of LinearImage
+            Each process opens a clip itself; pictures in memory are sent with each part.
+        work : callable
+            Gets the frames of a part first.
+        parts : iterable of tuple
+            A slice of the frames, and more arguments of the work.
+        waiting
+            As in `in_order`.
+        """
+        if isinstance(frames, CodedSequence):
+            return self.outcomes(_OfClip(frames, work), parts, waiting)
+        return self.outcomes(work, ((frames[which], *more) for which, *more in parts), waiting)
 
     def outcomes(
         self,
@@ -149,11 +177,12 @@ class Workers:
                 return Failure(one.task, error)
 
     def _submitted(self, path: Path, task: tuple[Any, ...]) -> _Pending:
+        shared = self._executor is None  # another machine may lose the file of a work that ended
         try:
-            return _Pending(task, self._started().submit(_do, path, *task))
+            return _Pending(task, self._started().submit(_do, path, shared, *task))
         except concurrent.futures.BrokenExecutor:
             self._pool = None  # a process died while the tasks before were waited for
-            return _Pending(task, self._started().submit(_do, path, *task))
+            return _Pending(task, self._started().submit(_do, path, shared, *task))
 
     def _started(self) -> concurrent.futures.Executor:
         if self._executor is not None:
@@ -167,10 +196,12 @@ class Workers:
     def _sent(self, work: Callable[..., Any]) -> Path:
         """File from which each process reads the work once: plates are too large for each task."""
         if self._folder is None:
-            self._folder = TemporaryDirectory(prefix=".blurmatte-", dir=self._parent)
+            self._folder = TemporaryDirectory(
+                prefix=".blurmatte-", dir=self._parent, ignore_cleanup_errors=True
+            )
         self._sent_count += 1
         path = Path(self._folder.name).absolute() / str(self._sent_count)
-        path.write_bytes(pickle.dumps(work, pickle.HIGHEST_PROTOCOL))
+        _save(path, work)
         return path
 
 
@@ -203,19 +234,37 @@ def _attempted(work: Callable[..., Answer], task: tuple[Any, ...]) -> Answer | F
         return Failure(task, error)
 
 
-def tasks_of(
-    frames: Sequence[LinearImage], skip: int = 0
-) -> Iterator[tuple[Sequence[LinearImage], slice, int]]:
-    """Parts of a clip: frames, which of them, and the index of the first.
+@dataclass(frozen=True, eq=False)
+class _OfClip:
+    """A work on parts of a clip."""
 
-    Clips are opened by each process; pictures in memory are sent to it one by one.
-    """
+    frames: Any  # a CodedSequence
+    work: Callable[..., Any]
+
+    def __call__(self, which: slice, *more: Any) -> Any:
+        return self.work(self.frames[which], *more)
+
+
+def successes(outcomes: Iterable[Answer | Failure]) -> Iterator[Answer]:
+    """Results of tasks; the error of the first that failed is raised."""
+    for outcome in outcomes:
+        if isinstance(outcome, Failure):
+            raise outcome.error
+        yield outcome
+
+
+def parts_of(
+    frames: Sequence[LinearImage], workers: Workers, skip: int = 0
+) -> Iterator[tuple[slice, int]]:
+    """Parts of a clip for `Workers.over`, each with the index of its first frame."""
+    rest = len(frames) - skip
     if isinstance(frames, CodedSequence):
-        for first in range(skip, len(frames), FRAMES_PER_TASK):
-            yield frames, slice(first, min(first + FRAMES_PER_TASK, len(frames))), first
-        return
-    for index in range(skip, len(frames)):
-        yield frames[index : index + 1], slice(None), index
+        least, most = FRAMES_PER_TASK
+        length = min(max(rest // (TASKS_PER_WORKER * workers.count), least), most)
+        parts = frames.parts(skip, length)
+    else:  # pictures in memory are sent one by one
+        parts = (slice(index, index + 1) for index in range(skip, len(frames)))
+    yield from ((which, which.start) for which in parts)
 
 
 def shared(workers: int | Workers) -> AbstractContextManager[Workers]:
@@ -241,7 +290,24 @@ def _begin() -> None:
     # block the main process; the main process ends the workers.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threadpool_limits(1)  # there are as many processes as cores
+    return_freed_memory()
     threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def return_freed_memory() -> None:
+    """Let this process return the memory of arrays at once; glibc keeps that of 32 MB and less."""
+    _call_glibc("mallopt", _M_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES)
+
+
+def trim_memory() -> None:
+    """Return memory that was freed, and lies between blocks in use, to the system."""
+    _call_glibc("malloc_trim", 0)
+
+
+def _call_glibc(name: str, *arguments: int) -> None:
+    if sys.platform == "linux":
+        with suppress(AttributeError):  # of other C libraries
+            getattr(ctypes.CDLL(None), name)(*arguments)
 
 
 def _end_with_parent() -> None:
@@ -252,8 +318,46 @@ def _end_with_parent() -> None:
         os._exit(1)
 
 
-def _do(path: Path, *task: Any) -> Any:
+def _do(path: Path, shared: bool, *task: Any) -> Any:
     global _work
-    if _work is None or _work[0] != path:
-        _work = path, pickle.loads(path.read_bytes())
-    return _work[1](*task)
+    work = _work
+    if work is None or work[0] != path:
+        _work = work = None  # frees its memory first
+        _work = work = path, _loaded(path, shared)
+    return work[1](*task)
+
+
+def _save(path: Path, work: Any) -> None:
+    """Write a work; its arrays lie behind it, where `_loaded` maps them."""
+    arrays: list[pickle.PickleBuffer] = []
+    data = pickle.dumps(work, protocol=5, buffer_callback=arrays.append)
+    views = [array.raw() for array in arrays]
+    head = pickle.dumps((len(data), [view.nbytes for view in views]))
+    with path.open("wb") as file:
+        parts: list[Any] = [len(head).to_bytes(_ALIGNMENT, "little"), head, data, *views]
+        for part in parts:
+            file.write(part)
+            file.write(bytes(-file.tell() % _ALIGNMENT))
+
+
+def _loaded(path: Path, shared: bool) -> Any:
+    """The work of a file. Processes of one machine may share the memory of its arrays."""
+    with path.open("rb") as file:
+        if shared:
+            whole = memoryview(mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_COPY))
+        else:
+            whole = memoryview(bytearray(path.stat().st_size))
+            file.readinto(whole)
+
+    def part(start: int, size: int) -> tuple[memoryview, int]:
+        """A part of the file, and where the next one begins."""
+        return whole[start : start + size], start + size + -size % _ALIGNMENT
+
+    head, at = part(_ALIGNMENT, int.from_bytes(whole[:_ALIGNMENT], "little"))
+    size, sizes = pickle.loads(head)
+    data, at = part(at, size)
+    arrays = []
+    for size in sizes:
+        array, at = part(at, size)
+        arrays.append(array)
+    return pickle.loads(data, buffers=arrays)

@@ -1,0 +1,206 @@
+"""Decoding of clips by FFmpeg through PyAV: frames by their numbers, from the last key frame before.
+
+A clip may stay open between calls, so that frames that follow are decoded without those before them.
+"""
+
+import sys
+import threading
+from collections.abc import Generator, Iterator
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from typing import Any
+
+from blurmatte.errors import FileError
+from blurmatte.files.clip_times import Timing
+from blurmatte.files.errors import check_exists
+
+_open = threading.local()  # .clip stays open between calls
+
+
+def decoded(
+    path: Path, timing: Timing, decoder: str, numbers: range, keep_open: bool
+) -> Iterator[tuple[int, Any]]:
+    """Numbers and `VideoFrame`s, in order; None for a frame that cannot be decoded.
+
+    Parameters
+    ----------
+    path : Path
+    timing : Timing
+        Of the clip.
+    decoder : str
+        Name of FFmpeg's decoder; "" for the usual one.
+    numbers : range
+        Of the frames, increasing.
+    keep_open : bool
+        The clip stays open for the next call of this thread, and one thread decodes it: many processes
+        do at the same time. Else there are as many threads as cores.
+
+    Raises
+    ------
+    FileError
+        If the clip is damaged.
+    """
+    clip = _taken(path, decoder) if keep_open else _OpenClip(path, decoder, parallel=True)
+    intact = False
+    try:
+        with naming_errors(path):
+            for number in numbers:
+                frame = clip.frame(number, timing)
+                if frame is not None or not clip.hides_frames:
+                    yield number, frame
+        intact = True
+    except GeneratorExit:
+        intact = True
+        raise
+    finally:
+        if keep_open and intact:
+            _open.clip = clip
+        else:
+            clip.close()
+
+
+class _OpenClip:
+    """A clip that is open, and the last frame that was decoded."""
+
+    def __init__(self, path: Path, decoder: str, parallel: bool) -> None:
+        self.path, self.decoder, self.parallel = path, decoder, parallel
+        self.file = _identity(path)
+        self._begin()
+
+    @property
+    def hides_frames(self) -> bool:
+        """Whether some packets are references that are not shown."""
+        return bool(self.stream.codec.name == "vp8")
+
+    def frame(self, number: int, timing: Timing) -> Any | None:
+        """The frame of a number; None if it cannot be decoded."""
+        if self.before < number < self.at:
+            return None
+        key = 0 if self.decoder else timing.key_before(number)
+        if number < self.at or key > self.at + 1:
+            self._seek(key, timing)
+        while self.at < number:
+            self._read(timing)
+        return self.last if self.at == number else None
+
+    def close(self) -> None:
+        """Close the file."""
+        self.frames.close()
+        self.stack.close()
+
+    def _begin(self) -> None:
+        """Open the file; frames are counted from its beginning."""
+        self.stack = ExitStack()
+        self.container, self.stream = self.stack.enter_context(opened(self.path))
+        self.frames = decoded_packets(self.container, self.stream, self.decoder, self.parallel)
+        self.counts, self.before, self.at, self.last = True, -1, -1, None
+
+    def _seek(self, key: int, timing: Timing) -> None:
+        """Go on at a key frame; frames are known by their time stamps then."""
+        if key > 0:
+            self.frames.close()
+            self.container.seek(int(timing.stamps[key]), stream=self.stream)
+            self.frames = self.container.decode(self.stream)
+            self.counts, self.before, self.at = False, -1, -1
+            self._read(timing)
+            if self.at <= key:
+                return
+        self.close()
+        self._begin()
+
+    def _read(self, timing: Timing) -> None:
+        """Decode the next frame; after the last one there is none."""
+        self.before = self.at
+        for frame in self.frames:
+            at = self.at + 1 if self.counts else timing.index_of(frame.pts)
+            if at is not None and at > self.at:
+                self.at, self.last = at, frame
+                return
+        self.at, self.last = sys.maxsize, None
+
+
+def _taken(path: Path, decoder: str) -> _OpenClip:
+    """The clip that is open, if it is this one; else this one is opened."""
+    clip: _OpenClip | None = _open.__dict__.pop("clip", None)
+    if clip is not None:
+        if (clip.file, clip.decoder) == (_identity(path), decoder):
+            return clip
+        clip.close()
+    return _OpenClip(path, decoder, parallel=False)
+
+
+def _identity(path: Path) -> tuple[Path, int, int, int]:
+    """What differs between files, and after a file was written again."""
+    check_exists(path, "give a clip, or the pictures in it")
+    status = path.stat()
+    return path, status.st_ino, status.st_size, status.st_mtime_ns
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """The container of a clip and its video stream; errors of FFmpeg become FileErrors."""
+    av = video_library(path)
+    check_exists(path, "give a clip, or the pictures in it")
+    with naming_errors(path), av.open(str(path)) as container:
+        videos = videos_of(container)
+        if not videos:
+            raise FileError(
+                f"{path}: give a clip with pictures; the file holds no video, or none of known size"
+            )
+        yield container, videos[0]
+
+
+@contextmanager
+def naming_errors(path: Path) -> Iterator[None]:
+    """Let errors of FFmpeg become FileErrors."""
+    av = video_library(path)
+    try:
+        yield
+    except av.FFmpegError as error:
+        raise FileError(
+            f"{path}: copy or export it again; it is no clip, or it is damaged ({error.strerror})"
+        ) from error
+
+
+def videos_of(container: Any) -> list[Any]:
+    """The video streams that are no cover pictures and have a known size."""
+    from av.stream import Disposition
+
+    still = Disposition.attached_pic | Disposition.timed_thumbnails
+    videos = (stream for stream in container.streams.video if not stream.disposition & still)
+    return [one for one in videos if one.codec_context is not None and one.width and one.height]
+
+
+def decoded_packets(
+    container: Any, stream: Any, decoder: str, parallel: bool = True
+) -> Generator[Any]:
+    """The `VideoFrame`s of a stream, decoded by as many threads as there are cores, or by one."""
+    if not decoder:
+        if parallel:
+            stream.thread_type = "AUTO"
+        else:
+            stream.codec_context.thread_count = 1
+        yield from container.decode(stream)
+        return
+    from av import VideoCodecContext
+
+    context: Any = VideoCodecContext.create(decoder, "r")
+    for packet in container.demux(stream):
+        yield from context.decode(packet)
+
+
+def video_library(path: Path) -> Any:
+    """PyAV.
+
+    Raises
+    ------
+    FileError
+        If it is not installed.
+    """
+    try:
+        import av
+    except ImportError as error:
+        raise FileError(
+            f'{path}: pip install "blurmatte[video]", or use pictures; clips need PyAV'
+        ) from error
+    return av
