@@ -83,8 +83,8 @@ def costs(path: Path, solved: int) -> list[tuple[str, float, float]]:
     seen: list[bm.FrameSightings] = []
     new = sightings_in_scene(clip, scene, model, alone, several=False, numbers=range(count))
     rows.append(("table, all frames", cpu_seconds(lambda: seen.extend(new)), float(count)))
-    wanted = wanted_frames(bm.link_sightings(seen), model, range(count))
     solver = FrameSolver.of(clip, scene, model)
+    wanted = wanted_frames(clip, bm.link_sightings(seen), solver, range(count), alone)
     solver(clip[wanted[0].index : wanted[0].index + 1], wanted[0])
     few = wanted[1 : solved + 1]
     seconds = cpu_seconds(lambda: [solver(clip[one.index : one.index + 1], one) for one in few])

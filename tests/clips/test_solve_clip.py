@@ -8,7 +8,7 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
-from blurmatte.motion.clip.pooling import ClipObject, predicted_sizes
+from blurmatte.motion.clip.pooling import predicted_sizes
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.workers import shared
@@ -113,9 +113,21 @@ def prepared(pictures):
     noise, dark = bm.NoiseModel(read_std=NOISE), bm.NoiseModel(read_std=1e-4)
     frames, plate = [frame.with_noise(noise) for frame in frames], plate.with_noise(dark)
     rows = bm.measure_clip(frames, plate, COLOR_MODEL)
-    one = wanted_frames(rows, COLOR_MODEL, range(len(frames)))[3]
     solver = FrameSolver.of(frames, StaticScene.of(frames, plate), COLOR_MODEL)
-    solution = solver(frames[one.index : one.index + 1], replace(one, is_disc=True))
+    with shared(1) as workers:
+        return frames, solver, wanted_frames(frames, rows, solver, range(len(frames)), workers)
+
+
+def test_silhouette_of_a_ball_is_a_disc_in_all_frames(prepared):
+    _, _, wanted = prepared
+    assert all(one.has_shape and one.prior.is_disc for one in wanted)
+
+
+def test_known_disc_is_solved_by_its_shape_alone(prepared, truth):
+    """The frames of a disc need no alpha without a shape, and keep their accuracy."""
+    frames, solver, wanted = prepared
+    one = wanted[3]
+    solution = solver(frames[one.index : one.index + 1], one)
     assert solution.solver == "Swept()"
     assert len(solution.stats["weights"]) == 1
     assert solution.sweep.diagnostics.prior_probability > 1e-3

@@ -95,6 +95,6 @@ def prepared(
         seen.append(one)
         yield one
     rows = link_objects(seen) if several else link_sightings(seen)
-    wanted = wanted_frames(rows, model, numbers)
     solver = FrameSolver.of(part, scene, model)
+    wanted = wanted_frames(part, rows, solver, numbers, workers)
     yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))

@@ -6,7 +6,7 @@ Each frame is measured alone first; what the frames share is a prior of their so
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 
@@ -34,6 +34,10 @@ from blurmatte.streaks import Streak, dilated
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
+
+SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at most
+_MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
+_CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +156,7 @@ class FrameSolver:
                 streak=streak,
                 matching=Matching.NONE,
                 start=start,
-                known_size=wanted.size if wanted.is_disc else None,
+                prior=prior,
                 occluder=self.scene.hidden_in(crop.box),
             )
 
@@ -242,13 +246,17 @@ def solve_clip(
         model = color_in_scene(frames, scene, processes) if model is None else model
         seen = sightings_in_scene(frames, scene, model, processes, several=several, numbers=numbers)
         rows = link_objects(seen) if several else link_sightings(seen)
-        found = wanted_frames(rows, model, numbers)
         solver = FrameSolver.of(frames, scene, model)
-        parts = ((slice(one.index, one.index + 1), one) for one in found)
-        solutions = successes(processes.over(frames, solver, parts))
+        found = wanted_frames(frames, rows, solver, numbers, processes)
+        solutions = successes(processes.over(frames, solver, parts_to_solve(found)))
         for one, solution in zip(found, solutions, strict=True):
             if isinstance(solution, Solution):
                 yield one.index, solution
+
+
+def parts_to_solve(wanted: Iterable[Wanted]) -> Iterator[tuple[slice, Wanted]]:
+    """For `Workers.over`: each frame alone, and what is known of it."""
+    return ((slice(one.index, one.index + 1), one) for one in wanted)
 
 
 def wanted_frames(
@@ -295,8 +303,8 @@ def _decided(
     """Whether the sums of the log Bayes factors of some frames are decisive for a disc, and a shape."""
     known = [one for one in wanted if one.prior is not None]
     chosen = known[:: -(-len(known) // SILHOUETTE_FRAMES) or 1]
-    tasks = ((frames[one.index : one.index + 1], one) for one in chosen)
-    odds = [one for one in workers.in_order(solver.silhouette_odds, tasks) if one is not None]
+    found = successes(workers.over(frames, solver.silhouette_odds, parts_to_solve(chosen)))
+    odds = [one for one in found if one is not None]
     total = np.sum(odds, axis=0) if odds else np.zeros(2)
     disc, shape = (total > DECISIVE_LOG_BAYES_FACTOR).tolist()
     return disc, shape
