@@ -29,7 +29,9 @@ from blurmatte.deblurring import deblur_solution as deblur_solution
 from blurmatte.deblurring import Dwell as Dwell
 from blurmatte.deblurring import fit_dwell as fit_dwell
 from blurmatte.deblurring import fit_psf as fit_psf
+from blurmatte.deblurring import fit_spin as fit_spin
 from blurmatte.deblurring import Sharp as Sharp
+from blurmatte.deblurring import Spin as Spin
 from blurmatte.point_spread import PointSpread as PointSpread
 from blurmatte.errors import BlurmatteError as BlurmatteError
 from blurmatte.errors import BlurmatteWarning as BlurmatteWarning
@@ -41,6 +43,7 @@ from blurmatte.errors import NoiseError as NoiseError
 from blurmatte.errors import PlateError as PlateError
 from blurmatte.errors import PlateWarning as PlateWarning
 from blurmatte.errors import ResponseError as ResponseError
+from blurmatte.errors import SpinError as SpinError
 from blurmatte.errors import TransferWarning as TransferWarning
 from blurmatte.explain import explain as explain
 from blurmatte.checks import MAX_PIXELS as MAX_PIXELS

@@ -7,7 +7,8 @@ BlurmatteError            the data do not determine a result
 ├── ColorModelError       the colors do not determine a line or a plane
 ├── NoiseError            the pictures do not determine their noise
 ├── ResponseError         the pictures do not determine the camera's response
-└── MotionError           nothing moved
+├── MotionError           nothing moved
+└── SpinError             the picture does not determine how a ball spins
 
 BlurmatteWarning          a result rests on an assumption
 ├── TransferWarning       the transfer curve of a file is unknown
@@ -45,6 +46,10 @@ class ResponseError(BlurmatteError):
 
 class MotionError(BlurmatteError):
     """Nothing moved."""
+
+
+class SpinError(BlurmatteError):
+    """The picture does not determine how a ball spins."""
 
 
 class BlurmatteWarning(UserWarning):

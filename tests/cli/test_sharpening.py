@@ -8,8 +8,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import app
+from blurmatte.cli import app, sharpening
+from blurmatte.radiometry import Meta
 from blurmatte.rendering import colorful_plate
+from blurmatte.rendering.pose import Change
 from blurmatte.sweep import Sweep
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.silhouette import DISC
@@ -120,3 +122,50 @@ def test_wrong_calls_are_refused(folder, tmp_path):
     assert "no shape on a path" in refused(
         "sharpen", folder / "no_sweep.exr", "-o", tmp_path / "a.exr"
     )
+
+
+def test_spin_is_measured_and_used(folder, tmp_path):
+    spinning = tmp_path / "spinning"
+    spinning.mkdir()
+    paint = np.random.default_rng(1).uniform(0.1, 0.9, (4, 8, 3))
+    texture = np.repeat(np.repeat(paint, 24, axis=0), 24, axis=1)
+    path = (22.0, 20.0, 48.0, 28.0)
+    truth = bm.render(
+        bm.Scene(
+            colorful_plate(SIZE, 1, tile=16),
+            bm.Trajectory.line(path[:2], path[2:]),
+            bm.Ball(8, texture=texture, ambient=1.0),
+            Change(spin=(0.0, 0.9, 0.3)),
+        )
+    )
+    solution = bm.read_solution(folder / "layer.exr")
+    bm.write(spinning / "layer.exr", solution)
+    bm.write(spinning / "image.png", truth.image)
+    bm.write(spinning / "plate.png", truth.plate)
+    pictures = ("--image", spinning / "image.png", "--plate", spinning / "plate.png")
+    call = ("sharpen", spinning / "layer.exr", *pictures, "--match", "none", "--spin")
+    answer = json.loads(good(*call, "-o", tmp_path / "ball.exr", "--json").output)
+    turned = answer["spin"]["rate_deg_per_exposure"] * np.array(answer["spin"]["axis"])
+    assert np.linalg.norm(turned - np.degrees([0.0, 0.9, 0.3])) < 5
+    assert answer["spin"]["revolutions_per_second"] is None
+    assert "the direction of time is unknown" in answer["spin"]["ambiguity"]
+
+
+def test_a_spin_in_words():
+    spin = bm.Spin(np.array([0.0, np.radians(36.0), 0.0]), covariance=1e-4 * np.eye(11))
+    answer = {"spin": sharpening._numbers_of(spin)}
+    sharpening._add_time(answer, bm.LinearImage(np.zeros((4, 4, 3)), meta=Meta(exposure_time=0.02)))
+    said = sharpening._text_of(answer["spin"])
+    assert "spin 36.0 ± 0.6° per exposure, 5.00 ± 0.08 revolutions per second," in said
+    assert "about the axis (0.00 right, 1.00 down, 0.00 towards the camera) ± 1.3°" in said
+    sharpening._add_time(answer, None)
+    assert "per second" not in sharpening._text_of(answer["spin"])
+
+
+def test_a_spin_needs_pictures_and_texture(folder, tmp_path):
+    out = ("-o", tmp_path / "ball.exr")
+    assert "--spin needs --image" in refused("sharpen", folder / "layer.exr", "--spin", *out)
+    pictures = ("--image", folder / "plate.png", "--plate", folder / "plate.png")
+    said = refused("sharpen", folder / "layer.exr", *pictures, "--match", "none", "--spin", *out)
+    assert len(said.splitlines()) <= 3
+    assert not (tmp_path / "ball.exr").exists()

@@ -22,10 +22,9 @@ def dense(band):
 def problem(ball):
     """A, light, weight, lattice and equations of the ball."""
     lattice, view = Lattice.of(ball.sweep), View.of(ball.image, ball.plate, ball.sweep)
-    A = view.blur(lattice)
-    alpha = np.asarray(A.sum(axis=1)).ravel()
+    A, alpha = blur = view.blur(lattice)
     weight = view.weight(alpha)
-    return A, view.light(alpha), weight, lattice, view.equations(A, lattice, weight)
+    return A, view.light(alpha), weight, lattice, view.equations(blur, lattice, weight)
 
 
 def test_bands_are_those_of_the_dense_product(problem):

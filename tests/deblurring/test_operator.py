@@ -13,13 +13,13 @@ from blurmatte.sweep.model.silhouette import Silhouette
 
 
 def operator(sweep, **kwargs):
-    return blur_operator(sweep, Lattice.of(sweep), Pixels.of_box(sweep.box), **kwargs)
+    return blur_operator(sweep, Lattice.of(sweep), Pixels.of_box(sweep.box), **kwargs).A
 
 
 def test_blurred_values_are_the_product(ball):
     lattice, pixels = Lattice.of(ball.sweep), Pixels.of_box(ball.sweep.box)
     poses = poses_of(ball.sweep, 0.1, 0.6)
-    A = blur_operator(ball.sweep, lattice, pixels, poses)
+    A, _ = blur_operator(ball.sweep, lattice, pixels, poses)
     values = np.random.default_rng(0).normal(size=(lattice.size, 2))
     alpha, sums = blurred(values, ball.sweep, lattice, pixels, poses)
     assert_allclose(alpha, np.asarray(A.sum(axis=1)).ravel(), atol=1e-12)
@@ -75,7 +75,7 @@ def test_agrees_with_interpolation_in_plain_loops(ball):
     pixels = Pixels((1, 1), (float(x), float(y)))
     near = np.hypot(*(np.array([[x, y]]) - poses.xy).T)
     rim = (near > sweep.radius - 1) & (near < sweep.radius + 1)
-    result = float((blur_operator(inner, lattice, pixels) @ values)[0])
+    result = float((blur_operator(inner, lattice, pixels).A @ values)[0])
     assert abs(result - expected) < np.abs(values).max() * poses.durations[0] * rim.sum() + 1e-12
 
 
@@ -109,12 +109,11 @@ def test_renders_the_blurred_ball(ball):
 def test_a_coarser_lattice_has_fewer_nodes_in_the_same_place(ball):
     lattice = Lattice.of(ball.sweep, 1.5)
     assert lattice.size < 0.65 * Lattice.of(ball.sweep).size
-    A = blur_operator(ball.sweep, lattice, Pixels.of_box(ball.sweep.box))
     ramp = lattice.pitch * (np.argwhere(lattice.node >= 0) + lattice.corner[::-1])[:, 1]
     values = np.zeros(lattice.size)
     values[lattice.node[lattice.node >= 0]] = ramp
     t = poses_of(ball.sweep, 0.5, 0.5)
-    A = blur_operator(ball.sweep, lattice, Pixels.of_box(ball.sweep.box), t)
+    A, _ = blur_operator(ball.sweep, lattice, Pixels.of_box(ball.sweep.box), t)
     x0, y0, x1, y1 = ball.sweep.box
     columns = np.tile(np.arange(x0, x1), y1 - y0)
     rows = np.repeat(np.arange(y0, y1), x1 - x0)

@@ -12,7 +12,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, option, say, say_json, waiting
+from blurmatte.cli.console import about, flag, option, say, say_json, waiting
 from blurmatte.cli.output_checks import SHEET, check_ending, check_file
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Out, Reading, matching_of
@@ -32,9 +32,14 @@ class Blurred:
     match: Annotated[
         str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", PICTURES)
     ] = "auto"
+    spin: Annotated[bool, flag("--spin", "Measure how a ball spins, and use it.", PICTURES)] = False
 
     def __post_init__(self) -> None:
         matching_of(self.match)
+        if self.spin and self.image is None:
+            raise ValueError(
+                "--spin needs --image and --plate, the pictures with the ball and without"
+            )
         if self.image is not None and self.plate is None:
             raise ValueError("--image needs --plate, the scene without the object")
 
@@ -42,6 +47,7 @@ class Blurred:
 @command(
     "sharpen out/layer.exr --frames 8 -o ball.mov",
     "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --frames 8 -o ball.mp4",
+    "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --spin --frames 8 -o ball.mov",
     "sharpen 'out/*/layer.exr' --frames 4 -o slow.mov",
 )
 def sharpen(
@@ -74,8 +80,10 @@ def sharpen(
     answers: list[dict[str, Any]] = []
     with waiting("sharpening"):
         image, plate = _read(pictures, reading)
-        sharps = _sharpened(files, image, plate, reading, sheet)
+        sharps = _sharpened(files, image, plate, reading, sheet, pictures.spin)
         _write(out, sharps, frames, plate, rate, answers)
+    for answer in answers:
+        _add_time(answer, image)
     if as_json:
         say_json(answers[0] if len(answers) == 1 else {"layers": answers})
         return
@@ -84,6 +92,8 @@ def sharpen(
             "{frames} sharp, color ± {color_std:.3f} of white, misfit {misfit:.2f} (1 is noise), "
             "path {path_length_px:.1f} px".format(**answer)
         )
+        if "spin" in answer:
+            say(_text_of(answer["spin"]))
     if image is None:
         say("the path was not refined: that needs --image and --plate")
 
@@ -108,12 +118,13 @@ def _sharpened(
     plate: bm.LinearImage | None,
     reading: Reading,
     sheet: Path | None,
+    with_spin: bool,
 ) -> Iterator[bm.Sharp]:
     """The sharp object of each layer; only one of them is in memory at a time."""
     for file in files:
         with about(file):
             solution = bm.read_solution(file, reading.max_pixels)
-            sharp = _deblurred(solution, image, plate)
+            sharp = _deblurred(solution, image, plate, with_spin)
         if sheet is not None:
             with about(sheet):
                 bm.write(sheet, bm.draw_sharp(sharp, solution.layer))
@@ -121,12 +132,48 @@ def _sharpened(
 
 
 def _deblurred(
-    solution: bm.Solution, image: bm.LinearImage | None, plate: bm.LinearImage | None
+    solution: bm.Solution,
+    image: bm.LinearImage | None,
+    plate: bm.LinearImage | None,
+    with_spin: bool,
 ) -> bm.Sharp:
     """From the pictures if both are given, else from the solution."""
     if image is None or plate is None or solution.sweep is None:
         return bm.deblur_solution(solution)  # refuses if there is no path
-    return bm.deblur(image, plate, solution.sweep)
+    spin = bm.fit_spin(image, plate, solution.sweep) if with_spin else None
+    return bm.deblur(image, plate, solution.sweep, spin=spin)
+
+
+def _numbers_of(spin: bm.Spin) -> dict[str, Any]:
+    """For a machine."""
+    return {
+        "axis": spin.axis.tolist(),
+        "axis_std_deg": spin.axis_std_deg,
+        "rate_deg_per_exposure": spin.rate_deg,
+        "rate_std_deg_per_exposure": spin.rate_std_deg,
+        "log_evidence_margin": spin.log_evidence_margin,
+        "ambiguity": spin.ambiguity,
+    }
+
+
+def _add_time(answer: dict[str, Any], image: bm.LinearImage | None) -> None:
+    """Add revolutions per second to the numbers of a spin, None if the exposure time is unknown."""
+    time = None if image is None else image.meta.exposure_time
+    if "spin" in answer:
+        spin = answer["spin"]
+        names = "rate_deg_per_exposure", "rate_std_deg_per_exposure"
+        spin["revolutions_per_second"] = time and [spin[name] / 360 / time for name in names]
+
+
+def _text_of(spin: dict[str, Any]) -> str:
+    """For people."""
+    x, y, z = spin["axis"]
+    rate, std = spin["rate_deg_per_exposure"], spin["rate_std_deg_per_exposure"]
+    text = f"spin {rate:.1f} ± {std:.1f}° per exposure"
+    if spin["revolutions_per_second"] is not None:
+        text += ", {:.2f} ± {:.2f} revolutions per second,".format(*spin["revolutions_per_second"])
+    text += f" about the axis ({x:.2f} right, {y:.2f} down, {z:.2f} towards the camera)"
+    return f"{text} ± {spin['axis_std_deg']:.1f}°; {spin['ambiguity']}"
 
 
 def _write(
@@ -148,6 +195,7 @@ def _write(
                     "color_std": float((sharp.node_std**2).mean() ** 0.5),
                     "misfit": sharp.misfit,
                     "path_length_px": sharp.sweeps[0].length,
+                    **({} if sharp.spin is None else {"spin": _numbers_of(sharp.spin)}),
                 }
             )
             yield from sharp.subframes(frames)

@@ -6,3 +6,5 @@ from blurmatte.deblurring.free_spread import fit_psf as fit_psf
 from blurmatte.deblurring.sharp import Sharp as Sharp
 from blurmatte.deblurring.sharp import deblur as deblur
 from blurmatte.deblurring.sharp import deblur_solution as deblur_solution
+from blurmatte.deblurring.spin import Spin as Spin
+from blurmatte.deblurring.spin_fit import fit_spin as fit_spin

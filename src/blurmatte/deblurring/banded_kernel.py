@@ -38,3 +38,16 @@ def add_normal(first, columns, values, weights, bands):  # type: ignore[no-untyp
                 row0[k] += s0 * values[r]
                 row1[k] += s1 * values[r]
                 row2[k] += s2 * values[r]
+
+
+@njit(**_COMPILED)
+def add_normal_of_one(first, columns, values, weights, bands):  # type: ignore[no-untyped-def]
+    """Add Aᵀ W A to bands (1, n, b + 1), for weights (pixels, 1) that all channels have."""
+    for p in range(len(first) - 1):
+        weight, end = weights[p, 0], first[p + 1]
+        if weight == 0:
+            continue
+        for q in range(first[p], end):
+            i, scaled = columns[q], weight * values[q]
+            for r in range(q, end):
+                bands[0, i, columns[r] - i] += scaled * values[r]

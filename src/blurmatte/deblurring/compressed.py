@@ -53,7 +53,7 @@ def compressed_color(state: Explained, lattice: Lattice, fit: GaussianFit) -> Ar
         return np.asarray(columns[..., 0].T.ravel())
 
     for _ in range(_STEPS):
-        parts = zip(state.views, state.operators, state.weights, strict=True)
+        parts = zip(state.views, (blur.A for blur in state.blurs), state.weights, strict=True)
         data = [_linearized(*part, color, fit.noise_scale) for part in parts]
         prior = fit.strength * edge_weights(color, lattice)[:, None]
 

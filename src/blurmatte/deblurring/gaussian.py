@@ -25,6 +25,7 @@ from blurmatte.deblurring.normal_equations import (
     gradient_prior,
     posterior,
 )
+from blurmatte.deblurring.sphere import Sphere
 
 Array = npt.NDArray[np.float64]
 
@@ -56,7 +57,7 @@ class GaussianFit:
     log_evidence: float
 
 
-def fit_gaussian(equations: NormalEquations, lattice: Lattice) -> GaussianFit:
+def fit_gaussian(equations: NormalEquations, lattice: Lattice | Sphere) -> GaussianFit:
     """The posterior for the likeliest strength."""
     from scipy.optimize import minimize_scalar
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.operator import Sparse
+from blurmatte.deblurring.sphere import Sphere
 
 Array = npt.NDArray[np.float64]
 
@@ -27,8 +28,8 @@ class NormalEquations:
 
     Parameters
     ----------
-    band : (3, n, b + 1) float
-        N of each channel, see `banded_kernel`.
+    band : (3, n, b + 1) or (1, n, b + 1) float
+        N of each channel, see `banded_kernel`; one if their weights are the same.
     right : (3, n) float
         b of each channel.
     energy : (3,) float
@@ -43,12 +44,18 @@ class NormalEquations:
     count: int
 
     @classmethod
-    def of(cls, A: Sparse, light: Array, weight: Array, lattice: Lattice) -> "NormalEquations":
-        """The equations of one picture: light and weight (pixels, 3), weight 0 where there is none."""
+    def of(
+        cls, A: Sparse, light: Array, weight: Array, lattice: Lattice | Sphere
+    ) -> "NormalEquations":
+        """The equations of one picture: light (pixels, 3), and weight, 0 where there is no light.
+
+        A weight (pixels, 1) is that of all channels.
+        """
         from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
-        band = np.zeros((3, lattice.size, bandwidth(A, lattice) + 1))
-        kernel.add_normal(A.indptr, A.indices, A.data, np.ascontiguousarray(weight), band)
+        band = np.zeros((weight.shape[1], lattice.size, bandwidth(A, lattice) + 1))
+        add = kernel.add_normal if len(band) == 3 else kernel.add_normal_of_one
+        add(A.indptr, A.indices, A.data, np.ascontiguousarray(weight), band)
         right = np.asarray(A.T @ (weight * light)).T
         return cls(
             band, right, (weight * light**2).sum(axis=0), int((weight > 0).all(axis=1).sum())
@@ -64,7 +71,7 @@ class NormalEquations:
         return float(self.energy.sum() - np.sum(self.right * normal.mean.T))
 
 
-def bandwidth(A: Sparse, lattice: Lattice) -> int:
+def bandwidth(A: Sparse, lattice: Lattice | Sphere) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
     from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
 
@@ -76,7 +83,7 @@ def bandwidth(A: Sparse, lattice: Lattice) -> int:
 def summed(parts: Sequence[NormalEquations]) -> NormalEquations:
     """The equations of several pictures of one object."""
     width = max(part.band.shape[2] for part in parts)
-    band = np.zeros((3, parts[0].size, width))
+    band = np.zeros((*parts[0].band.shape[:2], width))
     for part in parts:
         band[..., : part.band.shape[2]] += part.band
     right, energy = sum(p.right for p in parts), sum(p.energy for p in parts)
@@ -90,8 +97,8 @@ class Normal:
     Parameters
     ----------
     mean : (n, 3) float
-    factors : (3, n, b + 1) float
-        Cholesky factors of the inverse covariance of each channel, as bands.
+    factors : (3, n, b + 1) or (1, n, b + 1) float
+        Cholesky factors of the inverse covariance of each channel, as bands; one if they are the same.
     """
 
     mean: Array
@@ -99,15 +106,27 @@ class Normal:
 
     @property
     def log_determinant(self) -> float:
-        """Of the inverse covariances."""
-        return float(2 * np.log(self.factors[..., 0]).sum())
+        """Of the inverse covariances of the three channels."""
+        return float(2 * 3 / len(self.factors) * np.log(self.factors[..., 0]).sum())
+
+    def channels(self) -> list[Array]:
+        """The factors (n, b + 1) of the three channels."""
+        return [self.factors[c % len(self.factors)] for c in range(3)]
 
     def solve(self, right: Array) -> Array:
         """Covariance (n, n) of each channel times vectors (3, n, k)."""
         from scipy.linalg import cho_solve_banded
 
-        pairs = zip(self.factors, right, strict=True)
+        pairs = zip(self.channels(), right, strict=True)
         return np.stack([cho_solve_banded((factor.T, True), r) for factor, r in pairs])
+
+    def inverse(self) -> Array:
+        """(n, n) covariance of the first channel, not banded."""
+        from scipy.linalg.lapack import dpotri
+
+        n = len(self.factors[0])
+        lower, _ = dpotri(_block(self.factors[0], 0, n, 0, n), lower=1)
+        return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
     def variances(self) -> Array:
         """(n, 3) variances of the nodes."""
@@ -115,7 +134,8 @@ class Normal:
 
     def covariance_band(self) -> Array:
         """(3, n, b + 1) the covariances as bands; elements outside are not 0 but not computed."""
-        return np.stack([_inverse_band(factor) for factor in self.factors])
+        bands = np.stack([_inverse_band(factor) for factor in self.factors])
+        return np.repeat(bands, 3 // len(self.factors), axis=0)
 
 
 def _inverse_band(factor: Array) -> Array:
@@ -158,16 +178,19 @@ def posterior(equations: NormalEquations, prior: Array) -> Normal:
     """The posterior under a prior λ Q, a band (n, b + 1)."""
     from scipy.linalg import cho_solve_banded, cholesky_banded
 
-    factors, mean = np.empty_like(equations.band), np.empty_like(equations.right)
-    for c in range(3):
-        total = equations.band[c] + prior
-        factor = cholesky_banded(total.T, overwrite_ab=True, lower=True, check_finite=False)
-        mean[c] = cho_solve_banded((factor, True), equations.right[c], check_finite=False)
-        factors[c] = factor.T
-    return Normal(np.ascontiguousarray(mean.T), factors)
+    factors = np.stack(
+        [
+            cholesky_banded((band + prior).T, overwrite_ab=True, lower=True, check_finite=False).T
+            for band in equations.band
+        ]
+    )
+    channels = Normal(np.empty(0), factors).channels()
+    pairs = zip(channels, equations.right, strict=True)
+    mean = [cho_solve_banded((factor.T, True), b, check_finite=False) for factor, b in pairs]
+    return Normal(np.stack(mean, axis=1), factors)
 
 
-def gradient_prior(lattice: Lattice, weight: Array, width: int) -> Array:
+def gradient_prior(lattice: Lattice | Sphere, weight: Array, width: int) -> Array:
     """The band (n, width) of Q: oᵀ Q o = Σ weight (oᵢ − oⱼ)² over the edges of a lattice."""
     band, (i, j) = np.zeros((lattice.size, width)), lattice.edges.T
     for node in (i, j):

@@ -8,16 +8,19 @@ with the silhouette χ, its center cₜ and its map Lₜ at exposure fraction t.
 exact at every moment; only o is interpolated. To interpolate the product χ o instead would blur the rim
 and make alpha wrong by several percent. Rows of A sum to alpha.
 
-`Poses` are all that A knows of the motion: a body that turns in space would map each node separately.
+The nodes are those of a flat lattice, or those of a `Sphere` for a ball that spins: then the poses turn
+the ball as well, and its light on the silhouette is a factor, see `spin`.
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
 
@@ -25,6 +28,13 @@ Array = npt.NDArray[np.float64]
 Sparse = Any  # scipy.sparse.csr_matrix
 
 MAX_STEP_PX = 0.5  # motion between two moments
+
+
+class Blur(NamedTuple):
+    """The operator A (pixels, n), and alpha (pixels,)."""
+
+    A: Sparse
+    alpha: Array
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,62 +49,153 @@ class Poses:
         Centers, pixels of the picture.
     maps : (T, 2, 2) float
         From the body to the picture.
+    spin : Spin, optional
+        Of a ball that turns in space.
     """
 
     t: Array
     durations: Array
     xy: Array
     maps: Array
+    spin: Spin | None = None
+
+
+def moment_count(
+    sweep: Sweep, part: float = 1.0, step: float = MAX_STEP_PX, spin: Spin | None = None
+) -> int:
+    """Moments of a part of the exposure such that no point moves further than `step` between them."""
+    speed = sweep.trajectory.top_speed + sweep.silhouette.rim_motion(sweep.shape)
+    speed += 0.0 if spin is None else spin.rate * sweep.radius
+    return max(1, int(np.ceil(part * speed / step)))
 
 
 def poses_of(
-    sweep: Sweep, start: float = 0.0, end: float = 1.0, step: float = MAX_STEP_PX
+    sweep: Sweep,
+    start: float = 0.0,
+    end: float = 1.0,
+    spin: Spin | None = None,
+    count: int | None = None,
 ) -> Poses:
     """Poses at the middles of equal parts of the exposure from `start` to `end`; durations sum to 1.
 
-    No point moves further than `step` pixels in a part. If `start` equals `end`, the pose at that
-    moment.
+    Their number is that of `moment_count`, unless it is given. If `start` equals `end`, the pose at
+    that moment.
     """
-    speed = sweep.trajectory.top_speed + sweep.silhouette.rim_motion(sweep.shape)
-    count = max(1, int(np.ceil((end - start) * speed / step)))
+    count = moment_count(sweep, end - start, spin=spin) if count is None else count
     t = start + (end - start) * (np.arange(count) + 0.5) / count
     xy = sweep.family.at(sweep.path, t)[0]
     maps = sweep.silhouette.map_at(sweep.shape, t)
-    return Poses(t, np.full(count, 1 / count), xy, maps)
+    return Poses(t, np.full(count, 1 / count), xy, maps, spin)
 
 
 def blur_operator(
-    sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses | None = None
-) -> Sparse:
-    """A (h w, n) of the pixels of a box: nodes of the straight color → premultiplied light."""
+    sweep: Sweep, lattice: Lattice | Sphere, pixels: Pixels, poses: Poses | None = None
+) -> Blur:
+    """A (h w, n) of the pixels of a box: nodes of the straight color → premultiplied light; and alpha.
+
+    The nodes are those of a sphere if the poses have a spin, else those of a flat lattice.
+    """
     from scipy.sparse import csr_matrix
 
-    from blurmatte.deblurring import operator_kernel as kernel  # numba takes half a second
-
     poses = poses_of(sweep) if poses is None else poses
-    first, columns, values = kernel.rows_of(*_moments(sweep, lattice, pixels, poses))
+    seen = seen_moments(sweep, pixels, poses)
+    if isinstance(lattice, Sphere):
+        first, columns, values = _rows_on_sphere(lattice, poses, seen)
+    else:
+        from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
+
+        first, columns, values = operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen))
     shape = (pixels.shape[0] * pixels.shape[1], lattice.size)
-    return csr_matrix((values, columns, first), shape=shape)
+    return Blur(csr_matrix((values, columns, first), shape=shape), seen.alpha(poses.durations))
 
 
 def blurred(
     values: Array, sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses
 ) -> tuple[Array, Array]:
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
-    from blurmatte.deblurring import operator_kernel as kernel  # numba takes half a second
+    from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
 
-    moments = _moments(sweep, lattice, pixels, poses)
-    alpha, sums = kernel.sums_of(*moments, np.ascontiguousarray(values))
+    moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses))
+    alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
     return np.asarray(alpha), np.asarray(sums)
 
 
-def _moments(sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses) -> tuple[Any, ...]:
-    """Arguments of the kernels: the poses on the lattice, and where they cover pixels."""
-    from blurmatte.deblurring import operator_kernel as kernel  # numba takes half a second
+def _on_lattice(sweep: Sweep, lattice: Lattice, poses: Poses, seen: "Seen") -> tuple[Any, ...]:
+    """Arguments of the kernels: the poses on the lattice, and when they cover pixels."""
+    to_lattice = seen.to_disc * (lattice.radius / lattice.pitch)
+    grid = lattice.corner, lattice.node, seen.width
+    return poses.durations, seen.xy, to_lattice, *grid, seen.covered
 
-    xy = poses.xy - np.array(pixels.origin)
-    rim, soft = sweep.silhouette.rim(sweep.shape), sweep.softness
-    covered = kernel.covered_moments(xy, poses.maps, rim, soft, pixels.shape)
-    to_lattice = np.linalg.inv(poses.maps) * (lattice.radius / sweep.radius / lattice.pitch)
-    width = pixels.shape[1]
-    return poses.durations, xy, to_lattice, lattice.corner, lattice.node, width, covered
+
+class Seen(NamedTuple):
+    """When the pixels of a box, `width` wide, see the object: covered moments in their order.
+
+    In these pixels xy (T, 2) are the centers, and to_disc (T, 2, 2) maps the picture to the unit disc.
+    """
+
+    covered: tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array]
+    xy: Array
+    to_disc: Array
+    width: int
+
+    @property
+    def normals(self) -> Array:
+        """(m, 3) unit normals of a ball at the covered moments."""
+        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+        normal: Array = sphere_kernel.normals_of(self.covered, self.xy, self.to_disc, self.width)
+        return normal
+
+    def alpha(self, durations: Array) -> Array:
+        """(pixels,) fraction of the exposure."""
+        first, moment, part = self.covered
+        pixel = np.repeat(np.arange(len(first) - 1), np.diff(first))
+        alpha = np.bincount(pixel, durations[moment] * part, len(first) - 1)
+        return np.asarray(alpha, float)
+
+
+def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses) -> Seen:
+    """The moments at which pixels, or blocks of them, see the object."""
+    from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
+
+    xy, soft = (poses.xy - np.array(pixels.origin)) / pixels.scale, sweep.softness / pixels.scale
+    rim = sweep.silhouette.rim(sweep.shape, pixels.scale)
+    covered = operator_kernel.covered_moments(xy, poses.maps, rim, soft, pixels.shape)
+    to_disc = np.linalg.inv(poses.maps) * (pixels.scale / sweep.radius)
+    return Seen(covered, xy, np.asarray(to_disc, float), pixels.shape[1])
+
+
+def projected(
+    sweep: Sweep, sphere: Sphere, pixels: Pixels, poses: Poses, color: Array, spread: Array
+) -> tuple[Array, Array, Array]:
+    """Alpha (h w,), the light A o of a color and a sum, and their changes by shading.
+
+    Light (h w, 3, 1 + k) and Σₚ (A spreadᵀ)ₚₚ (1 + k,) of the spin's light on the ball, then of each
+    of its harmonics, without the cost of storing A.
+    """
+    from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+    spin, seen = poses.spin or Spin(np.zeros(3)), seen_moments(sweep, pixels, poses)
+    first, moment, part = seen.covered
+    normal = seen.normals
+    middle = normal.mean(axis=1)
+    factors = np.concatenate([spin.light(middle)[:, None], harmonics(middle)], axis=1)
+    entries = first, moment, poses.durations[moment] * part, normal
+    light, total = sphere_kernel.projected(
+        entries, spin.turns(poses.t), sphere.node, factors, color, spread
+    )
+    return seen.alpha(poses.durations), light, total
+
+
+def _rows_on_sphere(sphere: Sphere, poses: Poses, seen: Seen) -> tuple[Array, Array, Array]:
+    """Compressed sparse rows of a ball that spins."""
+    from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+    spin = Spin(np.zeros(3)) if poses.spin is None else poses.spin
+    first, moment, part = seen.covered
+    normal = seen.normals
+    weight = poses.durations[moment] * part * spin.light(normal.mean(axis=1))
+    rows: tuple[Array, Array, Array] = sphere_kernel.rows_of(
+        first, moment, weight, normal, spin.turns(poses.t), sphere.node, sphere.size
+    )
+    return rows

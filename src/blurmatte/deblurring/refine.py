@@ -1,15 +1,19 @@
-"""Blind refinement: the path and shape that make the observed light likeliest, for any color.
+"""Blind refinement: the path, shape and spin that make the observed light likeliest, for any color.
 
-In this file θ are the parameters of path and shape, with the sweep's covariance Σ around its estimate
-θ₀ as prior, and o is the straight color. The light changes with θ as
+In this file θ are their parameters, with their covariance Σ around the estimate θ₀ as prior, and o is
+the straight color. The light changes with θ as
 
     J = ∂/∂θ (A(θ) o − α(θ) B).
 
 The color is marginalized: with the weights W, B = Aᵀ W J and S = (N + μ Q)⁻¹ the information about θ is
-(Jᵀ W J − Bᵀ S B) / s + Σ⁻¹, and the gradient of log Z that follows from it is Jᵀ W r / s with the
-residuals r. Steps of Gauss and Newton are accepted if they increase the objective
-log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. s is the variance scale of the residuals, so that an error of the
-model does not count as evidence.
+(Jᵀ W J − Bᵀ S B) / s + Σ⁻¹, and the gradient of log Z is
+
+    Jᵀ W r / s − tr(S ∂N/∂θ) / 2,   tr(S ∂N/∂θ) = 2 Σₚ wₚ (∂A/∂θ S Aᵀ)ₚₚ,
+
+with the residuals r. The second term, summed over channels, is the change of the volume of colors that
+explain the light. On a flat lattice, where it is small, it is omitted. Steps of Gauss and Newton are
+accepted if they increase the objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. s is the variance scale
+of the residuals, so that an error of the model does not count as evidence.
 """
 
 from collections.abc import Sequence
@@ -26,14 +30,15 @@ from blurmatte.deblurring.gaussian import (
 )
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
-from blurmatte.deblurring.operator import Sparse, blurred, poses_of
+from blurmatte.deblurring.operator import Blur, blurred, poses_of
+from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.spin import HARMONICS
 from blurmatte.deblurring.view import View
-from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 
 _LEAST_GAIN = 0.5  # of the log evidence by a step
-_MAX_STEPS = 8
+MAX_STEPS = 8
 _DERIVATIVE_STEP_PX = 1.0  # motion between two moments: derivatives only direct the steps
 
 
@@ -44,7 +49,7 @@ class Explained:
     Parameters
     ----------
     views : tuple of View
-    operators : tuple of sparse matrices
+    blurs : tuple of Blur
         Of each view.
     weights : tuple of (pixels, 3) float
     equations : NormalEquations
@@ -52,48 +57,51 @@ class Explained:
     """
 
     views: tuple[View, ...]
-    operators: tuple[Sparse, ...]
+    blurs: tuple[Blur, ...]
     weights: tuple[Array, ...]
     equations: NormalEquations
     fit: GaussianFit
 
 
-def explained(views: Sequence[View], lattice: Lattice) -> Explained:
-    """The color that explains views, with the likeliest strength of its prior."""
-    operators = [view.blur(lattice) for view in views]
-    alphas = (np.asarray(A.sum(axis=1)).ravel() for A in operators)
-    weights = [view.weight(alpha) for view, alpha in zip(views, alphas, strict=True)]
-    equations = _equations(views, operators, weights, lattice)
+def explained(
+    views: Sequence[View], lattice: Lattice | Sphere, weights: Sequence[Array] | None = None
+) -> Explained:
+    """The color that explains views, with the likeliest strength of its prior.
+
+    Evidences of two motions compare under the same weights.
+    """
+    blurs = [view.blur(lattice) for view in views]
+    if weights is None:
+        weights = [view.weight(blur.alpha) for view, blur in zip(views, blurs, strict=True)]
+    equations = _equations(views, blurs, weights, lattice)
     fit = fit_gaussian(equations, lattice)
-    return Explained(tuple(views), tuple(operators), tuple(weights), equations, fit)
+    return Explained(tuple(views), tuple(blurs), tuple(weights), equations, fit)
 
 
-def _moved(views: Sequence[View], first: Explained, lattice: Lattice) -> Explained:
+def _moved(views: Sequence[View], first: Explained, lattice: Lattice | Sphere) -> Explained:
     """Views with another motion, under the weights and the prior of the first state."""
-    operators = [view.blur(lattice) for view in views]
-    equations = _equations(views, operators, first.weights, lattice)
+    blurs = [view.blur(lattice) for view in views]
+    equations = _equations(views, blurs, first.weights, lattice)
     Q = gradient_prior(lattice, np.ones(len(lattice.edges)), equations.band.shape[2])
     fit = fit_strength(equations, Q, first.fit.strength)
-    return Explained(tuple(views), tuple(operators), first.weights, equations, fit)
+    return Explained(tuple(views), tuple(blurs), first.weights, equations, fit)
 
 
 def _equations(
     views: Sequence[View],
-    operators: Sequence[Sparse],
+    blurs: Sequence[Blur],
     weights: Sequence[Array],
-    lattice: Lattice,
+    lattice: Lattice | Sphere,
 ) -> NormalEquations:
-    parts = zip(views, operators, weights, strict=True)
-    return summed([view.equations(A, lattice, weight) for view, A, weight in parts])
+    parts = zip(views, blurs, weights, strict=True)
+    return summed([view.equations(blur, lattice, weight) for view, blur, weight in parts])
 
 
-def refined(views: Sequence[View], lattice: Lattice) -> Explained:
-    """The views with the likeliest paths and shapes, and their covariance."""
+def refined(views: Sequence[View], lattice: Lattice | Sphere, steps: int = MAX_STEPS) -> Explained:
+    """The views with the likeliest paths, shapes and spins, and their covariance, by some steps."""
     first = state = explained(views, lattice)
-    prior = [
-        np.asarray(np.linalg.pinv(view.sweep.covariance, hermitian=True), float) for view in views
-    ]
-    for _ in range(_MAX_STEPS):
+    prior = [np.asarray(np.linalg.pinv(view.covariance, hermitian=True), float) for view in views]
+    for _ in range(steps):
         information, gradient = _information(state, first, lattice, prior)
         step = np.asarray(np.linalg.solve(information, gradient), float)
         better = _along(state, step, first, lattice, prior)
@@ -103,24 +111,28 @@ def refined(views: Sequence[View], lattice: Lattice) -> Explained:
         state = better
         if gain < _LEAST_GAIN:
             break
-    if state is first:
-        return first
     covariance = np.asarray(np.linalg.inv(information), float)  # before the last, small, step
     views = _with_covariance(state.views, covariance)
+    if state is first:
+        return replace(first, views=tuple(views))
     Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
     fit = refit_strength(state.equations, Q, state.fit.strength)
     return replace(state, views=tuple(views), fit=fit)
 
 
 def _along(
-    state: Explained, step: Array, first: Explained, lattice: Lattice, prior: Sequence[Array]
+    state: Explained,
+    step: Array,
+    first: Explained,
+    lattice: Lattice | Sphere,
+    prior: Sequence[Array],
 ) -> Explained | None:
     """The state after a step, a half or a quarter of it; None if none is better."""
     before = _objective(state, first, prior)
     for part in (1.0, 0.5, 0.25):
-        ends = np.cumsum([len(parameters(view.sweep)) for view in state.views])[:-1]
+        ends = np.cumsum([len(view.parameters) for view in state.views])[:-1]
         moved = [
-            view.with_sweep(with_parameters(view.sweep, parameters(view.sweep) + part * own))
+            view.moved(view.parameters + part * own)
             for view, own in zip(state.views, np.split(step, ends), strict=True)
         ]
         after = _moved(moved, first, lattice)
@@ -133,25 +145,28 @@ def _objective(state: Explained, first: Explained, prior: Sequence[Array]) -> fl
     """The objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2."""
     total = state.fit.log_evidence
     for view, known, precision in zip(state.views, first.views, prior, strict=True):
-        away = parameters(view.sweep) - parameters(known.sweep)
+        away = view.parameters - known.parameters
         total -= float(away @ precision @ away) / 2
     return total
 
 
 def _information(
-    state: Explained, first: Explained, lattice: Lattice, prior: Sequence[Array]
+    state: Explained, first: Explained, lattice: Lattice | Sphere, prior: Sequence[Array]
 ) -> tuple[Array, Array]:
     """Information about the parameters of all views, and the gradient of the objective."""
     s, color = state.fit.noise_scale, state.fit.normal.mean
     blocks, gradients, rights = [], [], []
-    views = zip(state.views, first.views, state.operators, state.weights, prior, strict=True)
-    for view, known, A, weight, precision in views:
-        J = _derivatives(view, color, lattice)
-        alpha = np.asarray(A.sum(axis=1)).ravel()
-        r = view.light(alpha) - A @ color
-        away = parameters(view.sweep) - parameters(known.sweep)
+    views = zip(state.views, first.views, state.blurs, state.weights, prior, strict=True)
+    for view, known, (A, alpha), weight, precision in views:
+        if isinstance(lattice, Sphere):
+            spread = weight * (A.toarray() @ state.fit.normal.inverse())
+            J, volume = _derivatives_on_sphere(view, color, lattice, spread)
+        else:
+            J, volume = _derivatives(view, color, lattice), np.zeros(len(view.parameters))
+        weight, r = np.broadcast_to(weight, (len(weight), 3)), view.light(alpha) - A @ color
+        away = view.parameters - known.parameters
         blocks.append(np.einsum("pck,pc,pcl->kl", J, weight, J, optimize=True) / s + precision)
-        gradients.append(np.einsum("pck,pc->k", J, weight * r) / s - precision @ away)
+        gradients.append(np.einsum("pck,pc->k", J, weight * r) / s - volume - precision @ away)
         rights.append(np.stack([A.T @ (weight[:, c, None] * J[:, c]) for c in range(3)]))
     right = np.concatenate(rights, axis=2)
     known_color = np.einsum("cnk,cnl->kl", right, state.fit.normal.solve(right)) / s
@@ -164,41 +179,50 @@ def _information(
 
 
 def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
-    """J (pixels, 3, k) by differences over a standard deviation of each parameter."""
+    """J (pixels, 3, k) by differences over a small step of each parameter."""
 
     def model(moved: View) -> Array:
-        poses = poses_of(moved.sweep, step=_DERIVATIVE_STEP_PX)
+        poses = poses_of(moved.sweep, count=moved.moment_count(_DERIVATIVE_STEP_PX))
         alpha, light = blurred(color, moved.sweep, lattice, view.pixels, poses)
         return light - alpha[:, None] * view.B
 
-    at, start = parameters(view.sweep), model(view)
-    std = np.sqrt(np.diag(view.sweep.covariance))
+    at, start, steps = view.parameters, model(view), view.steps
     J = np.zeros((*start.shape, len(at)))
-    for k in np.flatnonzero(std > 0):
-        moved = at.copy()
-        moved[k] += std[k]
-        other = view.with_sweep(with_parameters(view.sweep, moved))
-        J[..., k] = (model(other) - start) / std[k]
+    for k in np.flatnonzero(steps > 0):
+        J[..., k] = (model(view.moved(_stepped(at, steps, int(k)))) - start) / steps[k]
     return J
 
 
-def parameters(sweep: Sweep) -> Array:
-    """Parameters of path and shape (n + m,)."""
-    return np.concatenate([sweep.path, sweep.shape])
+def _derivatives_on_sphere(
+    view: View, color: Array, sphere: Sphere, spread: Array
+) -> tuple[Array, Array]:
+    """J (pixels, 3, k), and (k,) changes of the volume for the `spread` W A S (pixels, n).
+
+    Light is linear in the shading, whose derivatives need no differences.
+    """
+    count, at, steps = view.moment_count(_DERIVATIVE_STEP_PX), view.parameters, view.steps
+    alpha, light, volume = view.projected(sphere, count, color, spread)
+    J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros(len(at))
+    J[..., -HARMONICS:], volumes[-HARMONICS:] = light[..., 1:], 3 * volume[1:]
+    for k in np.flatnonzero(steps[:-HARMONICS] > 0):
+        moved = view.moved(_stepped(at, steps, int(k)))
+        other, changed, larger = moved.projected(sphere, count, color, spread)
+        away = changed[..., 0] - light[..., 0] - (other - alpha)[:, None] * view.B
+        J[..., k], volumes[k] = away / steps[k], 3 * (larger[0] - volume[0]) / steps[k]
+    return J, volumes
 
 
-def with_parameters(sweep: Sweep, values: Array) -> Sweep:
-    """A sweep of the same kinds with other parameters."""
-    path, shape = np.split(values, [len(sweep.path)])
-    return replace(sweep, path=path, shape=shape)
+def _stepped(values: Array, steps: Array, k: int) -> Array:
+    moved = values.copy()
+    moved[k] += steps[k]
+    return moved
 
 
 def _with_covariance(views: Sequence[View], covariance: Array) -> list[View]:
     """The views with the blocks of the joint covariance of their parameters."""
     found, at = [], 0
     for view in views:
-        end = at + len(parameters(view.sweep))
-        own = replace(view.sweep, covariance=covariance[at:end, at:end])
-        found.append(view.with_sweep(own))
+        end = at + len(view.parameters)
+        found.append(view.moved(view.parameters, covariance[at:end, at:end]))
         at = end
     return found

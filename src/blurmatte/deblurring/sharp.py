@@ -14,8 +14,10 @@ from blurmatte.deblurring.compressed import compressed_color
 from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import bandwidth
-from blurmatte.deblurring.operator import Poses, blurred, poses_of
+from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
 from blurmatte.deblurring.refine import explained, refined
+from blurmatte.deblurring.sphere import MAX_NODES, Sphere
+from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.total_variation import fit_total_variation
 from blurmatte.deblurring.view import View
 from blurmatte.errors import BlurmatteWarning, MotionError
@@ -40,22 +42,25 @@ class Sharp:
     ----------
     sweeps : tuple of Sweep
         The motion in each picture, refined.
-    lattice : Lattice
+    lattice : Lattice or Sphere
         The n points of the object where its color is known.
     color : (n, 3) float
-        Straight color, linear light.
+        Straight color, linear light; with a spin under the mean light on the ball.
     node_std : (n, 3) float
         Its standard deviation.
     misfit : float
         Reduced χ² of the residuals: about 1 or less if motion and noise explain the pictures, more if
         not. The standard deviations are scaled by it.
+    spin : Spin, optional
+        Of a ball that turns in space, refined.
     """
 
     sweeps: tuple[Sweep, ...]
-    lattice: Lattice
+    lattice: Lattice | Sphere
     color: Array
     node_std: Array
     misfit: float
+    spin: Spin | None = None
 
     def __repr__(self) -> str:
         sweep = self.sweeps[0]
@@ -78,8 +83,11 @@ class Sharp:
     def color_std(self) -> Array:
         """(H, W, 3) standard deviation of the straight color of `layer`; 0 where alpha is 0."""
         sweep = self.sweeps[0]
-        alpha, variance = self._seen(sweep, poses_of(sweep, 0.5, 0.5), self.node_std**2)
-        std = np.sqrt(np.divide(variance, alpha, out=np.zeros_like(variance), where=alpha > 0))
+        values = np.concatenate([self.node_std**2, np.ones_like(self.node_std[:, :1])], axis=1)
+        alpha, seen = self._seen(sweep, self._poses(sweep, 0.5, 0.5), values)
+        # The light on a ball is a factor of its color, and seen once in the last column.
+        variance, light = seen[..., :3], seen[..., 3:]
+        std = np.sqrt(np.maximum(variance * light, 0)) / np.maximum(alpha, 1e-12)
         return self._placed(std, sweep)
 
     def at(self, t: float, picture: int = 0) -> Layer:
@@ -119,13 +127,20 @@ class Sharp:
         if not 0 <= picture < len(self.sweeps):
             raise ValueError(f"picture must be from 0 to {len(self.sweeps) - 1}, got {picture}")
         sweep = self.sweeps[picture]
-        alpha, light = self._seen(sweep, poses_of(sweep, start, end), self.color)
+        alpha, light = self._seen(sweep, self._poses(sweep, start, end), self.color)
         return Layer(self._placed(alpha[..., 0], sweep), self._placed(light, sweep))
+
+    def _poses(self, sweep: Sweep, start: float, end: float) -> Poses:
+        return poses_of(sweep, start, end, self.spin)
 
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
         """Alpha (h, w, 1) in the sweep's box, and values of the nodes (n, c) times alpha (h, w, c)."""
         pixels = Pixels.of_box(sweep.box)
-        alpha, sums = blurred(values, sweep, self.lattice, pixels, poses)
+        if isinstance(self.lattice, Sphere):
+            A, alpha = blur_operator(sweep, self.lattice, pixels, poses)
+            sums = np.asarray(A @ values)
+        else:
+            alpha, sums = blurred(values, sweep, self.lattice, pixels, poses)
         return alpha.reshape(*pixels.shape, 1), sums.reshape(*pixels.shape, -1)
 
     def _placed(self, values: Array, sweep: Sweep) -> Array:
@@ -142,6 +157,7 @@ def deblur(
     sweep: Sweep | Sequence[Sweep],
     *,
     refine: bool = True,
+    spin: Spin | None = None,
 ) -> Sharp:
     """The sharp object of one blurred picture, or of several of the same object.
 
@@ -158,7 +174,10 @@ def deblur(
     sweep : Sweep or sequence of them
         The motion in each image: `fit_sweep`, or `Solution.sweep`.
     refine : bool
-        Refine path and shape by the evidence of the light.
+        Refine path and shape, and the spin, by the evidence of the light.
+    spin : Spin, optional
+        How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it.
+        Without a spin, a ball shows one side.
 
     Returns
     -------
@@ -172,7 +191,8 @@ def deblur(
     Raises
     ------
     TypeError, ValueError
-        If an argument is something else, or numbers or sizes differ.
+        If an argument is something else, numbers or sizes differ, or there is a spin and several
+        pictures, or no ball.
     """
     images = [image] if isinstance(image, LinearImage) else list(image)
     sweeps = [sweep] if isinstance(sweep, Sweep) else list(sweep)
@@ -182,6 +202,11 @@ def deblur(
             "give as many sweeps as images, and one plate or as many: got "
             f"{len(images)} images, {len(plates)} plates, {len(sweeps)} sweeps"
         )
+    if spin is not None:
+        check_kind("spin", spin, Spin, "use blurmatte.fit_spin(image, plate, sweep)")
+        if len(images) > 1 or sweeps[0].silhouette.order > 1:
+            raise ValueError("a spin is that of one ball in one picture")
+        sweeps = [spin.sweep or sweeps[0]]
     views = []
     for picture, behind, motion in zip(images, plates, sweeps, strict=True):
         check_picture("image", picture)
@@ -189,20 +214,21 @@ def deblur(
         check_kind("sweep", motion, Sweep, "use blurmatte.fit_sweep(image, plate)")
         check_same_size("the sweep", motion.size, "the image", picture.size)
         check_same_size("the plate", behind.size, "the image", picture.size)
-        _warn_if_rejected(motion)
-        views.append(View.of(*with_noise(picture, behind), motion))
+        if spin is None:  # a texture that turns leaves residuals
+            _warn_if_rejected(motion)
+        views.append(View.of(*with_noise(picture, behind), motion, spin))
     with threadpool_limits(1):  # blocks of a band are small: threads wait longer than they work
-        return _explained_by(views, refine)
+        return _explained_by(views, refine and (spin is None or spin.sweep is None))
 
 
 def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
     lattice = _affordable(views)
     state = refined(views, lattice) if refine else explained(views, lattice)
     fit = fit_total_variation(state.equations, lattice, state.fit)
-    if any(view.stored is not None for view in views):
+    if isinstance(lattice, Lattice) and any(view.stored is not None for view in views):
         normal = replace(fit.normal, mean=compressed_color(state, lattice, fit))
         fit = replace(fit, normal=normal)
-    return _sharp([view.sweep for view in state.views], lattice, fit)
+    return _sharp(state.views, lattice, fit)
 
 
 def _warn_if_rejected(sweep: Sweep) -> None:
@@ -214,14 +240,20 @@ def _warn_if_rejected(sweep: Sweep) -> None:
         )
 
 
-def _affordable(views: Sequence[View]) -> Lattice:
+def _affordable(views: Sequence[View]) -> Lattice | Sphere:
     """A lattice of one pixel, or a coarser one if its Cholesky factors would need too much work.
+
+    A ball that spins has a sphere, see `Sphere.within`.
 
     A band of n nodes costs n b² operations, and both n and b are inverse to the pitch squared: large
     objects on curved paths, whose bands are wide, get a coarser lattice.
     """
+    if views[0].spin is not None:
+        return Sphere.within(views[0].sweep.radius, MAX_NODES)
     lattice = Lattice.of(views[0].sweep)
-    width = max(bandwidth(view.blur(lattice, _COARSE_STEP_PX), lattice) for view in views)
+    counts = (view.moment_count(_COARSE_STEP_PX) for view in views)
+    blurs = [view.blur(lattice, count) for view, count in zip(views, counts, strict=True)]
+    width = max(bandwidth(blur.A, lattice) for blur in blurs)
     work = lattice.size * float(width) ** 2
     if work <= _MAX_WORK:
         return lattice
@@ -253,6 +285,7 @@ def deblur_solution(solution: Solution) -> Sharp:
     return deblur(picture, LinearImage(nothing, nothing), solution.sweep, refine=False)
 
 
-def _sharp(sweeps: Sequence[Sweep], lattice: Lattice, fit: GaussianFit) -> Sharp:
+def _sharp(views: Sequence[View], lattice: Lattice | Sphere, fit: GaussianFit) -> Sharp:
     std = np.sqrt(fit.noise_scale * fit.normal.variances())
-    return Sharp(tuple(sweeps), lattice, fit.normal.mean, std, fit.noise_scale)
+    sweeps = tuple(view.sweep for view in views)
+    return Sharp(sweeps, lattice, fit.normal.mean, std, fit.noise_scale, views[0].spin)

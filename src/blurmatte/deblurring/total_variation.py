@@ -23,6 +23,7 @@ import numpy.typing as npt
 from blurmatte.deblurring.gaussian import GaussianFit, fit_strength, refit_strength
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import Normal, NormalEquations, gradient_prior
+from blurmatte.deblurring.sphere import Sphere
 
 Array = npt.NDArray[np.float64]
 
@@ -31,7 +32,7 @@ _ITERATIONS = 7
 
 
 def fit_total_variation(
-    equations: NormalEquations, lattice: Lattice, start: GaussianFit
+    equations: NormalEquations, lattice: Lattice | Sphere, start: GaussianFit
 ) -> GaussianFit:
     """The most probable color, with the covariance of the last quadratic prior of largest evidence.
 
@@ -46,14 +47,14 @@ def fit_total_variation(
     return GaussianFit(normal, precision, covariance.noise_scale, fit.log_evidence)
 
 
-def edge_weights(color: Array, lattice: Lattice, variance: Array | float = 0.0) -> Array:
+def edge_weights(color: Array, lattice: Lattice | Sphere, variance: Array | float = 0.0) -> Array:
     """(m,) weights 1 / |g| of the quadratic bound at a color (n, 3) with variances of differences."""
     i, j = lattice.edges.T
     square = ((color[i] - color[j]) ** 2).sum(axis=1) + variance
     return np.asarray(1 / np.sqrt(square + _SMALLEST_EDGE**2))
 
 
-def _precision(fit: GaussianFit, lattice: Lattice) -> float:
+def _precision(fit: GaussianFit, lattice: Lattice | Sphere) -> float:
     """ν of the largest mean log prior over a Gaussian posterior."""
     i, j = lattice.edges.T
     C = fit.noise_scale * fit.normal.covariance_band()

@@ -17,7 +17,16 @@ from blurmatte.checks import Bools
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations
-from blurmatte.deblurring.operator import MAX_STEP_PX, Sparse, blur_operator, poses_of
+from blurmatte.deblurring.operator import (
+    MAX_STEP_PX,
+    Blur,
+    blur_operator,
+    moment_count,
+    poses_of,
+    projected,
+)
+from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.spin import Spin
 from blurmatte.radiometry import SRGB, LinearImage, Transfer, smooth_variance
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.sweep import Sweep
@@ -25,6 +34,7 @@ from blurmatte.sweep.sweep import Sweep
 Array = npt.NDArray[np.float64]
 
 MODEL_STD = 0.003  # δ, linear light
+_LARGEST_STEP = 0.02  # for derivatives with a spin: pixels, radians, fractions
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +89,8 @@ class View:
         Error of alpha from that of the sweep.
     stored : StoredCodes or None
         The image as its JPEG file stores it, if the file's compression is known.
+    spin : Spin, optional
+        Of a ball that turns in space.
     """
 
     sweep: Sweep
@@ -90,9 +102,12 @@ class View:
     valid: Bools
     alpha_std: Array
     stored: StoredCodes | None = None
+    spin: Spin | None = None
 
     @classmethod
-    def of(cls, image: LinearImage, plate: LinearImage, sweep: Sweep) -> "View":
+    def of(
+        cls, image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None = None
+    ) -> "View":
         """The box of a sweep in two pictures whose noise is known."""
         box = sweep.box
         image, plate = image.crop(box), sweep.in_shadow(plate.crop(box), box)
@@ -109,15 +124,77 @@ class View:
             (image.valid & plate.valid).ravel(),
             sweep.within(box)[1].ravel(),
             stored,
+            spin,
         )
 
-    def with_sweep(self, sweep: Sweep) -> "View":
-        """The same pixels, another motion."""
-        return replace(self, sweep=sweep)
+    def coarser(self, by: int) -> "View":
+        """Means over blocks of by × by pixels; an incomplete last row or column is dropped."""
 
-    def blur(self, lattice: Lattice, step: float = MAX_STEP_PX) -> Sparse:
-        """The operator (h w, n), see `operator`, of moments at most `step` pixels apart."""
-        return blur_operator(self.sweep, lattice, self.pixels, poses_of(self.sweep, step=step))
+        def means(values: Array | Bools) -> Array:
+            """Of the blocks (m, c), of values (h w,) or (h w, c)."""
+            (h, w), shape = (n // by for n in self.pixels.shape), self.pixels.shape
+            whole = values.reshape(*shape, -1)[: h * by, : w * by].astype(float)
+            return np.asarray(whole.reshape(h, by, w, by, -1).mean(axis=(1, 3)).reshape(h * w, -1))
+
+        return replace(
+            self,
+            pixels=self.pixels.coarser(by),
+            C=means(self.C),
+            B=means(self.B),
+            C_variance=means(self.C_variance) / by**2,
+            B_variance=means(self.B_variance) / by**2,
+            valid=means(self.valid)[:, 0] == 1,
+            alpha_std=means(self.alpha_std)[:, 0],
+        )
+
+    @property
+    def parameters(self) -> Array:
+        """(k,) of path and shape, and of the spin."""
+        spin = [] if self.spin is None else [self.spin.rotation, self.spin.shading]
+        return np.concatenate([self.sweep.path, self.sweep.shape, *spin])
+
+    @property
+    def covariance(self) -> Array:
+        """(k, k) of the parameters."""
+        from scipy.linalg import block_diag
+
+        if self.spin is None:
+            return self.sweep.covariance
+        return np.asarray(block_diag(self.sweep.covariance, self.spin.covariance), float)
+
+    @property
+    def steps(self) -> Array:
+        """(k,) small changes of the parameters for derivatives; 0 for those that are fixed."""
+        largest = np.inf if self.spin is None else _LARGEST_STEP
+        return np.asarray(np.minimum(np.sqrt(np.diag(self.covariance)), largest))
+
+    def moved(self, parameters: Array, covariance: Array | None = None) -> "View":
+        """The same pixels, other parameters, and their covariance (k, k) if it is another."""
+        covariance = self.covariance if covariance is None else covariance
+        n, m, sweep, spin = len(self.sweep.path), len(self.sweep.covariance), self.sweep, self.spin
+        path, shape, of_spin = np.split(parameters, [n, m])
+        sweep = replace(sweep, path=path, shape=shape, covariance=covariance[:m, :m])
+        if spin is not None:
+            rotation, shading = of_spin[:3], of_spin[3:]
+            spin = replace(spin, rotation=rotation, shading=shading, covariance=covariance[m:, m:])
+        return replace(self, sweep=sweep, spin=spin)
+
+    def moment_count(self, step: float = MAX_STEP_PX) -> int:
+        """Number of moments, at most `step` pixels of the view apart."""
+        return moment_count(self.sweep, step=step * self.pixels.scale, spin=self.spin)
+
+    def blur(self, lattice: Lattice | Sphere, count: int | None = None) -> Blur:
+        """The operator (h w, n), see `operator`, of a number of moments."""
+        count = self.moment_count() if count is None else count
+        poses = poses_of(self.sweep, spin=self.spin, count=count)
+        return blur_operator(self.sweep, lattice, self.pixels, poses)
+
+    def projected(
+        self, sphere: Sphere, count: int, color: Array, spread: Array
+    ) -> tuple[Array, Array, Array]:
+        """Alpha, and the light of a color by `operator.projected`, of a number of moments."""
+        poses = poses_of(self.sweep, spin=self.spin, count=count)
+        return projected(self.sweep, sphere, self.pixels, poses, color, spread)
 
     def light(self, alpha: Array) -> Array:
         """(h w, 3) premultiplied light P for an alpha (h w,)."""
@@ -130,10 +207,12 @@ class View:
         return np.asarray(self.C_variance + through * self.B_variance + error**2 + MODEL_STD**2)
 
     def weight(self, alpha: Array) -> Array:
-        """(h w, 3) inverse variance of P, 0 outside the streak."""
-        return np.where((self.valid & (alpha > 0))[:, None], 1 / self.variance(alpha), 0)
+        """(h w, 3) inverse variance of P, 0 outside the streak; (h w, 1), of the mean, for a spin."""
+        variance = self.variance(alpha)
+        if self.spin is not None:  # one factor instead of three: they are not banded
+            variance = variance.mean(axis=1, keepdims=True)
+        return np.where((self.valid & (alpha > 0))[:, None], 1 / variance, 0)
 
-    def equations(self, A: Sparse, lattice: Lattice, weight: Array) -> NormalEquations:
+    def equations(self, blur: Blur, lattice: Lattice | Sphere, weight: Array) -> NormalEquations:
         """Normal equations of the straight color."""
-        alpha = np.asarray(A.sum(axis=1)).ravel()
-        return NormalEquations.of(A, self.light(alpha), weight, lattice)
+        return NormalEquations.of(blur.A, self.light(blur.alpha), weight, lattice)

@@ -1,0 +1,294 @@
+"""The spin of a ball from one blurred picture, or the reason why the picture does not determine it.
+
+The texture of the ball is marginalized (`gaussian`), so that every rotation has an evidence. Its maxima
+are found on a coarse lattice (`spin_search`). The likeliest are refined together with path and
+shading (`refine`), and compared; the best is refined once more on a fine lattice.
+
+Errors of the model, such as edges of paint between nodes, correlate over several pixels: covariances
+are multiplied, and differences of evidence divided, by `VARIANCE_INFLATION`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import numpy.typing as npt
+from threadpoolctl import threadpool_limits
+
+from blurmatte.calibration import with_noise
+from blurmatte.checks import check_kind, check_same_size
+from blurmatte.deblurring.refine import Explained, explained, refined
+from blurmatte.deblurring.sphere import MAX_NODES, Sphere
+from blurmatte.deblurring.spin import HARMONICS, Spin
+from blurmatte.deblurring.spin_search import (
+    CONTRASTS,
+    NO_TEXTURE,
+    NODES_PER_RADIUS,
+    SPACING,
+    Search,
+)
+from blurmatte.deblurring.view import View
+from blurmatte.errors import SpinError
+from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.sweep.sweep import Sweep
+
+Array = npt.NDArray[np.float64]
+
+VARIANCE_INFLATION = 3.0  # of sums of residuals over independent ones; calibrated on rendered balls
+DECISIVE_LOG_BAYES_FACTOR = 5.0
+MIN_RADIUS_PX = 6.0
+MAX_MISFIT = 3.0  # reduced χ² of the residuals
+SIGNIFICANT = 4.0  # standard deviations of a rotation that is not zero
+MIN_COLOR_ANGLE = np.radians(5)  # from white, of a paint that is not gray
+PATH_PRIOR_PX = 0.5  # a texture that turns biases the path of a sweep by more than its stated error
+RADIUS_PRIOR_PX = 0.1
+MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
+PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
+_COARSE_PIXELS_PER_RADIUS = 7
+_SAME_MODE = np.radians(8)
+_NEAR = np.radians(20)
+_FIRST_STEPS = 3
+_MAX_FINE = 3  # candidates on the fine lattice
+_HOPELESS_LOG_BAYES_FACTOR = 40.0  # behind, after the first steps
+
+
+def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
+    """The rotation of a ball during the exposure, from the blur of its texture.
+
+    The ball must be a sphere seen from far away that turns at constant rate by at most about half a
+    turn in the exposure. A matte surface under any distant light is part of the model, a highlight is
+    not.
+
+    Parameters
+    ----------
+    image, plate : LinearImage
+        With the ball and without.
+    sweep : Sweep
+        A disc on a path: `fit_sweep`, or `Solution.sweep`. Its path is refined with the spin.
+
+    Returns
+    -------
+    Spin
+        In the direction of time of the sweep, which one picture does not determine.
+
+    Raises
+    ------
+    SpinError
+        If the silhouette is no disc or too small, the texture too weak, the residuals too large, or
+        two different rotations explain the picture equally well.
+    TypeError, ValueError
+        If an argument is something else, or sizes differ.
+    """
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_same_size("the sweep", sweep.size, "the image", image.size)
+    check_same_size("the plate", plate.size, "the image", image.size)
+    _check_ball(sweep)
+    image, plate = with_noise(image, plate)
+    prior = _widened(sweep)
+    with threadpool_limits(1):  # most matrices are small: threads wait longer than they work
+        view = View.of(image, plate, prior, Spin(np.zeros(3), covariance=PRIOR))
+        by = max(1, int(sweep.radius / _COARSE_PIXELS_PER_RADIUS))
+        coarse = _candidates(view.coarser(by))
+        found = coarse[0].views[0]
+        fine = View.of(image, plate, found.sweep, found.spin)
+        states = _refined_on_fine(fine, _likely(coarse), view.covariance)
+    _check_path(prior, states[0].views[0].sweep)
+    return _checked(states[0], min(_margin(states), _margin(coarse[:1] + _unlikely(coarse))))
+
+
+def _check_ball(sweep: Sweep) -> None:
+    """Raise SpinError unless the silhouette is a disc that is large enough."""
+    if sweep.silhouette.order > 1:
+        raise SpinError(f"only balls have a spin, this silhouette is: {sweep.silhouette.name}")
+    if sweep.radius < MIN_RADIUS_PX:
+        raise SpinError(
+            f"the ball's radius is {sweep.radius:.1f} px: its texture is visible from "
+            f"{MIN_RADIUS_PX:g} px on"
+        )
+
+
+def _widened(sweep: Sweep) -> Sweep:
+    """The sweep with a covariance that allows for the texture's effect on the path."""
+    n, variances = len(sweep.path), np.zeros(len(sweep.covariance))
+    variances[:n], variances[n] = PATH_PRIOR_PX**2, RADIUS_PRIOR_PX**2
+    return replace(sweep, covariance=sweep.covariance + np.diag(variances))
+
+
+def _check_path(prior: Sweep, found: Sweep) -> None:
+    """Raise SpinError if the refined path disagrees with the sweep."""
+    away, n = found.path - prior.path, len(prior.path)
+    deviation = np.sqrt(away @ np.linalg.solve(prior.covariance[:n, :n], away) / n)
+    if deviation > MAX_PATH_DEVIATION:
+        raise SpinError(
+            f"the path of the sweep is uncertain: the texture moves it by {deviation:.0f} standard "
+            "deviations; solve the pictures again, with a color or a region"
+        )
+
+
+def _candidates(view: View) -> list[Explained]:
+    """Refined rotations, compared under the same weights; the best first.
+
+    An error of path or shading may hide a maximum from the search. It is repeated at those of the
+    likeliest candidate, and further candidates begin near that one.
+    """
+    sphere = Sphere.of(view.sweep.radius, view.sweep.radius / NODES_PER_RADIUS)
+    at, states, weights = view, list[Explained](), None
+    for spacing in (SPACING, 1.5 * SPACING, 0.0):
+        wanted = _new_rotations(at, states, spacing) if spacing else _near(_rotation(at))
+        for rotation in wanted:
+            state = refined([_start(at, rotation, view.covariance)], sphere, _FIRST_STEPS)
+            weights = weights or state.weights
+            states.append(explained(state.views, sphere, weights))
+        states = _ranked(states)
+        at = states[0].views[0]
+    starts = [
+        _start(one.views[0], _rotation(one.views[0]), view.covariance) for one in _likely(states)
+    ]
+    final = [explained(refined([one], sphere).views, sphere, weights) for one in starts]
+    return _ranked([*final, *_unlikely(states)])
+
+
+def _near(rotation: Array) -> list[Array]:
+    """Rotations around one."""
+    return [rotation + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1)]
+
+
+def _likely(states: Sequence[Explained]) -> list[Explained]:
+    """Those with different rotations that are not far less likely than the first."""
+    kept: list[Explained] = []
+    for state in states:
+        away = [_rotation(state.views[0]) - _rotation(other.views[0]) for other in kept]
+        if _may_be_best(states[0], state) and all(np.linalg.norm(w) > _SAME_MODE for w in away):
+            kept.append(state)
+    return kept
+
+
+def _unlikely(states: Sequence[Explained]) -> list[Explained]:
+    return [state for state in states if not _may_be_best(states[0], state)]
+
+
+def _may_be_best(first: Explained, state: Explained) -> bool:
+    """True if the coarse lattice may have misjudged it."""
+    least = VARIANCE_INFLATION * _HOPELESS_LOG_BAYES_FACTOR
+    return first.fit.log_evidence - state.fit.log_evidence <= least
+
+
+def _refined_on_fine(
+    fine: View, candidates: Sequence[Explained], covariance: Array
+) -> list[Explained]:
+    """Candidates on the fine lattice, under the same weights; the likeliest first."""
+    sphere, states = Sphere.within(fine.sweep.radius, MAX_NODES), list[Explained]()
+    for candidate in candidates[:_MAX_FINE]:
+        (one,) = candidate.views
+        start = _start(replace(fine, sweep=one.sweep, spin=one.spin), _rotation(one), covariance)
+        state = refined([start], sphere)
+        states.append(explained(state.views, sphere, states[0].weights) if states else state)
+    return _ranked(states)
+
+
+def _start(view: View, rotation: Array, covariance: Array) -> View:
+    """A view with another rotation, and a prior of all parameters."""
+    spin = replace(view.spin or Spin(rotation), rotation=rotation)
+    one = replace(view, spin=spin)
+    return one.moved(one.parameters, covariance)
+
+
+def _new_rotations(view: View, states: Sequence[Explained], spacing: float) -> list[Array]:
+    """Likely rotations that no state has, unless a ball without texture explains the light as well."""
+    search = Search.of(view)
+    found = [mode.rotation for mode in search.modes(spacing, _rotation(view))]
+    textured = max(one.log_evidence for one in search.solved(found[0], CONTRASTS))
+    (plain,) = search.solved(found[0], (NO_TEXTURE,))
+    gain = (textured - plain.log_evidence) / VARIANCE_INFLATION
+    if gain < DECISIVE_LOG_BAYES_FACTOR:
+        raise SpinError(
+            "the ball's texture is too weak for its spin: shading alone explains the light "
+            f"(log Bayes factor of the texture {gain:.1f}, needed {DECISIVE_LOG_BAYES_FACTOR:g})"
+        )
+    known = [_rotation(state.views[0]) for state in states]
+    return [w for w in found if all(np.linalg.norm(w - other) > _SAME_MODE for other in known)]
+
+
+def _ranked(states: list[Explained]) -> list[Explained]:
+    """The likeliest first."""
+    return sorted(states, key=lambda state: -state.fit.log_evidence)
+
+
+def _margin(states: Sequence[Explained]) -> float:
+    """Log Bayes factor of the first state over the likeliest one with a different rotation.
+
+    Raises
+    ------
+    SpinError
+        If it is not decisive.
+    """
+    best, *others = states
+    rotation = _rotation(best.views[0])
+    rivals = [
+        (best.fit.log_evidence - other.fit.log_evidence, _rotation(other.views[0]))
+        for other in others
+        if np.linalg.norm(_rotation(other.views[0]) - rotation) > _SAME_MODE
+    ]
+    if not rivals:
+        return float("inf")
+    margin, rival = min(rivals, key=lambda one: one[0])
+    margin /= VARIANCE_INFLATION
+    if margin < DECISIVE_LOG_BAYES_FACTOR:
+        raise SpinError(
+            f"two spins explain the picture: {np.degrees(np.linalg.norm(rotation)):.0f}° and "
+            f"{np.degrees(np.linalg.norm(rival)):.0f}° per exposure, "
+            f"{np.degrees(np.linalg.norm(rival - rotation)):.0f}° apart (log Bayes factor {margin:.1f})"
+        )
+    return float(margin)
+
+
+def _checked(state: Explained, margin: float) -> Spin:
+    """The spin of a refined state, unless its residuals are too large."""
+    if state.fit.noise_scale > MAX_MISFIT:
+        raise SpinError(
+            f"no spin explains the picture: the residuals are {state.fit.noise_scale:.1f} times the "
+            f"noise, at most {MAX_MISFIT:g} are allowed; path or silhouette may be wrong"
+        )
+    spin, sweep = _spin_of(state.views[0]), state.views[0].sweep
+    sweep = replace(sweep, covariance=VARIANCE_INFLATION * sweep.covariance)
+    covariance = VARIANCE_INFLATION * spin.covariance
+    spin = replace(spin, covariance=covariance, log_evidence_margin=margin, sweep=sweep)
+    _check_turning(state, spin)
+    return spin
+
+
+def _check_turning(state: Explained, spin: Spin) -> None:
+    """Raise SpinError if the ball seems not to turn, and its pattern may be light instead of texture.
+
+    Light that does not turn looks like a texture that does not turn. On one paint it adds multiples of
+    the paint's color and, in a highlight, of white. Colors outside their plane are texture.
+    """
+    if spin.rotation @ np.linalg.solve(spin.rotation_covariance, spin.rotation) > SIGNIFICANT**2:
+        return
+    (view,), (blur,), (weight,) = state.views, state.blurs, state.weights
+    P, white = view.light(blur.alpha), np.full(3, 3**-0.5)
+    mean = np.where(weight > 0, P, 0).sum(axis=0)
+    across = np.cross(mean / np.linalg.norm(mean), white)
+    length = float(np.linalg.norm(across))
+    if length > np.sin(MIN_COLOR_ANGLE):
+        square, count = (P @ (across / length)) ** 2, 1
+    else:
+        square, count = (P**2).sum(axis=1) - (P @ white) ** 2, 2
+    energy = float((weight[:, 0] * square).sum()) / state.fit.noise_scale
+    gain = (energy - count * int((weight > 0).sum())) / 2 / VARIANCE_INFLATION
+    if gain < DECISIVE_LOG_BAYES_FACTOR:
+        raise SpinError(
+            "the pattern on the ball does not turn and has the ball's color: it may be light on a ball "
+            "without texture, which may spin"
+        )
+
+
+def _spin_of(view: View) -> Spin:
+    assert view.spin is not None  # every view here has one
+    return view.spin
+
+
+def _rotation(view: View) -> Array:
+    return _spin_of(view).rotation

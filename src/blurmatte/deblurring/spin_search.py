@@ -1,0 +1,287 @@
+"""Search for the spin of a ball: the evidence of rotations on a coarse lattice, without start values.
+
+In this file P is the premultiplied light of blocks of pixels and W its inverse variance. With the
+rotation vector ω, the light is that of a texture o that turns with the ball and of a field β on it that
+does not, its shading,
+
+    P = A(ω) o + C β + noise,
+
+where C has the harmonics of `spin` as columns. Shading is a factor of the texture: an estimate of it is
+in A, and C β is a first-order model of its error. Both o and β are marginalized, o with the prior
+exp(−λ oᵀ Q o / 2) of `gaussian` and β with independent normal priors; log Z(ω) follows from a Cholesky
+factor of the nodes' equations and the Schur complement of the field's.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.deblurring.normal_equations import gradient_prior
+from blurmatte.deblurring.operator import Seen, Sparse, poses_of, seen_moments
+from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.spin import Spin, harmonics
+from blurmatte.deblurring.view import View
+
+Array = npt.NDArray[np.float64]
+
+NODES_PER_RADIUS = 5
+_STEP = 0.75  # motion between two moments, pixels of the view
+_FASTEST = np.pi  # radians per exposure
+SPACING = np.radians(24)  # of the grid of rotations: maxima of log Z are about 30° wide
+_TURN_STEP = 0.02  # radians, for derivatives
+_LARGEST_STEP = np.radians(12)
+_LEAST_GAIN = 0.3  # of log Z, by a step
+_MAX_STEPS = 10
+_STARTS = 12  # from the grid
+_NEAR = np.radians(15)
+_SAME_MODE = np.radians(8)
+_MODES = 2  # of each contrast
+_FIELD_STD = 0.2  # of the coefficients of shading, linear light
+CONTRASTS = (0.4, 0.15, 0.05)  # of neighbors of the coarse lattice, linear light
+NO_TEXTURE = 1e-3
+
+
+@dataclass(frozen=True, eq=False)
+class Mode:
+    """A local maximum of the evidence.
+
+    Parameters
+    ----------
+    rotation : (3,) float
+        Rotation vector, radians per exposure.
+    log_evidence : float
+        log Z, up to a constant of the search.
+    """
+
+    rotation: Array
+    log_evidence: float
+
+
+@dataclass(frozen=True, eq=False)
+class Solved:
+    """The most probable texture (n, 3) and field (k, 3) for a rotation, and what they derive from."""
+
+    log_evidence: float
+    noise_scale: float
+    A: Sparse
+    factor: Array
+    texture: Array
+    field: Array
+    coupling: Array
+    schur: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """Blocks of pixels of one picture, and when they see which part of the ball.
+
+    Parameters
+    ----------
+    sphere : Sphere
+    t : (T,) float
+        Moments.
+    first : (m + 1,) int
+        First entry of each of m blocks.
+    moment, weight : (q,) int and float
+        Of each entry: the moment, and the part of the exposure.
+    normal : (q, 1, 3) float
+        Of each entry, in the middle of the block.
+    P : (m, 3) float
+        Premultiplied light of each block.
+    W : (m,) float
+        Its inverse variance, the same for all channels.
+    """
+
+    sphere: Sphere
+    t: Array
+    first: npt.NDArray[np.int64]
+    moment: npt.NDArray[np.int32]
+    weight: Array
+    normal: Array
+    P: Array
+    W: Array
+
+    @classmethod
+    def of(cls, view: View) -> "Search":
+        """The search at the path and shading of a view with a spin: its channels have one weight."""
+        sweep = view.sweep
+        fastest = replace(view, spin=Spin(np.array([0, 0, _FASTEST])))
+        count = fastest.moment_count(_STEP)
+        poses = poses_of(sweep, count=count)
+        seen = seen_moments(sweep, view.pixels, poses)
+        alpha = seen.alpha(poses.durations)
+        weight = view.weight(alpha)[:, 0]
+        use = weight > 0
+        sphere = Sphere.of(sweep.radius, sweep.radius / NODES_PER_RADIUS)
+        return cls(
+            sphere,
+            poses.t,
+            *_entries(seen, use, count, view.spin),
+            view.light(alpha)[use],
+            weight[use],
+        )
+
+    @cached_property
+    def prior(self) -> Array:
+        """(n, n) Q, lower triangle of its transpose."""
+        n = self.sphere.size
+        band, whole = (
+            gradient_prior(self.sphere, np.ones(len(self.sphere.edges)), n),
+            np.zeros((n, n)),
+        )
+        for i in range(n):
+            whole[i, i:] = band[i, : n - i]
+        return whole
+
+    @cached_property
+    def C(self) -> Array:
+        """(m, k) light of the harmonics."""
+        Y = harmonics(self.normal[:, 0])
+        own = np.repeat(np.arange(len(self.P)), np.diff(self.first))
+        columns = [np.bincount(own, self.weight * y, len(self.P)) for y in Y.T]
+        return np.stack(columns, axis=1)
+
+    def operator(self, rotation: Array) -> Sparse:
+        """A(ω)."""
+        from scipy.sparse import csr_matrix
+
+        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+        turns, size = Spin(rotation).turns(self.t), self.sphere.size
+        first, columns, values = sphere_kernel.rows_of(
+            self.first, self.moment, self.weight, self.normal, turns, self.sphere.node, size
+        )
+        return csr_matrix((values, columns, first), shape=(len(self.P), size))
+
+    def solved(self, rotation: Array, contrasts: Sequence[float]) -> list[Solved]:
+        """The marginal likelihood of a rotation, for each of some contrasts of the texture."""
+        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+        A, N = self.operator(rotation), np.zeros_like(self.prior)
+        sphere_kernel.add_normal(A.indptr, A.indices, A.data, self.W, N)
+        return [self._solved(A, N, contrast) for contrast in contrasts]
+
+    def _solved(self, A: Sparse, N: Array, contrast: float) -> Solved:
+        """The marginal likelihood for a contrast, with the lower triangle of N as a transpose."""
+        from scipy.linalg import solve_triangular
+        from scipy.linalg.lapack import dpotrf
+
+        strength = contrast**-2
+        factor, _ = dpotrf((N + strength * self.prior).T, lower=1, overwrite_a=1, clean=0)
+        light, field, k = self.W[:, None] * self.P, self.W[:, None] * self.C, self.C.shape[1]
+        right = np.hstack([A.T @ field, A.T @ light])
+        right = solve_triangular(factor, right, lower=True, check_finite=False)
+        coupling, texture = right[:, :k], right[:, k:]
+        schur = self.C.T @ field + np.eye(k) / _FIELD_STD**2 - coupling.T @ coupling
+        of_field = self.C.T @ light - coupling.T @ texture
+        beta = np.linalg.solve(schur, of_field)
+        misfit = float((light * self.P).sum() - (texture**2).sum() - (of_field * beta).sum())
+        texture = texture - coupling @ beta
+        texture = solve_triangular(factor, texture, lower=True, trans=1, check_finite=False)
+        freedom, nodes = len(self.P) - 1, self.sphere.size - 1
+        volume = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(schur)[1]
+        log_z = 1.5 * (nodes * np.log(strength) - freedom * np.log(misfit) - volume)
+        scale = misfit / (3 * freedom)
+        return Solved(float(log_z), scale, A, factor, texture, beta, coupling, schur)
+
+    def stepped(self, rotation: Array, at: Solved) -> Array:
+        """The step of Gauss and Newton for log Z(ω), without the change of volume, at most 12°."""
+        from scipy.linalg import solve_triangular
+
+        units = _TURN_STEP * np.eye(3)
+        lights = [
+            (self.operator(rotation + d) - self.operator(rotation - d)) @ at.texture for d in units
+        ]
+        J = np.stack(lights, axis=2).reshape(len(self.P), 9) / (
+            2 * _TURN_STEP
+        )  # (channel, parameter)
+        r = self.P - at.A @ at.texture - self.C @ at.field
+        weighted = self.W[:, None] * J
+        of_nodes = solve_triangular(at.factor, at.A.T @ weighted, lower=True, check_finite=False)
+        of_field = self.C.T @ weighted - at.coupling.T @ of_nodes
+        full = J.T @ weighted - of_nodes.T @ of_nodes
+        full -= of_field.T @ np.linalg.solve(at.schur, of_field)
+        H = sum(full[3 * c : 3 * c + 3, 3 * c : 3 * c + 3] for c in range(3))
+        g = np.einsum("pck,pc->k", weighted.reshape(-1, 3, 3), r)
+        values, axes = np.linalg.eigh(H / at.noise_scale)
+        step = axes @ (axes.T @ g / at.noise_scale / np.maximum(values, _LARGEST_STEP**-2))
+        return np.asarray(step * min(1, _LARGEST_STEP / max(float(np.linalg.norm(step)), 1e-12)))
+
+    def climbed(self, rotation: Array, contrast: float) -> Mode:
+        """The maximum of the evidence near a rotation."""
+        (at,) = self.solved(rotation, (contrast,))
+        for _ in range(_MAX_STEPS):
+            step = self.stepped(rotation, at)
+            tried = (
+                (f, self.solved(rotation + f * step, (contrast,))[0]) for f in (1.0, 0.5, 0.25)
+            )
+            better = next((one for one in tried if one[1].log_evidence > at.log_evidence), None)
+            if better is None:
+                break
+            gain = better[1].log_evidence - at.log_evidence
+            rotation, at = rotation + better[0] * step, better[1]
+            if gain < _LEAST_GAIN:
+                break
+        return Mode(rotation, at.log_evidence)
+
+    def modes(self, spacing: float, around: Array) -> list[Mode]:
+        """Distinct maxima of the evidence: the likeliest of each contrast of the texture.
+
+        The largest contrast may explain errors of path and shading as texture of a fast spin, and a
+        small one misses fine texture. The grid is evaluated for the one between. Further starts are
+        `around` a rotation, whose maximum may be narrower than the grid.
+        """
+        grid, middle = rotation_grid(spacing), (CONTRASTS[len(CONTRASTS) // 2],)
+        values = np.array([self.solved(w, middle)[0].log_evidence for w in grid])
+        ranked = [Mode(grid[k], values[k]) for k in np.argsort(-values)]
+        starts = [one.rotation for one in _distinct(ranked, spacing, _STARTS)]
+        starts += [
+            around,
+            *(around + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1)),
+        ]
+        likeliest: list[Mode] = []
+        for contrast in CONTRASTS:
+            found = [self.climbed(w, contrast) for w in starts]
+            likeliest += _distinct(sorted(found, key=_unlikeliness), _SAME_MODE, _MODES)
+        return _distinct(likeliest, _SAME_MODE, len(likeliest))
+
+
+def _unlikeliness(mode: Mode) -> float:
+    return -mode.log_evidence
+
+
+def rotation_grid(spacing: float) -> Array:
+    """(n, 3) rotation vectors up to half a turn on a body-centered cubic lattice."""
+    edge = spacing * 2 ** (1 / 3)  # of a cube with two points
+    steps = np.arange(-int(_FASTEST / edge) - 1, int(_FASTEST / edge) + 2)
+    corners = np.stack(np.meshgrid(steps, steps, steps), axis=-1).reshape(-1, 3)
+    points = edge * np.concatenate([corners, corners + 0.5])
+    return np.asarray(points[np.linalg.norm(points, axis=1) <= _FASTEST])
+
+
+def _distinct(modes: list[Mode], angle: float, most: int) -> list[Mode]:
+    """At most `most` that are further than an angle from all before them."""
+    kept: list[Mode] = []
+    for mode in modes:
+        if len(kept) == most:
+            break
+        if all(np.linalg.norm(mode.rotation - other.rotation) > angle for other in kept):
+            kept.append(mode)
+    return kept
+
+
+def _entries(
+    seen: Seen, use: npt.NDArray[np.bool_], count: int, spin: Spin | None
+) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array, Array]:
+    """First entries of the blocks in use; moment, weight and normals of their entries."""
+    first, moment, part = seen.covered
+    each = np.diff(first)
+    kept = np.repeat(use, each)
+    begin = np.concatenate([[0], np.cumsum(each[use])]).astype(np.int64)
+    normal = seen.normals[kept].mean(axis=1)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    light = 1.0 if spin is None else spin.light(normal)
+    return begin, moment[kept], part[kept] * light / count, normal[:, None]

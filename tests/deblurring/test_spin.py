@@ -1,0 +1,223 @@
+"""The spin of a ball: exact without a turn, rotations against SciPy, honest estimates, refusals."""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose
+from scipy.spatial.transform import Rotation
+
+import blurmatte as bm
+from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.operator import blur_operator, poses_of
+from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.spin import harmonics
+from blurmatte.deblurring.spin_search import rotation_grid
+from blurmatte.metrics import subframe_psnr
+from blurmatte.radiometry import LinearImage
+from blurmatte.rendering import Lamp, Rendering, add_noise, textured_plate
+from blurmatte.rendering.pose import Change
+from blurmatte.sweep import Sweep
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.silhouette import DISC, ELLIPSE
+
+from .conftest import NOISE, patches
+
+SPIN = np.radians([-30.0, 55.0, 20.0])
+
+
+class Spinning(NamedTuple):
+    truth: Rendering
+    image: LinearImage
+    plate: LinearImage
+    sweep: Sweep
+
+
+def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0) -> Spinning:
+    """A ball of radius 8 that moves 31 pixels, its noisy pictures, and its sweep with errors."""
+    lamp = Lamp((0.4, -0.6, 0.7))
+    look = {"color": np.array([0.6, 0.4, 0.2])} if plain else {"texture": patches(seed)}
+    ball = bm.Ball(8.0, ambient=ambient, lamps=(lamp,), highlight=highlight, **look)
+    start, end = (18.2, 16.4), (47.7, 26.1)
+    path = bm.Trajectory.line(start, end)
+    scene = bm.Scene(textured_plate((66, 44), seed), path, ball, Change(spin=tuple(spin)))
+    truth, rng = bm.render(scene), np.random.default_rng(seed)
+    image, plate = (
+        LinearImage(add_noise(picture.rgb, NOISE, rng), NOISE)
+        for picture in (truth.image, truth.plate)
+    )
+    error = rng.normal(0, 0.1, 4)
+    sweep = Sweep(
+        *(LINE, np.array([*start, *end]) + error, DISC, np.array([8.0]), bm.ColorModel.any()),
+        *(0.1**2 * np.eye(5), scene.size),
+    )
+    return Spinning(truth, image, plate, sweep)
+
+
+@pytest.fixture(scope="module")
+def ball() -> Spinning:
+    return spinning()
+
+
+@pytest.fixture(scope="module")
+def spin(ball) -> bm.Spin:
+    return bm.fit_spin(ball.image, ball.plate, ball.sweep)
+
+
+def test_the_faces_of_a_sphere_share_the_nodes_of_their_edges():
+    sphere = Sphere.of(8.0, 1.5)
+    cells = sphere.node.shape[1] - 1
+    assert sphere.size == 6 * cells**2 + 2
+    assert len(sphere.edges) == 12 * cells**2
+    assert_allclose(np.linalg.norm(sphere.points, axis=1), 1)
+    i, j = sphere.edges.T
+    assert 8 * np.linalg.norm(sphere.points[i] - sphere.points[j], axis=1).max() < 1.5
+
+
+def test_without_a_turn_the_operator_is_that_of_a_flat_lattice(ball):
+    """Exact for alpha, and for a color that both lattices interpolate within their pitch."""
+    pixels = Pixels.of_box(ball.sweep.box)
+    lattice, sphere = Lattice.of(ball.sweep), Sphere.of(8.0, 0.5)
+    flat = blur_operator(ball.sweep, lattice, pixels)
+    turned = blur_operator(
+        ball.sweep, sphere, pixels, poses_of(ball.sweep, spin=bm.Spin(np.zeros(3)))
+    )
+    assert_allclose(turned.alpha, flat.alpha, atol=1e-12)
+    assert_allclose(np.asarray(turned.A.sum(axis=1)).ravel(), flat.alpha, atol=1e-12)
+    j, i = np.nonzero(lattice.node >= 0)
+    x, y = (np.stack([i, j]) + lattice.corner[:, None])[:, np.argsort(lattice.node[j, i])]
+    on_flat, on_sphere = 0.5 + 0.03 * x - 0.02 * y, 0.5 + 8 * sphere.points @ [0.03, -0.02, 0]
+    assert_allclose(turned.A @ on_sphere, flat.A @ on_flat, atol=5e-3)
+
+
+def test_points_of_the_body_turn_as_scipy_turns_them(ball):
+    """Oracle: the light of a pattern that is linear on the body, in plain loops over moments."""
+    turn, pattern = bm.Spin(SPIN), np.array([0.3, -0.5, 0.8])
+    pixels, poses = Pixels.of_box(ball.sweep.box), poses_of(ball.sweep, spin=turn)
+    sphere = Sphere.of(8.0, 0.5)
+    A, _ = blur_operator(ball.sweep, sphere, pixels, poses)
+    row = int(np.argmax(np.asarray(A.sum(axis=1)).ravel()))
+    x, y = row % pixels.shape[1] + pixels.origin[0], row // pixels.shape[1] + pixels.origin[1]
+    expected = 0.0
+    for t, center in zip(poses.t, poses.xy, strict=True):
+        u, v = (np.array([x, y]) - center) / 8
+        if np.hypot(u, v) < 1:
+            n = np.array([u, v, np.sqrt(1 - u**2 - v**2)])
+            body = Rotation.from_rotvec((t - 0.5) * SPIN).inv().apply(n)
+            expected += pattern @ body / len(poses.t)
+    assert float((A @ (sphere.points @ pattern))[row]) == pytest.approx(expected, abs=0.02)
+
+
+def test_renders_the_spinning_ball_of_the_renderer():
+    """Exact: the true paint at the nodes, with the true path, gives the light of the renderer."""
+    case = spinning()
+    path = case.truth.trajectory.at(np.array([0.0, 1.0])).ravel()
+    sweep, sphere = replace(case.sweep, path=path), Sphere.of(8.0, 0.7)
+    to_start = Rotation.from_rotvec(-0.5 * SPIN)  # from the pose in the middle to the unposed ball
+    bx, by, bz = to_start.apply(sphere.points).T
+    texture = patches(0)
+    column = ((np.arctan2(bx, bz) / (2 * np.pi) + 0.5) * texture.shape[1]).astype(int)
+    rows = (np.arccos(np.clip(-by, -1, 1)) / np.pi * texture.shape[0]).astype(int)
+    color = texture[np.minimum(rows, 95), np.minimum(column, 191)]
+    x0, y0, x1, y1 = sweep.box
+    A, _ = blur_operator(
+        sweep, sphere, Pixels.of_box(sweep.box), poses_of(sweep, spin=bm.Spin(SPIN))
+    )
+    error = (A @ color).reshape(y1 - y0, x1 - x0, 3)
+    error = error - case.truth.layer.premultiplied[y0:y1, x0:x1]
+    assert np.sqrt(np.mean(error**2)) < 0.006
+
+
+def test_the_light_on_a_ball_has_mean_one_over_the_disc():
+    u = np.linspace(-1, 1, 401)
+    x, y = (a.ravel() for a in np.meshgrid(u, u))
+    inside = x**2 + y**2 < 1
+    n = np.stack([x, y, np.sqrt(np.maximum(1 - x**2 - y**2, 0))], axis=1)[inside]
+    assert_allclose(harmonics(n).mean(axis=0), 0, atol=2e-3)
+
+
+def test_the_grid_of_rotations_leaves_no_gap():
+    grid = rotation_grid(np.radians(36))
+    rng = np.random.default_rng(0)
+    some = rng.normal(size=(500, 3))
+    some *= np.pi * rng.uniform(0, 0.9, (500, 1)) ** (1 / 3) / np.linalg.norm(some, axis=1)[:, None]
+    nearest = np.linalg.norm(some[:, None] - grid, axis=2).min(axis=1)
+    assert np.degrees(nearest.max()) < 30
+
+
+def test_finds_the_spin_with_an_honest_error(spin):
+    error = spin.rotation - SPIN
+    assert np.degrees(np.linalg.norm(error)) < 5
+    assert error @ np.linalg.inv(spin.rotation_covariance) @ error < 16  # 3 degrees of freedom
+    assert spin.log_evidence_margin > 5
+    assert "reversing path and spin" in spin.ambiguity
+    assert "per exposure" in repr(spin)
+
+
+def test_finds_the_spin_of_a_shaded_ball():
+    case = spinning(seed=2, ambient=0.35)
+    found = bm.fit_spin(case.image, case.plate, case.sweep)
+    assert np.degrees(np.linalg.norm(found.rotation - SPIN)) < 8
+    n = np.array([[0.4, -0.6, 0.7], [-0.6, 0.6, 0.5]])
+    bright, dark = found.light(n / np.linalg.norm(n, axis=1)[:, None])
+    assert bright > 1.3 * dark
+
+
+def test_subframes_of_a_spinning_ball_are_closer_to_the_truth(ball, spin):
+    true = [bm.SRGB.encode(one.over(ball.truth.plate).rgb) for one in ball.truth.subframes(4)]
+    plate = bm.SRGB.encode(ball.truth.plate.rgb)
+
+    def psnr(sharp):
+        shown = [one.over(ball.truth.plate).rgb for one in sharp.subframes(4)]
+        return subframe_psnr(bm.SRGB.encode(np.clip(shown, 0, 1)), np.stack(true), plate)
+
+    sharp = bm.deblur(ball.image, ball.plate, ball.sweep, spin=spin)
+    assert psnr(sharp) > psnr(bm.deblur(ball.image, ball.plate, ball.sweep)) + 3
+    assert_allclose(sharp.spin.rotation, spin.rotation)
+    assert (sharp.color_std[sharp.layer.alpha > 0] > 0).all()
+
+
+def test_a_plain_ball_is_refused():
+    case = spinning(plain=True)
+    with pytest.raises(bm.SpinError, match="texture is too weak"):
+        bm.fit_spin(case.image, case.plate, case.sweep)
+
+
+def test_other_shapes_and_small_balls_are_refused(ball):
+    ellipse = replace(
+        ball.sweep, silhouette=ELLIPSE, shape=np.array([8.0, 0.1, 0]), covariance=np.eye(7)
+    )
+    with pytest.raises(bm.SpinError, match="ellipse"):
+        bm.fit_spin(ball.image, ball.plate, ellipse)
+    with pytest.raises(bm.SpinError, match="radius"):
+        bm.fit_spin(ball.image, ball.plate, replace(ball.sweep, shape=np.array([3.0])))
+
+
+def test_wrong_arguments_are_refused(ball, spin):
+    with pytest.raises(TypeError, match="fit_sweep"):
+        bm.fit_spin(ball.image, ball.plate, None)
+    with pytest.raises(ValueError, match="same size"):
+        bm.fit_spin(ball.image, ball.plate, replace(ball.sweep, size=(9, 9)))
+    with pytest.raises(ValueError, match="rotation"):
+        bm.Spin(np.zeros(2))
+    with pytest.raises(ValueError, match="one picture"):
+        bm.deblur([ball.image] * 2, ball.plate, [ball.sweep] * 2, spin=spin)
+    with pytest.raises(TypeError, match="fit_spin"):
+        bm.deblur(ball.image, ball.plate, ball.sweep, spin=SPIN)
+
+
+def test_axis_and_rate():
+    found = bm.Spin(np.radians([0, 30.0, 0]), covariance=np.diag([1e-4, 4e-4, 1e-4, *np.zeros(8)]))
+    assert_allclose(found.axis, [0, 1, 0])
+    assert found.rate_deg == pytest.approx(30)
+    assert found.rate_std_deg == pytest.approx(np.degrees(0.02))
+    assert found.axis_std_deg == pytest.approx(np.degrees(np.sqrt(2e-4) / np.radians(30)))
+    assert_allclose(bm.Spin(np.zeros(3)).axis, [0, 0, 1])
+
+
+def test_a_highlight_on_a_plain_ball_is_no_texture():
+    case = spinning(plain=True, ambient=0.35, highlight=0.6)
+    with pytest.raises(bm.SpinError, match=r"may be light|two spins|no spin"):
+        bm.fit_spin(case.image, case.plate, case.sweep)
