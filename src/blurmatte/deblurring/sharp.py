@@ -174,7 +174,7 @@ def deblur(
     sweep : Sweep or sequence of them
         The motion in each image: `fit_sweep`, or `Solution.sweep`.
     refine : bool
-        Refine path and shape, and the spin, by the evidence of the light.
+        Refine path, shape and spin by the evidence of the light.
     spin : Spin, optional
         How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it.
         Without a spin, a ball shows one side.
@@ -203,10 +203,7 @@ def deblur(
             f"{len(images)} images, {len(plates)} plates, {len(sweeps)} sweeps"
         )
     if spin is not None:
-        check_kind("spin", spin, Spin, "use blurmatte.fit_spin(image, plate, sweep)")
-        if len(images) > 1 or sweeps[0].silhouette.order > 1:
-            raise ValueError("a spin is that of one ball in one picture")
-        sweeps = [spin.sweep or sweeps[0]]
+        sweeps = [_refined_with(spin, sweeps)]
     views = []
     for picture, behind, motion in zip(images, plates, sweeps, strict=True):
         check_picture("image", picture)
@@ -219,6 +216,15 @@ def deblur(
         views.append(View.of(*with_noise(picture, behind), motion, spin))
     with threadpool_limits(1):  # blocks of a band are small: threads wait longer than they work
         return _explained_by(views, refine and (spin is None or spin.sweep is None))
+
+
+def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
+    """The sweep of one ball with the path of its spin, if that was refined; ValueError for others."""
+    check_kind("spin", spin, Spin, "use blurmatte.fit_spin(image, plate, sweep)")
+    check_kind("sweep", sweeps[0], Sweep, "use blurmatte.fit_sweep(image, plate)")
+    if len(sweeps) > 1 or sweeps[0].silhouette.order > 1:
+        raise ValueError("a spin is that of one ball in one picture")
+    return spin.sweep or sweeps[0]
 
 
 def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
