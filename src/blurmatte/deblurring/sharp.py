@@ -204,18 +204,22 @@ def deblur(
         )
     if spin is not None:
         sweeps = [_refined_with(spin, sweeps)]
-    views = []
-    for picture, behind, motion in zip(images, plates, sweeps, strict=True):
-        check_picture("image", picture)
-        check_picture("plate", behind)
-        check_kind("sweep", motion, Sweep, "use blurmatte.fit_sweep(image, plate)")
-        check_same_size("the sweep", motion.size, "the image", picture.size)
-        check_same_size("the plate", behind.size, "the image", picture.size)
-        if spin is None:  # a texture that turns leaves residuals
-            _warn_if_rejected(motion)
-        views.append(View.of(*with_noise(picture, behind), motion, spin))
+    pictures = zip(images, plates, sweeps, strict=True)
+    views = [_checked_view(*one, spin) for one in pictures]
     with threadpool_limits(1):  # blocks of a band are small: threads wait longer than they work
         return _explained_by(views, refine and (spin is None or spin.sweep is None))
+
+
+def _checked_view(image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None) -> View:
+    """The view of one picture; TypeError or ValueError for arguments that do not belong together."""
+    check_picture("image", image)
+    check_picture("plate", plate)
+    check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
+    check_same_size("the sweep", sweep.size, "the image", image.size)
+    check_same_size("the plate", plate.size, "the image", image.size)
+    if spin is None:  # a texture that turns leaves residuals
+        _warn_if_rejected(sweep)
+    return View.of(*with_noise(image, plate), sweep, spin)
 
 
 def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
@@ -242,7 +246,7 @@ def _warn_if_rejected(sweep: Sweep) -> None:
         warnings.warn(
             f"the fit of the sweep {sweep.rejection}: an object deblurred along it may be wrong",
             BlurmatteWarning,
-            stacklevel=3,
+            stacklevel=5,
         )
 
 
