@@ -104,9 +104,23 @@ def test_clip_in_which_nothing_moves_is_refused(shot, tmp_path):
         list(bm.save_clip(run, tmp_path, bm.Workers(1)))
 
 
+def test_complete_layers_are_solutions(shot, tmp_path):
+    """Exact: the file holds the sweep of the frame, and the light of the plain layer."""
+    three = run_of(shot)
+    three = bm.ClipRun(three.inputs, three.frames[3:6], three.plate, complete=True)
+    *_, report = bm.save_clip(three, tmp_path, bm.Workers(1))
+    for record in report.records:
+        solution = bm.read_solution(tmp_path / record.layer)
+        assert solution.sweep is not None
+        assert solution.layer.alpha.sum() == pytest.approx(record.sum_alpha, rel=0.05)
+    assert len(report.records) == 3
+
+
 def test_other_layers_are_refused(shot):
     with pytest.raises(ValueError, match="gif"):
         run_of(shot, extension=".gif")
+    with pytest.raises(ValueError, match="exr"):
+        run_of(shot, extension=".png", complete=True)
 
 
 def dies_once(flag, k):

@@ -40,7 +40,7 @@ from blurmatte.motion.clip.workers import return_freed_memory
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
-_LAYERS = "exr", "png", "tif", "mov"
+_LAYERS = "exr", "png", "tif", "mov", "solution"
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,8 @@ class ClipOptions:
 
     frames: FrameRange = None
     layers: Annotated[
-        str | None, option("exr|png|tif|mov", "A file for each frame, or one .mov; exr.", CLIP)
+        str | None,
+        option("exr|png|tif|mov|solution", "Files, one .mov, or EXRs with all numbers; exr.", CLIP),
     ] = None
     several: Annotated[bool, flag("--several", "All objects of that color.", CLIP)] = False
     table: Annotated[str | None, option("csv|parquet", "Of the frames; csv.", CLIP)] = None
@@ -130,6 +131,7 @@ def solve_clip(
             None if occluder is None else reading.mask("occluder", occluder, frames.size),
             f".{options.table or 'csv'}",
             shlex.join(["blurmatte", *sys.argv[1:]]),
+            options.layers == "solution",
         )
         folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
         with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
@@ -154,7 +156,7 @@ def _extension(out: Path, options: ClipOptions) -> str:
         if options.layers not in (None, "mov"):
             raise ValueError(f"--layers {options.layers} needs a folder as --out, got {out}")
         return ".mov"
-    return f".{options.layers or 'exr'}"
+    return ".exr" if options.layers in (None, "solution") else f".{options.layers}"
 
 
 def _model(colors: ColorOptions) -> bm.ColorModel | None:

@@ -32,6 +32,8 @@ class LayerWriter:
         .exr, .png or .tif.
     several : bool
         Each object has a folder of its own.
+    complete : bool
+        Write all numbers of the solution, its sweep included.
     """
 
     solver: FrameSolver
@@ -39,6 +41,7 @@ class LayerWriter:
     shot: int
     extension: str
     several: bool
+    complete: bool = False
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> FrameRecord:
         """Solve a frame, given alone, write its layer, and return its record."""
@@ -47,7 +50,7 @@ class LayerWriter:
         if isinstance(solution, str):
             return FrameRecord(row.frame, row.time, row.object or 1, self.shot, reason=solution)
         name = layer_name(row.frame, row.object or 1, self.extension, self.several)
-        write(self.folder / name, solution.layer)
+        write(self.folder / name, solution if self.complete else solution.layer)
         return FrameRecord.of(row, self.shot, solution, name)
 
 

@@ -54,11 +54,14 @@ class ClipRun:
         Of the frames: .csv or .parquet (the `tables` extra).
     command : str
         How it was called, for the report.
+    complete : bool
+        Write all numbers of each solution into its EXR, which `read_solution` reads; it has more
+        channels than RGBA.
 
     Raises
     ------
     ValueError
-        If an extension is another.
+        If an extension is another, or complete layers are no EXRs.
     FileError
         If pyarrow is missing and the table is .parquet.
     """
@@ -72,6 +75,7 @@ class ClipRun:
     occluder: Bools | None = None
     table: str = ".csv"
     command: str = ""
+    complete: bool = False
 
     def __post_init__(self) -> None:
         check_kind("frames", self.frames, Frames, "use blurmatte.read_frames(path)")
@@ -79,6 +83,8 @@ class ClipRun:
             raise ValueError(
                 f"layers are written as {', '.join(LAYER_EXTENSIONS)} or .mov, got {self.extension!r}"
             )
+        if self.complete and self.extension != ".exr":
+            raise ValueError(f"complete layers are .exr files, got {self.extension!r}")
         if self.table not in TABLE_EXTENSIONS:
             raise ValueError(f"table must be .csv or .parquet, got {self.table!r}")
         if self.table == ".parquet":
@@ -94,6 +100,7 @@ class ClipRun:
             "color": color,
             "several": self.several,
             "layers": self.file_extension,
+            "complete": self.complete,
         }
         return key_of(self.inputs, settings)
 
@@ -247,7 +254,8 @@ def _solved(
     }
     rest = [one for one in shot.wanted if (one.row.frame, one.row.object or 1) not in done]
     writer = LayerWriter(
-        shot.solver, folder.absolute(), shot.number, run.file_extension, run.several
+        *(shot.solver, folder.absolute(), shot.number),
+        *(run.file_extension, run.several, run.complete),
     )
     if run.several:
         for number in {one.row.object or 1 for one in rest}:
