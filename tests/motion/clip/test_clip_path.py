@@ -86,7 +86,9 @@ def test_frames_determine_the_exposure():
 
 def test_path_is_broken_at_a_bounce_only():
     for seed in range(3):
-        assert ClipPath.of(rows_of(bounce, rng=np.random.default_rng(seed))).breaks == (10,)
+        found = ClipPath.of(rows_of(bounce, rng=np.random.default_rng(seed)))
+        assert found.breaks == (10,)
+        assert not found.contradicts.any()
         for smooth in (fall, circle):
             assert not ClipPath.of(rows_of(smooth, rng=np.random.default_rng(seed))).breaks
 
@@ -107,6 +109,19 @@ def test_scatter_beyond_stated_errors_is_found():
         assert move == pytest.approx(factor, rel=0.4)
 
 
+def test_moments_share_the_errors_of_positions_and_can_contradict():
+    """Honest: errors of a clip are in all its frames; a moment far off the path is a mistake."""
+    rows = rows_of(fall, rng=np.random.default_rng(0), factor=3.0)
+    for k in (5, 9, 14, 18):
+        rows[k] = row(k, fall, source="moments", std=0.01)
+    found = ClipPath.of(rows)
+    assert found.added_to_moments[0] >= found.added[0] > STD
+    assert not found.contradicts.any()
+    rows[14] = row(14, fall, source="moments", std=0.01, x=rows[14].sighting.x + 40)
+    rows += [row(k, fall, source="moments") for k in range(24, 40)]
+    assert np.flatnonzero(ClipPath.of(rows).contradicts).tolist() == [14]
+
+
 def test_direction_of_a_streak_does_not_matter():
     """Invariant: single frames do not know the direction of time."""
     rows = rows_of(fall, rng=np.random.default_rng(0))
@@ -123,6 +138,8 @@ def test_a_mistake_predicts_nothing_and_is_predicted():
     wrong = rows[12].sighting.x + 8 * STD
     found = ClipPath.of([*rows[:12], row(12, fall, x=wrong), *rows[13:]])
     assert np.flatnonzero(~found.used).tolist() == [12]
+    assert np.flatnonzero(found.contradicts).tolist() == [12]
+    assert found.doubt(12).startswith("Its position is 2 px off")
     assert found.chi2[12].sum() > 30
     assert found.prior(12).points == pytest.approx(ends_of(12, fall), abs=1)
 

@@ -1,4 +1,4 @@
-"""frame_scatter: errors of a clip compared with a smooth motion; outliers among its frames."""
+"""frame_scatter: errors of a clip compared with a smooth motion; doubts about outliers."""
 
 from dataclasses import replace
 

@@ -13,8 +13,8 @@ the frames have errors in common with none of their own causes, such as compress
 positions, and one to all displacements, that makes it 1 [Paule and Mandel 1982].
 
 The velocity may jump, at a bounce. The curve is broken where that makes the frames decisively likelier,
-each predicted from the others of its part. A frame that differs from its prediction by more than
-noise does predicts nothing.
+each predicted from the others of its part, and more so than a mistake in a frame next to the jump does.
+A frame that differs from its prediction by more than noise does predicts nothing, and gets a doubt.
 """
 
 from __future__ import annotations
@@ -85,6 +85,10 @@ class ClipPath:
         others; NaN without one.
     used : (n,) bool
         Rows that predict others.
+    contradicts : (n,) bool
+        Rows without doubts that differ from the prediction of the others by more than noise does.
+    residuals : (n, 2) float
+        Norms of position and displacement about that prediction, pixels; NaN without one.
     breaks : tuple of int
         Rows at which a part of the path begins, after a bounce.
     """
@@ -97,12 +101,15 @@ class ClipPath:
     states: Estimate
     chi2: Array
     used: Bools
+    contradicts: Bools
+    residuals: Array
     breaks: tuple[int, ...] = ()
 
     @classmethod
     def of(cls, rows: Sequence[FrameMotion]) -> ClipPath:
         """The path of the rows of one object, in order of time."""
         fit, seen = _Fit.of(rows), [row.sighting for row in rows]
+        whole = fit.used
         if fit.used.sum() >= ClipPathSettings.min_frames:
             fit = fit.with_intensity().with_exposure().with_intensity().broken()
             fit = fit.without_outliers()
@@ -112,9 +119,15 @@ class ClipPath:
         own = replace(fit, added=(0.0, 0.0)).measurements(np.ones(len(rows), bool))
         chi2, _ = _compared(own, states)
         moments = np.array([s is not None and s.source == "moments" for s in seen], bool)
-        of_moments = fit.added_to(moments)
+        place, move = np.maximum(fit.added, fit.added_to(moments)).tolist()  # causes they share
+        of_moments = place, move
+        sound = np.array([s is not None and not (s.at_border or s.doubts) for s in seen], bool)
+        of_rest = replace(fit, added=of_moments).measurements(moments & sound)
+        excess = fit.excess(_compared(of_rest, states)[0], moments & sound)
+        contradicts = (whole & ~fit.used) | (excess > 1)
         return cls(
             fit.exposure, fit.exposure_std, fit.added, of_moments, fit.freedom, states, chi2, fit.used,
+            contradicts, _norms_of_residuals(own, states),
             tuple(int(k) for k in np.flatnonzero(np.diff(fit.part)) + 1),
         )  # fmt: skip
 
@@ -135,6 +148,14 @@ class ClipPath:
             for added, variance in zip((place, move), variances, strict=True)
         )
         return of_place, of_move
+
+    def doubt(self, row: int) -> str:
+        """Why the position or the displacement of a row that contradicts the others may be wrong."""
+        kind = int(np.nanargmax(self.chi2[row]))
+        return (
+            f"Its {('position', 'displacement')[kind]} is {self.residuals[row, kind]:.2g} px off the "
+            "path through the other frames: more than noise explains."
+        )
 
     def prior(self, row: int) -> PathPrior | None:
         """Begin, middle and end of the path in a row, as the other rows predict them."""
@@ -230,13 +251,13 @@ class _Fit:
         costs = [self._cost(10.0**decade) for decade in finer]
         return replace(self, intensity=float(10.0 ** finer[int(np.argmin(costs))]))
 
-    def _cost(self, intensity: float) -> float:
-        """Negative log likelihood (Student's t) of the frames, each predicted from the others.
+    def _cost(self, intensity: float, of: Bools | None = None) -> float:
+        """Negative log likelihood (Student's t) of rows, if not given of those in use, from the others.
 
         The scale of all errors is the likeliest: the Birge ratio is in it.
         """
         states, chi2, logs = self._left_out(intensity)
-        known = self.used & states.known
+        known = (self.used if of is None else of) & states.known
         if not known.any():
             return np.inf
         nu, m = ClipPathSettings.student_freedom, self._measured[known].sum(axis=1)
@@ -303,19 +324,37 @@ class _Fit:
         return replace(self, moves=moves, exposure=d, exposure_std=std)
 
     def broken(self) -> _Fit:
-        """With parts between jumps of the velocity: those that make the frames decisively likelier."""
+        """With parts between jumps of the velocity: those that make the frames decisively likelier.
+
+        A mistake next to a jump explains it too: the likelier one is taken.
+        """
         fit, part, rows = self, 0, np.arange(len(self.times))
         while part <= fit.part.max():
             at = fit._largest_jump(part)
             if at is not None:
                 later = (fit.part > part) | ((fit.part == part) & (rows >= at))
-                split = replace(fit, part=fit.part + later).with_intensity()
-                gain = fit._cost(fit.intensity) - split._cost(split.intensity)
-                if gain > DECISIVE_LOG_BAYES_FACTOR:
-                    fit = split
+                found = [replace(fit, part=fit.part + later).with_intensity()]
+                if fit._gain(found[0]) > DECISIVE_LOG_BAYES_FACTOR:
+                    found += [fit._without(row) for row in fit._beside(at)]
+                    fit = max(found, key=fit._gain)
                     continue
             part += 1
         return fit
+
+    def _gain(self, other: _Fit) -> float:
+        """By how much the rows in use are likelier by another fit, log."""
+        return self._cost(self.intensity) - other._cost(other.intensity, self.used)
+
+    def _without(self, row: int) -> _Fit:
+        """With a row that predicts nothing."""
+        used = self.used.copy()
+        used[row] = False
+        return replace(self, used=used).with_intensity()
+
+    def _beside(self, at: int) -> list[int]:
+        """The rows in use before and after the beginning of a row."""
+        before, after = (np.flatnonzero(self.used[part]) for part in (slice(at), slice(at, None)))
+        return [int(before[-1]), int(at + after[0])]
 
     def _largest_jump(self, part: int) -> int | None:
         """The row within a part before which the rows on both sides differ most about the state."""
@@ -335,24 +374,27 @@ class _Fit:
 
     def without_outliers(self) -> _Fit:
         """Without frames that differ from their prediction by more than noise does."""
-        from scipy.special import chdtri  # scipy.stats takes a second to import
-
         fit = self
         for _ in range(int(self.used.sum())):
-            chi2 = fit.left_out()[1].sum(axis=1)
-            known = fit.used & np.isfinite(chi2)
-            if not known.any():
-                break
-            scale = max(float(np.median(chi2[known])) / _MEDIAN_CHI2, 1.0)
-            limit = ClipPathSettings.min_outlier_probability / int(known.sum())
-            excess = np.where(known, chi2 / scale / chdtri(fit._measured.sum(axis=1), limit), 0)
+            excess = fit.excess(fit.left_out()[1], fit.used)
             worst = int(np.argmax(excess))
             if excess[worst] < 1:
                 break
-            used = fit.used.copy()
-            used[worst] = False
-            fit = replace(fit, used=used).with_intensity()
+            fit = fit._without(worst)
         return fit
+
+    def excess(self, chi2: Array, which: Bools) -> Array:
+        """(n,) χ² of some rows over the limit of noise, which scatters by their median; 0 of others."""
+        from scipy.special import chdtri  # scipy.stats takes a second to import
+
+        total = chi2.sum(axis=1)
+        known = which & np.isfinite(total)
+        if not known.any():
+            return np.zeros(len(total))
+        scale = max(float(np.median(total[known])) / _MEDIAN_CHI2, 1.0)
+        limit = ClipPathSettings.min_outlier_probability / int(known.sum())
+        freedom = np.maximum(self._measured.sum(axis=1), 1.0)
+        return np.where(known, total / scale / chdtri(freedom, limit), 0)
 
 
 def _displacement_covariance(one: Sighting) -> Array:
@@ -372,6 +414,12 @@ def _compared(rows: Measurements, states: Estimate) -> tuple[Array, Array]:
         chi2[use, kind] = np.einsum("ki,ki->k", z, np.linalg.solve(S, z[..., None])[..., 0])
         logs[use, kind] = np.linalg.slogdet(S)[1]
     return chi2, logs
+
+
+def _norms_of_residuals(rows: Measurements, states: Estimate) -> Array:
+    """Of positions and displacements about predictions, (n, 2); NaN without."""
+    z = rows.y - np.einsum("kms,ks->km", rows.H, states.mean)
+    return np.asarray(np.linalg.norm(z.reshape(-1, 2, 2), axis=2))
 
 
 def _residuals(

@@ -14,7 +14,7 @@ from blurmatte.motion.clip.detections import (
     check_rows,
     in_intervals,
 )
-from blurmatte.motion.clip.track_outliers import Scatter, doubted, scatter_of
+from blurmatte.motion.clip.track_outliers import Scatter, scatter_of, with_radius_doubts
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 
 _OFF_TRACK = "the object's track does not go there; {} streak{} of its color ignored"
@@ -148,10 +148,11 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
         frames = [taken[k] for k in of]
-        seen = doubted(frames, [one for k in of if (one := rows[k].sighting) is not None])
-        path = ClipPath.of(
-            [replace(rows[k], sighting=one) for k, one in zip(of, seen, strict=True)]
-        )
+        path = ClipPath.of([rows[k] for k in of])
+        seen = [one for k in of if (one := rows[k].sighting) is not None]
+        for k in np.flatnonzero(path.contradicts).tolist():
+            seen[k] = replace(seen[k], doubts=path.doubt(k))
+        seen = with_radius_doubts(frames, seen)
         radius = _radius_inflation(scatter_of(frames, seen))
         for k, sighting in zip(of, seen, strict=True):
             factors = *path.factors(sighting), radius

@@ -1,4 +1,4 @@
-"""Scatter of the frames of a clip about a smooth motion, and outliers among them.
+"""Scatter of the frames of a clip about a smooth motion, and outliers of the radius among them.
 
 A polynomial of fifth order through three frames before and three after a frame predicts position and
 radius in it. The residual is compared with the errors of all seven frames, and with the truncation
@@ -20,8 +20,6 @@ Array = npt.NDArray[np.float64]
 
 # Medians of √χ² of two degrees of freedom, a position, and of one, a radius.
 _MEDIANS = np.sqrt([2 * np.log(2), 0.4549])
-# Thresholds of equal probability: for √χ² of two degrees of freedom over that of one, and 1.
-_THRESHOLD_RATIOS = np.array([1.12, 1.0])
 
 
 @dataclass(frozen=True)
@@ -84,8 +82,8 @@ def _scatter(errors: Array, unsteady: Array) -> Scatter | None:
     return Scatter(float(place), float(radius), int(np.count_nonzero(known)), relative)
 
 
-def doubted(frames: Sequence[float], seen: Sequence[Sighting]) -> list[Sighting]:
-    """The detections, with doubts for outliers of position or radius.
+def with_radius_doubts(frames: Sequence[float], seen: Sequence[Sighting]) -> list[Sighting]:
+    """The detections, with doubts for outliers of the radius.
 
     The largest outlier is found first, and then excluded from the others' neighbors.
     """
@@ -95,26 +93,26 @@ def doubted(frames: Sequence[float], seen: Sequence[Sighting]) -> list[Sighting]
         scatter = _scatter(errors, unsteady)
         if scatter is None:
             break
-        usual = np.maximum([scatter.place, scatter.radius], 1) * _THRESHOLD_RATIOS
-        times = np.nan_to_num(errors / usual)
-        k, what = np.unravel_index(np.argmax(times), times.shape)
-        if times[k, what] < OutlierSettings.max_deviation:
+        times = np.nan_to_num(errors[:, 1]) / max(scatter.radius, 1)
+        k = int(np.argmax(times))
+        if times[k] < OutlierSettings.max_deviation:
             break
         doubt = (
-            f"Its {('position', 'radius')[what]} is {pixels[k, what]:.2g} px off a smooth motion "
-            f"through the frames around it, {times[k, what]:.1f} times the usual residual."
+            f"Its radius is {pixels[k]:.2g} px off a smooth change through the frames around it, "
+            f"{times[k]:.1f} times the usual residual."
         )
         checked[k] = replace(checked[k], doubts=doubt)
     return checked
 
 
 def _residuals(frames: Sequence[float], seen: Sequence[Sighting]) -> tuple[Array, Array, Array]:
-    """Residuals of position and radius, NaN if unknown.
+    """Residuals, NaN if unknown.
 
-    (n, 2) in pixels, (n, 2) in standard deviations, (n,) of a single radius, relative.
+    (n,) of the radius, pixels; (n, 2) of position and radius, standard deviations; (n,) of a single
+    radius, relative.
     """
-    pixels, errors = np.full((2, len(seen), 2), np.nan)
-    unsteady = np.full(len(seen), np.nan)
+    pixels, unsteady = np.full((2, len(seen)), np.nan)
+    errors = np.full((len(seen), 2), np.nan)
     sound = [k for k, one in enumerate(seen) if not one.doubts]
     for n, k in enumerate(sound):
         for side in OutlierSettings.neighbors:
@@ -129,7 +127,7 @@ def _residuals(frames: Sequence[float], seen: Sequence[Sighting]) -> tuple[Array
     return pixels, errors, unsteady
 
 
-def _residual(t: Array, near: Sequence[Sighting]) -> tuple[Array, Array, float] | None:
+def _residual(t: Array, near: Sequence[Sighting]) -> tuple[float, Array, float] | None:
     """Residual of the detection at t = 0; None if the path turns too fast for its neighbors."""
     weights = _weights(t)
     V = np.einsum("k,kij->ij", weights**2, [one.covariance for one in near])
@@ -142,7 +140,7 @@ def _residual(t: Array, near: Sequence[Sighting]) -> tuple[Array, Array, float] 
     off, std = abs(weights @ radii), np.sqrt(weights**2 @ [one.radius_std**2 for one in near])
     errors = np.sqrt(place @ np.linalg.solve(V + bend**2 * np.eye(2), place)), off / std
     unsteady = off / (np.linalg.norm(weights) * np.median(radii))
-    return np.array([np.linalg.norm(place), off]), np.array(errors), float(unsteady)
+    return float(off), np.array(errors), float(unsteady)
 
 
 def _truncation_error(t: Array, near: Sequence[Sighting], turn: float) -> float:
