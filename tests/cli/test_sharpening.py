@@ -124,6 +124,7 @@ def test_wrong_calls_are_refused(folder, tmp_path):
     )
 
 
+@pytest.mark.battery
 def test_spin_is_measured_and_used(folder, tmp_path):
     spinning = tmp_path / "spinning"
     spinning.mkdir()
@@ -162,9 +163,15 @@ def test_a_spin_in_words():
     assert "per second" not in sharpening._text_of(answer["spin"])
 
 
-def test_a_spin_needs_pictures_and_texture(folder, tmp_path):
+def test_a_spin_needs_pictures(folder, tmp_path):
     out = ("-o", tmp_path / "ball.exr")
     assert "--spin needs --image" in refused("sharpen", folder / "layer.exr", "--spin", *out)
+    assert not (tmp_path / "ball.exr").exists()
+
+
+@pytest.mark.battery
+def test_a_spin_needs_texture(folder, tmp_path):
+    out = ("-o", tmp_path / "ball.exr")
     pictures = ("--image", folder / "plate.png", "--plate", folder / "plate.png")
     said = refused("sharpen", folder / "layer.exr", *pictures, "--match", "none", "--spin", *out)
     assert len(said.splitlines()) <= 3

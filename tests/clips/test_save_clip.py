@@ -177,7 +177,9 @@ list(bm.save_clip(run, folder, bm.Workers(1)))
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="needs POSIX signals")
-@pytest.mark.parametrize("stop", [4, 14])  # while frames are measured, and while they are solved
+@pytest.mark.parametrize(  # while frames are measured, and while they are solved
+    "stop", [pytest.param(4, marks=pytest.mark.battery), 14]
+)
 def test_killed_run_ends_with_the_same_bytes(shot, once, tmp_path, stop):
     words = [sys.executable, "-c", KILLED_RUN, str(shot), str(tmp_path), str(stop)]
     killed = subprocess.run(words, capture_output=True, text=True, check=False)

@@ -156,6 +156,7 @@ def test_finds_the_spin_with_an_honest_error(spin):
     assert "per exposure" in repr(spin)
 
 
+@pytest.mark.battery
 def test_finds_the_spin_of_a_shaded_ball():
     case = spinning(seed=2, ambient=0.35)
     found = bm.fit_spin(case.image, case.plate, case.sweep)
@@ -217,6 +218,7 @@ def test_axis_and_rate():
     assert_allclose(bm.Spin(np.zeros(3)).axis, [0, 0, 1])
 
 
+@pytest.mark.battery
 def test_a_highlight_on_a_plain_ball_is_no_texture():
     case = spinning(plain=True, ambient=0.35, highlight=0.6)
     with pytest.raises(bm.SpinError, match=r"may be light|two spins|no spin"):

@@ -63,7 +63,7 @@ class ClipOptions:
     frames: FrameRange = None
     layers: Annotated[
         str | None,
-        option("exr|png|tif|mov|solution", "Files, one .mov, or EXRs with all numbers; exr.", CLIP),
+        option("KIND", "exr, png, tif, mov, or solution: EXRs with all numbers.", CLIP),
     ] = None
     several: Annotated[bool, flag("--several", "All objects of that color.", CLIP)] = False
     table: Annotated[str | None, option("csv|parquet", "Of the frames; csv.", CLIP)] = None

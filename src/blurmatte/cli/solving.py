@@ -96,7 +96,7 @@ def solve(
     """Separate the moving object in each IMAGE from its background.
 
     Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
-    folder of its own. Of a clip: layer.000123.exr of each frame with the object, and frames.csv.
+    folder; of a clip, a layer for each frame and frames.csv.
     """
     from blurmatte.results import RESULT_FILES
 

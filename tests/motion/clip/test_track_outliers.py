@@ -36,6 +36,7 @@ def clip(rng, count=60, turn=0.3, larger=1.0):
     return frames
 
 
+@pytest.mark.battery
 def test_scatter_is_ratio_of_true_to_stated_errors():
     """Honest: the ratio of the true errors to the stated ones."""
     for larger in (1, 3):
