@@ -151,6 +151,7 @@ def test_patterns_of_pictures_are_equal_in_every_command(folder, tmp_path):
     for k in (1, 2, 10):
         (tmp_path / f"f.{k:04d}.png").write_bytes((folder / "image.png").read_bytes())
     options = "--plate", folder / "plate.png", "--solver", "pixelwise", "--color", "#ffbc43"
+    options += "--transfer", "srgb", "--workers", "1"  # else each looks for its curve
     answers = []
     for k, name in enumerate(("f.*.png", "f.####.png", "f.%04d.png", ".")):
         out = tmp_path.parent / f"{tmp_path.name}-{k}"

@@ -5,6 +5,7 @@ A clip may stay open between calls, so that frames that follow are decoded witho
 
 import sys
 import threading
+import weakref
 from collections.abc import Generator, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
@@ -85,7 +86,7 @@ class _OpenClip:
 
     def close(self) -> None:
         """Close the file."""
-        self.frames.close()
+        self.frames.close()  # those of a seek; the stack closes the first ones
         self.stack.close()
 
     def _begin(self) -> None:
@@ -93,6 +94,9 @@ class _OpenClip:
         self.stack = ExitStack()
         self.container, self.stream = self.stack.enter_context(opened(self.path))
         self.frames = decoded_packets(self.container, self.stream, self.decoder, self.parallel)
+        self.stack.callback(self.frames.close)
+        # Python's exit would close the file after FFmpeg's modules are gone.
+        weakref.finalize(self, self.stack.close)
         self.counts, self.before, self.at, self.last = True, -1, -1, None
 
     def _seek(self, key: int, timing: Timing) -> None:
