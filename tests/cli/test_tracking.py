@@ -139,6 +139,17 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     assert not begun.exists()
 
 
+def journal(track, folder, monkeypatch):
+    """Path of a table that is not there yet, the journal of its run, and what it will hold."""
+    out = folder / "t.csv"
+    with monkeypatch.context() as patch:
+        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
+        track("--out", out)
+    whole = out.read_bytes()
+    out.unlink()
+    return out, folder / "t.csv.unfinished", whole
+
+
 @pytest.mark.parametrize(
     ("kept", "first_new"), [(0, 0), (1, 0), (-1, 0), (2, 1), (-2, 1), (3, 2), (-3, 2), (4, 3)]
 )
@@ -146,12 +157,8 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     track, tmp_path, monkeypatch, kept, first_new
 ):
     """Exact: cut after so many lines, or damaged in the line after; an empty one blocks nothing."""
-    out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
-    with monkeypatch.context() as patch:
-        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
-        track("--out", out)
-    whole, lines = out.read_bytes(), begun.read_bytes().splitlines(keepends=True)
-    out.unlink()
+    out, begun, whole = journal(track, tmp_path, monkeypatch)
+    lines = begun.read_bytes().splitlines(keepends=True)
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
     real, skipped = clips.sightings_in_scene, []
@@ -170,17 +177,13 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
 )
 def test_impossible_values_of_a_journal_are_damage(track, tmp_path, monkeypatch, key, value):
     """Exact: the frame of such a line, and those after it, are measured again."""
-    out, begun = tmp_path / "t.csv", tmp_path / "t.csv.unfinished"
-    with monkeypatch.context() as patch:
-        patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
-        track("--out", out)
-    whole, lines = out.read_text(), begun.read_text().splitlines(keepends=True)
-    out.unlink()
+    out, begun, whole = journal(track, tmp_path, monkeypatch)
+    lines = begun.read_text().splitlines(keepends=True)
     lines[2], count = re.subn(f'"{key}": [^,]*', f'"{key}": {value}', lines[2], count=1)
     assert count == 1
     begun.write_text("".join(lines))
     assert track("--out", out, "--resume").exit_code == 0
-    assert out.read_text() == whole
+    assert out.read_bytes() == whole
 
 
 def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, monkeypatch):
