@@ -16,20 +16,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.radiometry import LUMA_WEIGHTS, Compression
+from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, Compression
 
 Array = npt.NDArray[np.float64]
 Matrix = Any  # scipy.sparse.csr_matrix
 
 _BLOCK = 8  # pixels, width of a block of the cosine transform
-_R, _, _B = np.eye(3)
-_YCC = np.stack(
-    [
-        LUMA_WEIGHTS,
-        (_B - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[2]),
-        (_R - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[0]),
-    ]
-)
 
 
 @dataclass(frozen=True)
@@ -150,13 +142,13 @@ class Coefficients:
 
     def of(self, codes: Array) -> list[Array]:
         """Coefficients of differences of code values (h, w, 3), 0 beyond the edges, before a file."""
-        components = np.moveaxis(codes @ _YCC.T, -1, 0)
+        components = np.moveaxis(codes @ YCBCR.T, -1, 0)
         pairs = zip(components, self._pairs, strict=True)
         return [np.asarray((C @ (R @ x).T).T) for x, (R, C) in pairs]
 
     def stored(self, codes: Array) -> list[Array]:
         """Coefficients of differences of code values (h, w, 3) read from a file."""
-        luma, *chroma = np.moveaxis(codes @ _YCC.T, -1, 0)
+        luma, *chroma = np.moveaxis(codes @ YCBCR.T, -1, 0)
         (R, C), (vertical, horizontal) = self._pairs[0], self._axes
         of_chroma = [vertical.stored @ x @ horizontal.stored.T for x in chroma]
         return [np.asarray((C @ (R @ luma).T).T), *of_chroma]
@@ -164,11 +156,11 @@ class Coefficients:
     def adjoint(self, coefficients: list[Array]) -> Array:
         """(h, w, 3) the adjoint of `of`."""
         pairs = zip(coefficients, self._pairs, strict=True)
-        return np.asarray(np.stack([(C.T @ (R.T @ x).T).T for x, (R, C) in pairs], axis=-1) @ _YCC)
+        return np.asarray(np.stack([(C.T @ (R.T @ x).T).T for x, (R, C) in pairs], axis=-1) @ YCBCR)
 
     def variances(self, codes: Array) -> list[Array]:
         """Variances of the coefficients from those of independent code values (h, w, 3)."""
-        components = np.moveaxis(codes @ np.square(_YCC).T, -1, 0)
+        components = np.moveaxis(codes @ np.square(YCBCR).T, -1, 0)
         pairs = zip(components, self._pairs, strict=True)
         return [np.asarray((C.power(2) @ (R.power(2) @ x).T).T) for x, (R, C) in pairs]
 

@@ -16,12 +16,9 @@ from blurmatte.checks import Floats
 from blurmatte.matting.evidence import Pixels
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence
-from blurmatte.radiometry import LUMA_WEIGHTS, LinearImage, Transfer
+from blurmatte.radiometry import YCBCR, LinearImage, Transfer
 
 Array = npt.NDArray[np.float64]
-
-# Luma and both chroma of red, green and blue, with the digits of JFIF.
-_YCBCR = np.array([LUMA_WEIGHTS, [-0.1687, -0.3313, 0.5], [0.5, -0.4187, -0.0813]])
 
 
 def rounding_pulls(
@@ -46,7 +43,7 @@ def rounding_pulls(
     if pixels.coarse is not None:
         B = pixels.coarse
     light = (np.ascontiguousarray(a, kind) for a in (B, V_C, V_B))
-    N, color = np.ascontiguousarray(pixels.model.normals), np.linalg.inv(_YCBCR)
+    N, color = np.ascontiguousarray(pixels.model.normals), np.linalg.inv(YCBCR)
     (of_image, image), (of_plate, plate) = (
         _codes(picture, codes, transfer) for picture in (pixels.image, pixels.plate)
     )
@@ -70,7 +67,7 @@ def _codes(
         """Fill some rows."""
         values = steps * transfer.encode(picture.rgb[strip])
         light[strip] = of_code[np.clip(np.rint(values), 0, steps).astype(np.intp)]
-        chroma = np.rint(values @ _YCBCR.T + (0, steps, steps))
+        chroma = np.rint(values @ YCBCR.T + (0, steps, steps))
         codes[strip] = np.clip(chroma, 0, 3 * levels - 1)
 
     in_strips(rows, len(codes))

@@ -4,6 +4,7 @@ from blurmatte.radiometry.coded import CodedFrame as CodedFrame
 from blurmatte.radiometry.coded import coded_frames as coded_frames
 from blurmatte.radiometry.coded import in_codes_of as in_codes_of
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS as LUMA_WEIGHTS
+from blurmatte.radiometry.color_space import YCBCR as YCBCR
 from blurmatte.radiometry.color_space import hex_of_light as hex_of_light
 from blurmatte.radiometry.color_space import light_in_srgb as light_in_srgb
 from blurmatte.radiometry.color_space import light_of_hex as light_of_hex

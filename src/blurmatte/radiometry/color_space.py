@@ -11,6 +11,14 @@ from blurmatte.radiometry.transfer import SRGB
 Matrix3 = tuple[tuple[float, ...], ...]
 
 LUMA_WEIGHTS = 0.299, 0.587, 0.114  # of R', G', B': ITU-R BT.601, as in JPEG files
+_RED, _, _BLUE = np.eye(3)
+YCBCR = np.stack(  # (3, 3) R'G'B' → Y', Cb, Cr, all of the same range
+    [
+        LUMA_WEIGHTS,
+        (_BLUE - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[2]),
+        (_RED - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[0]),
+    ]
+)
 
 
 def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:
