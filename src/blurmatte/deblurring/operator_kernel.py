@@ -129,6 +129,33 @@ def interpolation(node, x, y, indices, weights):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
+def add_to_row(row, column, value, total, stamp, touched, found):  # type: ignore[no-untyped-def]
+    """Add an entry to a row of a sparse matrix; the number of columns that the row touches.
+
+    total (columns,) are the sums of the row, stamp (columns,) the last row that touched a column, and
+    touched[:found] the columns of this one.
+    """
+    if stamp[column] != row:
+        stamp[column], total[column], touched[found] = row, 0.0, column
+        found += 1
+    total[column] += value
+    return found
+
+
+@njit(**_COMPILED)
+def with_row(columns, values, at, total, touched):  # type: ignore[no-untyped-def]
+    """Columns and values with a row from `at` on, in longer arrays if it needs more room."""
+    end = at + len(touched)
+    if end > len(columns):
+        columns = np.concatenate((columns, np.empty(2 * end - len(columns), np.int32)))
+        values = np.concatenate((values, np.empty(2 * end - len(values))))
+    ordered = np.sort(touched)
+    for r in range(len(ordered)):
+        columns[at + r], values[at + r] = ordered[r], total[ordered[r]]
+    return columns, values
+
+
+@njit(**_COMPILED)
 def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: ignore[no-untyped-def]
     """The operator as compressed sparse rows: first (pixels + 1,), columns, values; columns ascend.
 
@@ -140,8 +167,7 @@ def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: i
     total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
     indices, weights = np.empty(4, np.int32), np.empty(4)
     begin = np.zeros(count + 1, np.int64)
-    capacity = 16 * count
-    columns, values = np.empty(capacity, np.int32), np.empty(capacity)
+    columns, values = np.empty(16 * count, np.int32), np.empty(16 * count)
     for p in range(count):
         i, j, found = p % width, p // width, 0
         for q in range(first[p], first[p + 1]):
@@ -150,19 +176,10 @@ def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: i
             x = M[0, 0] * dx + M[0, 1] * dy - corner[0]
             y = M[1, 0] * dx + M[1, 1] * dy - corner[1]
             for r in range(interpolation(node, x, y, indices, weights)):
-                n = indices[r]
-                if stamp[n] != p:
-                    stamp[n], total[n], touched[found] = p, 0.0, n
-                    found += 1
-                total[n] += durations[k] * part[q] * weights[r]
+                value = durations[k] * part[q] * weights[r]
+                found = add_to_row(p, indices[r], value, total, stamp, touched, found)
         begin[p + 1] = begin[p] + found
-        if begin[p + 1] > capacity:
-            capacity = 2 * begin[p + 1]
-            columns = np.concatenate((columns, np.empty(capacity - len(columns), np.int32)))
-            values = np.concatenate((values, np.empty(capacity - len(values))))
-        ordered = np.sort(touched[:found])
-        for r in range(found):
-            columns[begin[p] + r], values[begin[p] + r] = ordered[r], total[ordered[r]]
+        columns, values = with_row(columns, values, begin[p], total, touched[:found])
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 

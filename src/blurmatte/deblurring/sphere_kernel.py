@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from blurmatte.compiling import njit
+from blurmatte.deblurring.operator_kernel import add_to_row, with_row
 
 _COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _STEEPEST = 0.9999  # distance from the center of a visible point, of the radius
@@ -112,8 +113,7 @@ def rows_of(first, moment, weight, normal, rotations, node, size):  # type: igno
     total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
     indices, weights = np.empty(4, np.int32), np.empty(4)
     begin = np.zeros(count + 1, np.int64)
-    capacity = 32 * count
-    columns, values = np.empty(capacity, np.int32), np.empty(capacity)
+    columns, values = np.empty(32 * count, np.int32), np.empty(32 * count)
     for p in range(count):
         found = 0
         for q in range(first[p], first[p + 1]):
@@ -121,19 +121,10 @@ def rows_of(first, moment, weight, normal, rotations, node, size):  # type: igno
             for point in range(normal.shape[1]):
                 seen(node, R, normal[q, point], indices, weights)
                 for r in range(4):
-                    n = indices[r]
-                    if stamp[n] != p:
-                        stamp[n], total[n], touched[found] = p, 0.0, n
-                        found += 1
-                    total[n] += share * weights[r]
+                    value = share * weights[r]
+                    found = add_to_row(p, indices[r], value, total, stamp, touched, found)
         begin[p + 1] = begin[p] + found
-        if begin[p + 1] > capacity:
-            capacity = 2 * begin[p + 1]
-            columns = np.concatenate((columns, np.empty(capacity - len(columns), np.int32)))
-            values = np.concatenate((values, np.empty(capacity - len(values))))
-        ordered = np.sort(touched[:found])
-        for r in range(found):
-            columns[begin[p] + r], values[begin[p] + r] = ordered[r], total[ordered[r]]
+        columns, values = with_row(columns, values, begin[p], total, touched[:found])
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 

@@ -24,18 +24,19 @@ from blurmatte.deblurring.spin_search import (
     CONTRASTS,
     NO_TEXTURE,
     NODES_PER_RADIUS,
+    SAME_MODE,
     SPACING,
     Search,
 )
 from blurmatte.deblurring.view import View
 from blurmatte.errors import SpinError
 from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 
 VARIANCE_INFLATION = 3.0  # of sums of residuals over independent ones; calibrated on rendered balls
-DECISIVE_LOG_BAYES_FACTOR = 5.0
 MIN_RADIUS_PX = 6.0
 MAX_MISFIT = 3.0  # reduced χ² of the residuals
 SIGNIFICANT = 4.0  # standard deviations of a rotation that is not zero
@@ -45,7 +46,6 @@ RADIUS_PRIOR_PX = 0.1
 MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
 PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
 _COARSE_PIXELS_PER_RADIUS = 7
-_SAME_MODE = np.radians(8)
 _NEAR = np.radians(20)
 _FIRST_STEPS = 3
 _MAX_FINE = 3  # candidates on the fine lattice
@@ -160,7 +160,7 @@ def _likely(states: Sequence[Explained]) -> list[Explained]:
     kept: list[Explained] = []
     for state in states:
         away = [_rotation(state.views[0]) - _rotation(other.views[0]) for other in kept]
-        if _may_be_best(states[0], state) and all(np.linalg.norm(w) > _SAME_MODE for w in away):
+        if _may_be_best(states[0], state) and all(np.linalg.norm(w) > SAME_MODE for w in away):
             kept.append(state)
     return kept
 
@@ -208,7 +208,7 @@ def _new_rotations(view: View, states: Sequence[Explained], spacing: float) -> l
             f"(log Bayes factor of the texture {gain:.1f}, needed {DECISIVE_LOG_BAYES_FACTOR:g})"
         )
     known = [_rotation(state.views[0]) for state in states]
-    return [w for w in found if all(np.linalg.norm(w - other) > _SAME_MODE for other in known)]
+    return [w for w in found if all(np.linalg.norm(w - other) > SAME_MODE for other in known)]
 
 
 def _ranked(states: list[Explained]) -> list[Explained]:
@@ -229,7 +229,7 @@ def _margin(states: Sequence[Explained]) -> float:
     rivals = [
         (best.fit.log_evidence - other.fit.log_evidence, _rotation(other.views[0]))
         for other in others
-        if np.linalg.norm(_rotation(other.views[0]) - rotation) > _SAME_MODE
+        if np.linalg.norm(_rotation(other.views[0]) - rotation) > SAME_MODE
     ]
     if not rivals:
         return float("inf")

@@ -37,7 +37,7 @@ _LEAST_GAIN = 0.3  # of log Z, by a step
 _MAX_STEPS = 10
 _STARTS = 12  # from the grid
 _NEAR = np.radians(15)
-_SAME_MODE = np.radians(8)
+SAME_MODE = np.radians(8)  # maxima that are nearer are one
 _MODES = 2  # of each contrast
 _FIELD_STD = 0.2  # of the coefficients of shading, linear light
 CONTRASTS = (0.4, 0.15, 0.05)  # of neighbors of the coarse lattice, linear light
@@ -245,8 +245,8 @@ class Search:
         likeliest: list[Mode] = []
         for contrast in CONTRASTS:
             found = [self.climbed(w, contrast) for w in starts]
-            likeliest += _distinct(sorted(found, key=_unlikeliness), _SAME_MODE, _MODES)
-        return _distinct(likeliest, _SAME_MODE, len(likeliest))
+            likeliest += _distinct(sorted(found, key=_unlikeliness), SAME_MODE, _MODES)
+        return _distinct(likeliest, SAME_MODE, len(likeliest))
 
 
 def _unlikeliness(mode: Mode) -> float:

@@ -22,9 +22,7 @@ import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
 
-_MAX_CONDITION = (
-    1e11  # of the information in its own units, above which the state is not determined
-)
+_MAX_CONDITION = 1e11  # of scaled information; above it the state is not determined
 
 
 @dataclass(frozen=True, eq=False)

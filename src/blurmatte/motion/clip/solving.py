@@ -205,8 +205,8 @@ def solve_clip(
     """Separate a moving object from its background in each frame of a clip of a fixed camera.
 
     Frames are measured alone first (`sightings`). Then each frame with the object is solved in a crop
-    around it, with what all frames share as a prior: the color, and the radius that the other frames
-    predict. One frame is in memory at a time for each process.
+    around it, with what all frames share as a prior: the color, and the path and radius that the other
+    frames predict. One frame is in memory at a time for each process.
 
     Parameters
     ----------
