@@ -151,7 +151,7 @@ def test_soft_shadow_is_rejected_without_a_color(plate, find):
         find(*shadow(plate, softness=3.0))
 
 
-@pytest.mark.parametrize("plate", ["gray", "textured"])
+@pytest.mark.parametrize("plate", ["gray", pytest.param("textured", marks=pytest.mark.battery)])
 def test_sharp_dark_streak_is_solved_and_marked(plate):
     """honest: it may be a dark object or a shadow; all pixels are marked."""
     solution = solve(*shadow(plate))
@@ -162,7 +162,11 @@ def test_sharp_dark_streak_is_solved_and_marked(plate):
     assert marked[COVERED["ball"] > 0.2].mean() > 0.9
 
 
-@pytest.mark.parametrize("solver", [None, Smooth()], ids=["averaged", "smooth"])
+@pytest.mark.parametrize(
+    "solver",
+    [pytest.param(None, marks=pytest.mark.battery), Smooth()],
+    ids=["averaged", "smooth"],
+)
 def test_any_color_keeps_the_shadow_marked(solver):
     """honest: with unknown colors the grade stays assumed."""
     solution = solve(*shadow("textured", softness=3.0), ColorModel.any(), solver)

@@ -198,7 +198,8 @@ def test_bounded_is_a_square_with_linear_tails():
 # Honest
 
 
-@pytest.mark.parametrize("code_std", [1 / 255, pytest.param(2 / 255, marks=pytest.mark.battery)])
+@pytest.mark.battery
+@pytest.mark.parametrize("code_std", [1 / 255, 2 / 255])
 def test_covariance_is_calibrated(code_std):
     """Root mean square of the normalised error, over scenes, noise and both directions."""
     z2 = []

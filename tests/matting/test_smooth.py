@@ -231,6 +231,7 @@ def test_a_given_region_is_solved_exactly():
     assert np.array_equal(solution.streak, region.mask)
 
 
+@pytest.mark.battery
 def test_has_the_largest_weight_where_no_shape_explains_the_streak():
     truth, image, plate = taken("tumbling sheet", "textured")
     solution = solve(image, plate, ColorModel((ORANGE / np.linalg.norm(ORANGE))[:, None]))

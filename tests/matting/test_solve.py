@@ -145,6 +145,7 @@ def test_alternatives_begin_with_the_answer(solved, paint):
     assert weights == sorted(weights, reverse=True)
 
 
+@pytest.mark.battery
 @pytest.mark.parametrize("plate_part", [0, 1])
 def test_error_of_the_sum_is_honest(paint, plate_part):
     """honest: also over new plates; the noise of one plate is the same error every time."""
@@ -541,7 +542,7 @@ def test_numbers_that_overflow_are_no_answer(paint):
         solve(*pictures, ColorModel.from_hex("#ffc032"), Pixelwise(), streak=box)
 
 
-@pytest.mark.parametrize("model", [None, ColorModel.any()])
+@pytest.mark.parametrize("model", [None, pytest.param(ColorModel.any(), marks=pytest.mark.battery)])
 def test_a_small_object_in_a_jpeg_has_a_large_error(model):
     """honest: chroma subsampling hides shape and color."""
     scene = Scene(
@@ -601,10 +602,10 @@ def textured():
 def test_swapped_pictures_warn(textured):
     image, plate = taken(textured)
     with pytest.warns(PlateWarning, match="image and plate look swapped"):
-        solve(plate, image, textured.model)
+        solve(plate, image, textured.model, Pixelwise())
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        solve(image, plate, textured.model)
+        solve(image, plate, textured.model, Pixelwise())
 
 
 WALLS = {

@@ -74,6 +74,7 @@ def test_exact_data_give_exact_alpha():
     assert_allclose(solution.alpha.sum(), truth.layer.alpha.sum(), rtol=2e-4)
 
 
+@pytest.mark.battery
 def test_unmodeled_shading_stays_within_the_claimed_error():
     """honest: without noise only the shading of the ball is an error."""
     truth = render(SCENE)
@@ -171,6 +172,7 @@ def test_rejects_occluders_that_are_no_masks(wall):
         solve(image, plate, occluder=np.zeros(SIZE[::-1]))
 
 
+@pytest.mark.battery
 @pytest.mark.xfail(strict=True, reason="alpha without a shape is taken, 0.02 off")
 def test_edges_of_a_shifted_plate_are_not_occluders():
     stripes = np.where(np.arange(SIZE[0]) // 6 % 2, 0.15, 0.6)[None, :, None] * np.ones(
@@ -193,6 +195,7 @@ def painted(plate, contrast=1.0):
     return Scene(plate, PATH, ball, Change(spin=(0.7, 0.4, 0.5)))
 
 
+@pytest.mark.battery
 def test_many_colors_before_one_hue_are_solved_by_the_shape():
     """honest: colors have no information here."""
     truth, image, plate = taken(painted(WALL, 0.4), 1)
@@ -269,7 +272,11 @@ def test_a_given_color_is_unchanged(wall):
     assert np.sqrt(np.mean((solution.layer.alpha - truth.layer.alpha) ** 2)) < 0.003
 
 
-@pytest.mark.parametrize("solver", [None, Swept()], ids=["averaged", "swept"])
+@pytest.mark.parametrize(
+    "solver",
+    [pytest.param(None, marks=pytest.mark.battery), Swept()],
+    ids=["averaged", "swept"],
+)
 def test_a_wrong_color_is_solved_as_assumed(wall, solver):
     """honest: the wrong color is accepted, and the error covers it."""
     truth, image, plate, _ = wall
@@ -282,6 +289,7 @@ def test_a_wrong_color_is_solved_as_assumed(wall, solver):
     assert np.sqrt(np.mean(off**2)) < 2 * solution.stats["alpha_error"]
 
 
+@pytest.mark.battery
 @pytest.mark.xfail(strict=True, reason="a shadow that touches the disc makes it 5 % smaller")
 def test_alpha_of_a_shadow_next_to_the_object_is_zero():
     """The pixels are flagged; the closed form alone takes them for the object."""
@@ -303,7 +311,11 @@ def test_alpha_of_a_shadow_next_to_the_object_is_zero():
     assert np.mean((alone.quality[clear] & np.uint8(Quality.SHADOW)) != 0) < 0.05
 
 
-@pytest.mark.parametrize("known", [True, False], ids=["file is known", "file is unknown"])
+@pytest.mark.parametrize(
+    "known",
+    [True, pytest.param(False, marks=pytest.mark.battery)],
+    ids=["file is known", "file is unknown"],
+)
 def test_chroma_blurred_rims_are_explained(monkeypatch, known):
     truth = render(SCENE, 200)
     camera = replace(CAMERA, code_std=1 / 255, jpeg_quality=90, chroma="4:2:0")
@@ -360,6 +372,7 @@ def over(truth, seed, light, alpha):
     return image, replace(CAMERA, code_std=CAMERA.code_std / 2).photograph(truth.plate.rgb, rng)
 
 
+@pytest.mark.battery
 def test_a_patch_of_other_light_is_no_occluder():
     """honest: light of the wall's color on the object looks like less alpha."""
     truth = render(SCENE, 200)
@@ -374,6 +387,7 @@ def test_a_patch_of_other_light_is_no_occluder():
     assert np.abs(solution.alpha - truth.layer.alpha)[inside].max() < 0.02
 
 
+@pytest.mark.battery
 def test_a_highlight_is_no_occluder():
     """honest: before a gray wall, white light on the object looks like the wall."""
     lime = np.array([0.6, 0.75, 0.12])

@@ -168,6 +168,7 @@ def test_errors_of_moments_match_scatter(softness):
     assert_allclose(z.std(axis=0), 1, atol=0.25)
 
 
+@pytest.mark.battery
 def test_errors_of_sweeps_match_scatter():
     """Honest: small balls, from the pictures to the motion."""
     z = []
