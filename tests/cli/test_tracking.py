@@ -11,9 +11,10 @@ from PIL import Image
 from typer.testing import CliRunner
 
 import blurmatte as bm
-from blurmatte.cli import app, clips
+from blurmatte.cli import app
 from blurmatte.cli.clip_table import Known, table
 from blurmatte.motion import Workers
+from blurmatte.motion.clip import measure
 from blurmatte.rendering import colorful_plate
 
 FRAMES, COLOR, HEX = 5, (0.7, 0.95, 0.05), "#dafa40"
@@ -110,7 +111,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     track("--out", out)
     whole = out.read_bytes()
     out.unlink()
-    real = clips.sightings_in_scene
+    real = measure.sightings_in_scene
 
     def interrupted(*args, **options):
         for k, seen in enumerate(real(*args, **options)):
@@ -118,7 +119,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
                 raise KeyboardInterrupt
             yield seen
 
-    monkeypatch.setattr(clips, "sightings_in_scene", interrupted)
+    monkeypatch.setattr(measure, "sightings_in_scene", interrupted)
     stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
     assert f"{begun}: keeps the finished frames; add --resume to continue" in stopped.stderr
@@ -131,7 +132,7 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     assert "was begun with other options" in other.stderr
     skipped = []
     monkeypatch.setattr(
-        clips, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     assert track("--out", out, "--resume").exit_code == 0
     assert skipped == [2]
@@ -161,9 +162,9 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     lines = begun.read_bytes().splitlines(keepends=True)
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
-    real, skipped = clips.sightings_in_scene, []
+    real, skipped = measure.sightings_in_scene, []
     monkeypatch.setattr(
-        clips, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
     resume = ("--resume",) if first_new else ()
     assert track("--out", out, *resume).exit_code == 0
@@ -191,7 +192,7 @@ def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, m
         raise ValueError("Singular matrix")
         yield
 
-    monkeypatch.setattr(clips, "sightings_in_scene", fails)
+    monkeypatch.setattr(measure, "sightings_in_scene", fails)
     assert track("--out", tmp_path / "t.csv").exit_code == 2
     assert list(tmp_path.iterdir()) == []
 

@@ -36,7 +36,6 @@ from blurmatte.cli.selection import (
     chosen_frames,
     matching_of,
 )
-from blurmatte.motion.clip.workers import return_freed_memory
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
@@ -114,6 +113,8 @@ def solve_clip(
     as_json: bool,
 ) -> None:
     """Write a layer for each frame of a clip, and say what came of it."""
+    from blurmatte.motion.clip.workers import return_freed_memory
+
     if options.scheduler is not None:  # its workers run in other folders
         images = [str(Path(image).absolute()) for image in images]
     source = images[0] if len(images) == 1 else images

@@ -13,10 +13,6 @@ from typing import Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.console import NamedError, about, complain, waiting, with_progress
-from blurmatte.motion.clip.color import color_in_scene
-from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
-from blurmatte.motion.clip.scene import StaticScene, clip_plate
-from blurmatte.motion.clip.workers import return_freed_memory
 
 Places: TypeAlias = "Sequence[bm.BallPlace | None]"
 
@@ -104,6 +100,11 @@ def measure_frames(
     task: ClipTask, frames: bm.Frames[bm.LinearImage], plate: bm.LinearImage | None
 ) -> Measured:
     """The object in each frame; the plate is made of them if none is given."""
+    from blurmatte.motion.clip.color import color_in_scene
+    from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
+    from blurmatte.motion.clip.scene import clip_plate
+    from blurmatte.motion.clip.workers import return_freed_memory
+
     model, journal = _given_color(task.color), _journal(task)
     count = task.workers
     if count is None:
@@ -119,7 +120,17 @@ def measure_frames(
             if model is None:
                 with waiting("finding the color"):
                     model = color_in_scene(frames, scene, workers)
-            rows = _rows(task, frames, scene, model, journal, workers)
+            seen = sightings_in_scene(
+                frames,
+                scene,
+                model,
+                workers,
+                several=task.several,
+                numbers=frames.frame_numbers,
+                rate=task.rate,
+                skip=len(journal.frames),
+            )
+            rows = _rows(task, seen, len(frames), journal)
             if task.ball is None:
                 return Measured(plate, model, rows, None, frames.place_std)
             places = task.ball.places(frames, plate, rows, model, workers)
@@ -127,26 +138,10 @@ def measure_frames(
 
 
 def _rows(
-    task: ClipTask,
-    frames: bm.Frames[bm.LinearImage],
-    scene: StaticScene,
-    model: bm.ColorModel,
-    journal: _Journal,
-    workers: bm.Workers,
+    task: ClipTask, seen: Iterator[bm.FrameSightings], count: int, journal: _Journal
 ) -> list[bm.FrameMotion]:
-    """The object in each frame that is not finished, then all of them joined to tracks."""
-    seen = sightings_in_scene(
-        frames,
-        scene,
-        model,
-        workers,
-        several=task.several,
-        numbers=frames.frame_numbers,
-        rate=task.rate,
-        skip=len(journal.frames),
-    )
-    left = len(frames) - len(journal.frames)
-    kept = _kept(task, journal, with_progress(seen, "measuring", left))
+    """The object in each of `count` frames, those that are finished and then `seen`, in tracks."""
+    kept = _kept(task, journal, with_progress(seen, "measuring", count - len(journal.frames)))
     if task.several:
         return bm.link_objects(kept, task.min_frames)
     return bm.link_sightings(kept)
