@@ -8,7 +8,7 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
-from blurmatte.motion.clip.pooling import predicted_sizes
+from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.workers import shared
@@ -52,45 +52,6 @@ def test_sweep_lies_in_the_whole_picture(solved, truth):
         assert x0 < middle[0] < x1
         assert y0 < middle[1] < y1
         assert solution.sweep.size == solution.size
-
-
-def row(frame, radius, std=0.1, source="sweep", doubts=""):
-    names = "x y x_std y_std xy_covariance vx vy vx_std vy_std length length_std angle angle_std"
-    numbers = dict.fromkeys(names.split(), 1.0)
-    ends = dict.fromkeys(("first_x", "first_y", "last_x", "last_y"), 1.0)
-    seen = bm.Sighting(
-        **numbers, **ends, radius=radius, radius_std=std, color="", evidence=1.0, source=source,
-        path="line", silhouette="disc", residual_excess=1.0, at_border=False, moved=True,
-        doubts=doubts,
-    )  # fmt: skip
-    return bm.FrameMotion(frame, None, seen)
-
-
-def test_predicted_radius_is_that_of_the_other_frames():
-    """Exact: a radius that grows by a constant, whatever the frame itself says."""
-    rows = [row(k, 6 + 0.1 * k if k != 5 else 9.0) for k in range(11)]
-    size = predicted_sizes(rows)[5]
-    assert size.radius == pytest.approx(6.5)
-
-
-def test_error_of_predicted_radius_matches_scatter():
-    """Honest: the errors of predictions have mean 0 and standard deviation 1."""
-    z, rng = [], np.random.default_rng(3)
-    for _ in range(300):
-        rows = [row(k, 6 + rng.normal(0, 0.1)) for k in range(9)]
-        size = predicted_sizes(rows)[4]
-        z.append((size.radius - 6) / size.radius_std)
-    assert abs(np.mean(z)) < 0.2
-    assert 0.2 < np.std(z) < 1.15  # the error is that of one frame, which all may have in common
-
-
-def test_doubtful_frames_and_moments_predict_nothing():
-    rows = [row(k, 6.0) for k in range(5)] + [
-        row(5, 20.0, doubts="merged"),
-        row(6, 1, 1, "moments"),
-    ]
-    assert predicted_sizes(rows)[0].radius == pytest.approx(6.0)
-    assert predicted_sizes(rows[:3]) == [None, None, None]
 
 
 def test_multiplied_errors_have_their_grade(pictures):
@@ -143,6 +104,18 @@ def test_prior_of_a_frame_is_the_path_that_the_others_predict(prepared):
         points = np.array([start, np.add(start, end) / 2, end])
         error = (path.points - points).ravel()
         assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(path.covariance)))
+
+
+def test_three_frames_predict_one_another(prepared):
+    """Honest: in units of the predicted errors, which are larger than from all frames."""
+    some = prepared[2][2:5]
+    priors = ClipObject.of([one.row for one in some], COLOR_MODEL).priors
+    for one, prior in zip(some, priors, strict=True):
+        (start, end), path = path_of(one.index), prior.path
+        error = (path.points - np.array([start, np.add(start, end) / 2, end])).ravel()
+        assert np.all(np.abs(error) < 4 * np.sqrt(np.diag(path.covariance)))
+        assert np.trace(path.covariance) > np.trace(one.prior.path.covariance)
+        assert abs(prior.radius - RADIUS) < 4 * prior.radius_std < 2
 
 
 def test_frame_that_contradicts_the_others_is_solved_alone(prepared, truth):

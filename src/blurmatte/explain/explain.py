@@ -16,7 +16,7 @@ from blurmatte.explain.solution import solution_in_words
 from blurmatte.explain.space import SpaceMotion, space_motion_in_words
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.fall import FreeFall
-from blurmatte.motion.clip.track_outliers import Scatter
+from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import Motion, Speed
 from blurmatte.radiometry import Transfer
 

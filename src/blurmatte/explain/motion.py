@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from blurmatte.explain.numbers import with_error
-from blurmatte.motion.clip.track_outliers import Scatter
+from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import USUAL_READOUT_S, Motion, Speed
 
 _PATHS = {
@@ -40,7 +40,7 @@ def scatter_in_words(scatter: Scatter) -> list[str]:
     if scatter.too_large:
         verdict = "the given errors were increased accordingly"
     elif scatter.excess_std > 1:
-        verdict = "more than they should, but with so few frames that may be chance"
+        verdict = "of so few frames that may be chance, but the given errors were increased by it"
     return [
         f"From frame to frame positions scatter about a smooth motion {scatter.place:.1f} times as "
         f"much as the errors of each frame, radii {scatter.radius:.1f} times, by "

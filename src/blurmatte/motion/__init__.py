@@ -15,8 +15,8 @@ from blurmatte.motion.clip.measure import measure_clip as measure_clip
 from blurmatte.motion.clip.measure import sightings as sightings
 from blurmatte.motion.clip.positions_3d import BallPlace as BallPlace
 from blurmatte.motion.clip.positions_3d import places_in_space as places_in_space
+from blurmatte.motion.clip.scatter import Scatter as Scatter
 from blurmatte.motion.clip.solving import solve_clip as solve_clip
-from blurmatte.motion.clip.track_outliers import Scatter as Scatter
 from blurmatte.motion.clip.workers import Workers as Workers
 from blurmatte.motion.picture.measure import measure_motion as measure_motion
 from blurmatte.motion.picture.motion import Motion as Motion

@@ -1,5 +1,7 @@
 """ClipPath: the path of an object as one curve, each frame predicted from the others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -144,7 +146,37 @@ def test_a_mistake_predicts_nothing_and_is_predicted():
     assert found.prior(12).points == pytest.approx(ends_of(12, fall), abs=1)
 
 
+@pytest.mark.parametrize("count", [3, 4, 6])
+def test_errors_are_as_stated_if_few_frames_show_the_object(count):
+    """Honest: each from two others or more."""
+    z2 = []
+    for seed in range(8):
+        found = ClipPath.of(rows_of(fall, count, np.random.default_rng(seed)))
+        for k in range(count):
+            prior = found.prior(k)
+            error = (prior.points - ends_of(k, fall)).ravel()
+            z2.append(error @ np.linalg.solve(prior.covariance, error) / 6)
+    assert 0.4 < np.sqrt(np.median(z2)) < 1.4
+
+
+def test_tracks_have_curves_of_their_own():
+    """Honest: an object that comes again elsewhere; d is that of all tracks."""
+    rng, rows = np.random.default_rng(0), []
+    for track in range(4):
+        shifted = lambda t, track=track: fall(t - 20 * track)  # noqa: E731
+        of = [row(20 * track + k, shifted, rng) for k in range(3 if track else 5)]
+        rows += [replace(one, track=track + 1) for one in of]
+    found = ClipPath.of(rows)
+    assert found.breaks == (5, 8, 11)
+    assert abs(found.exposure - EXPOSURE) < 4 * found.exposure_std < 0.2
+    assert found.added[0] < 2 * STD
+    for k, one in enumerate(rows):
+        error = found.prior(k).points - ends_of(one.frame % 20, fall)
+        z = error.ravel() / np.sqrt(np.diag(found.prior(k).covariance))
+        assert np.abs(z).max() < 4
+
+
 def test_too_few_frames_predict_nothing():
-    found = ClipPath.of(rows_of(fall, 4))
-    assert [found.prior(k) for k in range(4)] == [None] * 4
+    found = ClipPath.of(rows_of(fall, 2))
+    assert [found.prior(k) for k in range(2)] == [None] * 2
     assert ClipPath.of([]).breaks == ()

@@ -7,11 +7,10 @@ c, c′, c″ the curve and its derivatives in the middle of the exposure, frame
     its displacement      d c′,
 
 both with their covariance. c is the smoothing spline whose third derivative is white noise
-(`smoothing`): a parabola for a fall. The intensity of the noise is the one for which the frames are
-likeliest when each is predicted from all others. Where the reduced χ² of these predictions is above 1,
-the frames have errors in common with none of their own causes, such as compression: one is added to all
-positions, and one to all displacements, that makes it 1 [Paule and Mandel 1982].
+(`smoothing`): a parabola for a fall. Compression and other causes that frames have in common add one
+error to all positions, and one to all displacements.
 
+Each track has a curve of its own; two other frames determine it, if three of a track have determined d.
 The velocity may jump, at a bounce. The curve is broken where that makes the frames decisively likelier,
 each predicted from the others of its part, and more so than a mistake in a frame next to the jump does.
 A frame that differs from its prediction by more than noise does predicts nothing, and gets a doubt.
@@ -21,12 +20,29 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
-from blurmatte.motion.clip.smoothing import Estimate, Measurements, transition
+from blurmatte.motion.clip.detections import (
+    FrameMotion,
+    Sighting,
+    in_intervals,
+    parts_of_tracks,
+)
+from blurmatte.motion.clip.smoothing import (
+    Estimate,
+    Measurements,
+    SmoothingSettings,
+    added_std,
+    excess_over_noise,
+    factor_of_added,
+    in_large_parts,
+    likeliest_intensity,
+    student_cost,
+    transition,
+)
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.sweep.model.motion_prior import PathPrior
 
@@ -35,33 +51,9 @@ Bools = npt.NDArray[np.bool_]
 
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
 _MEDIAN_CHI2 = 3.357  # of four degrees of freedom
-_ROUNDS = 3  # of errors and curve, until they do not change
+_ROUNDS = 3  # of errors and curve at most
 _BATCHES = 8  # of frames, whose displacements are compared
-
-
-@dataclass(frozen=True)
-class ClipPathSettings:
-    """How a curve is fitted to the frames of a clip.
-
-    Parameters
-    ----------
-    min_frames : int
-        Of a part of the path: a parabola through three leaves some to compare.
-    intensity_decades : (float, float)
-        Range of the intensity of the noise, powers of ten, pixels² per interval⁵.
-    student_freedom : float
-        Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
-    min_outlier_probability : float
-        That noise differs by as much in any of the frames: less is a mistake.
-    min_std_px : float
-        No position and no displacement is known better.
-    """
-
-    min_frames: int = 5
-    intensity_decades: tuple[float, float] = (-8.0, 4.0)
-    student_freedom: float = 4.0
-    min_outlier_probability: float = 1e-3
-    min_std_px: float = 1e-3
+_MIN_FRAMES = 3  # of a track that determine d: a parabola through their positions
 
 
 @dataclass(frozen=True, eq=False)
@@ -90,7 +82,7 @@ class ClipPath:
     residuals : (n, 2) float
         Norms of position and displacement about that prediction, pixels; NaN without one.
     breaks : tuple of int
-        Rows at which a part of the path begins, after a bounce.
+        Rows at which a part of the path begins, with a track or after a bounce.
     """
 
     exposure: float
@@ -110,18 +102,22 @@ class ClipPath:
         """The path of the rows of one object, in order of time."""
         fit, seen = _Fit.of(rows), [row.sighting for row in rows]
         whole = fit.used
-        if fit.used.sum() >= ClipPathSettings.min_frames:
+        if np.bincount(fit.part, weights=fit.used, minlength=1).max() >= _MIN_FRAMES:
             fit = fit.with_intensity().with_exposure().with_intensity().broken()
             fit = fit.without_outliers()
             for _ in range(_ROUNDS):
-                fit = fit.with_added().with_exposure().with_intensity()
+                before, fit = fit, fit.with_added()
+                if fit.added == before.added:
+                    break
+                fit = fit.with_exposure().with_intensity()
         states, _ = fit.left_out()
         own = replace(fit, added=(0.0, 0.0)).measurements(np.ones(len(rows), bool))
         chi2, _ = _compared(own, states)
         moments = np.array([s is not None and s.source == "moments" for s in seen], bool)
         place, move = np.maximum(fit.added, fit.added_to(moments)).tolist()  # causes they share
         of_moments = place, move
-        sound = np.array([s is not None and not (s.at_border or s.doubts) for s in seen], bool)
+        sound = np.array([s is not None and s.is_sound for s in seen], bool)
+        sound &= in_large_parts(fit.used, fit.part)
         of_rest = replace(fit, added=of_moments).measurements(moments & sound)
         excess = fit.excess(_compared(of_rest, states)[0], moments & sound)
         contradicts = (whole & ~fit.used) | (excess > 1)
@@ -141,12 +137,8 @@ class ClipPath:
     def factors(self, sighting: Sighting) -> tuple[float, float]:
         """By which the errors of position and of displacement of a detection become those here."""
         place, move = self.added_to_moments if sighting.source == "moments" else self.added
-        variances = np.trace(sighting.covariance) / 2, (sighting.vx_std**2 + sighting.vy_std**2) / 2
-        least = ClipPathSettings.min_std_px**2
-        of_place, of_move = (
-            float(np.sqrt(1 + added**2 / max(variance, least)))
-            for added, variance in zip((place, move), variances, strict=True)
-        )
+        of_place = factor_of_added(float(np.trace(sighting.covariance)) / 2, place)
+        of_move = factor_of_added((sighting.vx_std**2 + sighting.vy_std**2) / 2, move)
         return of_place, of_move
 
     def doubt(self, row: int) -> str:
@@ -166,15 +158,8 @@ class ClipPath:
         J = np.concatenate([np.eye(2, 6) @ transition(t, _ORDER, _AXES) for t in times])
         by_exposure = np.concatenate([np.sign(t) * (x[2:4] + t * x[4:]) / 2 for t in times])
         covariance = J @ V @ J.T + self.exposure_std**2 * np.outer(by_exposure, by_exposure)
-        covariance += ClipPathSettings.min_std_px**2 * np.eye(6)
+        covariance += SmoothingSettings.min_std_px**2 * np.eye(6)
         return PathPrior((J @ x).reshape(3, 2), covariance)
-
-
-def is_whole(sighting: Sighting | None) -> bool:
-    """Whether a disc explains the streak and it is not cut by the border or doubtful."""
-    if sighting is None or sighting.source != "sweep":
-        return False
-    return not (sighting.at_border or sighting.doubts)
 
 
 @dataclass(frozen=True, eq=False)
@@ -200,7 +185,7 @@ class _Fit:
     @classmethod
     def of(cls, rows: Sequence[FrameMotion]) -> _Fit:
         """The measurements of rows, those that are whole in use."""
-        n, least = len(rows), ClipPathSettings.min_std_px**2 * np.eye(2)
+        n, least = len(rows), SmoothingSettings.min_std_px**2 * np.eye(2)
         places, moves = np.zeros((2, n, 2))
         place_weights, move_weights = np.zeros((2, n, 2, 2))
         for k, row in enumerate(rows):
@@ -209,9 +194,9 @@ class _Fit:
                 place_weights[k] = np.linalg.inv(one.covariance + least)
                 if one.moved:
                     move_weights[k] = np.linalg.inv(_displacement_covariance(one) + least)
-        used = np.array([is_whole(row.sighting) for row in rows], bool)
-        times = np.array(in_intervals(rows), float)
-        return cls(times, places, place_weights, moves, move_weights, used, np.zeros(n, np.int_))
+        used = np.array([row.sighting is not None and row.sighting.is_whole for row in rows], bool)
+        times, part = np.array(in_intervals(rows), float), parts_of_tracks(rows)
+        return cls(times, places, place_weights, moves, move_weights, used, part)
 
     def measurements(self, used: Bools) -> Measurements:
         """Of the state in the middle of each exposure; without displacements until d is known."""
@@ -235,39 +220,23 @@ class _Fit:
         used = self.measurements(self.used)
         for part in np.unique(self.part):
             mine = np.flatnonzero(self.part == part)
-            if self.used[mine].sum() >= ClipPathSettings.min_frames:
-                found = Estimate.of(used.taken(mine).left_out(intensity))
-                mean[mine], covariance[mine] = found.mean, found.covariance
+            found = Estimate.of(used.taken(mine).left_out(intensity))
+            mean[mine], covariance[mine] = found.mean, found.covariance
         states = Estimate(mean, covariance)
         return states, *_compared(self.measurements(np.ones(n, bool)), states)
 
     def with_intensity(self) -> _Fit:
         """With the intensity for which the frames are likeliest when the others predict them."""
-        low, high = ClipPathSettings.intensity_decades
-        decades = np.arange(low, high + 1)
-        costs = [self._cost(10.0**decade) for decade in decades]
-        best = float(decades[int(np.argmin(costs))])
-        finer = best + np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
-        costs = [self._cost(10.0**decade) for decade in finer]
-        return replace(self, intensity=float(10.0 ** finer[int(np.argmin(costs))]))
+        return replace(self, intensity=likeliest_intensity(self._cost))
 
     def _cost(self, intensity: float, of: Bools | None = None) -> float:
-        """Negative log likelihood (Student's t) of rows, if not given of those in use, from the others.
-
-        The scale of all errors is the likeliest: the Birge ratio is in it.
-        """
+        """Negative log likelihood of rows, if not given of those in use, from the others."""
         states, chi2, logs = self._left_out(intensity)
         known = (self.used if of is None else of) & states.known
         if not known.any():
             return np.inf
-        nu, m = ClipPathSettings.student_freedom, self._measured[known].sum(axis=1)
-        chi2, logs = chi2[known].sum(axis=1), logs[known].sum(axis=1)
-        scale = 1.0
-        for _ in range(20):  # expectation maximization
-            scale = float(np.sum((nu + m) / (nu + chi2 / scale) * chi2) / np.sum(m)) + 1e-12
-        return float(
-            np.sum((nu + m) / 2 * np.log1p(chi2 / (nu * scale)) + m / 2 * np.log(scale) + logs / 2)
-        )
+        freedom = self._measured[known].sum(axis=1)
+        return student_cost(chi2[known].sum(axis=1), logs[known].sum(axis=1), freedom)
 
     @property
     def _measured(self) -> Array:
@@ -278,23 +247,47 @@ class _Fit:
     @property
     def freedom(self) -> int:
         """Degrees of freedom of the frames about the curve."""
-        fitted = 6 * len(np.unique(self.part[self.used])) + 2  # states; d and the intensity
-        return max(int(self._measured[self.used].sum()) - fitted, 0)
+        used = self.used & self.left_out()[0].known
+        fitted = 6 * len(np.unique(self.part[used])) + 2  # states; d and the intensity
+        return max(int(self._measured[used].sum()) - fitted, 0)
 
     def with_added(self) -> _Fit:
-        """With the errors by which the rows in use scatter beyond their own."""
-        return replace(self, added=self.added_to(self.used))
+        """With the errors by which the rows in use scatter beyond their own [Paule, Mandel 1982].
+
+        They are errors of the predictions too.
+        """
+        fit = self
+        for kind in range(2):
+            trial = partial(_Fit._reduced_chi2, fit, kind)
+            found = list(fit.added)
+            found[kind] = added_std(trial, fit._largest_residual(fit.used, kind))
+            fit = replace(fit, added=(found[0], found[1]))
+        return fit
+
+    def _reduced_chi2(self, kind: int, added: float) -> float:
+        """Of positions (0) or displacements (1) of the rows in use, with another added error."""
+        place, move = self.added
+        _, chi2 = replace(self, added=(place, added) if kind else (added, move)).left_out()
+        known = self.used & (self._measured[:, kind] > 0) & np.isfinite(chi2[:, kind])
+        return float(chi2[known, kind].mean()) / 2 if known.any() else 0.0
+
+    def _largest_residual(self, which: Bools, kind: int) -> float:
+        """Of the positions or displacements of some rows, pixels."""
+        residuals = _norms_of_residuals(self.measurements(which), self.left_out()[0])
+        return float(np.nanmax(residuals[which, kind], initial=0.0))
 
     def added_to(self, which: Bools) -> tuple[float, float]:
-        """Errors of positions and displacements of some rows beyond their own [Paule, Mandel 1982]."""
-        states, _ = self.left_out()
-        known, found = which & states.known, []
-        rows = replace(self, added=(0.0, 0.0)).measurements(known)
+        """Errors of positions and displacements of rows that are not in use, beyond their own."""
+        states, found = self.left_out()[0], []
+        rows = replace(self, added=(0.0, 0.0)).measurements(which & states.known)
         for kind in range(2):
             use = np.flatnonzero(rows.weights[:, 2 * kind, 2 * kind])
             z, S = _residuals(rows, states, use, slice(2 * kind, 2 * kind + 2))
             values, vectors = np.linalg.eigh(S)
-            found.append(_added_std(np.einsum("kmi,km->ki", vectors, z) ** 2, values))
+            z2 = np.einsum("kmi,km->ki", vectors, z) ** 2
+            found.append(
+                added_std(partial(_mean_ratio, z2, values), float(z2.max(initial=0)) ** 0.5)
+            )
         return found[0], found[1]
 
     def with_exposure(self) -> _Fit:
@@ -359,7 +352,7 @@ class _Fit:
     def _largest_jump(self, part: int) -> int | None:
         """The row within a part before which the rows on both sides differ most about the state."""
         mine = np.flatnonzero((self.part == part) & self.used)
-        least = ClipPathSettings.min_frames
+        least = SmoothingSettings.min_frames
         if len(mine) < 2 * least:
             return None
         one = self.measurements(self.used).taken(mine)
@@ -376,7 +369,8 @@ class _Fit:
         """Without frames that differ from their prediction by more than noise does."""
         fit = self
         for _ in range(int(self.used.sum())):
-            excess = fit.excess(fit.left_out()[1], fit.used)
+            large = fit.used & in_large_parts(fit.used, fit.part)
+            excess = fit.excess(fit.left_out()[1], large)
             worst = int(np.argmax(excess))
             if excess[worst] < 1:
                 break
@@ -384,17 +378,9 @@ class _Fit:
         return fit
 
     def excess(self, chi2: Array, which: Bools) -> Array:
-        """(n,) χ² of some rows over the limit of noise, which scatters by their median; 0 of others."""
-        from scipy.special import chdtri  # scipy.stats takes a second to import
-
-        total = chi2.sum(axis=1)
-        known = which & np.isfinite(total)
-        if not known.any():
-            return np.zeros(len(total))
-        scale = max(float(np.median(total[known])) / _MEDIAN_CHI2, 1.0)
-        limit = ClipPathSettings.min_outlier_probability / int(known.sum())
-        freedom = np.maximum(self._measured.sum(axis=1), 1.0)
-        return np.where(known, total / scale / chdtri(freedom, limit), 0)
+        """(n,) χ² of some rows over the limit of noise; 0 of others."""
+        freedom = self._measured.sum(axis=1)
+        return excess_over_noise(chi2.sum(axis=1), freedom, which, _MEDIAN_CHI2)
 
 
 def _displacement_covariance(one: Sighting) -> Array:
@@ -432,6 +418,11 @@ def _residuals(
     return z, R + H @ states.covariance[use] @ H.swapaxes(1, 2)
 
 
+def _mean_ratio(z2: Array, variance: Array, added: float) -> float:
+    """Mean of squared residuals over their variances with an error added; 0 without any."""
+    return float(np.mean(z2 / np.maximum(variance + added**2, 1e-12))) if z2.size else 0.0
+
+
 def _norms(vectors: Array) -> Array:
     return np.asarray(np.maximum(np.linalg.norm(vectors, axis=1), 1e-9))
 
@@ -440,18 +431,6 @@ def _with_added(weights: Array, std: float) -> Array:
     """Inverse covariances (n, 2, 2) with an error added to both axes; 0 where they were 0."""
     scale = np.eye(2) + std**2 * weights
     return np.asarray(np.linalg.solve(scale, weights))
-
-
-def _added_std(z2: Array, variance: Array) -> float:
-    """The error that makes the mean of squared residuals over variances 1; 0 if it is less."""
-    low, high = 0.0, float(np.max(z2, initial=0.0))
-    if not len(z2) or np.mean(z2 / np.maximum(variance, 1e-12)) <= 1:
-        return 0.0
-    for _ in range(60):
-        middle = (low + high) / 2
-        above = np.mean(z2 / np.maximum(variance + middle, 1e-12)) > 1
-        low, high = (middle, high) if above else (low, middle)
-    return float(np.sqrt(high))
 
 
 def _from_batches(slope: Array, curvature: Array) -> tuple[float, float]:

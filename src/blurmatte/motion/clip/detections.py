@@ -84,6 +84,16 @@ class Sighting:
         off = self.xy_covariance
         return np.array([[self.x_std**2, off], [off, self.y_std**2]])
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether a disc explains the streak and it is not cut by the border or doubtful."""
+        return self.source == "sweep" and self.is_sound
+
+    @property
+    def is_sound(self) -> bool:
+        """Whether it is neither cut by the border nor doubtful."""
+        return not (self.at_border or self.doubts)
+
     def with_errors_times(self, place: float, path: float, radius: float) -> Sighting:
         """The same with the errors of position, of the path, and of the radius multiplied."""
         names = "vx_std", "vy_std", "length_std", "angle_std"
@@ -221,6 +231,16 @@ def in_intervals(rows: Sequence[FrameSightings] | Sequence[FrameMotion]) -> list
         return numbers
     # Rounded, so that the frames of a constant rate have whole numbers.
     return [round((known[row.frame] - times[0]) / interval, 6) for row in rows]
+
+
+def parts_of_tracks(rows: Sequence[FrameMotion]) -> npt.NDArray[np.int_]:
+    """Number of each row's track, from 0 in the order of their first rows.
+
+    Nothing is known of an object between its tracks: each is a curve of its own.
+    """
+    tracks = [row.track for row in rows]
+    numbers = {track: number for number, track in enumerate(dict.fromkeys(tracks))}
+    return np.array([numbers[track] for track in tracks], np.int_)
 
 
 def main_track(rows: Sequence[FrameMotion]) -> list[FrameMotion]:

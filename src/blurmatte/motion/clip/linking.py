@@ -1,20 +1,20 @@
 """link_sightings, link_objects: detections in single frames → tracks of one object or several."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from blurmatte.checks import check_kind
 from blurmatte.motion.clip.clip_path import ClipPath
+from blurmatte.motion.clip.clip_radius import ClipRadius
 from blurmatte.motion.clip.detections import (
     FrameMotion,
     FrameSightings,
     Sighting,
     check_rows,
-    in_intervals,
 )
-from blurmatte.motion.clip.track_outliers import Scatter, scatter_of, with_radius_doubts
+from blurmatte.motion.clip.scatter import Scatter, scatter_of
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 
 _OFF_TRACK = "the object's track does not go there; {} streak{} of its color ignored"
@@ -104,7 +104,7 @@ def link_objects(frames: Iterable[FrameSightings], least: int = 3) -> list[Frame
 
 
 def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
-    """Scatter of positions and radii of one object about a smooth motion.
+    """Scatter of positions and radii of one object about its path and the change of its radius.
 
     Parameters
     ----------
@@ -114,13 +114,10 @@ def frame_scatter(rows: Sequence[FrameMotion]) -> Scatter | None:
     Returns
     -------
     Scatter or None
-        None for fewer than 14 frames in a row, or a path that turns by more than an eighth of a
-        circle from frame to frame.
+        None for fewer than eight frames that a disc explains and that others predict.
     """
     check_rows(rows)
-    taken = in_intervals(rows)
-    seen = [(t, one) for t, row in zip(taken, rows, strict=True) if (one := row.stated) is not None]
-    return scatter_of([t for t, _ in seen], [one for _, one in seen])
+    return scatter_of([row for row in rows if row.sighting is not None])
 
 
 def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]:
@@ -139,36 +136,38 @@ def _without_artifacts(frames: Iterable[FrameSightings]) -> list[FrameSightings]
 
 
 def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
-    """The rows with doubts of outliers, and errors multiplied by the scatter of each object.
+    """The rows with doubts of outliers, and errors that explain the scatter of each object.
 
-    Errors of position and path are increased by those that explain their scatter about the path of the
-    clip.
+    Errors of position, path and radius are increased by those that explain their scatter about the path
+    and the radius of the clip.
     """
-    compared, taken = list(rows), in_intervals(rows)
+    compared = list(rows)
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
-        frames = [taken[k] for k in of]
-        path = ClipPath.of([rows[k] for k in of])
-        seen = [one for k in of if (one := rows[k].sighting) is not None]
-        for k in np.flatnonzero(path.contradicts).tolist():
-            seen[k] = replace(seen[k], doubts=path.doubt(k))
-        seen = with_radius_doubts(frames, seen)
-        radius = _radius_inflation(scatter_of(frames, seen))
-        for k, sighting in zip(of, seen, strict=True):
-            factors = *path.factors(sighting), radius
+        path = ClipPath.of([compared[k] for k in of])
+        _doubt(compared, of, {k: path.doubt(k) for k in np.flatnonzero(path.contradicts).tolist()})
+        size = ClipRadius.of([compared[k] for k in of])
+        _doubt(compared, of, {k: size.doubt(k) for k in np.flatnonzero(size.contradicts).tolist()})
+        for k in of:
+            if (sighting := compared[k].sighting) is None:
+                continue
+            factors = *path.factors(sighting), size.factor(sighting)
             compared[k] = replace(
-                rows[k],
+                compared[k],
                 sighting=sighting.with_errors_times(*factors),
                 place_scatter=factors[0],
                 path_scatter=factors[1],
-                radius_scatter=radius,
+                radius_scatter=factors[2],
             )
     return compared
 
 
-def _radius_inflation(scatter: Scatter | None) -> float:
-    """Factor for the errors of radii; 1 if the scatter is not significant."""
-    return 1.0 if scatter is None or not scatter.too_large else max(scatter.radius, 1.0)
+def _doubt(rows: list[FrameMotion], of: Sequence[int], doubts: Mapping[int, str]) -> None:
+    """Give some of the rows of an object doubts, by their number among these."""
+    for k, doubt in doubts.items():
+        sighting = rows[of[k]].sighting
+        assert sighting is not None
+        rows[of[k]] = replace(rows[of[k]], sighting=replace(sighting, doubts=doubt))
 
 
 def _row(

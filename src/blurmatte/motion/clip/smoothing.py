@@ -11,8 +11,13 @@ N the shift to the next derivative, e the last one. A measurement k has the info
 (Hᵀ R⁻¹ H, Hᵀ R⁻¹ y) about s. Information from earlier and later ones is carried to its time by the
 two-filter recursion [Fraser and Potter 1969]; their sum is all but its own. Nothing is known of s
 before the first measurement.
+
+q is the one for which the measurements are likeliest when each is predicted from all others. Where the
+reduced χ² of these predictions is above 1, measurements have errors in common that they do not state:
+one is added to all that makes it 1 [Paule and Mandel 1982].
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
@@ -21,8 +26,34 @@ import numpy as np
 import numpy.typing as npt
 
 Array = npt.NDArray[np.float64]
+Bools = npt.NDArray[np.bool_]
 
 _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determined
+
+
+@dataclass(frozen=True)
+class SmoothingSettings:
+    """How intensity and outliers are determined.
+
+    Parameters
+    ----------
+    intensity_decades : (float, float)
+        Range of the intensity of the noise, powers of ten, pixels² per interval to the power 2p − 1.
+    student_freedom : float
+        Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
+    min_outlier_probability : float
+        That noise differs by as much in any of the measurements: less is a mistake.
+    min_frames : int
+        In which a mistake can be found: with fewer it cannot be distinguished from its neighbors.
+    min_std_px : float
+        No position, displacement or radius is known better.
+    """
+
+    intensity_decades: tuple[float, float] = (-8.0, 4.0)
+    student_freedom: float = 4.0
+    min_outlier_probability: float = 1e-3
+    min_frames: int = 5
+    min_std_px: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,19 +174,77 @@ def _carried(
     times: Array, L: Array, v: Array, intensity: float, axes: int, sign: int = 1
 ) -> tuple[Array, Array]:
     """Information at each time from the measurements before it; `sign` −1 if time runs backwards."""
-    size = L.shape[1]
-    order = size // axes
+    from blurmatte.motion.clip.smoothing_kernel import carry  # numba takes half a second
+
+    order = L.shape[1] // axes
     flip = np.repeat(float(sign) ** np.arange(order), axes)  # odd derivatives change sign
+    flipped, steps = np.outer(flip, flip), np.diff(times, prepend=times[:1]).tolist()
+    inverses = np.array([transition(-step, order, axes) for step in steps]).reshape(L.shape)
+    diffusions = np.array([diffusion(step, order, axes) for step in steps]).reshape(L.shape)
     before_L, before_v = np.zeros_like(L), np.zeros_like(v)
-    carried_L, carried_v = np.zeros((size, size)), np.zeros(size)
-    for k in range(1, len(times)):
-        step = float(times[k] - times[k - 1])
-        inverse = transition(-step, order, axes)
-        flipped = np.outer(flip, flip)
-        M = inverse.T @ (carried_L + flipped * L[k - 1]) @ inverse
-        u = inverse.T @ (carried_v + flip * v[k - 1])
-        damping = np.eye(size) + intensity * M @ diffusion(step, order, axes)
-        both = np.linalg.solve(damping, np.column_stack([M, u]))
-        carried_L, carried_v = (both[:, :-1] + both[:, :-1].T) / 2, both[:, -1]
-        before_L[k], before_v[k] = flipped * carried_L, flip * carried_v
-    return before_L, before_v
+    carry(flipped * L, flip * v, intensity, inverses, diffusions, before_L, before_v)
+    return flipped * before_L, flip * before_v
+
+
+def likeliest_intensity(cost: Callable[[float], float]) -> float:
+    """The intensity of the least cost."""
+    low, high = SmoothingSettings.intensity_decades
+    decades = np.arange(low, high + 1)
+    best = float(decades[int(np.argmin([cost(10.0**decade) for decade in decades]))])
+    finer = best + np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
+    return float(10.0 ** finer[int(np.argmin([cost(10.0**decade) for decade in finer]))])
+
+
+def student_cost(chi2: Array, logs: Array, freedom: Array) -> float:
+    """Negative log likelihood (Student's t) of measurements about their predictions.
+
+    The scale of all errors is the likeliest, 1 or more: the Birge ratio is in it. A smaller one would
+    make any intensity as likely that exceeds the errors.
+
+    chi2, logs, freedom (n,): χ², log determinant of its covariance, and degrees of freedom of each.
+    """
+    nu, m, scale = SmoothingSettings.student_freedom, freedom, 1.0
+    for _ in range(20):  # expectation maximization
+        scale = max(float(np.sum((nu + m) / (nu + chi2 / scale) * chi2) / np.sum(m)), 1.0)
+    return float(
+        np.sum((nu + m) / 2 * np.log1p(chi2 / (nu * scale)) + m / 2 * np.log(scale) + logs / 2)
+    )
+
+
+def added_std(reduced_chi2: Callable[[float], float], largest: float) -> float:
+    """The added error that makes a reduced χ² 1, up to a largest one; 0 if it is less without."""
+    low, high = SmoothingSettings.min_std_px, max(largest, SmoothingSettings.min_std_px)
+    if not reduced_chi2(0.0) > 1:
+        return 0.0
+    for _ in range(10):  # to a hundredth
+        middle = float(np.sqrt(low * high))
+        low, high = (middle, high) if reduced_chi2(middle) > 1 else (low, middle)
+    return high
+
+
+def factor_of_added(variance: float, added: float) -> float:
+    """By which an error of this variance becomes the one with an error added."""
+    return float(np.sqrt(1 + added**2 / max(variance, SmoothingSettings.min_std_px**2)))
+
+
+def excess_over_noise(chi2: Array, freedom: Array, which: Bools, median: float) -> Array:
+    """(n,) χ² over the limit of noise, which scatters by the median of some; 0 of others.
+
+    chi2, freedom (n,): of each, NaN if unknown.
+    which (n,): those that are compared.
+    median: of χ² of noise.
+    """
+    from scipy.special import chdtri  # scipy.stats takes a second to import
+
+    known = which & np.isfinite(chi2)
+    if not known.any():
+        return np.zeros(len(chi2))
+    scale = max(float(np.median(chi2[known])) / median, 1.0)
+    limit = SmoothingSettings.min_outlier_probability / int(known.sum())
+    return np.where(known, chi2 / scale / chdtri(np.maximum(freedom, 1.0), limit), 0)
+
+
+def in_large_parts(used: Bools, part: npt.NDArray[np.int_]) -> Bools:
+    """(n,) where a part has enough measurements in use to find a mistake."""
+    counts = np.bincount(part, weights=used, minlength=1) if len(part) else np.zeros(1)
+    return np.asarray(counts[part] >= SmoothingSettings.min_frames)

@@ -1,0 +1,58 @@
+"""Scatter: residuals of frames about the path and radius of their clip, in units of their errors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from blurmatte.motion.clip.clip_path import ClipPath
+from blurmatte.motion.clip.clip_radius import ClipRadius
+from blurmatte.motion.clip.detections import FrameMotion
+
+_MIN_FRAMES = 8  # for a scatter
+_RELATIVE_STD = 1.0  # of the scatter, times √n: residuals of neighbors are correlated
+
+
+@dataclass(frozen=True)
+class Scatter:
+    """Residuals of frames from a smooth motion, in units of their stated errors.
+
+    Parameters
+    ----------
+    place, radius : float
+        Root of the reduced χ² of frames, each predicted from the others: 1 if errors are as stated.
+    count : int
+        Number of frames that were compared: those that a disc explains, without doubts.
+    unsteady : float
+        Relative standard deviation of the radius of a single frame.
+    """
+
+    place: float
+    radius: float
+    count: int
+    unsteady: float = 0.0
+
+    @property
+    def too_large(self) -> bool:
+        """True if the scatter is above 1 by more than three of its standard deviations."""
+        return self.excess_std > 3
+
+    @property
+    def excess_std(self) -> float:
+        """Excess of the scatter over 1, in its own standard deviations."""
+        std = _RELATIVE_STD / self.count**0.5
+        return float((max(self.place, self.radius) - 1) / std)
+
+
+def scatter_of(rows: Sequence[FrameMotion]) -> Scatter | None:
+    """The scatter of the rows of one object; None for too few frames that predict one another."""
+    path, size = ClipPath.of(rows), ClipRadius.of(rows)
+    places, radii = path.chi2[path.used, 0], size.chi2[size.used]
+    places, radii = places[np.isfinite(places)], radii[np.isfinite(radii)]
+    if min(len(places), len(radii)) < _MIN_FRAMES:
+        return None
+    place, radius = np.sqrt([places.mean() / 2, radii.mean()]).tolist()
+    median = float(np.median(size.mean[size.used & np.isfinite(size.mean)]))
+    return Scatter(place, radius, min(len(places), len(radii)), size.common_std / median)
