@@ -39,6 +39,7 @@ from blurmatte.sweep.fit.relighting import lighting_of
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     noise_inflation,
+    residual_excess,
     variance_inflation,
 )
 from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
@@ -49,7 +50,7 @@ from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
-from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 
 Array = npt.NDArray[np.float64]
 
@@ -174,24 +175,31 @@ def _in_likelier_light(
 ) -> Hypotheses:
     """Hypotheses before the plate in the light that the object left on it, if they are likelier.
 
-    Both are compared with the measured noise: changed light would inflate its estimate.
+    Both are compared with the measured noise: changed light would inflate its estimate. A disc that
+    other frames know is fitted again only in a light in which it is likelier as it is.
     """
-    settings = HypothesisSettings
-    if found.best.diagnostics.variance_inflation < settings.max_explained_inflation:
+    settings, known = HypothesisSettings, found.best.diagnostics
+    if _is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     lit = lighting_of(image, found.plate, found.streak, observation)
     if lit is None:
         return found
     lighting, rest = lit
+    before, in_light = found.best_evidence(observation), lighting.lit(observation)
+
+    def weight(of: Hypotheses) -> float:
+        """Of hypotheses in that light, against those found."""
+        after = of.best_evidence(in_light)
+        after = replace(after, cost=after.cost + lighting.cost)
+        return float(hypothesis_weights([before, after])[1])
+
+    if _is_known_disc(found.observation) and weight(found) < 0.5:
+        return found
     other = _fit_before(image, lighting.on(found.plate), rest, search, start)
     if not lighting.is_possible(other.best.alpha):
         return found
-    before = found.best_evidence(observation)
-    after = other.best_evidence(lighting.lit(observation))
-    after = replace(after, cost=after.cost + lighting.cost)
-    weight = hypothesis_weights([before, after])[1]
-    return other if weight > settings.min_light_weight else found
+    return other if weight(other) > settings.min_light_weight else found
 
 
 def _fit_before(
@@ -204,17 +212,14 @@ def _fit_before(
     """All hypotheses before one plate."""
     search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
-    explained = HypothesisSettings.max_explained_inflation
-    prior = search.observation.prior
-    if prior is not None and prior.is_disc:
-        shaded = None
-        if variance_inflation(one_paint[0]) > explained:
-            shaded = _with_shadow(search, one_paint[0], image, plate, streak)
+    is_explained = partial(_is_explained_by, search.observation)
+    if not is_explained(one_paint[0]) and _is_known_disc(search.observation):
+        shaded = _with_shadow(search, one_paint[0], image, plate, streak)
         candidates += [] if shaded is None else [Candidate(*shaded)]
-    elif variance_inflation(one_paint[0]) > explained:
-        grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied)]
+    elif not is_explained(one_paint[0]):
+        grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied) if discs]
         candidates += [Candidate(state) for state in grown if state.silhouette.changes]
-        if variance_inflation(grown[0]) > explained:
+        if not is_explained(grown[0]):
             candidates += _other_shapes(search, one_paint[0], image, plate, streak)
     observation = search.observation
     evidence = [_evidence(observation, c) for c in candidates]
@@ -229,6 +234,26 @@ def _fit_before(
     kept = _distinct([compared[i] for i in order])
     sweeps, evidences = zip(*kept, strict=True)
     return Hypotheses(observation, sweeps, evidences, plate, streak)
+
+
+def _is_explained(observation: Observation, inflation: float, excess: float) -> bool:
+    """Whether a sweep leaves no residuals for other shapes or light to explain.
+
+    If other frames know path and silhouette, residuals that correlate no more than the noise around
+    them are that noise.
+    """
+    if _is_known_disc(observation) and excess <= MAX_RESIDUAL_EXCESS:
+        return True
+    return inflation <= HypothesisSettings.max_explained_inflation
+
+
+def _is_known_disc(observation: Observation) -> bool:
+    """Whether other frames know that the silhouette is a disc."""
+    return observation.prior is not None and observation.prior.is_disc
+
+
+def _is_explained_by(observation: Observation, state: State) -> bool:
+    return _is_explained(observation, variance_inflation(state), residual_excess(state))
 
 
 def fit_disc(
@@ -337,7 +362,8 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
             return search.best()
         curve = start.family.curve(start.path)
         disc = search.of_one_paint.near(start.family, curve, start.radius)
-        return [disc], [with_varied_colors(disc)]
+        is_one_paint = search.observation.color.rank == 1
+        return [disc], [] if is_one_paint else [with_varied_colors(disc)]
 
     prior, search = search.observation.prior, search.without_prior  # it would hide a misfit
     discs = best(search)

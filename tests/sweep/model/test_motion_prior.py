@@ -1,11 +1,13 @@
 """A prior of radius and path from other frames of a clip."""
 
+import sys
+
 import numpy as np
 import pytest
 
 import blurmatte as bm
-from blurmatte.rendering import Ball, Scene, colorful_plate, render
-from blurmatte.sweep import MotionPrior, PathPrior
+from blurmatte.rendering import Ball, Scene, Shadow, colorful_plate, plain_plate, render
+from blurmatte.sweep import MotionPrior, PathPrior, fit_hypotheses
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.sweep import Sweep
@@ -111,6 +113,43 @@ def started_at(prior):
     model = bm.ColorModel.from_hex("#d8ff3c")
     path = prior.points.ravel()
     return Sweep(PARABOLA, path, DISC, DISC.start(6.0), model, np.zeros((7, 7)), (64, 48))
+
+
+def before_wall(shadow, more_noise=0.0):
+    """A ball on the path before a wall, perhaps with a shadow and with more noise where it moved."""
+    size = (64, 48)
+    scene = Scene(
+        plain_plate(size, (0.42, 0.42, 0.4), 4),
+        Trajectory.line((18, 20), (44, 27)),
+        Ball(6, np.array([0.27, 0.72, 0.13])),
+        shadow=shadow,
+    )
+    truth, rng = render(scene), np.random.default_rng(1)
+    scale = 1 + more_noise * (truth.layer.alpha > 0)[..., None]
+    light = truth.image.rgb + scale * rng.normal(0, 0.004, truth.image.rgb.shape)
+    image = bm.LinearImage(light, bm.NoiseModel(read_std=0.004))
+    return image, bm.LinearImage(scene.plate, bm.NoiseModel(read_std=1e-4))
+
+
+def fitted_as_known(image, plate):
+    """Hypotheses about a disc that other frames know."""
+    known = MotionPrior(6.0, 0.1, path_prior(0.3), is_disc=True)
+    streak = bm.find_streaks(image, plate)[0]
+    return fit_hypotheses(image, plate, streak, None, started_at(path_prior()), known)
+
+
+def test_known_disc_needs_no_other_hypothesis_for_more_noise(monkeypatch):
+    """Exact: residuals that are larger than stated, but no more correlated than those around."""
+    monkeypatch.setattr(sys.modules["blurmatte.sweep.fit_sweep"], "_with_shadow", None)
+    found = fitted_as_known(*before_wall(None, more_noise=2.0))
+    assert found.best.diagnostics.variance_inflation > 1.2
+
+
+def test_shadow_of_a_known_disc_is_found():
+    """Honest: its residuals contradict the disc alone."""
+    found = fitted_as_known(*before_wall(Shadow((0, 11), strength=(0.5, 0.5, 0.5))))
+    assert found.best.cast is not None
+    assert np.linalg.norm(found.best.cast.offset - (0, 11)) < 1.5
 
 
 def test_impossible_prior_is_refused():

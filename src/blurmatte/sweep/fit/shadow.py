@@ -42,8 +42,9 @@ def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, Ca
     """A disc with its own shadow, if that is possible and likelier than the disc alone."""
     coarse = disc.observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
     on_coarse = disc.on(coarse)
-    straight = on_coarse.along(LINE)
-    starts = (on_coarse,) if straight is on_coarse else (straight, on_coarse)
+    straight, prior = on_coarse.along(LINE), disc.observation.prior
+    is_known = prior is not None and prior.path is not None  # else a shadow may have bent it
+    starts = (on_coarse,) if is_known or straight is on_coarse else (straight, on_coarse)
     fits = [_alternated(start, None, bounds, ShadowSearch.coarse_rounds) for start in starts]
     best, cast = min(fits, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / variance_inflation(best)
