@@ -18,6 +18,7 @@ equations of independent noise as preconditioner.
 """
 
 from collections.abc import Callable
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -30,15 +31,23 @@ from blurmatte.deblurring.total_variation import edge_weights
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
 
 Array = npt.NDArray[np.float64]
-Linearized = tuple[Array, Callable[[Array], Array]]
+
+
+class _Linearized(NamedTuple):
+    """Gradient (n, 3) of a log likelihood, products with its curvature, and the reduced χ²."""
+
+    gradient: Array
+    curvature: Callable[[Array], Array]
+    misfit: float
+
 
 _STEPS = 7
 _TOLERANCE = 0.01  # of the residual of conjugate gradients, relative
 _MAX_PRODUCTS = 100  # of conjugate gradients
 
 
-def compressed_color(state: Explained, lattice: Lattice, fit: GaussianFit) -> Array:
-    """(n, 3) straight color, from a fit under independent noise with its total variation."""
+def compressed_color(state: Explained, lattice: Lattice, fit: GaussianFit) -> tuple[Array, float]:
+    """(n, 3) straight color, from a fit under independent noise with its total variation; and s."""
     from scipy.sparse import csr_matrix
     from scipy.sparse.linalg import LinearOperator, cg
 
@@ -57,12 +66,14 @@ def compressed_color(state: Explained, lattice: Lattice, fit: GaussianFit) -> Ar
         data = [_linearized(*part, color, fit.noise_scale) for part in parts]
         prior = fit.strength * edge_weights(color, lattice)[:, None]
 
-        def product(x: Array, data: list[Linearized] = data, prior: Array = prior) -> Array:
+        def product(x: Array, data: list[_Linearized] = data, prior: Array = prior) -> Array:
             """The curvature times a vector."""
             x = x.reshape(shape)
-            return np.asarray((sum(f(x) for _, f in data) + D.T @ (prior * (D @ x))).ravel())
+            return np.asarray(
+                (sum(one.curvature(x) for one in data) + D.T @ (prior * (D @ x))).ravel()
+            )
 
-        gradient = sum(g for g, _ in data) - D.T @ (prior * (color[i] - color[j]))
+        gradient = sum(one.gradient for one in data) - D.T @ (prior * (color[i] - color[j]))
         size = color.size, color.size
         step, _ = cg(
             LinearOperator(size, product, dtype=float),
@@ -72,19 +83,21 @@ def compressed_color(state: Explained, lattice: Lattice, fit: GaussianFit) -> Ar
             M=LinearOperator(size, inverse, dtype=float),
         )
         color = color + step.reshape(shape)
-    return color
+    return color, float(np.mean([one.misfit for one in data]))
 
 
-def _linearized(view: View, A: Sparse, weight: Array, color: Array, scale: float) -> Linearized:
-    """Gradient (n, 3) of the log likelihood of a view at a color, and products with its curvature."""
+def _linearized(view: View, A: Sparse, weight: Array, color: Array, scale: float) -> _Linearized:
+    """The log likelihood of a view about a color."""
     if view.stored is not None:
         return _of_file(view, view.stored, A, color)
     alpha = np.asarray(A.sum(axis=1)).ravel()
     gradient = A.T @ (weight * (view.light(alpha) - A @ color)) / scale
-    return np.asarray(gradient), lambda x: np.asarray(A.T @ (weight * (A @ x))) / scale
+    return _Linearized(
+        np.asarray(gradient), lambda x: np.asarray(A.T @ (weight * (A @ x))) / scale, scale
+    )
 
 
-def _of_file(view: View, stored: StoredCodes, A: Sparse, color: Array) -> Linearized:
+def _of_file(view: View, stored: StoredCodes, A: Sparse, color: Array) -> _Linearized:
     z, shape = stored.coefficients, (*view.pixels.shape, 3)
     alpha = np.asarray(A.sum(axis=1))
     through, own = (1 - alpha), A @ color
@@ -106,4 +119,4 @@ def _of_file(view: View, stored: StoredCodes, A: Sparse, color: Array) -> Linear
         weighted = [a * b / scale for a, b in zip(w, values, strict=True)]
         return np.asarray(A.T @ (slope * z.adjoint(weighted).reshape(-1, 3)))
 
-    return back(r), lambda x: back(z.of((slope * (A @ x)).reshape(shape)))
+    return _Linearized(back(r), lambda x: back(z.of((slope * (A @ x)).reshape(shape))), scale)

@@ -64,15 +64,20 @@ class Explained:
 
 
 def explained(
-    views: Sequence[View], lattice: Lattice | Sphere, weights: Sequence[Array] | None = None
+    views: Sequence[View],
+    lattice: Lattice | Sphere,
+    weights: Sequence[Array] | None = None,
+    around: bool = False,
 ) -> Explained:
     """The color that explains views, with the likeliest strength of its prior.
 
-    Evidences of two motions compare under the same weights.
+    Evidences of two motions compare under the same weights: without any, those of the streaks and, on
+    demand, of the pixels around them.
     """
     blurs = [view.blur(lattice) for view in views]
     if weights is None:
-        weights = [view.weight(blur.alpha) for view, blur in zip(views, blurs, strict=True)]
+        pairs = zip(views, blurs, strict=True)
+        weights = [view.weight(blur.alpha, around) for view, blur in pairs]
     equations = _equations(views, blurs, weights, lattice)
     fit = fit_gaussian(equations, lattice)
     return Explained(tuple(views), tuple(blurs), tuple(weights), equations, fit)
@@ -97,38 +102,52 @@ def _equations(
     return summed([view.equations(blur, lattice, weight) for view, blur, weight in parts])
 
 
-def refined(views: Sequence[View], lattice: Lattice | Sphere, steps: int = MAX_STEPS) -> Explained:
-    """The views with the likeliest paths, shapes and spins, and their covariance, by some steps."""
-    first = state = explained(views, lattice)
-    prior = [np.asarray(np.linalg.pinv(view.covariance, hermitian=True), float) for view in views]
+def refined(
+    views: Sequence[View],
+    lattice: Lattice | Sphere,
+    steps: int = MAX_STEPS,
+    weights: Sequence[Array] | None = None,
+) -> Explained:
+    """The views with the likeliest paths, shapes and spins, and their covariance, by some steps.
+
+    Without weights the pixels around a flat object are data of its motion, not of its color.
+    """
+    around = weights is None and isinstance(lattice, Lattice)
+    first = state = explained(views, lattice, weights, around)
     for _ in range(steps):
-        information, gradient = _information(state, first, lattice, prior)
+        information, gradient = information_of(state, first, lattice)
         step = np.asarray(np.linalg.solve(information, gradient), float)
-        better = _along(state, step, first, lattice, prior)
+        better = _along(state, step, first, lattice)
         if better is None:
             break
-        gain = _objective(better, first, prior) - _objective(state, first, prior)
+        gain = objective(better, first) - objective(state, first)
         state = better
         if gain < _LEAST_GAIN:
             break
     covariance = np.asarray(np.linalg.inv(information), float)  # before the last, small, step
-    views = _with_covariance(state.views, covariance)
-    if state is first:
-        return replace(first, views=tuple(views))
+    state = replace(state, views=tuple(_with_covariance(state.views, covariance)))
+    if around:
+        state = _within_streak(state, lattice)
+    elif state is first:
+        return state
     Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
-    fit = refit_strength(state.equations, Q, state.fit.strength)
-    return replace(state, views=tuple(views), fit=fit)
+    return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
+
+
+def _within_streak(state: Explained, lattice: Lattice | Sphere) -> Explained:
+    """The equations of the pixels that see the object, with the refined error of alpha."""
+    views = tuple(view.with_error_of_alpha() for view in state.views)
+    pairs = zip(views, state.blurs, strict=True)
+    weights = tuple(view.weight(blur.alpha) for view, blur in pairs)
+    equations = _equations(views, state.blurs, weights, lattice)
+    return replace(state, views=views, weights=weights, equations=equations)
 
 
 def _along(
-    state: Explained,
-    step: Array,
-    first: Explained,
-    lattice: Lattice | Sphere,
-    prior: Sequence[Array],
+    state: Explained, step: Array, first: Explained, lattice: Lattice | Sphere
 ) -> Explained | None:
     """The state after a step, a half or a quarter of it; None if none is better."""
-    before = _objective(state, first, prior)
+    before = objective(state, first)
     for part in (1.0, 0.5, 0.25):
         ends = np.cumsum([len(view.parameters) for view in state.views])[:-1]
         moved = [
@@ -136,28 +155,34 @@ def _along(
             for view, own in zip(state.views, np.split(step, ends), strict=True)
         ]
         after = _moved(moved, first, lattice)
-        if _objective(after, first, prior) > before:
+        if objective(after, first) > before:
             return after
     return None
 
 
-def _objective(state: Explained, first: Explained, prior: Sequence[Array]) -> float:
+def objective(state: Explained, first: Explained) -> float:
     """The objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2."""
     total = state.fit.log_evidence
-    for view, known, precision in zip(state.views, first.views, prior, strict=True):
+    for view, known in zip(state.views, first.views, strict=True):
         away = view.parameters - known.parameters
-        total -= float(away @ precision @ away) / 2
+        total -= float(away @ _precision(known) @ away) / 2
     return total
 
 
-def _information(
-    state: Explained, first: Explained, lattice: Lattice | Sphere, prior: Sequence[Array]
+def _precision(view: View) -> Array:
+    """Σ⁻¹ (k, k); 0 for parameters that are fixed."""
+    return np.asarray(np.linalg.pinv(view.covariance, hermitian=True), float)
+
+
+def information_of(
+    state: Explained, first: Explained, lattice: Lattice | Sphere
 ) -> tuple[Array, Array]:
     """Information about the parameters of all views, and the gradient of the objective."""
     s, color = state.fit.noise_scale, state.fit.normal.mean
     blocks, gradients, rights = [], [], []
-    views = zip(state.views, first.views, state.blurs, state.weights, prior, strict=True)
-    for view, known, (A, alpha), weight, precision in views:
+    views = zip(state.views, first.views, state.blurs, state.weights, strict=True)
+    for view, known, (A, alpha), weight in views:
+        precision = _precision(known)
         if isinstance(lattice, Sphere):
             spread = weight * (A.toarray() @ state.fit.normal.inverse())
             J, volume = _derivatives_on_sphere(view, color, lattice, spread)
@@ -180,9 +205,10 @@ def _information(
 
 def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     """J (pixels, 3, k) by differences over a small step of each parameter."""
+    count = view.moment_count(_DERIVATIVE_STEP_PX)
 
     def model(moved: View) -> Array:
-        poses = poses_of(moved.sweep, count=moved.moment_count(_DERIVATIVE_STEP_PX))
+        poses = poses_of(moved.sweep, count=count)
         alpha, light = blurred(color, moved.sweep, lattice, view.pixels, poses)
         return light - alpha[:, None] * view.B
 

@@ -11,11 +11,12 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.deblurring.compressed import compressed_color
-from blurmatte.deblurring.gaussian import GaussianFit
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
 from blurmatte.deblurring.refine import explained, refined
+from blurmatte.deblurring.residual_correlation import color_variance_inflation
+from blurmatte.deblurring.revise import revised
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.total_variation import fit_total_variation
@@ -31,6 +32,7 @@ Array = npt.NDArray[np.float64]
 
 
 _MAX_WORK = 4e8  # operations of a Cholesky factor: a disc of 40 pixels on a line
+MAX_MISFIT = 2.0  # of light that a motion explains: twice the variance of the noise
 _COARSE_STEP_PX = 2.0  # of motion between two moments, to estimate a bandwidth
 
 
@@ -49,8 +51,9 @@ class Sharp:
     node_std : (n, 3) float
         Its standard deviation.
     misfit : float
-        Reduced χ² of the residuals: about 1 or less if motion and noise explain the pictures, more if
-        not. The standard deviations are scaled by it.
+        Reduced χ² of the residuals, for files of known compression of their coefficients: about 1 or
+        less if motion and noise explain the pictures, more if not. The variances of color and path
+        are scaled by that of the pixels, and by the correlation of the residuals.
     spin : Spin, optional
         Of a ball that turns in space, refined.
     """
@@ -174,7 +177,8 @@ def deblur(
     sweep : Sweep or sequence of them
         The motion in each image: `fit_sweep`, or `Solution.sweep`.
     refine : bool
-        Refine path, shape and spin by the evidence of the light.
+        Refine path, shape and spin by the evidence of the light; a sweep that it contradicts is
+        replaced.
     spin : Spin, optional
         How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it.
         Without a spin, a ball shows one side.
@@ -186,7 +190,7 @@ def deblur(
     Warns
     -----
     BlurmatteWarning
-        If a sweep has a `rejection`.
+        If a sweep has a `rejection`, or the residuals have more than twice the variance of the noise.
 
     Raises
     ------
@@ -204,22 +208,25 @@ def deblur(
         )
     if spin is not None:
         sweeps = [_refined_with(spin, sweeps)]
-    pictures = zip(images, plates, sweeps, strict=True)
-    views = [_checked_view(*one, spin) for one in pictures]
+    pictures = list(zip(images, plates, sweeps, strict=True))
     with threadpool_limits(1):  # blocks of a band are small: threads wait longer than they work
+        views = [_checked_view(*one, spin, refine) for one in pictures]
         return _explained_by(views, refine and (spin is None or spin.sweep is None))
 
 
-def _checked_view(image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None) -> View:
+def _checked_view(
+    image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None, refine: bool
+) -> View:
     """The view of one picture; TypeError or ValueError for arguments that do not belong together."""
     check_picture("image", image)
     check_picture("plate", plate)
     check_kind("sweep", sweep, Sweep, "use blurmatte.fit_sweep(image, plate)")
     check_same_size("the sweep", sweep.size, "the image", image.size)
     check_same_size("the plate", plate.size, "the image", image.size)
-    if spin is None:  # a texture that turns leaves residuals
-        _warn_if_rejected(sweep)
-    return View.of(*with_noise(image, plate), sweep, spin)
+    pair = with_noise(image, plate)
+    if spin is None and refine:
+        sweep = revised(*pair, sweep)
+    return View.of(*pair, sweep, spin)
 
 
 def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
@@ -235,19 +242,34 @@ def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
     lattice = _affordable(views)
     state = refined(views, lattice) if refine else explained(views, lattice)
     fit = fit_total_variation(state.equations, lattice, state.fit)
+    inflation = color_variance_inflation(state, fit)
+    color, misfit = fit.normal.mean, fit.noise_scale
     if isinstance(lattice, Lattice) and any(view.stored is not None for view in views):
-        normal = replace(fit.normal, mean=compressed_color(state, lattice, fit))
-        fit = replace(fit, normal=normal)
-    return _sharp(state.views, lattice, fit)
+        color, misfit = compressed_color(state, lattice, fit)
+    std = np.sqrt(inflation * fit.noise_scale * fit.normal.variances())
+    sweeps = tuple(
+        replace(view.sweep, covariance=inflation * view.sweep.covariance) for view in state.views
+    )
+    sharp = Sharp(sweeps, lattice, color, std, misfit, views[0].spin)
+    _warn_if_doubtful(sharp)
+    return sharp
 
 
-def _warn_if_rejected(sweep: Sweep) -> None:
-    if sweep.rejection:
-        warnings.warn(
-            f"the fit of the sweep {sweep.rejection}: an object deblurred along it may be wrong",
-            BlurmatteWarning,
-            stacklevel=5,
+def _warn_if_doubtful(sharp: Sharp) -> None:
+    """Warn of sweeps that were rejected, and of light that no motion of this kind explains."""
+    reasons = [
+        f"the fit of the sweep {sweep.rejection}: an object deblurred along it may be wrong"
+        for sweep in sharp.sweeps
+        if sweep.rejection and sharp.spin is None  # a texture that turns leaves residuals
+    ]
+    if sharp.misfit > MAX_MISFIT:
+        reasons.append(
+            f"the motion does not explain the light: residuals have {sharp.misfit:.1f} times the "
+            "variance of the noise. The path may be wrong, a shadow may touch the object, or a ball "
+            "may spin (blurmatte.fit_spin): do not trust details of its color"
         )
+    for reason in reasons:
+        warnings.warn(reason, BlurmatteWarning, stacklevel=4)
 
 
 def _affordable(views: Sequence[View]) -> Lattice | Sphere:
@@ -293,9 +315,3 @@ def deblur_solution(solution: Solution) -> Sharp:
     picture = LinearImage(light, variance, known)
     nothing = np.zeros_like(light)
     return deblur(picture, LinearImage(nothing, nothing), solution.sweep, refine=False)
-
-
-def _sharp(views: Sequence[View], lattice: Lattice | Sphere, fit: GaussianFit) -> Sharp:
-    std = np.sqrt(fit.noise_scale * fit.normal.variances())
-    sweeps = tuple(view.sweep for view in views)
-    return Sharp(sweeps, lattice, fit.normal.mean, std, fit.noise_scale, views[0].spin)

@@ -34,7 +34,7 @@ from blurmatte.sweep.sweep import Sweep
 Array = npt.NDArray[np.float64]
 
 MODEL_STD = 0.003  # δ, linear light
-_LARGEST_STEP = 0.02  # for derivatives with a spin: pixels, radians, fractions
+_LARGEST_STEP = 0.02  # for derivatives: pixels, radians, fractions
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,10 +106,17 @@ class View:
 
     @classmethod
     def of(
-        cls, image: LinearImage, plate: LinearImage, sweep: Sweep, spin: Spin | None = None
+        cls,
+        image: LinearImage,
+        plate: LinearImage,
+        sweep: Sweep,
+        spin: Spin | None = None,
+        margin: int = 0,
     ) -> "View":
-        """The box of a sweep in two pictures whose noise is known."""
-        box = sweep.box
+        """The box of a sweep, and a margin (pixels), in two pictures whose noise is known."""
+        (x0, y0, x1, y1), (width, height) = sweep.box, sweep.size
+        near = max(x0 - margin, 0), max(y0 - margin, 0)
+        box = (*near, min(x1 + margin, width), min(y1 + margin, height))
         image, plate = image.crop(box), sweep.in_shadow(plate.crop(box), box)
         stored = StoredCodes.of(image, plate)
         image = sweep.before_file(image, plate, box)
@@ -165,8 +172,7 @@ class View:
     @property
     def steps(self) -> Array:
         """(k,) small changes of the parameters for derivatives; 0 for those that are fixed."""
-        largest = np.inf if self.spin is None else _LARGEST_STEP
-        return np.asarray(np.minimum(np.sqrt(np.diag(self.covariance)), largest))
+        return np.asarray(np.minimum(np.sqrt(np.diag(self.covariance)), _LARGEST_STEP))
 
     def moved(self, parameters: Array, covariance: Array | None = None) -> "View":
         """The same pixels, other parameters, and their covariance (k, k) if it is another."""
@@ -178,6 +184,12 @@ class View:
             rotation, shading = of_spin[:3], of_spin[3:]
             spin = replace(spin, rotation=rotation, shading=shading, covariance=covariance[m:, m:])
         return replace(self, sweep=sweep, spin=spin)
+
+    def with_error_of_alpha(self) -> "View":
+        """The view with the error of alpha of its sweep, which has moved."""
+        (h, w), (x, y) = self.pixels.shape, self.pixels.origin
+        box = int(x), int(y), int(x) + w, int(y) + h
+        return replace(self, alpha_std=self.sweep.within(box)[1].ravel())
 
     def moment_count(self, step: float = MAX_STEP_PX) -> int:
         """Number of moments, at most `step` pixels of the view apart."""
@@ -206,12 +218,15 @@ class View:
         through, error = (1 - alpha)[:, None] ** 2, self.alpha_std[:, None] * (self.B - mean)
         return np.asarray(self.C_variance + through * self.B_variance + error**2 + MODEL_STD**2)
 
-    def weight(self, alpha: Array) -> Array:
-        """(h w, 3) inverse variance of P, 0 outside the streak; (h w, 1), of the mean, for a spin."""
+    def weight(self, alpha: Array, around: bool = False) -> Array:
+        """(h w, 3) inverse variance of P; (h w, 1), of the mean, for a spin.
+
+        0 outside the streak, unless the pixels around it are data of its motion.
+        """
         variance = self.variance(alpha)
         if self.spin is not None:  # one factor instead of three: they are not banded
             variance = variance.mean(axis=1, keepdims=True)
-        return np.where((self.valid & (alpha > 0))[:, None], 1 / variance, 0)
+        return np.where((self.valid & (around | (alpha > 0)))[:, None], 1 / variance, 0)
 
     def equations(self, blur: Blur, lattice: Lattice | Sphere, weight: Array) -> NormalEquations:
         """Normal equations of the straight color."""

@@ -1,0 +1,156 @@
+"""Sweeps that the light contradicts: other motions of the same object, found in coarse pictures.
+
+A fit of a sweep may stop at a wrong maximum, with a wrong length or a growth that compensates it, and
+a small covariance. The evidence of the light of any color, see `refine`, shows this, if the pixels
+around the streak are data as well. In pictures of blocks of pixels its maxima are wide.
+
+With the gradient g of log Z and the information H under a wide prior, the evidence can increase by
+about gᵀ H⁻¹ g / 2. If that is decisive, a disc of constant size is refined from the sweep, then one
+that grows; if the path moves far, from other lengths and from the sweep as it was fitted, too. Motions
+compare by their Laplace approximation
+
+    log Z(θ) + log (det C / det Σ) / 2,
+
+with the prior Σ, which is flat between them, and the posterior covariance C.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.refine import Explained, explained, information_of, refined
+from blurmatte.deblurring.view import View
+from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.sweep.sweep import Diagnostics, Sweep
+
+Array = npt.NDArray[np.float64]
+
+_RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
+_MAX_STEPS = 20
+_SCALES = (1.0, 0.7, 1.4)  # of paths to start from
+_FAR = 0.1  # change of the path, of the radius, from which other starts are tried
+# Of the covariance in coarse pictures: blocks blur edges, and the same light counts again
+_PRIOR_INFLATION = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class _Level:
+    """A picture of blocks of pixels, the lattice and the weights of all motions in it."""
+
+    view: View
+    lattice: Lattice
+    weights: list[Array]
+
+    @classmethod
+    def of(cls, view: View, by: int) -> "_Level":
+        coarse, lattice = view.coarser(by), Lattice.of(view.sweep, by)
+        alpha = coarse.blur(lattice).alpha
+        return cls(coarse, lattice, [coarse.weight(alpha, around=True)])
+
+    def start(self, sweep: Sweep) -> Explained:
+        """The light explained by a sweep."""
+        return explained([replace(self.view, sweep=sweep)], self.lattice, self.weights)
+
+    def refined(self, sweep: Sweep) -> Explained:
+        """The light explained by the likeliest sweep from this one."""
+        view = replace(self.view, sweep=sweep)
+        return refined([view], self.lattice, _MAX_STEPS, self.weights)
+
+
+@dataclass(frozen=True, eq=False)
+class _Motion:
+    """A refined sweep with its posterior covariance, and its log evidence."""
+
+    sweep: Sweep
+    log_evidence: float
+
+    @classmethod
+    def of(cls, state: Explained, prior: Array) -> "_Motion":
+        sweep, free = state.views[0].sweep, np.diag(prior) > 0
+        volumes = [np.linalg.slogdet(C[np.ix_(free, free)])[1] for C in (sweep.covariance, prior)]
+        return cls(sweep, state.fit.log_evidence + float(volumes[0] - volumes[1]) / 2)
+
+
+def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
+    """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
+    view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius)))
+    coarse, fine = (_Level.of(view, max(1, round(sweep.radius / radius))) for radius in _RADII)
+    start = fine.start(_wide(sweep, grows=True))
+    information, gradient = information_of(start, start, fine.lattice)
+    if gradient @ np.linalg.solve(information, gradient) / 2 < DECISIVE_LOG_BAYES_FACTOR:
+        return sweep
+    steady = _wide(sweep, grows=False)
+    found = _grown([fine], [steady])
+    if any(_is_far(one.sweep, sweep) for one in found):
+        found = _grown([coarse, fine], _scaled(steady))
+        if sweep.silhouette.changes:
+            found.append(_refined([coarse, fine], [_wide(sweep, grows=True)]))
+    best = max(found, key=lambda one: one.log_evidence)
+    if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
+        return sweep
+    blur = sweep.diagnostics.chroma_blur
+    return replace(
+        best.sweep,
+        covariance=_PRIOR_INFLATION * best.sweep.covariance,
+        diagnostics=Diagnostics(chroma_blur=blur),
+    )
+
+
+def _grown(levels: list[_Level], starts: list[Sweep]) -> list[_Motion]:
+    """The likeliest motion from some starts, and for a disc one that grows."""
+    found = [_refined(levels, starts)]
+    if starts[0].silhouette.order == 1:
+        found.append(_refined(levels[-1:], [_wide(found[0].sweep, grows=True)]))
+    return found
+
+
+def _refined(levels: list[_Level], starts: list[Sweep]) -> _Motion:
+    """The likeliest motion from sweeps whose covariance is the prior, through finer pictures."""
+    prior = starts[0].covariance
+    for level in levels:
+        state = max(map(level.refined, starts), key=lambda one: one.fit.log_evidence)
+        starts = [replace(state.views[0].sweep, covariance=prior)]
+    return _Motion.of(state, prior)
+
+
+def _is_far(sweep: Sweep, other: Sweep) -> bool:
+    """True if the paths differ by a part of the radius, or the radii do."""
+    ends = np.array([0.0, 1.0])
+    apart = np.abs(sweep.family.at(sweep.path, ends)[0] - other.family.at(other.path, ends)[0])
+    return bool(max(apart.max(), abs(sweep.radius - other.radius)) > _FAR * other.radius)
+
+
+def _scaled(sweep: Sweep) -> list[Sweep]:
+    """The sweep, and others whose paths are shorter and longer."""
+    points = 2 * (len(sweep.path) // 2)
+    xy = sweep.path[:points].reshape(-1, 2)
+    middle, found = xy.mean(axis=0), []
+    for scale in _SCALES:
+        path = sweep.path.copy()
+        path[:points] = (middle + scale * (xy - middle)).ravel()
+        found.append(replace(sweep, path=path))
+    return found
+
+
+def _wide(sweep: Sweep, grows: bool) -> Sweep:
+    """The sweep with a wide prior: its path is known to a radius. Discs grow or do not.
+
+    Objects move in any direction, with a focal length of at least the picture's size: the growth of one
+    that moves by a part of the picture is of that order.
+    """
+    n, silhouette = len(sweep.path), sweep.silhouette
+    largest = max(float(np.diag(sweep.covariance)[:n].max()), 1e-9)
+    covariance = sweep.covariance * (sweep.radius**2 / largest)
+    if silhouette.order > 1 or silhouette.changes == grows:
+        return replace(sweep, covariance=covariance)
+    other = replace(silhouette, changes=grows)
+    if grows:
+        covariance = np.insert(np.insert(covariance, n + 1, 0, axis=0), n + 1, 0, axis=1)
+        covariance[n + 1, n + 1] = (sweep.length / max(sweep.size)) ** 2
+    else:
+        covariance = np.delete(np.delete(covariance, n + 1, axis=0), n + 1, axis=1)
+    shape = other.like(silhouette, sweep.shape)
+    return replace(sweep, silhouette=other, shape=shape, covariance=covariance)
