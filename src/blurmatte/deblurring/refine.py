@@ -37,7 +37,7 @@ from blurmatte.deblurring.view import View
 
 Array = npt.NDArray[np.float64]
 
-_LEAST_GAIN = 0.5  # of the log evidence by a step
+_LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
 MAX_STEPS = 8
 _DERIVATIVE_STEP_PX = 1.0  # motion between two moments: derivatives only direct the steps
 
@@ -117,14 +117,13 @@ def refined(
     for _ in range(steps):
         information, gradient = information_of(state, first, lattice)
         step = np.asarray(np.linalg.solve(information, gradient), float)
+        if gradient @ step / 2 < _LEAST_GAIN:
+            break
         better = _along(state, step, first, lattice)
         if better is None:
             break
-        gain = objective(better, first) - objective(state, first)
         state = better
-        if gain < _LEAST_GAIN:
-            break
-    covariance = np.asarray(np.linalg.inv(information), float)  # before the last, small, step
+    covariance = np.asarray(np.linalg.inv(information), float)
     state = replace(state, views=tuple(_with_covariance(state.views, covariance)))
     if around:
         state = _within_streak(state, lattice)
