@@ -67,17 +67,15 @@ def explained(
     views: Sequence[View],
     lattice: Lattice | Sphere,
     weights: Sequence[Array] | None = None,
-    around: bool = False,
 ) -> Explained:
     """The color that explains views, with the likeliest strength of its prior.
 
-    Evidences of two motions compare under the same weights: without any, those of the streaks and, on
-    demand, of the pixels around them.
+    Evidences of two motions compare under the same weights.
     """
     blurs = [view.blur(lattice) for view in views]
     if weights is None:
         pairs = zip(views, blurs, strict=True)
-        weights = [view.weight(blur.alpha, around) for view, blur in pairs]
+        weights = [view.weight(blur.alpha) for view, blur in pairs]
     equations = _equations(views, blurs, weights, lattice)
     fit = fit_gaussian(equations, lattice)
     return Explained(tuple(views), tuple(blurs), tuple(weights), equations, fit)
@@ -110,10 +108,9 @@ def refined(
 ) -> Explained:
     """The views with the likeliest paths, shapes and spins, and their covariance, by some steps.
 
-    Without weights the pixels around a flat object are data of its motion, not of its color.
+    Without weights they are those of the first motion, then, for a flat object, of the refined one.
     """
-    around = weights is None and isinstance(lattice, Lattice)
-    first = state = explained(views, lattice, weights, around)
+    first = state = explained(views, lattice, weights)
     for _ in range(steps):
         information, gradient = information_of(state, first, lattice)
         step = np.asarray(np.linalg.solve(information, gradient), float)
@@ -125,10 +122,8 @@ def refined(
         state = better
     covariance = np.asarray(np.linalg.inv(information), float)
     state = replace(state, views=tuple(_with_covariance(state.views, covariance)))
-    if around:
+    if weights is None and isinstance(lattice, Lattice):
         state = _within_streak(state, lattice)
-    elif state is first:
-        return state
     Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
     return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
 

@@ -32,6 +32,7 @@ _RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
 _MAX_STEPS = 20
 _SCALES = (1.0, 0.7, 1.4)  # of paths to start from
 _FAR = 0.1  # change of the path, of the radius, from which other starts are tried
+_HELD_STD_PX = 1e-3  # of parameters that are held
 # Of the covariance in coarse pictures: blocks blur edges, and the same light counts again
 _PRIOR_INFLATION = 100.0
 
@@ -91,11 +92,13 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     best = max(found, key=lambda one: one.log_evidence)
     if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
         return sweep
-    blur = sweep.diagnostics.chroma_blur
+    wider = np.full(len(best.sweep.covariance), np.sqrt(_PRIOR_INFLATION))
+    for k in _held(sweep):
+        wider[k] = np.sqrt(sweep.covariance[k, k] / best.sweep.covariance[k, k])
     return replace(
         best.sweep,
-        covariance=_PRIOR_INFLATION * best.sweep.covariance,
-        diagnostics=Diagnostics(chroma_blur=blur),
+        covariance=best.sweep.covariance * wider * wider[:, None],
+        diagnostics=Diagnostics(chroma_blur=sweep.diagnostics.chroma_blur),
     )
 
 
@@ -135,6 +138,15 @@ def _scaled(sweep: Sweep) -> list[Sweep]:
     return found
 
 
+def _held(sweep: Sweep) -> list[int]:
+    """Indices of the parameters that a fit with known colors knows better than coarse pictures do.
+
+    The blur of the rim, and the radius: light of any color may have that of the plate at the rim.
+    """
+    soft = [-1] if sweep.silhouette.soft else []
+    return soft if sweep.model.rank == 3 else [len(sweep.path), *soft]
+
+
 def _wide(sweep: Sweep, grows: bool) -> Sweep:
     """The sweep with a wide prior: its path is known to a radius. Discs grow or do not.
 
@@ -142,8 +154,11 @@ def _wide(sweep: Sweep, grows: bool) -> Sweep:
     that moves by a part of the picture is of that order.
     """
     n, silhouette = len(sweep.path), sweep.silhouette
-    largest = max(float(np.diag(sweep.covariance)[:n].max()), 1e-9)
-    covariance = sweep.covariance * (sweep.radius**2 / largest)
+    wider = np.full(len(sweep.covariance), sweep.radius)
+    wider /= np.sqrt(max(np.diag(sweep.covariance)[:n].max(), 1e-9))
+    for k in _held(sweep):
+        wider[k] = _HELD_STD_PX / np.sqrt(sweep.covariance[k, k])
+    covariance = sweep.covariance * wider * wider[:, None]
     if silhouette.order > 1 or silhouette.changes == grows:
         return replace(sweep, covariance=covariance)
     other = replace(silhouette, changes=grows)
