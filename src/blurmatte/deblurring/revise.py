@@ -79,21 +79,22 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
     view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius)))
     coarse, fine = (_Level.of(view, max(1, round(sweep.radius / radius))) for radius in _RADII)
-    start = fine.start(_wide(sweep, grows=True))
+    held = _held(view)
+    start = fine.start(_wide(sweep, held, grows=True))
     information, gradient = information_of(start, start, fine.lattice)
     if gradient @ np.linalg.solve(information, gradient) / 2 < DECISIVE_LOG_BAYES_FACTOR:
         return sweep
-    steady = _wide(sweep, grows=False)
-    found = _grown([fine], [steady])
+    steady = _wide(sweep, held, grows=False)
+    found = _grown([fine], [steady], held)
     if any(_is_far(one.sweep, sweep) for one in found):
-        found = _grown([coarse, fine], _scaled(steady))
+        found = _grown([coarse, fine], _scaled(steady), held)
         if sweep.silhouette.changes:
-            found.append(_refined([coarse, fine], [_wide(sweep, grows=True)]))
+            found.append(_refined([coarse, fine], [_wide(sweep, held, grows=True)]))
     best = max(found, key=lambda one: one.log_evidence)
     if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
         return sweep
     wider = np.full(len(best.sweep.covariance), np.sqrt(_PRIOR_INFLATION))
-    for k in _held(sweep):
+    for k in held:
         wider[k] = np.sqrt(sweep.covariance[k, k] / best.sweep.covariance[k, k])
     return replace(
         best.sweep,
@@ -102,11 +103,11 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     )
 
 
-def _grown(levels: list[_Level], starts: list[Sweep]) -> list[_Motion]:
+def _grown(levels: list[_Level], starts: list[Sweep], held: list[int]) -> list[_Motion]:
     """The likeliest motion from some starts, and for a disc one that grows."""
     found = [_refined(levels, starts)]
     if starts[0].silhouette.order == 1:
-        found.append(_refined(levels[-1:], [_wide(found[0].sweep, grows=True)]))
+        found.append(_refined(levels[-1:], [_wide(found[0].sweep, held, grows=True)]))
     return found
 
 
@@ -138,16 +139,18 @@ def _scaled(sweep: Sweep) -> list[Sweep]:
     return found
 
 
-def _held(sweep: Sweep) -> list[int]:
-    """Indices of the parameters that a fit with known colors knows better than coarse pictures do.
+def _held(view: View) -> list[int]:
+    """Indices of the parameters that the fit knows better than light of any color in coarse pictures.
 
-    The blur of the rim, and the radius: light of any color may have that of the plate at the rim.
+    The blur of the rim; and the radius, if the fit knows the colors or the file blurs them: at the rim
+    light of any color may be that of the plate.
     """
+    sweep = view.sweep
     soft = [-1] if sweep.silhouette.soft else []
-    return soft if sweep.model.rank == 3 else [len(sweep.path), *soft]
+    return soft if sweep.model.rank == 3 and view.stored is None else [len(sweep.path), *soft]
 
 
-def _wide(sweep: Sweep, grows: bool) -> Sweep:
+def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
     """The sweep with a wide prior: its path is known to a radius. Discs grow or do not.
 
     Objects move in any direction, with a focal length of at least the picture's size: the growth of one
@@ -156,7 +159,7 @@ def _wide(sweep: Sweep, grows: bool) -> Sweep:
     n, silhouette = len(sweep.path), sweep.silhouette
     wider = np.full(len(sweep.covariance), sweep.radius)
     wider /= np.sqrt(max(np.diag(sweep.covariance)[:n].max(), 1e-9))
-    for k in _held(sweep):
+    for k in held:
         wider[k] = _HELD_STD_PX / np.sqrt(sweep.covariance[k, k])
     covariance = sweep.covariance * wider * wider[:, None]
     if silhouette.order > 1 or silhouette.changes == grows:
