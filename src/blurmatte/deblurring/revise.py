@@ -11,7 +11,8 @@ compare by their Laplace approximation
 
     log Z(θ) + log (det C / det Σ) / 2,
 
-with the prior Σ, which is flat between them, and the posterior covariance C.
+with the prior Σ, which is flat between them, and the posterior covariance C. If none explains the
+light, only the path is refined.
 """
 
 from dataclasses import dataclass, replace
@@ -63,16 +64,18 @@ class _Level:
 
 @dataclass(frozen=True, eq=False)
 class _Motion:
-    """A refined sweep with its posterior covariance, and its log evidence."""
+    """A refined sweep with its posterior covariance, its log evidence, and its reduced χ²."""
 
     sweep: Sweep
     log_evidence: float
+    misfit: float
 
     @classmethod
     def of(cls, state: Explained, prior: Array) -> "_Motion":
         sweep, free = state.views[0].sweep, np.diag(prior) > 0
         volumes = [np.linalg.slogdet(C[np.ix_(free, free)])[1] for C in (sweep.covariance, prior)]
-        return cls(sweep, state.fit.log_evidence + float(volumes[0] - volumes[1]) / 2)
+        evidence = state.fit.log_evidence + float(volumes[0] - volumes[1]) / 2
+        return cls(sweep, evidence, state.fit.noise_scale)
 
 
 def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
@@ -91,6 +94,10 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
         if sweep.silhouette.changes:
             found.append(_refined([coarse, fine], [_wide(sweep, held, grows=True)]))
     best = max(found, key=lambda one: one.log_evidence)
+    if best.misfit > 1:  # a shape of another size may hide what is wrong: a spin, or a shadow
+        held = list(range(len(sweep.path), len(sweep.covariance)))
+        starts = _scaled(_wide(sweep, held, sweep.silhouette.changes))
+        best = _refined([coarse, fine], starts)
     if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
         return sweep
     wider = np.full(len(best.sweep.covariance), np.sqrt(_PRIOR_INFLATION))
