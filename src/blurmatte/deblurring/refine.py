@@ -37,7 +37,7 @@ from blurmatte.deblurring.view import View
 
 Array = npt.NDArray[np.float64]
 
-_LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
+LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
 MAX_STEPS = 8
 _DERIVATIVE_STEP_PX = 1.0  # motion between two moments: derivatives only direct the steps
 
@@ -105,16 +105,18 @@ def refined(
     lattice: Lattice | Sphere,
     steps: int = MAX_STEPS,
     weights: Sequence[Array] | None = None,
+    least_gain: float = LEAST_GAIN,
 ) -> Explained:
     """The views with the likeliest paths, shapes and spins, and their covariance, by some steps.
 
-    Without weights they are those of the first motion, then, for a flat object, of the refined one.
+    They end where a step is expected to increase the log evidence by less than the least gain. Without
+    weights they are those of the first motion, then, for a flat object, of the refined one.
     """
     first = state = explained(views, lattice, weights)
     for _ in range(steps):
         information, gradient = information_of(state, first, lattice)
         step = np.asarray(np.linalg.solve(information, gradient), float)
-        if gradient @ step / 2 < _LEAST_GAIN:
+        if gradient @ step / 2 < least_gain:
             break
         better = _along(state, step, first, lattice)
         if better is None:

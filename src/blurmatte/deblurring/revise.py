@@ -31,6 +31,7 @@ Array = npt.NDArray[np.float64]
 
 _RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
 _MAX_STEPS = 20
+_LEAST_GAIN = 2.0  # of the log evidence by a step: the path is refined again
 _SCALES = (1.0, 0.7, 1.4)  # of paths to start from
 _FAR = 0.1  # change of the path, of the radius, from which other starts are tried
 _HELD_STD_PX = 1e-3  # of parameters that are held
@@ -59,7 +60,7 @@ class _Level:
     def refined(self, sweep: Sweep) -> Explained:
         """The light explained by the likeliest sweep from this one."""
         view = replace(self.view, sweep=sweep)
-        return refined([view], self.lattice, _MAX_STEPS, self.weights)
+        return refined([view], self.lattice, _MAX_STEPS, self.weights, _LEAST_GAIN)
 
 
 @dataclass(frozen=True, eq=False)

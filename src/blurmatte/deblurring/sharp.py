@@ -263,10 +263,11 @@ def _warn_if_doubtful(sharp: Sharp) -> None:
         if sweep.rejection and sharp.spin is None  # a texture that turns leaves residuals
     ]
     if sharp.misfit > MAX_MISFIT:
+        spin = ", or a ball may spin (blurmatte.fit_spin)" if sharp.spin is None else ""
         reasons.append(
             f"the motion does not explain the light: residuals have {sharp.misfit:.1f} times the "
-            "variance of the noise. The path may be wrong, a shadow may touch the object, or a ball "
-            "may spin (blurmatte.fit_spin): do not trust details of its color"
+            f"variance of the noise. The path may be wrong, a shadow may touch the object{spin}: "
+            "do not trust details of its color"
         )
     for reason in reasons:
         warnings.warn(reason, BlurmatteWarning, stacklevel=4)
