@@ -29,14 +29,19 @@ from blurmatte.sweep.sweep import Diagnostics, Sweep
 
 Array = npt.NDArray[np.float64]
 
-_RADII = (3.0, 6.0)  # of the object in coarse pictures, blocks
-_MAX_STEPS = 20
-_LEAST_GAIN = 2.0  # of the log evidence by a step: the path is refined again
-_SCALES = (1.0, 0.7, 1.4)  # of paths to start from
-_FAR = 0.1  # change of the path, of the radius, from which other starts are tried
-_HELD_STD_PX = 1e-3  # of parameters that are held
-# Of the covariance in coarse pictures: blocks blur edges, and the same light counts again
-_PRIOR_INFLATION = 100.0
+
+@dataclass(frozen=True)
+class RevisionSettings:
+    """Settings of the search for other motions."""
+
+    radii: tuple[float, float] = (3.0, 6.0)  # of the object in coarse pictures, blocks
+    max_steps: int = 20
+    least_gain: float = 2.0  # of the log evidence by a step: the path is refined again
+    scales: tuple[float, ...] = (1.0, 0.7, 1.4)  # of paths to start from
+    far: float = 0.1  # change of the path, of the radius, from which other starts are tried
+    held_std_px: float = 1e-3  # of parameters that are held
+    # Of the covariance in coarse pictures: blocks blur edges, and the same light counts again
+    prior_inflation: float = 100.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -60,7 +65,13 @@ class _Level:
     def refined(self, sweep: Sweep) -> Explained:
         """The light explained by the likeliest sweep from this one."""
         view = replace(self.view, sweep=sweep)
-        return refined([view], self.lattice, _MAX_STEPS, self.weights, _LEAST_GAIN)
+        return refined(
+            [view],
+            self.lattice,
+            RevisionSettings.max_steps,
+            self.weights,
+            RevisionSettings.least_gain,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +93,9 @@ class _Motion:
 def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
     view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius)))
-    coarse, fine = (_Level.of(view, max(1, round(sweep.radius / radius))) for radius in _RADII)
+    coarse, fine = (
+        _Level.of(view, max(1, round(sweep.radius / radius))) for radius in RevisionSettings.radii
+    )
     held = _held(view)
     start = fine.start(_wide(sweep, held, grows=True))
     information, gradient = information_of(start, start, fine.lattice)
@@ -101,7 +114,7 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
         best = _refined([coarse, fine], starts)
     if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
         return sweep
-    wider = np.full(len(best.sweep.covariance), np.sqrt(_PRIOR_INFLATION))
+    wider = np.full(len(best.sweep.covariance), np.sqrt(RevisionSettings.prior_inflation))
     for k in held:
         wider[k] = np.sqrt(sweep.covariance[k, k] / best.sweep.covariance[k, k])
     return replace(
@@ -132,7 +145,9 @@ def _is_far(sweep: Sweep, other: Sweep) -> bool:
     """True if the paths differ by a part of the radius, or the radii do."""
     ends = np.array([0.0, 1.0])
     apart = np.abs(sweep.family.at(sweep.path, ends)[0] - other.family.at(other.path, ends)[0])
-    return bool(max(apart.max(), abs(sweep.radius - other.radius)) > _FAR * other.radius)
+    return bool(
+        max(apart.max(), abs(sweep.radius - other.radius)) > RevisionSettings.far * other.radius
+    )
 
 
 def _scaled(sweep: Sweep) -> list[Sweep]:
@@ -140,7 +155,7 @@ def _scaled(sweep: Sweep) -> list[Sweep]:
     points = 2 * (len(sweep.path) // 2)
     xy = sweep.path[:points].reshape(-1, 2)
     middle, found = xy.mean(axis=0), []
-    for scale in _SCALES:
+    for scale in RevisionSettings.scales:
         path = sweep.path.copy()
         path[:points] = (middle + scale * (xy - middle)).ravel()
         found.append(replace(sweep, path=path))
@@ -168,7 +183,7 @@ def _wide(sweep: Sweep, held: list[int], grows: bool) -> Sweep:
     wider = np.full(len(sweep.covariance), sweep.radius)
     wider /= np.sqrt(max(np.diag(sweep.covariance)[:n].max(), 1e-9))
     for k in held:
-        wider[k] = _HELD_STD_PX / np.sqrt(sweep.covariance[k, k])
+        wider[k] = RevisionSettings.held_std_px / np.sqrt(sweep.covariance[k, k])
     covariance = sweep.covariance * wider * wider[:, None]
     if silhouette.order > 1 or silhouette.changes == grows:
         return replace(sweep, covariance=covariance)
