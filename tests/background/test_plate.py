@@ -131,6 +131,43 @@ def test_quarter_of_free_frames_suffices_against_changing_light(scene):
     assert np.mean(np.abs(z) > 4) < 0.01
 
 
+def coded(path, lights, crf):
+    """A clip of H.264: noise of a code value and rounding, then quantization."""
+    av = pytest.importorskip("av")
+    rng = np.random.default_rng(0)
+    with av.open(str(path), "w") as target:
+        stream = target.add_stream("libx264", rate=25, options={"crf": str(crf), "threads": "1"})
+        stream.height, stream.width = lights[0].shape[:2]
+        stream.pix_fmt = "yuv420p"
+        for light in lights:
+            codes = 255 * SRGB.encode(light) + rng.normal(0, 1, light.shape)
+            codes = np.clip(np.rint(codes), 0, 255).astype(np.uint8)
+            target.mux(stream.encode(av.VideoFrame.from_ndarray(codes, format="rgb24")))
+        target.mux(stream.encode())
+    return read_frames(path, SRGB)
+
+
+@pytest.mark.parametrize(("resting", "crf"), [(10, 20), (14, 23), (12, 28)])
+def test_plate_of_h264_with_an_object_that_rests_and_moves_on(tmp_path, resting, crf):
+    # honest: frames repeat blocks, so that their errors do not average out
+    rng = np.random.default_rng(8)
+    rough = 0.6 * colorful_plate((192, 128), 3, tile=24) * rng.uniform(0.6, 1, (128, 192, 1))
+    scene, lights, at_rest = (0.1 + rough).astype(np.float32), [], np.s_[30:60, 20:50]
+    for number in range(32):
+        light, x = scene.copy(), 20 + 12 * max(number - resting, 0)
+        light[30:60, x : x + 30] = BALL
+        lights.append(light)
+    fit = make_plate(coded(tmp_path / "clip.mp4", lights, crf))
+    shown = np.mean([frame.rgb for frame in coded(tmp_path / "true.mp4", [scene] * 16, 0)], axis=0)
+    error, std = fit.plate.rgb - shown, np.sqrt(fit.plate.variance + fit.coding_variance)
+    valid, free = fit.plate.valid, np.ones((128, 192), bool)
+    free[30:60, 20:] = False
+    assert valid[free].mean() > 0.95
+    assert np.mean(valid[at_rest] & (np.abs(error / std) > 5).any(axis=-1)[at_rest]) < 0.002
+    assert 0.7 < np.sqrt(np.mean((error / std)[valid & free] ** 2)) < 1.3
+    assert np.sqrt(np.mean((error / std)[valid & ~free] ** 2)) < 1.3
+
+
 def test_ambiguous_pixels_are_not_valid(scene):
     # honest: an object rests in one place half of the time, another place changes all the time
     rng = np.random.default_rng(6)

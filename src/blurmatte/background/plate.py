@@ -22,7 +22,7 @@ from blurmatte.background.robust_mean import (
 from blurmatte.background.samples import Samples, take_samples
 from blurmatte.checks import Bools, Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LINEAR, LinearImage, Meta, rounding_variance
+from blurmatte.radiometry import LINEAR, CodingError, LinearImage, Meta, rounding_variance
 
 
 @dataclass(frozen=True)
@@ -54,11 +54,15 @@ class PlateFit:
         Fraction of the frames in which the pixel was free; 0 where it is unknown.
     gain : (N, 3) float
         Light of each frame over that of the plate, per channel.
+    coding_variance : (H, W, 3) float32, optional
+        Of errors that a codec leaves in all frames alike, light²; None if not known. Frames of the clip
+        do not differ from the plate by them, so that they are not in its variance; the scene does.
     """
 
     plate: LinearImage
     coverage: Floats
     gain: Floats
+    coding_variance: Floats | None = None
 
     def __repr__(self) -> str:
         return f"PlateFit({self.plate!r}, {len(self.gain)} frames)"
@@ -84,7 +88,8 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     -------
     PlateFit
         The plate, its coverage, and the gain of each frame. The variance includes the correlation of
-        video noise in time, and the rounding to code values that noise does not average out.
+        video noise in time, and the rounding to code values that noise does not average out. Of H.264
+        and MPEG it also holds the variance of what quantization took from all frames.
 
     Raises
     ------
@@ -105,10 +110,11 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     if samples.are_all:
         return _of_samples(samples)
     rows, count = slice(0, samples.light.size[1]), samples.count
-    modes = find_modes(samples, find_restlessness(samples), rows)
+    modes, coding = find_modes(samples, find_restlessness(samples), rows), samples.coding
     del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
-    return _plate_fit(_estimates(sums, modes, next(iter(frames)).meta), sums.gain)
+    file = _FileError(next(iter(frames)).meta, coding)
+    return _plate_fit(_estimates(sums, modes, file), sums.gain)
 
 
 def _of_samples(samples: Samples) -> PlateFit:
@@ -116,9 +122,10 @@ def _of_samples(samples: Samples) -> PlateFit:
     (width, height), settings = samples.light.size, PlateSettings
     restless = find_restlessness(samples)
     gains = gains_of_samples(samples, restless)
-    meta = next(samples.light.bands(slice(0, 1))).meta
+    file = _FileError(next(samples.light.bands(slice(0, 1))).meta, samples.coding)
     light, noise = np.empty((2, height, width, 3), np.float32)
-    whole = light, noise, np.empty((height, width), bool), np.empty((height, width), np.float32)
+    shared = None if file.coding is None else np.empty_like(light)
+    valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
     for start in range(0, height, rows := max(settings.band_pixels // width, 1)):
         inner = slice(start, min(start + rows, height))
         outer = slice(
@@ -128,27 +135,44 @@ def _of_samples(samples: Samples) -> PlateFit:
         modes = find_modes(samples, restless, outer)
         sums = sum_frames(samples.light.bands(outer), modes, samples.count, gains)
         part = slice(inner.start - outer.start, inner.stop - outer.start)
-        for to, estimate in zip(whole, _estimates(sums, modes, meta), strict=True):
-            to[inner] = estimate[part]
-    return _plate_fit(whole, gains)
+        estimates = _estimates(sums, modes, file, outer.start)
+        for to, estimate in zip((light, noise, valid, coverage, shared), estimates, strict=True):
+            if to is not None and estimate is not None:
+                to[inner] = estimate[part]
+    return _plate_fit((light, noise, valid, coverage, shared), gains)
 
 
-Estimates = tuple[Floats, Floats, Bools, Floats]
+Estimates = tuple[Floats, Floats, Bools, Floats, Floats | None]
 
 
 def _plate_fit(estimates: Estimates, gains: Sequence[Floats]) -> PlateFit:
-    light, noise, valid, coverage = estimates
+    light, noise, valid, coverage, shared = estimates
     if not valid.any():
         raise PlateError(
             "no pixel of the background was found: none has the same unclipped light in enough "
             "frames; give more frames, or some without the object"
         )
     meta = Meta(source=f"plate of {len(gains)} frames")
-    return PlateFit(LinearImage(light, noise, valid, meta), coverage, np.array(gains))
+    plate = LinearImage(light, noise, valid, meta)
+    return PlateFit(plate, coverage, np.array(gains), shared)
 
 
-def _estimates(sums: Sums, modes: Modes, meta: Meta) -> Estimates:
-    """Light, its variance, whether it is valid, and coverage; `meta` is that of a frame."""
+@dataclass(frozen=True)
+class _FileError:
+    """What determines the errors of code values."""
+
+    meta: Meta  # of a frame
+    coding: CodingError | None
+
+    def rounding(self, light: Floats) -> Floats:
+        """Variance by rounding in one frame, at each light; 0 if it held floats."""
+        if self.meta.levels is None:
+            return np.zeros_like(light)
+        return rounding_variance(light, self.meta.levels, self.meta.transfer or LINEAR)
+
+
+def _estimates(sums: Sums, modes: Modes, file: _FileError, first_row: int = 0) -> Estimates:
+    """Light, its variance, whether it is valid, coverage, and the variance that all frames share."""
     count, settings = len(sums.gain), PlateSettings
     _, free, clipped, close, rival = np.moveaxis(sums.counts, -1, 0)
     known = (free > settings.majority * count) | (rival <= settings.max_rival_ratio * close)
@@ -156,15 +180,23 @@ def _estimates(sums: Sums, modes: Modes, meta: Meta) -> Estimates:
     valid = known & (clipped <= settings.max_clipped_fraction * free)
     rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
     noise = np.empty_like(modes.light)
+    shared = None if file.coding is None else np.empty_like(modes.light)
     for c in range(3):  # one at a time saves memory
-        rounding = _rounding(rgb[..., c], meta)
-        noise[..., c] = _variance(sums, c, known, modes.variance[..., c], rounding)
+        usual, rounding = modes.variance[..., c], file.rounding(rgb[..., c])
+        noise[..., c], scatter = _variance(sums, c, known, usual, rounding)
+        if file.coding is not None and shared is not None:
+            coding = file.coding.variance(rgb[..., c], c, first_row)
+            shared[..., c] = coding * _kept_rounding(scatter / np.maximum(coding, 1e-14))
     coverage = np.where(known, free / count, 0).astype(np.float32)
-    return rgb.astype(np.float32), noise, valid, coverage
+    return rgb.astype(np.float32), noise, valid, coverage, shared
 
 
-def _variance(sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats) -> Floats:
-    """(H, W) variance of a channel of B: v / n, times the inflation by correlation, and rounding.
+def _variance(
+    sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats
+) -> tuple[Floats, Floats]:
+    """(H, W) variance of a channel of B, and the mean v around each pixel.
+
+    The first is v / n, times the inflation by correlation, and rounding.
 
     Averages over neighbors are in units of the variance `usual` of a frame. Noise of video is
     correlated in time, so batches of n consecutive frames are compared (batch means; P. Welch, 1983):
@@ -188,14 +220,7 @@ def _variance(sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats)
     )
     inflation = np.maximum(of_batches / np.maximum(white, 1e-14), 1)
     kept = _kept_rounding(local / np.maximum(rounding, 1e-14))
-    return np.asarray(v * inflation / n + rounding * kept + 1e-14)
-
-
-def _rounding(light: Floats, meta: Meta) -> Floats:
-    """Variance by rounding in one frame, at each light; 0 if it held floats."""
-    if meta.levels is None:
-        return np.zeros_like(light)
-    return rounding_variance(light, meta.levels, meta.transfer or LINEAR)
+    return np.asarray(v * inflation / n + rounding * kept + 1e-14), local
 
 
 def _window_mean(values: Floats, weight: Floats, side: int) -> Floats:
@@ -208,7 +233,7 @@ def _window_mean(values: Floats, weight: Floats, side: int) -> Floats:
 
 
 def _kept_rounding(scatter: Floats) -> Floats:
-    """Fraction of the variance 1/12 of rounding that a mean over frames keeps.
+    """Fraction of the variance 1/12 of rounding that a mean over frames keeps; of a quantizer alike.
 
     Noise of a standard deviation σ, in code values, dithers the rounding: the variance
     b = Σ exp(−(2πkσ)²) / 2π²k² remains, and the rounded values scatter by σ² + 1/12 − b (from the

@@ -46,22 +46,34 @@ class Modes:
 
 
 def find_restlessness(samples: Samples) -> Floats:
-    """(H, W) float32 inflation λ of the noise of a frame at each pixel."""
+    """(H, W) float32 inflation λ of the noise of a frame at each pixel.
+
+    That of the differences of samples, or if it is larger, that of the errors of a codec: frames repeat
+    a block, until it is quantized anew.
+    """
     from scipy.ndimage import uniform_filter
 
     from blurmatte.background import robust_mean_kernel as kernel
 
     width, height = samples.light.size
     restless, noise = np.empty((height, width), np.float32), _coefficients(samples)
+    coded = np.ones((height, width), np.float32)
 
     def inflation(rows: slice) -> None:
         """Noise inflation of some rows."""
-        kernel.find_restlessness(_flat(samples, rows), noise, restless[rows].reshape(-1))
+        flat = _flat(samples, rows)
+        kernel.find_restlessness(flat, noise, restless[rows].reshape(-1))
+        if samples.coding is not None:
+            light = flat[len(flat) // 2].reshape(-1, width, 3)
+            noise_variance = samples.noise.variance(light)
+            for c in range(3):
+                variance = samples.coding.variance(light[..., c], c, rows.start)
+                coded[rows] += variance / (3 * noise_variance[..., c])
 
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
         list(pool.map(inflation, _strips(0, height)))
     restless = uniform_filter(restless, MeanSettings.restlessness_window_px)
-    return np.asarray(np.clip(restless, 1, MeanSettings.max_restlessness))
+    return np.asarray(np.maximum(np.clip(restless, 1, MeanSettings.max_restlessness), coded))
 
 
 def find_modes(samples: Samples, restless: Floats, rows: slice) -> Modes:

@@ -16,7 +16,7 @@ import numpy.typing as npt
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Box, Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.radiometry import CodingError, LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.statistics import MAD_TO_STD
 
@@ -85,6 +85,7 @@ class Samples:
     few: Floats  # (K, 3, n) float: light of the pixels of `gain_grid`
     names: Sequence[str]  # of the frames, for errors
     count: int  # number of frames of the clip
+    coding: CodingError | None  # that all frames share
 
     @property
     def are_all(self) -> bool:
@@ -109,7 +110,8 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
     noise = _noise([(rows[i], rows[k]) for i, k in _pairs(len(light))])
     gain = _gains(small, noise)
     _check_drift(gain, names)
-    return Samples(light, gain, noise, small, names, count)
+    coding = frames.coding_error() if isinstance(frames, CodedSequence) else None
+    return Samples(light, gain, noise, small, names, count, coding)
 
 
 def max_coded_samples(pixels: int, bytes_per_pixel: int) -> int:

@@ -30,6 +30,7 @@ from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame
+from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
 
@@ -224,19 +225,19 @@ def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
         dst_color_range=like.color_range if _is_planar(like) else None,
         threads=1,
     )
-    planes = _planes(frame)
-    return CodedFrame(-1, None, planes, _zero(like), 1.0, lambda box, every: picture.crop(box))
+    planes = planes_of(frame)
+    return CodedFrame(-1, None, planes, zero_of(like), 1.0, lambda box, every: picture.crop(box))
 
 
 def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) -> CodedFrame:
     """A `VideoFrame` as code values; its light is converted when it is first asked for."""
-    same = frame if _is_planar(frame) else frame.reformat(format="yuv420p", threads=1)
+    same = planar(frame)
     time, size = clip.timing.of(frame), 3 if clip.bits <= 8 else 6
     luma, blue, red = (
-        np.ascontiguousarray(clip.orientation.upright(plane)) for plane in _planes(same)
+        np.ascontiguousarray(clip.orientation.upright(plane)) for plane in planes_of(same)
     )
     light_of = _LightOf(clip, table, number, time, frame)
-    return CodedFrame(number, time, (luma, blue, red), _zero(same), 1.0, light_of, size)
+    return CodedFrame(number, time, (luma, blue, red), zero_of(same), 1.0, light_of, size)
 
 
 class _LightOf:
@@ -266,7 +267,12 @@ def _is_planar(frame: Any) -> bool:
     return frame.format.name in ("yuv420p", "yuvj420p")
 
 
-def _planes(frame: Any) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
+def planar(frame: Any) -> Any:
+    """A `VideoFrame` with the planes of `CodedFrame`: itself, if it has these."""
+    return frame if _is_planar(frame) else frame.reformat(format="yuv420p", threads=1)
+
+
+def planes_of(frame: Any) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray[Any]]:
     """Views of luma and both chroma planes of a frame of 4:2:0 and 8 bits."""
     luma, blue, red = (
         np.frombuffer(plane, np.uint8).reshape(plane.height, plane.line_size)[:, : plane.width]
@@ -275,7 +281,12 @@ def _planes(frame: Any) -> tuple[npt.NDArray[Any], npt.NDArray[Any], npt.NDArray
     return luma, blue, red
 
 
-def _zero(frame: Any) -> tuple[float, float, float]:
+def luma_weights(frame: Any) -> tuple[float, float, float]:
+    """Of the matrix of a `VideoFrame`, if it is that of BT.601 or BT.709."""
+    return LUMA_WEIGHTS_709 if _stated_matrix(frame) == H273.BT709 else LUMA_WEIGHTS
+
+
+def zero_of(frame: Any) -> tuple[float, float, float]:
     """Code values of black and of gray."""
     from av.video.reformatter import ColorRange
 

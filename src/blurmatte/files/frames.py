@@ -17,6 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import MAX_PIXELS, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import moved_together, replacing
+from blurmatte.files.clip_quantization import coding_error
 from blurmatte.files.clip_reading import (
     Clip,
     coded_picture,
@@ -35,6 +36,7 @@ from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
+from blurmatte.radiometry.transform_coding import CodingError
 
 Frame = TypeVar("Frame", LinearImage, Layer)
 Codes = npt.NDArray[np.uint8]
@@ -173,6 +175,10 @@ class Frames(Sequence[Frame]):
     def as_codes(self, picture: LinearImage) -> CodedFrame:
         """A picture of the same scene in the code values of the frames."""
         return coded(-1, picture) if self.clip is None else coded_picture(self.clip, picture)
+
+    def coding_error(self) -> CodingError | None:
+        """Errors that a codec leaves in all frames where nothing moves; None if not known."""
+        return None if self.clip is None else coding_error(self.clip, self.numbers)
 
 
 def read_frames(

@@ -26,3 +26,4 @@ from blurmatte.radiometry.transfer import REC709 as REC709
 from blurmatte.radiometry.transfer import SRGB as SRGB
 from blurmatte.radiometry.transfer import Transfer as Transfer
 from blurmatte.radiometry.transfer import gamma as gamma
+from blurmatte.radiometry.transform_coding import CodingError as CodingError

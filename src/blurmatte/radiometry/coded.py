@@ -13,6 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Box
 from blurmatte.radiometry.image import LinearImage
+from blurmatte.radiometry.transform_coding import CodingError
 
 Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
 
@@ -71,6 +72,10 @@ class CodedSequence(Protocol):
 
     def as_codes(self, picture: LinearImage) -> CodedFrame:
         """A picture of the same scene in the code values of the frames."""
+        ...
+
+    def coding_error(self) -> CodingError | None:
+        """Errors that a codec leaves in all frames where nothing moves; None if not known."""
         ...
 
     def parts(self, first: int, length: int) -> Iterator[slice]:

@@ -11,14 +11,22 @@ from blurmatte.radiometry.transfer import SRGB
 Matrix3 = tuple[tuple[float, ...], ...]
 
 LUMA_WEIGHTS = 0.299, 0.587, 0.114  # of R', G', B': ITU-R BT.601, as in JPEG files
-_RED, _, _BLUE = np.eye(3)
-YCBCR = np.stack(  # (3, 3) R'G'B' → Y', Cb, Cr, all of the same range
-    [
-        LUMA_WEIGHTS,
-        (_BLUE - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[2]),
-        (_RED - LUMA_WEIGHTS) / (2 - 2 * LUMA_WEIGHTS[0]),
-    ]
-)
+LUMA_WEIGHTS_709 = 0.2126, 0.7152, 0.0722  # the same: ITU-R BT.709
+
+
+def ycbcr_matrix(luma_weights: tuple[float, float, float]) -> npt.NDArray[np.float64]:
+    """(3, 3) R'G'B' → Y', Cb, Cr, all of the same range."""
+    red, _, blue = np.eye(3)
+    return np.stack(
+        [
+            luma_weights,
+            (blue - luma_weights) / (2 - 2 * luma_weights[2]),
+            (red - luma_weights) / (2 - 2 * luma_weights[0]),
+        ]
+    )
+
+
+YCBCR = ycbcr_matrix(LUMA_WEIGHTS)
 
 
 def light_in_srgb(light: Floats, to_srgb: Matrix3 | None) -> Floats:

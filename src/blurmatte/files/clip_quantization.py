@@ -1,0 +1,90 @@
+"""The error of a clip's code values by the quantizers of its codec.
+
+FFmpeg exports the quantizers of H.264 and of MPEG-1, 2 and 4 with the frames that it decodes.
+"""
+
+import gc
+from collections.abc import Callable, Sequence
+from itertools import islice
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.files.clip_decoding import opened
+from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
+from blurmatte.radiometry.color_space import ycbcr_matrix
+from blurmatte.radiometry.transform_coding import BLOCK, CodingError, quantization_variance
+
+Array = npt.NDArray[np.float64]
+
+_FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
+_MACROBLOCK = 16  # pixels
+# By number of FFmpeg's AVVideoEncParamsType: steps of an orthonormal transform, from the numbers of
+# quantizers. H.264: 0.625 at 0, doubled by 6 more [ITU-T H.264, 8.5.9]. MPEG: twice the number.
+_STEPS: dict[int, Callable[[Array], Array]] = {
+    1: lambda q: 0.625 * 2 ** (q / 6),
+    2: lambda q: 2 * q,
+}
+
+
+def coding_error(clip: Clip, numbers: Sequence[int]) -> CodingError | None:
+    """The error that frames of a clip share where nothing moves; None if it is not known.
+
+    The median of up to three groups of frames: objects change it in few.
+    """
+    if clip.decoder or not numbers:
+        return None
+    few = (numbers[0], numbers[len(numbers) // 2], numbers[-1])
+    groups = [_of_group(clip, key) for key in sorted({clip.timing.key_before(n) for n in few})]
+    known = [blocks for blocks in groups if blocks is not None]
+    if not known:
+        return None
+    blocks = clip.orientation.upright(np.median(known, axis=0).astype(np.float32))
+    return CodingError(np.ascontiguousarray(blocks), clip.size, clip.encoding.curves[0])
+
+
+def _of_group(clip: Clip, key: int) -> Array | None:
+    """(h, w, 3) variance of R'G'B' codes, white is 1, of the finest of some frames from a key frame on.
+
+    Frames after it repeat its blocks or refine them, and coarser quantizers do not.
+    """
+    finest, found = np.inf, None
+    with opened(clip.path) as (container, stream):
+        stream.codec_context.options = {"export_side_data": "venc_params"}
+        stream.codec_context.thread_count = 1
+        if key > 0:
+            container.seek(int(clip.timing.stamps[key]), stream=stream)
+        for frame in islice(container.decode(stream), _FRAMES_OF_GROUP):
+            step = _steps(frame)
+            if step is not None and (coarseness := float(np.mean(step**2))) < finest:
+                finest, found = coarseness, _variance(clip, frame, step)
+    gc.collect()  # side data keeps its frame in memory
+    return found
+
+
+def _steps(frame: Any) -> Array | None:
+    """Step of each macroblock's quantizer, in code values of the frame; None if it is not stated."""
+    stated = frame.side_data.get("VIDEO_ENC_PARAMS")
+    if stated is None or not stated.nb_blocks or int(stated.codec_type) not in _STEPS:
+        return None
+    return _STEPS[int(stated.codec_type)](np.array(stated.qp_map(), float))
+
+
+def _variance(clip: Clip, frame: Any, step: Array) -> Array:
+    """(h, w, 3) variance of R'G'B' codes, white is 1, in blocks of luma."""
+    step, same = step * 2.0 ** (8 - clip.bits), planar(frame)
+    full = zero_of(same)[0] == 0
+    of_planes = []
+    for number, plane in enumerate(planes_of(same)):
+        h, w = (-(-side // BLOCK) for side in plane.shape)
+        repeats = 1 if number else _MACROBLOCK // BLOCK
+        of_block = np.kron(step, np.ones((repeats, repeats)))[:h, :w]
+        variance = quantization_variance(plane, of_block)
+        if number:
+            variance = np.asarray(np.kron(variance, np.ones((2, 2))))
+        scale = 255 if full else 224 if number else 219
+        of_planes.append(variance / scale**2)
+    h, w = of_planes[0].shape
+    planes = np.stack([one[:h, :w] for one in of_planes], axis=-1)
+    return np.asarray(planes @ (np.linalg.inv(ycbcr_matrix(luma_weights(same))).T ** 2))

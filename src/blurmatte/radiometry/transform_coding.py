@@ -1,0 +1,126 @@
+"""Errors that a video codec leaves in a scene at rest: quantized coefficients of a transform.
+
+A codec predicts each block, and transforms and quantizes the residual. Where nothing moves, later
+frames repeat the block or refine it, so that the error is the same in all of them: no comparison of
+frames shows it. In this file c is a coefficient of an orthonormal cosine transform in units of the
+quantizer's step, l the integer that is coded for it, and σ the standard deviation of c. Encoders round
+towards zero,
+
+    l = floor(|c| + 1/3),
+
+as reference encoders of H.264 do in key frames, and c has a Laplace distribution. Then E l² and the
+error D = E (|c| − l)² are functions of σ: D tends to 1/9 where coefficients are many steps, and to σ²
+where they are coded as zero (reverse water-filling; Berger, *Rate Distortion Theory*, 1971). The
+decoded picture shows E l², and so D.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.checks import Floats
+from blurmatte.radiometry.transfer import Transfer
+
+Array = npt.NDArray[np.float64]
+BLOCK = 8  # pixels, width of a block of the transform
+ROUNDING_VARIANCE = 1 / 12  # of integers
+
+
+@dataclass(frozen=True)
+class TransformSettings:
+    """Blocks and frequencies over which E l² is averaged, and the rounding of encoders."""
+
+    rounding: float = 1 / 3  # l = floor(|c| + this)
+    group: int = 2  # frequencies, in both directions, of one σ
+    window_blocks: int = 9
+    # Coefficients that are not zero, at a frequency in all windows where all are zero: a bound of σ
+    min_nonzero: float = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class CodingError:
+    """Variance of a clip's code values by quantization, the same in frames that repeat a block.
+
+    Parameters
+    ----------
+    blocks : (h, w, 3) float32
+        Of R'G'B' codes, white is 1, in rectangles that divide the picture evenly.
+    size : (width, height)
+        Of the picture, pixels.
+    transfer : Transfer
+        Of the code values.
+    """
+
+    blocks: npt.NDArray[np.float32]
+    size: tuple[int, int]
+    transfer: Transfer
+
+    def variance(self, light: Floats, channel: int, first_row: int = 0) -> Floats:
+        """(n, W) variance of the light (n, W) of a channel in some rows of the picture, light²."""
+        (width, height), (h, w) = self.size, self.blocks.shape[:2]
+        y = np.arange(first_row, first_row + len(light)) * h // height
+        x = np.arange(width) * w // width
+        slope = self.transfer.slope(np.clip(light, 0, 1))
+        return np.asarray(self.blocks[..., channel][y][:, x] * slope**2)
+
+
+def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array:
+    """(h, w) mean square error of the code values of a decoded plane, for each block.
+
+    Parameters
+    ----------
+    plane : (H, W)
+        Code values.
+    step : (h, w) float
+        Of the quantizer of each block, in code values; h = ⌈H / 8⌉ and w = ⌈W / 8⌉.
+    """
+    from scipy.ndimage import uniform_filter
+
+    settings, (h, w) = TransformSettings, step.shape
+    levels = np.floor(np.abs(_residuals(plane, h, w)) / step[..., None, None] + settings.rounding)
+    group, n = settings.group, BLOCK // settings.group
+    power = np.mean(levels.reshape(h, w, n, group, n, group) ** 2, axis=(3, 5))
+    side = settings.window_blocks
+    power = uniform_filter(power, (side, side, 1, 1), mode="nearest")
+    zero = power < settings.min_nonzero / (group * side) ** 2
+    coefficients = group**2 * np.maximum(zero.sum(axis=(0, 1)), 1)
+    power = np.where(zero, settings.min_nonzero / coefficients, power)
+    known, error = _error_of_power()
+    lost = np.asarray(np.interp(np.log(power), np.log(known), error))
+    least = (ROUNDING_VARIANCE / step**2)[..., None, None]
+    between = lost > least  # the mean of σ² if log σ is uniform from there to the bound
+    lost = np.where(
+        zero & between, (lost - least) / np.log(np.where(between, lost / least, 2)), lost
+    )
+    return np.asarray(lost.mean(axis=(2, 3)) * step**2)
+
+
+def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> Array:
+    """(h, w, 8, 8) coefficients of blocks; of their mean the difference to blocks above and left."""
+    from scipy.fft import dctn
+
+    more = [(0, BLOCK * n - side) for n, side in zip((h, w), plane.shape, strict=True)]
+    whole = np.pad(plane, more, mode="edge").astype(float)
+    blocks = whole.reshape(h, BLOCK, w, BLOCK).transpose(0, 2, 1, 3)
+    coefficients = np.asarray(dctn(blocks, axes=(2, 3), norm="ortho"))
+    mean = coefficients[..., 0, 0].copy()
+    padded = np.pad(mean, ((1, 0), (1, 0)), mode="edge")
+    coefficients[..., 0, 0] = mean - (padded[:-1, 1:] + padded[1:, :-1]) / 2
+    return coefficients
+
+
+@cache
+def _error_of_power() -> tuple[Array, Array]:
+    """E l², increasing, and D of Laplace distributions.
+
+    With b = σ / √2, tₖ = k − f and rounding f, P(l ≥ k) = exp(−tₖ / b), and
+
+        E l² = Σ (2k − 1) exp(−tₖ / b),   E |c| l = Σ (tₖ + b) exp(−tₖ / b),   k = 1, 2, …
+    """
+    b, f = np.geomspace(0.015, 20, 200), TransformSettings.rounding
+    r, scale = np.exp(-1 / b), np.exp(f / b)
+    power = scale * r * (1 + r) / (1 - r) ** 2
+    product = scale * ((b - f) * r / (1 - r) + r / (1 - r) ** 2)
+    return power, 2 * b**2 - 2 * product + power
