@@ -41,8 +41,9 @@ def check_static_camera(
     middle = len(light) // 2
     others = np.unique(np.linspace(0, len(light) - 1, CameraMotionSettings.frames).astype(int))
     worst, at = 0.0, middle
+    a = (light[middle] / gain[middle]).mean(axis=-1, dtype=np.float32)
     for k in others[others != middle]:
-        a, b = ((light[i] / gain[i]).mean(axis=-1, dtype=np.float32) for i in (middle, k))
+        b = (light[k] / gain[k]).mean(axis=-1, dtype=np.float32)
         if (moved := _moved(a, b, variance)) > worst:
             worst, at = moved, int(k)
     if worst > 0:

@@ -241,4 +241,7 @@ def _kept_rounding(scatter: Floats) -> Floats:
     """
     sigma, k = np.linspace(0, 1, 200), np.arange(1, 40)
     b = (np.exp(-((2 * np.pi * np.outer(sigma, k)) ** 2)) / (2 * np.pi**2 * k**2)).sum(-1)
-    return np.asarray(np.interp(scatter, 12 * (sigma**2 + 1 / 12 - b), 12 * b, right=0.0))
+    known, kept = 12 * (sigma**2 + 1 / 12 - b), np.zeros_like(scatter)
+    some = scatter <= known[-1]  # few, in noisy clips
+    kept[some] = np.interp(scatter[some], known, 12 * b)
+    return kept

@@ -34,6 +34,20 @@ def _precision(light, noise, channel, spread):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
+def _smallest(values, rank):  # type: ignore[no-untyped-def]
+    """The value of a rank, from 0; the values are overwritten."""
+    for k in range(1, values.shape[0]):
+        x, j = values[k], min(k, rank)
+        if k > rank and x >= values[rank]:
+            continue
+        while j > 0 and values[j - 1] > x:
+            values[j] = values[j - 1]
+            j -= 1
+        values[j] = x
+    return values[rank]
+
+
+@njit(**_COMPILED)
 def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
     """Write λ: the lower 20 % quantile of D between consecutive samples over that of χ².
 
@@ -48,7 +62,7 @@ def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
             for c in range(3):
                 x, y = samples[k, i, c], samples[k + 1, i, c]
                 D[k] += (y - x) ** 2 * _precision((x + y) / _TWO, noise, c, _TWO)
-        out[i] = np.partition(D, low)[low] / np.float32(1.005)
+        out[i] = _smallest(D, low) / np.float32(1.005)
 
 
 @njit(**_COMPILED)

@@ -16,7 +16,14 @@ import numpy.typing as npt
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Box, Floats
 from blurmatte.errors import PlateError
-from blurmatte.radiometry import CodingError, LinearImage, NoiseModel, check_picture, rounding_noise
+from blurmatte.radiometry import (
+    CodedFrame,
+    CodingError,
+    LinearImage,
+    NoiseModel,
+    check_picture,
+    rounding_noise,
+)
 from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.statistics import MAD_TO_STD
 
@@ -167,32 +174,35 @@ def _equally_spaced(
     """Frames at equal distances; some rows of each that is rounded; names; light of a few pixels."""
     light, names, few = SampledLight([], (1, 1), False), list[str](), list[Floats]()
     rows = dict[int, LinearImage]()
-    for number, frame, light_of in _samples(frames, count):
-        check_picture(f"frame {number}" if names else "the first frame", frame)
+    for number, frame in _samples(frames, count):
         if not names:
-            light = SampledLight([], frame.size, light_of is not None)
-        if frame.size != light.size:
-            raise ValueError(size_error(frame, number, light.size))
-        if light_of is None:
+            light = SampledLight([], frame.size, isinstance(frame, CodedFrame))
+        grid = gain_grid(frame.size[::-1])
+        if isinstance(frame, CodedFrame):
+            image = frame.light((grid[1].start, grid[0].start, *frame.size), grid[0].step)
+            light.parts.append(frame.light_of)
+        else:
+            check_picture(f"frame {number}" if names else "the first frame", frame)
+            if frame.size != light.size:
+                raise ValueError(size_error(frame, number, light.size))
             rows[len(names)] = _noise_rows(frame)
-        light.parts.append(light_of or partial(_part, frame.rgb.astype(np.float16)))
-        names.append(frame_name(frame, number))
-        pixels = frame.rgb[gain_grid(frame.rgb.shape)].astype(float).reshape(-1, 3)
-        few.append(np.ascontiguousarray(pixels.T))
+            image = LinearImage(frame.rgb[grid], meta=frame.meta)
+            light.parts.append(partial(_part, frame.rgb.astype(np.float16)))
+        names.append(frame_name(image, number))
+        few.append(np.ascontiguousarray(image.rgb.astype(float).reshape(-1, 3).T))
     return light, rows, names, few
 
 
 def _samples(
     frames: Iterable[LinearImage], count: int
-) -> Iterator[tuple[int, LinearImage, LightOf | None]]:
-    """Numbers and light of the samples, and where their light is kept without a rounding."""
+) -> Iterator[tuple[int, LinearImage | CodedFrame]]:
+    """Numbers of the samples, and frames as code values where these are kept without a rounding."""
     if count and isinstance(frames, CodedSequence):
         first = next(frames.coded(slice(0, 1)))
         if first.light_bytes:
             width, height = first.size
             which = _spaced(count, max_coded_samples(width * height, first.light_bytes))
-            for number, coded in zip(range(count)[which], frames.coded(which), strict=False):
-                yield number, coded.light(), coded.light_of
+            yield from zip(range(count)[which], frames.coded(which), strict=False)
             return
     one = next(iter(frames), None)
     if one is None:
@@ -203,8 +213,7 @@ def _samples(
         count, int(np.clip(most, SampleSettings.min_samples, SampleSettings.max_samples))
     )
     numbers = range(count)[which]
-    for number, frame in zip(numbers, _every(frames, numbers.start, numbers.step), strict=False):
-        yield number, frame, None
+    yield from zip(numbers, _every(frames, numbers.start, numbers.step), strict=False)
 
 
 def _spaced(count: int, most: int) -> slice:

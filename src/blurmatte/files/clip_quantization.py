@@ -49,7 +49,7 @@ def _of_group(clip: Clip, key: int) -> Array | None:
 
     Frames after it repeat its blocks or refine them, and coarser quantizers do not.
     """
-    finest, found = np.inf, None
+    found: tuple[float, Any, Array] | None = None
     with opened(clip.path) as (container, stream):
         stream.codec_context.options = {"export_side_data": "venc_params"}
         stream.codec_context.thread_count = 1
@@ -57,10 +57,12 @@ def _of_group(clip: Clip, key: int) -> Array | None:
             container.seek(int(clip.timing.stamps[key]), stream=stream)
         for frame in islice(container.decode(stream), _FRAMES_OF_GROUP):
             step = _steps(frame)
-            if step is not None and (coarseness := float(np.mean(step**2))) < finest:
-                finest, found = coarseness, _variance(clip, frame, step)
+            if step is not None and (found is None or np.mean(step**2) < found[0]):
+                found = float(np.mean(step**2)), frame, step
+    variance = None if found is None else _variance(clip, *found[1:])
+    found = None
     gc.collect()  # side data keeps its frame in memory
-    return found
+    return variance
 
 
 def _steps(frame: Any) -> Array | None:
