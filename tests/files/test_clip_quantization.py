@@ -25,9 +25,11 @@ def clip(path, codec, options, count=4):
 @pytest.mark.parametrize(("qp", "step"), [(16, 0.625 * 2 ** (16 / 6)), (28, 0.625 * 2 ** (28 / 6))])
 def test_noise_in_h264_has_the_error_of_its_quantizer(tmp_path, qp, step):
     # exact: white noise has many steps at all frequencies
-    error = clip(
-        tmp_path / "clip.mp4", "libx264", {"x264-params": f"qp={qp}:ipratio=1"}
-    ).coding_error()
+    error = (
+        clip(tmp_path / "clip.mp4", "libx264", {"x264-params": f"qp={qp}:ipratio=1"})
+        .coding_errors()
+        .still
+    )
     assert error.blocks.shape == (6, 8, 3)
     luma = step**2 / 9 / 219**2
     assert error.blocks[..., 1].mean() > luma
@@ -36,14 +38,14 @@ def test_noise_in_h264_has_the_error_of_its_quantizer(tmp_path, qp, step):
 
 def test_quantizers_of_mpeg4_are_known(tmp_path):
     small, large = (
-        clip(tmp_path / f"{q}.avi", "mpeg4", {"qmin": str(q), "qmax": str(q)}).coding_error()
+        clip(tmp_path / f"{q}.avi", "mpeg4", {"qmin": str(q), "qmax": str(q)}).coding_errors().still
         for q in (2, 8)
     )
     assert large.blocks.mean() / small.blocks.mean() == pytest.approx(16, rel=0.2)
 
 
 def test_no_error_is_stated_without_quantizers(tmp_path):
-    assert clip(tmp_path / "clip.avi", "ffv1", {}).coding_error() is None
+    assert clip(tmp_path / "clip.avi", "ffv1", {}).coding_errors() is None
     for k in range(3):
         bm.write(tmp_path / f"p{k}.png", bm.LinearImage(np.full((48, 64, 3), 0.3, np.float32)))
-    assert bm.read_frames(tmp_path / "p#.png").coding_error() is None
+    assert bm.read_frames(tmp_path / "p#.png").coding_errors() is None

@@ -117,8 +117,9 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
     noise = _noise([(rows[i], rows[k]) for i, k in _pairs(len(light))])
     gain = _gains(small, noise)
     _check_drift(gain, names)
-    coding = frames.coding_error() if isinstance(frames, CodedSequence) else None
-    return Samples(light, gain, noise, small, names, count, coding)
+    errors = frames.coding_errors() if isinstance(frames, CodedSequence) else None
+    still = None if errors is None else errors.still
+    return Samples(light, gain, noise, small, names, count, still)
 
 
 def max_coded_samples(pixels: int, bytes_per_pixel: int) -> int:

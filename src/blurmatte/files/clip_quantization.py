@@ -14,7 +14,12 @@ import numpy.typing as npt
 from blurmatte.files.clip_decoding import opened
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
 from blurmatte.radiometry.color_space import ycbcr_matrix
-from blurmatte.radiometry.transform_coding import BLOCK, CodingError, quantization_variance
+from blurmatte.radiometry.transform_coding import (
+    BLOCK,
+    CodingError,
+    CodingErrors,
+    quantization_variance,
+)
 
 Array = npt.NDArray[np.float64]
 
@@ -28,8 +33,8 @@ _STEPS: dict[int, Callable[[Array], Array]] = {
 }
 
 
-def coding_error(clip: Clip, numbers: Sequence[int]) -> CodingError | None:
-    """The error that frames of a clip share where nothing moves; None if it is not known.
+def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
+    """The errors that frames share where nothing moves, and where something does; None if not known.
 
     The median of up to three groups of frames: objects change it in few.
     """
@@ -40,16 +45,25 @@ def coding_error(clip: Clip, numbers: Sequence[int]) -> CodingError | None:
     known = [blocks for blocks in groups if blocks is not None]
     if not known:
         return None
-    blocks = clip.orientation.upright(np.median(known, axis=0).astype(np.float32))
-    return CodingError(np.ascontiguousarray(blocks), clip.size, clip.encoding.curves[0])
+    still, moving = (
+        CodingError(
+            np.ascontiguousarray(clip.orientation.upright(blocks.astype(np.float32))),
+            clip.size,
+            clip.encoding.curves[0],
+        )
+        for blocks in np.median(known, axis=0)
+    )
+    return CodingErrors(still, moving)
 
 
 def _of_group(clip: Clip, key: int) -> Array | None:
-    """(h, w, 3) variance of R'G'B' codes, white is 1, of the finest of some frames from a key frame on.
+    """(2, h, w, 3) variances of R'G'B' codes, white is 1, in some frames from a key frame on.
 
-    Frames after it repeat its blocks or refine them, and coarser quantizers do not.
+    The first is that of the finest frame: those after it repeat its blocks or refine them, and coarser
+    quantizers do not. The second is for the mean squared step of the frames.
     """
-    found: tuple[float, Any, Array] | None = None
+    found: tuple[Any, Array] | None = None
+    squares = list[Array]()
     with opened(clip.path) as (container, stream):
         stream.codec_context.options = {"export_side_data": "venc_params"}
         stream.codec_context.thread_count = 1
@@ -57,12 +71,17 @@ def _of_group(clip: Clip, key: int) -> Array | None:
             container.seek(int(clip.timing.stamps[key]), stream=stream)
         for frame in islice(container.decode(stream), _FRAMES_OF_GROUP):
             step = _steps(frame)
-            if step is not None and (found is None or np.mean(step**2) < found[0]):
-                found = float(np.mean(step**2)), frame, step
-    variance = None if found is None else _variance(clip, *found[1:])
+            if step is not None:
+                squares.append(step**2)
+                if found is None or np.mean(step**2) < np.mean(found[1] ** 2):
+                    found = frame, step
+    variances = None
+    if found is not None:
+        steps = found[1], np.sqrt(np.mean(squares, axis=0))
+        variances = np.stack([_variance(clip, found[0], step) for step in steps])
     found = None
     gc.collect()  # side data keeps its frame in memory
-    return variance
+    return variances
 
 
 def _steps(frame: Any) -> Array | None:

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from blurmatte.checks import MAX_PIXELS, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files.atomic import moved_together, replacing
-from blurmatte.files.clip_quantization import coding_error
+from blurmatte.files.clip_quantization import coding_errors
 from blurmatte.files.clip_reading import (
     Clip,
     coded_picture,
@@ -36,7 +36,7 @@ from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
-from blurmatte.radiometry.transform_coding import CodingError
+from blurmatte.radiometry.transform_coding import CodingErrors
 
 Frame = TypeVar("Frame", LinearImage, Layer)
 Codes = npt.NDArray[np.uint8]
@@ -176,9 +176,9 @@ class Frames(Sequence[Frame]):
         """A picture of the same scene in the code values of the frames."""
         return coded(-1, picture) if self.clip is None else coded_picture(self.clip, picture)
 
-    def coding_error(self) -> CodingError | None:
-        """Errors that a codec leaves in all frames where nothing moves; None if not known."""
-        return None if self.clip is None else coding_error(self.clip, self.numbers)
+    def coding_errors(self) -> CodingErrors | None:
+        """Errors that a codec leaves in the frames; None if not known."""
+        return None if self.clip is None else coding_errors(self.clip, self.numbers)
 
 
 def read_frames(

@@ -13,7 +13,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Box
 from blurmatte.radiometry.image import LinearImage
-from blurmatte.radiometry.transform_coding import CodingError
+from blurmatte.radiometry.transform_coding import CodingErrors
 
 Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.generic]]
 
@@ -74,8 +74,8 @@ class CodedSequence(Protocol):
         """A picture of the same scene in the code values of the frames."""
         ...
 
-    def coding_error(self) -> CodingError | None:
-        """Errors that a codec leaves in all frames where nothing moves; None if not known."""
+    def coding_errors(self) -> CodingErrors | None:
+        """Errors that a codec leaves in the frames; None if not known."""
         ...
 
     def parts(self, first: int, length: int) -> Iterator[slice]:

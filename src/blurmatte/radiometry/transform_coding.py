@@ -41,7 +41,7 @@ class TransformSettings:
 
 @dataclass(frozen=True, eq=False)
 class CodingError:
-    """Variance of a clip's code values by quantization, the same in frames that repeat a block.
+    """Variance of a clip's code values by quantization.
 
     Parameters
     ----------
@@ -64,6 +64,22 @@ class CodingError:
         x = np.arange(width) * w // width
         slope = self.transfer.slope(np.clip(light, 0, 1))
         return np.asarray(self.blocks[..., channel][y][:, x] * slope**2)
+
+
+@dataclass(frozen=True, eq=False)
+class CodingErrors:
+    """Errors of the frames of a clip.
+
+    Parameters
+    ----------
+    still : CodingError
+        Where nothing moves: that of the finest quantizers, which all frames share.
+    moving : CodingError
+        Where something moves, and blocks are quantized anew in each frame.
+    """
+
+    still: CodingError
+    moving: CodingError
 
 
 def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array:

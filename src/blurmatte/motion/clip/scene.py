@@ -14,6 +14,7 @@ from blurmatte.checks import Bools, Box, check_map
 from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain, with_default_noise
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames, in_codes_of
+from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.streaks import Change, Gate
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
@@ -73,6 +74,7 @@ class StaticScene:
             check_map("occluder", hidden, plate.valid.shape, kinds="b")
             plate = replace(plate, valid=plate.valid & ~hidden)
         first, plate = with_noise(frames[0], plate)
+        first = _with_coding_error(first, frames)
         samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
@@ -97,6 +99,20 @@ class StaticScene:
     def _noise_in(self, box: Box) -> Noise:
         x0, y0, x1, y1 = box
         return self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
+
+
+def _with_coding_error(frame: LinearImage, frames: Sequence[LinearImage]) -> LinearImage:
+    """The frame with the noise of blocks that a codec quantizes anew, as where something moves.
+
+    Elsewhere frames repeat the blocks of the plate, so that differences from it do not show that noise.
+    """
+    errors = frames.coding_errors() if isinstance(frames, CodedSequence) else None
+    if errors is None:
+        return frame
+    variance = np.array(frame.variance, np.float32)
+    for c in range(3):
+        variance[..., c] += errors.moving.variance(frame.rgb[..., c], c)
+    return frame.with_noise(variance)
 
 
 def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
