@@ -79,6 +79,13 @@ def test_parts_begin_at_key_frames_that_are_near(tmp_path, distance, ends):
     assert again == list(range(80))
 
 
+def test_frames_before_a_key_frame_are_read_after_it(tmp_path):
+    """Exact: a key frame to which the decoder jumped does not hide those before it."""
+    frames = with_keys_every(tmp_path / "clip.mp4", 80, 12)
+    for k in (0, 48, 3, 72, 60, 59):
+        assert [frame.number for frame in frames[k : k + 1].coded(slice(None))] == [k]
+
+
 def test_numbers_are_those_of_the_source(frames):
     assert [frame.number for frame in frames[30:50].coded(slice(3, 9, 2))] == [33, 35, 37]
 

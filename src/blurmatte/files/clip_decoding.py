@@ -107,6 +107,7 @@ class _OpenClip:
             self.frames = self.container.decode(self.stream)
             self.counts, self.before, self.at = False, -1, -1
             self._read(timing)
+            self.before = self.at - 1  # frames before it are not missing
             if self.at <= key:
                 return
         self.close()
