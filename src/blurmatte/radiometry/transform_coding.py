@@ -57,11 +57,13 @@ class CodingError:
     size: tuple[int, int]
     transfer: Transfer
 
-    def variance(self, light: Floats, channel: int, first_row: int = 0) -> Floats:
-        """(n, W) variance of the light (n, W) of a channel in some rows of the picture, light²."""
+    def variance(
+        self, light: Floats, channel: int, first_row: int = 0, first_column: int = 0
+    ) -> Floats:
+        """(n, m) variance of the light (n, m) of a channel in a box of the picture, light²."""
         (width, height), (h, w) = self.size, self.blocks.shape[:2]
         y = np.arange(first_row, first_row + len(light)) * h // height
-        x = np.arange(width) * w // width
+        x = np.arange(first_column, first_column + light.shape[1]) * w // width
         slope = self.transfer.slope(np.clip(light, 0, 1))
         return np.asarray(self.blocks[..., channel][y][:, x] * slope**2)
 
@@ -95,9 +97,12 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     from scipy.ndimage import uniform_filter
 
     settings, (h, w) = TransformSettings, step.shape
-    levels = np.floor(np.abs(_residuals(plane, h, w)) / step[..., None, None] + settings.rounding)
+    levels = np.abs(_residuals(plane, h, w))
+    levels /= step[..., None, None].astype(np.float32)
+    levels += np.float32(settings.rounding)
+    np.square(np.floor(levels, out=levels), out=levels)
     group, n = settings.group, BLOCK // settings.group
-    power = np.mean(levels.reshape(h, w, n, group, n, group) ** 2, axis=(3, 5))
+    power = levels.reshape(h, w, n, group, n, group).mean(axis=(3, 5), dtype=float)
     side = settings.window_blocks
     power = uniform_filter(power, (side, side, 1, 1), mode="nearest")
     zero = power < settings.min_nonzero / (group * side) ** 2
@@ -113,14 +118,14 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     return np.asarray(lost.mean(axis=(2, 3)) * step**2)
 
 
-def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> Array:
+def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> npt.NDArray[np.float32]:
     """(h, w, 8, 8) coefficients of blocks; of their mean the difference to blocks above and left."""
     from scipy.fft import dctn
 
     more = [(0, BLOCK * n - side) for n, side in zip((h, w), plane.shape, strict=True)]
-    whole = np.pad(plane, more, mode="edge").astype(float)
+    whole = np.pad(plane, more, mode="edge").astype(np.float32)
     blocks = whole.reshape(h, BLOCK, w, BLOCK).transpose(0, 2, 1, 3)
-    coefficients = np.asarray(dctn(blocks, axes=(2, 3), norm="ortho"))
+    coefficients: npt.NDArray[np.float32] = dctn(blocks, axes=(2, 3), norm="ortho")
     mean = coefficients[..., 0, 0].copy()
     padded = np.pad(mean, ((1, 0), (1, 0)), mode="edge")
     coefficients[..., 0, 0] = mean - (padded[:-1, 1:] + padded[1:, :-1]) / 2

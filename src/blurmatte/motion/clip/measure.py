@@ -21,7 +21,7 @@ from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
 from blurmatte.motion.clip.color import clip_color
 from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
-from blurmatte.motion.clip.frames import ClipFrames, with_default_noise
+from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import (
     MatchedFilter,
@@ -183,7 +183,7 @@ def sightings_in_scene(
     model = replace(model, to_srgb=first.meta.to_srgb)
     color = None
     if model.rank == 1:
-        color = MatchedFilter.of(scene.plate, with_default_noise(first, scene.noise), model)
+        color = MatchedFilter.of(scene.plate, scene.with_noise(first, (0, 0, *first.size)), model)
     where = numbers if numbers is None or isinstance(numbers, range) else tuple(numbers)
     detect = _Detector(scene, model, color, where, rate, several)
     for found in successes(workers.over(frames, detect, parts_of(frames, workers, skip))):

@@ -11,9 +11,9 @@ import numpy as np
 from blurmatte.background import make_plate, max_coded_samples
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, check_map
-from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain, with_default_noise
+from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
-from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames, in_codes_of
+from blurmatte.radiometry import CodedFrame, CodingError, LinearImage, coded_frames, in_codes_of
 from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.streaks import Change, Gate
 
@@ -54,6 +54,9 @@ class StaticScene:
     gate : Gate
     hidden : (H, W) bool, optional
         Where something is in front of the scene.
+    coding : CodingError, optional
+        Of blocks that a codec quantizes anew, as where something moves. Elsewhere frames repeat the
+        blocks of the plate, so that the measured noise is less.
     """
 
     plate: LinearImage
@@ -61,6 +64,7 @@ class StaticScene:
     noise: Noise
     gate: Gate
     hidden: Bools | None = None
+    coding: CodingError | None = None
 
     @classmethod
     def of(
@@ -74,20 +78,20 @@ class StaticScene:
             check_map("occluder", hidden, plate.valid.shape, kinds="b")
             plate = replace(plate, valid=plate.valid & ~hidden)
         first, plate = with_noise(frames[0], plate)
-        first = _with_coding_error(first, frames)
         samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        return cls(plate, few, noise_of(first), gate, hidden)
+        errors = frames.coding_errors() if isinstance(frames, CodedSequence) else None
+        coding = None if errors is None else errors.moving
+        return cls(plate, few, noise_of(first), gate, hidden, coding)
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
         """Image and plate in boxes of a frame."""
         gain = gain_of(self.few, frame.light(every=GAIN_EVERY)) if boxes else None
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
-            if image.noise is None:
-                image = with_default_noise(image, self._noise_in(box))
+            image = self.with_noise(image, box)
             yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
 
     def hidden_in(self, box: Box) -> Bools | None:
@@ -96,23 +100,19 @@ class StaticScene:
         hidden = None if self.hidden is None else self.hidden[y0:y1, x0:x1]
         return hidden if hidden is not None and hidden.any() else None
 
-    def _noise_in(self, box: Box) -> Noise:
+    def with_noise(self, image: LinearImage, box: Box) -> LinearImage:
+        """A frame in a box; if its noise is not known, it is that of all frames."""
+        if image.noise is not None:
+            return image
         x0, y0, x1, y1 = box
-        return self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
-
-
-def _with_coding_error(frame: LinearImage, frames: Sequence[LinearImage]) -> LinearImage:
-    """The frame with the noise of blocks that a codec quantizes anew, as where something moves.
-
-    Elsewhere frames repeat the blocks of the plate, so that differences from it do not show that noise.
-    """
-    errors = frames.coding_errors() if isinstance(frames, CodedSequence) else None
-    if errors is None:
-        return frame
-    variance = np.array(frame.variance, np.float32)
-    for c in range(3):
-        variance[..., c] += errors.moving.variance(frame.rgb[..., c], c)
-    return frame.with_noise(variance)
+        noise = self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
+        image = image.with_noise(noise)
+        if self.coding is None:
+            return image
+        variance = np.array(image.variance, np.float32)
+        for c in range(3):
+            variance[..., c] += self.coding.variance(image.rgb[..., c], c, y0, x0)
+        return image.with_noise(variance)
 
 
 def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:

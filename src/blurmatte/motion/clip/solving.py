@@ -21,7 +21,7 @@ from blurmatte.matting.solve import solve
 from blurmatte.matting.swept import Swept
 from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
-from blurmatte.motion.clip.frames import ClipFrames, with_default_noise
+from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
@@ -87,7 +87,9 @@ class FrameSolver:
         first, color = frames[0], None
         model = replace(model, to_srgb=first.meta.to_srgb)
         if model.rank == 1:
-            color = MatchedFilter.of(scene.plate, with_default_noise(first, scene.noise), model)
+            color = MatchedFilter.of(
+                scene.plate, scene.with_noise(first, (0, 0, *first.size)), model
+            )
         return cls(scene, model, color, _MIN_PROBABILITY / len(frames))
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
