@@ -7,6 +7,7 @@ from blurmatte.background.fit_match import match_plate as match_plate
 from blurmatte.background.match import Match as Match
 from blurmatte.background.plate import PlateFit as PlateFit
 from blurmatte.background.plate import make_plate as make_plate
+from blurmatte.background.plate import plate_for_clip as plate_for_clip
 from blurmatte.background.samples import max_coded_samples as max_coded_samples
 from blurmatte.background.shots import Shot as Shot
 from blurmatte.background.shots import find_shots as find_shots

@@ -99,6 +99,16 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     TypeError, ValueError
         If the frames are not LinearImages of one size, or can be iterated only once.
     """
+    return _made(frames, against_scene=True)
+
+
+def plate_for_clip(frames: Iterable[LinearImage]) -> LinearImage:
+    """The plate of `make_plate`, in less memory: without the error that all frames share."""
+    return _made(frames, against_scene=False).plate
+
+
+def _made(frames: Iterable[LinearImage], against_scene: bool) -> PlateFit:
+    """As `make_plate`."""
     if iter(frames) is frames:
         raise TypeError(
             "frames can be iterated only once, but are read twice; give read_frames(...) or a list"
@@ -108,21 +118,23 @@ def make_plate(frames: Iterable[LinearImage]) -> PlateFit:
     variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
     check_static_camera(samples.light, samples.gain, variance, samples.names)
     if samples.are_all:
-        return _of_samples(samples)
+        return _of_samples(samples, against_scene)
     rows, count = slice(0, samples.light.size[1]), samples.count
-    modes, coding = find_modes(samples, find_restlessness(samples), rows), samples.coding
+    modes = find_modes(samples, find_restlessness(samples), rows)
+    coding = samples.coding if against_scene else None
     del samples  # up to a gigabyte
     sums = sum_frames(frames, modes, count)
     file = _FileError(next(iter(frames)).meta, coding)
     return _plate_fit(_estimates(sums, modes, file), sums.gain)
 
 
-def _of_samples(samples: Samples) -> PlateFit:
+def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     """The plate of samples that are all frames, in bands: sums take the memory of many frames."""
     (width, height), settings = samples.light.size, PlateSettings
     restless = find_restlessness(samples)
     gains = gains_of_samples(samples, restless)
-    file = _FileError(next(samples.light.bands(slice(0, 1))).meta, samples.coding)
+    coding = samples.coding if against_scene else None
+    file = _FileError(next(samples.light.bands(slice(0, 1))).meta, coding)
     light, noise = np.empty((2, height, width, 3), np.float32)
     shared = None if file.coding is None else np.empty_like(light)
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)

@@ -22,6 +22,7 @@ from blurmatte.streaks import Streak
 Floats = npt.NDArray[np.float32]
 
 _VARIANCE_FLOOR = 1e-14  # light²: guards a division
+_STRIP_ROWS = 256  # at a time: saves memory
 
 
 def projection_vectors(
@@ -31,15 +32,24 @@ def projection_vectors(
 
     The weight is 1 / Var p, 0 where the plate is not valid. The noise is known, the model of rank 1.
     """
-    l = model.basis[:, 0].astype(np.float32)
-    B = np.asarray(plate.rgb, np.float32)
-    b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
-    along = b @ l
-    across2 = np.maximum(1 - along**2, 1e-4)  # the plate may have the object's color
-    m = (l - along[..., None] * b) / across2[..., None]
-    noise = np.asarray(image.variance + plate.variance, np.float32)
-    weight = np.where(plate.valid, 1 / np.maximum((m**2 * noise).sum(axis=-1), _VARIANCE_FLOOR), 0)
-    return m, weight.astype(np.float32)
+    l, (width, height) = model.basis[:, 0].astype(np.float32), image.size
+    vectors, weights = (
+        np.empty((height, width, 3), np.float32),
+        np.empty((height, width), np.float32),
+    )
+    for top in range(0, height, _STRIP_ROWS):
+        box = 0, top, width, min(top + _STRIP_ROWS, height)
+        part = plate.crop(box)
+        B = np.asarray(part.rgb, np.float32)
+        b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
+        along = b @ l
+        across2 = np.maximum(1 - along**2, 1e-4)  # the plate may have the object's color
+        m = (l - along[..., None] * b) / across2[..., None]
+        noise = np.asarray(image.crop(box).variance + part.variance, np.float32)
+        precision = 1 / np.maximum((m**2 * noise).sum(axis=-1), _VARIANCE_FLOOR)
+        vectors[box[1] : box[3]] = m
+        weights[box[1] : box[3]] = np.where(part.valid, precision, 0)
+    return vectors, weights
 
 
 def projected_energy(p: Floats, weight: Floats, mask: Bools) -> float:

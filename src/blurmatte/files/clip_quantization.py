@@ -7,12 +7,14 @@ import gc
 from collections.abc import Callable, Sequence
 from itertools import islice
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.files.clip_decoding import opened
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
+from blurmatte.files.clip_times import Timing
 from blurmatte.radiometry.color_space import ycbcr_matrix
 from blurmatte.radiometry.transform_coding import (
     BLOCK,
@@ -24,6 +26,7 @@ from blurmatte.radiometry.transform_coding import (
 Array = npt.NDArray[np.float64]
 
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
+_FRAMES_IN_MEMORY = 4
 _MACROBLOCK = 16  # pixels
 # By number of FFmpeg's AVVideoEncParamsType: steps of an orthonormal transform, from the numbers of
 # quantizers. H.264: 0.625 at 0, doubled by 6 more [ITU-T H.264, 8.5.9]. MPEG: twice the number.
@@ -31,6 +34,10 @@ _STEPS: dict[int, Callable[[Array], Array]] = {
     1: lambda q: 0.625 * 2 ** (q / 6),
     2: lambda q: 2 * q,
 }
+
+
+# Of clips in use, by the key frames of their groups
+_found: WeakKeyDictionary[Timing, dict[int, Array | None]] = WeakKeyDictionary()
 
 
 def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
@@ -41,7 +48,14 @@ def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
     if clip.decoder or not numbers:
         return None
     few = (numbers[0], numbers[len(numbers) // 2], numbers[-1])
-    groups = [_of_group(clip, key) for key in sorted({clip.timing.key_before(n) for n in few})]
+    keys, found = (
+        sorted({clip.timing.key_before(n) for n in few}),
+        _found.setdefault(clip.timing, {}),
+    )
+    for key in keys:
+        if key not in found:
+            found[key] = _of_group(clip, key)
+    groups = [found[key] for key in keys]
     known = [blocks for blocks in groups if blocks is not None]
     if not known:
         return None
@@ -69,18 +83,19 @@ def _of_group(clip: Clip, key: int) -> Array | None:
         stream.codec_context.thread_count = 1
         if key > 0:
             container.seek(int(clip.timing.stamps[key]), stream=stream)
-        for frame in islice(container.decode(stream), _FRAMES_OF_GROUP):
+        for number, frame in enumerate(islice(container.decode(stream), _FRAMES_OF_GROUP)):
             step = _steps(frame)
+            if number % _FRAMES_IN_MEMORY == 0:
+                gc.collect()  # side data keeps its frame in memory
             if step is not None:
                 squares.append(step**2)
                 if found is None or np.mean(step**2) < np.mean(found[1] ** 2):
                     found = frame, step
     variances = None
+    gc.collect()
     if found is not None:
         steps = found[1], np.sqrt(np.mean(squares, axis=0))
         variances = np.stack([_variance(clip, found[0], step) for step in steps])
-    found = None
-    gc.collect()  # side data keeps its frame in memory
     return variances
 
 

@@ -14,6 +14,7 @@ where they are coded as zero (reverse water-filling; Berger, *Rate Distortion Th
 decoded picture shows E l², and so D.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cache
 
@@ -25,6 +26,7 @@ from blurmatte.radiometry.transfer import Transfer
 
 Array = npt.NDArray[np.float64]
 BLOCK = 8  # pixels, width of a block of the transform
+_STRIP = 32  # rows of blocks that are transformed at a time: saves memory
 ROUNDING_VARIANCE = 1 / 12  # of integers
 
 
@@ -97,12 +99,14 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     from scipy.ndimage import uniform_filter
 
     settings, (h, w) = TransformSettings, step.shape
-    levels = np.abs(_residuals(plane, h, w))
-    levels /= step[..., None, None].astype(np.float32)
-    levels += np.float32(settings.rounding)
-    np.square(np.floor(levels, out=levels), out=levels)
     group, n = settings.group, BLOCK // settings.group
-    power = levels.reshape(h, w, n, group, n, group).mean(axis=(3, 5), dtype=float)
+    power = np.empty((h, w, n, n))
+    for rows, residuals in _residuals(plane, h, w):
+        levels = np.abs(residuals, out=residuals)
+        levels /= step[rows, :, None, None].astype(np.float32)
+        levels += np.float32(settings.rounding)
+        np.square(np.floor(levels, out=levels), out=levels)
+        levels.reshape(-1, w, n, group, n, group).mean(axis=(3, 5), out=power[rows])
     side = settings.window_blocks
     power = uniform_filter(power, (side, side, 1, 1), mode="nearest")
     zero = power < settings.min_nonzero / (group * side) ** 2
@@ -118,18 +122,30 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     return np.asarray(lost.mean(axis=(2, 3)) * step**2)
 
 
-def _residuals(plane: npt.NDArray[np.generic], h: int, w: int) -> npt.NDArray[np.float32]:
-    """(h, w, 8, 8) coefficients of blocks; of their mean the difference to blocks above and left."""
+def _residuals(
+    plane: npt.NDArray[np.generic], h: int, w: int
+) -> Iterator[tuple[slice, npt.NDArray[np.float32]]]:
+    """(n, w, 8, 8) coefficients of some rows of blocks; of the mean the difference to others.
+
+    The mean of a block is predicted from those above and left.
+    """
     from scipy.fft import dctn
 
-    more = [(0, BLOCK * n - side) for n, side in zip((h, w), plane.shape, strict=True)]
-    whole = np.pad(plane, more, mode="edge").astype(np.float32)
-    blocks = whole.reshape(h, BLOCK, w, BLOCK).transpose(0, 2, 1, 3)
-    coefficients: npt.NDArray[np.float32] = dctn(blocks, axes=(2, 3), norm="ortho")
-    mean = coefficients[..., 0, 0].copy()
-    padded = np.pad(mean, ((1, 0), (1, 0)), mode="edge")
-    coefficients[..., 0, 0] = mean - (padded[:-1, 1:] + padded[1:, :-1]) / 2
-    return coefficients
+    above = np.zeros((0, w), np.float32)
+    for start in range(0, h, _STRIP):
+        rows = slice(start, min(start + _STRIP, h))
+        part = plane[BLOCK * rows.start : BLOCK * rows.stop]
+        sides = BLOCK * (rows.stop - rows.start), BLOCK * w
+        more = [(0, side - given) for side, given in zip(sides, part.shape, strict=True)]
+        whole = np.pad(part, more, mode="edge").astype(np.float32)
+        blocks = whole.reshape(-1, BLOCK, w, BLOCK).transpose(0, 2, 1, 3)
+        coefficients: npt.NDArray[np.float32] = dctn(blocks, axes=(2, 3), norm="ortho")
+        mean = coefficients[..., 0, 0].copy()
+        rim = (1 - len(above), 0), (1, 0)
+        padded = np.pad(np.concatenate([above, mean]), rim, mode="edge")
+        coefficients[..., 0, 0] = mean - (padded[:-1, 1:] + padded[1:, :-1]) / 2
+        above = mean[-1:]
+        yield rows, coefficients
 
 
 @cache

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from blurmatte.background import make_plate, max_coded_samples
+from blurmatte.background import max_coded_samples, plate_for_clip
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, check_map
 from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain
@@ -101,17 +101,21 @@ class StaticScene:
         return hidden if hidden is not None and hidden.any() else None
 
     def with_noise(self, image: LinearImage, box: Box) -> LinearImage:
-        """A frame in a box; if its noise is not known, it is that of all frames."""
+        """A frame in a box; if its noise is not known, it is that of all frames, of moving blocks.
+
+        That of a codec is known at the light of the plate: few levels of light do not determine how it
+        grows.
+        """
         if image.noise is not None:
             return image
         x0, y0, x1, y1 = box
         noise = self.noise[y0:y1, x0:x1] if isinstance(self.noise, np.ndarray) else self.noise
-        image = image.with_noise(noise)
         if self.coding is None:
-            return image
-        variance = np.array(image.variance, np.float32)
+            return image.with_noise(noise)
+        plate = self.plate.rgb[y0:y1, x0:x1]
+        variance = np.array(LinearImage(plate, noise).variance, np.float32)
         for c in range(3):
-            variance[..., c] += self.coding.variance(image.rgb[..., c], c, y0, x0)
+            variance[..., c] += self.coding.variance(plate[..., c], c, y0, x0)
         return image.with_noise(variance)
 
 
@@ -122,7 +126,7 @@ def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:
         first = next(coded_frames(frames, slice(0, 1)))
         if first.light_bytes:
             most = min(most, max_coded_samples(math.prod(first.size), first.light_bytes))
-    plate = make_plate(frames[:: -(-len(frames) // most) or 1]).plate
+    plate = plate_for_clip(frames[:: -(-len(frames) // most) or 1])
     trim_memory()  # of the frames
     return plate
 
