@@ -176,6 +176,8 @@ def _equally_spaced(
     light, names, few = SampledLight([], (1, 1), False), list[str](), list[Floats]()
     rows = dict[int, LinearImage]()
     for number, frame in _samples(frames, count):
+        if not isinstance(frame, CodedFrame):
+            check_picture(f"frame {number}" if names else "the first frame", frame)
         if not names:
             light = SampledLight([], frame.size, isinstance(frame, CodedFrame))
         grid = gain_grid(frame.size[::-1])
@@ -183,7 +185,6 @@ def _equally_spaced(
             image = frame.light((grid[1].start, grid[0].start, *frame.size), grid[0].step)
             light.parts.append(frame.light_of)
         else:
-            check_picture(f"frame {number}" if names else "the first frame", frame)
             if frame.size != light.size:
                 raise ValueError(size_error(frame, number, light.size))
             rows[len(names)] = _noise_rows(frame)

@@ -179,15 +179,22 @@ def sightings_in_scene(
     skip: int = 0,
 ) -> Iterator[FrameSightings]:
     """As `sightings`."""
-    first = frames[0]
-    model = replace(model, to_srgb=first.meta.to_srgb)
-    color = None
-    if model.rank == 1:
-        color = MatchedFilter.of(scene.plate, scene.with_noise(first, (0, 0, *first.size)), model)
+    model, color = _in_colors_of(frames[0], scene, model)
     where = numbers if numbers is None or isinstance(numbers, range) else tuple(numbers)
     detect = _Detector(scene, model, color, where, rate, several)
     for found in successes(workers.over(frames, detect, parts_of(frames, workers, skip))):
         yield from found
+
+
+def _in_colors_of(
+    first: LinearImage, scene: StaticScene, model: ColorModel
+) -> tuple[ColorModel, MatchedFilter | None]:
+    """The model in the colors of a frame, and the filter for its light if it is of one paint."""
+    model = replace(model, to_srgb=first.meta.to_srgb)
+    if model.rank > 1:
+        return model, None
+    noisy = scene.with_noise(first, (0, 0, *first.size))
+    return model, MatchedFilter.of(scene.plate, noisy, model)
 
 
 def scene_of(
