@@ -13,7 +13,14 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, check_map
 from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
-from blurmatte.radiometry import CodedFrame, CodingError, LinearImage, coded_frames, in_codes_of
+from blurmatte.radiometry import (
+    CodedFrame,
+    CodingError,
+    LinearImage,
+    NoiseModel,
+    coded_frames,
+    in_codes_of,
+)
 from blurmatte.radiometry.coded import CodedSequence
 from blurmatte.streaks import Change, Gate
 
@@ -113,7 +120,10 @@ class StaticScene:
         if self.coding is None:
             return image.with_noise(noise)
         plate = self.plate.rgb[y0:y1, x0:x1]
-        variance = np.array(LinearImage(plate, noise).variance, np.float32)
+        if isinstance(noise, NoiseModel):
+            variance = noise.variance(plate)
+        else:
+            variance = np.array(noise, np.float32)
         for c in range(3):
             variance[..., c] += self.coding.variance(plate[..., c], c, y0, x0)
         return image.with_noise(variance)
