@@ -176,6 +176,27 @@ def test_tracks_have_curves_of_their_own():
         assert np.abs(z).max() < 4
 
 
+def test_many_mistakes_do_not_change_the_path():
+    """Honest: one frame of five is wrong by many times its error."""
+    rng, z = np.random.default_rng(4), []
+    for _ in range(2):
+        rows = rows_of(circle, 40, rng)
+        wrong = rng.choice(40, 8, replace=False)
+        for k in wrong:
+            off = rng.normal(0, 20, 2)
+            rows[k] = row(k, lambda t, off=off: circle(t) + off, rng)
+        found = ClipPath.of(rows)
+        for k in range(2, 38):
+            prior = found.prior(k)
+            e = (prior.points - ends_of(k, circle)).ravel()
+            z.append(e @ np.linalg.solve(prior.covariance, e) / 6)
+        off = [np.linalg.norm(rows[k].sighting.place - ends_of(k, circle)[1]) for k in wrong]
+        clear = {int(k) for k, far in zip(wrong, off, strict=True) if far > 8}
+        assert clear <= set(np.flatnonzero(~found.used).tolist())
+    assert np.median(z) < 1.5
+    assert np.mean(np.array(z) < 3) > 0.95
+
+
 def test_too_few_frames_predict_nothing():
     found = ClipPath.of(rows_of(fall, 2))
     assert [found.prior(k) for k in range(2)] == [None] * 2

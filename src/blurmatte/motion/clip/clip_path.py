@@ -8,7 +8,9 @@ c, c′, c″ the curve and its derivatives in the middle of the exposure, frame
 
 both with their covariance. c is the smoothing spline whose third derivative is white noise
 (`smoothing`): a parabola for a fall. Compression and other causes that frames have in common add one
-error to all positions, and one to all displacements.
+error to all positions, and one to all displacements, the likeliest with Student's t as the distribution
+of errors: mistakes have little weight. The errors stated of positions and displacements are at least
+those that make the reduced χ² of predictions 1.
 
 Each track has a curve of its own; two other frames determine it, if three of a track have determined d.
 The velocity may jump, at a bounce. The curve is broken where that makes the frames decisively likelier,
@@ -39,8 +41,11 @@ from blurmatte.motion.clip.smoothing import (
     excess_over_noise,
     factor_of_added,
     in_large_parts,
+    least_decades,
     likeliest_intensity,
     student_cost,
+    student_inflation,
+    student_weights,
     transition,
 )
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
@@ -52,6 +57,7 @@ Bools = npt.NDArray[np.bool_]
 _ORDER, _AXES = 3, 2  # value, velocity and acceleration; x and y
 _MEDIAN_CHI2 = 3.357  # of four degrees of freedom
 _ROUNDS = 3  # of errors and curve at most
+_REWEIGHTINGS = 3  # in a round
 _BATCHES = 8  # of frames, whose displacements are compared
 _MIN_FRAMES = 3  # of a track that determine d: a parabola through their positions
 
@@ -103,26 +109,20 @@ class ClipPath:
         fit, seen = _Fit.of(rows), [row.sighting for row in rows]
         whole = fit.used
         if np.bincount(fit.part, weights=fit.used, minlength=1).max() >= _MIN_FRAMES:
-            fit = fit.with_intensity().with_exposure().with_intensity().broken()
-            fit = fit.without_outliers()
-            for _ in range(_ROUNDS):
-                before, fit = fit, fit.with_added()
-                if fit.added == before.added:
-                    break
-                fit = fit.with_exposure().with_intensity()
+            fit = fit.with_noise().converged().broken().without_outliers().converged()
         states, _ = fit.left_out()
         own = replace(fit, added=(0.0, 0.0)).measurements(np.ones(len(rows), bool))
         chi2, _ = _compared(own, states)
         moments = np.array([s is not None and s.source == "moments" for s in seen], bool)
-        place, move = np.maximum(fit.added, fit.added_to(moments)).tolist()  # causes they share
-        of_moments = place, move
+        of_discs = _larger(fit.added, fit.added_to(fit.used))
+        of_moments = _larger(of_discs, fit.added_to(moments))  # causes they share
         sound = np.array([s is not None and s.is_sound for s in seen], bool)
         sound &= in_large_parts(fit.used, fit.part)
         of_rest = replace(fit, added=of_moments).measurements(moments & sound)
         excess = fit.excess(_compared(of_rest, states)[0], moments & sound)
         contradicts = (whole & ~fit.used) | (excess > 1)
         return cls(
-            fit.exposure, fit.exposure_std, fit.added, of_moments, fit.freedom, states, chi2, fit.used,
+            fit.exposure, fit.exposure_std, of_discs, of_moments, fit.freedom, states, chi2, fit.used,
             contradicts, _norms_of_residuals(own, states),
             tuple(int(k) for k in np.flatnonzero(np.diff(fit.part)) + 1),
         )  # fmt: skip
@@ -157,7 +157,8 @@ class ClipPath:
         times = (-d / 2, 0.0, d / 2)
         J = np.concatenate([np.eye(2, 6) @ transition(t, _ORDER, _AXES) for t in times])
         by_exposure = np.concatenate([np.sign(t) * (x[2:4] + t * x[4:]) / 2 for t in times])
-        covariance = J @ V @ J.T + self.exposure_std**2 * np.outer(by_exposure, by_exposure)
+        covariance = student_inflation(4) * J @ V @ J.T
+        covariance += self.exposure_std**2 * np.outer(by_exposure, by_exposure)
         covariance += SmoothingSettings.min_std_px**2 * np.eye(6)
         return PathPrior((J @ x).reshape(3, 2), covariance)
 
@@ -181,6 +182,7 @@ class _Fit:
     exposure_std: float = 0.0
     intensity: float = 0.0
     added: tuple[float, float] = (0.0, 0.0)  # standard deviations of positions, displacements
+    student_weights: Array | None = None  # (n,) of the rows, where they predict others
 
     @classmethod
     def of(cls, rows: Sequence[FrameMotion]) -> _Fit:
@@ -209,6 +211,14 @@ class _Fit:
             W[used, 2:, 2:] = _with_added(self.move_weights[used], self.added[1])
         return Measurements(self.times, H, np.hstack([self.places, self.moves]), W, _AXES)
 
+    @property
+    def predicting(self) -> Measurements:
+        """The measurements that predict others, with their weights."""
+        found = self.measurements(self.used)
+        if self.student_weights is None:
+            return found
+        return replace(found, weights=found.weights * self.student_weights[:, None, None])
+
     def left_out(self) -> tuple[Estimate, Array]:
         """The state in each row from the others of its part, and χ² of its measurements (n, 2)."""
         return self._left_out(self.intensity)[:2]
@@ -217,7 +227,7 @@ class _Fit:
         """The same for an intensity of the noise, and the logs of the determinants (n, 2)."""
         n = len(self.times)
         mean, covariance = np.full((n, 6), np.nan), np.full((n, 6, 6), np.nan)
-        used = self.measurements(self.used)
+        used = self.predicting
         for part in np.unique(self.part):
             mine = np.flatnonzero(self.part == part)
             found = Estimate.of(used.taken(mine).left_out(intensity))
@@ -229,14 +239,52 @@ class _Fit:
         """With the intensity for which the frames are likeliest when the others predict them."""
         return replace(self, intensity=likeliest_intensity(self._cost))
 
-    def _cost(self, intensity: float, of: Bools | None = None) -> float:
+    def with_noise(self) -> _Fit:
+        """With the intensity and the added errors for which the frames are likeliest."""
+        settings = SmoothingSettings
+        ranges = settings.intensity_decades, settings.added_decades, settings.added_decades
+        start = np.log10(
+            np.maximum([self.intensity or 1.0, *(a or 1.0 for a in self.added)], 1e-30)
+        )
+        return self._with_decades(
+            least_decades(lambda x: self._with_decades(x)._cost(scaled=False), start, ranges)
+        )
+
+    def _with_decades(self, x: Array) -> _Fit:
+        """With an intensity and added errors, powers of ten."""
+        intensity, place, move = (10.0**x).tolist()
+        return replace(self, intensity=intensity, added=(place, move))
+
+    def reweighted(self) -> _Fit:
+        """With Student-t weights of the rows, from their residuals about the others."""
+        fit = self
+        for _ in range(_REWEIGHTINGS):
+            chi2 = fit.left_out()[1].sum(axis=1)
+            known = fit.used & np.isfinite(chi2)
+            weights = np.ones(len(chi2))
+            weights[known] = student_weights(chi2[known], fit._measured[known].sum(axis=1))
+            fit = replace(fit, student_weights=weights)
+        return fit
+
+    def converged(self) -> _Fit:
+        """With weights, d and noise that agree."""
+        fit = self
+        for _ in range(_ROUNDS):
+            before, fit = fit, fit.reweighted().with_exposure().with_noise()
+            if (fit.intensity, fit.added) == (before.intensity, before.added):
+                break
+        return fit
+
+    def _cost(
+        self, intensity: float | None = None, of: Bools | None = None, scaled: bool = True
+    ) -> float:
         """Negative log likelihood of rows, if not given of those in use, from the others."""
-        states, chi2, logs = self._left_out(intensity)
+        states, chi2, logs = self._left_out(self.intensity if intensity is None else intensity)
         known = (self.used if of is None else of) & states.known
         if not known.any():
             return np.inf
         freedom = self._measured[known].sum(axis=1)
-        return student_cost(chi2[known].sum(axis=1), logs[known].sum(axis=1), freedom)
+        return student_cost(chi2[known].sum(axis=1), logs[known].sum(axis=1), freedom, scaled)
 
     @property
     def _measured(self) -> Array:
@@ -251,33 +299,8 @@ class _Fit:
         fitted = 6 * len(np.unique(self.part[used])) + 2  # states; d and the intensity
         return max(int(self._measured[used].sum()) - fitted, 0)
 
-    def with_added(self) -> _Fit:
-        """With the errors by which the rows in use scatter beyond their own [Paule, Mandel 1982].
-
-        They are errors of the predictions too.
-        """
-        fit = self
-        for kind in range(2):
-            trial = partial(_Fit._reduced_chi2, fit, kind)
-            found = list(fit.added)
-            found[kind] = added_std(trial, fit._largest_residual(fit.used, kind))
-            fit = replace(fit, added=(found[0], found[1]))
-        return fit
-
-    def _reduced_chi2(self, kind: int, added: float) -> float:
-        """Of positions (0) or displacements (1) of the rows in use, with another added error."""
-        place, move = self.added
-        _, chi2 = replace(self, added=(place, added) if kind else (added, move)).left_out()
-        known = self.used & (self._measured[:, kind] > 0) & np.isfinite(chi2[:, kind])
-        return float(chi2[known, kind].mean()) / 2 if known.any() else 0.0
-
-    def _largest_residual(self, which: Bools, kind: int) -> float:
-        """Of the positions or displacements of some rows, pixels."""
-        residuals = _norms_of_residuals(self.measurements(which), self.left_out()[0])
-        return float(np.nanmax(residuals[which, kind], initial=0.0))
-
     def added_to(self, which: Bools) -> tuple[float, float]:
-        """Errors of positions and displacements of rows that are not in use, beyond their own."""
+        """Errors of positions and displacements of some rows beyond their own [Paule, Mandel 1982]."""
         states, found = self.left_out()[0], []
         rows = replace(self, added=(0.0, 0.0)).measurements(which & states.known)
         for kind in range(2):
@@ -293,11 +316,11 @@ class _Fit:
     def with_exposure(self) -> _Fit:
         """With the likeliest d, and displacements in the direction of the curve."""
         places_alone = replace(self, move_weights=np.zeros_like(self.move_weights))
-        L, v = places_alone.measurements(self.used).information
+        L, v = places_alone.predicting.information
         others = [np.zeros_like(L), np.zeros_like(v)]
         for part in np.unique(self.part):
             mine = np.flatnonzero(self.part == part)
-            kept = places_alone.measurements(self.used).taken(mine)
+            kept = places_alone.predicting.taken(mine)
             for total, found in zip(others, kept.left_out(self.intensity), strict=True):
                 total[mine] = found
         states = Estimate.of((L + others[0], v + others[1]))
@@ -311,6 +334,8 @@ class _Fit:
         own = np.linalg.inv(_with_added(self.move_weights[known], self.added[1]))
         d = self.exposure or float(np.median(_norms(moves[known]) / _norms(velocity)))
         weights = np.linalg.inv(own + d**2 * V)
+        if self.student_weights is not None:
+            weights *= self.student_weights[known, None, None]
         curvature = np.einsum("ki,kij,kj->k", velocity, weights, velocity)
         slope = np.einsum("ki,kij,kj->k", velocity, weights, moves[known])
         d, std = _from_batches(slope, curvature)
@@ -326,7 +351,7 @@ class _Fit:
             at = fit._largest_jump(part)
             if at is not None:
                 later = (fit.part > part) | ((fit.part == part) & (rows >= at))
-                found = [replace(fit, part=fit.part + later).with_intensity()]
+                found = [replace(fit, part=fit.part + later).reweighted().with_intensity()]
                 if fit._gain(found[0]) > DECISIVE_LOG_BAYES_FACTOR:
                     found += [fit._without(row) for row in fit._beside(at)]
                     fit = max(found, key=fit._gain)
@@ -342,7 +367,7 @@ class _Fit:
         """With a row that predicts nothing."""
         used = self.used.copy()
         used[row] = False
-        return replace(self, used=used).with_intensity()
+        return replace(self, used=used).reweighted().with_intensity()
 
     def _beside(self, at: int) -> list[int]:
         """The rows in use before and after the beginning of a row."""
@@ -355,7 +380,7 @@ class _Fit:
         least = SmoothingSettings.min_frames
         if len(mine) < 2 * least:
             return None
-        one = self.measurements(self.used).taken(mine)
+        one = self.predicting.taken(mine)
         before, after = one.from_each_side(self.intensity)
         jumps = np.full(len(mine), -np.inf)
         for k in range(least, len(mine) - least + 1):
@@ -367,15 +392,9 @@ class _Fit:
 
     def without_outliers(self) -> _Fit:
         """Without frames that differ from their prediction by more than noise does."""
-        fit = self
-        for _ in range(int(self.used.sum())):
-            large = fit.used & in_large_parts(fit.used, fit.part)
-            excess = fit.excess(fit.left_out()[1], large)
-            worst = int(np.argmax(excess))
-            if excess[worst] < 1:
-                break
-            fit = fit._without(worst)
-        return fit
+        large = self.used & in_large_parts(self.used, self.part)
+        excess = self.excess(self.left_out()[1], large)
+        return replace(self, used=self.used & (excess <= 1))
 
     def excess(self, chi2: Array, which: Bools) -> Array:
         """(n,) χ² of some rows over the limit of noise; 0 of others."""
@@ -421,6 +440,10 @@ def _residuals(
 def _mean_ratio(z2: Array, variance: Array, added: float) -> float:
     """Mean of squared residuals over their variances with an error added; 0 without any."""
     return float(np.mean(z2 / np.maximum(variance + added**2, 1e-12))) if z2.size else 0.0
+
+
+def _larger(one: tuple[float, float], other: tuple[float, float]) -> tuple[float, float]:
+    return max(one[0], other[0]), max(one[1], other[1])
 
 
 def _norms(vectors: Array) -> Array:

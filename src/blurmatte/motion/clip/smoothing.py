@@ -15,9 +15,13 @@ before the first measurement.
 q is the one for which the measurements are likeliest when each is predicted from all others. Where the
 reduced χ² of these predictions is above 1, measurements have errors in common that they do not state:
 one is added to all that makes it 1 [Paule and Mandel 1982].
+
+Errors are those of Student's t: most are as stated, a few are mistakes. A measurement of m numbers with
+the residual χ² has the weight (ν + m) / (ν + χ²), 1 at most, and the covariance of estimates is
+(ν + m + 2) / (ν + m) times that of normal errors [Lange, Little, Taylor 1989].
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from math import factorial
@@ -29,6 +33,7 @@ Array = npt.NDArray[np.float64]
 Bools = npt.NDArray[np.bool_]
 
 _MAX_CONDITION = 1e11  # of scaled information; above it the state is not determined
+_MIN_STEP_DECADES = 0.2  # of the search for intensities and errors
 
 
 @dataclass(frozen=True)
@@ -41,6 +46,8 @@ class SmoothingSettings:
         Range of the intensity of the noise, powers of ten, pixels² per interval to the power 2p − 1.
     student_freedom : float
         Degrees of freedom of the likelihood that determines it: bounces and mistakes are outliers.
+    added_decades : (float, float)
+        Range of the errors beyond the stated ones, powers of ten, pixels.
     min_outlier_probability : float
         That noise differs by as much in any of the measurements: less is a mistake.
     min_frames : int
@@ -51,6 +58,7 @@ class SmoothingSettings:
 
     intensity_decades: tuple[float, float] = (-8.0, 4.0)
     student_freedom: float = 4.0
+    added_decades: tuple[float, float] = (-3.0, 2.0)
     min_outlier_probability: float = 1e-3
     min_frames: int = 5
     min_std_px: float = 1e-3
@@ -195,20 +203,51 @@ def likeliest_intensity(cost: Callable[[float], float]) -> float:
     return float(10.0 ** finer[int(np.argmin([cost(10.0**decade) for decade in finer]))])
 
 
-def student_cost(chi2: Array, logs: Array, freedom: Array) -> float:
+def student_cost(chi2: Array, logs: Array, freedom: Array, scaled: bool = True) -> float:
     """Negative log likelihood (Student's t) of measurements about their predictions.
 
     The scale of all errors is the likeliest, 1 or more: the Birge ratio is in it. A smaller one would
     make any intensity as likely that exceeds the errors.
 
     chi2, logs, freedom (n,): χ², log determinant of its covariance, and degrees of freedom of each.
+    scaled: else the scale is 1.
     """
     nu, m, scale = SmoothingSettings.student_freedom, freedom, 1.0
-    for _ in range(20):  # expectation maximization
+    for _ in range(20 if scaled else 0):  # expectation maximization
         scale = max(float(np.sum((nu + m) / (nu + chi2 / scale) * chi2) / np.sum(m)), 1.0)
     return float(
         np.sum((nu + m) / 2 * np.log1p(chi2 / (nu * scale)) + m / 2 * np.log(scale) + logs / 2)
     )
+
+
+def student_weights(chi2: Array, freedom: Array) -> Array:
+    """(n,) weights of measurements with residuals χ² of so many numbers each."""
+    nu = SmoothingSettings.student_freedom
+    return np.asarray(np.minimum((nu + freedom) / (nu + chi2), 1.0))
+
+
+def student_inflation(freedom: int) -> float:
+    """Factor of the covariance of estimates from measurements of so many numbers each."""
+    nu = SmoothingSettings.student_freedom
+    return (nu + freedom + 2) / (nu + freedom)
+
+
+def least_decades(
+    cost: Callable[[Array], float], start: Array, ranges: Sequence[tuple[float, float]]
+) -> Array:
+    """The powers of ten near a start, within ranges, of the least cost, by a pattern search."""
+    low, high = np.transpose(ranges)
+    best, step = np.clip(start, low, high), 1.0
+    least, axes = cost(best), np.eye(len(low))
+    while step > _MIN_STEP_DECADES:
+        trials = [np.clip(best + step * axis, low, high) for axis in (*axes, *-axes)]
+        costs = [cost(trial) for trial in trials]
+        k = int(np.argmin(costs))
+        if costs[k] < least:
+            best, least = trials[k], costs[k]
+        else:
+            step /= 2
+    return np.asarray(best)
 
 
 def added_std(reduced_chi2: Callable[[float], float], largest: float) -> float:
