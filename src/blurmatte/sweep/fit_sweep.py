@@ -175,14 +175,16 @@ def _in_likelier_light(
 ) -> Hypotheses:
     """Hypotheses before the plate in the light that the object left on it, if they are likelier.
 
-    Both are compared with the measured noise: changed light would inflate its estimate. A disc that
-    other frames know is fitted again only in a light in which it is likelier as it is.
+    Both are compared with the measured noise: changed light would inflate its estimate. Where other
+    frames say where the object is, its own light does not count as light on the plate, and a disc that
+    they know is fitted again only in a light in which it is likelier as it is.
     """
     settings, known = HypothesisSettings, found.best.diagnostics
     if _is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
-    lit = lighting_of(image, found.plate, found.streak, observation)
+    beside = observation if observation.prior is None else found.beside_best(observation)
+    lit = lighting_of(image, found.plate, found.streak, beside)
     if lit is None:
         return found
     lighting, rest = lit

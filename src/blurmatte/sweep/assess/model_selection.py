@@ -126,13 +126,22 @@ class Hypotheses:
 
     def best_evidence(self, observation: Observation) -> Evidence:
         """The evidence for the likeliest in another observation."""
-        sweep = self.best
+        sweep, alpha = self.best, self._best_alpha(observation)
         pixels, radius = observation.pixels, float(sweep.shape[0])
-        alpha = sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, pixels).alpha
         if sweep.cast is not None:
             S = sweep.cast.missing(sweep.family, sweep.path, radius, pixels)
             observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
         return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
+
+    def beside_best(self, observation: Observation) -> Observation:
+        """An observation with no weight where the likeliest has the object."""
+        outside = self._best_alpha(observation) == 0
+        return replace(observation, weight=np.where(outside, observation.weight, 0))
+
+    def _best_alpha(self, observation: Observation) -> Array:
+        """Alpha of the likeliest in an observation."""
+        sweep, pixels = self.best, observation.pixels
+        return sweep.silhouette.sweep(sweep.family, sweep.path, sweep.shape, pixels).alpha
 
     def evidence_of(self, alpha: Array, alpha_std: Array) -> Evidence:
         """The evidence for an alpha (H, W) of the whole picture that has no shape."""
