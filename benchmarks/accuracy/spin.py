@@ -3,15 +3,22 @@
 Renders spinning balls before a textured plate, fits their sweeps with any colors, and estimates their
 spins. Sub-frames with and without the spin are compared with the true ones.
 
+Each scene takes about half a minute of one processor. Its outcome is printed and kept in `KEPT`, so
+that a run which was interrupted goes on where it stopped, for the same commit and machine.
+
 Run: python -m benchmarks.accuracy.spin
 """
 
+import json
 import time
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
+from hashlib import sha256
+from pathlib import Path
 
 import numpy as np
 from benchmarks.accuracy.sharp import FRAMES, scores, texture
-from benchmarks.table import Cell, Table, publish_all
+from benchmarks.table import Cell, Table, changed_files, machine, publish_all
 from benchmarks.trials import over_seeds
 
 from blurmatte.color import ColorModel
@@ -26,6 +33,7 @@ CAMERA = Camera(code_std=1 / 255, bits=8)
 LIGHTS = {"flat": 1.0, "lamp": 0.35}  # ambient fraction of the light
 RATES = ((0, 50), (50, 100), (100, 150))  # degrees per exposure
 SEEDS = 36
+KEPT = Path(__file__).parents[2] / ".cache" / "spin"
 WRONG_STD = (
     4.0  # an error of more standard deviations, and of more than the next, is confidently wrong
 )
@@ -52,6 +60,7 @@ class Outcome:
     chi_square: float | None
     gain: float | None
     seconds: float
+    refusal: str = ""
 
     @property
     def wrong(self) -> bool:
@@ -89,8 +98,8 @@ def trial(light: str, rates: tuple[float, float], seed: int) -> Outcome:
         sweep = fit_sweep(image, plate, model=ColorModel.any())
         start = time.process_time()
         spin = fit_spin(image, plate, sweep)
-    except (MotionError, SpinError):
-        return Outcome(None, None, None, time.process_time() - start)
+    except (MotionError, SpinError) as error:
+        return Outcome(None, None, None, time.process_time() - start, str(error))
     seconds = time.process_time() - start
     error = spin.rotation - true_rotation(truth, sweep)
     psnr = [
@@ -108,6 +117,19 @@ def trial(light: str, rates: tuple[float, float], seed: int) -> Outcome:
     )
 
 
+def kept_trial(folder: Path, light: str, rates: tuple[float, float], seed: int) -> Outcome:
+    """The outcome in a folder, or that of a new trial, which is printed and kept there."""
+    file = folder / f"{light}-{rates[0]}-{seed}.json"
+    if file.exists():
+        return Outcome(**json.loads(file.read_text()))
+    outcome = trial(light, rates, seed)
+    print(file.stem, outcome, flush=True)
+    unfinished = file.with_suffix(".part")
+    unfinished.write_text(json.dumps(asdict(outcome)))
+    unfinished.replace(file)
+    return outcome
+
+
 def true_rotation(truth: Rendering, sweep: Sweep) -> np.ndarray:
     """In the sweep's direction of time."""
     rotation = np.array(truth.scene.change.spin)
@@ -120,7 +142,12 @@ def tables(quick: bool = False) -> list[Table]:
     settings = [(light, rates) for light in LIGHTS for rates in RATES]
     settings = settings[:1] if quick else settings
     rows: list[tuple[Cell, ...]] = []
-    groups = over_seeds(trial, settings, quick, SEEDS)
+    one = trial
+    if not quick and not changed_files():
+        folder = KEPT / sha256(machine().encode()).hexdigest()[:12]
+        folder.mkdir(parents=True, exist_ok=True)
+        one = partial(kept_trial, folder)
+    groups = over_seeds(one, settings, quick, SEEDS)
     for (light, (slow, fast)), group in zip(settings, groups, strict=True):
         answered = [one for one in group if one.error is not None]
         wrong = sum(one.wrong for one in group)
