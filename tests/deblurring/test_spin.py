@@ -6,14 +6,20 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import blurmatte as bm
+from blurmatte.deblurring import sphere_kernel
+from blurmatte.deblurring.gaussian import fit_strength
 from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.normal_equations import gradient_prior
 from blurmatte.deblurring.operator import blur_operator, poses_of
+from blurmatte.deblurring.refine import explained, scores, with_curvature
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import harmonics
-from blurmatte.deblurring.spin_search import rotation_grid
+from blurmatte.deblurring.spin_search import Search, rotation_grid
+from blurmatte.deblurring.view import View
 from blurmatte.metrics import subframe_psnr
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Lamp, Rendering, add_noise, textured_plate
@@ -66,6 +72,11 @@ def spin(ball) -> bm.Spin:
     return bm.fit_spin(ball.image, ball.plate, ball.sweep)
 
 
+@pytest.fixture(scope="module")
+def search(ball) -> Search:
+    return Search.of(View.of(ball.image, ball.plate, ball.sweep, bm.Spin(np.zeros(3))))
+
+
 def test_the_faces_of_a_sphere_share_the_nodes_of_their_edges():
     sphere = Sphere.of(8.0, 1.5)
     cells = sphere.node.shape[1] - 1
@@ -108,6 +119,62 @@ def test_points_of_the_body_turn_as_scipy_turns_them(ball):
             body = Rotation.from_rotvec((t - 0.5) * SPIN).inv().apply(n)
             expected += pattern @ body / len(poses.t)
     assert float((A @ (sphere.points @ pattern))[row]) == pytest.approx(expected, abs=0.02)
+
+
+def test_jacobians_turn_the_body_as_scipy_turns_it():
+    """Oracle: R(ω + δ) = exp([J δ]ₓ) R(ω) at every moment, to first order."""
+    t, change = np.array([0.0, 0.3, 0.5, 1.0]), 1e-5 * np.array([0.3, -0.7, 0.5])
+    small = np.einsum("tij,tj->ti", bm.Spin(SPIN + change).turns(t), np.tile([0.6, 0, 0.8], (4, 1)))
+    turned = Rotation.from_rotvec(bm.Spin(SPIN).jacobians(t) @ change).as_matrix()
+    expected = turned @ bm.Spin(SPIN).turns(t) @ [0.6, 0, 0.8]
+    assert_allclose(small, expected, atol=1e-9)
+
+
+def test_the_light_of_a_search_changes_with_the_rotation_as_its_derivatives_say(search):
+    """Adjoint of the search's operator: differences over a turn of 0.001°."""
+    step = np.radians(1e-3)
+    (at,) = search.solved(SPIN, (0.2,))
+    spin = bm.Spin(SPIN)
+    J = sphere_kernel.turned(
+        *(search.entries, spin.turns(search.t), spin.jacobians(search.t)),
+        *(search.sphere.node, at.texture),
+    )
+    for k, axis in enumerate(np.eye(3)):
+        after, before = (search.operator(SPIN + s * step * axis) @ at.texture for s in (1, -1))
+        error = J[..., k] - (after - before) / (2 * step)
+        assert np.sqrt(np.mean(error**2)) < 0.02 * np.sqrt(np.mean(J[..., k] ** 2))
+
+
+def test_scores_of_pixels_sum_to_the_gradient_of_the_evidence(ball):
+    """Oracle: differences of log Z, which is evaluated at twice as many moments."""
+    sweep = replace(ball.sweep, covariance=1e-3**2 * np.eye(5))
+    view = View.of(ball.image, ball.plate, sweep, bm.Spin(SPIN, covariance=1e-3**2 * np.eye(11)))
+    sphere = Sphere.of(8.0, 2.5)
+    state = explained([view], sphere)
+    found = scores(state, sphere).sum(axis=0)
+    Q = gradient_prior(sphere, np.ones(len(sphere.edges)), state.equations.band.shape[2])
+    for k in (0, 5, 7, 9):  # the path, two components of the rotation, and the shading
+        step = 0.01 * (np.arange(16) == k)
+        after, before = (view.moved(view.parameters + s * step) for s in (1, -1))
+        more, less = (
+            fit_strength(
+                one.equations(one.blur(sphere), sphere, state.weights[0]), Q, state.fit.strength
+            )
+            for one in (after, before)
+        )
+        slope = (more.log_evidence - less.log_evidence) / 0.02
+        assert found[k] == pytest.approx(slope, rel=0.2, abs=15)
+
+
+def test_secants_correct_the_curvature_along_their_steps():
+    rng = np.random.default_rng(0)
+    root = rng.normal(size=(6, 6))
+    information, step = root @ root.T + np.eye(6), rng.normal(size=6)
+    change = 0.3 * information @ step + 0.1 * rng.normal(size=6)
+    corrected = with_curvature(information, [(step, change)])
+    assert_allclose(corrected @ step, change)
+    against = with_curvature(information, [(step, -change)])  # a gradient that grows
+    assert np.linalg.eigvalsh(against).min() > 0
 
 
 def test_renders_the_spinning_ball_of_the_renderer():
@@ -223,5 +290,38 @@ def test_axis_and_rate():
 @pytest.mark.battery
 def test_a_highlight_on_a_plain_ball_is_no_texture():
     case = spinning(plain=True, ambient=0.35, highlight=0.6)
-    with pytest.raises(bm.SpinError, match=r"may be light|two spins|no spin"):
+    with pytest.raises(bm.SpinError, match=r"may be light|two spins|no spin|highlight"):
         bm.fit_spin(case.image, case.plate, case.sweep)
+
+
+@pytest.mark.battery
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_highlight_on_a_textured_ball_is_no_spin_of_its_own(seed):
+    """Refused, or the spin of the ball: light that does not turn is part of the search."""
+    case = spinning(seed=seed, ambient=0.35, highlight=0.6)
+    try:
+        found = bm.fit_spin(case.image, case.plate, case.sweep)
+    except bm.SpinError:
+        return
+    error = found.rotation - SPIN
+    assert error @ np.linalg.inv(found.rotation_covariance) @ error < 16
+
+
+def test_texture_shading_and_highlights_solve_one_least_squares_problem(search):
+    """Oracle: dense normal equations of all unknowns of three channels and the common highlights."""
+    at = search.glossy(SPIN, 0.1)
+    Q = np.triu(search.prior) + np.triu(search.prior, 1).T
+    of_channel = np.hstack([search.operator(SPIN).toarray(), search.C])
+    n, k, m = len(Q), search.C.shape[1], search.G.shape[1]
+    design = np.hstack([np.kron(np.eye(3), of_channel), np.tile(search.G, (3, 1))])
+    weighted = design * np.tile(search.W, 3)[:, None]
+    own = block_diag(100 * Q, np.eye(k) / 0.2**2)
+    prior = block_diag(own, own, own, np.eye(m) / 0.1**2)
+    found = np.linalg.solve(weighted.T @ design + prior, weighted.T @ search.P.T.ravel())
+    channels = found[: 3 * (n + k)].reshape(3, n + k).T
+    assert_allclose(at.texture, channels[:n], atol=1e-6)
+    assert_allclose(at.field, channels[n:], atol=1e-6)
+    assert_allclose(at.gloss, found[3 * (n + k) :], atol=1e-6)
+    energy = float((search.W[:, None] * search.P**2).sum())
+    least = energy - found @ weighted.T @ search.P.T.ravel()
+    assert at.noise_scale == pytest.approx(least / (3 * (len(search.P) - 1)), rel=1e-6)

@@ -170,7 +170,7 @@ def projected(
 ) -> tuple[Array, Array, Array]:
     """Alpha (h w,), the light A o of a color and a sum, and their changes by shading.
 
-    Light (h w, 3, 1 + k) and Σₚ (A spreadᵀ)ₚₚ (1 + k,) of the spin's light on the ball, then of each
+    Light (h w, 3, 1 + k) and (A spreadᵀ)ₚₚ (h w, 1 + k) of the spin's light on the ball, then of each
     of its harmonics, without the cost of storing A.
     """
     from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import

@@ -30,16 +30,33 @@ from blurmatte.deblurring.gaussian import (
 )
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
-from blurmatte.deblurring.operator import Blur, blurred, poses_of
+from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import HARMONICS
 from blurmatte.deblurring.view import View
 
 Array = npt.NDArray[np.float64]
+Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 
 LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
 MAX_STEPS = 8
 _DERIVATIVE_STEP_PX = 1.0  # motion between two moments: derivatives only direct the steps
+
+
+@dataclass(frozen=True)
+class SecantLimits:
+    """Of secants that correct the curvature.
+
+    Parameters
+    ----------
+    least_curvature : float
+        Along a step, of that of the information.
+    longest_std : float
+        Length of a step, standard deviations: over longer ones the curvature changes.
+    """
+
+    least_curvature: float = 0.1
+    longest_std: float = 6.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,8 +130,15 @@ def refined(
     weights they are those of the first motion, then, for a flat object, of the refined one.
     """
     first = state = explained(views, lattice, weights)
+    secants, before = list[Secant](), None
     for _ in range(steps):
         information, gradient = information_of(state, first, lattice)
+        if before is not None and isinstance(lattice, Sphere):
+            last = _parameters(state) - before[0]
+            if last @ information @ last < SecantLimits.longest_std**2:
+                secants.append((last, before[1] - gradient))
+        before = _parameters(state), gradient
+        information = with_curvature(information, secants)
         step = np.asarray(np.linalg.solve(information, gradient), float)
         if gradient @ step / 2 < least_gain:
             break
@@ -137,6 +161,28 @@ def _within_streak(state: Explained, lattice: Lattice | Sphere) -> Explained:
     weights = tuple(view.weight(blur.alpha) for view, blur in pairs)
     equations = _equations(views, state.blurs, weights, lattice)
     return replace(state, views=views, weights=weights, equations=equations)
+
+
+def _parameters(state: Explained) -> Array:
+    """(k,) of all views."""
+    return np.concatenate([view.parameters for view in state.views])
+
+
+def with_curvature(information: Array, secants: Sequence[Secant]) -> Array:
+    """The information with the curvature of the objective measured between iterates.
+
+    J contains the noise of the color, which the expected curvature does not. It is replaced in the
+    directions of the secants by damped BFGS updates [Nocedal & Wright 2006, 18.3].
+    """
+    M = information
+    for step, change in secants:
+        Ms = M @ step
+        expected, measured = step @ Ms, step @ change
+        if measured < SecantLimits.least_curvature * expected:
+            part = (1 - SecantLimits.least_curvature) * expected / (expected - measured)
+            change = part * change + (1 - part) * Ms
+        M = M - np.outer(Ms, Ms) / expected + np.outer(change, change) / (step @ change)
+    return np.asarray(M)
 
 
 def _along(
@@ -180,14 +226,14 @@ def information_of(
     for view, known, (A, alpha), weight in views:
         precision = _precision(known)
         if isinstance(lattice, Sphere):
-            spread = weight * (A.toarray() @ state.fit.normal.inverse())
-            J, volume = _derivatives_on_sphere(view, color, lattice, spread)
+            J, volume = _derivatives_on_sphere(view, state.fit, lattice, A, weight)
         else:
-            J, volume = _derivatives(view, color, lattice), np.zeros(len(view.parameters))
+            J, volume = _derivatives(view, color, lattice), np.zeros((1, len(view.parameters)))
         weight, r = np.broadcast_to(weight, (len(weight), 3)), view.light(alpha) - A @ color
         away = view.parameters - known.parameters
         blocks.append(np.einsum("pck,pc,pcl->kl", J, weight, J, optimize=True) / s + precision)
-        gradients.append(np.einsum("pck,pc->k", J, weight * r) / s - volume - precision @ away)
+        gradients.append(np.einsum("pck,pc->k", J, weight * r) / s)
+        gradients[-1] -= volume.sum(axis=0) + precision @ away
         rights.append(np.stack([A.T @ (weight[:, c, None] * J[:, c]) for c in range(3)]))
     right = np.concatenate(rights, axis=2)
     known_color = np.einsum("cnk,cnl->kl", right, state.fit.normal.solve(right)) / s
@@ -215,22 +261,33 @@ def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     return J
 
 
+def scores(state: Explained, sphere: Sphere) -> Array:
+    """(pixels, k) parts of the gradient of log Z of one view on a sphere; their sum is the gradient."""
+    (view,), ((A, alpha),), (weight,) = state.views, state.blurs, state.weights
+    J, volume = _derivatives_on_sphere(view, state.fit, sphere, A, weight)
+    r = view.light(alpha) - A @ state.fit.normal.mean
+    score = np.einsum("pck,pc->pk", J, weight * r) / state.fit.noise_scale - volume
+    return np.asarray(score)
+
+
 def _derivatives_on_sphere(
-    view: View, color: Array, sphere: Sphere, spread: Array
+    view: View, fit: GaussianFit, sphere: Sphere, A: Sparse, weight: Array
 ) -> tuple[Array, Array]:
-    """J (pixels, 3, k), and (k,) changes of the volume for the `spread` W A S (pixels, n).
+    """J (pixels, 3, k), and (pixels, k) changes of the volume.
 
     Light is linear in the shading, whose derivatives need no differences.
     """
+    color, spread = fit.normal.mean, weight * (A @ fit.normal.inverse())
     count, at, steps = view.moment_count(_DERIVATIVE_STEP_PX), view.parameters, view.steps
     alpha, light, volume = view.projected(sphere, count, color, spread)
-    J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros(len(at))
-    J[..., -HARMONICS:], volumes[-HARMONICS:] = light[..., 1:], 3 * volume[1:]
+    J, volumes = np.zeros((*light.shape[:2], len(at))), np.zeros((len(light), len(at)))
+    J[..., -HARMONICS:], volumes[:, -HARMONICS:] = light[..., 1:], 3 * volume[:, 1:]
     for k in np.flatnonzero(steps[:-HARMONICS] > 0):
         moved = view.moved(_stepped(at, steps, int(k)))
         other, changed, larger = moved.projected(sphere, count, color, spread)
         away = changed[..., 0] - light[..., 0] - (other - alpha)[:, None] * view.B
-        J[..., k], volumes[k] = away / steps[k], 3 * (larger[0] - volume[0]) / steps[k]
+        J[..., k] = away / steps[k]
+        volumes[:, k] = 3 * (larger[:, 0] - volume[:, 0]) / steps[k]
     return J, volumes
 
 

@@ -180,8 +180,8 @@ def deblur(
         Refine path, shape and spin by the evidence of the light; a sweep that it contradicts is
         replaced.
     spin : Spin, optional
-        How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it.
-        Without a spin, a ball shows one side.
+        How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it,
+        and noise counts as independent, that of a JPEG file too. Without a spin, a ball shows one side.
 
     Returns
     -------

@@ -45,8 +45,8 @@ def normals_of(covered, xy, to_disc, width):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
-def interpolation(node, x, y, z, indices, weights):  # type: ignore[no-untyped-def]
-    """Indices and bilinear weights (4,) of the nodes around a point of the sphere."""
+def cell_of(cells, x, y, z):  # type: ignore[no-untyped-def]
+    """Face, row, column and fractions (u, v) inside it of the cell around a point of the sphere."""
     ax, ay, az = abs(x), abs(y), abs(z)
     if ax >= ay and ax >= az:
         face, a, b = (1 if x > 0 else 0), y / ax, z / ax
@@ -54,52 +54,106 @@ def interpolation(node, x, y, z, indices, weights):  # type: ignore[no-untyped-d
         face, a, b = (3 if y > 0 else 2), z / ay, x / ay
     else:
         face, a, b = (5 if z > 0 else 4), x / az, y / az
-    cells = node.shape[1] - 1
     u = cells * (0.5 + 2 / np.pi * math.atan(a))
     v = cells * (0.5 + 2 / np.pi * math.atan(b))
     i, j = min(max(int(u), 0), cells - 1), min(max(int(v), 0), cells - 1)
-    u, v = u - i, v - j
-    indices[0], weights[0] = node[face, i, j], (1 - u) * (1 - v)
-    indices[1], weights[1] = node[face, i, j + 1], (1 - u) * v
-    indices[2], weights[2] = node[face, i + 1, j], u * (1 - v)
-    indices[3], weights[3] = node[face, i + 1, j + 1], u * v
+    return face, i, j, u - i, v - j
 
 
 @njit(**_COMPILED)
-def seen(node, R, normal, indices, weights):  # type: ignore[no-untyped-def]
-    """`interpolation` at the point of the body that is seen with a normal."""
-    nx, ny, nz = normal[0], normal[1], normal[2]
-    x = R[0, 0] * nx + R[1, 0] * ny + R[2, 0] * nz
-    y = R[0, 1] * nx + R[1, 1] * ny + R[2, 1] * nz
-    z = R[0, 2] * nx + R[1, 2] * ny + R[2, 2] * nz
-    interpolation(node, x, y, z, indices, weights)
+def seen(rotations, k, normal, q, point):  # type: ignore[no-untyped-def]
+    """The point (x, y, z) of the body that is seen with a normal at a moment."""
+    nx, ny, nz = normal[q, point, 0], normal[q, point, 1], normal[q, point, 2]
+    x = rotations[k, 0, 0] * nx + rotations[k, 1, 0] * ny + rotations[k, 2, 0] * nz
+    y = rotations[k, 0, 1] * nx + rotations[k, 1, 1] * ny + rotations[k, 2, 1] * nz
+    z = rotations[k, 0, 2] * nx + rotations[k, 1, 2] * ny + rotations[k, 2, 2] * nz
+    return x, y, z
 
 
 @njit(**_COMPILED)
 def projected(entries, rotations, node, factors, color, spread):  # type: ignore[no-untyped-def]
     """Light (pixels, 3, k) of a color (n, 3) by `rows_of`, for factors (m, k) of the weights.
 
-    And (k,) sums of the entries of these rows times those of `spread` (pixels, n).
+    And sums (pixels, k) of the entries of these rows times those of `spread` (pixels, n).
     """
     first, moment, weight, normal = entries
     light = np.zeros((len(first) - 1, 3, factors.shape[1]))
-    total, found = np.zeros(factors.shape[1]), np.empty(4)
-    indices, weights = np.empty(4, np.int32), np.empty(4)
+    total = np.zeros((len(first) - 1, factors.shape[1]))
+    cells, count = node.shape[1] - 1, normal.shape[1]
     for p in range(len(first) - 1):
         for q in range(first[p], first[p + 1]):
-            found[:] = 0
-            for point in range(normal.shape[1]):
-                seen(node, rotations[moment[q]], normal[q, point], indices, weights)
+            red, green, blue, spreads = 0.0, 0.0, 0.0, 0.0
+            for point in range(count):
+                x, y, z = seen(rotations, moment[q], normal, q, point)
+                face, i, j, u, v = cell_of(cells, x, y, z)
                 for r in range(4):
-                    n, part = indices[r], weights[r] * weight[q] / normal.shape[1]
-                    for c in range(3):
-                        found[c] += part * color[n, c]
-                    found[3] += part * spread[p, n]
+                    n = node[face, i + r // 2, j + r % 2]
+                    part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
+                    part *= weight[q] / count
+                    red += part * color[n, 0]
+                    green += part * color[n, 1]
+                    blue += part * color[n, 2]
+                    spreads += part * spread[p, n]
             for k in range(factors.shape[1]):
-                for c in range(3):
-                    light[p, c, k] += factors[q, k] * found[c]
-                total[k] += factors[q, k] * found[3]
+                light[p, 0, k] += factors[q, k] * red
+                light[p, 1, k] += factors[q, k] * green
+                light[p, 2, k] += factors[q, k] * blue
+                total[p, k] += factors[q, k] * spreads
     return light, total
+
+
+@njit(**_COMPILED)
+def turned(entries, rotations, jacobians, node, color):  # type: ignore[no-untyped-def]
+    """Derivatives (pixels, 3, 3) by the rotation vector of the light of a color (n, 3), see `rows_of`.
+
+    A change δ of the rotation vector turns the body at the moment k by the small rotation vector
+    jacobiansₖ δ. Rows are channels, columns components of the rotation vector.
+    """
+    first, moment, weight, normal = entries
+    cells, count = node.shape[1] - 1, normal.shape[1]
+    light, slope, g = np.zeros((len(first) - 1, 3, 3)), np.empty((3, 3)), np.empty(3)
+    for p in range(len(first) - 1):
+        for q in range(first[p], first[p + 1]):
+            m, share = moment[q], weight[q] / count
+            for point in range(count):
+                x, y, z = seen(rotations, m, normal, q, point)
+                face, i, j, u, v = cell_of(cells, x, y, z)
+                gradient(cells, face, x, y, z, slope)
+                n = normal[q, point]
+                for c in range(3):
+                    o00, o01 = color[node[face, i, j], c], color[node[face, i, j + 1], c]
+                    o10, o11 = color[node[face, i + 1, j], c], color[node[face, i + 1, j + 1], c]
+                    by_u = (1 - v) * (o10 - o00) + v * (o11 - o01)
+                    by_v = (1 - u) * (o01 - o00) + u * (o11 - o10)
+                    for axis in range(3):
+                        g[axis] = 0.0
+                        for body in range(3):
+                            along = by_u * slope[body, 0] + by_v * slope[body, 1]
+                            g[axis] += rotations[m, axis, body] * along
+                    tx = share * (g[1] * n[2] - g[2] * n[1])
+                    ty = share * (g[2] * n[0] - g[0] * n[2])
+                    tz = share * (g[0] * n[1] - g[1] * n[0])
+                    for k in range(3):
+                        light[p, c, k] += (
+                            jacobians[m, 0, k] * tx
+                            + jacobians[m, 1, k] * ty
+                            + jacobians[m, 2, k] * tz
+                        )
+    return light
+
+
+@njit(**_COMPILED)
+def gradient(cells, face, x, y, z, slope):  # type: ignore[no-untyped-def]
+    """Set slope (3, 2) to the derivatives of the fractions (u, v) of `cell_of` by the point."""
+    axis = face // 2
+    first, second = (axis + 1) % 3, (axis + 2) % 3
+    p = (x, y, z)
+    depth, sign = abs(p[axis]), (1.0 if face % 2 else -1.0)
+    a, b = p[first] / depth, p[second] / depth
+    per_angle = cells * 2 / np.pi / depth
+    by_a, by_b = per_angle / (1 + a * a), per_angle / (1 + b * b)
+    slope[first, 0], slope[second, 0], slope[axis, 0] = by_a, 0.0, -sign * a * by_a
+    slope[first, 1], slope[second, 1], slope[axis, 1] = 0.0, by_b, -sign * b * by_b
 
 
 @njit(**_COMPILED)
@@ -109,31 +163,51 @@ def rows_of(first, moment, weight, normal, rotations, node, size):  # type: igno
     rotations (T, 3, 3) map the body to the camera's frame; weight (m,) has all factors but the
     interpolation.
     """
-    count = len(first) - 1
+    count, points, cells = len(first) - 1, normal.shape[1], node.shape[1] - 1
     total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
-    indices, weights = np.empty(4, np.int32), np.empty(4)
     begin = np.zeros(count + 1, np.int64)
     columns, values = np.empty(32 * count, np.int32), np.empty(32 * count)
     for p in range(count):
         found = 0
         for q in range(first[p], first[p + 1]):
-            R, share = rotations[moment[q]], weight[q] / normal.shape[1]
-            for point in range(normal.shape[1]):
-                seen(node, R, normal[q, point], indices, weights)
+            share = weight[q] / points
+            for point in range(points):
+                x, y, z = seen(rotations, moment[q], normal, q, point)
+                face, i, j, u, v = cell_of(cells, x, y, z)
                 for r in range(4):
-                    value = share * weights[r]
-                    found = add_to_row(p, indices[r], value, total, stamp, touched, found)
+                    column = node[face, i + r // 2, j + r % 2]
+                    part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
+                    found = add_to_row(p, column, share * part, total, stamp, touched, found)
         begin[p + 1] = begin[p] + found
         columns, values = with_row(columns, values, begin[p], total, touched[:found])
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 
 @njit(**_COMPILED)
-def add_normal(first, columns, values, weights, N):  # type: ignore[no-untyped-def]
-    """Add the lower triangle of Aᵀ W A to N (n, n), in the order of N[column, row]."""
+def add_equations(entries, rotations, node, weights, light, N, right):  # type: ignore[no-untyped-def]
+    """Add the upper triangle of Aᵀ W A to N (n, n), and Aᵀ light to right (n, k), see `rows_of`.
+
+    weights (pixels,) are the diagonal of W; light (pixels, k).
+    """
+    first, moment, weight, normal = entries
+    points, cells, size = normal.shape[1], node.shape[1] - 1, len(N)
+    total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
     for p in range(len(first) - 1):
-        end = first[p + 1]
-        for q in range(first[p], end):
-            i, scaled = columns[q], weights[p] * values[q]
-            for r in range(q, end):
-                N[i, columns[r]] += scaled * values[r]
+        found = 0
+        for q in range(first[p], first[p + 1]):
+            share = weight[q] / points
+            for point in range(points):
+                x, y, z = seen(rotations, moment[q], normal, q, point)
+                face, i, j, u, v = cell_of(cells, x, y, z)
+                for r in range(4):
+                    column = node[face, i + r // 2, j + r % 2]
+                    part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
+                    found = add_to_row(p, column, share * part, total, stamp, touched, found)
+        for q in range(found):
+            row = touched[q]
+            scaled = weights[p] * total[row]
+            for r in range(found):
+                if touched[r] >= row:
+                    N[row, touched[r]] += scaled * total[touched[r]]
+            for k in range(light.shape[1]):
+                right[row, k] += total[row] * light[p, k]

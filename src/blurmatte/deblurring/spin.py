@@ -112,6 +112,16 @@ class Spin:
         vectors = (np.asarray(t, float)[:, None] - 0.5) * self.rotation
         return np.asarray(Rotation.from_rotvec(vectors).as_matrix())
 
+    def jacobians(self, t: Array) -> Array:
+        """(T, 3, 3) left Jacobians: a change δ of the rotation turns the body at tₖ by jacobiansₖ δ."""
+        x, y, z = axis = self.axis
+        angle = self.rate * (np.asarray(t, float) - 0.5)
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        shrunk = np.sinc(angle / np.pi)[:, None, None]  # sin angle / angle
+        aside = (np.sin(angle / 2) * np.sinc(angle / 2 / np.pi))[:, None, None]
+        J = shrunk * np.eye(3) + (1 - shrunk) * np.outer(axis, axis) + aside * cross
+        return np.asarray((np.asarray(t, float) - 0.5)[:, None, None] * J)
+
     def light(self, normal: Array) -> Array:
         """(m,) factor of the color at unit normals (m, 3)."""
         return np.asarray(1 + harmonics(normal) @ self.shading)

@@ -4,8 +4,10 @@ The texture of the ball is marginalized (`gaussian`), so that every rotation has
 are found on a coarse lattice (`spin_search`). The likeliest are refined together with path and
 shading (`refine`), and compared; the best is refined once more on a fine lattice.
 
-Errors of the model, such as edges of paint between nodes, correlate over several pixels: covariances
-are multiplied, and differences of evidence divided, by `VARIANCE_INFLATION`.
+Errors of the model, such as edges of paint between nodes, are not in the posterior. They show in the
+gradient of log Z, to which strips of the picture contribute more than the posterior expects
+(`_strip_covariance`). The log Bayes factor of the result is divided by the same inflation of variance,
+and earlier ones by `VARIANCE_INFLATION`.
 """
 
 from collections.abc import Sequence
@@ -17,7 +19,7 @@ from threadpoolctl import threadpool_limits
 
 from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
-from blurmatte.deblurring.refine import Explained, explained, refined
+from blurmatte.deblurring.refine import Explained, explained, refined, scores
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere
 from blurmatte.deblurring.spin import HARMONICS, Spin
 from blurmatte.deblurring.spin_search import (
@@ -26,7 +28,10 @@ from blurmatte.deblurring.spin_search import (
     NODES_PER_RADIUS,
     SAME_MODE,
     SPACING,
+    STARTS,
+    Mode,
     Search,
+    rotation_grid,
 )
 from blurmatte.deblurring.view import View
 from blurmatte.errors import SpinError
@@ -36,7 +41,8 @@ from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 
-VARIANCE_INFLATION = 3.0  # of sums of residuals over independent ones; calibrated on rendered balls
+VARIANCE_INFLATION = 3.0  # of the posterior of candidates, before it is measured; of rendered balls
+STRIPS_PER_RADIUS = 5
 MIN_RADIUS_PX = 6.0
 MAX_MISFIT = 3.0  # reduced χ² of the residuals
 SIGNIFICANT = 4.0  # standard deviations of a rotation that is not zero
@@ -46,6 +52,7 @@ RADIUS_PRIOR_PX = 0.1
 MAX_PATH_DEVIATION = 4.0  # of the refined path, in standard deviations of the prior
 PRIOR = np.diag([np.pi**2] * 3 + [0.3**2] * HARMONICS)  # variances of rotation and shading
 _COARSE_PIXELS_PER_RADIUS = 7
+_RANKED_AGAIN = 150  # rotations of the grid
 _NEAR = np.radians(20)
 _FIRST_STEPS = 3
 _MAX_FINE = 3  # candidates on the fine lattice
@@ -56,8 +63,8 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     """The rotation of a ball during the exposure, from the blur of its texture.
 
     The ball must be a sphere seen from far away that turns at constant rate by at most about half a
-    turn in the exposure. A matte surface under any distant light is part of the model, a highlight is
-    not.
+    turn in the exposure. A matte surface under any distant light is part of the model. A highlight is
+    part of the search alone: a spin that is not decisively likelier with one is refused.
 
     Parameters
     ----------
@@ -89,13 +96,37 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     prior = _widened(sweep)
     with threadpool_limits(1):  # most matrices are small: threads wait longer than they work
         view = View.of(image, plate, prior, Spin(np.zeros(3), covariance=PRIOR))
-        by = max(1, int(sweep.radius / _COARSE_PIXELS_PER_RADIUS))
+        by = max(1, round(sweep.radius / _COARSE_PIXELS_PER_RADIUS))
         coarse = _candidates(view.coarser(by))
         found = coarse[0].views[0]
         fine = View.of(image, plate, found.sweep, found.spin)
         states = _refined_on_fine(fine, _likely(coarse), view.covariance)
+        covariance = _strip_covariance(states[0], Sphere.within(fine.sweep.radius, MAX_NODES))
     _check_path(prior, states[0].views[0].sweep)
-    return _checked(states[0], min(_margin(states), _margin(coarse[:1] + _unlikely(coarse))))
+    inflation = _inflation(states[0].views[0], covariance)
+    margin = min(_margin(one, inflation) for one in (states, coarse[:1] + _unlikely(coarse)))
+    _check_highlights(coarse)
+    return _checked(states[0], margin, covariance)
+
+
+def _strip_covariance(state: Explained, sphere: Sphere) -> Array:
+    """(k, k) covariance of the parameters, with errors of the model that vary over the picture.
+
+    The infinitesimal jackknife [Jaeckel 1972]: with the posterior covariance S, a strip of the picture
+    along the path, whose part of the gradient of log Z is g, moves the estimate by S g. Each point of
+    the ball stays near its strip, so that the parts of different strips are almost independent. An
+    error of all strips alike does not show; S itself is added as a bound.
+    """
+    (view,) = state.views
+    sweep, pixels, parts = view.sweep, view.pixels, scores(state, sphere)
+    row, column = np.divmod(np.arange(len(parts)), pixels.shape[1])
+    chord = sweep.trajectory.at(1.0) - sweep.trajectory.at(0.0)
+    angle = np.arctan2(chord[1], chord[0])
+    across = np.cos(angle) * row - np.sin(angle) * column
+    strip = np.floor(STRIPS_PER_RADIUS * across / sweep.radius).astype(int)
+    used = np.unique(strip[state.weights[0][:, 0] > 0])
+    moves = np.stack([parts[strip == one].sum(axis=0) for one in used]) @ view.covariance
+    return np.asarray(len(used) / (len(used) - 1) * moves.T @ moves + view.covariance)
 
 
 def _check_ball(sweep: Sweep) -> None:
@@ -113,6 +144,7 @@ def _widened(sweep: Sweep) -> Sweep:
     """The sweep with a covariance that allows for the texture's effect on the path."""
     n, variances = len(sweep.path), np.zeros(len(sweep.covariance))
     variances[:n], variances[n] = PATH_PRIOR_PX**2, RADIUS_PRIOR_PX**2
+    variances[n + 1 :] = 2 * (RADIUS_PRIOR_PX / sweep.radius) ** 2  # growth: a ratio of radii
     return replace(sweep, covariance=sweep.covariance + np.diag(variances))
 
 
@@ -135,18 +167,26 @@ def _candidates(view: View) -> list[Explained]:
     """
     sphere = Sphere.of(view.sweep.radius, view.sweep.radius / NODES_PER_RADIUS)
     at, states, weights = view, list[Explained](), None
-    for spacing in (SPACING, 1.5 * SPACING, 0.0):
-        wanted = _new_rotations(at, states, spacing) if spacing else _near(_rotation(at))
+    grid = [*rotation_grid(SPACING)]
+    for starts in (STARTS, STARTS // 2, 0):
+        if starts:
+            search = Search.of(at)
+            ranked = search.ranked(grid)
+            grid = [one.rotation for one in ranked[:_RANKED_AGAIN]]
+            found = search.modes(ranked, _rotation(at), starts)
+            wanted = _new_rotations(search, found, states)
+        else:
+            wanted = _near(_rotation(at))
         for rotation in wanted:
             state = refined([_start(at, rotation, view.covariance)], sphere, _FIRST_STEPS)
             weights = weights or state.weights
             states.append(explained(state.views, sphere, weights))
         states = _ranked(states)
         at = states[0].views[0]
-    starts = [
+    likely = [
         _start(one.views[0], _rotation(one.views[0]), view.covariance) for one in _likely(states)
     ]
-    final = [explained(refined([one], sphere).views, sphere, weights) for one in starts]
+    final = [explained(refined([one], sphere).views, sphere, weights) for one in likely]
     return _ranked([*final, *_unlikely(states)])
 
 
@@ -195,10 +235,11 @@ def _start(view: View, rotation: Array, covariance: Array) -> View:
     return one.moved(one.parameters, covariance)
 
 
-def _new_rotations(view: View, states: Sequence[Explained], spacing: float) -> list[Array]:
+def _new_rotations(
+    search: Search, modes: Sequence[Mode], states: Sequence[Explained]
+) -> list[Array]:
     """Likely rotations that no state has, unless a ball without texture explains the light as well."""
-    search = Search.of(view)
-    found = [mode.rotation for mode in search.modes(spacing, _rotation(view))]
+    found = [mode.rotation for mode in modes]
     textured = max(one.log_evidence for one in search.solved(found[0], CONTRASTS))
     (plain,) = search.solved(found[0], (NO_TEXTURE,))
     gain = (textured - plain.log_evidence) / VARIANCE_INFLATION
@@ -216,7 +257,32 @@ def _ranked(states: list[Explained]) -> list[Explained]:
     return sorted(states, key=lambda state: -state.fit.log_evidence)
 
 
-def _margin(states: Sequence[Explained]) -> float:
+def _check_highlights(states: Sequence[Explained]) -> None:
+    """Raise SpinError if another rotation explains the picture with highlights, which do not turn."""
+    evidences = []
+    for state in states:
+        (view,), (weight,) = state.views, states[0].weights
+        search = Search.of(view, weight)
+        evidences.append(max(search.glossy(_rotation(view), c).log_evidence for c in CONTRASTS))
+    rotations = [_rotation(state.views[0]) for state in states]
+    for rotation, evidence in zip(rotations, evidences, strict=True):
+        margin = (evidences[0] - evidence) / VARIANCE_INFLATION
+        apart = float(np.linalg.norm(rotation - rotations[0]))
+        if apart > SAME_MODE and margin < DECISIVE_LOG_BAYES_FACTOR:
+            raise SpinError(
+                "a part of the pattern may be a highlight: then another spin, "
+                f"{np.degrees(apart):.0f}° away, explains the picture (log Bayes factor {margin:.1f})"
+            )
+
+
+def _inflation(view: View, covariance: Array) -> float:
+    """Mean ratio of a covariance of the rotation to that of its posterior."""
+    rotation = slice(len(view.sweep.covariance), len(view.sweep.covariance) + 3)
+    expected, found = (S[rotation, rotation] for S in (view.covariance, covariance))
+    return float(np.trace(np.linalg.solve(expected, found)) / 3)
+
+
+def _margin(states: Sequence[Explained], inflation: float) -> float:
     """Log Bayes factor of the first state over the likeliest one with a different rotation.
 
     Raises
@@ -234,7 +300,7 @@ def _margin(states: Sequence[Explained]) -> float:
     if not rivals:
         return float("inf")
     margin, rival = min(rivals, key=lambda one: one[0])
-    margin /= VARIANCE_INFLATION
+    margin /= inflation
     if margin < DECISIVE_LOG_BAYES_FACTOR:
         raise SpinError(
             f"two spins explain the picture: {np.degrees(np.linalg.norm(rotation)):.0f}° and "
@@ -244,17 +310,16 @@ def _margin(states: Sequence[Explained]) -> float:
     return float(margin)
 
 
-def _checked(state: Explained, margin: float) -> Spin:
+def _checked(state: Explained, margin: float, covariance: Array) -> Spin:
     """The spin of a refined state, unless its residuals are too large."""
     if state.fit.noise_scale > MAX_MISFIT:
         raise SpinError(
             f"no spin explains the picture: the residuals are {state.fit.noise_scale:.1f} times the "
             f"noise, at most {MAX_MISFIT:g} are allowed; path or silhouette may be wrong"
         )
-    spin, sweep = _spin_of(state.views[0]), state.views[0].sweep
-    sweep = replace(sweep, covariance=VARIANCE_INFLATION * sweep.covariance)
-    covariance = VARIANCE_INFLATION * spin.covariance
-    spin = replace(spin, covariance=covariance, log_evidence_margin=margin, sweep=sweep)
+    (view,) = state.views
+    found = view.moved(view.parameters, covariance)
+    spin = replace(_spin_of(found), log_evidence_margin=margin, sweep=found.sweep)
     _check_turning(state, spin)
     return spin
 

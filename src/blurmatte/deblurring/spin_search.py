@@ -4,15 +4,16 @@ In this file P is the premultiplied light of blocks of pixels and W its inverse 
 rotation vector ω, the light is that of a texture o that turns with the ball and of a field β on it that
 does not, its shading,
 
-    P = A(ω) o + C β + noise,
+    P = A(ω) o + C β + G h + noise,
 
 where C has the harmonics of `spin` as columns. Shading is a factor of the texture: an estimate of it is
-in A, and C β is a first-order model of its error. Both o and β are marginalized, o with the prior
-exp(−λ oᵀ Q o / 2) of `gaussian` and β with independent normal priors; log Z(ω) follows from a Cholesky
-factor of the nodes' equations and the Schur complement of the field's.
+in A, and C β is a first-order model of its error. Highlights h are white, the same in all channels, at
+nodes of a lattice that does not turn. All are marginalized, o with the prior exp(−λ oᵀ Q o / 2) of
+`gaussian`, β and h with independent normal priors; log Z(ω) follows from a Cholesky factor of the
+equations of the nodes and Schur complements for β and h.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -28,17 +29,18 @@ from blurmatte.deblurring.view import View
 Array = npt.NDArray[np.float64]
 
 NODES_PER_RADIUS = 5
-_STEP = 0.75  # motion between two moments, pixels of the view
+_STEP = 1.0  # motion between two moments, pixels of the view
 _FASTEST = np.pi  # radians per exposure
-SPACING = np.radians(24)  # of the grid of rotations: maxima of log Z are about 30° wide
-_TURN_STEP = 0.02  # radians, for derivatives
+SPACING = np.radians(28)  # of the grid of rotations: maxima of log Z are about 30° wide
 _LARGEST_STEP = np.radians(12)
-_LEAST_GAIN = 0.3  # of log Z, by a step
+_LEAST_GAIN = 3.0  # of log Z, by a step
 _MAX_STEPS = 10
-_STARTS = 12  # from the grid
+STARTS = 24  # from the grid
 _NEAR = np.radians(15)
 SAME_MODE = np.radians(8)  # maxima that are nearer are one
 _MODES = 2  # of each contrast
+_GLOSS_CELLS = 5  # of the lattice of highlights, 18° each
+_GLOSS_STD = 0.1  # of highlights at a node, linear light
 _FIELD_STD = 0.2  # of the coefficients of shading, linear light
 CONTRASTS = (0.4, 0.15, 0.05)  # of neighbors of the coarse lattice, linear light
 NO_TEXTURE = 1e-3
@@ -62,16 +64,16 @@ class Mode:
 
 @dataclass(frozen=True, eq=False)
 class Solved:
-    """The most probable texture (n, 3) and field (k, 3) for a rotation, and what they derive from."""
+    """The most probable texture (n, 3), field (k, 3) and highlights, and what they derive from."""
 
     log_evidence: float
     noise_scale: float
-    A: Sparse
     factor: Array
     texture: Array
     field: Array
     coupling: Array
     schur: Array
+    gloss: Array | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,15 +107,18 @@ class Search:
     W: Array
 
     @classmethod
-    def of(cls, view: View) -> "Search":
-        """The search at the path and shading of a view with a spin: its channels have one weight."""
+    def of(cls, view: View, weight: Array | None = None) -> "Search":
+        """The search at the path and shading of a view with a spin: its channels have one weight.
+
+        Evidences of two paths compare under the same weight (h w, 1).
+        """
         sweep = view.sweep
         fastest = replace(view, spin=Spin(np.array([0, 0, _FASTEST])))
         count = fastest.moment_count(_STEP)
         poses = poses_of(sweep, count=count)
         seen = seen_moments(sweep, view.pixels, poses)
         alpha = seen.alpha(poses.durations)
-        weight = view.weight(alpha)[:, 0]
+        weight = (view.weight(alpha) if weight is None else weight)[:, 0]
         use = weight > 0
         sphere = Sphere.of(sweep.radius, sweep.radius / NODES_PER_RADIUS)
         return cls(
@@ -124,9 +129,14 @@ class Search:
             weight[use],
         )
 
+    @property
+    def entries(self) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array, Array]:
+        """Of all blocks, as arguments of the kernels."""
+        return self.first, self.moment, self.weight, self.normal
+
     @cached_property
     def prior(self) -> Array:
-        """(n, n) Q, lower triangle of its transpose."""
+        """(n, n) upper triangle of Q."""
         n = self.sphere.size
         band, whole = (
             gradient_prior(self.sphere, np.ones(len(self.sphere.edges)), n),
@@ -144,6 +154,20 @@ class Search:
         columns = [np.bincount(own, self.weight * y, len(self.P)) for y in Y.T]
         return np.stack(columns, axis=1)
 
+    @cached_property
+    def G(self) -> Array:
+        """(m, k) light of white highlights at the nodes that are visible."""
+        from scipy.sparse import csr_matrix
+
+        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+        lattice, still = Sphere.of(1.0, np.pi / 2 / _GLOSS_CELLS), np.zeros(3)
+        first, columns, values = sphere_kernel.rows_of(
+            *self.entries, Spin(still).turns(self.t), lattice.node, lattice.size
+        )
+        dense = csr_matrix((values, columns, first), (len(self.P), lattice.size)).toarray()
+        return np.asarray(dense[:, dense.any(axis=0)])
+
     def operator(self, rotation: Array) -> Sparse:
         """A(ω)."""
         from scipy.sparse import csr_matrix
@@ -156,51 +180,91 @@ class Search:
         )
         return csr_matrix((values, columns, first), shape=(len(self.P), size))
 
-    def solved(self, rotation: Array, contrasts: Sequence[float]) -> list[Solved]:
-        """The marginal likelihood of a rotation, for each of some contrasts of the texture."""
+    def _equations(self, rotation: Array, contrast: float, light: Array) -> tuple[Array, Array]:
+        """Upper triangle of AᵀWA + λ Q (n, n), and AᵀW times light (m, k)."""
         from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
 
-        A, N = self.operator(rotation), np.zeros_like(self.prior)
-        sphere_kernel.add_normal(A.indptr, A.indices, A.data, self.W, N)
-        return [self._solved(A, N, contrast) for contrast in contrasts]
+        N, right = contrast**-2 * self.prior, np.zeros((self.sphere.size, light.shape[1]))
+        turns, weighted = Spin(rotation).turns(self.t), self.W[:, None] * light
+        sphere_kernel.add_equations(
+            self.entries, turns, self.sphere.node, self.W, weighted, N, right
+        )
+        return N, right
 
-    def _solved(self, A: Sparse, N: Array, contrast: float) -> Solved:
-        """The marginal likelihood for a contrast, with the lower triangle of N as a transpose."""
+    def solved(self, rotation: Array, contrasts: Sequence[float]) -> list[Solved]:
+        """The marginal likelihood of a rotation, for each of some contrasts of the texture."""
+        N, right = self._equations(rotation, contrasts[0], np.hstack([self.C, self.P]))
+        matrices = [N + (c**-2 - contrasts[0] ** -2) * self.prior for c in contrasts[1:]]
+        pairs = zip([N, *matrices], contrasts, strict=True)
+        return [self._solved(matrix, right, contrast) for matrix, contrast in pairs]
+
+    def _solved(self, matrix: Array, right: Array, contrast: float) -> Solved:
+        """The marginal likelihood for a contrast; the upper triangle of the matrix is overwritten."""
         from scipy.linalg import solve_triangular
         from scipy.linalg.lapack import dpotrf
 
-        strength = contrast**-2
-        factor, _ = dpotrf((N + strength * self.prior).T, lower=1, overwrite_a=1, clean=0)
+        factor, _ = dpotrf(matrix.T, lower=1, overwrite_a=1, clean=0)
         light, field, k = self.W[:, None] * self.P, self.W[:, None] * self.C, self.C.shape[1]
-        right = np.hstack([A.T @ field, A.T @ light])
         right = solve_triangular(factor, right, lower=True, check_finite=False)
         coupling, texture = right[:, :k], right[:, k:]
         schur = self.C.T @ field + np.eye(k) / _FIELD_STD**2 - coupling.T @ coupling
         of_field = self.C.T @ light - coupling.T @ texture
-        beta = np.linalg.solve(schur, of_field)
+        beta = np.asarray(np.linalg.solve(schur, of_field), float)
         misfit = float((light * self.P).sum() - (texture**2).sum() - (of_field * beta).sum())
         texture = texture - coupling @ beta
         texture = solve_triangular(factor, texture, lower=True, trans=1, check_finite=False)
         freedom, nodes = len(self.P) - 1, self.sphere.size - 1
         volume = 2 * np.log(np.diag(factor)).sum() + np.linalg.slogdet(schur)[1]
-        log_z = 1.5 * (nodes * np.log(strength) - freedom * np.log(misfit) - volume)
+        log_z = 1.5 * (-2 * nodes * np.log(contrast) - freedom * np.log(misfit) - volume)
         scale = misfit / (3 * freedom)
-        return Solved(float(log_z), scale, A, factor, texture, beta, coupling, schur)
+        return Solved(float(log_z), scale, factor, texture, beta, coupling, schur)
+
+    def glossy(self, rotation: Array, contrast: float) -> Solved:
+        """`solved` with highlights."""
+        from scipy.linalg import solve_triangular
+
+        k = self.C.shape[1] + 3
+        N, right = self._equations(rotation, contrast, np.hstack([self.C, self.P, self.G]))
+        at, light = self._solved(N, right[:, :k], contrast), self.W[:, None] * self.G
+        of_nodes = solve_triangular(at.factor, right[:, k:], lower=True, check_finite=False)
+        field_light = self.C.T @ light
+        of_field = field_light - at.coupling.T @ of_nodes
+        schur = self.G.T @ light - of_nodes.T @ of_nodes
+        schur = 3 * (schur - of_field.T @ np.linalg.solve(at.schur, of_field))
+        schur += np.eye(len(schur)) / _GLOSS_STD**2
+        own = light.T @ self.P - right[:, k:].T @ at.texture - field_light.T @ at.field
+        right = own.sum(axis=1)
+        found = np.linalg.solve(schur, right)
+        freedom = 3 * (len(self.P) - 1)
+        before = freedom * at.noise_scale
+        after = before - float(right @ found)
+        gain = -freedom * np.log(after / before) - np.linalg.slogdet(_GLOSS_STD**2 * schur)[1]
+        texture, field = _without(at, of_nodes @ found, of_field @ found)
+        return replace(
+            at,
+            log_evidence=at.log_evidence + float(gain) / 2,
+            noise_scale=after / freedom,
+            texture=texture,
+            field=field,
+            gloss=found,
+        )
 
     def stepped(self, rotation: Array, at: Solved) -> Array:
         """The step of Gauss and Newton for log Z(ω), without the change of volume, at most 12°."""
         from scipy.linalg import solve_triangular
 
-        units = _TURN_STEP * np.eye(3)
-        lights = [
-            (self.operator(rotation + d) - self.operator(rotation - d)) @ at.texture for d in units
-        ]
-        J = np.stack(lights, axis=2).reshape(len(self.P), 9) / (
-            2 * _TURN_STEP
-        )  # (channel, parameter)
-        r = self.P - at.A @ at.texture - self.C @ at.field
+        from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
+
+        spin = Spin(rotation)
+        J = sphere_kernel.turned(
+            *(self.entries, spin.turns(self.t), spin.jacobians(self.t)),
+            *(self.sphere.node, at.texture),
+        ).reshape(len(self.P), 9)  # (channel, parameter)
+        A = self.operator(rotation)
+        r = self.P - A @ at.texture - self.C @ at.field
+        r -= 0 if at.gloss is None else (self.G @ at.gloss)[:, None]
         weighted = self.W[:, None] * J
-        of_nodes = solve_triangular(at.factor, at.A.T @ weighted, lower=True, check_finite=False)
+        of_nodes = solve_triangular(at.factor, A.T @ weighted, lower=True, check_finite=False)
         of_field = self.C.T @ weighted - at.coupling.T @ of_nodes
         full = J.T @ weighted - of_nodes.T @ of_nodes
         full -= of_field.T @ np.linalg.solve(at.schur, of_field)
@@ -212,12 +276,10 @@ class Search:
 
     def climbed(self, rotation: Array, contrast: float) -> Mode:
         """The maximum of the evidence near a rotation."""
-        (at,) = self.solved(rotation, (contrast,))
+        at = self.glossy(rotation, contrast)
         for _ in range(_MAX_STEPS):
             step = self.stepped(rotation, at)
-            tried = (
-                (f, self.solved(rotation + f * step, (contrast,))[0]) for f in (1.0, 0.5, 0.25)
-            )
+            tried = ((f, self.glossy(rotation + f * step, contrast)) for f in (1.0, 0.5, 0.25))
             better = next((one for one in tried if one[1].log_evidence > at.log_evidence), None)
             if better is None:
                 break
@@ -227,26 +289,40 @@ class Search:
                 break
         return Mode(rotation, at.log_evidence)
 
-    def modes(self, spacing: float, around: Array) -> list[Mode]:
+    def ranked(self, rotations: Iterable[Array]) -> list[Mode]:
+        """Rotations with their evidence without highlights, the likeliest first."""
+        middle = (CONTRASTS[1],)
+        found = [Mode(w, self.solved(w, middle)[0].log_evidence) for w in rotations]
+        return sorted(found, key=_unlikeliness)
+
+    def modes(self, ranked: Sequence[Mode], around: Array, starts: int) -> list[Mode]:
         """Distinct maxima of the evidence: the likeliest of each contrast of the texture.
 
         The largest contrast may explain errors of path and shading as texture of a fast spin, and a
-        small one misses fine texture. The grid is evaluated for the one between. Further starts are
-        `around` a rotation, whose maximum may be narrower than the grid.
+        small one misses fine texture. Maxima for the middle contrast are starts for the others. Further
+        starts than the `starts` likeliest of the grid are `around` a rotation, whose maximum may be
+        narrower than the grid.
         """
-        grid, middle = rotation_grid(spacing), (CONTRASTS[len(CONTRASTS) // 2],)
-        values = np.array([self.solved(w, middle)[0].log_evidence for w in grid])
-        ranked = [Mode(grid[k], values[k]) for k in np.argsort(-values)]
-        starts = [one.rotation for one in _distinct(ranked, spacing, _STARTS)]
-        starts += [
-            around,
-            *(around + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1)),
-        ]
-        likeliest: list[Mode] = []
-        for contrast in CONTRASTS:
-            found = [self.climbed(w, contrast) for w in starts]
+        of_grid = [one.rotation for one in _distinct(ranked, SPACING, starts)]
+        near = (around + sign * _NEAR * axis for axis in np.eye(3) for sign in (-1, 1))
+        climbed = [self.climbed(w, CONTRASTS[1]) for w in [*of_grid, around, *near]]
+        middle = _distinct(sorted(climbed, key=_unlikeliness), SAME_MODE, len(climbed))
+        likeliest = middle[:_MODES]
+        for contrast in (CONTRASTS[0], CONTRASTS[2]):
+            found = [self.climbed(one.rotation, contrast) for one in middle]
             likeliest += _distinct(sorted(found, key=_unlikeliness), SAME_MODE, _MODES)
         return _distinct(likeliest, SAME_MODE, len(likeliest))
+
+
+def _without(at: Solved, of_nodes: Array, of_field: Array) -> tuple[Array, Array]:
+    """Texture and field for the light less that of highlights, with these projections."""
+    from scipy.linalg import solve_triangular
+
+    change = np.linalg.solve(at.schur, of_field)
+    nodes = solve_triangular(
+        at.factor, of_nodes - at.coupling @ change, lower=True, trans=1, check_finite=False
+    )
+    return at.texture - nodes[:, None], at.field - change[:, None]
 
 
 def _unlikeliness(mode: Mode) -> float:
@@ -262,7 +338,7 @@ def rotation_grid(spacing: float) -> Array:
     return np.asarray(points[np.linalg.norm(points, axis=1) <= _FASTEST])
 
 
-def _distinct(modes: list[Mode], angle: float, most: int) -> list[Mode]:
+def _distinct(modes: Sequence[Mode], angle: float, most: int) -> list[Mode]:
     """At most `most` that are further than an angle from all before them."""
     kept: list[Mode] = []
     for mode in modes:
