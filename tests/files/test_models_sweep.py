@@ -17,7 +17,14 @@ FAMILIES = "line", "parabola", "cubic", "arc", "bounce", "from rest"
 
 @pytest.mark.parametrize("name", FAMILIES)
 @pytest.mark.parametrize(
-    "silhouette", [DISC, ELLIPSE, Silhouette(4, turns=True), Silhouette(4, changes=True)]
+    "silhouette",
+    [
+        DISC,
+        ELLIPSE,
+        Silhouette(4, turns=True),
+        Silhouette(4, changes=True),
+        Silhouette(camera_stretch=(0.1, -0.2)),
+    ],
 )
 def test_sweep_round_trips_exactly(name, silhouette):
     """Exact."""

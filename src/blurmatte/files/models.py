@@ -81,6 +81,7 @@ def sweep_to_json(sweep: Sweep) -> str:
         "turns": sweep.silhouette.turns,
         "soft": sweep.silhouette.soft,
         "changes": sweep.silhouette.changes,
+        "camera_stretch": sweep.silhouette.camera_stretch,
         "shape": sweep.shape.tolist(),
         "model": model_to_json(sweep.model),
         "covariance": sweep.covariance.tolist(),
@@ -153,11 +154,13 @@ class _SweepFields:
     turns: bool = False
     soft: bool = False
     changes: bool = False
+    camera_stretch: Annotated[Array, numbers(-1, 1, 2)] | None = None
 
 
 def _sweep(fields: _SweepFields) -> Sweep:
     family = path_family(fields.family)
-    silhouette = Silhouette(fields.order, fields.turns, fields.soft, fields.changes)
+    a, b = (0.0, 0.0) if fields.camera_stretch is None else fields.camera_stretch.tolist()
+    silhouette = Silhouette(fields.order, fields.turns, fields.soft, fields.changes, (a, b))
     counts = family.size, silhouette.size
     if (len(fields.path), len(fields.shape)) != counts or len(fields.covariance) != sum(counts):
         raise ValueError(f"path and shape must have {counts[0]} and {counts[1]} parameters")

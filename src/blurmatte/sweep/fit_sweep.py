@@ -27,6 +27,7 @@ from blurmatte.sweep.assess.model_selection import (
 )
 from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.jpeg_correction import candidate_before_file
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
     Multistart,
     MultistartSettings,
@@ -256,6 +257,27 @@ def _is_known_disc(observation: Observation) -> bool:
 
 def _is_explained_by(observation: Observation, state: State) -> bool:
     return _is_explained(observation, variance_inflation(state), residual_excess(state))
+
+
+def fit_stretch(
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Streak,
+    model: ColorModel,
+    start: Sweep | None,
+    prior: MotionPrior,
+) -> tuple[Array, Array]:
+    """The stretch (2,) of the disc that explains a streak if it may be an ellipse, and its covariance.
+
+    The stretch is that of the parameters of `Silhouette`; the noise is known.
+    """
+    search, one_paint, _ = _discs(_search(streak, image, plate, model, prior), start)
+    disc = one_paint[0]
+    ellipse = disc.of_kind(replace(disc.silhouette, order=2))
+    ellipse = minimize(ellipse, search.bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE)
+    at = slice(len(ellipse.path) + 1, len(ellipse.path) + 3)
+    covariance = np.asarray(np.linalg.pinv(ellipse.information()[0], hermitian=True)[at, at], float)
+    return ellipse.shape[1:3], variance_inflation(ellipse) * VARIANCE * covariance
 
 
 def fit_disc(

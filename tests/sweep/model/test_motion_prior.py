@@ -155,3 +155,9 @@ def test_shadow_of_a_known_disc_is_found():
 def test_impossible_prior_is_refused():
     with pytest.raises(ValueError, match="above 0"):
         MotionPrior(0.0, 1.0)
+
+
+def test_silhouette_alone_says_little_of_the_radius():
+    prior = MotionPrior(6.0, 0.1, path_prior(), is_disc=True, scatter=2.0).of_silhouette
+    assert (prior.is_disc, prior.path, prior.scatter) == (True, None, 1.0)
+    assert prior.cost(LINE, np.zeros(4), np.array([9.0])) < 0.2

@@ -386,3 +386,20 @@ def test_the_truncation_error_is_the_last_order():
     shape[5:7] = 0.03, -0.04
     assert_allclose(outline.left_out(shape), 12 * 0.05)
     assert ELLIPSE.left_out(ELLIPSE.start(9.0)) == 0
+
+
+@pytest.mark.parametrize("soft", [False, True])
+def test_stretch_of_the_camera_is_that_of_an_ellipse(soft):
+    """Exact: a disc that the camera stretches, and an outline of which it does a part."""
+    blur = [0.9] * soft
+    ellipse = Silhouette(2, soft=soft).sweep(ARC, ROUND, np.array([6, 0.3, -0.2, *blur]), canvas())
+    disc = Silhouette(1, soft=soft, camera_stretch=(0.3, -0.2))
+    seen = disc.sweep(ARC, ROUND, np.array([6, *blur]), canvas())
+    assert_allclose(seen.alpha, ellipse.alpha, atol=1e-12)
+    n = len(ROUND)
+    kept = [*range(n + 1), *range(n + 3, n + 3 + soft)]
+    assert_allclose(seen.by_parameters, ellipse.by_parameters[..., kept], atol=1e-9)
+    part = Silhouette(2, soft=soft, camera_stretch=(0.1, -0.1))
+    rest = part.sweep(ARC, ROUND, np.array([6, 0.2, -0.1, *blur]), canvas())
+    assert_allclose(rest.alpha, ellipse.alpha, atol=1e-12)
+    assert disc.area(np.array([6, *blur])) == pytest.approx(np.pi * 36)

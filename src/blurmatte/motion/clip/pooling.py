@@ -47,3 +47,13 @@ class ClipObject:
             prior = None if radius is None else MotionPrior(*radius, path.prior(k))
             priors.append(prior and replace(prior, scatter=path.birge_ratio))
         return cls(model, tuple(rows), path, tuple(priors))
+
+    @property
+    def mistake_probability(self) -> float:
+        """That a frame that seems to show a whole disc misleads: as often as they have doubts.
+
+        By the rule of succession, so that it is neither 0 nor 1.
+        """
+        seen = [one for row in self.rows if (one := row.sighting) is not None]
+        discs = [one for one in seen if one.source == "sweep" and not one.at_border]
+        return (sum(bool(one.doubts) for one in discs) + 1) / (len(discs) + 2)

@@ -11,6 +11,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from blurmatte.background import Matching
 from blurmatte.checks import Bools, Box, check_kind
@@ -26,16 +27,22 @@ from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
 from blurmatte.motion.clip.pooling import ClipObject
+from blurmatte.motion.clip.rolling_shutter import camera_stretch, readout_time
 from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak, dilated
 from blurmatte.sweep import MotionPrior, Sweep
+from blurmatte.sweep.fit_sweep import fit_stretch
 from blurmatte.sweep.model.path import LINE, PARABOLA
 from blurmatte.sweep.model.silhouette import DISC
 
-SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at most
+Array = npt.NDArray[np.float64]
+
+STRETCH_FRAMES = 16  # of which the camera's readout time is measured at most
+SILHOUETTE_FRAMES = 8  # in which a disc is compared with other silhouettes at a time
+_PARTS = (0.0, 0.5, 0.25)  # of the distance between them, where those of the next time are
 _MIN_PROBABILITY = 1e-3  # that any frame of a clip differs as much from its prior by noise
 _CONTRADICTS = "clip"  # reason of a grade: the frame is solved alone
 
@@ -61,6 +68,21 @@ class Wanted:
     row: FrameMotion
     prior: MotionPrior | None
     has_shape: bool = False
+
+    @property
+    def displacement(self) -> Array:
+        """(2,) of the object in the exposure, pixels, as the other frames predict it."""
+        if self.prior is None or self.prior.path is None:
+            return np.zeros(2)
+        points = self.prior.path.points
+        return np.asarray(points[2] - points[0])
+
+    def stretched(self, readout: float) -> Wanted:
+        """The same with a camera of this time between two rows, exposures."""
+        if self.prior is None:
+            return self
+        stretch = camera_stretch(readout, self.displacement)
+        return replace(self, prior=replace(self.prior, camera_stretch=stretch))
 
     def shaped(self, is_disc: bool) -> Wanted:
         """The same of an object that has a shape, perhaps a disc, if there is a prior of it."""
@@ -116,28 +138,44 @@ class FrameSolver:
         BlurmatteError
             If the object cannot be separated.
         """
-        sighting = wanted.row.sighting
+        crop, streak, start, prior = self._prepared(frame, wanted)
+        solver = Swept() if wanted.has_shape else None
+        if prior is None:
+            return crop, self._solution(crop, streak, start, None, solver)
+        with suppress(BlurmatteError):
+            solution = self._solution(crop, streak, start, prior, solver)
+            assert solution.sweep is not None
+            if solution.sweep.diagnostics.prior_probability > self.min_probability:
+                return crop, solution
+        # It may have bounced; its silhouette is that of all frames.
+        silhouette = prior.of_silhouette if prior.is_disc else None
+        alone = self._solution(crop, streak, None, silhouette, solver)
+        reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
+        return crop, replace(alone, stats={**alone.stats, "grade_reasons": reasons})
+
+    def _prepared(
+        self, frame: CodedFrame, wanted: Wanted
+    ) -> tuple[Crop, Streak | None, Sweep | None, MotionPrior | None]:
+        """The crop around the object; streak, start of the fit and prior in it."""
+        sighting, prior = wanted.row.sighting, wanted.prior
         assert sighting is not None
         boxes = self.scene.gate.changes(frame).boxes
-        box = _box_of(sighting, boxes, frame.size)
-        (crop,) = self.scene.crops(frame, [box])
-        streak, prior = self._streak(crop, sighting), wanted.prior
+        (crop,) = self.scene.crops(frame, [_box_of(sighting, boxes, frame.size)])
         if prior is not None:
             prior = prior.shifted(-np.array(crop.box[:2], float))
         start = _start(sighting, crop, self.model, prior)
-        if prior is not None:
-            with suppress(BlurmatteError):
-                solver = Swept() if wanted.has_shape else None
-                solution = self._solution(crop, streak, start, prior, solver)
-                assert solution.sweep is not None
-                if solution.sweep.diagnostics.prior_probability > self.min_probability:
-                    return crop, solution
-            start = None  # it may have bounced
-        alone = self._solution(crop, streak, start)
-        if prior is not None:
-            reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
-            alone = replace(alone, stats={**alone.stats, "grade_reasons": reasons})
-        return crop, alone
+        return crop, self._streak(crop, sighting), start, prior
+
+    def stretch(self, frames: Sequence[LinearImage], wanted: Wanted) -> tuple[Array, Array] | None:
+        """Stretch of the disc in a frame given alone, and its covariance; None if it has no streak."""
+        (frame,) = coded_frames(frames, slice(None))
+        crop, streak, start, prior = self._prepared(frame, wanted)
+        if streak is None or prior is None:
+            return None
+        try:
+            return fit_stretch(crop.image, crop.plate, streak, self.model, start, prior)
+        except BlurmatteError:
+            return None
 
     def _solution(
         self,
@@ -272,7 +310,9 @@ def wanted_frames(
 
     The object has a shape in all frames if that is decisively likelier than alpha without one, and the
     shape is a disc if that is decisively likelier than other outlines, in frames all over the clip
-    together: the log Bayes factors of single frames add.
+    together: the log Bayes factors of single frames add, until they are decisive. Any frame may
+    mislead, where something hides the object or moves next to it, as often as frames contradict path
+    and radius of the clip: that bounds what one of them can say.
 
     Parameters
     ----------
@@ -289,27 +329,72 @@ def wanted_frames(
     wanted, index_of = [], {number: index for index, number in enumerate(numbers)}
     for number in sorted({row.object or 1 for row in rows if row.sighting is not None}):
         mine = [row for row in rows if row.sighting is not None and (row.object or 1) == number]
-        priors = ClipObject.of(mine, solver.model).priors
+        shared_by_all = ClipObject.of(mine, solver.model)
         found = [
-            Wanted(index_of[row.frame], row, prior) for row, prior in zip(mine, priors, strict=True)
+            Wanted(index_of[row.frame], row, prior)
+            for row, prior in zip(mine, shared_by_all.priors, strict=True)
         ]
-        is_disc, has_shape = _decided(frames, found, solver, workers)
+        used = shared_by_all.path.used
+        readout = _readout_time(frames, found, used, solver, workers)
+        found = [one.stretched(readout) for one in found]
+        known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
+        mistake = shared_by_all.mistake_probability
+        is_disc, has_shape = _decided(frames, known, mistake, solver, workers)
         found = [one.shaped(is_disc) for one in found] if has_shape else found
         wanted += found
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
 
 
+def _readout_time(
+    frames: Sequence[LinearImage],
+    found: Sequence[Wanted],
+    used: Bools,
+    solver: FrameSolver,
+    workers: Workers,
+) -> float:
+    """Of the camera's rows, exposures, from frames that agree with the path."""
+    known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
+    typical = known[:: -(-len(known) // STRETCH_FRAMES) or 1]
+    stretches = successes(workers.over(frames, solver.stretch, parts_to_solve(typical)))
+    pairs = [
+        (stretch, one.displacement)
+        for stretch, one in zip(stretches, typical, strict=True)
+        if stretch
+    ]
+    return readout_time([stretch for stretch, _ in pairs], [moved for _, moved in pairs])
+
+
 def _decided(
-    frames: Sequence[LinearImage], wanted: Sequence[Wanted], solver: FrameSolver, workers: Workers
+    frames: Sequence[LinearImage],
+    known: Sequence[Wanted],
+    mistake_probability: float,
+    solver: FrameSolver,
+    workers: Workers,
 ) -> tuple[bool, bool]:
-    """Whether the sums of the log Bayes factors of some frames are decisive for a disc, and a shape."""
-    known = [one for one in wanted if one.prior is not None]
-    chosen = known[:: -(-len(known) // SILHOUETTE_FRAMES) or 1]
-    found = successes(workers.over(frames, solver.silhouette_odds, parts_to_solve(chosen)))
-    odds = [one for one in found if one is not None]
-    total = np.sum(odds, axis=0) if odds else np.zeros(2)
+    """Whether frames that may mislead are decisive for a disc, and for a shape.
+
+    A sequential test [Wald 1945]: frames all over the clip, then frames between them.
+    """
+    odds: list[tuple[float, float]] = []
+    total = np.zeros(2)
+    step = -(-len(known) // SILHOUETTE_FRAMES) or 1
+    for first in dict.fromkeys(int(step * part) for part in _PARTS):
+        batch = parts_to_solve(known[first::step])
+        found = successes(workers.over(frames, solver.silhouette_odds, batch))
+        odds += [one for one in found if one is not None]
+        total = _total_odds(odds, mistake_probability)
+        if np.all(np.abs(total) > DECISIVE_LOG_BAYES_FACTOR):
+            break
     disc, shape = (total > DECISIVE_LOG_BAYES_FACTOR).tolist()
     return disc, shape
+
+
+def _total_odds(odds: Sequence[tuple[float, float]], mistake_probability: float) -> Array:
+    """Sums of log Bayes factors of frames, each of which may mislead."""
+    each = np.array(odds, float).reshape(-1, 2)
+    mistake, right = np.log(mistake_probability), np.log1p(-mistake_probability)
+    bounded = np.logaddexp(right + each, mistake) - np.logaddexp(right, mistake + each)
+    return np.asarray(bounded.sum(axis=0))
 
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:

@@ -111,8 +111,10 @@ class Multistart:
             return self
         low, high = self.bounds
         bounds = min(low, prior.radius / 2), max(high, 2 * prior.radius)
-        fine = replace(self.observation, prior=prior)
-        coarse = replace(self.coarse, prior=prior)
+        fine, coarse = (
+            replace(one, prior=prior, camera_stretch=prior.camera_stretch)
+            for one in (self.observation, self.coarse)
+        )
         return replace(self, observation=fine, coarse=coarse, bounds=bounds)
 
     @property
@@ -225,7 +227,8 @@ def _depth_in(streak: Streak) -> tuple[Array, float]:
 
 def start_along(observation: Observation, family: PathFamily, path: Array, radius: float) -> State:
     """A disc on a path, with color axes along the light that its alpha implies."""
-    state = state_at(observation, family, path, DISC, DISC.start(radius))
+    disc = replace(DISC, camera_stretch=observation.camera_stretch)
+    state = state_at(observation, family, path, disc, disc.start(radius))
     return with_principal_axes(state)
 
 

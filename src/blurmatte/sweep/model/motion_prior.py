@@ -52,6 +52,8 @@ class MotionPrior:
     weight : float
         Of its cost. Residuals that correlate weigh too much by their variance inflation; the prior
         has to be multiplied by the same to keep its share.
+    camera_stretch : (float, float)
+        Of every shape in the picture, by the camera's rolling shutter, as `Silhouette` has it.
 
     Raises
     ------
@@ -65,6 +67,7 @@ class MotionPrior:
     is_disc: bool = False
     scatter: float = 1.0
     weight: float = 1.0
+    camera_stretch: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("radius", "radius_std", "scatter", "weight"):
@@ -74,6 +77,11 @@ class MotionPrior:
     def shifted(self, by: Array) -> MotionPrior:
         """The same moved by (x, y)."""
         return self if self.path is None else replace(self, path=self.path.shifted(by))
+
+    @property
+    def of_silhouette(self) -> MotionPrior:
+        """What it says of the silhouette alone: the radius is not known to a factor of two."""
+        return replace(self, radius_std=self.radius, path=None, scatter=1.0)
 
     def cost(self, family: PathFamily, path: Array, shape: Array) -> float:
         """Negative log of the prior density, up to a constant."""

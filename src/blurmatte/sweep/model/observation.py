@@ -58,6 +58,7 @@ class Observation:
     # Of the image's file, of which these are the pixels; see `Meta.sharing`
     compression: Compression | None = None
     prior: MotionPrior | None = None  # of the object, from other frames
+    camera_stretch: tuple[float, float] = (0.0, 0.0)  # of every shape, as `Silhouette` has it
 
     @property
     def pixels(self) -> Pixels:
@@ -171,6 +172,7 @@ class Observation:
             self.noise_inflation,
             None if self.chroma_error is None else means(self.chroma_error),
             prior=self.prior,
+            camera_stretch=self.camera_stretch,
         )
 
 

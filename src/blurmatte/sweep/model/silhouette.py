@@ -75,6 +75,10 @@ class Silhouette:
     G = [[g + a, b], [b, g − a]] and the rates g, a, b, natural logarithms: g is growth, as of an object
     that approaches, and (a, b) a change of foreshortening. A disc has only g.
 
+    A camera that exposes its rows one after another stretches every shape by a known map, before that
+    of the shape's own stretch S: the image is r exp(S + S₀), S₀ = [[a, b], [b, −a]] with a and b of
+    `camera_stretch`.
+
     Raises ValueError if `order` is less than 1, or a disc turns, which is not observable.
     """
 
@@ -83,6 +87,7 @@ class Silhouette:
     soft: bool = False  # its rim is blurred: by the lens, or by the file
     # Its size, and unless it is a disc its proportions, change at constant rates
     changes: bool = False
+    camera_stretch: tuple[float, float] = (0.0, 0.0)  # logarithms, as an ellipse's
 
     def __post_init__(self) -> None:
         if self.order < 1:
@@ -157,7 +162,7 @@ class Silhouette:
         alpha, scale = np.zeros(pixels.shape), pixels.scale
         J = np.zeros((*alpha.shape, len(path) + self.size))
         motion, soft = self._motion(family, path, shape, pixels), self.softness(shape) / scale
-        if self.order == 1:
+        if self.order == 1 and self.camera_stretch == (0.0, 0.0):
             radius, growth = shape[0] / scale, shape[1] if self.changes else 0.0
             t, weights, xy, D = motion
             kernel.disc(xy, D, weights, radius, growth, t - 0.5, self.changes, soft, alpha, J)
@@ -298,7 +303,7 @@ class Silhouette:
             return new
         turn, A = polar(by @ self._stretch(shape)[0], side="left")
         S = logm(A / new[0]).real
-        new[1:3] = S[0, 0], S[0, 1]
+        new[1:3] = np.array([S[0, 0], S[0, 1]]) - self.camera_stretch
         angle = np.arctan2(turn[1, 0], turn[0, 0])
         for k in range(3, self.order + 1):
             a, b = shape[2 * k - 3 : 2 * k - 1]
@@ -309,12 +314,13 @@ class Silhouette:
     def _stretch(self, shape: Array) -> tuple[Array, Array]:
         """A (2, 2) and its derivatives (2, 2, 1 or 3) by the radius and the stretch.
 
-        A = r exp S with S = [[a, b], [b, −a]].
+        A = r exp S with S = [[a, b], [b, −a]], that of the camera included.
         """
-        r, one = shape[0], np.eye(2)
+        r, known = shape[0], np.array(self.camera_stretch)
         if self.order == 1:
-            return r * one, one[:, :, None]
-        unit, by_a, by_b = exponential(*shape[1:3])
+            unit = exponential(*known)[0] if known.any() else np.eye(2)
+            return r * unit, unit[:, :, None]
+        unit, by_a, by_b = exponential(*(shape[1:3] + known))
         return r * unit, np.stack([unit, r * by_a, r * by_b], axis=2)
 
     def _coefficients(self, shape: Array) -> Array:

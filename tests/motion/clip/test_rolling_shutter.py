@@ -1,0 +1,62 @@
+"""A rolling shutter: the stretch of a moving disc, and the readout time from stretches."""
+
+import numpy as np
+import pytest
+
+from blurmatte.motion.clip.rolling_shutter import camera_stretch, readout_time
+from blurmatte.sweep.model.path import LINE
+from blurmatte.sweep.model.pixels import Pixels
+from blurmatte.sweep.model.silhouette import Silhouette
+
+SIZE = 60
+MIDDLE = (SIZE - 1) / 2
+
+
+def exposed_in_turn(radius, displacement, readout):
+    """Alpha of a disc, each row of points exposed `readout` later than that one pixel above."""
+    n, times = 3, (np.arange(80) + 0.5) / 80 - 0.5
+    at = (np.arange(n * SIZE) + 0.5) / n - 0.5 - MIDDLE
+    alpha = np.zeros((n * SIZE, n * SIZE))
+    for t in times:
+        x, y = np.multiply.outer(displacement, t + readout * at)
+        alpha += (at[None, :] - x[:, None]) ** 2 + ((at - y) ** 2)[:, None] < radius**2
+    return alpha.reshape(SIZE, n, SIZE, n).mean(axis=(1, 3)) / len(times)
+
+
+@pytest.mark.parametrize("displacement", [(20.0, 0.0), (0.0, 18.0), (-12.0, -14.0)])
+def test_image_of_a_disc_is_a_stretched_disc(displacement):
+    """Oracle: to second order in the stretch, and closer than the disc by three times."""
+    radius, readout, v = 9.0, 0.01, np.array(displacement)
+    size = 1 / (1 - readout * v[1])
+    ends = np.concatenate([MIDDLE - v * size / 2, MIDDLE + v * size / 2])
+    truth = exposed_in_turn(radius, v, readout)
+
+    def error(stretch):
+        """Root mean square over the streak."""
+        disc = Silhouette(camera_stretch=stretch)
+        shape = disc.start(radius * np.sqrt(size))
+        alpha = disc.sweep(LINE, ends, shape, Pixels((SIZE, SIZE), (0.0, 0.0))).alpha
+        return float(np.sqrt(np.mean((alpha - truth)[truth > 0] ** 2)))
+
+    assert error(camera_stretch(readout, v)) < min(0.01, error((0.0, 0.0)) / 3)
+
+
+def frames(readout, rng, count=16, std=0.02):
+    """Stretches, with covariances and a mistake, and displacements."""
+    moved = 60 * rng.normal(size=(count, 2))
+    stretches = [np.array(camera_stretch(readout, v)) + std * rng.normal(size=2) for v in moved]
+    stretches[3] += 1.0
+    return [(stretch, std**2 * np.eye(2)) for stretch in stretches], list(moved)
+
+
+def test_readout_time_is_found_in_spite_of_a_mistake():
+    """Honest: within three standard deviations of the mean of 16 frames."""
+    for seed in range(20):
+        found = readout_time(*frames(0.002, np.random.default_rng(seed)))
+        assert found == pytest.approx(0.002, abs=3 * 0.02 / (60 / np.sqrt(2) * 4))
+
+
+def test_discs_of_a_global_shutter_have_none():
+    for seed in range(20):
+        assert readout_time(*frames(0.0, np.random.default_rng(seed))) == 0
+    assert readout_time([], []) == 0
