@@ -366,7 +366,7 @@ def _with_shadow(
     search: Multistart, disc: State, image: LinearImage, plate: LinearImage, streak: Streak
 ) -> tuple[State, CastShadow] | None:
     """The disc with its shadow, fitted from the disc or from the part that is not only darker."""
-    shaded = fit_with_shadow(disc, search.bounds)
+    shaded = fit_with_shadow(disc, search)
     dark = darkness(image, plate, streak)
     if shaded is not None or not dark.any() or not (streak.mask & ~dark).any():
         return shaded
@@ -374,7 +374,7 @@ def _with_shadow(
     rest = replace(streak, mask=streak.mask & ~dark)
     color = search.observation.of_one_paint.color
     start = _quick_search(rest, lit, plate, color).quick()
-    return fit_with_shadow(start.on(disc.observation), search.bounds)
+    return fit_with_shadow(start.on(disc.observation), search)
 
 
 def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[State], list[State]]:

@@ -162,6 +162,16 @@ class Multistart:
         fits = self._fits(curve, radius, tuple(dict.fromkeys((family, LINE))))
         return self.softened(best_of([self._refined(fit) for fit in fits]))
 
+    def again_from(self, state: State) -> State:
+        """The best of the fits of all families that start from the curve of one, on small pixels."""
+        fits = self._fits(state.curve, float(state.shape[0]), FAMILIES)
+        return self._best_refined(fits)[0]
+
+    def before(self, changed: Callable[[Observation], Observation]) -> "Multistart":
+        """The same search with another plate in its observations."""
+        fine, coarse = changed(self.observation), changed(self.coarse)
+        return replace(self, observation=fine, coarse=coarse)
+
     def softened(self, state: State) -> State:
         """The same with a blurred rim, if that is likelier."""
         soft = replace(state.silhouette, soft=True)

@@ -1,4 +1,8 @@
-"""A disc and the shadow that it casts, fitted by block-coordinate descent."""
+"""A disc and the shadow that it casts, fitted by block-coordinate descent.
+
+A path that was fitted without the shadow may have bent around it, so that descent ends in a local
+minimum. With the shadow in the plate, all families of paths are therefore fitted once more.
+"""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -7,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
+from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
 from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.cast_shadow import CastShadow
@@ -26,6 +31,7 @@ class ShadowSearch:
     # Of block-coordinate descent, on large and on small pixels
     coarse_rounds: int = 10
     fine_rounds: int = 4
+    max_restarts: int = 2  # with all families of paths, in the shadow found so far
     max_disc_steps: int = 10  # of the disc in a round
     converged_difference: float = 2e-3  # relative change of alpha in a round
     # From the disc's center to the shadow's, at the start of a fit
@@ -38,21 +44,57 @@ class ShadowSearch:
     cauchy_scale: float = 2.5  # of the loss, standard deviations
 
 
-def fit_with_shadow(disc: State, bounds: tuple[float, float]) -> tuple[State, CastShadow] | None:
+def fit_with_shadow(disc: State, search: Multistart) -> tuple[State, CastShadow] | None:
     """A disc with its own shadow, if that is possible and likelier than the disc alone."""
-    coarse = disc.observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
+    plain, bounds, settings = disc.observation, search.bounds, ShadowSearch
+    coarse = plain.coarse_enough(float(disc.shape[0]), settings.coarse_radius_px)
     on_coarse = disc.on(coarse)
-    straight, prior = on_coarse.along(LINE), disc.observation.prior
+    straight, prior = on_coarse.along(LINE), plain.prior
     is_known = prior is not None and prior.path is not None  # else a shadow may have bent it
-    starts = (on_coarse,) if is_known or straight is on_coarse else (straight, on_coarse)
-    fits = [_alternated(start, None, bounds, ShadowSearch.coarse_rounds) for start in starts]
+    starts: list[tuple[State, CastShadow | None]] = [(on_coarse, None)]
+    if not is_known:
+        starts += [] if straight is on_coarse else [(straight, None)]
+        starts.append(_in_one_half(straight))
+    fits = [_alternated(*start, bounds, settings.coarse_rounds) for start in starts]
     best, cast = min(fits, key=lambda fit: fit[0].cost)
     gain = (on_coarse.cost - best.cost) / variance_inflation(best)
     if not cast.is_possible or gain < bic_penalty(coarse, CastShadow.size):
         return None
-    fine = best.on(disc.observation)
-    best, cast = _alternated(fine, cast, bounds, ShadowSearch.fine_rounds)
+    best, cast = _alternated(best.on(plain), cast, bounds, settings.fine_rounds)
+    for _ in range(0 if is_known else settings.max_restarts):
+        found = _restarted(best, cast, plain, search)
+        if found[0].cost >= best.cost or not found[1].is_possible:
+            break
+        best, cast = found
     return (best, cast) if cast.is_possible and best.cost < disc.cost else None
+
+
+def _in_one_half(both: State) -> tuple[State, CastShadow]:
+    """The likeliest disc and shadow of which a straight sweep of the middle between both was fitted."""
+    plain, radius = both.observation, float(both.shape[0])
+    softness = np.log(ShadowSearch.first_softness)
+    found = []
+    for offset in _first_offsets():
+        disc = both.moved(both.path - radius / 2 * np.tile(offset, 2), both.shape)
+        cast = _strengths(plain, disc)(np.array([*offset, softness]))[1]
+        shaded = with_principal_axes(disc.relit(in_shadow(plain, disc, cast)))
+        found.append((shaded, cast))
+    best, cast = min(found, key=lambda one: one[0].cost)
+    return best.on(plain), cast
+
+
+def _restarted(
+    disc: State, cast: CastShadow, plain: Observation, search: Multistart
+) -> tuple[State, CastShadow]:
+    """Disc and shadow from the best of all families of paths in the shadow found so far."""
+
+    def shaded(observation: Observation) -> Observation:
+        """With the plate in that shadow, for one paint."""
+        observation = replace(observation, color=plain.color)
+        return in_shadow(observation, disc.on(observation), cast)
+
+    again = search.before(shaded).again_from(disc)
+    return _alternated(again.on(plain), cast, search.bounds, ShadowSearch.fine_rounds)
 
 
 def _alternated(
@@ -62,7 +104,7 @@ def _alternated(
     plain, settings = disc.observation, ShadowSearch
     for _ in range(rounds):
         cast = fit_cast(plain, disc, cast)
-        shaded = disc.relit(in_shadow(plain, disc, cast))
+        shaded = with_principal_axes(disc.relit(in_shadow(plain, disc, cast)))
         before, disc = disc, minimize(shaded, bounds, settings.max_disc_steps, ROUGH_TOLERANCE)
         if rms_difference(before, disc) < settings.converged_difference:
             break
@@ -79,10 +121,23 @@ def in_shadow(observation: Observation, state: State, cast: CastShadow) -> Obser
 def fit_cast(observation: Observation, disc: State, start: CastShadow | None = None) -> CastShadow:
     """The shadow that minimizes the residuals of a disc; it need not be possible.
 
-    Where the object was, residuals along its mean color are ignored, for shading causes them.
     The observation has the plate without a shadow.
     """
-    observation = observation.coarse_enough(float(disc.shape[0]), ShadowSearch.coarse_radius_px)
+    radius = float(disc.shape[0])
+    solved = _strengths(observation.coarse_enough(radius, ShadowSearch.coarse_radius_px), disc)
+    first = None
+    if start is not None:
+        first = np.array([*start.offset / radius, np.log(start.softness / radius)])
+    return solved(_minimized(lambda x: solved(x)[0], first))[1]
+
+
+def _strengths(
+    observation: Observation, disc: State
+) -> Callable[[Array], tuple[Array, CastShadow]]:
+    """A function of offset and log softness, in radii: residuals and shadow of the best strength.
+
+    Where the object was, residuals along its mean color are ignored, for shading causes them.
+    """
     color = disc.mean_color
     radius, disc = float(disc.shape[0]), disc.on(observation)
     alpha = disc.swept.alpha
@@ -98,25 +153,16 @@ def fit_cast(observation: Observation, disc: State, start: CastShadow | None = N
     products = np.matmul(by_strength.swapaxes(1, 2), by_strength).reshape(-1, 9)
     pulls = np.matmul(missing[:, None, :], by_strength)[:, 0]
 
-    pixels = observation.pixels
-
-    def shadow(x: Array, strength: Array) -> CastShadow:
-        """The shadow of parameters in units of the radius."""
-        return CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, strength)
-
-    def solved(x: Array) -> tuple[Array, Array]:
-        """Residuals with the best strength, and that."""
-        S = shadow(x, np.ones(3)).missing(disc.family, disc.path, radius, pixels).ravel()
+    def solved(x: Array) -> tuple[Array, CastShadow]:
+        """Residuals with the best strength, and the shadow."""
+        cast = CastShadow(x[:2] * radius, float(np.exp(x[2])) * radius, np.ones(3))
+        S = cast.missing(disc.family, disc.path, radius, observation.pixels).ravel()
         normal = ((S * S) @ products).reshape(3, 3) + 1e-9 * np.eye(3)
         t = np.clip(np.linalg.solve(normal, S @ pulls), 0, 1)
         explained = (by_strength.reshape(-1, 3) @ t).reshape(-1, 3)
-        return (missing - S[:, None] * explained).ravel(), t
+        return (missing - S[:, None] * explained).ravel(), replace(cast, strength=t)
 
-    first = None
-    if start is not None:
-        first = np.array([*start.offset / radius, np.log(start.softness / radius)])
-    x = _minimized(lambda x: solved(x)[0], first)
-    return shadow(x, solved(x)[1])
+    return solved
 
 
 def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Array:
@@ -140,13 +186,7 @@ def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Arra
     softness = settings.min_softness, settings.first_softness, settings.max_softness
     lowest, first, highest = np.log(softness)
     if start is None:
-        angles = np.linspace(0, 2 * np.pi, settings.first_directions, endpoint=False)
-        starts = (
-            np.array([d * np.cos(a), d * np.sin(a), first])
-            for d in settings.first_distances
-            for a in angles
-        )
-        start = min(starts, key=cost)
+        start = min((np.array([*offset, first]) for offset in _first_offsets()), key=cost)
     far = settings.max_distance
     bounds = (-far, -far, lowest), (far, far, highest)
     end = least_squares(
@@ -154,3 +194,10 @@ def _minimized(residuals: Callable[[Array], Array], start: Array | None) -> Arra
         loss="cauchy", f_scale=settings.cauchy_scale, max_nfev=12, ftol=1e-4, xtol=1e-3,
     )  # fmt: skip  # rough: the next round refines both
     return np.asarray(end.x)
+
+
+def _first_offsets() -> list[tuple[float, float]]:
+    """From the disc's center to the shadow's, in radii, at the start of a fit."""
+    angles = np.linspace(0, 2 * np.pi, ShadowSearch.first_directions, endpoint=False)
+    distances = ShadowSearch.first_distances
+    return [(d * np.cos(a), d * np.sin(a)) for d in distances for a in angles]
