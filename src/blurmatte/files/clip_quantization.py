@@ -100,11 +100,15 @@ def _of_group(clip: Clip, key: int) -> Array | None:
 
 
 def _steps(frame: Any) -> Array | None:
-    """Step of each macroblock's quantizer, in code values of the frame; None if it is not stated."""
+    """Step of each macroblock's quantizer, in code values of the frame; None if it is not stated.
+
+    A damaged file may state quantizers of 0.
+    """
     stated = frame.side_data.get("VIDEO_ENC_PARAMS")
     if stated is None or not stated.nb_blocks or int(stated.codec_type) not in _STEPS:
         return None
-    return _STEPS[int(stated.codec_type)](np.array(stated.qp_map(), float))
+    steps = _STEPS[int(stated.codec_type)](np.array(stated.qp_map(), float))
+    return steps if steps.min() > 0 else None
 
 
 def _variance(clip: Clip, frame: Any, step: Array) -> Array:

@@ -115,10 +115,9 @@ def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array
     known, error = _error_of_power()
     lost = np.asarray(np.interp(np.log(power), np.log(known), error))
     least = (ROUNDING_VARIANCE / step**2)[..., None, None]
-    between = lost > least  # the mean of σ² if log σ is uniform from there to the bound
-    lost = np.where(
-        zero & between, (lost - least) / np.log(np.where(between, lost / least, 2)), lost
-    )
+    ratio = lost / least
+    between = zero & (ratio > 1)  # the mean of σ² if log σ is uniform from there to the bound
+    lost = np.where(between, (lost - least) / np.log(np.where(between, ratio, 2)), lost)
     return np.asarray(lost.mean(axis=(2, 3)) * step**2)
 
 

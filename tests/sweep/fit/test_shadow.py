@@ -13,7 +13,7 @@ from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Ball, Scene, Shadow, Shot, plain_plate, render, textured_plate
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.levenberg_marquardt import minimize
-from blurmatte.sweep.fit.multistart import start_along
+from blurmatte.sweep.fit.multistart import Multistart, start_along
 from blurmatte.sweep.fit.shadow import fit_cast, fit_with_shadow, in_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import observation_around
@@ -48,6 +48,12 @@ def observed(scene, seed=None):
     return within(observation, truth.layer.alpha), observation
 
 
+def search_of(observation):
+    """A search without curves of its own: all fits start from a disc."""
+    coarse = observation.coarse_enough(RADIUS, 4.0)
+    return Multistart(observation, coarse, (), BOUNDS, np.array(SIZE) / 2)
+
+
 def true_disc(observation):
     return start_along(observation, LINE, PATH.xy[[0, -1]].ravel(), RADIUS)
 
@@ -75,7 +81,7 @@ def test_a_disc_without_a_shadow_casts_none(seed):
     _, observation = observed(scene, seed)
     disc = minimize(true_disc(observation), BOUNDS)
     assert not fit_cast(observation, disc).is_possible
-    assert fit_with_shadow(disc, BOUNDS) is None
+    assert fit_with_shadow(disc, search_of(observation)) is None
 
 
 @pytest.mark.parametrize(
@@ -85,7 +91,7 @@ def test_disc_and_shadow_are_found_together(offset):
     """honest: from the best disc alone, which is wrong."""
     alpha, observation = observed(replace(BALL, shadow=replace(SHADOW, offset=offset)), 1)
     alone = minimize(true_disc(observation), BOUNDS)
-    disc, cast = fit_with_shadow(alone, BOUNDS)
+    disc, cast = fit_with_shadow(alone, search_of(observation))
     assert alpha_error(disc.swept.alpha, alpha) < 0.006 < alpha_error(alone.swept.alpha, alpha)
     assert np.linalg.norm(cast.offset - offset) < 1
     assert disc.cost < alone.cost
@@ -94,7 +100,8 @@ def test_disc_and_shadow_are_found_together(offset):
 def test_the_disc_is_in_the_observation_with_its_shadow():
     """exact"""
     _, observation = observed(BALL, 1)
-    disc, cast = fit_with_shadow(minimize(true_disc(observation), BOUNDS), BOUNDS)
+    alone = minimize(true_disc(observation), BOUNDS)
+    disc, cast = fit_with_shadow(alone, search_of(observation))
     expected = in_shadow(observation, disc, cast).B
     assert np.abs(disc.observation.B - expected).max() < 0.02
     assert disc.observation.C is observation.C
