@@ -23,6 +23,9 @@ from typing import Any
 _ONE_THREAD = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 _SPAWN = get_context("spawn")
 
+# Relative error of the CPU time of a process that the system samples at its ticks, for the limit
+_TICK_ERROR = 0.1
+
 
 @dataclass(frozen=True)
 class Ended:
@@ -61,7 +64,9 @@ def cpu_limit(seconds: float) -> Iterator[None]:
 
     before = signal.signal(signal.SIGPROF, stop)
     soft, hard = resource.getrlimit(resource.RLIMIT_CPU)
-    last = ceil(time.process_time() + 2 * seconds) + 1  # the system counts whole seconds
+    last = (
+        ceil((1 + _TICK_ERROR) * time.process_time() + 2 * seconds) + 1
+    )  # the system counts whole seconds
     resource.setrlimit(resource.RLIMIT_CPU, (last, hard))
     signal.setitimer(signal.ITIMER_PROF, seconds)
     try:
