@@ -184,8 +184,8 @@ def _in_likelier_light(
     if _is_explained(found.observation, known.variance_inflation, known.residual_excess):
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
-    beside = observation if observation.prior is None else found.beside_best(observation)
-    lit = lighting_of(image, found.plate, found.streak, beside)
+    outside = observation if observation.prior is None else found.outside_of_best(observation)
+    lit = lighting_of(image, found.plate, found.streak, outside)
     if lit is None:
         return found
     lighting, rest = lit

@@ -133,7 +133,7 @@ class Hypotheses:
             observation = replace(observation, B=sweep.cast.on(observation.B, S, alpha))
         return evidence_of(observation, alpha, np.zeros_like(alpha), self.evidence[0].parameters)
 
-    def beside_best(self, observation: Observation) -> Observation:
+    def outside_of_best(self, observation: Observation) -> Observation:
         """An observation with no weight where the likeliest has the object."""
         outside = self._best_alpha(observation) == 0
         return replace(observation, weight=np.where(outside, observation.weight, 0))
