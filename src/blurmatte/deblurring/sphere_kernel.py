@@ -157,27 +157,38 @@ def gradient(cells, face, x, y, z, slope):  # type: ignore[no-untyped-def]
 
 
 @njit(**_COMPILED)
+def accumulate(entries, rotations, node, p, total, stamp, touched):  # type: ignore[no-untyped-def]
+    """Sum the row of the pixel p into total, and return the number of its columns, in touched.
+
+    entries are first, moment, weight and normal, see `rows_of`; stamp is that of `add_to_row`.
+    """
+    first, moment, weight, normal = entries
+    points, cells, found = normal.shape[1], node.shape[1] - 1, 0
+    for q in range(first[p], first[p + 1]):
+        share = weight[q] / points
+        for point in range(points):
+            x, y, z = seen(rotations, moment[q], normal, q, point)
+            face, i, j, u, v = cell_of(cells, x, y, z)
+            for r in range(4):
+                column = node[face, i + r // 2, j + r % 2]
+                part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
+                found = add_to_row(p, column, share * part, total, stamp, touched, found)
+    return found
+
+
+@njit(**_COMPILED)
 def rows_of(first, moment, weight, normal, rotations, node, size):  # type: ignore[no-untyped-def]
     """The operator as compressed sparse rows: first (pixels + 1,), columns, values; columns ascend.
 
     rotations (T, 3, 3) map the body to the camera's frame; weight (m,) has all factors but the
     interpolation.
     """
-    count, points, cells = len(first) - 1, normal.shape[1], node.shape[1] - 1
+    count, entries = len(first) - 1, (first, moment, weight, normal)
     total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
     begin = np.zeros(count + 1, np.int64)
     columns, values = np.empty(32 * count, np.int32), np.empty(32 * count)
     for p in range(count):
-        found = 0
-        for q in range(first[p], first[p + 1]):
-            share = weight[q] / points
-            for point in range(points):
-                x, y, z = seen(rotations, moment[q], normal, q, point)
-                face, i, j, u, v = cell_of(cells, x, y, z)
-                for r in range(4):
-                    column = node[face, i + r // 2, j + r % 2]
-                    part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
-                    found = add_to_row(p, column, share * part, total, stamp, touched, found)
+        found = accumulate(entries, rotations, node, p, total, stamp, touched)
         begin[p + 1] = begin[p] + found
         columns, values = with_row(columns, values, begin[p], total, touched[:found])
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
@@ -189,20 +200,10 @@ def add_equations(entries, rotations, node, weights, light, N, right):  # type: 
 
     weights (pixels,) are the diagonal of W; light (pixels, k).
     """
-    first, moment, weight, normal = entries
-    points, cells, size = normal.shape[1], node.shape[1] - 1, len(N)
+    size = len(N)
     total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
-    for p in range(len(first) - 1):
-        found = 0
-        for q in range(first[p], first[p + 1]):
-            share = weight[q] / points
-            for point in range(points):
-                x, y, z = seen(rotations, moment[q], normal, q, point)
-                face, i, j, u, v = cell_of(cells, x, y, z)
-                for r in range(4):
-                    column = node[face, i + r // 2, j + r % 2]
-                    part = (u if r // 2 else 1 - u) * (v if r % 2 else 1 - v)
-                    found = add_to_row(p, column, share * part, total, stamp, touched, found)
+    for p in range(len(entries[0]) - 1):
+        found = accumulate(entries, rotations, node, p, total, stamp, touched)
         for q in range(found):
             row = touched[q]
             scaled = weights[p] * total[row]
