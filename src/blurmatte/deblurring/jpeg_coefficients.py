@@ -17,11 +17,10 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.radiometry import LUMA_WEIGHTS, YCBCR, Compression
+from blurmatte.radiometry.compression import BLOCK
 
 Array = npt.NDArray[np.float64]
 Matrix = Any  # scipy.sparse.csr_matrix
-
-_BLOCK = 8  # pixels, width of a block of the cosine transform
 
 
 @dataclass(frozen=True)
@@ -35,7 +34,7 @@ class _Axis:
     @property
     def whole(self) -> int:
         """Pixels of the whole units."""
-        unit = _BLOCK * self.shared
+        unit = BLOCK * self.shared
         return -(-(self.start + self.size) // unit) * unit
 
     def part(self, matrix: Matrix) -> Matrix:
@@ -98,8 +97,8 @@ def _cosines(count: int) -> Matrix:
     from scipy.fft import dct
     from scipy.sparse import identity, kron
 
-    block = dct(np.eye(_BLOCK), axis=0, norm="ortho")
-    return kron(identity(count // _BLOCK), block, format="csr")
+    block = dct(np.eye(BLOCK), axis=0, norm="ortho")
+    return kron(identity(count // BLOCK), block, format="csr")
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,7 +135,7 @@ class Coefficients:
         """Variance of rounding, q² / 12, of the coefficients of Y, Cb, Cr."""
         tables = self.compression.luma, self.compression.chroma, self.compression.chroma
         return tuple(
-            np.tile(np.square(q) / 12.0, (R.shape[0] // _BLOCK, C.shape[0] // _BLOCK))
+            np.tile(np.square(q) / 12.0, (R.shape[0] // BLOCK, C.shape[0] // BLOCK))
             for q, (R, C) in zip(tables, self._pairs, strict=True)
         )
 

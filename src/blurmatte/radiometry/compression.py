@@ -18,7 +18,7 @@ from blurmatte.checks import Floats
 Array = npt.NDArray[np.float64]
 Steps = tuple[tuple[int, ...], ...]
 
-_BLOCK = 8  # pixels, width of a block of the cosine transform
+BLOCK = 8  # pixels, width of a block of the cosine transform of JPEG files and clips
 _NOISE_SHAPE = 16, 64, 64, 3  # draws and a tile of pixels, over which expected values are averaged
 _SAMPLINGS = {(1, 1): "4:4:4", (2, 1): "4:2:2", (2, 2): "4:2:0"}
 
@@ -49,7 +49,7 @@ class Compression:
 
     def __post_init__(self) -> None:
         for name, steps in (("luma", self.luma), ("chroma", self.chroma)):
-            if np.shape(steps) != (_BLOCK, _BLOCK) or np.min(steps) < 1 or np.max(steps) > 255:
+            if np.shape(steps) != (BLOCK, BLOCK) or np.min(steps) < 1 or np.max(steps) > 255:
                 raise ValueError(f"{name} must be 8 by 8 steps from 1 to 255, got {steps}")
         if not set(self.shared) <= {1, 2}:
             raise ValueError(f"1 or 2 by 1 or 2 pixels share chroma, got {self.shared}")
@@ -57,7 +57,7 @@ class Compression:
     @property
     def mcu(self) -> tuple[int, int]:
         """Width and height of a minimum coded unit, pixels."""
-        return _BLOCK * self.shared[0], _BLOCK * self.shared[1]
+        return BLOCK * self.shared[0], BLOCK * self.shared[1]
 
     @property
     def spread(self) -> float:

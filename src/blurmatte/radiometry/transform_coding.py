@@ -22,10 +22,10 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
+from blurmatte.radiometry.compression import BLOCK
 from blurmatte.radiometry.transfer import Transfer
 
 Array = npt.NDArray[np.float64]
-BLOCK = 8  # pixels, width of a block of the transform
 _STRIP = 32  # rows of blocks that are transformed at a time: saves memory
 ROUNDING_VARIANCE = 1 / 12  # of integers
 

@@ -23,9 +23,8 @@ from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 Array = npt.NDArray[np.float64]
 
 _ROUNDS = 10  # of weights and readout time
-_MAX_STRETCH = (
-    0.3  # of which the first order is a good approximation: three quarters longer than wide
-)
+# Of which the first order is a good approximation: an ellipse 1.8 times as long as wide
+_MAX_STRETCH = 0.3
 
 
 def camera_stretch(readout: float, displacement: Array) -> tuple[float, float]:
