@@ -1,5 +1,8 @@
 """explain: colors, solutions, plates, noise, curves and motions in plain words."""
 
+from collections.abc import Callable, Iterable
+from typing import Any
+
 from blurmatte.background import PlateFit
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.color.model import ColorModel
@@ -13,29 +16,41 @@ from blurmatte.explain.color import color_in_words
 from blurmatte.explain.fall import fall_in_words
 from blurmatte.explain.motion import motion_in_words, scatter_in_words, speed_in_words
 from blurmatte.explain.solution import solution_in_words
-from blurmatte.explain.space import SpaceMotion, space_motion_in_words
+from blurmatte.explain.space import (
+    ball_in_words,
+    depth_in_words,
+    plane_motion_in_words,
+    rotation_in_words,
+)
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.scatter import Scatter
 from blurmatte.motion.picture.motion import Motion, Speed
+from blurmatte.motion.space.ball_motion import BallMotion
+from blurmatte.motion.space.depth import BlurDepth
+from blurmatte.motion.space.plane import PlaneMotion
+from blurmatte.motion.space.rotation import Rotation
 from blurmatte.radiometry import Transfer
 
-Explained = (
-    ColorModel
-    | Solution
-    | PlateFit
-    | NoiseFit
-    | Transfer
-    | ResponseFit
-    | Motion
-    | Speed
-    | SpaceMotion
-    | FreeFall
-    | Scatter
-)
+_WORDS: dict[type, Callable[[Any], Iterable[str]]] = {
+    ColorModel: color_in_words,
+    Solution: solution_in_words,
+    PlateFit: plate_in_words,
+    NoiseFit: noise_in_words,
+    Transfer: curve_in_words,
+    ResponseFit: response_in_words,
+    Motion: motion_in_words,
+    Speed: speed_in_words,
+    BallMotion: ball_in_words,
+    PlaneMotion: plane_motion_in_words,
+    BlurDepth: depth_in_words,
+    Rotation: rotation_in_words,
+    FreeFall: fall_in_words,
+    Scatter: scatter_in_words,
+}
 
 
-def explain(thing: Explained) -> list[str]:
+def explain(thing: object) -> list[str]:
     """Sentences about a result, for people who do not know the technical terms.
 
     Parameters
@@ -53,30 +68,8 @@ def explain(thing: Explained) -> list[str]:
     TypeError
         For anything else.
     """
-    if isinstance(thing, ColorModel):
-        return color_in_words(thing)
-    if isinstance(thing, Solution):
-        return solution_in_words(thing)
-    if isinstance(thing, PlateFit):
-        return list(plate_in_words(thing))
-    if isinstance(thing, NoiseFit):
-        return noise_in_words(thing)
-    if isinstance(thing, Transfer):
-        return curve_in_words(thing)
-    if isinstance(thing, ResponseFit):
-        return response_in_words(thing)
-    if isinstance(thing, Motion):
-        return motion_in_words(thing)
-    if isinstance(thing, Speed):
-        return speed_in_words(thing)
-    if isinstance(thing, SpaceMotion):
-        return space_motion_in_words(thing)
-    if isinstance(thing, FreeFall):
-        return fall_in_words(thing)
-    if isinstance(thing, Scatter):
-        return scatter_in_words(thing)
-    raise TypeError(
-        "can explain a ColorModel, a Solution, a PlateFit, a NoiseFit, a Transfer, a ResponseFit, a "
-        "Motion, a Speed, a BallMotion, a PlaneMotion, a BlurDepth, a Rotation, a FreeFall or "
-        f"a Scatter, got {type(thing).__name__}"
-    )
+    for kind, words in _WORDS.items():
+        if isinstance(thing, kind):
+            return list(words(thing))
+    *names, last = (f"a {kind.__name__}" for kind in _WORDS)
+    raise TypeError(f"can explain {', '.join(names)} or {last}, got {type(thing).__name__}")

@@ -10,8 +10,6 @@ from blurmatte.motion.space.depth import BlurDepth
 from blurmatte.motion.space.plane import PlaneMotion
 from blurmatte.motion.space.rotation import Rotation
 
-SpaceMotion = BallMotion | PlaneMotion | BlurDepth | Rotation
-
 _NO_TIME = "The speed is not known without the exposure time."
 _EITHER_END = (
     "The picture does not determine which end came first: the reverse motion looks the same."
@@ -33,21 +31,8 @@ _PATHS = {
 }
 
 
-def space_motion_in_words(motion: SpaceMotion) -> list[str]:
+def ball_in_words(motion: BallMotion) -> list[str]:
     """Sentences about the measurement, its error and the source of it, and what is unknown."""
-    match motion:
-        case BallMotion():
-            return _ball(motion)
-        case PlaneMotion():
-            lines = [f"It went {with_error(motion.length, motion.length_std)} m on the plane."]
-            return [*lines, *_speed(motion), _largest_source("speed", motion.parts), _EITHER_END]
-        case BlurDepth():
-            return _depth(motion)
-        case Rotation():
-            return _rotation(motion)
-
-
-def _ball(motion: BallMotion) -> list[str]:
     start, end = (", ".join(f"{v:.4g}" for v in motion.positions[i]) for i in (0, 2))
     return [
         f"It was {with_error(motion.depth, motion.depth_std)} m away along the optical axis, and went "
@@ -60,6 +45,12 @@ def _ball(motion: BallMotion) -> list[str]:
     ]
 
 
+def plane_motion_in_words(motion: PlaneMotion) -> list[str]:
+    """Sentences, as of a ball."""
+    lines = [f"It went {with_error(motion.length, motion.length_std)} m on the plane."]
+    return [*lines, *_speed(motion), _largest_source("speed", motion.parts), _EITHER_END]
+
+
 def _speed(motion: BallMotion | PlaneMotion) -> list[str]:
     if motion.exposure_time is None:
         return [_NO_TIME]
@@ -67,7 +58,8 @@ def _speed(motion: BallMotion | PlaneMotion) -> list[str]:
     return [f"Speed: {with_error(motion.speed, motion.speed_std)} m/s, {with_error(*kmh)} km/h."]
 
 
-def _depth(motion: BlurDepth) -> list[str]:
+def depth_in_words(motion: BlurDepth) -> list[str]:
+    """Sentences about the distance, and its assumption."""
     lines = [f"It was {with_error(motion.depth, motion.depth_std)} m away along the optical axis."]
     if motion.start == motion.end:
         lines.append(
@@ -84,7 +76,8 @@ def _depth(motion: BlurDepth) -> list[str]:
     return [*lines, _largest_source("distance", motion.parts)]
 
 
-def _rotation(motion: Rotation) -> list[str]:
+def rotation_in_words(motion: Rotation) -> list[str]:
+    """Sentences about the angle and its speed."""
     x, y = motion.center
     degrees, std = np.degrees([motion.angle, motion.angle_std])
     lines = [f"It turned by {with_error(degrees, std)}° about ({x:.1f}, {y:.1f})."]
