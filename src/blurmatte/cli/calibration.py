@@ -12,7 +12,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
-from blurmatte.cli.console import about, option, say, say_json, waiting
+from blurmatte.cli.console import about, answer, option, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import box, number
 from blurmatte.cli.rows import ROWS, expanded
@@ -54,14 +54,11 @@ def noise(
         bm.write(plot, bm.draw_noise(fit))
     if out is not None:
         bm.write(out, fit)
-    words = bm.explain(fit)
-    if as_json:
-        parts = "gain", "read_std", "relative_std"
-        errors = {f"{name}_std": getattr(fit, f"{name}_std") for name in parts}
-        sensor = {name: getattr(fit.sensor, name) for name in parts}
-        say_json({"sensor": {**sensor, **errors}, "changed": fit.changed, "in_words": words})
-    else:
-        say("\n".join([str(fit), *words]))
+    words, parts = bm.explain(fit), ("gain", "read_std", "relative_std")
+    errors = {f"{name}_std": getattr(fit, f"{name}_std") for name in parts}
+    sensor = {**{name: getattr(fit.sensor, name) for name in parts}, **errors}
+    numbers = {"sensor": sensor, "changed": fit.changed, "in_words": words}
+    answer(as_json, numbers, [fit, *words])
 
 
 @command(
@@ -97,11 +94,8 @@ def response(
     if out is not None:
         bm.write(out, fit)
     words = bm.explain(fit)
-    if as_json:
-        seen = {"exposure_times": fit.exposure_times, "agreement": fit.agreement}
-        say_json({**seen, "std": float(np.max(fit.std)), "in_words": words})
-    else:
-        say("\n".join([str(fit), *words]))
+    seen = {"exposure_times": fit.exposure_times, "agreement": fit.agreement}
+    answer(as_json, {**seen, "std": np.max(fit.std), "in_words": words}, [fit, *words])
 
 
 def _measured(

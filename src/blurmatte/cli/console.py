@@ -139,6 +139,14 @@ def say_json(value: Any, indent: int | None = 2) -> None:
     say(json.dumps(_plain(value), indent=indent, ensure_ascii=False))
 
 
+def answer(as_json: bool, numbers: Any, lines: Iterable[object]) -> None:
+    """Print an answer: its numbers as JSON, or lines for people."""
+    if as_json:
+        say_json(numbers)
+    else:
+        say("\n".join(map(str, lines)))
+
+
 def _plain(value: Any) -> Any:
     """The same in JSON's types."""
     if isinstance(value, dict):

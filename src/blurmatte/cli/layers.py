@@ -9,7 +9,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, say, say_json, waiting, with_progress
+from blurmatte.cli.console import about, answer, flag, option, waiting, with_progress
 from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_outputs
 from blurmatte.cli.rows import ROWS
 from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
@@ -77,10 +77,7 @@ def paints(
         exposures = bm.split_exposure(solution, *color)
         written = bm.save_exposures(out, solution.layer, exposures)
     sums = exposures.fraction.sum(axis=(0, 1), dtype=float)
-    if as_json:
-        areas = dict(zip(color, sums, strict=True))
-        say_json({"pixels_times_exposure": areas, "files": written})
-        return
-    for hex_color, total in zip(color, sums, strict=True):
-        say(f"{hex_color}: {total:.6g} pixels times exposure")
-    say("\n".join(map(str, written)))
+    areas = list(zip(color, sums, strict=True))
+    lines = [f"{hex_color}: {total:.6g} pixels times exposure" for hex_color, total in areas]
+    numbers = {"pixels_times_exposure": dict(areas), "files": written}
+    answer(as_json, numbers, [*lines, *written])

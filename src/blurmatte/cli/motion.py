@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, say, say_json, waiting
+from blurmatte.cli.console import about, answer, flag, option, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
 from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
@@ -206,10 +206,7 @@ def _answer(motion: bm.Motion, found: Sequence[Any], out: Path | None, as_json: 
     numbers = {**row, **_over_time(motion), "in_words": words}
     if out is not None:
         bm.write(out, row if out.suffix.lower() == ".csv" else numbers)
-    if as_json:
-        say_json(numbers)
-    else:
-        say("\n".join([str(motion), *words]))
+    answer(as_json, numbers, [motion, *words])
 
 
 def _over_time(motion: bm.Motion) -> dict[str, Any]:

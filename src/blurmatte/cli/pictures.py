@@ -17,13 +17,13 @@ import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import (
     about,
+    answer,
     by,
     color_numbers,
     complain,
     in_degrees,
     option,
     say,
-    say_json,
     waiting,
 )
 from blurmatte.cli.output_checks import SHEET, check_file
@@ -78,10 +78,7 @@ def info(
         else:
             picture, _ = reading.read(file, said)
             lines, numbers = _of_picture(file, picture, reading, guessed=bool(said))
-    if as_json:
-        say_json({"file": file, **numbers})
-    else:
-        say("\n".join(lines))
+    answer(as_json, {"file": file, **numbers}, lines)
 
 
 Answer = tuple[list[str], dict[str, Any]]  # lines for people, and the same as values

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, by, say, say_json, with_progress
+from blurmatte.cli.console import about, answer, by, with_progress
 from blurmatte.cli.output_checks import check_ending, check_folder, check_outputs
 from blurmatte.cli.quantities import frame_range
 from blurmatte.cli.selection import Clip, FrameRange, Out, Reading, chosen_frames
@@ -43,13 +43,9 @@ def plate(
         fit = bm.make_plate(_watched(clip))
     with about(out):
         written = bm.save_plate(out, fit)
-    words = bm.explain(fit)
-    if as_json:
-        size = fit.plate.size
-        say_json({"frames": len(fit.gain), "size": size, "in_words": words, "files": written})
-        return
-    say("\n".join([f"plate of {len(fit.gain)} frames, {by(fit.plate.size)}", *words]))
-    say("\n".join(map(str, written)))
+    words, count, size = bm.explain(fit), len(fit.gain), fit.plate.size
+    numbers = {"frames": count, "size": size, "in_words": words, "files": written}
+    answer(as_json, numbers, [f"plate of {count} frames, {by(size)}", *words, *written])
 
 
 def _watched(frames: bm.Frames[bm.LinearImage]) -> bm.Frames[bm.LinearImage]:

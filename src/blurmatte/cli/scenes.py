@@ -13,6 +13,7 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import (
     ExitCode,
     about,
+    answer,
     complain,
     flag,
     option,
@@ -46,10 +47,7 @@ def render(
     """
     if list_scenes:
         titles = {name: bm.scene_title(name) for name in bm.scene_names()}
-        if as_json:
-            say_json(titles)
-        else:
-            say("\n".join(f"{name:12} {title}" for name, title in titles.items()))
+        answer(as_json, titles, [f"{name:12} {title}" for name, title in titles.items()])
         return
     names = [*(scenes or ()), *(bm.scene_names() if all_scenes else ())]
     if not names:
@@ -107,8 +105,8 @@ def score(
         name = str(place.relative_to(truth)) if place != truth else truth.name
         try:
             with about(result / name if place != truth else result):
-                answer = bm.read_answer(result / name if place != truth else result)
-                scores[name] = bm.score(answer, bm.read_truth(place))
+                given = bm.read_answer(result / name if place != truth else result)
+                scores[name] = bm.score(given, bm.read_truth(place))
         except bm.BlurmatteError as error:
             if place == truth:
                 raise
@@ -117,10 +115,7 @@ def score(
             complain(f"{name}: no result, a miss" if missing else f"{error}; a miss")
             scores[name] = bm.score(None, bm.read_truth(place))
     numbers = {name: asdict(score) for name, score in scores.items()}
-    if as_json:
-        say_json(numbers)
-    else:
-        say(bm.score_table(scores))
+    answer(as_json, numbers, [bm.score_table(scores)])
     if out is not None:
         rows = [{"scene": name, **row} for name, row in numbers.items()]
         bm.write(out, rows if out.suffix.lower() == ".csv" else numbers)

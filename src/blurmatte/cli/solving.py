@@ -24,6 +24,7 @@ from blurmatte.cli.console import (
     ExitCode,
     Verbosity,
     about,
+    answer,
     color_numbers,
     complain,
     in_degrees,
@@ -133,19 +134,19 @@ def _solve_each(
     """Solve images, each into its folder, and say what came of them."""
     failed, lower = 0, 0
     with bm.Workers(_processes(workers, len(pairs))) as processes:
-        answers = processes.in_order(_OneOfRow(task, verbosity()), pairs)
-        both = zip(pairs, answers, strict=True)
-        for (path, folder), answer in with_progress(both, "solving", len(pairs)):
-            if answer.refusal:
-                complain(answer.refusal)
+        solved = processes.in_order(_OneOfRow(task, verbosity()), pairs)
+        both = zip(pairs, solved, strict=True)
+        for (path, folder), one in with_progress(both, "solving", len(pairs)):
+            if one.refusal:
+                complain(one.refusal)
                 failed += 1
                 continue
             if as_json:
                 report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
                 say_json({"folder": folder, **report}, indent=2 if len(pairs) == 1 else None)
             else:
-                say("\n".join(answer.lines))
-            lower += _is_lower(path, answer.grade, required)
+                say("\n".join(one.lines))
+            lower += _is_lower(path, one.grade, required)
     if failed or lower:
         raise typer.Exit(ExitCode.REFUSED if failed else ExitCode.LOW_GRADE)
 
@@ -245,10 +246,7 @@ def color(
             model = selection.model(C, B, streak) or bm.fit_color(C, B, streak)
         if out is not None:
             bm.write(out, model)
-    if as_json:
-        say_json(color_numbers(model))
-        return
-    say("\n".join([in_degrees(model), *swatches(model), *bm.explain(model)]))
+    answer(as_json, color_numbers(model), [in_degrees(model), *swatches(model), *bm.explain(model)])
 
 
 def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReading:

@@ -11,7 +11,7 @@ import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, words
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
-from blurmatte.cli.console import about, flag, in_degrees, option, say, say_json, waiting
+from blurmatte.cli.console import about, answer, flag, in_degrees, option, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
@@ -242,7 +242,4 @@ def _answer(
     remove_unfinished(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}
-    if as_json:
-        say_json({"rows": lines, **of_falls, "in_words": said})
-    else:
-        say("\n".join(said))
+    answer(as_json, {"rows": lines, **of_falls, "in_words": said}, said)
