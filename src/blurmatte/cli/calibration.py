@@ -85,7 +85,7 @@ def response(
     paths = expanded(pictures)
     times = None if exposures is None else _seconds(exposures)
     with waiting("measuring the curve"):
-        fit = bm.fit_response([reading.read(path)[0] for path in paths], times)
+        fit = bm.fit_response([reading.read(path) for path in paths], times)
     if out is not None:
         fit = replace(fit, transfer=replace(fit.transfer, name=out.stem))
     if plot is not None:
@@ -103,16 +103,17 @@ def _measured(
 ) -> bm.NoiseFit:
     if plate is not None and len(paths) > 1:
         raise ValueError(f"--plate is for one picture, got {len(paths)}; frames need none")
-    first, guessed = reading.read(paths[0])
+    guessed: list[str] = []
+    first = reading.read(paths[0], guessed)
     if guessed and first.meta.transfer is not None:  # one warning will do
         reading = replace(reading, transfer=first.meta.transfer.name)
     inside = None
     if region is not None:
         inside = bm.Streak.from_box(box("--region", region), first.size).mask
     if plate is not None:
-        return bm.measure_noise_against(first, reading.read(plate)[0], inside)
+        return bm.measure_noise_against(first, reading.read(plate), inside)
     if len(paths) > 1:
-        others = (reading.read(path)[0] for path in paths[1:])
+        others = (reading.read(path) for path in paths[1:])
         return bm.measure_noise(chain([first], others), inside)
     if inside is None:
         raise ValueError(

@@ -33,7 +33,6 @@ from blurmatte.cli.selection import (
     CameraReading,
     ColorOptions,
     FrameRange,
-    chosen_frames,
     matching_of,
 )
 
@@ -117,15 +116,13 @@ def solve_clip(
 
     if options.scheduler is not None:  # its workers run in other folders
         images = [str(Path(image).absolute()) for image in images]
-    source = images[0] if len(images) == 1 else images
     return_freed_memory()
     with about(Path(images[0])):
-        frames = bm.read_frames(source, reading.curve, reading.max_pixels)
-        frames = chosen_frames(frames, options.frames)
+        frames = reading.frames(images, options.frames)
         run = bm.ClipRun(
             tuple(_inputs(images, plate.plate, occluder, colors)),
             frames,
-            None if plate.plate is None else reading.read(plate.plate)[0],
+            None if plate.plate is None else reading.read(plate.plate),
             _model(colors),
             options.several,
             _extension(out, options),

@@ -185,10 +185,10 @@ def _check_one_layer(layer: str, image: Path | None, looks: Looks) -> None:
 
 def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
     """The background, with the gain of the layers' light."""
-    picture, _ = reading.read(over)
+    picture = reading.read(over)
     if placement.match_light is None:
         return Behind(over, picture, placement)
-    plate, _ = reading.read(placement.match_light)
+    plate = reading.read(placement.match_light)
     with about(placement.match_light):
         return Behind(over, picture, placement, bm.light_gain(picture, plate))
 

@@ -46,7 +46,7 @@ def stack(
         with about(out):
             bm.write(out, whole)
         return
-    picture, _ = reading.read(over)
+    picture = reading.read(over)
     with about(over):
         together = whole.over(picture)
     with about(out):

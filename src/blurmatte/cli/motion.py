@@ -98,7 +98,7 @@ def measure(
             exposed = (motion.exposure_time if time is None else time, time_std)
             found.append(_rotation(solution, exposed))
     if drawing.overlay is not None and drawing.image is not None:
-        picture = reading.read(drawing.image)[0]
+        picture = reading.read(drawing.image)
         with about(drawing.overlay):
             bm.write(drawing.overlay, bm.draw_motion(picture, solution, motion))
     _answer(motion, found, out, as_json)
@@ -175,7 +175,7 @@ def locate(
                 path = _sweep(solution, "--camera")
                 found.append(bm.measure_ball(path, lens, radius, time, std, time_std))
             else:
-                pictures = reading.read(image)[0], reading.read(plate)[0]
+                pictures = reading.read(image), reading.read(plate)
                 found.append(_fitted(solution, pictures, lens, space.true_radius, exposed))
         if lens is not None and speed is not None:
             found.append(_depth(solution, lens, speed, exposed))

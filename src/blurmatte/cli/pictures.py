@@ -44,7 +44,7 @@ def show(
     with about(file), waiting("drawing the sheet"):
         thing: bm.LinearImage | bm.Layer | bm.Solution | None = _solution(file, reading.max_pixels)
         if thing is None:
-            picture, _ = reading.read(file)
+            picture = reading.read(file)
             thing = _layer(file, reading) or picture
         sheet = bm.draw_look(thing)
     target = out or Path(tempfile.mkdtemp(prefix="blurmatte-")) / f"{file.stem}.png"
@@ -76,7 +76,7 @@ def info(
         elif (solution := _solution(file, reading.max_pixels)) is not None:
             lines, numbers = _of_solution(solution)
         else:
-            picture, _ = reading.read(file, said)
+            picture = reading.read(file, said)
             lines, numbers = _of_picture(file, picture, reading, guessed=bool(said))
     answer(as_json, {"file": file, **numbers}, lines)
 

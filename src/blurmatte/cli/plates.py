@@ -12,7 +12,7 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, by, with_progress
 from blurmatte.cli.output_checks import check_ending, check_folder, check_outputs
 from blurmatte.cli.quantities import frame_range
-from blurmatte.cli.selection import Clip, FrameRange, Out, Reading, chosen_frames
+from blurmatte.cli.selection import Clip, FrameRange, Out, Reading
 
 
 @command(
@@ -33,14 +33,12 @@ def plate(
     from blurmatte.results import plate_files
 
     frame_range("--frames", frames)
-    curve = reading.curve
+    reading.curve  # noqa: B018  # refuses an unknown name
     check_ending(out, "a plate", ".exr", ".png", ".tif", ".jpg")
     check_folder(out.parent)
     check_outputs(*plate_files(out))
     with about(Path(source[0])):
-        clip = bm.read_frames(source[0] if len(source) == 1 else source, curve, reading.max_pixels)
-        clip = chosen_frames(clip, frames)
-        fit = bm.make_plate(_watched(clip))
+        fit = bm.make_plate(_watched(reading.frames(source, frames)))
     with about(out):
         written = bm.save_plate(out, fit)
     words, count, size = bm.explain(fit), len(fit.gain), fit.plate.size

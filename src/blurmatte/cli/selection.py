@@ -65,8 +65,8 @@ class Reading:
         """The curve of one file; an EXR holds linear light whatever was asked for."""
         return None if str(path).lower().endswith(".exr") else self.curve
 
-    def read(self, path: Path, said: list[str] | None = None) -> tuple[bm.LinearImage, list[str]]:
-        """The picture, and the warnings (also added to `said`)."""
+    def read(self, path: Path, said: list[str] | None = None) -> bm.LinearImage:
+        """The picture; its warnings are also added to `said`."""
         with about(path) as notes:
             picture = bm.read(path, self.curve_of(path), self.max_pixels)
         noise = self.camera_noise
@@ -74,7 +74,12 @@ class Reading:
             picture = picture.with_noise(noise)
         if said is not None:
             said += notes
-        return picture, notes
+        return picture
+
+    def frames(self, clip: list[str], chosen: str | None) -> bm.Frames[bm.LinearImage]:
+        """The chosen frames of a clip, or of a row of pictures."""
+        source = clip[0] if len(clip) == 1 else clip
+        return chosen_frames(bm.read_frames(source, self.curve, self.max_pixels), chosen)
 
     def mask(self, name: str, path: Path, size: tuple[int, int]) -> Any:
         """(H, W) bool: where a picture of a size is more than half white."""
@@ -248,7 +253,7 @@ class Selection:
         x, y, *radius = numbers("--color", color, "x,y", "x,y,radius")
         if self.colors.color_from is None:
             return bm.pick_colors(image, x, y, *radius)
-        sharp = self.reading.read(self.colors.color_from)[0]
+        sharp = self.reading.read(self.colors.color_from)
         check_same_colors("the image", image, "the picture of --color-from", sharp)
         return bm.pick_colors(sharp, x, y, *radius)
 

@@ -104,10 +104,10 @@ def _read(
     """Image and plate, matched, where they are given."""
     if pictures.plate is None:
         return None, None
-    plate, _ = reading.read(pictures.plate)
+    plate = reading.read(pictures.plate)
     if pictures.image is None:
         return None, plate
-    image, _ = reading.read(pictures.image)
+    image = reading.read(pictures.image)
     with about(pictures.plate):
         return image, bm.match_plate(plate, image, matching_of(pictures.match))
 

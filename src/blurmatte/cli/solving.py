@@ -116,7 +116,8 @@ def solve(
     check_outputs(*(folder / name for _, folder in pairs for name in RESULT_FILES))
     selection = Selection(reading, colors, region)
     reading = _with_curve(reading, pairs[0][0], plate.plate)
-    B, notes = reading.read(plate.plate)
+    notes: list[str] = []
+    B = reading.read(plate.plate, notes)
     method = _shaded(reading, solver, colors, B) if solver.startswith("shaded") else method
     selection = replace(selection, reading=reading)
     matching = matching_of(plate.match)
@@ -190,7 +191,7 @@ def _processes(wanted: int | None, count: int) -> int:
 def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
     """Solve one image and write its results."""
     with about(path) as said:
-        C, _ = task.reading.read(path, said)
+        C = task.reading.read(path, said)
         match = bm.fit_match(C, task.plate, task.matching)
         matched = match.apply(task.plate)
         streak = task.selection.streak(C, matched)
@@ -237,9 +238,9 @@ def color(
     selection = Selection(reading, colors, region)
     reading = _with_curve(reading, path, plate.plate)
     selection = replace(selection, reading=reading)
-    B, _ = reading.read(plate.plate)
+    B = reading.read(plate.plate)
     with about(path) as said, waiting("finding the color"):
-        C, _ = reading.read(path, said)
+        C = reading.read(path, said)
         B = bm.match_plate(B, C, matching_of(plate.match))
         streak = selection.streak(C, B)
         with _naming_streaks(streak, C, B):
@@ -255,7 +256,7 @@ def _with_curve(reading: CameraReading, image: Path, plate: Path) -> CameraReadi
         return reading
     reading = replace(reading, transfer=None)
     with about(image), waiting("finding the transfer curve"):
-        fit = bm.fit_transfer(reading.read(image)[0], reading.read(plate)[0])
+        fit = bm.fit_transfer(reading.read(image), reading.read(plate))
     also = ", ".join(curve.name for curve in fit.possible if curve is not fit.best)
     say(f"transfer: {fit.best.name}" + (f"; as possible: {also}" if also else ""))
     return reading if fit.best is fit.curves[0] else replace(reading, transfer=fit.best.name)
@@ -304,7 +305,7 @@ def _shaded(
     """The solver with a known plate in shadow, or a known light of the object."""
     path = solver.partition(":")[2]
     if path:
-        return bm.Shaded(plate=reading.read(Path(path))[0])
+        return bm.Shaded(plate=reading.read(Path(path)))
     (text,) = colors.color or ("",)
     if kind_of_color(text) != "hex" or plate.meta.to_srgb is not None:
         raise ValueError(_SHADED)

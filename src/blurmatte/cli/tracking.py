@@ -15,7 +15,7 @@ from blurmatte.cli.console import about, answer, flag, in_degrees, option, waiti
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
-from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading, chosen_frames
+from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
 
 RUN = "The run"
 
@@ -176,7 +176,7 @@ def track(
     )
     check_outputs(out, overlay, task.unfinished)
     frames = _frames(clip, chosen, reading, physics)
-    given = None if plate is None else reading.read(plate)[0]
+    given = None if plate is None else reading.read(plate)
     measured = measure_frames(task, frames, given)
     _answer(task, measured, physics, overlay, as_json)
 
@@ -186,9 +186,7 @@ def _frames(
 ) -> bm.Frames[bm.LinearImage]:
     """The frames to measure, after a check of their times and the camera."""
     with about(Path(clip[0])):
-        source = clip[0] if len(clip) == 1 else clip
-        frames = bm.read_frames(source, reading.curve, reading.max_pixels)
-        frames = chosen_frames(frames, chosen.frames)
+        frames = reading.frames(clip, chosen.frames)
         _check_times(physics, chosen.rate or frames.rate, frames.size[1])
         if physics.ball is not None:
             check_camera(physics.ball.lens, frames.size)
