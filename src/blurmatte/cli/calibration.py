@@ -12,7 +12,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
-from blurmatte.cli.console import about, answer, option, waiting
+from blurmatte.cli.console import about, answer, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import box, number
 from blurmatte.cli.rows import ROWS, expanded
@@ -32,9 +32,7 @@ Plot = Annotated[Path | None, option("FILE", "Draw what was measured: .png or .j
 def noise(
     pictures: Pictures,
     reading: Reading,
-    out: Annotated[
-        Path | None, option("FILE", "Write the noise: .json.", None, "--out", "-o")
-    ] = None,
+    out: Annotated[Path | None, output("Write the noise: .json.")] = None,
     region: Annotated[
         str | None, option("X0,Y0,X1,Y1", "Look only there; of one picture, an even part.")
     ] = None,
@@ -68,9 +66,7 @@ def noise(
 )
 def response(
     pictures: Pictures,
-    out: Annotated[
-        Path | None, option("FILE", "Write the curve: .json.", None, "--out", "-o")
-    ] = None,
+    out: Annotated[Path | None, output("Write the curve: .json.")] = None,
     exposures: Annotated[
         str | None, option("T,T,…", "Exposure times, 1/60 or 0.5; else the files'.")
     ] = None,

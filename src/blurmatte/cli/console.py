@@ -50,6 +50,11 @@ def option(metavar: str, help: str, group: str | None = None, *names: str) -> An
     )
 
 
+def output(help: str, metavar: str = "FILE") -> Any:
+    """The option that names what to write."""
+    return option(metavar, help, None, "--out", "-o")
+
+
 def flag(name: str, help: str, group: str | None = None) -> Any:
     """An option of a command without a value."""
     return typer.Option(name, help=help, rich_help_panel=group)

@@ -10,7 +10,7 @@ from typing import Annotated, Any, TypeAlias
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, flag, option, waiting
+from blurmatte.cli.console import about, answer, flag, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
 from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
@@ -23,9 +23,7 @@ _POINT = r"\s*(-?[\d.]+)\s*,\s*(-?[\d.]+)\s*=\s*([^,=]+),([^,=]+)"
 
 Located: TypeAlias = "bm.BallMotion | bm.PlaneMotion | bm.BlurDepth"
 
-Numbers = Annotated[
-    Path | None, option("FILE", "Write all numbers: .json, or .csv of a row.", None, "--out", "-o")
-]
+Numbers = Annotated[Path | None, output("Write all numbers: .json, or .csv of a row.")]
 ExposureTime = Annotated[
     str | None,
     option("TIME[±ERROR]", "Exposure time: 1/60, 4ms; else the file's.", SIZE, "--exposure"),

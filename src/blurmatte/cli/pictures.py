@@ -22,7 +22,7 @@ from blurmatte.cli.console import (
     color_numbers,
     complain,
     in_degrees,
-    option,
+    output,
     say,
     waiting,
 )
@@ -36,7 +36,7 @@ def show(
     reading: Reading,
     out: Annotated[
         Path | None,
-        option("SHEET", "Write the sheet, open nothing: .png or .jpg.", None, "--out", "-o"),
+        output("Write the sheet, open nothing: .png or .jpg.", "SHEET"),
     ] = None,
 ) -> None:
     """Show FILE on a sheet."""

@@ -17,6 +17,7 @@ from blurmatte.cli.console import (
     complain,
     flag,
     option,
+    output,
     say,
     say_json,
     with_progress,
@@ -31,9 +32,7 @@ def render(
         list[str] | None,
         typer.Argument(metavar="SCENE", help="Scene files (TOML), or names of --list."),
     ] = None,
-    out: Annotated[
-        Path | None, option("FOLDER", "For the pictures and the truth.", None, "--out", "-o")
-    ] = None,
+    out: Annotated[Path | None, output("For the pictures and the truth.", "FOLDER")] = None,
     all_scenes: Annotated[bool, flag("--all", "All scenes that come with blurmatte.")] = False,
     list_scenes: Annotated[
         bool, flag("--list", "Print the names of the scenes that come with it.")
@@ -86,9 +85,7 @@ def score(
         ),
     ],
     truth: Annotated[Path, option("FOLDER", "What render wrote: a scene, or many.")],
-    out: Annotated[
-        Path | None, option("FILE", "Write the scores: .json or .csv.", None, "--out", "-o")
-    ] = None,
+    out: Annotated[Path | None, output("Write the scores: .json or .csv.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Score a RESULT of any program against the truth.

@@ -11,15 +11,13 @@ import numpy as np
 import typer
 
 import blurmatte as bm
-from blurmatte.cli.console import GENERAL, about, option
+from blurmatte.cli.console import GENERAL, about, option, output
 from blurmatte.cli.quantities import box, frame_range, is_box, numbers
 from blurmatte.cli.rows import PICTURES, ROWS
 
 OBJECT = "The object"
-Out = Annotated[Path, option("FILE", "Where to write.", None, "--out", "-o")]
-OutFolder = Annotated[
-    Path, option("FOLDER", "For the results; made if needed.", None, "--out", "-o")
-]
+Out = Annotated[Path, output("Where to write.")]
+OutFolder = Annotated[Path, output("For the results; made if needed.", "FOLDER")]
 Layer = Annotated[Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote.")]
 Clip = Annotated[list[str], typer.Argument(metavar="CLIP", help=f"A clip, or pictures: {ROWS}.")]
 FrameRange = Annotated[

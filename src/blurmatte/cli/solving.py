@@ -29,6 +29,7 @@ from blurmatte.cli.console import (
     complain,
     in_degrees,
     option,
+    output,
     printing,
     say,
     say_json,
@@ -227,9 +228,7 @@ def color(
     colors: ColorOptions,
     reading: CameraReading,
     region: Region = None,
-    out: Annotated[
-        Path | None, option("FILE", "Write the color model: .json.", None, "--out", "-o")
-    ] = None,
+    out: Annotated[Path | None, output("Write the color model: .json.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the color of the moving object, and its error."""

@@ -11,7 +11,7 @@ import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, words
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
-from blurmatte.cli.console import about, answer, flag, in_degrees, option, waiting
+from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
@@ -145,9 +145,7 @@ def track(
     plate: Annotated[
         Path | None, option("FILE", "The scene without it; else made of the clip.")
     ] = None,
-    out: Annotated[
-        Path | None, option("FILE", "The table: .csv, .json or .parquet.", None, "--out", "-o")
-    ] = None,
+    out: Annotated[Path | None, output("The table: .csv, .json or .parquet.")] = None,
     overlay: Annotated[Path | None, option("FILE", "Draw the paths: .png or .jpg.")] = None,
     as_json: AsJson = False,
 ) -> None:
