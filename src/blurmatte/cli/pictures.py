@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
+import numpy.typing as npt
 import typer
 
 import blurmatte as bm
@@ -205,24 +206,37 @@ def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: 
         "exposure_time": meta.exposure_time,
         "icc_profile_bytes": len(meta.icc_profile or b""),
     }
-    values = _light(picture) if layer is None else _alpha(layer)
-    return [*_header(path, numbers), *_in_words(values)], {**numbers, **values}
+    lines, values = _light(picture) if layer is None else _alpha(layer)
+    return [*_header(path, numbers), *lines], {**numbers, **values}
 
 
-def _light(picture: bm.LinearImage) -> dict[str, Any]:
+def _light(picture: bm.LinearImage) -> Answer:
+    """The light of a picture."""
+    valid, (least, most) = float(np.mean(picture.valid)), _range(picture.rgb)
+    lines = [
+        f"valid (not clipped, opaque): {valid:.2%}",
+        f"light: {least:.4g} to {most:.4g}, 1 is white",
+    ]
     std = None if picture.noise is None else float(np.median(np.sqrt(picture.variance)))
-    light = float(picture.rgb.min()), float(picture.rgb.max())
-    return {"valid_share": float(np.mean(picture.valid)), "light": light, "median_std": std}
+    if std is not None:
+        lines.append(f"error of the light, of each pixel: {std:.2g} in the middle, 1 is white")
+    return lines, {"valid_share": valid, "light": (least, most), "median_std": std}
 
 
-def _alpha(layer: bm.Layer) -> dict[str, Any]:
-    alpha, light = layer.alpha, layer.premultiplied
-    return {
-        "alpha_max": float(alpha.max()),
-        "alpha_share": float(np.mean(alpha > 0)),
-        "alpha_sum": float(alpha.sum(dtype=float)),
-        "premultiplied": (float(light.min()), float(light.max())),
-    }
+def _alpha(layer: bm.Layer) -> Answer:
+    """The alpha of a layer, and its light."""
+    alpha, (least, most) = layer.alpha, _range(layer.premultiplied)
+    peak, share, total = float(alpha.max()), float(np.mean(alpha > 0)), alpha.sum(dtype=float)
+    lines = [
+        f"alpha: up to {peak:.4g}, above 0 in {share:.2%} of the pixels, sum {total:.6g}",
+        f"light times alpha: {least:.4g} to {most:.4g}, 1 is white",
+    ]
+    numbers = {"alpha_max": peak, "alpha_share": share, "alpha_sum": total}
+    return lines, {**numbers, "premultiplied": (least, most)}
+
+
+def _range(light: npt.NDArray[np.floating[Any]]) -> tuple[float, float]:
+    return float(light.min()), float(light.max())
 
 
 def _header(path: Path, about: Mapping[str, Any]) -> Iterator[str]:
@@ -240,24 +254,6 @@ def _header(path: Path, about: Mapping[str, Any]) -> Iterator[str]:
     yield f"exposure time: {f'{time:.6g} s' if time else 'not in the file'}"
     profile = about["icc_profile_bytes"]
     yield f"ICC profile: {f'{profile} bytes' if profile else 'none'}"
-
-
-def _in_words(values: Mapping[str, Any]) -> Iterator[str]:
-    """The light of a picture or the alpha of a layer, in lines."""
-    if "light" in values:
-        least, most = values["light"]
-        yield f"valid (not clipped, opaque): {values['valid_share']:.2%}"
-        yield f"light: {least:.4g} to {most:.4g}, 1 is white"
-        if values["median_std"] is not None:
-            std = values["median_std"]
-            yield f"error of the light, of each pixel: {std:.2g} in the middle, 1 is white"
-        return
-    least, most = values["premultiplied"]
-    yield (
-        f"alpha: up to {values['alpha_max']:.4g}, above 0 in {values['alpha_share']:.2%} of the "
-        f"pixels, sum {values['alpha_sum']:.6g}"
-    )
-    yield f"light times alpha: {least:.4g} to {most:.4g}, 1 is white"
 
 
 def _colors(space: str, white_balance: tuple[float, float, float] | None) -> str:

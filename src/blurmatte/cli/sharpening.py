@@ -12,7 +12,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, flag, option, say, say_json, waiting
+from blurmatte.cli.console import about, answer, flag, option, waiting
 from blurmatte.cli.output_checks import SHEET, check_ending, check_file
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Out, Reading, matching_of
@@ -82,20 +82,18 @@ def sharpen(
         image, plate = _read(pictures, reading)
         sharps = _sharpened(files, image, plate, reading, sheet, pictures.spin)
         _write(out, sharps, frames, plate, rate, answers)
-    for answer in answers:
-        _add_time(answer, image)
-    if as_json:
-        say_json(answers[0] if len(answers) == 1 else {"layers": answers})
-        return
-    for answer in answers:
-        say(
+    lines = []
+    for one in answers:
+        _add_time(one, image)
+        lines.append(
             "{frames} sharp, color ± {color_std:.3f} of white, misfit {misfit:.2f} (1 is noise), "
-            "path {path_length_px:.1f} px".format(**answer)
+            "path {path_length_px:.1f} px".format(**one)
         )
-        if "spin" in answer:
-            say(_text_of(answer["spin"]))
+        if "spin" in one:
+            lines.append(_text_of(one["spin"]))
     if image is None:
-        say("the path was not refined: that needs --image and --plate")
+        lines.append("the path was not refined: that needs --image and --plate")
+    answer(as_json, answers[0] if len(answers) == 1 else {"layers": answers}, lines)
 
 
 def _read(

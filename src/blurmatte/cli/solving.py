@@ -191,6 +191,8 @@ def _processes(wanted: int | None, count: int) -> int:
 
 def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.Match]:
     """Solve one image and write its results."""
+    from blurmatte.explain.doubt import doubts
+
     with about(path) as said:
         C = task.reading.read(path, said)
         match = bm.fit_match(C, task.plate, task.matching)
@@ -210,8 +212,9 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.M
         agreed = {k: solution.stats["match"][k] for k in ("agreement", "edge_agreement")}
         stats = {**solution.stats, "match": {**match.facts, **agreed}}
         solution = replace(solution, stats=stats)
-        said += _warnings(path, solution)
-        said += _curve_warnings(path, C, matched, solution, task.reading)
+        for doubt in [*doubts(solution), *_curve_doubts(C, matched, solution, task.reading)]:
+            said.append(f"{path}: {doubt.rstrip('.')}")
+            warn(said[-1])
         logging.getLogger("blurmatte").info("writing the results")
         called = shlex.join(["blurmatte", *sys.argv[1:]])
         bm.save_results(folder, C, matched, solution, called, task.notes + said)
@@ -360,24 +363,10 @@ def _some(boxes: list[str], most: int = 5) -> str:
     return " ".join(boxes[:most]) + more
 
 
-def _warnings(path: Path, solution: bm.Solution) -> list[str]:
-    """Print the warnings of a solution, and return them."""
-    from blurmatte.explain.doubt import doubts
-
-    lines = [f"{path}: {doubt.rstrip('.')}" for doubt in doubts(solution)]
-    for line in lines:
-        warn(line)
-    return lines
-
-
-def _curve_warnings(
-    path: Path,
-    image: bm.LinearImage,
-    plate: bm.LinearImage,
-    solution: bm.Solution,
-    reading: CameraReading,
+def _curve_doubts(
+    image: bm.LinearImage, plate: bm.LinearImage, solution: bm.Solution, reading: CameraReading
 ) -> list[str]:
-    """Print a warning if a disc of one color fits only with another transfer curve."""
+    """A warning if a disc of one color fits only with another transfer curve."""
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
     if _is_explained_by_disc(solution) or reading.transfer is not None or not alike:
@@ -385,12 +374,10 @@ def _curve_warnings(
     fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
         return []
-    line = (
-        f"{path}: light looks bent: with --transfer {fit.best.name} a disc of one color explains "
-        f"the streak, with {fit.curves[0].name} none does"
-    )
-    warn(line)
-    return [line]
+    return [
+        f"light looks bent: with --transfer {fit.best.name} a disc of one color explains the streak, "
+        f"with {fit.curves[0].name} none does"
+    ]
 
 
 def _is_explained_by_disc(solution: bm.Solution) -> bool:
