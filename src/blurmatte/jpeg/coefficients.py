@@ -16,6 +16,7 @@ ZIGZAG = np.array(
         key=lambda i: (sum(divmod(i, 8)), i // 8 if sum(divmod(i, 8)) % 2 else i % 8),
     )
 )
+MAX_CODE_BITS = 16  # of a Huffman code
 
 
 class JpegError(ValueError):

@@ -9,9 +9,11 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 
 import numpy as np
+import numpy.typing as npt
 
-from blurmatte.jpeg.coefficients import Component, JpegError
-from blurmatte.jpeg.huffman import Table, decoding_table
+from blurmatte.jpeg.coefficients import MAX_CODE_BITS, Component, JpegError
+
+Table = npt.NDArray[np.uint16]
 
 
 class Marker(IntEnum):
@@ -199,6 +201,18 @@ class Segments:
                 if before != expected or (scan.high and scan.high != before):
                     raise JpegError("the JPEG is damaged (its scans are out of order)")
                 self.known[index, k] = scan.low
+
+
+def decoding_table(counts: bytes, symbols: bytes) -> Table:
+    """(65536,) length · 256 + symbol, by the next 16 bits; 0 for an invalid code [T.81 annex C]."""
+    lengths = np.repeat(np.arange(1, MAX_CODE_BITS + 1), list(counts.ljust(MAX_CODE_BITS, b"\0")))
+    spans = 1 << (MAX_CODE_BITS - lengths)
+    if len(symbols) != len(lengths) or spans.sum() > 1 << MAX_CODE_BITS:
+        raise JpegError("a Huffman table of the JPEG is inconsistent")
+    entries = (lengths << 8 | np.frombuffer(symbols, np.uint8)).astype(np.uint16)
+    table = np.zeros(1 << MAX_CODE_BITS, np.uint16)
+    table[: spans.sum()] = np.repeat(entries, spans)
+    return table
 
 
 def metadata_segments(data: bytes) -> list[bytes]:

@@ -1,13 +1,15 @@
-"""Coefficients to a sequential JPEG with one scan and optimal Huffman codes [ITU-T T.81]."""
+"""Coefficients to a sequential JPEG with one scan and optimal Huffman codes [ITU-T T.81, K.2]."""
 
 import struct
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.jpeg.coefficients import Jpeg, JpegError, scan_order
-from blurmatte.jpeg.huffman import Codes, Lengths, huffman_codes, table_bytes
+from blurmatte.jpeg.coefficients import MAX_CODE_BITS, Jpeg, JpegError, scan_order
 from blurmatte.jpeg.segments import Marker
+
+Codes = npt.NDArray[np.uint32]
+Lengths = npt.NDArray[np.uint8]
 
 
 def jpeg_bytes(jpeg: Jpeg) -> bytes:
@@ -87,3 +89,62 @@ def _frame_segment(jpeg: Jpeg) -> bytes:
 def _scan_segment(jpeg: Jpeg) -> bytes:
     parts = [bytes([c.number, 0x11 if i else 0x00]) for i, c in enumerate(jpeg.components)]
     return _segment(Marker.SOS, bytes([len(parts)]) + b"".join(parts) + b"\0\x3f\0")
+
+
+def huffman_codes(counts: npt.NDArray[np.int64]) -> tuple[bytes, Codes, Lengths]:
+    """Optimal codes of at most 16 bits for symbols with the given frequencies.
+
+    At least one of the frequencies (256,) is positive. Returns the symbols in the order of their
+    code lengths; code and length of each symbol, (256,), 0 for those that do not occur.
+    """
+    sizes = _unlimited_lengths(counts)
+    per_length = _limited_lengths(np.bincount([size for size in sizes if size]))
+    symbols = sorted((s for s in range(256) if sizes[s]), key=lambda s: (sizes[s], s))
+    codes, lengths = np.zeros(256, np.uint32), np.zeros(256, np.uint8)
+    code, remaining = 0, iter(symbols)
+    for length in range(1, MAX_CODE_BITS + 1):
+        for _ in range(per_length[length]):
+            symbol = next(remaining)
+            codes[symbol], lengths[symbol] = code, length
+            code += 1
+        code <<= 1
+    return bytes(symbols), codes, lengths
+
+
+def table_bytes(name: int, symbols: bytes, lengths: Lengths) -> bytes:
+    """A table as stored in a DHT segment: identifier, number of codes per length, symbols."""
+    per_length = np.bincount(lengths[list(symbols)], minlength=MAX_CODE_BITS + 1)
+    return bytes([name, *per_length[1:].tolist()]) + symbols
+
+
+def _unlimited_lengths(counts: npt.NDArray[np.int64]) -> list[int]:
+    """Code lengths of all symbols and the reserved one, without a limit [K.2, Code_size]."""
+    reserved = len(counts)  # a pseudo-symbol that gets the code of all ones, which T.81 forbids
+    weights = {symbol: int(n) for symbol, n in enumerate(counts) if n} | {reserved: 1}
+    groups = {symbol: [symbol] for symbol in weights}
+    sizes = [0] * (reserved + 1)
+    while len(weights) > 1:
+        # Ties go to the larger symbol, so that the reserved symbol gets a longest code.
+        first, second = sorted(weights, key=lambda symbol: (weights[symbol], -symbol))[:2]
+        weights[second] += weights.pop(first)
+        groups[second] += groups.pop(first)
+        for symbol in groups[second]:
+            sizes[symbol] += 1
+    return sizes
+
+
+def _limited_lengths(per_length: npt.NDArray[np.int64]) -> list[int]:
+    """Number of codes of each length up to 16 bits, without the reserved one [K.2, Adjust_BITS]."""
+    bits: list[int] = per_length.tolist() + [0] * (MAX_CODE_BITS + 1)
+    for length in range(len(per_length) - 1, MAX_CODE_BITS, -1):
+        while bits[length]:
+            shorter = length - 2
+            while not bits[shorter]:
+                shorter -= 1
+            bits[length] -= 2  # a pair becomes one code that is one bit shorter …
+            bits[length - 1] += 1
+            bits[shorter + 1] += 2  # … and a shorter code is split into two for the other
+            bits[shorter] -= 1
+    longest = max(length for length in range(1, MAX_CODE_BITS + 1) if bits[length])
+    bits[longest] -= 1
+    return bits[: MAX_CODE_BITS + 1]
