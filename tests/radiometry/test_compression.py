@@ -8,8 +8,9 @@ import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 from PIL import Image
 
+from blurmatte.jpeg import compression_of
 from blurmatte.radiometry import Compression
-from blurmatte.rendering.codes import compression_of, from_jpeg, to_jpeg
+from blurmatte.rendering.codes import from_jpeg, to_jpeg
 
 SAMPLINGS = ["4:4:4", "4:2:2", "4:2:0"]
 NOISE = 1.5 / 255

@@ -41,7 +41,7 @@ def read_jpeg(data: bytes, max_pixels: int | None = None) -> Jpeg:
     return Jpeg(tuple(segments.metadata), segments.size, segments.components, tables, coefficients)
 
 
-def compression_of(data: bytes, orientation: int) -> Compression | None:
+def compression_of(data: bytes, orientation: int = 1) -> Compression | None:
     """The quantization and chroma subsampling of a JPEG file, as of the upright picture.
 
     None for gray pictures, for RGB channels, for chroma subsampled by more than 2 x 2, and for

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import Floats, check_light, check_not_negative
+from blurmatte.jpeg import compression_of
 from blurmatte.radiometry import SRGB, LinearImage, NoiseModel, Transfer, decode
 from blurmatte.radiometry.mosaic import variance_shares
 from blurmatte.rendering.codes import (
@@ -13,7 +14,6 @@ from blurmatte.rendering.codes import (
     Codes,
     check_8_bit_codes,
     check_bits,
-    compression_of,
     from_jpeg,
     rounded,
     subsample_chroma,

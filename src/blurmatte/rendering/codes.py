@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
-from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, Transfer
+from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Transfer
 
 Codes = npt.NDArray[np.uint8] | npt.NDArray[np.uint16]
 
@@ -133,15 +133,3 @@ def from_jpeg(file: bytes) -> npt.NDArray[np.uint8]:
 
     with Image.open(io.BytesIO(file)) as picture:
         return np.array(picture)
-
-
-def compression_of(file: bytes) -> Compression:
-    """Quantization tables and chroma subsampling of a JPEG file of `to_jpeg`."""
-    from PIL import Image
-
-    with Image.open(io.BytesIO(file)) as picture:
-        tables, layers = picture.quantization, picture.layer  # type: ignore[attr-defined]
-    (_, across, down, luma), (*_, chroma) = layers[0], layers[1]
-    steps = [np.reshape(tables[name], (8, 8)).tolist() for name in (luma, chroma)]
-    of_luma, of_chroma = (tuple(map(tuple, table)) for table in steps)
-    return Compression(of_luma, of_chroma, (across, down))
