@@ -84,7 +84,7 @@ def test_scale_gives_charts_in_meters():
     rows = [row(k, 1, 45.0 + k) for k in range(5)]
     charts = charts_of(rows, ClipPhysics({1: Scale(0.02)})).charts
     assert [chart.label for chart in charts[:2]] == ["x, m", "height, m"]
-    assert [chart.value(4) for chart in charts[:2]] == [
+    assert [chart.values[4] for chart in charts[:2]] == [
         (pytest.approx(4 * 15 * 0.02), pytest.approx(0.002)),
         (pytest.approx(-4 * 0.02), pytest.approx(0.002)),
     ]

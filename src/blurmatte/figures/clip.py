@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -252,14 +253,14 @@ class _Series:
 
 @dataclass(frozen=True, eq=False)
 class _Chart:
-    """A quantity over time.
+    """A quantity and its error in each row, or None.
 
-    `value` gives the quantity of a row and its error, or None; `fall` gives that of a falling object,
-    by its number and the positions (n, 2) or (n, 3) of a parabola.
+    `fall` gives that of a falling object, by its number and the positions (n, 2) or (n, 3) of a
+    parabola.
     """
 
     label: str
-    value: Callable[[int], tuple[float, float] | None]
+    values: Sequence[tuple[float, float] | None]
     fall: Callable[[int, Array], Array] | None = None
     from_zero: bool = False
     downward: bool = False
@@ -282,7 +283,7 @@ class _Charts:
         """Values of an object over the frames that have one."""
         points = []
         for k, row in enumerate(self.rows):
-            value = chart.value(k) if row.sighting is not None else None
+            value = chart.values[k] if row.sighting is not None else None
             if (row.object or 1) == number and value is not None:
                 points.append((row.time if self.timed else row.frame, *value, _doubted(row)))
         t, values, errors, unsure = np.array(points, float).reshape(-1, 4).T
@@ -292,45 +293,30 @@ class _Charts:
 def charts_of(rows: Sequence[FrameMotion], physics: ClipPhysics) -> _Charts:
     """Charts of place, speed and radius, in meters where they are known."""
     charts = _in_picture(rows, physics) if physics.places is None else _in_space(physics.places)
-    radius = _Chart(
-        "radius, px", lambda k: _of(rows[k], lambda s: (s.radius, s.radius_std)), from_zero=True
-    )
-    return _Charts(rows, [*charts, radius], physics.falls)
-
-
-def _of(
-    row: FrameMotion, value: Callable[[Sighting], tuple[float, float]]
-) -> tuple[float, float] | None:
-    """A value of the row's detection, if there is one."""
-    return None if row.sighting is None else value(row.sighting)
+    sights = (row.sighting for row in rows)
+    radii = [None if one is None else (one.radius, one.radius_std) for one in sights]
+    return _Charts(rows, [*charts, _Chart("radius, px", radii, from_zero=True)], physics.falls)
 
 
 def _in_space(places: Sequence[BallPlace | None]) -> list[_Chart]:
     """Charts of a ball in space: y is down there, height up."""
-
-    def coordinate(axis: int, sign: float) -> Callable[[int], tuple[float, float] | None]:
-        """A coordinate of the ball in a row, and its error."""
-
-        def value(k: int) -> tuple[float, float] | None:
-            """That of row k."""
-            ball = places[k]
-            if ball is None:
-                return None
-            return sign * float(ball.place[axis]), float(ball.place_std[axis])
-
-        return value
-
-    def speed(k: int) -> tuple[float, float] | None:
-        """Speed in row k, and its error."""
-        ball = places[k]
-        return None if ball is None or ball.velocity is None else (ball.speed, ball.speed_std)
-
-    return [
-        _Chart("x, m", coordinate(0, 1), lambda _, at: at[:, 0]),
-        _Chart("height, m", coordinate(1, -1), lambda _, at: -at[:, 1]),
-        _Chart("depth, m", coordinate(2, 1), lambda _, at: at[:, 2]),
-        _Chart("speed in space, m/s", speed, from_zero=True),
+    charts = []
+    for axis, (name, sign) in enumerate((("x", 1), ("height", -1), ("depth", 1))):
+        values = [
+            None if ball is None else (sign * float(ball.place[axis]), float(ball.place_std[axis]))
+            for ball in places
+        ]
+        charts.append(_Chart(f"{name}, m", values, partial(_coordinate, axis, sign)))
+    speeds = [
+        None if ball is None or ball.velocity is None else (ball.speed, ball.speed_std)
+        for ball in places
     ]
+    return [*charts, _Chart("speed in space, m/s", speeds, from_zero=True)]
+
+
+def _coordinate(axis: int, sign: int, number: int, at: Array) -> Array:
+    """A coordinate (n,) of positions (n, 3) in space."""
+    return np.asarray(sign * at[:, axis])
 
 
 def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Chart]:
@@ -346,36 +332,24 @@ def _in_picture(rows: Sequence[FrameMotion], physics: ClipPhysics) -> list[_Char
         sign = (1, -1)[axis] * physics.scales[number].meters_per_pixel
         return np.asarray(sign * (at[:, axis] - first.place[axis]))
 
-    def chart(axis: int) -> _Chart:
-        """Chart of a coordinate."""
-
-        def value(k: int) -> tuple[float, float] | None:
-            """The coordinate in row k, and its error."""
-            number, one = rows[k].object or 1, rows[k].sighting
+    seen = [(row.object or 1, row.sighting) for row in rows]
+    charts = []
+    for axis, label in enumerate(("x, m", "height, m") if scaled else ("x, px", "y, px")):
+        values: list[tuple[float, float] | None] = []
+        for number, one in seen:
             if one is None:
-                return None
+                values.append(None)
+                continue
             unit = physics.scales[number].meters_per_pixel if scaled else 1.0
             std = unit * (one.x_std, one.y_std)[axis]
-            return float(position(axis, number, one.place[None])[0]), std
-
-        label = ("x, m", "height, m")[axis] if scaled else ("x, px", "y, px")[axis]
-        return _Chart(
-            label,
-            value,
-            lambda number, at: position(axis, number, at),
-            downward=axis == 1 and not scaled,
-        )
-
-    speeds = physics.speeds
-    if speeds is not None:
-        speed = _Chart("speed, m/s", lambda k: speeds[k], from_zero=True)
-    else:
-        speed = _Chart(
-            "speed, px per exposure",
-            lambda k: _of(rows[k], lambda s: (s.length, s.length_std)),
-            from_zero=True,
-        )
-    return [chart(0), chart(1), speed]
+            values.append((float(position(axis, number, one.place[None])[0]), std))
+        down = axis == 1 and not scaled
+        charts.append(_Chart(label, values, partial(position, axis), downward=down))
+    label, speeds = "speed, m/s", physics.speeds
+    if speeds is None:
+        label = "speed, px per exposure"
+        speeds = [None if one is None else (one.length, one.length_std) for _, one in seen]
+    return [*charts, _Chart(label, speeds, from_zero=True)]
 
 
 def _with_charts(picture: Pixels, charts: _Charts) -> list[Pixels]:
