@@ -390,8 +390,7 @@ def _is_explained_by_disc(solution: bm.Solution) -> bool:
 
 def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
     """Grade, colors, plate, other streaks, and the sheet."""
-    from blurmatte.explain.alternatives import also_fits
-    from blurmatte.explain.grade import grade_in_words
+    from blurmatte.explain.grade import also_fits, grade_in_words
 
     graded = *grade_in_words(solution), *also_fits(solution)
     lines = [*graded, str(solution), in_degrees(solution.model)]

@@ -7,9 +7,8 @@ from typing import Any
 import numpy as np
 
 from blurmatte.color.model import ColorModel
-from blurmatte.explain.alternatives import alternatives_in_words
 from blurmatte.explain.doubt import alpha_peak, doubts, sum_std
-from blurmatte.explain.grade import grade_in_words
+from blurmatte.explain.grade import alternatives_in_words, grade_in_words
 from blurmatte.explain.numbers import rounded_std
 from blurmatte.explain.sweep import sweep_in_words
 from blurmatte.matting.maps import Quality
