@@ -7,7 +7,7 @@ import numpy.typing as npt
 
 from blurmatte.calibration import NoiseFit, ResponseFit
 from blurmatte.checks import check_kind
-from blurmatte.figures.chart import new_figure, pixels
+from blurmatte.figures.drawing import figure_pixels, new_figure
 from blurmatte.radiometry import nearest_transfer
 
 
@@ -55,7 +55,7 @@ def draw_noise(fit: NoiseFit) -> npt.NDArray[np.uint8]:
         axes.plot(light, rounding[:, 0], ":", color="black", label="rounding alone")
     axes.grid(which="both", alpha=0.2)
     axes.legend()
-    return pixels(figure)
+    return figure_pixels(figure)
 
 
 def draw_response(fit: ResponseFit) -> npt.NDArray[np.uint8]:
@@ -81,7 +81,7 @@ def draw_response(fit: ResponseFit) -> npt.NDArray[np.uint8]:
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(2, 1))
     _draw_curve(above, fit)
     _draw_residuals(below, fit)
-    return pixels(figure)
+    return figure_pixels(figure)
 
 
 def _draw_curve(axes: Any, fit: ResponseFit) -> None:

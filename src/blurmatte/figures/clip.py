@@ -10,14 +10,15 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.errors import BlurmatteError
-from blurmatte.figures.chart import new_figure, pixels
 from blurmatte.figures.drawing import (
     Color,
     Palette,
     Pixels,
     draw_line,
     ellipse_enlargement,
+    figure_pixels,
     fitted,
+    new_figure,
     principal_axes,
 )
 from blurmatte.figures.sheet import Page, Sheet
@@ -393,7 +394,7 @@ def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Pixels:
         axes.grid(alpha=0.3)
         if len(by_object) > 1:
             axes.legend(title="object", fontsize="small")
-    return pixels(figure)
+    return figure_pixels(figure)
 
 
 def _draw_fall(

@@ -1,4 +1,4 @@
-"""Colors of sheets, and pictures, maps, lines and ellipses as pixels for a screen."""
+"""Colors of sheets; pictures, maps, lines, ellipses and figures of matplotlib as pixels."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,6 +8,8 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Floats
+from blurmatte.errors import BlurmatteError
+from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB, LinearImage
 
 Pixels = npt.NDArray[np.uint8]
@@ -54,6 +56,11 @@ def checkerboard(shape: tuple[int, ...]) -> Floats:
     y, x = np.ogrid[: shape[0], : shape[1]]
     light = np.where((y // tile + x // tile) % 2, 0.2, 0.16).astype(np.float32)
     return np.asarray(light[..., None].repeat(3, axis=-1))
+
+
+def over_checkerboard(layer: Layer) -> Pixels:
+    """(H, W, 3) codes of a layer over a dark checkerboard."""
+    return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
 
 def rescaled(pixels: Pixels, scale: int) -> Pixels:
@@ -115,3 +122,21 @@ def round_up(value: float) -> float:
         return 1.0
     step = 10.0 ** (np.floor(np.log10(value)) - 1)
     return float(f"{np.ceil(value / step - 1e-9) * step:.2g}")
+
+
+def new_figure(size: tuple[float, float], dpi: int) -> Any:
+    """An empty figure of matplotlib, inches; raises BlurmatteError if that is not installed."""
+    try:
+        from matplotlib.figure import Figure
+    except ImportError as error:
+        raise BlurmatteError('a plot needs matplotlib: pip install "blurmatte[plot]"') from error
+    return Figure(size, dpi, layout="constrained")
+
+
+def figure_pixels(figure: Any) -> Pixels:
+    """(H, W, 3) sRGB of a figure of matplotlib."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    canvas: Any = FigureCanvasAgg(figure)
+    canvas.draw()
+    return np.array(canvas.buffer_rgba(), np.uint8)[..., :3]

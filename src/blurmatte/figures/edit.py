@@ -4,7 +4,14 @@ import numpy as np
 
 from blurmatte.checks import Box, check_kind, check_same_size
 from blurmatte.compositing import Exposures
-from blurmatte.figures.drawing import Pixels, checkerboard, fitted, gray_codes, round_up, srgb_codes
+from blurmatte.figures.drawing import (
+    Pixels,
+    fitted,
+    gray_codes,
+    over_checkerboard,
+    round_up,
+    srgb_codes,
+)
 from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, column_width, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.matting.solution import Solution
@@ -61,7 +68,7 @@ def draw_edit(
 
 def _layer_panels(layer: Layer, peak: float, when: str) -> list[Panel]:
     return [
-        Panel(_over_checks(layer), f"layer {when}", "over a checkerboard"),
+        Panel(over_checkerboard(layer), f"layer {when}", "over a checkerboard"),
         Panel(gray_codes(layer.alpha, peak), f"alpha {when}", f"white = {peak:g}"),
     ]
 
@@ -95,12 +102,12 @@ def draw_look(thing: LinearImage | Layer | Solution) -> Pixels:
         )
     layer = thing if isinstance(thing, Layer) else thing.layer
     sheet.title(str(thing), "" if isinstance(thing, Layer) else thing.solver)
-    _one(sheet, Panel(_over_checks(layer), ""), "the layer over a checkerboard")
+    _one(sheet, Panel(over_checkerboard(layer), ""), "the layer over a checkerboard")
     if not layer.empty:
         part = layer.crop(_around(layer))
         peak = round_up(float(part.alpha.max()))
         panels = [
-            Panel(_over_checks(part), "layer"),
+            Panel(over_checkerboard(part), "layer"),
             Panel(srgb_codes(part.straight()), "color"),
             Panel(gray_codes(part.alpha, peak), "alpha", f"white = {peak:g}"),
         ]
@@ -136,7 +143,7 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
     x0, y0, x1, y1 = box
     place, part = np.s_[y0:y1, x0:x1], layer.crop(box)
     peak = round_up(float(part.alpha.max()))
-    panels = [Panel(_over_checks(part), "layer", "over a checkerboard")]
+    panels = [Panel(over_checkerboard(part), "layer", "over a checkerboard")]
     codes = srgb_codes(np.minimum(exposures.paints, 1))
     for k in range(count):
         map_of = gray_codes(np.maximum(exposures.fraction[place][..., k], 0), peak)
@@ -152,10 +159,6 @@ def draw_exposures(layer: Layer, exposures: Exposures) -> Pixels:
 def _one(sheet: Sheet, panel: Panel, what: str) -> None:
     height, width = panel.pixels.shape[:2]
     sheet.grid([panel], Layout.best((width, height), 1), what)
-
-
-def _over_checks(layer: Layer) -> Pixels:
-    return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
 
 
 def _around(*layers: Layer) -> Box:

@@ -4,10 +4,9 @@ import numpy as np
 
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.deblurring.sharp import Sharp
-from blurmatte.figures.drawing import Pixels, checkerboard, gray_codes, round_up, srgb_codes
+from blurmatte.figures.drawing import Pixels, gray_codes, over_checkerboard, round_up, srgb_codes
 from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
 from blurmatte.layer import Layer, box_around, check_layer
-from blurmatte.radiometry import LinearImage
 
 _STRIP = 8  # sub-frames
 
@@ -41,9 +40,10 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
     sheet, size = Sheet(), (box[2] - box[0], box[3] - box[1])
     sheet.title("sharp", f"{size_text(sharp.size)} px, {sharp!r}")
     names = ("when the shutter opens", "in the middle", "when it closes")
-    panels = [Panel(_over_checks(blurred.crop(box)), "blurred", "over a checkerboard")]
+    panels = [Panel(over_checkerboard(blurred.crop(box)), "blurred", "over a checkerboard")]
     panels += [
-        Panel(_over_checks(one.crop(box)), name) for one, name in zip(moments, names, strict=True)
+        Panel(over_checkerboard(one.crop(box)), name)
+        for one, name in zip(moments, names, strict=True)
     ]
     sheet.grid(panels, _row(size, len(panels)), "the object")
     close = box_around(moments[1]) or box
@@ -59,7 +59,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
         Layout.best(part.size, 2),
         "the color and its standard deviation",
     )
-    frames = [Panel(_over_checks(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
+    frames = [Panel(over_checkerboard(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
     sheet.grid(frames, _row(size, len(frames)), "sub-frames; the direction of time is unknown")
     return sheet.pixels()
 
@@ -68,7 +68,3 @@ def _row(size: tuple[int, int], count: int) -> Layout:
     """Panels in one row, or in two or more if that shows them larger."""
     layouts = [Layout.best(size, count, columns) for columns in (count, count // 2, 2)]
     return max(layouts, key=lambda layout: layout.scale)
-
-
-def _over_checks(layer: Layer) -> Pixels:
-    return srgb_codes(layer.over(LinearImage(checkerboard(layer.alpha.shape))).rgb)
