@@ -39,15 +39,20 @@ NAMES = [
 def scene(tmp_path_factory):
     """A folder with image.png, plate.png (16 bit) and a mask, and their truth."""
     folder = tmp_path_factory.mktemp("scene")
-    path = bm.Trajectory.line((30, 34), (90, 46))
-    body = bm.Ball(12, np.array([0.9, 0.45, 0.05]), ambient=0.6)
-    truth = bm.render(bm.Scene(colorful_plate((128, 80), rng=2, tile=18), path, body))
+    bm.write(folder / "sharp.png", bm.LinearImage(np.full((9, 9, 3), [0.8, 0.4, 0.04])))
+    return pictures_of_ball(folder, (128, 80), (30, 34), (90, 46), 12, 18)
+
+
+def pictures_of_ball(folder, size, start, end, radius, tile):
+    """The folder, with image, plate and mask of an orange ball that moves straight."""
+    body = bm.Ball(radius, np.array([0.9, 0.45, 0.05]), ambient=0.6)
+    path, plate = bm.Trajectory.line(start, end), colorful_plate(size, rng=2, tile=tile)
+    truth = bm.render(bm.Scene(plate, path, body))
     rng = np.random.default_rng(5)
     for name, picture in (("image", truth.image), ("plate", truth.plate)):
         noisy = add_noise(picture.rgb, NOISE, rng).astype(np.float32)
         bm.write(folder / f"{name}.png", bm.LinearImage(noisy))
     bm.write(folder / "mask.png", (truth.layer.alpha > 0).astype(float))
-    bm.write(folder / "sharp.png", bm.LinearImage(np.full((9, 9, 3), [0.8, 0.4, 0.04])))
     return folder
 
 
@@ -647,14 +652,15 @@ def test_warns_of_swapped_pictures(tmp_path):
     assert "swapped" in json.loads((tmp_path / "report.json").read_text())["warnings"][0]
 
 
-def test_warns_of_guessed_transfer_once(here, tmp_path):
+def test_warns_of_guessed_transfer_once(small, tmp_path):
     for name in ("image", "plate"):
-        codes = np.rint(255 * bm.SRGB.encode(bm.read(here / f"{name}.png").rgb)).astype(np.uint8)
-        Image.fromarray(codes).save(here / f"plain {name}.png")
-    files = (here / "plain image.png", "--plate", here / "plain plate.png", "--color", COLOR)
+        codes = np.rint(255 * bm.SRGB.encode(bm.read(small / f"{name}.png").rgb)).astype(np.uint8)
+        Image.fromarray(codes).save(tmp_path / f"plain {name}.png")
+    files = (tmp_path / "plain image.png", "--plate", tmp_path / "plain plate.png")
+    files += ("--color", COLOR)
     result = good("solve", *files, *PIXELWISE, "--out", tmp_path / "o")
     assert [line.split(": pass")[0] for line in result.stderr.splitlines()] == [
-        f"blurmatte: warning: {here / f'plain {name}.png'}" for name in ("plate", "image")
+        f"blurmatte: warning: {tmp_path / f'plain {name}.png'}" for name in ("plate", "image")
     ]
     again = good("solve", *files, *FAST, "--out", tmp_path / "o")
     assert again.stderr == ""
@@ -968,17 +974,23 @@ def bent(scene, folder, exponent):
     return folder / "image.png", "--plate", folder / "plate.png"
 
 
-def test_auto_finds_transfer(scene, tmp_path):
-    result = good("color", *bent(scene, tmp_path, 1), "--transfer", "auto")
+@pytest.fixture(scope="module")
+def small(tmp_path_factory):
+    """A smaller ball, for searches that fit shapes with several curves."""
+    return pictures_of_ball(tmp_path_factory.mktemp("small"), (80, 56), (18, 24), (54, 32), 7, 12)
+
+
+def test_auto_finds_transfer(small, tmp_path):
+    result = good("color", *bent(small, tmp_path, 1), "--transfer", "auto")
     assert result.stdout.startswith("transfer: linear")
     straight = good(
-        "color", scene / "image.png", "--plate", scene / "plate.png", "--transfer", "auto"
+        "color", small / "image.png", "--plate", small / "plate.png", "--transfer", "auto"
     )
     assert straight.stdout.startswith("transfer: srgb")
 
 
-def test_warns_of_better_transfer(scene, tmp_path):
-    files = (*bent(scene, tmp_path, 1), "--out", tmp_path / "out")
+def test_warns_of_better_transfer(small, tmp_path):
+    files = (*bent(small, tmp_path, 1), "--out", tmp_path / "out")
     result = run("solve", *files, "--color", COLOR, *PIXELWISE)
     assert "light looks bent: with --transfer linear" in result.stderr
 

@@ -13,6 +13,7 @@ from blurmatte.cli.console import ExitCode, in_options
 from blurmatte.rendering import colorful_plate
 
 SCREEN, COLUMNS = 45, 80
+FAST = ("--solver", "pixelwise", "--transfer", "srgb")
 
 
 def commands(group, before=()):
@@ -131,7 +132,7 @@ def test_verbose_prints_the_stages_and_quiet_no_warnings(folder, tmp_path):
         (("color", "image.png", "--plate", "plate.png", "--color", "#ffbc43"), {"hex", "rank"}),
         (("paints", "layer.exr", "--color", "#dca059", "--color", "#2030ff", "-o", "p"), {"files"}),
         (
-            ("solve", "image.png", "--plate", "plate.png", "-o", "o", "--color", "#ffbc43"),
+            ("solve", "image.png", "--plate", "plate.png", "-o", "o", "--color", "#ffbc43", *FAST),
             {"folder", "grade", "model", "stats"},
         ),
         (("calibrate", "noise", "plate.png", "--region", "0,0,96,72"), {"sensor", "in_words"}),

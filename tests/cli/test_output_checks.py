@@ -125,6 +125,10 @@ def test_refuses_absurd_scenes_before_rendering(old, new, said, tmp_path):
 def test_a_named_scene_may_be_rendered_into_a_folder_of_its_name(tmp_path, monkeypatch):
     """Door: what does not exist cannot be replaced; a second run writes the same folder."""
     monkeypatch.chdir(tmp_path)
+    named = tmp_path / "named"
+    named.mkdir()
+    (named / "easy.toml").write_text(BALL)
+    monkeypatch.setattr("blurmatte.scenes.reading._NAMED", named)
     for _ in range(2):
         result = CliRunner().invoke(app, ("render", "easy", "--out", "easy"))
         assert (result.exit_code, result.stderr) == (0, "")

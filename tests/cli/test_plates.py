@@ -68,9 +68,9 @@ def test_makes_plate_of_clip(tmp_path, clip, scene):
 def test_makes_plate_of_chosen_frames(tmp_path, clip):
     out = tmp_path / "plate.exr"
     for window, count in (
-        (("--frames", "10:20"), 10),
-        (("--frames", "1s:2.5s"), 15),
-        (("--frames", "::4"), 8),
+        (("--frames", "10:15"), 5),
+        (("--frames", "1s:1.5s"), 5),
+        (("--frames", "::6"), 5),
     ):
         result = run("plate", clip, "--out", out, *window)
         assert result.stdout.startswith(f"plate of {count} frames"), result.stderr

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import inspect
 import re
+import shlex
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import MISSING, fields, is_dataclass
@@ -144,18 +145,13 @@ class _Program(_Group):
         """Parse the arguments in today's spelling."""
         today, changed = modern(args)
         if changed and "-q" not in args and "--quiet" not in args:
-            warn(f"old spelling, rejected by the next version; write: {_typed(today)}")
+            typed = shlex.join(["blurmatte", *today])
+            warn(f"old spelling, rejected by the next version; write: {typed}")
         return super().make_context(info_name, today, *more, **kwargs)
 
     def list_commands(self, ctx: Any) -> list[str]:
         """Names of the commands in the order of the help."""
         return [name for names in _SECTIONS.values() for name in names]
-
-
-def _typed(args: list[str]) -> str:
-    import shlex
-
-    return shlex.join(["blurmatte", *args])
 
 
 @contextmanager
