@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import numpy.typing as npt
@@ -161,9 +162,7 @@ class Places:
     def check_shared(self, bracket: Bracket) -> None:
         """Raise ResponseError unless successive pictures share places and get brighter."""
         inside = self.usable(_STEP)
-        for first, second in zip(
-            range(len(bracket.names)), range(1, len(bracket.names)), strict=False
-        ):
+        for first, second in pairwise(range(len(bracket.names))):
             names = f"{bracket.names[first]} and {bracket.names[second]}"
             both = inside[:, first] & inside[:, second]
             if np.count_nonzero(both) < PlaceSettings.min_shared:

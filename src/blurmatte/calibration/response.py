@@ -143,16 +143,16 @@ def fit_response(
     everything.check_shared(bracket)
     fit = _fit(everything, bracket)
     _check_agreement(fit)
-    alone = _compared(fit, channels, bracket)
+    difference, agree, channel_std = _compared(fit, channels, bracket)
     return ResponseFit(
         Transfer.from_table("response", np.interp(np.linspace(0, 1, TABLE), _CODES, fit.light)),
-        np.hypot(fit.light_std, alone.std),
+        np.hypot(fit.light_std, channel_std),
         tuple((bracket.times * np.exp(fit.state.shifts - fit.state.shifts.mean())).tolist()),
         fit.noise,
         fit.agreement,
         fit.seen,
-        alone.difference,
-        alone.agree,
+        difference,
+        agree,
         fit.residuals,
     )
 
@@ -407,19 +407,15 @@ def _grouped(data: _Data, prediction: _Prediction) -> Array:
     return means
 
 
-@dataclass(frozen=True, eq=False)
-class _Channels:
-    """Curves of single channels, compared with the common one."""
+def _compared(
+    fit: _Fit, channels: Sequence[Places], bracket: Bracket
+) -> tuple[tuple[float, float, float], bool, Array]:
+    """Each channel's largest distance from the common curve, and whether all agree with it.
 
-    difference: tuple[float, float, float]  # largest distance from the common curve
-    agree: bool
-    std: Array  # (CELLS + 1,) of the common curve, from the differences
-
-
-def _compared(fit: _Fit, channels: Sequence[Places], bracket: Bracket) -> _Channels:
-    """Compare each channel's curve with the common one."""
+    Last (CELLS + 1,) the standard deviation of the common curve, from the distances.
+    """
     if len(channels) == 1:
-        return _Channels((0.0, 0.0, 0.0), True, np.zeros(CELLS + 1))
+        return (0.0, 0.0, 0.0), True, np.zeros(CELLS + 1)
     apart, agree = [], True
     for places in channels:
         own = _fit(places, bracket, fit) if places.shared() else fit
@@ -427,4 +423,4 @@ def _compared(fit: _Fit, channels: Sequence[Places], bracket: Bracket) -> _Chann
         allowed = ResponseSettings.channel_std * np.hypot(own.light_std, fit.light_std)
         agree &= bool(np.all(apart[-1] <= allowed + 1e-12))
     red, green, blue = (float(difference.max()) for difference in apart)
-    return _Channels((red, green, blue), agree, np.sqrt(np.sum(np.square(apart), axis=0) / 2))
+    return (red, green, blue), agree, np.sqrt(np.sum(np.square(apart), axis=0) / 2)

@@ -54,15 +54,10 @@ def check_folder(path: Path) -> None:
 
 @contextmanager
 def protecting(values: Mapping[str, Any], inputs: Iterable[Path]) -> Iterator[list[str]]:
-    """Protect all files that a command line names to be read, and `inputs`, from being replaced.
+    """Protect all files that the values of options name, and other `inputs`, from being replaced.
 
-    Yields warnings of sets of files that a stopped run left incomplete.
-
-    values: from the names of options to their values; those of `OUTPUTS` are files to write.
-    inputs: what else is read: the pictures of a row or a folder.
-
-    Raises FileError if an input is a pipe or a device, or one of the outputs is an input or another
-    output.
+    Yields warnings of sets of files that a stopped run left incomplete. Raises FileError if an input
+    is a pipe or a device, or one of `OUTPUTS` is an input or another output.
     """
     read = [path for name in values.keys() - OUTPUTS for path in _named(values[name])]
     read += inputs

@@ -149,10 +149,7 @@ class Ball:
         return float(x), float(y)
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at one moment.
-
-        `x` (w,) and `y` (h,) are consecutive pixel centers relative to the center of the ball.
-        """
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels; see `Body.sharp`."""
         from blurmatte.rendering import kernel  # numba takes half a second to import
 
         (center_x, center_y), stretch = self._outline(pose)

@@ -67,10 +67,7 @@ class Sheet:
         return float(x), float(y)
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at one moment.
-
-        `x` (w,) and `y` (h,) are consecutive pixel centers relative to the center of the sheet.
-        """
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels; see `Body.sharp`."""
         x_edges, y_edges = cell_edges(x), cell_edges(y)
         across, down = pose.plane * [self.width, self.height]
         if across[1] == 0 and down[0] == 0:
@@ -132,10 +129,7 @@ class Cube:
         return float(x), float(y)
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at one moment.
-
-        `x` (w,) and `y` (h,) are consecutive pixel centers relative to the center of the cube.
-        """
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels; see `Body.sharp`."""
         x_edges, y_edges = cell_edges(x), cell_edges(y)
         coverage, light = np.zeros((len(y), len(x))), np.zeros((len(y), len(x), 3))
         faces = product(range(3), (1, -1))
@@ -200,10 +194,7 @@ class Sprite:
         return float(x), float(y)
 
     def sharp(self, x: Array, y: Array, pose: Pose) -> tuple[Array, Array]:
-        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels at one moment.
-
-        `x` (w,) and `y` (h,) are consecutive pixel centers relative to the center of the sprite.
-        """
+        """Coverage (h, w) and premultiplied light (h, w, 3) of pixels; see `Body.sharp`."""
         from blurmatte.rendering import kernel  # numba takes half a second to import
 
         coverage, light = np.zeros((len(y), len(x))), np.zeros((len(y), len(x), 3))

@@ -188,20 +188,10 @@ class Pinhole:
 
 
 def sphere_outline(view: View, radius: float) -> tuple[Array, Array]:
-    """Ellipse that a sphere projects to.
+    """Ellipse that a sphere projects to, pixels.
 
-    Parameters
-    ----------
-    view : View
-    radius : float
-        Focal length times radius over depth, pixels; less than the focal length.
-
-    Returns
-    -------
-    center : (2,) float
-        Center of the ellipse relative to the image of the sphere's center, pixels.
-    axes : (2, 2) float
-        Symmetric map of the unit circle to the ellipse, pixels.
+    Its center (2,) relative to the image of the sphere's, and the symmetric map (2, 2) of the unit
+    circle to it. `radius`: focal length times radius over depth, less than the focal length.
     """
     slope, f, R = np.array(view.slope), view.focal, radius / view.focal
     squared = slope @ slope

@@ -29,13 +29,7 @@ def noisy(light: Floats, noise: NoiseModel, rng: np.random.Generator) -> Floats:
 
 
 def through_mosaic(light: Floats) -> Floats:
-    """Keep one channel per pixel and interpolate the other two from its neighbors, (H, W, 3).
-
-    Raises
-    ------
-    ValueError
-        If the picture is smaller than 2x2 pixels.
-    """
+    """Keep one channel per pixel and interpolate the other two from its neighbors, (H, W, 3)."""
     if min(light.shape[:2]) < 2:
         height, width = light.shape[:2]
         raise ValueError(f"light must be 2x2 pixels or more for a mosaic, got {width}x{height}")

@@ -1,6 +1,6 @@
 """Ground truth of a scene and the answer of a program, read from their folders."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from blurmatte.errors import FileError
@@ -93,15 +93,9 @@ def read_answer(path: str | Path) -> Answer:
     names = [name for name in LAYER_FILES if (place / name).is_file()]
     if not names:
         raise FileError(f"{path}: holds no result; one of {', '.join(LAYER_FILES)} is needed")
-    answer = _layer_answer(place / names[0])
-    has_path = (place / "path.json").is_file()
-    return Answer(
-        answer.layer,
-        answer.alpha_only,
-        answer.solution,
-        read_path(place / "path.json")[0] if has_path else None,
-        _subframes(place),
-    )
+    answer, path_file = _layer_answer(place / names[0]), place / "path.json"
+    trajectory = read_path(path_file)[0] if path_file.is_file() else None
+    return replace(answer, trajectory=trajectory, subframes=_subframes(place))
 
 
 def _layer_answer(path: Path) -> Answer:

@@ -105,7 +105,9 @@ class Gate:
             Where changes are no motion.
         """
         settings, block = GateSettings, GateSettings.block_cells
-        expected = _cells(plate.planes, plate.zero)
+        padded = _padded(plate.planes)
+        shape = tuple(n // CELL for n in padded[0].shape)
+        expected = tuple(map(_summed, padded, 3 * [shape], plate.zero))
         few: list[tuple[Planes, float]] = []
         for sample in samples:
             check_same_size("a sample", sample.size, "plate", plate.size)
@@ -119,7 +121,8 @@ class Gate:
             for to, (planes, gain) in zip(d, few, strict=True):
                 np.subtract(_summed(planes[c], cells.shape, plate.zero[c]), gain * cells, out=to)
             over_blocks = np.stack([_block_sums(one, block) for one in d])
-            codes = _codes_per_cell(plate, c) * max(plate.step, 0.0)
+            in_cell = CELL**2 if plate.planes[c].shape == plate.planes[0].shape else 1
+            codes = in_cell * max(plate.step, 0.0)
             reach.append(_reach(d, settings.min_cell_codes * codes))
             of_blocks.append(_reach(over_blocks, settings.min_block_codes * codes * block**2))
         if hidden is not None:
@@ -175,13 +178,6 @@ def _padded(planes: Planes) -> Planes:
     return padded[0], padded[1], padded[2]
 
 
-def _cells(planes: Planes, zero: tuple[float, float, float]) -> tuple[Map, ...]:
-    """Each plane minus its zero, over cells."""
-    padded = _padded(planes)
-    h, w = (n // CELL for n in padded[0].shape)
-    return tuple(_summed(plane, (h, w), offset) for plane, offset in zip(padded, zero, strict=True))
-
-
 def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float) -> Map:
     """Sums of a padded plane minus its zero over cells."""
     from blurmatte.streaks.gate_kernel import sum_pairs  # numba takes half a second
@@ -200,11 +196,6 @@ def _few_cells(plane: npt.NDArray[np.generic], zero: float) -> Map:
     step = CELL * GateSettings.gain_every_cells
     corners = (plane[y::step, x::step].astype(np.float32) for y in range(CELL) for x in range(CELL))
     return np.asarray(sum(corners) - np.float32(CELL**2 * zero))
-
-
-def _codes_per_cell(frame: CodedFrame, c: int) -> float:
-    """Number of code values in a cell of a plane."""
-    return float(CELL**2 if frame.planes[c].shape == frame.planes[0].shape else 1)
 
 
 def _gain(few: Map, expected: Map) -> float:

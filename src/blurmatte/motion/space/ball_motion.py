@@ -179,11 +179,8 @@ def ball_motion(
     """BallMotion from positions in ball radii, with the errors of all their inputs.
 
     nodes: positions (3, 3) at the beginning, middle and end, radii, as a function of the parameters
-        fitted to the picture and of the values of a camera.
-    picture: the fitted parameters.
-    radius: of the ball and its standard deviation, meters.
-    exposure: time and its standard deviation, seconds.
-    path: its model; see `BallMotion`.
+        `picture` and of the values of a camera.
+    radius, exposure: with their standard deviations, meters and seconds.
     """
     check_with_std("radius", *radius)
     check_exposure(*exposure)
