@@ -14,7 +14,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, TypeAlias
 
-import numpy as np
 import typer
 
 import blurmatte as bm
@@ -305,6 +304,8 @@ def _shaded(
     reading: CameraReading, solver: str, colors: ColorOptions, plate: bm.LinearImage
 ) -> bm.Shaded:
     """The solver with a known plate in shadow, or a known light of the object."""
+    from blurmatte.radiometry import light_of_hex
+
     path = solver.partition(":")[2]
     if path:
         return bm.Shaded(plate=reading.read(Path(path)))
@@ -312,9 +313,8 @@ def _shaded(
     if kind_of_color(text) != "hex" or plate.meta.to_srgb is not None:
         raise ValueError(_SHADED)
     bm.ColorModel.from_hex(text)  # refuses what is no color
-    codes = np.array(list(bytes.fromhex(text.removeprefix("#"))))
-    r, g, b = bm.SRGB.decode(codes / 255)
-    return bm.Shaded(light=(float(r), float(g), float(b)))
+    ((r, g, b),) = light_of_hex(text).tolist()
+    return bm.Shaded(light=(r, g, b))
 
 
 def _matched(solver: Solver | None, match: bm.Match) -> Solver | None:
