@@ -4,6 +4,7 @@ import csv
 import json
 import re
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pytest
@@ -36,15 +37,15 @@ def folder(tmp_path_factory):
     return folder
 
 
+def run(folder, *options):
+    """Run `blurmatte track` on the pictures."""
+    given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb", *options]
+    return CliRunner().invoke(app, ["track", str(folder / "f*.png"), *map(str, given)])
+
+
 @pytest.fixture
 def track(folder):
-    """Run `blurmatte track` on the pictures."""
-
-    def run(*options):
-        given = ["--plate", folder / "plate.exr", "--color", HEX, "--transfer", "srgb", *options]
-        return CliRunner().invoke(app, ["track", str(folder / "f*.png"), *map(str, given)])
-
-    return run
+    return partial(run, folder)
 
 
 def rows_of(path):
@@ -140,25 +141,30 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     assert not begun.exists()
 
 
-def journal(track, folder, monkeypatch):
-    """Path of a table that is not there yet, the journal of its run, and what it will hold."""
-    out = folder / "t.csv"
-    with monkeypatch.context() as patch:
+@pytest.fixture(scope="module")
+def finished(folder, tmp_path_factory):
+    """Bytes of a journal that holds all frames, and of their table."""
+    out = tmp_path_factory.mktemp("finished") / "t.csv"
+    with pytest.MonkeyPatch.context() as patch:
         patch.setattr("blurmatte.cli.tracking.remove_unfinished", lambda task: None)
-        track("--out", out)
-    whole = out.read_bytes()
-    out.unlink()
-    return out, folder / "t.csv.unfinished", whole
+        run(folder, "--out", out)
+    return out.with_name("t.csv.unfinished").read_bytes(), out.read_bytes()
+
+
+def journal(finished, folder):
+    """Path of a table that is not there yet, the journal of its run, and what it will hold."""
+    (folder / "t.csv.unfinished").write_bytes(finished[0])
+    return folder / "t.csv", folder / "t.csv.unfinished", finished[1]
 
 
 @pytest.mark.parametrize(
     ("kept", "first_new"), [(0, 0), (1, 0), (-1, 0), (2, 1), (-2, 1), (3, 2), (-3, 2), (4, 3)]
 )
 def test_damaged_journal_costs_the_frames_after_the_damage(
-    track, tmp_path, monkeypatch, kept, first_new
+    track, finished, tmp_path, monkeypatch, kept, first_new
 ):
     """Exact: cut after so many lines, or damaged in the line after; an empty one blocks nothing."""
-    out, begun, whole = journal(track, tmp_path, monkeypatch)
+    out, begun, whole = journal(finished, tmp_path)
     lines = begun.read_bytes().splitlines(keepends=True)
     start = b"".join(lines[: abs(kept)])
     begun.write_bytes(start if kept >= 0 else start + b'\0{"frame": \xff\n' + lines[-1])
@@ -176,9 +182,9 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
 @pytest.mark.parametrize(
     ("key", "value"), [("xy_covariance", "2.0"), ("x", '"3"'), ("x_std", "-1"), ("moved", "[[]]")]
 )
-def test_impossible_values_of_a_journal_are_damage(track, tmp_path, monkeypatch, key, value):
+def test_impossible_values_of_a_journal_are_damage(track, finished, tmp_path, key, value):
     """Exact: the frame of such a line, and those after it, are measured again."""
-    out, begun, whole = journal(track, tmp_path, monkeypatch)
+    out, begun, whole = journal(finished, tmp_path)
     lines = begun.read_text().splitlines(keepends=True)
     lines[2], count = re.subn(f'"{key}": [^,]*', f'"{key}": {value}', lines[2], count=1)
     assert count == 1
