@@ -101,7 +101,7 @@ class Sheet:
         """Add the title of the sheet."""
         x, width = Page.margin, Page.width - 2 * Page.margin
         self.y += self.text(x, self.y, width, name, 28, Palette.bright) + 4
-        self.y += self.text(x, self.y, width, remark, Page.body_size, Palette.dim) + Page.gap // 2
+        self.y = self.line(x, self.y, remark, Palette.dim) + Page.gap // 2
 
     def banner(self, text: str, color: Color) -> None:
         """Add a warning on a colored bar over the whole width."""
@@ -119,9 +119,8 @@ class Sheet:
 
     def sentences(self, lines: Sequence[str]) -> None:
         """Add sentences over the whole width, each on a new line."""
-        x, width = Page.margin, Page.width - 2 * Page.margin
         for line in lines:
-            self.y += self.text(x, self.y, width, line, Page.body_size, Palette.bright)
+            self.y = self.line(Page.margin, self.y, line)
         self.y += Page.gap // 2
 
     def grid(self, panels: Sequence[Panel], layout: Layout, name: str) -> None:
@@ -191,6 +190,10 @@ class Sheet:
         for number, line in enumerate(lines):
             self._pen.text((x, y + number * line_height), line, color, font)
         return len(lines) * line_height
+
+    def line(self, x: int, y: int, text: str, color: Color = Palette.bright) -> int:
+        """Draw body text from x to the right margin; returns its bottom."""
+        return y + self.text(x, y, Page.width - Page.margin - x, text, Page.body_size, color)
 
     def paste(self, pixels: Pixels, x: int, y: int) -> None:
         """Draw pixels with their upper left corner at (x, y)."""

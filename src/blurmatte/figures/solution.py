@@ -94,8 +94,7 @@ def _head(sheet: Sheet, whole: Panel, solution: Solution) -> None:
     doubtful = doubts(solution)
     drawn = len(_warned(solution)) + len(alternatives_in_words(solution))
     for fact in explain(solution)[drawn:]:  # the others are in the banner and under the swatches
-        color = Palette.warning if fact in doubtful else Palette.bright
-        y += sheet.text(x, y, Page.width - Page.margin - x, fact, Page.body_size, color) + 5
+        y = sheet.line(x, y, fact, Palette.warning if fact in doubtful else Palette.bright) + 5
     sheet.y = max(y, sheet.y + whole.pixels.shape[0]) + Page.gap
 
 
@@ -116,10 +115,7 @@ def _draw_model(sheet: Sheet, x: int, solution: Solution) -> int:
         y += sheet.text(x, y, width, region, Page.body_size, Palette.dim) + 8
     y += sheet.text(x, y, width, name, Page.title_size, Palette.bright) + 6
     for sentence in explain(model):
-        y += (
-            sheet.text(x, y, Page.width - Page.margin - x, sentence, Page.body_size, Palette.dim)
-            + 3
-        )
+        y = sheet.line(x, y, sentence, Palette.dim) + 3
     return y
 
 
@@ -139,24 +135,20 @@ def _draw_alternatives(sheet: Sheet, x: int, y: int, solution: Solution) -> int:
     ]
     y = max(bottoms) + 6
     for line in alternatives_in_words(solution):
-        y += (
-            sheet.text(x, y, width, f"{line[0].upper()}{line[1:]}.", Page.body_size, Palette.bright)
-            + 3
-        )
+        y = sheet.line(x, y, f"{line[0].upper()}{line[1:]}.") + 3
     return y
 
 
 def _draw_swatch(sheet: Sheet, x: int, y: int, width: int, one: Alternative) -> int:
     """Draw one color with its hex code, factor of alpha and weight; returns the bottom."""
-    color = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
+    codes = np.array(list(bytes.fromhex(one.hex[1:])), np.uint8)
     height = 48
-    sheet.paste(np.broadcast_to(color, (height, width, 3)), x, y)
+    sheet.paste(np.broadcast_to(codes, (height, width, 3)), x, y)
     y += height + 6
     weight = f"weight {one.weight:.2f}" if one.weight >= 0.01 else "weight < 0.01"
     for line in (one.hex, f"alpha x {one.alpha_factor:.2f}", weight):
-        y += sheet.text(
-            x, y, width, line, Page.body_size, Palette.bright if one.matters else Palette.dim
-        )
+        color = Palette.bright if one.matters else Palette.dim
+        y += sheet.text(x, y, width, line, Page.body_size, color)
     return y
 
 
