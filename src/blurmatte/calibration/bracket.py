@@ -7,12 +7,10 @@ from itertools import pairwise
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_same_size
+from blurmatte.checks import Array, Bools, Floats, check_same_size
 from blurmatte.errors import ResponseError
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import robust_std
-
-Array = npt.NDArray[np.float64]
 
 _STEP = 1 / 255  # of full scale: a code value of 8 bits
 _AROUND = [(y, x) for y in (0, 1, 2) for x in (0, 1, 2) if (y, x) != (1, 1)]
@@ -81,7 +79,7 @@ class Bracket:
         gray = all(p.meta.gray for p in self.pictures)
         step = max(1, round((self.pictures[0].valid.size / PlaceSettings.max_pixels) ** 0.5))
         own, means, spreads = [], [], []
-        contrast: npt.NDArray[np.float64] = np.zeros(1)
+        contrast: Array = np.zeros(1)
         for picture in self.pictures:
             rgb = picture.rgb[..., :1] if gray else picture.rgb
             height, width = picture.valid.shape

@@ -14,12 +14,11 @@ that is the same each time (B. Widrow and I. Kollár, *Quantization Noise*, Camb
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import NoiseModel
 from blurmatte.statistics import robust_std
 
-Array = npt.NDArray[np.float64]
 Levels = tuple[Array, ...]
 
 _TINY = 1e-30  # guards a division

@@ -9,7 +9,6 @@ from blurmatte.calibration.noise_fit import NoiseFit, fit_sensor, without_roundi
 from blurmatte.calibration.noise_pair import plate_share
 from blurmatte.calibration.noise_samples import (
     AROUND_PX,
-    Array,
     Sample,
     noise_of_frames,
     noise_within,
@@ -17,7 +16,7 @@ from blurmatte.calibration.noise_samples import (
     require_pixels,
     rows_to_measure,
 )
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import chi_square_quantile, variance_inflation

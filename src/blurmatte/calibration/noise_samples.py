@@ -10,12 +10,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_map, check_same_size
+from blurmatte.checks import Array, Bools, Floats, check_map, check_same_size
 from blurmatte.errors import NoiseError
 from blurmatte.radiometry import LINEAR, LinearImage, NoiseModel, check_picture, rounding_noise
 from blurmatte.statistics import robust_std
 
-Array = npt.NDArray[np.float64]
 Light = npt.NDArray[np.float32]
 Rows = npt.NDArray[np.intp] | slice
 

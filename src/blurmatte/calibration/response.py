@@ -24,13 +24,11 @@ import numpy.typing as npt
 
 from blurmatte.calibration.bracket import Bracket, Places, PlaceSettings
 from blurmatte.calibration.response_prior import CELLS, ResponsePrior, response_prior
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.errors import ResponseError
 from blurmatte.radiometry import LinearImage, Transfer
 from blurmatte.radiometry.transfer import TABLE
 from blurmatte.statistics import chi_square_quantile
-
-Array = npt.NDArray[np.float64]
 
 _CODES = np.arange(CELLS + 1) / CELLS
 

@@ -13,12 +13,10 @@ from functools import lru_cache
 from itertools import product
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import REC709, SRGB, gamma
 from blurmatte.radiometry.transfer import Curve
-
-Array = npt.NDArray[np.float64]
 
 CELLS = 255
 

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.errors import BlurmatteError
 from blurmatte.figures.drawing import (
     Color,
@@ -27,8 +28,6 @@ from blurmatte.motion.clip.fall import FreeFall
 from blurmatte.motion.clip.positions_3d import BallPlace
 from blurmatte.motion.picture.motion import Scale
 from blurmatte.radiometry import LinearImage
-
-Array = npt.NDArray[np.float64]
 
 MAX_PICTURE_HEIGHT = 1300  # pixels of the sheet
 

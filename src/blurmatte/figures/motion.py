@@ -1,9 +1,8 @@
 """The sheet of a motion: path, outlines and errors over the picture."""
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Box, check_kind, check_same_size
+from blurmatte.checks import Array, Box, check_kind, check_same_size
 from blurmatte.explain.explain import explain
 from blurmatte.figures.drawing import (
     Palette,
@@ -18,8 +17,6 @@ from blurmatte.figures.sheet import Page, Sheet
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.motion import Motion
 from blurmatte.radiometry import LinearImage, check_picture
-
-Array = npt.NDArray[np.float64]
 
 
 def draw_motion(image: LinearImage, solution: Solution, motion: Motion) -> Pixels:

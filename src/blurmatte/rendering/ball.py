@@ -4,9 +4,8 @@ from dataclasses import dataclass, field
 from typing import ClassVar, NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_finite, check_light, check_not_negative, check_positive
+from blurmatte.checks import Array, check_finite, check_light, check_not_negative, check_positive
 from blurmatte.color.model import ColorModel
 from blurmatte.rendering.coverage import cell_edges, disc_coverage, polygon_coverage
 from blurmatte.rendering.lighting import (
@@ -21,8 +20,6 @@ from blurmatte.rendering.lighting import (
     unit_direction,
 )
 from blurmatte.rendering.pose import Pose, View, sphere_outline
-
-Array = npt.NDArray[np.float64]
 
 
 class SphereArguments(NamedTuple):

@@ -5,9 +5,8 @@ the shape. Areas are (h, w), in pixels².
 """
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 
 def disc_coverage(x: Array, y: Array, radius: float) -> Array:

@@ -6,7 +6,7 @@ from itertools import product
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_finite, check_positive
+from blurmatte.checks import Array, check_finite, check_positive
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.rendering.coverage import box_coverage, cell_edges, polygon_coverage
@@ -21,8 +21,6 @@ from blurmatte.rendering.lighting import (
     true_model,
 )
 from blurmatte.rendering.pose import Pose
-
-Array = npt.NDArray[np.float64]
 
 _SQUARE = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) / 2  # corners of the unit square, in order
 

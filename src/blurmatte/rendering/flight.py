@@ -6,14 +6,12 @@ The outline of the ball is projected point by point, with all distortion of the 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering.coverage import cell_edges, polygon_coverage
 from blurmatte.rendering.lighting import check_color
-
-Array = npt.NDArray[np.float64]
 
 
 def render_flight(

@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.color.model import ColorModel
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

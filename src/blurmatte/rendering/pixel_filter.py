@@ -5,10 +5,9 @@ is piecewise constant on cells of a quarter of a pixel, with its exact integral 
 """
 
 import numpy as np
-import numpy.typing as npt
 from numpy.lib.stride_tricks import sliding_window_view
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 CELLS_PER_PIXEL = 4  # along each axis
 

@@ -8,12 +8,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering.lighting import check_color
 from blurmatte.rendering.sensor import Rng
-
-Array = npt.NDArray[np.float64]
 
 # Color photographs that come with scikit-image, without a download.
 PHOTOS = ("astronaut", "chelsea", "coffee", "immunohistochemistry", "rocket", "stereo_motorcycle")

@@ -18,10 +18,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_positive
+from blurmatte.checks import Array, check_positive
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,12 +7,9 @@ light, and the file does not record them: decoding it as sRGB does not recover t
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_not_negative, check_positive
+from blurmatte.checks import Array, Floats, check_not_negative, check_positive
 from blurmatte.rendering.codes import from_ycbcr, to_ycbcr, ycbcr_variance
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

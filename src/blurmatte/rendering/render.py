@@ -11,9 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Box, Floats
+from blurmatte.checks import Array, Box, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.radiometry import LinearImage
@@ -28,8 +27,6 @@ from blurmatte.rendering.pixel_filter import (
 from blurmatte.rendering.pose import Pose, rim_magnification
 from blurmatte.rendering.scene import Body, Nearby, Scene, Shadow, check_scene
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 _SHADOW_REACH = 4.0  # truncation of a shadow's Gaussian blur, standard deviations
 MAX_SUBSTEPS = 200_000  # as many as 8 million pixels per exposure need

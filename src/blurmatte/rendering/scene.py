@@ -6,9 +6,9 @@ from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.checks import (
+    Array,
     Floats,
     check_kind,
     check_light,
@@ -20,8 +20,6 @@ from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.rendering.pose import Change, Pinhole, Pose
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 
 class Body(Protocol):

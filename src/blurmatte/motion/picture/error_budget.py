@@ -8,13 +8,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_not_negative, check_positive
+from blurmatte.checks import Array, check_not_negative, check_positive
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 check_std = check_not_negative  # of a standard deviation
 DIFFERENCE_STEP = 1e-3  # standard deviations: small against curvature, large against rounding

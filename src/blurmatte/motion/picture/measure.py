@@ -11,9 +11,8 @@ These sums are linear in alpha, or ratios of such sums. An error δα of a pixel
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.error_budget import propagated
@@ -21,8 +20,6 @@ from blurmatte.motion.picture.motion import QUANTITIES, Motion
 from blurmatte.sweep.model.path import FROM_REST, LINE
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 _INTERVALS = 128  # of the exposure
 _OUTLINE_POINTS = 720

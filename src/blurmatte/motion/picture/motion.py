@@ -22,13 +22,11 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind, check_positive
+from blurmatte.checks import Array, check_kind, check_positive
 from blurmatte.errors import MotionError
 from blurmatte.motion.picture.error_budget import check_std
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 QUANTITIES = ("x", "y", "angle", "length", "width", "radius", "area", "top_speed")
 MAX_READOUT = 1.1  # frame intervals: the rate in a file is an average, and not exact

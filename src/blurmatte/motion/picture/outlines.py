@@ -16,15 +16,12 @@ them have a common error) give it the variance σ²(4πl² + 1) / (8π (s² + l�
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_kind
+from blurmatte.checks import Array, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution, check_solution
 from blurmatte.motion.picture.measure import variance_inflation
 from blurmatte.motion.picture.motion import Motion
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

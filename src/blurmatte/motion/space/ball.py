@@ -8,10 +8,9 @@ moving ball this way [Single-image 3D reconstruction of ball velocity and spin f
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_kind
+from blurmatte.checks import Array, check_kind
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics, check_intrinsics
 from blurmatte.motion.picture.error_budget import Source
@@ -32,8 +31,6 @@ from blurmatte.sweep.model.path import LINE, PARABOLA, Polynomial
 from blurmatte.sweep.model.state import State, state_at
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
@@ -19,8 +19,6 @@ from blurmatte.motion.picture.error_budget import (
     relative_errors,
 )
 from blurmatte.sweep.model.path import PARABOLA
-
-Array = npt.NDArray[np.float64]
 
 _POSITIONS = 9  # coordinates of three positions
 _DEPTH = 5  # index of z in the middle of the exposure

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_positive
+from blurmatte.checks import Array, check_positive
 from blurmatte.errors import MotionError
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.motion.picture.error_budget import (
@@ -29,8 +29,6 @@ from blurmatte.motion.picture.error_budget import (
 )
 from blurmatte.sweep.sweep import Sweep
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

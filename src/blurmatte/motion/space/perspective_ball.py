@@ -18,13 +18,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.intrinsics import Intrinsics
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily, Polynomial
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, Swept, moments
-
-Array = npt.NDArray[np.float64]
 
 _STEP = 0.05  # pixels, for derivatives of rays
 _OUTLINE_POINTS = 16

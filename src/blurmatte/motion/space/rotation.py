@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
 from blurmatte.matting.solution import Solution
 from blurmatte.motion.picture.error_budget import by_axis, check_exposure
@@ -22,8 +22,6 @@ from blurmatte.motion.space.rotation_ring import NO_VARIATION, blades_of, pixels
 from blurmatte.motion.space.rotation_start import starts
 from blurmatte.statistics import variance_inflation
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.motion.space.rotation_ring import GRID, Pixels
-
-Array = npt.NDArray[np.float64]
 
 # Of ρ: −1 and −3 describe straight edges that miss the center, 2 describes curved edges.
 _POWERS = (-3.0, -1.0, 0.0, 1.0, 2.0)

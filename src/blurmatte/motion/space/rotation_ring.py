@@ -5,10 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.errors import MotionError
-
-Array = npt.NDArray[np.float64]
 
 GRID = 720  # angles of a full turn
 NO_VARIATION = (
