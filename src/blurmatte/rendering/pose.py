@@ -24,38 +24,22 @@ from blurmatte.trajectory import Trajectory
 
 @dataclass(frozen=True)
 class View:
-    """Direction and focal length with which a pinhole camera sees a body.
+    """Direction and focal length with which a pinhole camera sees a body."""
 
-    Parameters
-    ----------
-    slope : (float, float)
-        Tangents of the angles in x and y between the optical axis and the ray to the body's center.
-    focal : float
-        Focal length, pixels.
-    """
-
+    # Tangents of the angles in x and y between the optical axis and the ray to the body's center
     slope: tuple[float, float]
-    focal: float
+    focal: float  # pixels
 
 
 @dataclass(frozen=True, eq=False)
 class Pose:
-    """Rotation of a body in space, followed by a linear deformation in the picture.
+    """Rotation of a body in space, followed by a linear deformation in the picture."""
 
-    Parameters
-    ----------
-    rotation : (3, 3) float
-        Maps a point of the body to its place in space, both relative to the body's center.
-    stretch : (2, 2) float
-        Linear map of the picture plane: size and deformation. With a view, the size in the picture
-        is the focal length times the size in space over the depth.
-    view : View, optional
-        View of a pinhole camera; None for a camera far away.
-    """
-
-    rotation: Array
+    rotation: Array  # (3, 3): from a point of the body to space, both relative to the body's center
+    # (2, 2) map of the picture plane: size and deformation. With a view, the size in the picture is
+    # the focal length times the size in space over the depth
     stretch: Array
-    view: View | None = None
+    view: View | None = None  # of a pinhole camera; None for a camera far away
 
     @property
     def plane(self) -> Array:

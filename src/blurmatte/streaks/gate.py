@@ -42,67 +42,33 @@ class GateSettings:
 
 @dataclass(frozen=True)
 class Change:
-    """What moved in one frame.
+    """What moved in one frame."""
 
-    Parameters
-    ----------
-    number : int
-        Of the frame.
-    time : float or None
-        Seconds.
-    boxes : tuple of (x0, y0, x1, y1)
-        Around each part that moved, with a margin; they do not overlap.
-    fraction : float
-        Of the picture, that differs from the plate.
-    gain : float
-        Of the frame's code values over those of the plate.
-    """
-
-    number: int
-    time: float | None
-    boxes: tuple[Box, ...]
-    fraction: float
-    gain: float
+    number: int  # of the frame
+    time: float | None  # seconds
+    boxes: tuple[Box, ...]  # around each part that moved, with a margin; they do not overlap
+    fraction: float  # of the picture, that differs from the plate
+    gain: float  # of the frame's code values over those of the plate
 
 
 @dataclass(frozen=True, eq=False)
 class Gate:
-    """Table of the plate's code values, and of how far those of a frame may differ from them.
+    """Table of the plate's code values, and of how far those of a frame may differ from them."""
 
-    Parameters
-    ----------
-    cells : three (h, w) float32
-        The plate over cells, each plane minus its zero.
-    cell_reach : three (h, w) float32
-        Largest |d| without motion.
-    block_reach : three (h', w') float32
-        The same for blocks.
-    zero : three floats
-        As in `CodedFrame`.
-    size : (width, height)
-        Of the frames, pixels.
-    """
-
-    cells: tuple[Map, ...]
-    cell_reach: tuple[Map, ...]
-    block_reach: tuple[Map, ...]
-    zero: tuple[float, float, float]
-    size: tuple[int, int]
+    cells: tuple[Map, ...]  # three (h, w): the plate over cells, each plane minus its zero
+    cell_reach: tuple[Map, ...]  # three (h, w): largest |d| without motion
+    block_reach: tuple[Map, ...]  # three (h', w'): the same for blocks
+    zero: tuple[float, float, float]  # as in `CodedFrame`
+    size: tuple[int, int]  # (width, height) of the frames, pixels
 
     @classmethod
     def of(
         cls, plate: CodedFrame, samples: Iterable[CodedFrame], hidden: Bools | None = None
     ) -> "Gate":
-        """The gate of a plate.
+        """The gate of a plate in the code values of frames.
 
-        Parameters
-        ----------
-        plate : CodedFrame
-            The plate in the code values of the frames.
-        samples : iterable of CodedFrame
-            Frames of which most show the plate at each place, about a dozen.
-        hidden : (H, W) bool, optional
-            Where changes are no motion.
+        samples: frames of which most show the plate at each place, about a dozen.
+        hidden (H, W): where changes are no motion.
         """
         settings, block = GateSettings, GateSettings.block_cells
         padded = _padded(plate.planes)
@@ -135,13 +101,7 @@ class Gate:
         return cls(expected, tuple(reach), tuple(of_blocks), plate.zero, plate.size)
 
     def changes(self, frame: CodedFrame) -> Change:
-        """What moved in a frame.
-
-        Raises
-        ------
-        ValueError
-            If the frame has another size.
-        """
+        """What moved in a frame; raises ValueError if it has another size."""
         from blurmatte.streaks.gate_kernel import count_changes  # numba takes half a second
 
         check_same_size("a frame", frame.size, "plate", self.size)

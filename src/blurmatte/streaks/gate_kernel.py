@@ -20,20 +20,10 @@ def sum_pairs(plane, out):  # type: ignore[no-untyped-def]
 def count_changes(plane, zero, gain, expected, reach, block, counts, sums):  # type: ignore[no-untyped-def]
     """Count the cells of each block that differ from the plate, and sum their differences.
 
-    Parameters
-    ----------
-    plane : (n h, n w)
-        Code values of a frame; a cell has n x n of them, and n is 1 or 2.
-    zero, gain : float32
-        Of a cell without light, and of the frame over the plate.
-    expected, reach : (h, w) float32
-        Cells of the plate, minus their zero, and the largest difference without motion.
-    block : int
-        Cells along a side of a block.
-    counts : (h // block, w // block) int32
-        Increased by the numbers of cells beyond their reach.
-    sums : (h // block, w // block) float32
-        Overwritten by the sums of the differences.
+    plane (n h, n w): code values of a frame; a cell has n x n of them, n = 1 or 2. `zero` is that of a
+    cell without light, `gain` that of the frame over the plate. expected, reach (h, w): cells of the
+    plate minus their zero, and the largest difference without motion. counts (h // block, w // block)
+    are increased by the numbers of cells beyond their reach, sums overwritten by those of differences.
     """
     width = counts.shape[1] * block
     halved = plane.shape[0] == 2 * expected.shape[0]
