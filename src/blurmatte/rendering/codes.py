@@ -21,11 +21,6 @@ def encode_codes(light: Floats, bits: int, transfer: Transfer = SRGB) -> Codes:
     """Encode linear `light` of any shape as rounded and clipped integer code values.
 
     The codes are those of `Camera.expose`: 10 and 12 bits fill the range of uint16.
-
-    Raises
-    ------
-    ValueError
-        If `bits` is not 8, 10, 12 or 16.
     """
     check_bits(bits)
     return rounded(transfer.encode(light), bits)

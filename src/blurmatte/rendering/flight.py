@@ -23,32 +23,13 @@ def render_flight(
 ) -> tuple[LinearImage, Layer]:
     """Render a ball of one flat color in flight exactly, with its true layer.
 
-    The outline is a polygon of 360 vertices, exact to 3e-5 of the radius.
+    The outline is a polygon of 360 vertices, exact to 3e-5 of the radius. Raises ValueError if the
+    ball is behind the camera or reaches it.
 
-    Parameters
-    ----------
-    plate : (H, W, 3) float
-        Linear light.
-    intrinsics : Intrinsics
-    positions : (T, 3) float
-        Centers of the ball at the middles of T equal parts of the exposure, meters, in camera
+    positions (T, 3): of its center at the middles of T equal parts of the exposure, meters, in camera
         coordinates.
-    radius : float
-        Meters.
-    color : (3,) float
-        Linear light.
-
-    Returns
-    -------
-    image : LinearImage
-        The blurred picture, float64.
-    layer : Layer
-        True alpha and premultiplied light.
-
-    Raises
-    ------
-    ValueError
-        If the ball is behind the camera or reaches it, or the color is black or negative.
+    radius: meters.
+    color (3,): linear light, like the plate's.
     """
     X = np.asarray(positions, dtype=float)
     if np.any(X[:, 2] <= radius):

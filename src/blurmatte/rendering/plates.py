@@ -1,6 +1,7 @@
 """Synthetic and photographic plates, linear light (H, W, 3) float64, never black; and a fence.
 
-The same size and seed give the same bytes. Sizes are (width, height).
+The same size and seed give the same bytes. In this file sizes are (width, height), `rng` is a seed or
+a generator, and colors are linear light (3,).
 """
 
 from collections.abc import Sequence
@@ -23,16 +24,8 @@ def plain_plate(size: tuple[int, int], color: npt.ArrayLike, rng: Rng) -> Array:
 
     Parameters
     ----------
-    size : (int, int)
-        Width and height.
     color : (3,) float
         Linear light at the brightest point; the darkest is 0.55 of it.
-    rng : int or Generator
-
-    Returns
-    -------
-    (H, W, 3) float64
-        Every pixel is a multiple of `color`.
     """
     paint, rng = check_color("color", color), np.random.default_rng(rng)
     slow = _smooth(size, _short(size) / 4, rng)
@@ -44,20 +37,7 @@ def plain_plate(size: tuple[int, int], color: npt.ArrayLike, rng: Rng) -> Array:
 def two_hue_plate(
     size: tuple[int, int], first: npt.ArrayLike, second: npt.ArrayLike, rng: Rng
 ) -> Array:
-    """Patches of two colors with soft borders; every pixel is a mixture of the two.
-
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height.
-    first, second : (3,) float
-        Linear light.
-    rng : int or Generator
-
-    Returns
-    -------
-    (H, W, 3) float64
-    """
+    """Patches of two colors with soft borders; every pixel is a mixture of the two."""
     a, b = check_color("first", first), check_color("second", second)
     patches = _smooth(size, _short(size) / 12, np.random.default_rng(rng))
     share = (0.5 + 0.5 * np.tanh(3 * patches))[..., None]
@@ -69,15 +49,8 @@ def colorful_plate(size: tuple[int, int], rng: Rng, tile: float = 60) -> Array:
 
     Parameters
     ----------
-    size : (int, int)
-        Width and height.
-    rng : int or Generator
     tile : float
         Typical width of a tile, pixels.
-
-    Returns
-    -------
-    (H, W, 3) float64
     """
     from scipy.spatial import KDTree
 
@@ -109,18 +82,12 @@ def striped_plate(
 
     Parameters
     ----------
-    size : (int, int)
-        Width and height.
     colors : sequence of (3,) float
         Linear light of the stripes, repeated in this order. The first begins at the center.
     width : float
         Width of each stripe, pixels, 2 or more.
     angle : float
         Direction across the stripes, radians from +x towards +y; 0 gives upright stripes.
-
-    Returns
-    -------
-    (H, W, 3) float64
     """
     if len(colors) < 2:
         raise ValueError(f"colors must be 2 or more, got {len(colors)}")
@@ -141,16 +108,6 @@ def textured_plate(size: tuple[int, int], rng: Rng) -> Array:
 
     Its amplitude falls with frequency f as 1/f, as in photographs, and is blurred by a Gaussian of 0.7
     pixels, as by a lens. It is periodic: opposite borders match.
-
-    Parameters
-    ----------
-    size : (int, int)
-        Width and height.
-    rng : int or Generator
-
-    Returns
-    -------
-    (H, W, 3) float64
     """
     rng = np.random.default_rng(rng)
     brightness = _fractal(size, rng)[..., None]
@@ -170,12 +127,6 @@ def photo_plate(name: str, size: tuple[int, int]) -> Array:
     ----------
     name : str
         One of `PHOTOS`, a function of `skimage.data`.
-    size : (int, int)
-        Width and height.
-
-    Returns
-    -------
-    (H, W, 3) float64
 
     Raises
     ------
@@ -213,8 +164,6 @@ def wire_fence(
 
     Parameters
     ----------
-    size : (int, int)
-        Width and height.
     spacing : float
         Distance between the center lines of adjacent wires, pixels.
     width : float
@@ -223,11 +172,6 @@ def wire_fence(
         Linear light of the wire at normal incidence of the lamp.
     angle : float
         Inclination of the wires from upright, radians: one family to the left, one to the right.
-
-    Returns
-    -------
-    Layer
-        float64.
     """
     paint = check_color("color", color)
     if not 1 <= width < spacing < np.inf:

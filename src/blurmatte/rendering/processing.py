@@ -56,20 +56,7 @@ class Processing:
         return self.noise_reduction > 0 or self.tone > 0 or self.sharpening > 0
 
     def apply(self, values: Floats, variance: Floats) -> Array:
-        """Process code values.
-
-        Parameters
-        ----------
-        values : (H, W, 3) float
-            Code values; 0…1 is black to white.
-        variance : (H, W, 3) float
-            Variance of their noise, code values².
-
-        Returns
-        -------
-        (H, W, 3) float64
-            Not clipped: sharpening overshoots at edges.
-        """
+        """Process code values whose noise has a variance; not clipped: sharpening overshoots."""
         result: Array = np.asarray(values, dtype=np.float64)
         if self.noise_reduction > 0:
             result = _denoised(result, variance, self.noise_reduction)

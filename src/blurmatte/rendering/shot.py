@@ -48,25 +48,10 @@ class Drift:
             raise ValueError(f"rotation must be finite, got {self.rotation}")
 
     def apply(self, light: Floats) -> Floats:
-        """Apply the drift to a plate; returns the same array if there is none.
+        """Apply the drift to the exact linear light (H, W, 3) of a plate; the same array if none.
 
         Interpolation is by a spline of order 5, the least blurring one of SciPy, so light may ring
         below 0 at hard edges. It is not clipped. The picture is mirrored at its border.
-
-        Parameters
-        ----------
-        light : (H, W, 3) float
-            Exact linear light of the plate behind the object.
-
-        Returns
-        -------
-        (H, W, 3) float
-            Same dtype as `light`.
-
-        Raises
-        ------
-        TypeError, ValueError
-            If `light` is not linear light.
         """
         check_light("light", light)
         if self.shift != (0, 0) or self.rotation:
@@ -143,33 +128,13 @@ def photograph_pair(
     plate_frames: int = 1,
     crf: float | None = None,
 ) -> tuple[LinearImage, LinearImage]:
-    """Photograph an image and its plate, of any renderer.
+    """Photograph an image and its plate, exact linear light of any renderer.
 
-    Parameters
-    ----------
-    camera : Camera
-        With `crf`, one of 8 bits without JPEG.
-    image, plate : (H, W, 3) float
-        Exact linear light, 1 = sensor white.
-    rng : int or Generator
-        Seed, or a generator that is advanced. The image is drawn first, so its noise does not depend on
-        the number of plate frames.
-    plate_frames : int
-        Number of pictures whose median is the plate, 1 or more.
-    crf : float, optional
-        All are frames of one H.264 clip of this constant rate factor (see `through_h264`): half of the
-        plate's frames, the image, the other half.
-
-    Returns
-    -------
-    image, plate : LinearImage
-        As from `Camera.photograph`. The noise of a median of several frames is unknown.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If they are not linear light of one size, `plate_frames` < 1, or the camera cannot make the
-        frames of a clip.
+    The image is drawn first, so its noise does not depend on the number of plate frames, whose median
+    is the plate; the noise of a median is unknown. With `crf` all are frames of one H.264 clip of this
+    constant rate factor (see `through_h264`) of a camera of 8 bits without JPEG: half of the plate's
+    frames, the image, the other half. Raises TypeError or ValueError as `Camera.photograph`, and for
+    different sizes.
     """
     check_light("image", image)
     check_light("plate", plate)

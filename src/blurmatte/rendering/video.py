@@ -20,27 +20,11 @@ _RATE = Fraction(30)  # frames per second; the rate control of a constant crf de
 
 
 def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
-    """Encode pictures as one H.264 clip, yuv420p and Rec. 709, and decode its frames.
+    """Encode R'G'B' codes (H, W, 3) as one H.264 clip, yuv420p and Rec. 709, and decode its frames.
 
-    Parameters
-    ----------
-    pictures : sequence of (H, W, 3) uint8
-        R'G'B' code values, all of one size; odd sizes are padded by repeating the last row or column.
-    crf : float
-        Constant rate factor of x264, 0…51: 17 is almost invisible, 23 the default, 35 coarse.
-
-    Returns
-    -------
-    list of (H, W, 3) uint8
-        The decoded frames in order, deterministic.
-
-    Raises
-    ------
-    ImportError
-        If PyAV is missing.
-    TypeError, ValueError
-        If there are no pictures, their type is another or their sizes differ, or `crf` is outside its
-        range.
+    Odd sizes are padded by repeating the last row or column. The result is deterministic. `crf` is the
+    constant rate factor of x264, 0…51: 17 is almost invisible, 23 the default, 35 coarse. Raises
+    ImportError if PyAV is missing.
     """
     if not pictures:
         raise ValueError("pictures must be one or more, got none")
