@@ -8,19 +8,16 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, calibrate, command
-from blurmatte.cli.console import about, answer, option, output, waiting
+from blurmatte.cli.console import about, answer, argument, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import box, number
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Reading
 
-Pictures = Annotated[
-    list[str], typer.Argument(metavar="PICTURE", help=f"Of one still scene: {ROWS}.")
-]
+Pictures = Annotated[list[str], argument("PICTURE", f"Of one still scene: {ROWS}.")]
 Plot = Annotated[Path | None, option("FILE", "Draw what was measured: .png or .jpg.")]
 
 

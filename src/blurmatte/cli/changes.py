@@ -11,10 +11,9 @@ from typing import Annotated, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
-import typer
 
 import blurmatte as bm
-from blurmatte.cli.console import about, option
+from blurmatte.cli.console import about, argument, option
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import numbers
 
@@ -29,11 +28,7 @@ _PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
 Change: TypeAlias = "Callable[[bm.Layer], bm.Layer]"
 
 LayerOrRow = Annotated[
-    str,
-    typer.Argument(
-        metavar="LAYER",
-        help="EXR, PNG, TIFF; or a row: layer.####.exr, a folder, '*', .mov.",
-    ),
+    str, argument("LAYER", "EXR, PNG, TIFF; or a row: layer.####.exr, a folder, '*', .mov.")
 ]
 
 

@@ -43,6 +43,11 @@ _IN_OPTIONS = (  # Python's names in messages of the library, and what the comma
 )
 
 
+def argument(metavar: str, help: str) -> Any:
+    """An argument of a command."""
+    return typer.Argument(metavar=metavar, help=help)
+
+
 def option(metavar: str, help: str, group: str | None = None, *names: str) -> Any:
     """An option of a command with a value, listed in a group of its help."""
     return typer.Option(

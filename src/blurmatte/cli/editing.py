@@ -25,7 +25,7 @@ from blurmatte.cli.changes import (
     change_of,
     changed,
 )
-from blurmatte.cli.console import about, option, waiting, with_progress
+from blurmatte.cli.console import about, argument, option, waiting, with_progress
 from blurmatte.cli.output_checks import PICTURE, check_file, check_outputs
 from blurmatte.cli.rows import is_row
 from blurmatte.cli.selection import Out, PlateOptions, Reading, matching_of
@@ -115,9 +115,7 @@ def edit(
     "remove out/layer.exr --image throw.jpg --plate empty_room.jpg --grow 3 -o gone.jpg",
 )
 def remove(
-    layer: Annotated[
-        Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote, or a layer.")
-    ],
+    layer: Annotated[Path, argument("LAYER", "The layer.exr that solve wrote, or a layer.")],
     image: Annotated[Path, option("FILE", "The picture that LAYER is from.")],
     plate: PlateOptions,
     looks: Looks,

@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated
 
-import typer
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, flag, option, waiting, with_progress
+from blurmatte.cli.console import about, answer, argument, flag, option, waiting, with_progress
 from blurmatte.cli.output_checks import PICTURE, check_file, check_folder, check_outputs
 from blurmatte.cli.rows import ROWS
 from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
@@ -20,10 +18,7 @@ from blurmatte.cli.selection import Layer, Out, OutFolder, Reading
     "stack layers/ball.mov -o path.exr",
 )
 def stack(
-    layers: Annotated[
-        list[str],
-        typer.Argument(metavar="LAYER", help=f"Layers in their order, or a .mov: {ROWS}."),
-    ],
+    layers: Annotated[list[str], argument("LAYER", f"Layers in their order, or a .mov: {ROWS}.")],
     out: Out,
     reading: Reading,
     over: Annotated[

@@ -19,6 +19,7 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import (
     about,
     answer,
+    argument,
     by,
     color_numbers,
     complain,
@@ -33,7 +34,7 @@ from blurmatte.cli.selection import Reading
 
 @command("show out/layer.exr", "show throw.tif --transfer linear -o look.png")
 def show(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A picture, a layer or a solution.")],
+    file: Annotated[Path, argument("FILE", "A picture, a layer or a solution.")],
     reading: Reading,
     out: Annotated[
         Path | None,
@@ -59,10 +60,7 @@ def show(
 @command("info throw.png", "info out/layer.exr --json")
 def info(
     file: Annotated[
-        Path,
-        typer.Argument(
-            metavar="FILE", help="A picture, a layer, a solution, a model, noise or a curve."
-        ),
+        Path, argument("FILE", "A picture, a layer, a solution, a model, noise or a curve.")
     ],
     reading: Reading,
     as_json: AsJson = False,

@@ -14,6 +14,7 @@ from blurmatte.cli.console import (
     ExitCode,
     about,
     answer,
+    argument,
     complain,
     flag,
     option,
@@ -29,8 +30,7 @@ from blurmatte.cli.rows import expanded, with_folders
 @command("render easy -o scenes/easy", "render --list")
 def render(
     scenes: Annotated[
-        list[str] | None,
-        typer.Argument(metavar="SCENE", help="Scene files (TOML), or names of --list."),
+        list[str] | None, argument("SCENE", "Scene files (TOML), or names of --list.")
     ] = None,
     out: Annotated[Path | None, output("For the pictures and the truth.", "FOLDER")] = None,
     all_scenes: Annotated[bool, flag("--all", "All scenes that come with blurmatte.")] = False,
@@ -79,10 +79,7 @@ def render(
 )
 def score(
     result: Annotated[
-        Path,
-        typer.Argument(
-            metavar="RESULT", help="A layer file, a folder with one, or a folder of such folders."
-        ),
+        Path, argument("RESULT", "A layer file, a folder with one, or a folder of such folders.")
     ],
     truth: Annotated[Path, option("FOLDER", "What render wrote: a scene, or many.")],
     out: Annotated[Path | None, output("Write the scores: .json or .csv.")] = None,

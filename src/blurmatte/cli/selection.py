@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-import typer
 
 import blurmatte as bm
-from blurmatte.cli.console import GENERAL, about, option, output
+from blurmatte.cli.console import GENERAL, about, argument, option, output
 from blurmatte.cli.quantities import box, frame_range, is_box, numbers
 from blurmatte.cli.rows import PICTURES, ROWS
 
 OBJECT = "The object"
 Out = Annotated[Path, output("Where to write.")]
 OutFolder = Annotated[Path, output("For the results; made if needed.", "FOLDER")]
-Layer = Annotated[Path, typer.Argument(metavar="LAYER", help="The layer.exr that solve wrote.")]
-Clip = Annotated[list[str], typer.Argument(metavar="CLIP", help=f"A clip, or pictures: {ROWS}.")]
+Layer = Annotated[Path, argument("LAYER", "The layer.exr that solve wrote.")]
+Clip = Annotated[list[str], argument("CLIP", f"A clip, or pictures: {ROWS}.")]
 FrameRange = Annotated[
     str | None,
     option("START:STOP[:STEP]", "Frames from 0, or seconds: 40:52, 2.5s:4s.", None, "--frames"),

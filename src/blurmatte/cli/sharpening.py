@@ -8,11 +8,9 @@ from itertools import chain
 from pathlib import Path
 from typing import Annotated, Any
 
-import typer
-
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, flag, option, waiting
+from blurmatte.cli.console import about, answer, argument, flag, option, waiting
 from blurmatte.cli.output_checks import SHEET, check_ending, check_file
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Out, Reading, matching_of
@@ -51,9 +49,7 @@ class Blurred:
     "sharpen 'out/*/layer.exr' --frames 4 -o slow.mov",
 )
 def sharpen(
-    layer: Annotated[
-        str, typer.Argument(metavar="LAYER", help=f"The layer.exr of solve, or several: {ROWS}.")
-    ],
+    layer: Annotated[str, argument("LAYER", f"The layer.exr of solve, or several: {ROWS}.")],
     pictures: Blurred,
     reading: Reading,
     out: Out,

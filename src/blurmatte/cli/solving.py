@@ -24,6 +24,7 @@ from blurmatte.cli.console import (
     Verbosity,
     about,
     answer,
+    argument,
     color_numbers,
     complain,
     in_degrees,
@@ -76,9 +77,7 @@ class _Task:
     "solve rally.mp4 -o out/",
 )
 def solve(
-    images: Annotated[
-        list[str], typer.Argument(metavar="IMAGE", help=f"Pictures: {ROWS}. A clip.")
-    ],
+    images: Annotated[list[str], argument("IMAGE", f"Pictures: {ROWS}. A clip.")],
     plate: MaybePlate,
     out: OutFolder,
     colors: ColorOptions,
@@ -225,7 +224,7 @@ def _solve_one(task: _Task, path: Path, folder: Path) -> tuple[bm.Solution, bm.M
     "color throw.png --plate empty_room.png --color 96,70,5 --color-from sharp.png -o ball.json",
 )
 def color(
-    image: Annotated[str, typer.Argument(metavar="IMAGE", help="The picture with the streak.")],
+    image: Annotated[str, argument("IMAGE", "The picture with the streak.")],
     plate: PlateOptions,
     colors: ColorOptions,
     reading: CameraReading,
