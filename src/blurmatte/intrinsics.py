@@ -16,9 +16,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import check_kind, check_not_negative, check_points
-
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array, check_kind, check_not_negative, check_points
 
 _MAX_STEPS = 30  # of Newton's method
 _CONVERGED = 1e-12  # on the plane z = 1: far below a pixel

@@ -4,11 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_map
-
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array, check_map
 
 
 @dataclass(frozen=True, eq=False)

@@ -37,15 +37,13 @@ def stack(
         row = bm.read_layers(source, max_pixels=reading.max_pixels)
         watched = with_progress(row, "stacking")
         whole = bm.long_exposure(watched) if long else bm.stack(watched)
-    if over is None:
-        with about(out):
-            bm.write(out, whole)
-        return
-    picture = reading.read(over)
-    with about(over):
-        together = whole.over(picture)
+    result: bm.Layer | bm.LinearImage = whole
+    if over is not None:
+        picture = reading.read(over)
+        with about(over):
+            result = whole.over(picture)
     with about(out):
-        bm.write(out, together)
+        bm.write(out, result)
 
 
 @command(
