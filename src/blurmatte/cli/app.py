@@ -22,6 +22,7 @@ from blurmatte.cli.console import (
     Verbosity,
     complain,
     explain_failure,
+    flag,
     printing,
     say,
     warn,
@@ -43,19 +44,9 @@ _SECTIONS = {
     "Scenes with a known truth": ("render", "score"),
 }
 
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the answer as JSON.", rich_help_panel=GENERAL)
-]
-_Quiet = Annotated[
-    bool,
-    typer.Option("--quiet", "-q", help="No progress, no warnings.", rich_help_panel=GENERAL),
-]
-_Verbose = Annotated[
-    bool,
-    typer.Option(
-        "--verbose", "-v", help="Stages with their times; tracebacks.", rich_help_panel=GENERAL
-    ),
-]
+AsJson = Annotated[bool, flag("--json", "Print the answer as JSON.", GENERAL)]
+_Quiet = Annotated[bool, flag("--quiet", "No progress, no warnings.", GENERAL, "-q")]
+_Verbose = Annotated[bool, flag("--verbose", "Stages with their times; tracebacks.", GENERAL, "-v")]
 
 
 class Command(TyperCommand):

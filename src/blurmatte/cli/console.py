@@ -60,9 +60,9 @@ def output(help: str, metavar: str = "FILE") -> Any:
     return option(metavar, help, None, "--out", "-o")
 
 
-def flag(name: str, help: str, group: str | None = None) -> Any:
+def flag(name: str, help: str, group: str | None = None, *short: str) -> Any:
     """An option of a command without a value."""
-    return typer.Option(name, help=help, rich_help_panel=group)
+    return typer.Option(name, *short, help=help, rich_help_panel=group)
 
 
 class ExitCode(IntEnum):
