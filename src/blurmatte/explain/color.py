@@ -1,5 +1,7 @@
 """The possible colors of an object, and their evidence."""
 
+from collections.abc import Iterator
+
 import numpy as np
 
 from blurmatte.color.model import ColorModel
@@ -19,11 +21,21 @@ _ANY = (
 )
 
 
-def color_in_words(model: ColorModel) -> list[str]:
+def color_in_words(model: ColorModel) -> Iterator[str]:
     """Sentences."""
     if model.rank == 3:
-        return [_ANY]
-    return [_directions(model), *_evidence(model), *_possible(model)]
+        yield _ANY
+        return
+    yield _directions(model)
+    for name, std in model.evidence.items():
+        source = _EVIDENCE.get(name, f"{name} alone")
+        accuracy = f"to {std:.2g}°" if std < _MAX_STD_DEG else "nothing"
+        yield f"From {source}: {accuracy}."
+    if not model.evidence:
+        yield "The color was given, not measured."
+    limits = [" and ".join(other.hex) for other in model.possible]
+    if len(set(limits)) > 1:  # they differ from the color in 8 bits
+        yield f"In 95 of 100 cases no further away than {limits[1]} or {limits[5]}."
 
 
 def _directions(model: ColorModel) -> str:
@@ -34,22 +46,3 @@ def _directions(model: ColorModel) -> str:
     if model.rank == 1:
         return f"One paint and its shades: all multiples of the {space} color {colors}."
     return f"Two paints and their mixtures: a plane of colors between {space} {colors}."
-
-
-def _evidence(model: ColorModel) -> list[str]:
-    if not model.evidence:
-        return ["The color was given, not measured."]
-    sentences = []
-    for name, std in model.evidence.items():
-        source = _EVIDENCE.get(name, f"{name} alone")
-        accuracy = f"to {std:.2g}°" if std < _MAX_STD_DEG else "nothing"
-        sentences.append(f"From {source}: {accuracy}.")
-    return sentences
-
-
-def _possible(model: ColorModel) -> list[str]:
-    """The limits of the color, if they differ from it in 8 bits."""
-    limits = [" and ".join(other.hex) for other in model.possible]
-    if len(set(limits)) == 1:
-        return []
-    return [f"In 95 of 100 cases no further away than {limits[1]} or {limits[5]}."]

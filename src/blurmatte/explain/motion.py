@@ -18,20 +18,17 @@ _PATHS = {
 }
 
 
-def motion_in_words(motion: Motion) -> list[str]:
+def motion_in_words(motion: Motion) -> Iterator[str]:
     """Sentences about position, path length and size, their errors, and what is unknown."""
-    return [
-        *motion.doubts,
-        *_position(motion),
-        *_path(motion),
-        *_changes(motion),
-        *_unknown(motion),
-    ]
-
-
-def speed_in_words(speed: Speed) -> list[str]:
-    """Sentences about a speed, the sources of its error, and what is missing."""
-    return [*_speed(speed), *_shutter(speed)]
+    yield from motion.doubts
+    yield from _position(motion)
+    yield from _path(motion)
+    yield from _changes(motion)
+    if motion.source == "moments":
+        yield (
+            "Speed over time and outline are not known without a shape; if the object is longer than "
+            "wide, the length is too large by the difference."
+        )
 
 
 def scatter_in_words(scatter: Scatter) -> list[str]:
@@ -105,15 +102,8 @@ def _changes(motion: Motion) -> Iterator[str]:
         yield f"Its velocity changed by x {x}, y {y} px per exposure from the first moment to the last."
 
 
-def _unknown(motion: Motion) -> Iterator[str]:
-    if motion.source == "moments":
-        yield (
-            "Speed over time and outline are not known without a shape; if the object is longer than "
-            "wide, the length is too large by the difference."
-        )
-
-
-def _speed(speed: Speed) -> Iterator[str]:
+def speed_in_words(speed: Speed) -> Iterator[str]:
+    """Sentences about a speed, the sources of its error, and what is missing."""
     if speed.unit == "m/s":
         kmh, mph = speed.in_unit("km/h"), speed.in_unit("mph")
         yield (
@@ -132,9 +122,6 @@ def _speed(speed: Speed) -> Iterator[str]:
     parts = sorted(speed.parts.items(), key=lambda part: -part[1])
     shares = ", ".join(f"{name} {100 * share:.2g} %" for name, share in parts if share > 0)
     yield f"Sources of its error, largest first: {shares}."
-
-
-def _shutter(speed: Speed) -> Iterator[str]:
     if speed.unknown is None or speed.unknown < 0.002:  # of the speed: negligible
         return
     if speed.unknown > 0.5:

@@ -25,11 +25,22 @@ def sweep_in_words(solution: Solution) -> list[str]:
         return []
     if not shape_is_likeliest(solution):
         return _outweighed(sweep, solution.stats["weights"])
-    return [
-        *_explained(sweep, solution),
-        *_softness(sweep.get("softness", 0)),
-        *_shadow(sweep.get("shadow")),
-    ]
+    said, softness, shadow = (
+        _explained(sweep, solution),
+        sweep.get("softness", 0),
+        sweep.get("shadow"),
+    )
+    if softness >= _MIN_BLUR_PX:
+        said.append(
+            f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."
+        )
+    if shadow is not None:
+        away = float(np.hypot(*shadow["offset"]))
+        taken = f"{100 * float(np.mean(shadow['strength'])):.0f} %"
+        said.append(
+            f"Its shadow, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
+        )
+    return said
 
 
 def _outweighed(sweep: Mapping[str, Any], weights: Sequence[float]) -> list[str]:
@@ -54,22 +65,6 @@ def _explained(sweep: Mapping[str, Any], solution: Solution) -> list[str]:
     if solution.model.rank == 3:
         said.append("Of any colors, shape and motion alone determine alpha.")
     return said
-
-
-def _softness(softness: float) -> list[str]:
-    if softness < _MIN_BLUR_PX:
-        return []
-    return [f"The lens blurs its rim by {softness:.1f} px: it was not in focus as the plate is."]
-
-
-def _shadow(shadow: Mapping[str, Any] | None) -> list[str]:
-    if shadow is None:
-        return []
-    away = float(np.hypot(*shadow["offset"]))
-    taken = f"{100 * float(np.mean(shadow['strength'])):.0f} %"
-    return [
-        f"Its shadow, {away:.0f} px from it, takes {taken} of the light behind; it is not in alpha."
-    ]
 
 
 def _shape_on_path(sweep: Mapping[str, Any]) -> str:
