@@ -1,7 +1,7 @@
 """A solution in words: its explanation, the sum of alpha, and the evidence against it."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -26,38 +26,37 @@ _AGAINST = {
 }
 
 
-def solution_in_words(solution: Solution) -> list[str]:
+def solution_in_words(solution: Solution) -> Iterator[str]:
     """Sentences: the grade, alternatives, warnings, then everything else."""
     stats = solution.stats
-    return [
-        *(f"{line}." for line in grade_in_words(solution)),
-        *(f"{line[0].upper()}{line[1:]}." for line in alternatives_in_words(solution)),
-        *doubts(solution),
-        f"Alpha up to {alpha_peak(solution):.2f}.",
-        *sweep_in_words(solution),
-        *_smooth(stats),
-        *_area(solution),
-        *_match(stats),
-        *_noise(stats),
-        *_flags(solution),
-        *_others(stats),
+    yield from (f"{line}." for line in grade_in_words(solution))
+    yield from (f"{line[0].upper()}{line[1:]}." for line in alternatives_in_words(solution))
+    yield from doubts(solution)
+    yield f"Alpha up to {alpha_peak(solution):.2f}."
+    yield from sweep_in_words(solution)
+    if smooth := stats.get("smooth"):
+        what = "change little" if smooth["order"] == 1 else "bend little"
+        settled = "" if smooth["converged"] else " It had not settled yet: take a little care."
+        yield f"All pixels were solved together, as alpha seems to {what} but for edges.{settled}"
+    if stats.get("sum_alpha") is not None:
+        yield from _area(solution)
+    if match := stats.get("match"):
+        yield _match(match)
+    noise = [
+        f"{_noise_std(stats[f'{name}_noise']):.2g} in the {name}"
+        for name in ("image", "plate")
+        if f"{name}_noise" in stats
     ]
+    if noise:
+        yield f"Noise (std, white is 1): {', '.join(noise)}."
+    yield _flags(solution)
+    if count := len(stats.get("other_boxes", ())):
+        yield f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."
 
 
-def _smooth(stats: Mapping[str, Any]) -> list[str]:
-    """How alpha was found without a shape."""
-    smooth = stats.get("smooth")
-    if smooth is None:
-        return []
-    what = "change little" if smooth["order"] == 1 else "bend little"
-    settled = "" if smooth["converged"] else " It had not settled yet: take a little care."
-    return [f"All pixels were solved together, as alpha seems to {what} but for edges.{settled}"]
-
-
-def _area(solution: Solution) -> list[str]:
-    total = solution.stats.get("sum_alpha")
-    if total is None:
-        return []
+def _area(solution: Solution) -> Iterator[str]:
+    """The sum of alpha, and what it lacks."""
+    total = solution.stats["sum_alpha"]
     std = sum_std(solution)
     said = f"Sum of alpha {total:.0f} ± {rounded_std(std)}{_condition(solution.model)}"
     if total > 3 * std:
@@ -65,13 +64,12 @@ def _area(solution: Solution) -> list[str]:
         error = rounded_std(std / (2 * math.pi * radius))
         said += ": the area of the silhouette in pixels, whatever the motion; "
         said += f"of a disc, the radius would be {radius:.1f} ± {error}"
-    sentences = [said + "."]
+    yield said + "."
     unknown = solution.stats.get("pixels", 0) - solution.stats.get("pixels_known", 0)
     if unknown:
-        sentences.append(f"{unknown} pixels of the streak are unknown and not in the sum.")
+        yield f"{unknown} pixels of the streak are unknown and not in the sum."
     if _touches_border(solution):
-        sentences.append("The streak touches the border; the sum lacks what lies beyond.")
-    return sentences
+        yield "The streak touches the border; the sum lacks what lies beyond."
 
 
 def _condition(model: ColorModel) -> str:
@@ -89,29 +87,15 @@ def _touches_border(solution: Solution) -> bool:
     return bool(min(x0, y0) == 0 or x1 == width or y1 == height)
 
 
-def _match(stats: Mapping[str, Any]) -> list[str]:
+def _match(match: Mapping[str, Any]) -> str:
     """The correction of the plate to match the image, and their agreement."""
-    match = stats.get("match")
-    if match is None:
-        return []
-    what = (
-        "The plate was used as it is"
-        if match["in_words"] == "plate as it is"
-        else (f"The plate was matched to the image: {match['in_words']}")
-    )
-    return [
+    what = f"The plate was matched to the image: {match['in_words']}"
+    if match["in_words"] == "plate as it is":
+        what = "The plate was used as it is"
+    return (
         f"{what}; where nothing moved, they agree to {match['agreement']:.2g} times their noise, at "
         f"edges to {match['edge_agreement']:.2g}."
-    ]
-
-
-def _noise(stats: Mapping[str, Any]) -> list[str]:
-    spoken = [
-        f"{_noise_std(stats[f'{name}_noise']):.2g} in the {name}"
-        for name in ("image", "plate")
-        if f"{name}_noise" in stats
-    ]
-    return [f"Noise (std, white is 1): {', '.join(spoken)}."] if spoken else []
+    )
 
 
 def _noise_std(fields: Mapping[str, Any]) -> float:
@@ -120,19 +104,12 @@ def _noise_std(fields: Mapping[str, Any]) -> float:
     return float(np.sqrt(NoiseModel(**fields).variance(_MEDIUM_LIGHT).mean()))
 
 
-def _flags(solution: Solution) -> list[str]:
+def _flags(solution: Solution) -> str:
     inside = solution.quality[solution.streak]
     shares = (
         {flag: float(np.mean((inside & flag) != 0)) for flag in _AGAINST} if inside.size else {}
     )
     said = [f"{_AGAINST[flag]} {share:.1%}" for flag, share in shares.items() if share >= 0.0005]
     if not said:
-        return ["Nothing is known against the streak's pixels."]
-    return [f"Flagged in the streak: {', '.join(said)}."]
-
-
-def _others(stats: Mapping[str, Any]) -> list[str]:
-    count = len(stats.get("other_boxes", ()))
-    if count == 0:
-        return []
-    return [f"{count} other {'thing' if count == 1 else 'things'} moved; choose one with a region."]
+        return "Nothing is known against the streak's pixels."
+    return f"Flagged in the streak: {', '.join(said)}."
