@@ -109,7 +109,12 @@ def draw_clip(
             notes.append(f"No charts: {error}.")
     for part in parts:
         sheet.picture(part)
-    sheet.sentences([*words, *notes, *_on_doubts(found)])
+    if doubted := sum(map(_doubted, found)):
+        notes.append(
+            f"Dashed and hollow: {doubted} of {len(found)}, whose numbers are in doubt; the table says "
+            "why."
+        )
+    sheet.sentences([*words, *notes])
     return sheet.pixels()
 
 
@@ -151,16 +156,6 @@ def _draw_scale_bar(pen: Any, size: tuple[int, int], per_meter: float) -> None:
 
 def _doubted(row: FrameMotion) -> bool:
     return row.sighting is not None and bool(row.sighting.doubts)
-
-
-def _on_doubts(found: Sequence[FrameMotion]) -> list[str]:
-    """Explanation of dashes, if there are any."""
-    count = sum(map(_doubted, found))
-    if not count:
-        return []
-    return [
-        f"Dashed and hollow: {count} of {len(found)}, whose numbers are in doubt; the table says why."
-    ]
 
 
 def _objects(found: Sequence[FrameMotion]) -> dict[int, list[FrameMotion]]:

@@ -26,6 +26,7 @@ _OUTLINE_POINTS = 720
 _END = 1e-3  # exposures: step of the differences that give the velocity at both ends
 _DEPARTURE = 4  # index of the time of departure in the parameters of a path from rest
 _N = len(QUANTITIES)
+_OTHER = "The streak may be of something else, or of several objects: the fit {}."
 
 
 @dataclass(frozen=True)
@@ -105,7 +106,7 @@ def motion_of_sweep(sweep: Sweep, exposure_time: float | None) -> Motion:
         resting=float(np.clip(sweep.path[_DEPARTURE], 0, 1)) if resting else 0.0,
         resting_std=float(np.sqrt(sweep.covariance[_DEPARTURE, _DEPARTURE])) if resting else 0.0,
         at_border=_leaves_picture(sweep, xy),
-        doubts=_doubts_of_sweep(sweep),
+        doubts=(_OTHER.format(sweep.rejection),) if sweep.rejection else (),
         exposure_time=exposure_time,
         sweep=sweep,
     )
@@ -159,14 +160,6 @@ def _leaves_picture(sweep: Sweep, xy: Array) -> bool:
     reach = sweep.silhouette.reach(sweep.shape)
     beyond = (xy - reach < -0.5) | (xy + reach > np.array(sweep.size) - 0.5)
     return bool(beyond.any())
-
-
-def _doubts_of_sweep(sweep: Sweep) -> tuple[str, ...]:
-    if not sweep.rejection:
-        return ()
-    return (
-        f"The streak may be of something else, or of several objects: the fit {sweep.rejection}.",
-    )
 
 
 def motion_of_alpha(solution: Solution) -> Motion:
