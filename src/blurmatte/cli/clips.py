@@ -130,21 +130,15 @@ def measure_frames(
                 rate=task.rate,
                 skip=len(journal.frames),
             )
-            rows = _rows(task, seen, len(frames), journal)
-            if task.ball is None:
-                return Measured(plate, model, rows, None, frames.place_std)
-            places = task.ball.places(frames, plate, rows, model, workers)
+            new = with_progress(seen, "measuring", len(frames) - len(journal.frames))
+            kept = _kept(task, journal, new)
+            rows = (
+                bm.link_objects(kept, task.min_frames) if task.several else bm.link_sightings(kept)
+            )
+            places = None
+            if task.ball is not None:
+                places = task.ball.places(frames, plate, rows, model, workers)
     return Measured(plate, model, rows, places, frames.place_std)
-
-
-def _rows(
-    task: ClipTask, seen: Iterator[bm.FrameSightings], count: int, journal: _Journal
-) -> list[bm.FrameMotion]:
-    """The object in each of `count` frames, those that are finished and then `seen`, in tracks."""
-    kept = _kept(task, journal, with_progress(seen, "measuring", count - len(journal.frames)))
-    if task.several:
-        return bm.link_objects(kept, task.min_frames)
-    return bm.link_sightings(kept)
 
 
 def remove_unfinished(task: ClipTask) -> None:

@@ -168,13 +168,14 @@ def locate(
         if lens is not None:
             check_camera(lens, solution.size)
         if lens is not None and space.true_radius is not None:
+            (radius, std), (time, time_std) = space.true_radius, exposed
+            known = lens, radius, time, std, time_std
             if image is None or plate is None:
-                (radius, std), (time, time_std) = space.true_radius, exposed
-                path = _sweep(solution, "--camera")
-                found.append(bm.measure_ball(path, lens, radius, time, std, time_std))
+                found.append(bm.measure_ball(_sweep(solution, "--camera"), *known))
             else:
-                pictures = reading.read(image), reading.read(plate)
-                found.append(_fitted(solution, pictures, lens, space.true_radius, exposed))
+                picture, behind = reading.read(image), reading.read(plate)
+                matched = bm.match_plate(behind, picture)
+                found.append(bm.fit_ball(picture, matched, *known, solution.sweep))
         if lens is not None and speed is not None:
             found.append(_depth(solution, lens, speed, exposed))
         if plane is not None:
@@ -223,19 +224,6 @@ def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.
     sweep = solution.sweep
     turns = sweep is not None and sweep.silhouette.turns
     return bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
-
-
-def _fitted(
-    solution: bm.Solution,
-    pictures: tuple[bm.LinearImage, bm.LinearImage],
-    lens: bm.Intrinsics,
-    size: Quantity,
-    exposed: tuple[float | None, float],
-) -> bm.BallMotion:
-    """The flight in space, fitted to image and plate."""
-    (image, plate), (radius, std), (time, time_std) = pictures, size, exposed
-    matched = bm.match_plate(plate, image)
-    return bm.fit_ball(image, matched, lens, radius, time, std, time_std, solution.sweep)
 
 
 def _depth(

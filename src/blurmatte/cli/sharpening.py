@@ -118,24 +118,15 @@ def _sharpened(
     for file in files:
         with about(file):
             solution = bm.read_solution(file, reading.max_pixels)
-            sharp = _deblurred(solution, image, plate, with_spin)
+            if image is None or plate is None or solution.sweep is None:
+                sharp = bm.deblur_solution(solution)  # refuses if there is no path
+            else:
+                spin = bm.fit_spin(image, plate, solution.sweep) if with_spin else None
+                sharp = bm.deblur(image, plate, solution.sweep, spin=spin)
         if sheet is not None:
             with about(sheet):
                 bm.write(sheet, bm.draw_sharp(sharp, solution.layer))
         yield sharp
-
-
-def _deblurred(
-    solution: bm.Solution,
-    image: bm.LinearImage | None,
-    plate: bm.LinearImage | None,
-    with_spin: bool,
-) -> bm.Sharp:
-    """From the pictures if both are given, else from the solution."""
-    if image is None or plate is None or solution.sweep is None:
-        return bm.deblur_solution(solution)  # refuses if there is no path
-    spin = bm.fit_spin(image, plate, solution.sweep) if with_spin else None
-    return bm.deblur(image, plate, solution.sweep, spin=spin)
 
 
 def _numbers_of(spin: bm.Spin) -> dict[str, Any]:

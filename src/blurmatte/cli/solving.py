@@ -368,7 +368,10 @@ def _curve_doubts(
     """A warning if a disc of one color fits only with another transfer curve."""
     curves = image.meta.transfer, plate.meta.transfer
     alike = None not in curves and len({curve.name for curve in curves if curve}) == 1
-    if _is_explained_by_disc(solution) or reading.transfer is not None or not alike:
+    if reading.transfer is not None or not alike:
+        return []
+    sweep = None if solution.sweep is None or solution.sweep.rejection else solution.sweep
+    if sweep is not None and sweep.silhouette.name == "disc" and sweep.model.rank == 1:
         return []
     fit = bm.fit_transfer(image, plate, bm.Streak(solution.streak))
     if fit.best is fit.curves[0]:
@@ -377,14 +380,6 @@ def _curve_doubts(
         f"light looks bent: with --transfer {fit.best.name} a disc of one color explains the streak, "
         f"with {fit.curves[0].name} none does"
     ]
-
-
-def _is_explained_by_disc(solution: bm.Solution) -> bool:
-    """True if a disc of one color fits the streak."""
-    sweep = solution.sweep
-    if sweep is None or sweep.rejection:
-        return False
-    return sweep.silhouette.name == "disc" and sweep.model.rank == 1
 
 
 def _answer_lines(solution: bm.Solution, match: bm.Match, folder: Path) -> list[str]:
