@@ -13,7 +13,7 @@ from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, flag, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.quantities import meters, meters_per_second, time_of_exposure, time_of_line
-from blurmatte.cli.scales import LENGTH, SIZE, BallSize, Quantity, ScaleOptions, check_camera
+from blurmatte.cli.scales import LENGTH, SIZE, BallSize, ScaleOptions, check_camera
 from blurmatte.cli.selection import Layer, Reading
 
 PLANE = "A plane"
@@ -162,13 +162,13 @@ def locate(
     speed = None if space.speed is None else meters_per_second("--speed", space.speed)
     time, time_std = _time(exposure)
     solution, motion = _read(layer, reading)
-    exposed = (motion.exposure_time if time is None else time, time_std)
+    time = motion.exposure_time if time is None else time
     found: list[Located] = []
     with about(layer), waiting("locating"):
         if lens is not None:
             check_camera(lens, solution.size)
         if lens is not None and space.true_radius is not None:
-            (radius, std), (time, time_std) = space.true_radius, exposed
+            radius, std = space.true_radius
             known = lens, radius, time, std, time_std
             if image is None or plate is None:
                 found.append(bm.measure_ball(_sweep(solution, "--camera"), *known))
@@ -177,10 +177,15 @@ def locate(
                 matched = bm.match_plate(behind, picture)
                 found.append(bm.fit_ball(picture, matched, *known, solution.sweep))
         if lens is not None and speed is not None:
-            found.append(_depth(solution, lens, speed, exposed))
+            if time is None:
+                raise ValueError(
+                    "--speed needs --exposure: the image's file does not state the time"
+                )
+            path, (value, std) = _sweep(solution, "--speed"), speed
+            found.append(bm.depth_from_blur(path, lens, value, time, None, std, time_std))
         if plane is not None:
             path = _sweep(solution, "--on-plane")
-            found.append(bm.measure_on_plane(path, plane, *exposed, *height))
+            found.append(bm.measure_on_plane(path, plane, time, time_std, *height))
     _answer(motion, [motion, *found], out, as_json)
 
 
@@ -224,19 +229,6 @@ def _rotation(solution: bm.Solution, exposed: tuple[float | None, float]) -> bm.
     sweep = solution.sweep
     turns = sweep is not None and sweep.silhouette.turns
     return bm.measure_rotation(sweep if sweep and turns else solution, None, *exposed)
-
-
-def _depth(
-    solution: bm.Solution,
-    lens: bm.Intrinsics,
-    speed: Quantity,
-    exposed: tuple[float | None, float],
-) -> bm.BlurDepth:
-    (time, time_std), (value, std) = exposed, speed
-    if time is None:
-        raise ValueError("--speed needs --exposure: the image's file does not state the time")
-    path = _sweep(solution, "--speed")
-    return bm.depth_from_blur(path, lens, value, time, None, std, time_std)
 
 
 def _plane(points: Sequence[str], lens: bm.Intrinsics | None) -> bm.Plane:
