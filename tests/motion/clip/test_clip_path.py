@@ -104,7 +104,7 @@ def test_scatter_beyond_stated_errors_is_found():
         ]
         ratio = np.mean([one.birge_ratio for one in found])
         assert ratio == pytest.approx(factor, rel=0.2)
-        added = np.mean([one.added for one in found])
+        added = np.mean([one.added_to_discs for one in found])
         assert added == pytest.approx(STD * np.sqrt(factor**2 - 1), abs=0.1)
         place, move = found[0].factors(rows_of(fall)[3].sighting)
         assert place == pytest.approx(factor, rel=0.4)
@@ -117,7 +117,7 @@ def test_moments_share_the_errors_of_positions_and_can_contradict():
     for k in (5, 9, 14, 18):
         rows[k] = row(k, fall, source="moments", std=0.01)
     found = ClipPath.of(rows)
-    assert found.added_to_moments[0] >= found.added[0] > STD
+    assert found.added_to_moments[0] >= found.added_to_discs[0] > STD
     assert not found.contradicts.any()
     rows[14] = row(14, fall, source="moments", std=0.01, x=rows[14].sighting.x + 40)
     rows += [row(k, fall, source="moments") for k in range(24, 40)]
@@ -169,7 +169,7 @@ def test_tracks_have_curves_of_their_own():
     found = ClipPath.of(rows)
     assert found.breaks == (5, 8, 11)
     assert abs(found.exposure - EXPOSURE) < 4 * found.exposure_std < 0.2
-    assert found.added[0] < 2 * STD
+    assert found.added_to_discs[0] < 2 * STD
     for k, one in enumerate(rows):
         error = found.prior(k).points - ends_of(one.frame % 20, fall)
         z = error.ravel() / np.sqrt(np.diag(found.prior(k).covariance))

@@ -43,7 +43,9 @@ def test_error_of_prediction_is_as_stated(count):
         for _ in range(20):
             radii = 8 + growth * np.arange(count)
             found = ClipRadius.of(noisy(rng, radii))
-            z2 += [((found.mean[k] - radii[k]) / found.std[k]) ** 2 for k in (0, count // 2)]
+            for k in (0, count // 2):
+                error = found.states.mean[k, 0] - radii[k]
+                z2.append(error**2 / found.states.covariance[k, 0, 0])
     assert 0.6 < np.sqrt(np.median(z2) / 0.4549) < 1.4
 
 
@@ -51,8 +53,8 @@ def test_scatter_beyond_stated_errors_is_added():
     """Honest: three times the stated errors, and the stated ones."""
     for factor in (1.0, 3.0):
         rng = np.random.default_rng(1)
-        found = [ClipRadius.of(noisy(rng, np.full(24, 9.0), factor)) for _ in range(4)]
-        added = np.mean([one.added for one in found])
+        found = [ClipRadius.of(noisy(rng, np.full(24, 9.0), factor)) for _ in range(8)]
+        added = np.mean([one.added_to_discs for one in found])
         assert added == pytest.approx(STD * np.sqrt(factor**2 - 1), abs=0.07)
         factors = [one.factor(row(0, 9.0).sighting) for one in found]
         assert np.mean(factors) == pytest.approx(factor, rel=0.3)
@@ -69,10 +71,10 @@ def test_doubtful_frames_and_moments_predict_nothing():
 
 def test_tracks_have_curves_of_their_own():
     rows = [row(k, 6.0) for k in range(3)] + [row(20 + k, 9.0, track=2) for k in range(3)]
-    assert ClipRadius.of(rows).mean == pytest.approx([6.0] * 3 + [9.0] * 3)
+    assert ClipRadius.of(rows).states.mean[:, 0] == pytest.approx([6.0] * 3 + [9.0] * 3)
 
 
 def test_one_frame_predicts_nothing():
     found = ClipRadius.of([row(0, 6.0), row(1, 6.0)])
     assert [found.predicted(k) for k in range(2)] == [None, None]
-    assert ClipRadius.of([]).mean.shape == (0,)
+    assert ClipRadius.of([]).states.mean.shape == (0, 2)

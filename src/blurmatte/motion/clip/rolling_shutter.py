@@ -65,7 +65,7 @@ def readout_time(stretches: Sequence[tuple[Array, Array]], displacements: Sequen
             information = float(np.sum(w * np.einsum("ki,ki->k", X, VX)))
             readout = float(np.sum(w * np.einsum("ki,ki->k", y, VX))) / max(information, 1e-12)
         logs = np.full(len(y), 2 * np.log(scale))
-        return readout, student_cost(chi2 / scale, logs, numbers, scaled=False)
+        return readout, student_cost(chi2 / scale, logs, numbers)
 
     (_, without), (readout, cost) = fitted(np.zeros_like(X)), fitted(X)
     penalty = 0.5 * float(np.log(numbers.sum()))

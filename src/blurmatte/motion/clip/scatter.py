@@ -49,10 +49,10 @@ class Scatter:
 def scatter_of(rows: Sequence[FrameMotion]) -> Scatter | None:
     """The scatter of the rows of one object; None for too few frames that predict one another."""
     path, size = ClipPath.of(rows), ClipRadius.of(rows)
-    places, radii = path.chi2[path.used, 0], size.chi2[size.used]
+    places, radii = path.chi2[path.used, 0], size.chi2[size.used, 0]
     places, radii = places[np.isfinite(places)], radii[np.isfinite(radii)]
     if min(len(places), len(radii)) < _MIN_FRAMES:
         return None
     place, radius = np.sqrt([places.mean() / 2, radii.mean()]).tolist()
-    median = float(np.median(size.mean[size.used & np.isfinite(size.mean)]))
+    median = float(np.median(size.states.mean[size.used & size.states.known, 0]))
     return Scatter(place, radius, min(len(places), len(radii)), size.common_std / median)

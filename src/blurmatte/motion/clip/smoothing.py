@@ -12,10 +12,6 @@ N the shift to the next derivative, e the last one. A measurement k has the info
 two-filter recursion [Fraser and Potter 1969]; their sum is all but its own. Nothing is known of s
 before the first measurement.
 
-q is the one for which the measurements are likeliest when each is predicted from all others. Where the
-reduced χ² of these predictions is above 1, measurements have errors in common that they do not state:
-one is added to all that makes it 1 [Paule and Mandel 1982].
-
 Errors are those of Student's t: most are as stated, a few are mistakes. A measurement of m numbers with
 the residual χ² has the weight (ν + m) / (ν + χ²), 1 at most, and the covariance of estimates is
 (ν + m + 2) / (ν + m) times that of normal errors [Lange, Little, Taylor 1989].
@@ -194,30 +190,13 @@ def _carried(
     return flipped * before_L, flip * before_v
 
 
-def likeliest_intensity(cost: Callable[[float], float]) -> float:
-    """The intensity of the least cost."""
-    low, high = SmoothingSettings.intensity_decades
-    decades = np.arange(low, high + 1)
-    best = float(decades[int(np.argmin([cost(10.0**decade) for decade in decades]))])
-    finer = best + np.array([-0.7, -0.35, 0.0, 0.35, 0.7])
-    return float(10.0 ** finer[int(np.argmin([cost(10.0**decade) for decade in finer]))])
-
-
-def student_cost(chi2: Array, logs: Array, freedom: Array, scaled: bool = True) -> float:
+def student_cost(chi2: Array, logs: Array, freedom: Array) -> float:
     """Negative log likelihood (Student's t) of measurements about their predictions.
 
-    The scale of all errors is the likeliest, 1 or more: the Birge ratio is in it. A smaller one would
-    make any intensity as likely that exceeds the errors.
-
     chi2, logs, freedom (n,): χ², log determinant of its covariance, and degrees of freedom of each.
-    scaled: else the scale is 1.
     """
-    nu, m, scale = SmoothingSettings.student_freedom, freedom, 1.0
-    for _ in range(20 if scaled else 0):  # expectation maximization
-        scale = max(float(np.sum((nu + m) / (nu + chi2 / scale) * chi2) / np.sum(m)), 1.0)
-    return float(
-        np.sum((nu + m) / 2 * np.log1p(chi2 / (nu * scale)) + m / 2 * np.log(scale) + logs / 2)
-    )
+    nu = SmoothingSettings.student_freedom
+    return float(np.sum((nu + freedom) / 2 * np.log1p(chi2 / nu) + logs / 2))
 
 
 def student_weights(chi2: Array, freedom: Array) -> Array:
@@ -261,24 +240,18 @@ def added_std(reduced_chi2: Callable[[float], float], largest: float) -> float:
     return high
 
 
-def factor_of_added(variance: float, added: float) -> float:
-    """By which an error of this variance becomes the one with an error added."""
-    return float(np.sqrt(1 + added**2 / max(variance, SmoothingSettings.min_std_px**2)))
-
-
-def excess_over_noise(chi2: Array, freedom: Array, which: Bools, median: float) -> Array:
-    """(n,) χ² over the limit of noise, which scatters by the median of some; 0 of others.
+def excess_over_noise(chi2: Array, freedom: Array, which: Bools) -> Array:
+    """(n,) χ² over the limit of noise, whose scale is from the median of some; 0 of others.
 
     chi2, freedom (n,): of each, NaN if unknown.
     which (n,): those that are compared.
-    median: of χ² of noise.
     """
     from scipy.special import chdtri  # scipy.stats takes a second to import
 
     known = which & np.isfinite(chi2)
     if not known.any():
         return np.zeros(len(chi2))
-    scale = max(float(np.median(chi2[known])) / median, 1.0)
+    scale = max(float(np.median(chi2[known] / chdtri(freedom[known], 0.5))), 1.0)
     limit = SmoothingSettings.min_outlier_probability / int(known.sum())
     return np.where(known, chi2 / scale / chdtri(np.maximum(freedom, 1.0), limit), 0)
 
