@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from blurmatte.motion.clip.rolling_shutter import camera_stretch, readout_time
+from blurmatte.motion.clip.rolling_shutter import RollingShutter
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette
@@ -38,25 +38,43 @@ def test_image_of_a_disc_is_a_stretched_disc(displacement):
         alpha = disc.sweep(LINE, ends, shape, Pixels((SIZE, SIZE), (0.0, 0.0))).alpha
         return float(np.sqrt(np.mean((alpha - truth)[truth > 0] ** 2)))
 
-    assert error(camera_stretch(readout, v)) < min(0.01, error((0.0, 0.0)) / 3)
+    assert error(RollingShutter(readout).stretch(v)) < min(0.01, error((0.0, 0.0)) / 3)
 
 
-def frames(readout, rng, count=16, std=0.02):
-    """Stretches, with covariances and a mistake, and displacements."""
+def frames(readout, rng, count=16, std=0.02, scatter=0.0):
+    """Stretches with covariances, one of them a mistake, and displacements."""
     moved = 60 * rng.normal(size=(count, 2))
-    stretches = [np.array(camera_stretch(readout, v)) + std * rng.normal(size=2) for v in moved]
+    error, camera = np.hypot(std, scatter), RollingShutter(readout)
+    stretches = [np.array(camera.stretch(v)) + error * rng.normal(size=2) for v in moved]
     stretches[3] += 1.0
-    return [(stretch, std**2 * np.eye(2)) for stretch in stretches], list(moved)
+    return [((s, std**2 * np.eye(2)), v) for s, v in zip(stretches, moved, strict=True)]
 
 
-def test_readout_time_is_found_in_spite_of_a_mistake():
-    """Honest: within three standard deviations of the mean of 16 frames."""
-    for seed in range(20):
-        found = readout_time(*frames(0.002, np.random.default_rng(seed)))
-        assert found == pytest.approx(0.002, abs=3 * 0.02 / (60 / np.sqrt(2) * 4))
+@pytest.mark.parametrize("scatter", [0.0, 0.04])
+def test_readout_time_is_found_in_spite_of_a_mistake(scatter):
+    """Honest: within three standard deviations of the mean of 16 frames; so is the scatter."""
+    found = [
+        RollingShutter.of(frames(0.003, np.random.default_rng(seed), scatter=scatter))
+        for seed in range(20)
+    ]
+    error = np.hypot(0.02, scatter)
+    for one in found:
+        assert one.is_decisive
+        assert one.readout == pytest.approx(0.003, abs=3 * error / (60 / np.sqrt(2) * 4))
+    assert np.median([one.scatter for one in found]) == pytest.approx(scatter, abs=0.012)
 
 
 def test_discs_of_a_global_shutter_have_none():
     for seed in range(20):
-        assert readout_time(*frames(0.0, np.random.default_rng(seed))) == 0
-    assert readout_time([], []) == 0
+        assert not RollingShutter.of(frames(0.0, np.random.default_rng(seed))).is_decisive
+    assert not RollingShutter.of([]).is_decisive
+
+
+def test_stretch_is_that_of_camera_and_frame_by_their_errors():
+    """Exact: the mean of equal errors; a mistake has little weight."""
+    shutter, v = RollingShutter(0.002, 0.05), np.array([50.0, 0.0])
+    own = np.array([0.04, 0.05]), 0.05**2 * np.eye(2)
+    assert shutter.stretch(v) == pytest.approx((0.0, 0.05))
+    assert shutter.stretch(v, own) == pytest.approx((0.02, 0.05))
+    mistake = np.array([5.0, 0.05]), 0.05**2 * np.eye(2)
+    assert shutter.stretch(v, mistake)[0] < 0.02

@@ -7,66 +7,104 @@ constant velocity is its image under (I − u e_yᵀ)⁻¹, to first order an el
 
     (a, b) = (−u_y, u_x) / 2,
 
-as `Silhouette` has it, and of a factor of the size that goes into the radius.
+as `Silhouette` has it, and of a factor of the size that goes into the radius. Shadows next to the disc,
+compression, and the lens change it too: frames differ from this by an error of their own, the likeliest
+with Student's t as the distribution of errors. The stretch in a frame is then known from two sources,
+the camera and the frame itself.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion.clip.smoothing import student_cost, student_weights
+from blurmatte.motion.clip.smoothing import least_decades, student_cost, student_weights
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 
 Array = npt.NDArray[np.float64]
+Stretch = tuple[Array, Array]  # (2,) and covariance (2, 2)
 
 _ROUNDS = 10  # of weights and readout time
+_SCATTER_DECADES = (-3.0, 0.0)  # of the stretches, powers of ten
 # Of which the first order is a good approximation: an ellipse 1.8 times as long as wide
 _MAX_STRETCH = 0.3
 
 
-def camera_stretch(readout: float, displacement: Array) -> tuple[float, float]:
-    """Stretch of a disc that moves by a displacement (2,), pixels, in an exposure.
+@dataclass(frozen=True)
+class RollingShutter:
+    """How a camera stretches discs.
 
-    readout: time between two rows, exposures.
+    Parameters
+    ----------
+    readout : float
+        Time between two rows, exposures.
+    scatter : float
+        Standard deviation of stretches about that, in each direction, beyond the errors of frames.
+    log_odds : float
+        Against a camera that exposes all rows at once.
     """
-    x, y = readout * displacement
-    stretch = np.array([0.0 - y, x]) / 2
-    stretch *= min(1.0, _MAX_STRETCH / max(float(np.linalg.norm(stretch)), 1e-12))
-    return float(stretch[0]), float(stretch[1])
+
+    readout: float = 0.0
+    scatter: float = 0.0
+    log_odds: float = 0.0
+
+    @classmethod
+    def of(cls, frames: Sequence[tuple[Stretch, Array]]) -> RollingShutter:
+        """From the stretch of the disc and its displacement (2,), pixels, in several exposures."""
+        if not frames:
+            return cls()
+        y = np.array([stretch for (stretch, _), _ in frames])
+        V = np.array([covariance for (_, covariance), _ in frames])
+        X = np.array([_slope(displacement) for _, displacement in frames])
+        penalty = 0.5 * float(np.log(y.size))
+        without, (cost, found) = _likeliest(y, V, np.zeros_like(X))[0], _likeliest(y, V, X)
+        return replace(found, log_odds=without - cost - penalty)
+
+    @property
+    def is_decisive(self) -> bool:
+        """Whether the rows are certainly exposed one after another."""
+        return self.log_odds > DECISIVE_LOG_BAYES_FACTOR
+
+    def stretch(self, displacement: Array, own: Stretch | None = None) -> tuple[float, float]:
+        """Stretch of a disc that moves by a displacement (2,), pixels, in an exposure.
+
+        own: as its frame alone measures it.
+        """
+        stretch = self.readout * _slope(displacement)
+        if own is not None and self.scatter > 0:
+            e, among = own[0] - stretch, self.scatter**2 * np.eye(2)
+            chi2 = e @ np.linalg.solve(own[1] + among, e)
+            weight = student_weights(np.array([chi2]), np.array([2.0]))[0]
+            stretch = stretch + among @ np.linalg.solve(own[1] / weight + among, e)
+        stretch *= min(1.0, _MAX_STRETCH / max(float(np.linalg.norm(stretch)), 1e-12))
+        return float(stretch[0]), float(stretch[1])
 
 
-def readout_time(stretches: Sequence[tuple[Array, Array]], displacements: Sequence[Array]) -> float:
-    """Time between two rows, exposures, from several frames; 0 if it explains them no better.
+def _slope(displacement: Array) -> Array:
+    """(2,) stretch by the readout time."""
+    return np.array([0.0 - displacement[1], displacement[0]]) / 2
 
-    Errors of stretches are those of Student's t, larger than stated by the likeliest factor.
 
-    stretches: (2,) and covariance (2, 2) of each frame.
-    displacements: (2,) of the object in each exposure, pixels.
-    """
-    if not stretches:
-        return 0.0
-    y = np.array([stretch for stretch, _ in stretches])
-    V = np.array([covariance for _, covariance in stretches])
-    X = np.array([(-v[1] / 2, v[0] / 2) for v in displacements])
+def _likeliest(y: Array, V: Array, X: Array) -> tuple[float, RollingShutter]:
+    """The least cost of stretches y (n, 2) with errors V (n, 2, 2), and its ρ and scatter."""
     numbers = np.full(len(y), 2.0)
 
-    def fitted(X: Array) -> tuple[float, float]:
-        """ρ and its cost."""
-        readout, scale = 0.0, 1.0
+    def fitted(scatter: float) -> tuple[float, RollingShutter]:
+        """Cost and ρ."""
+        readout, S = 0.0, V + scatter**2 * np.eye(2)
+        SX = np.linalg.solve(S, X[..., None])[..., 0]
         for _ in range(_ROUNDS):
             e = y - readout * X
-            chi2 = np.einsum("ki,ki->k", e, np.linalg.solve(V, e[..., None])[..., 0])
-            w = student_weights(chi2 / scale, numbers)
-            scale = max(float(np.sum(w * chi2) / np.sum(numbers)), 1e-12)
-            VX = np.linalg.solve(V, X[..., None])[..., 0]
-            information = float(np.sum(w * np.einsum("ki,ki->k", X, VX)))
-            readout = float(np.sum(w * np.einsum("ki,ki->k", y, VX))) / max(information, 1e-12)
-        logs = np.full(len(y), 2 * np.log(scale))
-        return readout, student_cost(chi2 / scale, logs, numbers)
+            chi2 = np.einsum("ki,ki->k", e, np.linalg.solve(S, e[..., None])[..., 0])
+            w = student_weights(chi2, numbers)
+            information = float(np.sum(w * np.einsum("ki,ki->k", X, SX)))
+            readout = float(np.sum(w * np.einsum("ki,ki->k", y, SX))) / max(information, 1e-12)
+        logs = np.linalg.slogdet(S)[1]
+        return student_cost(chi2, logs, numbers), RollingShutter(readout, scatter)
 
-    (_, without), (readout, cost) = fitted(np.zeros_like(X)), fitted(X)
-    penalty = 0.5 * float(np.log(numbers.sum()))
-    return readout if without - cost - penalty > DECISIVE_LOG_BAYES_FACTOR else 0.0
+    start = np.array([sum(_SCATTER_DECADES) / 2])
+    decades = least_decades(lambda x: fitted(10.0 ** x[0])[0], start, [_SCATTER_DECADES])
+    return fitted(float(10.0 ** decades[0]))

@@ -27,7 +27,7 @@ from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
 from blurmatte.motion.clip.pooling import ClipObject
-from blurmatte.motion.clip.rolling_shutter import camera_stretch, readout_time
+from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
@@ -77,11 +77,11 @@ class Wanted:
         points = self.prior.path.points
         return np.asarray(points[2] - points[0])
 
-    def stretched(self, readout: float) -> Wanted:
-        """The same with a camera of this time between two rows, exposures."""
+    def stretched(self, shutter: RollingShutter, own: Stretch | None) -> Wanted:
+        """The same with a camera, and the stretch that the frame alone measures."""
         if self.prior is None:
             return self
-        stretch = camera_stretch(readout, self.displacement)
+        stretch = shutter.stretch(self.displacement, own)
         return replace(self, prior=replace(self.prior, camera_stretch=stretch))
 
     def shaped(self, is_disc: bool) -> Wanted:
@@ -166,16 +166,17 @@ class FrameSolver:
         start = _start(sighting, crop, self.model, prior)
         return crop, self._streak(crop, sighting), start, prior
 
-    def stretch(self, frames: Sequence[LinearImage], wanted: Wanted) -> tuple[Array, Array] | None:
-        """Stretch of the disc in a frame given alone, and its covariance; None if it has no streak."""
+    def stretch(self, frames: Sequence[LinearImage], wanted: Wanted) -> Stretch | None:
+        """Stretch of the disc in a frame given alone, and its covariance; None if it shows none."""
         (frame,) = coded_frames(frames, slice(None))
         crop, streak, start, prior = self._prepared(frame, wanted)
         if streak is None or prior is None:
             return None
         try:
-            return fit_stretch(crop.image, crop.plate, streak, self.model, start, prior)
+            stretch, V = fit_stretch(crop.image, crop.plate, streak, self.model, start, prior)
         except BlurmatteError:
             return None
+        return (stretch, V) if np.all(np.linalg.eigvalsh(V) > 0) else None  # else it is not in view
 
     def _solution(
         self,
@@ -335,8 +336,7 @@ def wanted_frames(
             for row, prior in zip(mine, shared_by_all.priors, strict=True)
         ]
         used = shared_by_all.path.used
-        readout = _readout_time(frames, found, used, solver, workers)
-        found = [one.stretched(readout) for one in found]
+        found = _stretched(frames, found, used, solver, workers)
         known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
         mistake = shared_by_all.mistake_probability
         is_disc, has_shape = _decided(frames, known, mistake, solver, workers)
@@ -345,23 +345,34 @@ def wanted_frames(
     return sorted(wanted, key=lambda one: (one.index, one.row.object or 1))
 
 
-def _readout_time(
+def _stretched(
     frames: Sequence[LinearImage],
     found: Sequence[Wanted],
     used: Bools,
     solver: FrameSolver,
     workers: Workers,
-) -> float:
-    """Of the camera's rows, exposures, from frames that agree with the path."""
+) -> list[Wanted]:
+    """Frames with the stretch by the camera, if a rolling shutter is decisively likelier than none.
+
+    It is measured in frames that agree with the path, in more of them while it is likelier, and then in
+    all.
+    """
+
+    def measured(some: Sequence[Wanted]) -> list[Stretch | None]:
+        """Stretches in single frames."""
+        return list(successes(workers.over(frames, solver.stretch, parts_to_solve(some))))
+
     known = [one for one, use in zip(found, used, strict=True) if use and one.prior is not None]
-    typical = known[:: -(-len(known) // STRETCH_FRAMES) or 1]
-    stretches = successes(workers.over(frames, solver.stretch, parts_to_solve(typical)))
-    pairs = [
-        (stretch, one.displacement)
-        for stretch, one in zip(stretches, typical, strict=True)
-        if stretch
-    ]
-    return readout_time([stretch for stretch, _ in pairs], [moved for _, moved in pairs])
+    step, pairs, shutter = -(-len(known) // STRETCH_FRAMES) or 1, [], RollingShutter()
+    for first in dict.fromkeys(int(step * part) for part in _PARTS):
+        some = known[first::step]
+        pairs += [(x, w.displacement) for x, w in zip(measured(some), some, strict=True) if x]
+        shutter = RollingShutter.of(pairs)
+        if shutter.is_decisive or shutter.log_odds < 0:
+            break
+    if not shutter.is_decisive:
+        return list(found)
+    return [one.stretched(shutter, x) for one, x in zip(found, measured(found), strict=True)]
 
 
 def _decided(
