@@ -38,14 +38,14 @@ def test_image_of_a_disc_is_a_stretched_disc(displacement):
         alpha = disc.sweep(LINE, ends, shape, Pixels((SIZE, SIZE), (0.0, 0.0))).alpha
         return float(np.sqrt(np.mean((alpha - truth)[truth > 0] ** 2)))
 
-    assert error(RollingShutter(readout).stretch(v)) < min(0.01, error((0.0, 0.0)) / 3)
+    assert error(tuple(RollingShutter(readout).stretch(v)[0])) < min(0.01, error((0.0, 0.0)) / 3)
 
 
 def frames(readout, rng, count=16, std=0.02, scatter=0.0):
     """Stretches with covariances, one of them a mistake, and displacements."""
     moved = 60 * rng.normal(size=(count, 2))
     error, camera = np.hypot(std, scatter), RollingShutter(readout)
-    stretches = [np.array(camera.stretch(v)) + error * rng.normal(size=2) for v in moved]
+    stretches = [camera.stretch(v)[0] + error * rng.normal(size=2) for v in moved]
     stretches[3] += 1.0
     return [((s, std**2 * np.eye(2)), v) for s, v in zip(stretches, moved, strict=True)]
 
@@ -71,10 +71,26 @@ def test_discs_of_a_global_shutter_have_none():
 
 
 def test_stretch_is_that_of_camera_and_frame_by_their_errors():
-    """Exact: the mean of equal errors; a mistake has little weight."""
+    """Exact: the mean by inverse variances; a mistake has little weight."""
     shutter, v = RollingShutter(0.002, 0.05), np.array([50.0, 0.0])
-    own = np.array([0.04, 0.05]), 0.05**2 * np.eye(2)
-    assert shutter.stretch(v) == pytest.approx((0.0, 0.05))
-    assert shutter.stretch(v, own) == pytest.approx((0.02, 0.05))
+    own = np.array([0.04, 0.05]), 1e-4 * np.eye(2)
+    assert shutter.stretch(v)[0] == pytest.approx((0.0, 0.05))
+    share = 0.05**2 / (1e-4 + 0.05**2)
+    assert shutter.stretch(v, own)[0] == pytest.approx((0.04 * share, 0.05))
     mistake = np.array([5.0, 0.05]), 0.05**2 * np.eye(2)
-    assert shutter.stretch(v, mistake)[0] < 0.02
+    assert shutter.stretch(v, mistake)[0][0] < 0.02
+
+
+def test_cost_of_a_fitted_stretch_is_its_occam_factor():
+    """Oracle: the integral over stretches of likelihood and prior, on a grid."""
+    shutter, v, std = RollingShutter(0.002, 0.05), np.array([50.0, 0.0]), 0.03
+    own = np.array([0.06, 0.02]), std**2 * np.eye(2)
+    at, cost = shutter.stretch(v, own)
+
+    def likelihood(s):
+        return np.exp(-0.5 * np.sum((s - own[0]) ** 2, axis=-1) / std**2)
+
+    grid = np.stack(np.meshgrid(*[np.linspace(-0.4, 0.5, 400)] * 2), axis=-1)
+    prior = np.exp(-0.5 * np.sum((grid - shutter.stretch(v)[0]) ** 2, axis=-1) / 0.05**2)
+    mean = float(np.sum(prior * likelihood(grid)) / np.sum(prior))
+    assert cost == pytest.approx(-np.log(mean / likelihood(at)), rel=1e-3)

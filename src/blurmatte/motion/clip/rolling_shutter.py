@@ -68,19 +68,25 @@ class RollingShutter:
         """Whether the rows are certainly exposed one after another."""
         return self.log_odds > DECISIVE_LOG_BAYES_FACTOR
 
-    def stretch(self, displacement: Array, own: Stretch | None = None) -> tuple[float, float]:
-        """Stretch of a disc that moves by a displacement (2,), pixels, in an exposure.
+    def stretch(self, displacement: Array, own: Stretch | None = None) -> tuple[Array, float]:
+        """Stretch of a disc that moves by a displacement (2,), pixels, in an exposure, and its cost.
+
+        The cost is minus the log of the Occam factor of a stretch that is fitted to the frame: the
+        disc is that much less likely than its residuals say.
 
         own: as its frame alone measures it.
         """
-        stretch = self.readout * _slope(displacement)
+        stretch, cost = self.readout * _slope(displacement), 0.0
         if own is not None and self.scatter > 0:
             e, among = own[0] - stretch, self.scatter**2 * np.eye(2)
             chi2 = e @ np.linalg.solve(own[1] + among, e)
-            weight = student_weights(np.array([chi2]), np.array([2.0]))[0]
-            stretch = stretch + among @ np.linalg.solve(own[1] / weight + among, e)
-        stretch *= min(1.0, _MAX_STRETCH / max(float(np.linalg.norm(stretch)), 1e-12))
-        return float(stretch[0]), float(stretch[1])
+            V = own[1] / student_weights(np.array([chi2]), np.array([2.0]))[0]
+            change = among @ np.linalg.solve(V + among, e)
+            cost = 0.5 * float(np.linalg.slogdet(np.eye(2) + among @ np.linalg.inv(V))[1])
+            cost += 0.5 * float(change @ change) / self.scatter**2
+            stretch = stretch + change
+        limit = min(1.0, _MAX_STRETCH / max(float(np.linalg.norm(stretch)), 1e-12))
+        return stretch * limit, cost
 
 
 def _slope(displacement: Array) -> Array:

@@ -62,12 +62,15 @@ class Wanted:
         alternatives.
     has_shape : bool
         Alpha without a shape is no alternative.
+    stretch_cost : float
+        Of the stretch of a disc that is fitted to the frame, in log odds.
     """
 
     index: int
     row: FrameMotion
     prior: MotionPrior | None
     has_shape: bool = False
+    stretch_cost: float = 0.0
 
     @property
     def displacement(self) -> Array:
@@ -81,8 +84,9 @@ class Wanted:
         """The same with a camera, and the stretch that the frame alone measures."""
         if self.prior is None:
             return self
-        stretch = shutter.stretch(self.displacement, own)
-        return replace(self, prior=replace(self.prior, camera_stretch=stretch))
+        (a, b), cost = shutter.stretch(self.displacement, own)
+        prior = replace(self.prior, camera_stretch=(float(a), float(b)))
+        return replace(self, prior=prior, stretch_cost=cost)
 
     def shaped(self, is_disc: bool) -> Wanted:
         """The same of an object that has a shape, perhaps a disc, if there is a prior of it."""
@@ -216,7 +220,7 @@ class FrameSolver:
         if _CONTRADICTS in solution.stats.get("grade_reasons", ()):
             return None
         disc, shape = solution.stats["shape_log_odds"]
-        return float(disc), float(shape)
+        return float(disc) - wanted.stretch_cost, float(shape) - wanted.stretch_cost
 
     def _streak(self, crop: Crop, sighting: Sighting) -> Streak | None:
         """The streak in a crop that was measured there; None if it is not found again."""
