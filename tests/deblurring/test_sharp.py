@@ -7,7 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 import blurmatte as bm
+from blurmatte.calibration import with_noise
+from blurmatte.deblurring.compressed import linearized
 from blurmatte.deblurring.lattice import Lattice
+from blurmatte.deblurring.view import View
 from blurmatte.metrics import subframe_psnr
 from blurmatte.radiometry import LinearImage
 from blurmatte.rendering import Camera, Change, Shot, add_noise
@@ -163,22 +166,49 @@ def test_pictures_of_different_distances_are_scaled_to_one_object(ball, sharp):
     assert np.sqrt(np.mean((small.straight() - true[1])[inside] ** 2)) < 0.1
 
 
-def test_a_compressed_picture_is_sharper_under_the_likelihood_of_its_file(monkeypatch):
-    """A ball of saturated patches, 4:2:0: independent noise and unblurred chroma are wrong."""
-    truth = case(texture=patches(5)).truth
+def compressed(texture):
+    """A 4:2:0 picture and its plate of a ball, and its true sweep."""
+    found = case(texture=texture)
     camera = Camera(code_std=1 / 255, bits=8, jpeg_quality=90, chroma="4:2:0")
-    image, plate = Shot(truth.scene, camera, plate_frames=5, seed=0).photograph(truth)
+    image, plate = Shot(found.truth.scene, camera, plate_frames=5, seed=0).photograph(found.truth)
     assert image.meta.compression is not None
-    sweep = case().sweep
-    fitted = bm.deblur(image, plate, sweep, refine=False)
-    monkeypatch.setattr(
-        "blurmatte.deblurring.sharp.compressed_color",
-        lambda state, lattice, fit: (fit.normal.mean, 1.0),
-    )
-    independent = bm.deblur(image, plate, sweep, refine=False)
-    color, nodes = true_color(case(texture=patches(5)), fitted.lattice)
+    return found, image, plate
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")  # of independent noise
+def test_a_compressed_picture_is_sharper_under_the_likelihood_of_its_file():
+    """A ball of saturated patches: independent noise and unblurred chroma are wrong."""
+    found, image, plate = compressed(patches(5))
+    fitted = bm.deblur(image, plate, case().sweep, refine=False)
+    plain = replace(image, meta=replace(image.meta, compression=None))
+    independent = bm.deblur(plain, plate, case().sweep, refine=False)
+    color, nodes = true_color(found, fitted.lattice)
     error, before = (np.mean((one.color[nodes] - color) ** 2) for one in (fitted, independent))
     assert error < 0.8 * before
+
+
+def test_errors_and_misfits_of_compressed_pictures_are_honest():
+    z = []
+    for seed in range(3):
+        found, image, plate = compressed(patches(seed))
+        result = bm.deblur(image, plate, found.sweep, refine=False)
+        assert 0.5 < result.misfit < 1.5
+        color, nodes = true_color(found, result.lattice)
+        z.append((result.color[nodes] - color) / result.node_std[nodes])
+    assert 0.7 < np.sqrt(np.mean(np.concatenate(z) ** 2)) < 1.2
+
+
+def test_the_adjoint_of_the_coefficients_of_a_color_is_theirs():
+    found, image, plate = compressed(patches(0))
+    view = View.of(*with_noise(image, plate), found.sweep)
+    lattice = Lattice.of(found.sweep)
+    blur = view.blur(lattice)
+    rng = np.random.default_rng(0)
+    color, x = rng.uniform(0.2, 0.8, (lattice.size, 3)), rng.normal(size=(lattice.size, 3))
+    data = linearized(view, blur, view.weight(blur.alpha), color, 1.0)
+    y = [rng.normal(size=one.shape) for one in data.residuals]
+    forward = sum(np.sum(a * b) for a, b in zip(data.of(x), y, strict=True))
+    assert forward == pytest.approx(np.sum(x * data.adjoint(y)))
 
 
 def test_color_std_covers_the_object(sharp):

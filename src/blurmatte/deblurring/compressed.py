@@ -7,116 +7,245 @@ the likelihood of the coefficients; elsewhere in this package noise is taken as 
 In this file M = A o + (1 − α) B is the light of a model, z are the coefficients of `jpeg_coefficients`,
 and r = z(C) − z(M) their residuals. The plate's chroma was blurred by its own file: M' is M with the
 plate blurred again, and the code values of C are changed by those of M' − M, as in
-`sweep.model.chroma_subsampling`. With the precisions w of the coefficients the color minimizes
+`sweep.model.chroma_subsampling`. With J = ∂z/∂o and the precisions w of the coefficients
 
-    Σ w r² / (2 s) + ν TV(o),   1 / w = q² / 12 + variance of the noise of P, in codes,
+    H = Jᵀ w J / max(1, s) + Q,   1 / w = q² / 12 + variance of the noise of P, in codes,
 
-where s is the mean of w r² in the blocks of the streak: rounding to zero leaves an error smaller than
-q² / 12. ν is that of independent noise, see `total_variation`, a property of the object. Each step
-linearizes z and bounds TV by a quadratic; conjugate gradients solve it, with the factors of the
-equations of independent noise as preconditioner.
+is the inverse covariance of the color under a quadratic prior Q. Steps of Gauss and Newton are solved
+by conjugate gradients, with the factors of the equations of independent noise as preconditioner. H⁻¹ is
+sampled: x = H⁻¹ (Jᵀ √w e + Dᵀ √(weights of Q) e') has this covariance for independent e, e'
+[Papandreou & Yuille 2010].
+
+1. The strengths of the prior of first and second differences start from those of independent noise,
+   which takes noise of the file for texture: λₖ = γₖ / |Dₖ o|², where γₖ = λₖ (3 tr P⁺ Qₖ − E|Dₖ x|²)
+   parameters are determined by the data [MacKay 1992].
+2. The prior of edges, see `sparse_prior`. E|d|² has the variance of independent noise, scaled to that
+   of the samples.
+3. The covariance is that of independent noise under the last prior, scaled to the samples.
+
+s is the mean of w (r² + (J x)²), about 1 if the model is right. Rounding to zero leaves residuals
+smaller than q² / 12 in coefficients that say little about the color, and wrong motions leave large ones
+in those that say much: the mean over the blocks of each coefficient counts by its leverage w (J x)².
+As q and the noise are known, the scale in H is at least 1.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.gaussian import GaussianFit
-from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.operator import Sparse
+from blurmatte.deblurring.normal_equations import NormalEquations, posterior
+from blurmatte.deblurring.operator import Blur
 from blurmatte.deblurring.refine import Explained
-from blurmatte.deblurring.total_variation import edge_weights
+from blurmatte.deblurring.sparse_prior import Bound, traces
 from blurmatte.deblurring.view import MODEL_STD, StoredCodes, View
+from blurmatte.radiometry.compression import BLOCK
 
 Array = npt.NDArray[np.float64]
 
-
-class _Linearized(NamedTuple):
-    """Gradient (n, 3) of a log likelihood, products with its curvature, and the reduced χ²."""
-
-    gradient: Array
-    curvature: Callable[[Array], Array]
-    misfit: float
-
-
-_STEPS = 7
-_TOLERANCE = 0.01  # of the residual of conjugate gradients, relative
+_SAMPLES = 4
+_ROUNDS = 3, 2  # of the strengths, of the prior of edges
+_TOLERANCE = 0.02  # of the residual of conjugate gradients, relative
+_TOLERANCE_OF_SAMPLES = 0.05
 _MAX_PRODUCTS = 100  # of conjugate gradients
 
 
-def compressed_color(state: Explained, lattice: Lattice, fit: GaussianFit) -> tuple[Array, float]:
-    """(n, 3) straight color, from a fit under independent noise with its total variation; and s."""
-    from scipy.sparse import csr_matrix
-    from scipy.sparse.linalg import LinearOperator, cg
+class Compressed(NamedTuple):
+    """Straight color (n, 3), its variances (n, 3), and the reduced χ² s."""
 
-    color, shape = fit.normal.mean, fit.normal.mean.shape
-    m, (i, j) = len(lattice.edges), lattice.edges.T
-    ends = np.repeat(np.arange(m), 2), lattice.edges.ravel()
-    D = csr_matrix((np.tile([1.0, -1.0], m), ends), shape=(m, lattice.size))
+    color: Array
+    variances: Array
+    misfit: float
 
-    def inverse(right: Array) -> Array:
-        """The covariance under independent noise times a vector."""
-        columns = fit.noise_scale * fit.normal.solve(right.reshape(shape).T[..., None])
-        return np.asarray(columns[..., 0].T.ravel())
 
-    for _ in range(_STEPS):
-        parts = zip(state.views, (blur.A for blur in state.blurs), state.weights, strict=True)
-        data = [_linearized(*part, color, fit.noise_scale) for part in parts]
-        prior = fit.strength * edge_weights(color, lattice)[:, None]
+@dataclass(frozen=True, eq=False)
+class _Data:
+    """Measurements of a view about a color, with independent noise.
 
-        def product(x: Array, data: list[_Linearized] = data, prior: Array = prior) -> Array:
-            """The curvature times a vector."""
-            x = x.reshape(shape)
-            return np.asarray(
-                (sum(one.curvature(x) for one in data) + D.T @ (prior * (D @ x))).ravel()
+    Parameters
+    ----------
+    residuals, precisions : lists of arrays
+        r, and w for s = 1.
+    of, adjoint : functions
+        Changes of the color (n, 3) → those of the measurements, and the adjoint.
+    touched : list of arrays, optional
+        Coefficients of a file that see the object.
+    """
+
+    residuals: list[Array]
+    precisions: list[Array]
+    of: Callable[[Array], list[Array]]
+    adjoint: Callable[[list[Array]], Array]
+    touched: list[npt.NDArray[np.bool_]] | None = None
+
+    def curvature(self, x: Array, s: float) -> Array:
+        """Jᵀ w J x / s."""
+        pairs = zip(self.precisions, self.of(x), strict=True)
+        return self.adjoint([w / s * y for w, y in pairs])
+
+    def gradient(self, s: float) -> Array:
+        """Jᵀ w r / s."""
+        pairs = zip(self.precisions, self.residuals, strict=True)
+        return self.adjoint([w / s * r for w, r in pairs])
+
+    def noise(self, s: float, rng: np.random.Generator) -> Array:
+        """Jᵀ √(w / s) e."""
+        return self.adjoint([np.sqrt(w / s) * rng.normal(size=w.shape) for w in self.precisions])
+
+    def misfit(self, samples: Sequence[Array]) -> float:
+        """The mean of w (r² + (J x)²), weighted by leverage."""
+        assert self.touched is not None
+        spread = [np.mean(np.square(y), axis=0) for y in zip(*map(self.of, samples), strict=True)]
+        energy, leverage = 0.0, 0.0
+        parts = zip(self.precisions, self.residuals, spread, self.touched, strict=True)
+        for w, r, v, use in parts:
+            count, own, expected = (
+                _over_blocks(values * use) for values in (np.ones_like(w), w * v, w * (r**2 + v))
             )
+            energy += float(np.sum(own * expected / np.maximum(count, 1)))
+            leverage += float(own.sum())
+        return energy / leverage
 
-        gradient = sum(one.gradient for one in data) - D.T @ (prior * (color[i] - color[j]))
-        size = color.size, color.size
-        step, _ = cg(
+
+def compressed_color(
+    state: Explained,
+    equations: NormalEquations,
+    differences: Differences,
+    smooth: GaussianFit,
+    strengths: Array,
+) -> Compressed:
+    """The color from the posterior under independent noise and a Gaussian prior."""
+    solver = _Solver(state, equations, differences, smooth)
+    solver.step(differences.weights(strengths))
+    for _ in range(_ROUNDS[0]):
+        solver.step(differences.weights(strengths))
+        samples = solver.sampled()
+        changes = [differences.matrix @ x for x in samples]
+        of_samples = np.mean([differences.sums(d**2) for d in changes], axis=0)
+        free = strengths * (3 * traces(differences, strengths) - of_samples)
+        square = differences.squares(solver.color)
+        strengths = np.maximum(free, 1) / differences.sums(square)
+    bound = None
+    for _ in range(_ROUNDS[1]):
+        variance = np.mean([(d**2).sum(axis=1) for d in changes], axis=0)
+        own = differences.variances(solver.normal.covariance_band().sum(axis=0))
+        square = differences.squares(solver.color) + own * variance.mean() / own.mean()
+        bound = bound or Bound.of(differences, square, strengths)
+        solver.step(bound.weights(square))
+    samples = solver.sampled()
+    scaled = solver.normal.variances()
+    ratio = np.mean(np.square(samples), axis=0).sum(axis=0) / scaled.sum(axis=0)
+    return Compressed(solver.color, ratio * scaled, solver.misfit)
+
+
+class _Solver:
+    """The color under quadratic priors, and samples of its posterior."""
+
+    def __init__(
+        self,
+        state: Explained,
+        equations: NormalEquations,
+        differences: Differences,
+        smooth: GaussianFit,
+    ) -> None:
+        self.state, self.equations, self.differences = state, equations, differences
+        self.color, self.normal = smooth.normal.mean, smooth.normal
+        self.independent_scale, self.misfit = smooth.noise_scale, 1.0
+        self.rng = np.random.default_rng(0)
+
+    def step(self, weights: Array) -> None:
+        """A step of Gauss and Newton under the prior with weights (m,) of its differences."""
+        band = self.differences.band(weights, self.equations.width)
+        self.normal = posterior(self.equations, self.independent_scale * band)
+        self.weights, D = weights[:, None], self.differences.matrix
+        parts = zip(self.state.views, self.state.blurs, self.state.weights, strict=True)
+        self.data = [linearized(*part, self.color, self.independent_scale) for part in parts]
+        gradient = sum(self._scaled(_Data.gradient)) - D.T @ (self.weights * (D @ self.color))
+        self.color = self.color + self._solved(gradient, _TOLERANCE)
+
+    def sampled(self) -> list[Array]:
+        """Samples of the error of the color; the scale of the noise is estimated again."""
+        samples, D = [], self.differences.matrix
+        for _ in range(_SAMPLES):
+            noise = sum(self._scaled(lambda one, s: one.noise(s, self.rng)))
+            prior = np.sqrt(self.weights) * self.rng.normal(size=(len(self.weights), 3))
+            samples.append(self._solved(noise + D.T @ prior, _TOLERANCE_OF_SAMPLES))
+        misfits = [one.misfit(samples) for one in self.data if one.touched is not None]
+        self.misfit = float(np.mean(misfits))
+        return samples
+
+    def _scaled(self, function: Callable[[_Data, float], Array]) -> Iterable[Array]:
+        """A function of the data of each view and the scale of its noise."""
+        s = max(1.0, self.misfit)
+        return (function(one, 1.0 if one.touched is None else s) for one in self.data)
+
+    def _solved(self, right: Array, tolerance: float) -> Array:
+        """H⁻¹ times a vector (n, 3)."""
+        from scipy.sparse.linalg import LinearOperator, cg
+
+        shape, D = self.color.shape, self.differences.matrix
+
+        def product(x: Array) -> Array:
+            """H x."""
+            x = x.reshape(shape)
+            data = sum(self._scaled(lambda one, s: one.curvature(x, s)))
+            return np.asarray(data + D.T @ (self.weights * (D @ x))).ravel()
+
+        def inverse(x: Array) -> Array:
+            """The covariance under independent noise times a vector."""
+            columns = self.normal.solve(x.reshape(shape).T[..., None])
+            return np.asarray(self.independent_scale * columns[..., 0].T).ravel()
+
+        size = self.color.size, self.color.size
+        solution, _ = cg(
             LinearOperator(size, product, dtype=float),
-            np.asarray(gradient).ravel(),
-            rtol=_TOLERANCE,
+            np.asarray(right).ravel(),
+            rtol=tolerance,
             maxiter=_MAX_PRODUCTS,
             M=LinearOperator(size, inverse, dtype=float),
         )
-        color = color + step.reshape(shape)
-    return color, float(np.mean([one.misfit for one in data]))
+        return np.asarray(solution.reshape(shape))
 
 
-def _linearized(view: View, A: Sparse, weight: Array, color: Array, scale: float) -> _Linearized:
-    """The log likelihood of a view about a color."""
+def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float) -> _Data:
+    """The measurements of a view about a color; `scale` is that of independent noise."""
     if view.stored is not None:
-        return _of_file(view, view.stored, A, color)
-    alpha = np.asarray(A.sum(axis=1)).ravel()
-    gradient = A.T @ (weight * (view.light(alpha) - A @ color)) / scale
-    return _Linearized(
-        np.asarray(gradient), lambda x: np.asarray(A.T @ (weight * (A @ x))) / scale, scale
+        return _of_file(view, view.stored, blur, color)
+    A, alpha = blur
+    return _Data(
+        [view.light(alpha) - A @ color],
+        [np.broadcast_to(weight / scale, (len(weight), 3))],
+        lambda x: [A @ x],
+        lambda y: np.asarray(A.T @ y[0]),
     )
 
 
-def _of_file(view: View, stored: StoredCodes, A: Sparse, color: Array) -> _Linearized:
-    z, shape = stored.coefficients, (*view.pixels.shape, 3)
-    alpha = np.asarray(A.sum(axis=1))
-    through, own = (1 - alpha), A @ color
+def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Data:
+    z, shape, (A, alpha) = stored.coefficients, (*view.pixels.shape, 3), blur
+    through, own = (1 - alpha)[:, None], A @ color
     light = own + through * view.B
     predicted = stored.codes_of(light).reshape(shape)
     with_plate = stored.codes_of(own + through * stored.plate_seen).reshape(shape)
     residual = stored.codes + with_plate - predicted - z.seen(predicted)
     r = z.stored(np.where(view.valid.reshape(shape[:2])[..., None], residual, 0))
     slope = 255 / stored.transfer.slope(np.maximum(light, MODEL_STD))  # codes per light
-    variance = z.variances((slope**2 * view.variance(alpha.ravel())).reshape(shape))
+    variance = z.variances((slope**2 * view.variance(alpha)).reshape(shape))
     streak = np.repeat((alpha > 0).reshape(*shape[:2], 1), 3, axis=-1).astype(float)
-    touched = [one > 0 for one in z.variances(streak)]
-    w = [1 / (q + v) for q, v in zip(z.step_variances, variance, strict=True)]
-    energy = [float((a * b**2)[use].sum()) for a, b, use in zip(w, r, touched, strict=True)]
-    scale = sum(energy) / sum(int(use.sum()) for use in touched)
+    return _Data(
+        r,
+        [1 / (q + v) for q, v in zip(z.step_variances, variance, strict=True)],
+        lambda x: z.of((slope * (A @ x)).reshape(shape)),
+        lambda y: np.asarray(A.T @ (slope * z.adjoint(y).reshape(-1, 3))),
+        [one > 0 for one in z.variances(streak)],
+    )
 
-    def back(values: list[Array]) -> Array:
-        """Weighted coefficients → gradient by the color."""
-        weighted = [a * b / scale for a, b in zip(w, values, strict=True)]
-        return np.asarray(A.T @ (slope * z.adjoint(weighted).reshape(-1, 3)))
 
-    return _Linearized(back(r), lambda x: back(z.of((slope * (A @ x)).reshape(shape))), scale)
+def _over_blocks(coefficients: Array) -> Array:
+    """(8, 8) sums over the blocks of a component."""
+    h, w = coefficients.shape
+    blocks = coefficients.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK)
+    return np.asarray(blocks.sum(axis=(0, 2)))

@@ -10,7 +10,7 @@ The nodes are ordered so that N is banded, and a Cholesky factor costs n b² ope
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -65,6 +65,16 @@ class NormalEquations:
     def size(self) -> int:
         """Number of nodes."""
         return int(self.band.shape[1])
+
+    @property
+    def width(self) -> int:
+        """Bands of N, with the diagonal."""
+        return int(self.band.shape[2])
+
+    def widened(self, width: int) -> "NormalEquations":
+        """The same equations, with bands for a prior that needs so many."""
+        more = max(0, width - self.width)
+        return replace(self, band=np.pad(self.band, ((0, 0), (0, 0), (0, more))))
 
     def misfit(self, normal: "Normal") -> float:
         """Pᵀ W P − bᵀ ô: the least sum of squared residuals and prior, before noise is scaled."""
@@ -134,11 +144,11 @@ class Normal:
 
     def covariance_band(self) -> Array:
         """(3, n, b + 1) the covariances as bands; elements outside are not 0 but not computed."""
-        bands = np.stack([_inverse_band(factor) for factor in self.factors])
+        bands = np.stack([inverse_band(factor) for factor in self.factors])
         return np.repeat(bands, 3 // len(self.factors), axis=0)
 
 
-def _inverse_band(factor: Array) -> Array:
+def inverse_band(factor: Array) -> Array:
     """(n, b + 1) band of S⁻¹ from that of its Cholesky factor L [Takahashi, Fagan & Chen 1973].
 
     In blocks of the band's width S is tridiagonal. With G = L[k + 1, k] L[k, k]⁻¹ the blocks of the
@@ -174,16 +184,18 @@ def _block(factor: Array, top: int, bottom: int, left: int, right: int) -> Array
     return block
 
 
+def cholesky_of(band: Array) -> Array:
+    """The Cholesky factor of a matrix, both bands (n, b + 1); the matrix may be overwritten."""
+    from scipy.linalg import cholesky_banded
+
+    return np.asarray(cholesky_banded(band.T, overwrite_ab=True, lower=True, check_finite=False).T)
+
+
 def posterior(equations: NormalEquations, prior: Array) -> Normal:
     """The posterior under a prior λ Q, a band (n, b + 1)."""
-    from scipy.linalg import cho_solve_banded, cholesky_banded
+    from scipy.linalg import cho_solve_banded
 
-    factors = np.stack(
-        [
-            cholesky_banded((band + prior).T, overwrite_ab=True, lower=True, check_finite=False).T
-            for band in equations.band
-        ]
-    )
+    factors = np.stack([cholesky_of(band + prior) for band in equations.band])
     channels = Normal(np.empty(0), factors).channels()
     pairs = zip(channels, equations.right, strict=True)
     mean = [cho_solve_banded((factor.T, True), b, check_finite=False) for factor, b in pairs]

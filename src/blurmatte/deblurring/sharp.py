@@ -11,15 +11,16 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.deblurring.compressed import compressed_color
+from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import bandwidth
 from blurmatte.deblurring.operator import Poses, blur_operator, blurred, poses_of
 from blurmatte.deblurring.refine import explained, refined
 from blurmatte.deblurring.residual_correlation import color_variance_inflation
 from blurmatte.deblurring.revise import revised
+from blurmatte.deblurring.sparse_prior import fit_smooth, fit_sparse
 from blurmatte.deblurring.sphere import MAX_NODES, Sphere
 from blurmatte.deblurring.spin import Spin
-from blurmatte.deblurring.total_variation import fit_total_variation
 from blurmatte.deblurring.view import View
 from blurmatte.errors import BlurmatteWarning, MotionError
 from blurmatte.layer import Layer
@@ -180,8 +181,8 @@ def deblur(
         Refine path, shape and spin by the evidence of the light; a sweep that it contradicts is
         replaced.
     spin : Spin, optional
-        How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it,
-        and noise counts as independent, that of a JPEG file too. Without a spin, a ball shows one side.
+        How a ball turns in one picture: `fit_spin`. The path is then the one that was refined with it.
+        Without a spin, a ball shows one side.
 
     Returns
     -------
@@ -241,12 +242,18 @@ def _refined_with(spin: Spin, sweeps: Sequence[Sweep]) -> Sweep:
 def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
     lattice = _affordable(views)
     state = refined(views, lattice) if refine else explained(views, lattice)
-    fit = fit_total_variation(state.equations, lattice, state.fit)
-    inflation = color_variance_inflation(state, fit)
-    color, misfit = fit.normal.mean, fit.noise_scale
-    if isinstance(lattice, Lattice) and any(view.stored is not None for view in views):
-        color, misfit = compressed_color(state, lattice, fit)
-    std = np.sqrt(inflation * fit.noise_scale * fit.normal.variances())
+    differences = Differences.of(lattice)
+    equations = state.equations.widened(differences.width)
+    smooth, strengths = fit_smooth(equations, differences, state.fit)
+    inflation = color_variance_inflation(state, smooth)
+    if any(view.stored is not None for view in views):
+        found = compressed_color(state, equations, differences, smooth, strengths)
+        color, variances, misfit = found
+    else:
+        fit = fit_sparse(equations, differences, smooth, strengths)
+        color, misfit = fit.normal.mean, fit.noise_scale
+        variances = inflation * misfit * fit.normal.variances()
+    std = np.sqrt(variances)
     sweeps = tuple(
         replace(view.sweep, covariance=inflation * view.sweep.covariance) for view in state.views
     )
