@@ -40,8 +40,9 @@ class RevisionSettings:
     scales: tuple[float, ...] = (1.0, 0.7, 1.4)  # of paths to start from
     far: float = 0.1  # change of the path, of the radius, from which other starts are tried
     held_std_px: float = 1e-3  # of parameters that are held
-    # Of the covariance in coarse pictures: blocks blur edges, and the same light counts again
-    prior_inflation: float = 100.0
+    # Share of the information of coarse pictures that the prior of the last refinement keeps. Their
+    # light determines the motion again, so this is the share that counts twice.
+    kept_information: float = 0.01
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +115,7 @@ def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
         best = _refined([coarse, fine], starts)
     if best.log_evidence < start.fit.log_evidence + DECISIVE_LOG_BAYES_FACTOR:
         return sweep
-    wider = np.full(len(best.sweep.covariance), np.sqrt(RevisionSettings.prior_inflation))
+    wider = np.full(len(best.sweep.covariance), RevisionSettings.kept_information**-0.5)
     for k in held:
         wider[k] = np.sqrt(sweep.covariance[k, k] / best.sweep.covariance[k, k])
     return replace(
