@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import blurmatte as bm
+from blurmatte.calibration import with_noise
 
 SIZE = (64, 48)
 
@@ -49,3 +50,17 @@ def test_no_error_is_stated_without_quantizers(tmp_path):
     for k in range(3):
         bm.write(tmp_path / f"p{k}.png", bm.LinearImage(np.full((48, 64, 3), 0.3, np.float32)))
     assert bm.read_frames(tmp_path / "p#.png").coding_errors() is None
+
+
+def test_a_frame_has_the_noise_of_moving_blocks(tmp_path):
+    # exact: beside that which is measured; in a part of the frame as in the whole
+    frames = clip(tmp_path / "clip.mp4", "libx264", {"x264-params": "qp=28"})
+    plate = bm.LinearImage(frames[0].rgb, bm.NoiseModel())
+    noisy, _ = with_noise(frames[1], plate)
+    moving, light = frames.coding_errors().moving, plate.rgb
+    coding = np.stack([moving.variance(light[..., c], c) for c in range(3)], axis=-1)
+    measured, _ = bm.fit_noise(frames[1], plate)
+    np.testing.assert_allclose(noisy.noise, measured.variance(light) + coding, rtol=1e-5)
+    box = 16, 8, 56, 40
+    part = frames[1].crop(box).meta.coding.variance(light[8:40, 16:56])
+    np.testing.assert_array_equal(part, coding[8:40, 16:56].astype(np.float32))

@@ -177,13 +177,25 @@ def _fine_structure(x: Floats) -> Floats:
 
 
 def with_noise(image: LinearImage, plate: LinearImage) -> tuple[LinearImage, LinearImage]:
-    """Image and plate with known noise; unknown noise is measured by `fit_noise`."""
+    """Image and plate with known noise; unknown noise is measured by `fit_noise`.
+
+    Where nothing moves, frames of a clip repeat errors of the codec. Where something does, a frame has
+    its own, which no difference shows: they are in its noise as well, at the light of the plate, since
+    the errors of its own light would be in its weights.
+    """
     check_picture("image", image)
     check_picture("plate", plate)
     if image.noise is not None and plate.noise is not None:
         return image, plate
     of_image, of_plate = fit_noise(image, plate)
     return (
-        image if image.noise is not None else image.with_noise(of_image),
+        image if image.noise is not None else _with_coding(image, of_image, plate),
         plate if plate.noise is not None else plate.with_noise(of_plate),
     )
+
+
+def _with_coding(image: LinearImage, noise: NoiseModel, plate: LinearImage) -> LinearImage:
+    """The image with its noise and, if it is a frame of a clip, with the errors of moving blocks."""
+    coding = image.meta.coding
+    error = None if coding is None else coding.variance(plate.rgb)
+    return image.with_noise(noise if error is None else noise.variance(plate.rgb) + error)

@@ -5,8 +5,9 @@ by the matrix and range of the stream; here R'G'B' becomes light with the primar
 """
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +34,7 @@ from blurmatte.radiometry.coded import CodedFrame
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
+from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
 
 _ALPHA_DECODERS = {"vp8": "libvpx", "vp9": "libvpx-vp9"}  # FFmpeg's own decode no alpha
 MAX_CHROMA_SHIFT_PX = 0.65  # of a saturated disc, measured: its luma counts less than its chroma
@@ -126,14 +128,21 @@ def _decoder_with_alpha(path: Path, stream: Any) -> str:
     return name
 
 
-def decode_frames(clip: Clip, numbers: range) -> Iterator[LinearImage]:
+def decode_frames(
+    clip: Clip, numbers: range, coding_errors: Callable[..., CodingErrors | None] | None = None
+) -> Iterator[LinearImage]:
     """The frames of these numbers, in order, decoded one at a time.
+
+    Their errors by the codec are `coding_errors(clip, numbers)`, if it is given.
 
     Raises FileError if the clip is damaged or its frames differ in size, as do all decoders here.
     """
     table = _table(clip)
     for number, frame in _decoded(clip, numbers):
-        yield _light(clip, table, _codes(clip, frame), number, clip.timing.of(frame))
+        coding = None
+        if coding_errors is not None:
+            coding = FrameCoding(partial(coding_errors, clip, (number,)))
+        yield _light(clip, table, _codes(clip, frame), number, clip.timing.of(frame), coding)
 
 
 def _light(
@@ -142,12 +151,13 @@ def _light(
     codes: npt.NDArray[Any],
     number: int,
     time: float | None,
+    coding: FrameCoding | None = None,
 ) -> LinearImage:
     """Linear light of some of the code values of a frame."""
     light = to_srgb_primaries(table.take(codes), clip.encoding)
     when = f" ({time:.2f} s)" if time is not None else ""
     name = f"{clip.path.name} frame {number}{when}"
-    meta = Meta(name, clip.encoding.curves[0], 2**clip.bits, time=time)
+    meta = Meta(name, clip.encoding.curves[0], 2**clip.bits, time=time, coding=coding)
     return LinearImage(light, valid=_unclipped(clip, codes), meta=meta)
 
 

@@ -42,6 +42,8 @@ Frame = TypeVar("Frame", LinearImage, Layer)
 Codes = npt.NDArray[np.uint8]
 Thing = Layer | LinearImage | Codes
 
+_decode_pictures = partial(decode_frames, coding_errors=coding_errors)
+
 _CLIP_WRITERS: dict[str, Callable[[Path, Iterable[Thing], float], None]] = {
     ".mov": save_prores,
     ".mp4": save_h264,
@@ -118,7 +120,7 @@ class Frames(Sequence[Frame]):
         if self.clip is None or not self.numbers:
             return self
         clip = sited_by(self.clip, plate, self.numbers[0])
-        return replace(self, clip=clip, load=partial(decode_frames, clip))
+        return replace(self, clip=clip, load=partial(_decode_pictures, clip))
 
     @property
     def frame_numbers(self) -> Sequence[int]:
@@ -217,7 +219,7 @@ def read_frames(
     TransferWarning
         If the curve is not stated: clips are taken as Rec. 709, pictures as sRGB.
     """
-    return _frames(source_paths(source), transfer, max_pixels, read, decode_frames)
+    return _frames(source_paths(source), transfer, max_pixels, read, _decode_pictures)
 
 
 def read_layers(

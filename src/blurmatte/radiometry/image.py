@@ -20,6 +20,7 @@ from blurmatte.radiometry.color_space import Matrix3, light_in_srgb
 from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.noise_model import NoiseModel
 from blurmatte.radiometry.transfer import LINEAR, Transfer
+from blurmatte.radiometry.transform_coding import FrameCoding
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,8 @@ class Meta:
         Presentation time in a clip, seconds.
     compression : Compression or None
         The file's JPEG compression; None if it has none or is unknown.
+    coding : FrameCoding or None
+        Errors of a frame of a clip by the quantizers of its codec; None if it is none.
     """
 
     source: str = ""
@@ -71,6 +74,7 @@ class Meta:
     to_srgb: Matrix3 | None = field(default=None, repr=False)
     time: float | None = None
     compression: Compression | None = field(default=None, repr=False)
+    coding: FrameCoding | None = field(default=None, repr=False, compare=False)
 
     @property
     def sharing(self) -> Compression | None:
@@ -188,6 +192,8 @@ class LinearImage:
         meta = self.meta
         if meta.compression is not None:
             meta = replace(meta, compression=meta.compression.cropped(x0, y0))
+        if meta.coding is not None:
+            meta = replace(meta, coding=meta.coding.cropped(x0, y0))
         return LinearImage(self.rgb[place], noise, self.valid[place], meta)
 
     def with_noise(self, noise: NoiseModel | Floats) -> "LinearImage":

@@ -14,8 +14,8 @@ where they are coded as zero (reverse water-filling; Berger, *Rate Distortion Th
 decoded picture shows E l², and so D.
 """
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
@@ -84,6 +84,36 @@ class CodingErrors:
 
     still: CodingError
     moving: CodingError
+
+
+@dataclass(frozen=True, eq=False)
+class FrameCoding:
+    """Errors of one frame of a clip, found when they are first asked for, or of a part of it.
+
+    Parameters
+    ----------
+    errors : callable
+        The errors; None if they are not known.
+    origin : (x, y)
+        Position of the first pixel in the frame.
+    """
+
+    errors: Callable[[], CodingErrors | None]
+    origin: tuple[int, int] = (0, 0)
+
+    def cropped(self, x: int, y: int) -> "FrameCoding":
+        """Errors of the part from pixel (x, y)."""
+        return replace(self, origin=(self.origin[0] + x, self.origin[1] + y))
+
+    def variance(self, light: Floats) -> Floats | None:
+        """(H, W, 3) variance of moving blocks at each light, light²; None if not known."""
+        errors = self.errors()
+        if errors is None:
+            return None
+        variance, (x, y) = np.empty(light.shape, np.float32), self.origin
+        for c in range(3):
+            variance[..., c] = errors.moving.variance(light[..., c], c, y, x)
+        return variance
 
 
 def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array:

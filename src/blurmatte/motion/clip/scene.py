@@ -84,7 +84,9 @@ class StaticScene:
         if hidden is not None:
             check_map("occluder", hidden, plate.valid.shape, kinds="b")
             plate = replace(plate, valid=plate.valid & ~hidden)
-        first, plate = with_noise(frames[0], plate)
+        first = frames[0]
+        first = replace(first, meta=replace(first.meta, coding=None))  # crops have it by `coding`
+        first, plate = with_noise(first, plate)
         samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
