@@ -4,7 +4,7 @@ Phase correlation (Kuglin & Hines 1975) finds the integer shift of a tile, three
 Kanade (1981) the fraction. The median over the tiles that determine a shift tolerates moving objects.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -29,23 +29,22 @@ class CameraMotionSettings:
 
 
 def check_static_camera(
-    light: Sequence[Floats], gain: Floats, variance: float, names: Sequence[str]
+    gray_of: Callable[[int], Floats], variance: float, names: Sequence[str]
 ) -> None:
     """Raise PlateError, naming frames and shift, if most of the picture moves between frames.
 
-    light: (H, W, 3) each.
-    gain (K, 3): of each frame.
+    gray_of: mean (H, W) of the channels of a frame, from its number on, at a common exposure.
     variance: of the noise of a frame, averaged over the channels, light².
     names: of the frames, for the error.
     """
-    middle = len(light) // 2
-    others = np.unique(np.linspace(0, len(light) - 1, CameraMotionSettings.frames).astype(int))
+    middle = len(names) // 2
+    others = np.unique(np.linspace(0, len(names) - 1, CameraMotionSettings.frames).astype(int))
     worst, at = 0.0, middle
-    a = (light[middle] / gain[middle]).mean(axis=-1, dtype=np.float32)
-    for k in others[others != middle]:
-        b = (light[k] / gain[k]).mean(axis=-1, dtype=np.float32)
+    a = gray_of(middle)
+    for k in map(int, others[others != middle]):
+        b = gray_of(k)
         if (moved := _moved(a, b, variance)) > worst:
-            worst, at = moved, int(k)
+            worst, at = moved, k
     if worst > 0:
         raise PlateError(
             f"the camera moved: by {worst:.1f} pixels between {names[at]} and {names[middle]}; "

@@ -114,9 +114,9 @@ def _made(frames: Iterable[LinearImage], against_scene: bool) -> PlateFit:
             "frames can be iterated only once, but are read twice; give read_frames(...) or a list"
         )
     samples = take_samples(frames)
-    light = float(np.median(samples.light[len(samples.light) // 2]))
+    light = float(np.median(samples.few[len(samples.few) // 2]))
     variance = float(samples.noise.variance(np.full(3, light)).sum()) / 9
-    check_static_camera(samples.light, samples.gain, variance, samples.names)
+    check_static_camera(samples.gray, variance, samples.names)
     if samples.are_all:
         return _of_samples(samples, against_scene)
     rows, count = slice(0, samples.light.size[1]), samples.count
@@ -134,7 +134,7 @@ def _of_samples(samples: Samples, against_scene: bool) -> PlateFit:
     restless = find_restlessness(samples)
     gains = gains_of_samples(samples, restless)
     coding = samples.coding if against_scene else None
-    file = _FileError(next(samples.light.bands(slice(0, 1))).meta, coding)
+    file = _FileError(samples.light.rows(0, slice(0, 1)).meta, coding)
     light, noise = np.empty((2, height, width, 3), np.float32)
     shared = None if file.coding is None else np.empty_like(light)
     valid, coverage = np.empty((height, width), bool), np.empty((height, width), np.float32)
@@ -191,11 +191,11 @@ def _estimates(sums: Sums, modes: Modes, file: _FileError, first_row: int = 0) -
     known &= free >= max(settings.min_free_fraction * count, settings.min_free_frames)
     valid = known & (clipped <= settings.max_clipped_fraction * free)
     rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
-    noise = np.empty_like(modes.light)
+    noise, windows = np.empty_like(modes.light), _Windows.of(sums, known)
     shared = None if file.coding is None else np.empty_like(modes.light)
     for c in range(3):  # one at a time saves memory
         usual, rounding = modes.variance[..., c], file.rounding(rgb[..., c])
-        noise[..., c], scatter = _variance(sums, c, known, usual, rounding)
+        noise[..., c], scatter = _variance(sums, c, windows, usual, rounding)
         if file.coding is not None and shared is not None:
             coding = file.coding.variance(rgb[..., c], c, first_row)
             shared[..., c] = coding * _kept_rounding(scatter / np.maximum(coding, 1e-14))
@@ -203,8 +203,52 @@ def _estimates(sums: Sums, modes: Modes, file: _FileError, first_row: int = 0) -
     return rgb.astype(np.float32), noise, valid, coverage, shared
 
 
+@dataclass(frozen=True, eq=False)
+class _Windows:
+    """Windows over which the variances of all channels are averaged."""
+
+    n: Floats  # (H, W) number of free frames, at least 2
+    usable: Bools  # (H, W) where batches determine a variance
+    own: "_Window"  # of the variance of one frame
+    batches: "_Window"  # of the correlation in time
+
+    @classmethod
+    def of(cls, sums: Sums, known: Bools) -> "_Windows":
+        """Those of known pixels."""
+        settings, n = PlateSettings, np.maximum(sums.counts[..., 1], 2).astype(float)
+        usable = known & (n**2 > 1.5 * sums.batch_counts)
+        own = _Window.of((n - 1) * known, settings.variance_window_px)
+        return cls(n, usable, own, _Window.of(1.0 * usable, settings.correlation_window_px))
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """Weighted means over the square window of each pixel."""
+
+    weight: Floats  # (H, W)
+    total: Floats  # (H, W) its mean
+    side: int  # pixels
+
+    @classmethod
+    def of(cls, weight: Floats, side: int) -> "_Window":
+        """That of a weight."""
+        return cls(weight, np.maximum(_box_mean(weight, side), 1e-6), side)
+
+    def mean(self, values: Floats) -> Floats:
+        """(H, W) of values."""
+        return np.asarray(_box_mean(values * self.weight, self.side) / self.total)
+
+
+def _box_mean(values: Floats, side: int) -> Floats:
+    from scipy.ndimage import uniform_filter
+
+    return np.maximum(
+        uniform_filter(values, side), 0
+    )  # its running sums do not return to exactly 0
+
+
 def _variance(
-    sums: Sums, c: int, known: Bools, usual: Floats, rounding: Floats
+    sums: Sums, c: int, windows: _Windows, usual: Floats, rounding: Floats
 ) -> tuple[Floats, Floats]:
     """(H, W) variance of a channel of B, and the mean v around each pixel.
 
@@ -217,31 +261,18 @@ def _variance(
 
     Eight batches determine that poorly for one pixel, hence its average over a window.
     """
-    n = np.maximum(sums.counts[..., 1], 2).astype(float)
+    n = windows.n
     delta, q = sums.total[..., c] / n, sums.batch_counts
     v = np.maximum(sums.squares[..., c] - n * delta**2, 0) / (n - 1)
     weight = PlateSettings.variance_window_frames
-    local = usual * _window_mean(v / usual, (n - 1) * known, PlateSettings.variance_window_px)
+    local = usual * windows.own.mean(v / usual)
     v = ((n - 1) * v + weight * local) / (n - 1 + weight)
-    usable = known & (n**2 > 1.5 * q)
     scatter = sums.batch_squares[..., c] - 2 * delta * sums.batch_products[..., c] + delta**2 * q
-    scatter = np.where(usable, scatter / np.maximum(n**2 - q, 1), 0)
-    white, of_batches = (
-        _window_mean(a * n / usual, 1.0 * usable, PlateSettings.correlation_window_px)
-        for a in (v / n, scatter)
-    )
+    scatter = np.where(windows.usable, scatter / np.maximum(n**2 - q, 1), 0)
+    white, of_batches = (windows.batches.mean(a * n / usual) for a in (v / n, scatter))
     inflation = np.maximum(of_batches / np.maximum(white, 1e-14), 1)
     kept = _kept_rounding(local / np.maximum(rounding, 1e-14))
     return np.asarray(v * inflation / n + rounding * kept + 1e-14), local
-
-
-def _window_mean(values: Floats, weight: Floats, side: int) -> Floats:
-    """(H, W) weighted mean over the square window of each pixel."""
-    from scipy.ndimage import uniform_filter
-
-    weighted, total = (uniform_filter(a, side) for a in (values * weight, weight))
-    # Its running sums do not return to exactly 0.
-    return np.asarray(np.maximum(weighted, 0) / np.maximum(total, 1e-6))
 
 
 def _kept_rounding(scatter: Floats) -> Floats:

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.background.samples import Samples, fit_gain, gain_grid, size_error
+from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, size_error
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage
 
@@ -124,8 +124,8 @@ def _flat(samples: Samples, rows: slice) -> Floats:
     """(frames, pixels, 3) light of some rows, at a common exposure."""
     gain = samples.gain.astype(np.float32)
     flat = np.empty((len(gain), (rows.stop - rows.start) * samples.light.size[0], 3), np.float32)
-    for to, band, g in zip(flat, samples.light.bands(rows), gain, strict=True):
-        np.divide(band.rgb.reshape(-1, 3), g, out=to)
+    for k, (to, g) in enumerate(zip(flat, gain, strict=True)):
+        samples.light.write(k, rows, g, to.reshape(-1, samples.light.size[0], 3))
     return flat
 
 
@@ -173,7 +173,10 @@ class Sums:
 
 
 def sum_frames(
-    frames: Iterable[LinearImage], modes: Modes, count: int, gains: Sequence[Floats] | None = None
+    frames: Iterable[LinearImage | Band],
+    modes: Modes,
+    count: int,
+    gains: Sequence[Floats] | None = None,
 ) -> Sums:
     """Sum all frames, of expected number `count`; their gains are found if not given.
 
@@ -184,7 +187,7 @@ def sum_frames(
     length = max(1, -(-count // MeanSettings.batches))
     with ThreadPoolExecutor(cpu_count() or 1) as pool:
         for number, frame in enumerate(_prefetched(frames)):
-            if frame.rgb.shape != modes.light.shape:
+            if isinstance(frame, LinearImage) and frame.rgb.shape != modes.light.shape:
                 raise ValueError(size_error(frame, number, modes.near.shape[::-1]))
             gain = None if gains is None else gains[number]
             if gain is None:
@@ -197,7 +200,7 @@ def sum_frames(
     return sums
 
 
-def _prefetched(frames: Iterable[LinearImage]) -> Iterator[LinearImage]:
+def _prefetched(frames: Iterable[LinearImage | Band]) -> Iterator[LinearImage | Band]:
     """The same frames; a thread reads the next one while the last is in use."""
     source = iter(frames)
     with ThreadPoolExecutor(1) as reader:
@@ -217,7 +220,7 @@ def _gain_pixels(modes: Modes) -> tuple[Floats, Floats, tuple[npt.NDArray[np.int
 
 
 def _add(
-    sums: Sums, frame: LinearImage, modes: Modes, precision: Floats, pool: ThreadPoolExecutor
+    sums: Sums, frame: LinearImage | Band, modes: Modes, precision: Floats, pool: ThreadPoolExecutor
 ) -> None:
     """Add a frame at the pixels that agree with the mode and are not in the rim of a moving object."""
     from blurmatte.background import robust_mean_kernel as kernel

@@ -22,6 +22,24 @@ _CLOSE = np.float32(4)  # D of the densest samples: slowly moving light has fewe
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
+@njit(**_COMPILED)
+def look_up(codes, tables, out):  # type: ignore[no-untyped-def]
+    """Write the light (h, w, 3) of codes from tables (3, n), one of each channel."""
+    for y in range(codes.shape[0]):
+        for x in range(codes.shape[1]):
+            for c in range(3):
+                out[y, x, c] = tables[c, codes[y, x, c]]
+
+
+@njit(**_COMPILED)
+def find_unclipped(codes, white, valid):  # type: ignore[no-untyped-def]
+    """Write where all channels of codes (h, w, 3) are below white."""
+    for y in range(codes.shape[0]):
+        for x in range(codes.shape[1]):
+            below = codes[y, x, 0] < white and codes[y, x, 1] < white
+            valid[y, x] = below and codes[y, x, 2] < white
+
+
 @njit(inline="always", **_COMPILED)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
     x = max(light, _ZERO)

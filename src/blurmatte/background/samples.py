@@ -8,13 +8,12 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice, pairwise
-from typing import overload
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.calibration import fit_noise
-from blurmatte.checks import Box, Floats
+from blurmatte.checks import Bools, Box, Floats
 from blurmatte.errors import PlateError
 from blurmatte.radiometry import (
     CodedFrame,
@@ -24,7 +23,7 @@ from blurmatte.radiometry import (
     check_picture,
     rounding_noise,
 )
-from blurmatte.radiometry.coded import CodedSequence
+from blurmatte.radiometry.coded import CodedSequence, RgbCodes
 from blurmatte.statistics import MAD_TO_STD
 
 
@@ -36,10 +35,11 @@ class SampleSettings:
     max_samples: int = 64
     max_bytes: float = 1.0e9  # of all samples that are pictures, at 6 bytes a pixel
     min_coded: int = 16  # samples of a clip, whose code values are kept
-    max_coded_bytes: float = 2.0e8  # of them
+    max_coded_bytes: float = 1.5e8  # of them
     noise_pixels: float = 1e5  # of a frame
     noise_pairs: int = 3  # of frames, of which the median noise is taken
     gain_pixels: float = 1e4  # of a frame
+    strip_rows: int = 64  # whose light is in memory at a time
     min_gain: float = 1e-3  # of a black frame
     min_brightness: float = 0.05  # of the maximum, for ratios of light
     max_residual_std: float = 4.0  # of pixels that determine the gain
@@ -54,32 +54,60 @@ LightOf = Callable[[Box, int], LinearImage]
 
 
 @dataclass(frozen=True, eq=False)
-class SampledLight(Sequence[Floats]):
+class Band:
+    """Some rows of a sample: light (h, W, 3) float32, and valid (h, W) pixels."""
+
+    rgb: Floats
+    valid: Bools
+
+
+@dataclass(frozen=True, eq=False)
+class SampledLight:
     """Light of each sample: (H, W, 3) float32, as read, gain included."""
 
     parts: list[LightOf]  # light of a box of each
     size: tuple[int, int]  # (width, height)
     exact: bool  # whether it is the light of the frame, and not rounded to half precision
+    codes: list[RgbCodes]  # of each, or none
 
     def __len__(self) -> int:
         return len(self.parts)
 
-    @overload
-    def __getitem__(self, k: int) -> Floats: ...
-    @overload
-    def __getitem__(self, k: slice) -> list[Floats]: ...
-    def __getitem__(self, k: int | slice) -> Floats | list[Floats]:
-        if isinstance(k, slice):
-            return [self[one] for one in range(len(self))[k]]
-        return self.whole(k).rgb
+    def rows(self, k: int, rows: slice) -> LinearImage:
+        """Some rows of a sample."""
+        start, stop, step = rows.indices(self.size[1])
+        if not self.codes:
+            whole = self.parts[k]((0, start, self.size[0], stop), 1)
+            return LinearImage(whole.rgb[::step], valid=whole.valid[::step], meta=whole.meta)
+        band = self._decoded(k, rows)
+        meta = self.parts[k]((0, start, 1, start + 1), 1).meta
+        return LinearImage(band.rgb, valid=band.valid, meta=meta)
 
-    def whole(self, k: int) -> LinearImage:
-        """A sample."""
-        return self.parts[k]((0, 0, *self.size), 1)
-
-    def bands(self, rows: slice) -> Iterator[LinearImage]:
+    def bands(self, rows: slice) -> Iterator[LinearImage | Band]:
         """Some rows of each sample."""
-        return (part((0, rows.start, self.size[0], rows.stop), 1) for part in self.parts)
+        for k in range(len(self)):
+            yield self._decoded(k, rows) if self.codes else self.rows(k, rows)
+
+    def write(self, k: int, rows: slice, gain: Floats, out: Floats) -> None:
+        """Write some rows (h, W, 3) of a sample over its gain (3,)."""
+        if not self.codes:
+            np.divide(self.rows(k, rows).rgb, gain, out=out)
+            return
+        from blurmatte.background import robust_mean_kernel as kernel
+
+        one = self.codes[k]
+        codes = np.ascontiguousarray(one.codes[rows])
+        kernel.look_up(codes, one.table / gain[:, None], out)
+
+    def _decoded(self, k: int, rows: slice) -> Band:
+        """Some rows of a sample of codes."""
+        from blurmatte.background import robust_mean_kernel as kernel
+
+        codes = np.ascontiguousarray(self.codes[k].codes[rows])
+        band = Band(np.empty(codes.shape, np.float32), np.empty(codes.shape[:2], bool))
+        self.write(k, rows, np.ones(3, np.float32), band.rgb)
+        kernel.find_unclipped(codes, self.codes[k].white, band.valid)
+        return band
 
 
 @dataclass(frozen=True, eq=False)
@@ -93,6 +121,17 @@ class Samples:
     names: Sequence[str]  # of the frames, for errors
     count: int  # number of frames of the clip
     coding: CodingError | None  # that all frames share
+
+    def gray(self, k: int) -> Floats:
+        """(H, W) mean of the channels of a sample, at a common exposure."""
+        width, height = self.light.size
+        gray, gain = np.empty((height, width), np.float32), self.gain[k].astype(np.float32)
+        for start in range(0, height, SampleSettings.strip_rows):
+            rows = slice(start, min(start + SampleSettings.strip_rows, height))
+            strip = np.empty((rows.stop - start, width, 3), np.float32)
+            self.light.write(k, rows, gain, strip)
+            gray[rows] = (strip[..., 0] + strip[..., 1] + strip[..., 2]) / np.float32(3)
+        return gray
 
     @property
     def are_all(self) -> bool:
@@ -113,7 +152,8 @@ def take_samples(frames: Iterable[LinearImage]) -> Samples:
     small = np.array(few)
     _check_no_cut(small, names)
     if light.exact:
-        rows = {k: _noise_rows(light.whole(k)) for pair in _pairs(len(light)) for k in pair}
+        every = slice(None, None, _noise_step(light.size[0] * light.size[1]))
+        rows = {k: light.rows(k, every) for pair in _pairs(len(light)) for k in pair}
     noise = _noise([(rows[i], rows[k]) for i, k in _pairs(len(light))])
     gain = _gains(small, noise)
     _check_drift(gain, names)
@@ -173,17 +213,19 @@ def _equally_spaced(
     frames: Iterable[LinearImage], count: int
 ) -> tuple[SampledLight, dict[int, LinearImage], list[str], list[Floats]]:
     """Frames at equal distances; some rows of each that is rounded; names; light of a few pixels."""
-    light, names, few = SampledLight([], (1, 1), False), list[str](), list[Floats]()
+    light, names, few = SampledLight([], (1, 1), False, []), list[str](), list[Floats]()
     rows = dict[int, LinearImage]()
     for number, frame in _samples(frames, count):
         if not isinstance(frame, CodedFrame):
             check_picture(f"frame {number}" if names else "the first frame", frame)
         if not names:
-            light = SampledLight([], frame.size, isinstance(frame, CodedFrame))
+            light = SampledLight([], frame.size, isinstance(frame, CodedFrame), [])
         grid = gain_grid(frame.size[::-1])
         if isinstance(frame, CodedFrame):
             image = frame.light((grid[1].start, grid[0].start, *frame.size), grid[0].step)
             light.parts.append(frame.light_of)
+            if frame.rgb_codes is not None:
+                light.codes.append(frame.rgb_codes())
         else:
             if frame.size != light.size:
                 raise ValueError(size_error(frame, number, light.size))
@@ -237,8 +279,13 @@ def _every(frames: Iterable[LinearImage], start: int, step: int) -> Iterator[Lin
 
 def _noise_rows(frame: LinearImage) -> LinearImage:
     """Rows that suffice to measure noise."""
-    rows = slice(None, None, max(1, round(frame.valid.size / SampleSettings.noise_pixels)))
+    rows = slice(None, None, _noise_step(frame.valid.size))
     return LinearImage(frame.rgb[rows].copy(), valid=frame.valid[rows].copy(), meta=frame.meta)
+
+
+def _noise_step(pixels: int) -> int:
+    """Distance of these rows."""
+    return max(1, round(pixels / SampleSettings.noise_pixels))
 
 
 def _pairs(count: int) -> list[tuple[int, int]]:

@@ -30,7 +30,7 @@ from blurmatte.files.errors import check_size
 from blurmatte.files.icc import Matrix, Profile
 from blurmatte.files.primaries import CICP_PRIMARIES, matrix_to_srgb
 from blurmatte.layer import Layer
-from blurmatte.radiometry.coded import CodedFrame
+from blurmatte.radiometry.coded import CodedFrame, RgbCodes
 from blurmatte.radiometry.color_space import LUMA_WEIGHTS, LUMA_WEIGHTS_709
 from blurmatte.radiometry.image import LinearImage, Meta
 from blurmatte.radiometry.transfer import REC709, Transfer
@@ -247,7 +247,9 @@ def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) 
         np.ascontiguousarray(clip.orientation.upright(plane)) for plane in planes_of(same)
     )
     light_of = _LightOf(clip, table, number, time, frame)
-    return CodedFrame(number, time, (luma, blue, red), zero_of(same), 1.0, light_of, size)
+    rgb_codes = light_of.rgb_codes if clip.encoding.matrix is None else None
+    planes = luma, blue, red
+    return CodedFrame(number, time, planes, zero_of(same), 1.0, light_of, size, rgb_codes)
 
 
 class _LightOf:
@@ -265,11 +267,15 @@ class _LightOf:
         self.frame, self.codes = frame, np.empty((0, 0, 3), np.uint8)
 
     def __call__(self, box: Box, every: int) -> LinearImage:
+        x0, y0, x1, y1 = box
+        part = self.rgb_codes().codes[y0:y1:every, x0:x1:every]
+        return _light(self.clip, self.table, part, self.number, self.time)
+
+    def rgb_codes(self) -> RgbCodes:
+        """The code values of the frame, which are kept."""
         if self.frame is not None:
             self.codes, self.frame = _codes(self.clip, self.frame), None
-        x0, y0, x1, y1 = box
-        part = self.codes[y0:y1:every, x0:x1:every]
-        return _light(self.clip, self.table, part, self.number, self.time)
+        return RgbCodes(self.codes, self.table, _clipped_from(self.clip))
 
 
 def _is_planar(frame: Any) -> bool:
@@ -394,9 +400,14 @@ def _usual_matrix(frame: Any) -> int:
 
 def _unclipped(clip: Clip, codes: npt.NDArray[Any]) -> Bools:
     """(H, W) True where no channel is white."""
-    white = clip.white - (clip.white >> (clip.bits + 1))  # less half a step of the file's bits
+    white = _clipped_from(clip)
     red, green, blue = (codes[..., c] < white for c in range(3))
     return np.asarray(red & green & blue)
+
+
+def _clipped_from(clip: Clip) -> int:
+    """The least code value of white."""
+    return clip.white - (clip.white >> (clip.bits + 1))  # less half a step of the file's bits
 
 
 def _curve(path: Path, frame: Any, transfer: Transfer | None, stacklevel: int) -> Transfer:

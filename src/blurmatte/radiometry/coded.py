@@ -19,6 +19,24 @@ Planes = tuple[npt.NDArray[np.generic], npt.NDArray[np.generic], npt.NDArray[np.
 
 
 @dataclass(frozen=True, eq=False)
+class RgbCodes:
+    """R'G'B' code values of a frame, and the light of each value.
+
+    Parameters
+    ----------
+    codes : (H, W, 3) uint8 or uint16
+    table : (n,) float32
+        Linear light of each code value, the same for all channels.
+    white : int
+        Pixels with a channel of this value or more are clipped.
+    """
+
+    codes: npt.NDArray[np.unsignedinteger]
+    table: npt.NDArray[np.float32]
+    white: int
+
+
+@dataclass(frozen=True, eq=False)
 class CodedFrame:
     """Code values of one frame."""
 
@@ -33,6 +51,8 @@ class CodedFrame:
     light_of: Callable[[Box, int], LinearImage] = field(repr=False)
     # For each pixel, that `light_of` keeps once it was called; 0 if it keeps pictures of light
     light_bytes: int = 0
+    # What `light_of` keeps; None if light does not follow from single code values
+    rgb_codes: Callable[[], RgbCodes] | None = field(default=None, repr=False)
 
     @property
     def size(self) -> tuple[int, int]:
