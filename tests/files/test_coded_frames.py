@@ -37,10 +37,19 @@ def test_light_of_a_box_is_that_of_the_decoded_frame(frames, which):
 def test_frames_in_any_order_are_those_in_order(frames):
     """Invariant: a clip that stays open gives the frames of one that is opened anew."""
     planes = [frame.planes[0].copy() for frame in frames.coded(slice(None))]
-    for k in (3, 4, 50, 20, 20, 59, 0):
-        (frame,) = frames.coded(slice(k, k + 1))
-        assert frame.number == k
-        assert np.array_equal(frame.planes[0], planes[k])
+    for which in (*(slice(k, k + 1) for k in (3, 4, 50, 20, 20, 59, 0)), slice(5, None, 9)):
+        read = list(frames.coded(which))
+        assert [frame.number for frame in read] == list(range(COUNT)[which])
+        for frame in read:
+            assert np.array_equal(frame.planes[0], planes[frame.number])
+
+
+def test_frames_far_apart_are_those_in_order_in_clips_of_many_keys(tmp_path):
+    """Invariant: frames between them to which no other refers are not decoded."""
+    frames = with_keys_every(tmp_path / "clip.mp4", 80, 30)
+    planes = [frame.planes[0].copy() for frame in frames.coded(slice(None))]
+    for frame in frames.coded(slice(3, None, 11)):
+        assert np.array_equal(frame.planes[0], planes[frame.number])
 
 
 def test_clip_that_was_written_again_is_read_again(tmp_path):

@@ -15,6 +15,8 @@ from blurmatte.errors import FileError
 from blurmatte.files.clip_times import Timing
 from blurmatte.files.errors import check_exists
 
+_MIN_SPARSE_STEP = 8  # frames; below, most are needed or refer to those that are
+
 _open = threading.local()  # .clip stays open between calls
 
 
@@ -34,14 +36,19 @@ def decoded(
         Of the frames, increasing.
     keep_open : bool
         The clip stays open for the next call of this thread, and one thread decodes it: many processes
-        do at the same time. Else there are as many threads as cores.
+        do at the same time. Else there are as many threads as cores. Of numbers far apart, one thread
+        decodes the frames and those to which others refer, and the clip is closed.
 
     Raises
     ------
     FileError
         If the clip is damaged.
     """
-    clip = _taken(path, decoder) if keep_open else _OpenClip(path, decoder, parallel=True)
+    only = frozenset[int]()
+    if keep_open and not decoder and numbers.step >= _MIN_SPARSE_STEP:
+        only = frozenset(timing.stamps[numbers.start : numbers.stop : numbers.step].tolist())
+    keep_open = keep_open and not only
+    clip = _taken(path, decoder) if keep_open else _OpenClip(path, decoder, not only, only)
     intact = False
     try:
         with naming_errors(path):
@@ -63,8 +70,11 @@ def decoded(
 class _OpenClip:
     """A clip that is open, and the last frame that was decoded."""
 
-    def __init__(self, path: Path, decoder: str, parallel: bool) -> None:
+    def __init__(
+        self, path: Path, decoder: str, parallel: bool, only: frozenset[int] = frozenset()
+    ) -> None:
         self.path, self.decoder, self.parallel = path, decoder, parallel
+        self.only = only  # time stamps of frames to decode, with those that others refer to; or all
         self.file = _identity(path)
         self._begin()
 
@@ -93,18 +103,30 @@ class _OpenClip:
         """Open the file; frames are counted from its beginning."""
         self.stack = ExitStack()
         self.container, self.stream = self.stack.enter_context(opened(self.path))
-        self.frames = decoded_packets(self.container, self.stream, self.decoder, self.parallel)
+        if not self.only:
+            self.frames = decoded_packets(self.container, self.stream, self.decoder, self.parallel)
+        else:
+            self.stream.codec_context.thread_count = 1  # others would decode packets in advance
+            self.frames = self._frames()
         self.stack.callback(self.frames.close)
         # Python's exit would close the file after FFmpeg's modules are gone.
         weakref.finalize(self, self.stack.close)
-        self.counts, self.before, self.at, self.last = True, -1, -1, None
+        self.counts, self.before, self.at, self.last = not self.only, -1, -1, None
+
+    def _frames(self) -> Generator[Any]:
+        """The `VideoFrame`s from here on."""
+        context = self.stream.codec_context
+        for packet in self.container.demux(self.stream):
+            all_of_them = not self.only or packet.pts in self.only
+            context.skip_frame = "DEFAULT" if all_of_them else "NONREF"
+            yield from packet.decode()
 
     def _seek(self, key: int, timing: Timing) -> None:
         """Go on at a key frame; frames are known by their time stamps then."""
         if key > 0:
             self.frames.close()
             self.container.seek(int(timing.stamps[key]), stream=self.stream)
-            self.frames = self.container.decode(self.stream)
+            self.frames = self._frames()
             self.counts, self.before, self.at = False, -1, -1
             self._read(timing)
             self.before = self.at - 1  # frames before it are not missing
