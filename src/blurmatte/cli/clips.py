@@ -110,34 +110,32 @@ def measure_frames(
     if count is None:
         count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
     return_freed_memory()
-    with about(task.source):
+    # Processes start while the plate is made.
+    with about(task.source), bm.Workers(max(min(count, len(frames)), 1)) as workers:
         frames = frames.for_plate(plate)
         if plate is None:
             with waiting("making the plate"):
                 plate = clip_plate(frames)
-        with bm.Workers(min(count, len(frames))) as workers:
-            scene = scene_of(frames, plate, model)
-            if model is None:
-                with waiting("finding the color"):
-                    model = color_in_scene(frames, scene, workers)
-            seen = sightings_in_scene(
-                frames,
-                scene,
-                model,
-                workers,
-                several=task.several,
-                numbers=frames.frame_numbers,
-                rate=task.rate,
-                skip=len(journal.frames),
-            )
-            new = with_progress(seen, "measuring", len(frames) - len(journal.frames))
-            kept = _kept(task, journal, new)
-            rows = (
-                bm.link_objects(kept, task.min_frames) if task.several else bm.link_sightings(kept)
-            )
-            places = None
-            if task.ball is not None:
-                places = task.ball.places(frames, plate, rows, model, workers)
+        scene = scene_of(frames, plate, model)
+        if model is None:
+            with waiting("finding the color"):
+                model = color_in_scene(frames, scene, workers)
+        seen = sightings_in_scene(
+            frames,
+            scene,
+            model,
+            workers,
+            several=task.several,
+            numbers=frames.frame_numbers,
+            rate=task.rate,
+            skip=len(journal.frames),
+        )
+        new = with_progress(seen, "measuring", len(frames) - len(journal.frames))
+        kept = _kept(task, journal, new)
+        rows = bm.link_objects(kept, task.min_frames) if task.several else bm.link_sightings(kept)
+        places = None
+        if task.ball is not None:
+            places = task.ball.places(frames, plate, rows, model, workers)
     return Measured(plate, model, rows, places, frames.place_std)
 
 
