@@ -290,12 +290,13 @@ def fit_disc(
     """
     color = _prior(model) if model is not None else _FREE.of_one_paint
     search = _quick_search(streak, image, plate, color)
-    disc = search.quick()
+    disc = search.soft()
     inflation = noise_inflation(disc)
     if inflation > 1:
-        disc = search.with_noise_inflated(inflation).quick()
-    sweep = sweep_of(Candidate(fitted_to_hue(disc, search.bounds)), image)
-    if image.meta.sharing is not None:
+        disc = search.with_noise_inflated(inflation).soft()
+    by_hue = fitted_to_hue(disc, search.bounds)
+    sweep = sweep_of(Candidate(by_hue), image)
+    if image.meta.sharing is not None or by_hue is disc:
         return sweep
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.
     return replace(sweep, diagnostics=sweep_of(Candidate(disc), image).diagnostics)

@@ -17,8 +17,9 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit.centerline import center_curve, depth_of
+from blurmatte.sweep.fit.feasibility import rejection
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
-from blurmatte.sweep.fit.ranking import best_of, ranked
+from blurmatte.sweep.fit.ranking import best_of, bic_penalty, ranked
 from blurmatte.sweep.fit.residuals import variance_inflation
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
@@ -148,6 +149,18 @@ class Multistart:
         coarse = best_of(self._fits(curve, radius, (PARABOLA,)))
         return self.softened(self._refined(coarse))
 
+    def soft(self) -> State:
+        """As `quick` and as likely, for pictures in which rims are seldom sharp.
+
+        The sharp disc is fitted only if the blur of the rim does not make its own likelier for sure.
+        """
+        curve, radius = self.curves[0]
+        coarse = best_of(self._fits(curve, radius, (PARABOLA,)))
+        soft = self._with_blur(with_principal_axes(coarse.on(self.observation)))
+        if _is_surely_blurred(soft):
+            return soft
+        return best_of([self._refined(soft.of_kind(coarse.silhouette)), soft])
+
     def near(self, family: PathFamily, curve: Array, radius: float) -> State:
         """The best fit that starts from a curve (33, 2) and a radius, or from a line there.
 
@@ -174,11 +187,14 @@ class Multistart:
 
     def softened(self, state: State) -> State:
         """The same with a blurred rim, if that is likelier."""
+        return best_of([state, self._with_blur(state)])
+
+    def _with_blur(self, state: State) -> State:
+        """The fit of a disc with a blurred rim that starts there."""
         soft = replace(state.silhouette, soft=True)
         start, settings = state.of_kind(soft), MultistartSettings
         blur = max(start.shape[-1], settings.first_blur_px * state.observation.scale)
-        fitted = minimize(start.with_parameter(-1, blur), self.bounds, settings.max_steps)
-        return best_of([state, fitted])
+        return minimize(start.with_parameter(-1, blur), self.bounds, settings.max_steps)
 
     def _from_all_curves(self) -> list[State]:
         """Fits on large pixels: all families on the first curve, the best one and lines on others."""
@@ -259,6 +275,16 @@ def fitted_to_hue(state: State, bounds: tuple[float, float]) -> State:
     fitted = minimize(start.relit(replace(observation, chroma_error=known + error)), bounds)
     alike = _radius_std(fitted) < 3 * _radius_std(start)
     return fitted if fitted.converged and alike else state
+
+
+def _is_surely_blurred(state: State) -> bool:
+    """Whether a sharp rim would cost more than twice what it saves in parameters.
+
+    The cost is about quadratic in the variance b² of the blur, for it is even in b: a Wald statistic.
+    """
+    variance = np.linalg.pinv(state.information()[0], hermitian=True)[-1, -1]
+    cost = state.shape[-1] ** 2 / (8 * max(float(variance), 1e-12) * variance_inflation(state))
+    return not rejection(state) and cost > 2 * bic_penalty(state.observation, 1)
 
 
 def _radius_std(state: State) -> float:
