@@ -4,7 +4,7 @@ In this file x is the light of a frame over its gain, m the mode of a pixel over
 sum of x − m over the n free frames of a batch, a pixel being free in the frames that agree with m.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from itertools import pairwise
@@ -26,6 +26,7 @@ class MeanSettings:
     min_rival_ratio: float = 0.25  # samples beyond the mode over those of it; with fewer, no rival
     restlessness_window_px: int = 5  # over which the variance inflation λ of a place is averaged
     max_restlessness: float = 25.0  # λ: five times the noise; beyond it, something moves
+    strip_rows: int = 8  # whose samples are in memory at a time
     rim_px: int = 2  # around a moving object: its rim is fainter than the noise
     batches: int = 8  # of consecutive frames, for the correlation of noise in time
     min_mode_fraction: float = 0.5  # of the largest `near`, at pixels that determine the gain
@@ -59,9 +60,8 @@ def find_restlessness(samples: Samples) -> Floats:
     restless, noise = np.empty((height, width), np.float32), _coefficients(samples)
     coded = np.ones((height, width), np.float32)
 
-    def inflation(rows: slice) -> None:
-        """Noise inflation of some rows."""
-        flat = _flat(samples, rows)
+    def inflation(rows: slice, flat: Floats) -> None:
+        """Noise inflation of some rows with light (frames, pixels, 3)."""
         kernel.find_restlessness(flat, noise, restless[rows].reshape(-1))
         if samples.coding is not None:
             light = flat[len(flat) // 2].reshape(-1, width, 3)
@@ -70,8 +70,7 @@ def find_restlessness(samples: Samples) -> Floats:
                 variance = samples.coding.variance(light[..., c], c, rows.start)
                 coded[rows] += variance / (3 * noise_variance[..., c])
 
-    with ThreadPoolExecutor(cpu_count() or 1) as pool:
-        list(pool.map(inflation, _strips(0, height)))
+    _over_strips(samples, slice(0, height), inflation)
     restless = uniform_filter(restless, MeanSettings.restlessness_window_px)
     return np.asarray(np.maximum(np.clip(restless, 1, MeanSettings.max_restlessness), coded))
 
@@ -82,14 +81,13 @@ def find_modes(samples: Samples, restless: Floats, rows: slice) -> Modes:
     light, rival = np.empty((2, *shape, 3), np.float32)
     near = np.empty(shape, np.int32)
 
-    def mode(strip: slice) -> None:
+    def mode(strip: slice, flat: Floats) -> None:
         """Mode, its rival, and the number of samples near it, of a strip."""
         to = slice(strip.start - rows.start, strip.stop - rows.start)
         results = light[to].reshape(-1, 3), rival[to].reshape(-1, 3), near[to].reshape(-1)
-        _find_modes(_flat(samples, strip), samples, restless[strip].reshape(-1), results)
+        _find_modes(flat, samples, restless[strip].reshape(-1), results)
 
-    with ThreadPoolExecutor(cpu_count() or 1) as pool:
-        list(pool.map(mode, _strips(rows.start, rows.stop)))
+    _over_strips(samples, rows, mode)
     return Modes(light, rival, near, samples.noise.variance(light) * restless[rows][..., None])
 
 
@@ -120,18 +118,23 @@ def _coefficients(samples: Samples) -> tuple[np.float32, ...]:
     return tuple(samples.noise.coefficients.astype(np.float32).ravel())
 
 
-def _flat(samples: Samples, rows: slice) -> Floats:
-    """(frames, pixels, 3) light of some rows, at a common exposure."""
-    gain = samples.gain.astype(np.float32)
-    flat = np.empty((len(gain), (rows.stop - rows.start) * samples.light.size[0], 3), np.float32)
-    for k, (to, g) in enumerate(zip(flat, gain, strict=True)):
-        samples.light.write(k, rows, g, to.reshape(-1, samples.light.size[0], 3))
-    return flat
+def _over_strips(samples: Samples, rows: slice, work: Callable[[slice, Floats], None]) -> None:
+    """Do some work on strips of rows and their light (frames, pixels, 3), at a common exposure."""
+    gain, (width, _) = samples.gain.astype(np.float32), samples.light.size
+    height, count = MeanSettings.strip_rows, cpu_count() or 1
 
+    def every(first: int) -> None:
+        """The work of a thread, in one buffer."""
+        light = np.empty((len(gain), height, width, 3), np.float32)
+        for start in range(first, rows.stop, count * height):
+            strip = slice(start, min(start + height, rows.stop))
+            part = light if strip.stop - start == height else light[:, : strip.stop - start].copy()
+            for k, (to, g) in enumerate(zip(part, gain, strict=True)):
+                samples.light.write(k, strip, g, to)
+            work(strip, part.reshape(len(gain), -1, 3))
 
-def _strips(start: int, stop: int, height: int = 8) -> list[slice]:
-    """Strips of some rows."""
-    return [slice(row, min(row + height, stop)) for row in range(start, stop, height)]
+    with ThreadPoolExecutor(count) as pool:
+        list(pool.map(every, [rows.start + height * k for k in range(count)]))
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,7 +15,7 @@ from blurmatte.errors import FileError
 from blurmatte.files.clip_times import Timing
 from blurmatte.files.errors import check_exists
 
-_MIN_SPARSE_STEP = 8  # frames; below, most are needed or refer to those that are
+_MIN_DISTANCE = 4  # frames to the next one that is wanted; in fewer, few are of no use
 
 _open = threading.local()  # .clip stays open between calls
 
@@ -36,19 +36,14 @@ def decoded(
         Of the frames, increasing.
     keep_open : bool
         The clip stays open for the next call of this thread, and one thread decodes it: many processes
-        do at the same time. Else there are as many threads as cores. Of numbers far apart, one thread
-        decodes the frames and those to which others refer, and the clip is closed.
+        do at the same time. Else there are as many threads as cores.
 
     Raises
     ------
     FileError
         If the clip is damaged.
     """
-    only = frozenset[int]()
-    if keep_open and not decoder and numbers.step >= _MIN_SPARSE_STEP:
-        only = frozenset(timing.stamps[numbers.start : numbers.stop : numbers.step].tolist())
-    keep_open = keep_open and not only
-    clip = _taken(path, decoder) if keep_open else _OpenClip(path, decoder, not only, only)
+    clip = _taken(path, decoder) if keep_open else _OpenClip(path, decoder, parallel=True)
     intact = False
     try:
         with naming_errors(path):
@@ -70,11 +65,8 @@ def decoded(
 class _OpenClip:
     """A clip that is open, and the last frame that was decoded."""
 
-    def __init__(
-        self, path: Path, decoder: str, parallel: bool, only: frozenset[int] = frozenset()
-    ) -> None:
+    def __init__(self, path: Path, decoder: str, parallel: bool) -> None:
         self.path, self.decoder, self.parallel = path, decoder, parallel
-        self.only = only  # time stamps of frames to decode, with those that others refer to; or all
         self.file = _identity(path)
         self._begin()
 
@@ -90,8 +82,13 @@ class _OpenClip:
         key = 0 if self.decoder else timing.key_before(number)
         if number < self.at or key > self.at + 1:
             self._seek(key, timing)
+        is_far = number - self.at >= _MIN_DISTANCE and len(timing.stamps) > 0
+        if skips := is_far and not (self.decoder or self.hides_frames):
+            self.first, self.counts = int(timing.stamps[number]), False
         while self.at < number:
             self._read(timing)
+        if skips:
+            self.before = max(self.before, number - 1)  # frames before it are not missing
         return self.last if self.at == number else None
 
     def close(self) -> None:
@@ -103,22 +100,22 @@ class _OpenClip:
         """Open the file; frames are counted from its beginning."""
         self.stack = ExitStack()
         self.container, self.stream = self.stack.enter_context(opened(self.path))
-        if not self.only:
-            self.frames = decoded_packets(self.container, self.stream, self.decoder, self.parallel)
-        else:
-            self.stream.codec_context.thread_count = 1  # others would decode packets in advance
-            self.frames = self._frames()
+        self.first: int | None = None  # time stamp of the first frame that is wanted
+        _set_threads(self.stream, self.parallel)
+        self.frames = self._frames()
         self.stack.callback(self.frames.close)
         # Python's exit would close the file after FFmpeg's modules are gone.
         weakref.finalize(self, self.stack.close)
-        self.counts, self.before, self.at, self.last = not self.only, -1, -1, None
+        self.counts, self.before, self.at, self.last = True, -1, -1, None
 
     def _frames(self) -> Generator[Any]:
-        """The `VideoFrame`s from here on."""
-        context = self.stream.codec_context
+        """The `VideoFrame`s from here on; before the first one that is wanted, those of use for it."""
+        if self.decoder:
+            yield from decoded_packets(self.container, self.stream, self.decoder)
+            return
         for packet in self.container.demux(self.stream):
-            all_of_them = not self.only or packet.pts in self.only
-            context.skip_frame = "DEFAULT" if all_of_them else "NONREF"
+            unwanted = None not in (self.first, packet.pts) and packet.pts < self.first
+            self.stream.codec_context.skip_frame = "NONREF" if unwanted else "DEFAULT"
             yield from packet.decode()
 
     def _seek(self, key: int, timing: Timing) -> None:
@@ -127,7 +124,7 @@ class _OpenClip:
             self.frames.close()
             self.container.seek(int(timing.stamps[key]), stream=self.stream)
             self.frames = self._frames()
-            self.counts, self.before, self.at = False, -1, -1
+            self.counts, self.before, self.at, self.first = False, -1, -1, None
             self._read(timing)
             self.before = self.at - 1  # frames before it are not missing
             if self.at <= key:
@@ -198,15 +195,10 @@ def videos_of(container: Any) -> list[Any]:
     return [one for one in videos if one.codec_context is not None and one.width and one.height]
 
 
-def decoded_packets(
-    container: Any, stream: Any, decoder: str, parallel: bool = True
-) -> Generator[Any]:
-    """The `VideoFrame`s of a stream, decoded by as many threads as there are cores, or by one."""
+def decoded_packets(container: Any, stream: Any, decoder: str) -> Generator[Any]:
+    """The `VideoFrame`s of a stream, decoded by as many threads as there are cores."""
     if not decoder:
-        if parallel:
-            stream.thread_type = "AUTO"
-        else:
-            stream.codec_context.thread_count = 1
+        _set_threads(stream, parallel=True)
         yield from container.decode(stream)
         return
     from av import VideoCodecContext
@@ -214,6 +206,14 @@ def decoded_packets(
     context: Any = VideoCodecContext.create(decoder, "r")
     for packet in container.demux(stream):
         yield from context.decode(packet)
+
+
+def _set_threads(stream: Any, parallel: bool) -> None:
+    """Let as many threads as there are cores decode a stream, or one."""
+    if parallel:
+        stream.thread_type = "AUTO"
+    else:
+        stream.codec_context.thread_count = 1
 
 
 def video_library(path: Path) -> Any:
