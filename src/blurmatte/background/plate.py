@@ -6,6 +6,7 @@ of one frame and n the number of frames in which a pixel was free.
 """
 
 from collections.abc import Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,7 +38,7 @@ class PlateSettings:
     variance_window_px: int = 5
     variance_window_frames: float = 16  # weight of the window's variance against the pixel's own
     correlation_window_px: int = 33  # over which the correlation of noise in time is constant
-    band_pixels: int = 200_000  # estimated at a time
+    band_pixels: int = 160_000  # estimated at a time
     band_overlap_px: int = 19  # half the larger window, and what marks moving rims
 
 
@@ -193,12 +194,17 @@ def _estimates(sums: Sums, modes: Modes, file: _FileError, first_row: int = 0) -
     rgb = modes.light + sums.total / np.maximum(free, 1)[..., None]
     noise, windows = np.empty_like(modes.light), _Windows.of(sums, known)
     shared = None if file.coding is None else np.empty_like(modes.light)
-    for c in range(3):  # one at a time saves memory
+
+    def channel(c: int) -> None:
+        """Noise of a channel, and what all frames share."""
         usual, rounding = modes.variance[..., c], file.rounding(rgb[..., c])
         noise[..., c], scatter = _variance(sums, c, windows, usual, rounding)
         if file.coding is not None and shared is not None:
             coding = file.coding.variance(rgb[..., c], c, first_row)
             shared[..., c] = coding * _kept_rounding(scatter / np.maximum(coding, 1e-14))
+
+    with ThreadPoolExecutor(2) as pool:  # three at a time take more memory
+        list(pool.map(channel, range(3)))
     coverage = np.where(known, free / count, 0).astype(np.float32)
     return rgb.astype(np.float32), noise, valid, coverage, shared
 

@@ -6,6 +6,7 @@ from threading import Barrier, get_ident
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
+from scipy.ndimage import gaussian_filter
 from tests.sweep.scenes import (
     BALL,
     BEFORE_TILES,
@@ -27,6 +28,7 @@ from blurmatte.streaks import require_streaks
 from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.fit import multistart
 from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE
 from blurmatte.sweep.fit.multistart import Multistart, fitted_to_hue, thread_map, with_varied_colors
 from blurmatte.sweep.model.path import ARC, LINE, PARABOLA
 
@@ -113,6 +115,20 @@ def test_a_soft_rim_is_taken_only_if_it_is_likelier():
     """honest: a sharp ball has a sharp rim in each of four pictures."""
     for seed in range(4):
         assert not searched(FLAT[LINE], seed).quick().silhouette.soft
+
+
+@pytest.mark.parametrize("blur", [0.0, 1.5])
+def test_the_disc_that_is_fitted_soft_first_is_that_of_both_fits(blur):
+    """invariant: with a sharp and a blurred rim."""
+    image, plate = photographed(FLAT[LINE])
+    image = replace(image, rgb=gaussian_filter(image.rgb, (blur, blur, 0)))
+    search = Multistart.of(require_streaks(image, plate)[0], image, plate, NEUTRAL)
+    both, soft = search.quick(), search.soft()
+    assert soft.silhouette == both.silhouette
+    assert soft.silhouette.soft == (blur > 0)
+    assert abs(soft.cost - both.cost) < 2 * ROUGH_TOLERANCE
+    assert_allclose(soft.path, both.path, atol=0.05)
+    assert_allclose(soft.shape, both.shape, atol=0.05)
 
 
 def test_the_search_is_deterministic():
