@@ -248,9 +248,8 @@ class _Window:
 def _box_mean(values: Floats, side: int) -> Floats:
     from scipy.ndimage import uniform_filter
 
-    return np.maximum(
-        uniform_filter(values, side), 0
-    )  # its running sums do not return to exactly 0
+    # Its running sums do not return to exactly 0.
+    return np.asarray(np.maximum(uniform_filter(values, side), 0))
 
 
 def _variance(

@@ -68,6 +68,9 @@ class _OpenClip:
     def __init__(self, path: Path, decoder: str, parallel: bool) -> None:
         self.path, self.decoder, self.parallel = path, decoder, parallel
         self.file = _identity(path)
+        self.counts, self.before, self.at = True, -1, -1
+        self.last: Any = None
+        self.first: int | None = None  # time stamp of the first frame that is wanted
         self._begin()
 
     @property
@@ -100,13 +103,12 @@ class _OpenClip:
         """Open the file; frames are counted from its beginning."""
         self.stack = ExitStack()
         self.container, self.stream = self.stack.enter_context(opened(self.path))
-        self.first: int | None = None  # time stamp of the first frame that is wanted
         _set_threads(self.stream, self.parallel)
         self.frames = self._frames()
         self.stack.callback(self.frames.close)
         # Python's exit would close the file after FFmpeg's modules are gone.
         weakref.finalize(self, self.stack.close)
-        self.counts, self.before, self.at, self.last = True, -1, -1, None
+        self.counts, self.before, self.at, self.last, self.first = True, -1, -1, None, None
 
     def _frames(self) -> Generator[Any]:
         """The `VideoFrame`s from here on; before the first one that is wanted, those of use for it."""
