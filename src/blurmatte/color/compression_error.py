@@ -9,12 +9,10 @@ known, estimates that of the image.
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.streaks import Streak
-
-Array = npt.NDArray[np.float64]
 
 
 def recompressed(

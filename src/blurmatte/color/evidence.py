@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 _OUTLIER_STD = 3.0  # standard deviations beyond which the loss is linear
 _EFFICIENCY = 1.131  # E[ψ′] / E[ψ²] over normal z, with ψ half the slope of that loss

@@ -11,14 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry.color_space import Matrix3, hex_of_light, light_in_srgb, light_of_hex
 from blurmatte.statistics import MAD_TO_STD
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

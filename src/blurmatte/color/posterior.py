@@ -8,9 +8,8 @@ plate of one hue the posterior is an arc from the plate's color to the truth and
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.color.evidence import Array, Evidence, Pixels, closed_form, excess_cost, misfit
-
-Bools = npt.NDArray[np.bool_]
+from blurmatte.checks import Array, Bools
+from blurmatte.color.evidence import Evidence, Pixels, closed_form, excess_cost, misfit
 
 _END_CHI2 = 9.0  # least at the ends of a grid: the posterior may rise again beyond a lower one
 

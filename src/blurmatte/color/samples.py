@@ -13,15 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, check_same_size
+from blurmatte.checks import Array, Bools, check_same_size
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, check_picture
 from blurmatte.streaks import Streak, require_streaks
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

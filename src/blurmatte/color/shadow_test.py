@@ -11,15 +11,12 @@ The residual from this is light of an object, or the plate does not match.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.statistics import block_sums
 from blurmatte.streaks import Streak, dilated, shift_variance
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -9,10 +9,9 @@ determined, which raises ColorModelError.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_same_size
+from blurmatte.checks import Array, check_same_size
 from blurmatte.color.compression_error import recompressed
 from blurmatte.color.evidence import SLACK, Evidence, Pixels, closed_form, misfit
 from blurmatte.color.model import ColorModel
@@ -20,8 +19,6 @@ from blurmatte.color.posterior import posterior, unit
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, are_gray, check_same_colors
 from blurmatte.streaks import Streak, check_streak, require_streaks, shift_variance
-
-Array = npt.NDArray[np.float64]
 
 _BLOCK = 16  # pixels: noise of nearer pixels may be correlated by JPEG with subsampled chroma
 _IF_ROUND = "; if it is round and of several colors, allow any (--rank 3, ColorModel.any())"

@@ -9,9 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_not_negative
+from blurmatte.checks import Array, check_not_negative
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.averaging import MIN_WEIGHT, AlphaEstimate
 from blurmatte.matting.calibration import GRADE_LIMITS, rms_difference
@@ -19,8 +18,6 @@ from blurmatte.matting.maps import Grade
 from blurmatte.matting.object_light import light_given
 from blurmatte.radiometry import LinearImage, hex_of_light, light_in_srgb
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 MAX_ALTERNATIVES = 5  # listed, the result itself included
 _COLORS = "one paint", "two paints", "any colors"  # of rank 1, 2, 3

@@ -11,11 +11,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
-
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array, Floats
 
 MIN_WEIGHT = 1e-3  # of an averaged hypothesis
 

@@ -19,14 +19,11 @@ the closed form, so both inform differences between pixels; only the closed form
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.matting.evidence import FirstEstimate
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence, sums_2x2, upsampled
-
-Array = npt.NDArray[np.float64]
 
 
 def with_brightness(

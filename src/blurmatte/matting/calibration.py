@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.maps import Grade
@@ -22,8 +21,6 @@ from blurmatte.sweep.assess.calibration import (
     fitted_calibration,
 )
 from blurmatte.sweep.sweep import Diagnostics
-
-Array = npt.NDArray[np.float64]
 
 # Largest error of alpha, root mean square over the streak, and largest relative error of its scale.
 GRADE_LIMITS = {Grade.CONFIRMED: (0.02, 0.03), Grade.PLAUSIBLE: (0.05, 0.1)}

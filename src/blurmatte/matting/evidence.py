@@ -7,17 +7,14 @@ information. In this file C is the image's light and B the plate's.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import one_clipped
 from blurmatte.matting.maps import MIN_VARIANCE, in_strips
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.radiometry import LinearImage, smooth_variance
 from blurmatte.statistics import BLOCK_SIZES
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

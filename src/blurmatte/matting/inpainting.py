@@ -5,13 +5,10 @@ neighbors. Without light the layer would have a hole there.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage
-
-Array = npt.NDArray[np.float64]
 
 _NOT_FILLED = Quality.OUTSIDE | Quality.OCCLUDED | Quality.PLATE_IN_MODEL
 

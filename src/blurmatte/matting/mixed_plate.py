@@ -18,14 +18,11 @@ deviation is the interval of alpha between the segment's ends.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import MAX_CHI2, MIN_VARIANCE, PixelMaps, Quality, alpha_flags
 from blurmatte.radiometry import LinearImage
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -22,12 +22,9 @@ determines the mean of neighbors; where the light dominates, they share the erro
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import FirstEstimate
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ file C is the image's light and B the plate's.
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import Pixels, evidence_of
 from blurmatte.matting.maps import in_strips
 from blurmatte.statistics import (
@@ -18,8 +17,6 @@ from blurmatte.statistics import (
     core_mean_square,
     significant_inflation,
 )
-
-Array = npt.NDArray[np.float64]
 
 BLOCK_PX = 8  # width of blocks: the correlation length of noise in compressed files
 

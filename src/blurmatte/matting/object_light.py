@@ -10,15 +10,12 @@ as many channels remain as the model has dimensions. A clipped plate matters onl
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import in_strips
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.silhouette import OPAQUE
-
-Array = npt.NDArray[np.float64]
 
 
 def light_given(

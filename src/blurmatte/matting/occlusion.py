@@ -10,10 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools
+from blurmatte.checks import Array, Bools
 from blurmatte.streaks import dilated
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -12,13 +12,11 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.matting.evidence import Pixels
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence
 from blurmatte.radiometry import YCBCR, LinearImage, Transfer
-
-Array = npt.NDArray[np.float64]
 
 
 def rounding_pulls(

@@ -15,9 +15,8 @@ Each is a weighted least-squares fit, and its covariance gives the errors.
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import check_same_size
+from blurmatte.checks import Array, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.maps import (
     MAX_CHI2,
@@ -29,8 +28,6 @@ from blurmatte.matting.maps import (
     has_flag,
 )
 from blurmatte.radiometry import LinearImage
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,7 +14,6 @@ from itertools import groupby
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.color.model import ColorModel
@@ -52,8 +51,6 @@ from blurmatte.sweep.model.chroma_subsampling import (
     image_before,
     light_of_colors,
 )
-
-Array = npt.NDArray[np.float64]
 
 MAX_STRENGTH = 1e6  # and its inverse: beyond them alpha is constant, or that of single pixels
 

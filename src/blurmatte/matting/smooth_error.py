@@ -13,9 +13,8 @@ from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.matting.pyramid import CellEvidence
 from blurmatte.matting.smooth_field import (
     Field,
@@ -25,8 +24,6 @@ from blurmatte.matting.smooth_field import (
     local_mean,
     pooled_variance,
 )
-
-Array = npt.NDArray[np.float64]
 
 
 def simulated_variance(

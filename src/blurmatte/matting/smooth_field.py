@@ -21,10 +21,8 @@ from os import cpu_count
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box
+from blurmatte.checks import Array, Bools, Box
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
@@ -15,8 +14,6 @@ from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import MEDIAN_3
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -6,12 +6,9 @@ Errors outside are measured by `false_alpha`.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.metrics.inputs import check_alphas
-
-Array = npt.NDArray[np.float64]
 
 
 def alpha_rmse(estimated: Floats, true: Floats) -> float:

@@ -8,10 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, check_map
+from blurmatte.checks import Array, Bools, check_map
 from blurmatte.metrics.inputs import check_all_finite
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,12 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats, check_light, check_same_size
+from blurmatte.checks import Array, Bools, Floats, check_light, check_same_size
 from blurmatte.layer import Layer
 from blurmatte.metrics.inputs import check_all_finite, check_layer, picture_size, streak_of
 from blurmatte.radiometry import SRGB, LinearImage
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -1,11 +1,9 @@
 """Errors of an estimated path."""
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 
 def trajectory_iou(

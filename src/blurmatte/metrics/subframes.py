@@ -9,12 +9,9 @@ object: crop all arguments to it for comparable numbers. Nothing is clipped.
 """
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats, check_light, check_map
+from blurmatte.checks import Array, Floats, check_light, check_map
 from blurmatte.metrics.inputs import check_all_finite
-
-Array = npt.NDArray[np.float64]
 
 _MAX_PSNR = 100.0  # dB, for a perfect stack, as in the benchmark
 _WINDOW = 7  # pixels: width of the square for means and variances

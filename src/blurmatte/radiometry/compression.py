@@ -13,9 +13,8 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 
-Array = npt.NDArray[np.float64]
 Steps = tuple[tuple[int, ...], ...]
 
 BLOCK = 8  # pixels, width of a block of the cosine transform of JPEG files and clips

@@ -21,11 +21,10 @@ from functools import cache
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.radiometry.compression import BLOCK
 from blurmatte.radiometry.transfer import Transfer
 
-Array = npt.NDArray[np.float64]
 _STRIP = 32  # rows of blocks that are transformed at a time: saves memory
 ROUNDING_VARIANCE = 1 / 12  # of integers
 

@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.calibration import with_noise
-from blurmatte.checks import check_kind
+from blurmatte.checks import Array, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
 from blurmatte.radiometry import SRGB, LinearImage
@@ -52,8 +51,6 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
-
-Array = npt.NDArray[np.float64]
 
 _FREE = ColorPrior(np.eye(3))
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]

@@ -8,14 +8,11 @@ for k and a. For the object k is about a times its brightness; for a shadow it i
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, dilated, opened
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

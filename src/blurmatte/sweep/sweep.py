@@ -3,8 +3,8 @@
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
 from blurmatte.point_spread import PointSpread
 from blurmatte.radiometry import LinearImage
@@ -21,8 +21,6 @@ from blurmatte.sweep.model.path_spread import path_spread
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, Swept
 from blurmatte.trajectory import Trajectory
-
-Array = npt.NDArray[np.float64]
 
 MAX_RESIDUAL_EXCESS = 1.2  # of a sweep that explains its streak; 1 for noise alone
 _MAX_RADIUS_ERROR = 0.25  # standard deviation of the radius, of the radius

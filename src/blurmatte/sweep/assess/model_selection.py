@@ -14,8 +14,8 @@ fitted parameter costs half a log of the number of pixels.
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import block_squares
 from blurmatte.streaks import Streak
@@ -23,8 +23,6 @@ from blurmatte.sweep.model.color_field import fit_field
 from blurmatte.sweep.model.observation import BlockStatistics, Observation
 from blurmatte.sweep.model.student_t import loss, student_weight
 from blurmatte.sweep.sweep import Sweep
-
-Array = npt.NDArray[np.float64]
 
 # Units of log likelihood for each pixel by which an alpha without a shape seems likelier, for it was
 # fitted to the noise of the same pixels; calibrated on rendered scenes.

@@ -1,10 +1,8 @@
 """Curves through the middle of a streak, from which fits start."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
+from blurmatte.checks import Array, Bools
 
 
 def depth_of(mask: Bools) -> Array:

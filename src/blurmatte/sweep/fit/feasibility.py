@@ -3,11 +3,8 @@
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from blurmatte.sweep.model.state import State
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -5,9 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.state import State
-
-Array = npt.NDArray[np.float64]
 
 ROUGH_TOLERANCE = 0.1  # units of log likelihood, on large pixels, and where fits are compared
 

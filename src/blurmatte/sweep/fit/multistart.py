@@ -11,8 +11,8 @@ from os import cpu_count
 from typing import TypeVar
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
 from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak
@@ -28,7 +28,6 @@ from blurmatte.sweep.model.path import ARC, BOUNCE, CUBIC, FROM_REST, LINE, PARA
 from blurmatte.sweep.model.silhouette import DISC
 from blurmatte.sweep.model.state import State, state_at
 
-Array = npt.NDArray[np.float64]
 S = TypeVar("S")
 T = TypeVar("T")
 

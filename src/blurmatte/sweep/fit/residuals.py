@@ -1,16 +1,13 @@
 """Statistics of the residuals of a sweep: correlation, outliers, explained change, noise."""
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.statistics import MEDIAN_3, QUANTILE_999_3, block_squares
 from blurmatte.streaks import dilated
 from blurmatte.sweep.model.observation import BlockStatistics
 from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 _MAX_REPEATED_CHI2 = 0.3  # median outside the streak of codecs that repeat static parts
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel

@@ -8,8 +8,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import Multistart, with_principal_axes
 from blurmatte.sweep.fit.ranking import bic_penalty, rms_difference
@@ -18,8 +18,6 @@ from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import LINE
 from blurmatte.sweep.model.state import State
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -10,12 +10,10 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.pixels import Pixels
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

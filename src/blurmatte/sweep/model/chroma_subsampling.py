@@ -15,12 +15,9 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
-from blurmatte.checks import Floats
+from blurmatte.checks import Array, Floats
 from blurmatte.radiometry import LUMA_WEIGHTS, SRGB, Compression, LinearImage, Transfer
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -22,10 +22,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
-Array = npt.NDArray[np.float64]
 Indices = npt.NDArray[np.int64]
 Light = tuple[Array, Array, Array, Array]
 

@@ -7,11 +7,9 @@ span the color model; along the others colors deviate from it by no more than it
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

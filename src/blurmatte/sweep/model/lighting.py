@@ -17,14 +17,12 @@ includes the volume of the posterior, so that it is what ρ adds to a negative l
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.color_field import Grid
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.student_t import student_weight
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,8 @@ map exp(τ G) with G = [[g + a, b], [b, g − a]].
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 _BY_A, _BY_B = np.array([[1.0, 0], [0, -1]]), np.array([[0, 1.0], [1, 0]])
 _QUARTER = np.array([[0, -1.0], [1, 0]])  # of a turn, from +x towards +y

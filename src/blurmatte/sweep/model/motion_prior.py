@@ -5,11 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.path import PathFamily
-
-Array = npt.NDArray[np.float64]
 
 _TIMES = np.array([0.0, 0.5, 1.0])  # of a path's points, exposures
 _MIN_LEARNED = 1e-6  # of the prior's variance: of less the picture says nothing

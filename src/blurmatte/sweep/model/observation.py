@@ -4,8 +4,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array, Bools
 from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfer, smooth_variance
 from blurmatte.statistics import block_squares, cell_means
 from blurmatte.streaks.morphology import dilated
@@ -14,9 +14,6 @@ from blurmatte.sweep.model.chroma_subsampling import Blur, ChromaBlur, Compresse
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.pixels import Pixels
-
-Array = npt.NDArray[np.float64]
-Bools = npt.NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -11,9 +11,8 @@ from functools import cache
 from typing import ClassVar
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 
 class PathFamily(ABC):

@@ -1,12 +1,10 @@
 """The time that a moving point spends in each pixel, its point spread function."""
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.pixels import Pixels
-
-Array = npt.NDArray[np.float64]
 
 _MAX_STEP_PX = 0.125  # of the polyline that replaces the path
 

@@ -10,13 +10,11 @@ from functools import cache
 from typing import NamedTuple
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.linear_maps import changed, exponential, most_shrinking, turned
 from blurmatte.sweep.model.path import LINE, PathFamily
 from blurmatte.sweep.model.pixels import Pixels
-
-Array = npt.NDArray[np.float64]
 
 OPAQUE = 0.999  # alpha from which the plate is invisible
 

@@ -4,15 +4,13 @@ from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import numpy.typing as npt
 
+from blurmatte.checks import Array
 from blurmatte.sweep.model.color_field import ColorField, fit_field
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.silhouette import Silhouette, Swept
 from blurmatte.sweep.model.student_t import loss, student_weight
-
-Array = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,9 +1,8 @@
 """Student's t distribution of residuals: normal noise with occasional outliers."""
 
 import numpy as np
-import numpy.typing as npt
 
-Array = npt.NDArray[np.float64]
+from blurmatte.checks import Array
 
 DEGREES_OF_FREEDOM = 6.0
 VARIANCE = (
