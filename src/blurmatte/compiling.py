@@ -18,6 +18,8 @@ from blurmatte.errors import BlurmatteWarning
 
 _Files: Any = caching.IndexDataCacheFile  # numba has no types
 _DIGEST = hashlib.sha256().digest_size
+_OPTIONS: dict[str, Any] = {"error_model": "numpy", "nogil": True}  # of all kernels
+FAST_MATH = {"nsz", "arcp", "contract", "reassoc"}  # infinity and NaN stay as they are
 
 
 class _CheckedFiles(_Files):  # type: ignore[misc]
@@ -52,14 +54,15 @@ def _is_whole(content: bytes) -> bool:
 
 
 def njit(**options: Any) -> Callable[[Callable[..., Any]], Any]:
-    """numba.njit with these options; the code is kept for the next process, wherever it can be.
+    """numba.njit without the interpreter's lock, and without exceptions for divisions by zero.
 
-    Warns once if numba's usual folders cannot be written to.
+    The code is kept for the next process, wherever it can be. Warns once if numba's usual folders
+    cannot be written to.
     """
 
     def compiled(function: Callable[..., Any]) -> Any:
         """The kernel of a function, kept on disk."""
-        kernel = numba.njit(**options)(function)
+        kernel = numba.njit(**_OPTIONS | options)(function)
         try:
             kernel.enable_caching()
         except RuntimeError:  # numba found no folder

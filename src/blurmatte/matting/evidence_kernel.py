@@ -4,25 +4,20 @@ In this file C, B, V_C, V_B, N are image, plate, their variances and the normals
 in `pixelwise_kernel`, and l is the unit direction of a line of colors. Maps of a color are (h, w, 3).
 """
 
-from typing import Any
-
 import numpy as np
 
-from blurmatte.compiling import njit
-
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-_FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
+from blurmatte.compiling import FAST_MATH, njit
 
 _STUDENT_DOF = 5.0  # degrees of freedom of the t distribution that downweights outliers
 
 
-@njit(inline="always", **_FAST)
+@njit(inline="always", fastmath=FAST_MATH)
 def _across(N, i, light):  # type: ignore[no-untyped-def]
     """The part of light along a normal."""
     return N[0, i] * light[0] + N[1, i] * light[1] + N[2, i] * light[2]
 
 
-@njit(inline="always", **_FAST)
+@njit(inline="always", fastmath=FAST_MATH)
 def _covariance(N, i, j, V):  # type: ignore[no-untyped-def]
     """Covariance of the parts of light along two normals, of independent channels."""
     return (
@@ -30,7 +25,7 @@ def _covariance(N, i, j, V):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(inline="always", **_FAST)
+@njit(inline="always", fastmath=FAST_MATH)
 def _weighted(b, d, s, v, t, lines):  # type: ignore[no-untyped-def]
     """Information and pull of the equations d = α b of covariance s; t² v of it is the plate's."""
     (b0, b1), (d0, d1), (s00, s01, s11), (v00, v01, v11) = b, d, s, v
@@ -47,7 +42,7 @@ def _weighted(b, d, s, v, t, lines):  # type: ignore[no-untyped-def]
     return weight * A, weight * (p - t * bias)
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore[no-untyped-def]
     """Write the information A of each pixel of the mask, and its pull, A times its own alpha.
 
@@ -80,7 +75,7 @@ def evidence(C, B, V_C, V_B, N, alpha, mask, information, pull):  # type: ignore
             information[y, x], pull[y, x] = _weighted(b, d, s, v, t, lines)
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def evidence_of_matrices(C, B, V_C, V_B, K, N, alpha, information, pull):  # type: ignore[no-untyped-def]
     """As `evidence`, for pixels (n, 3) whose plate has the error covariance V_B + K."""
     lines = N.shape[1]
@@ -107,7 +102,7 @@ def evidence_of_matrices(C, B, V_C, V_B, K, N, alpha, information, pull):  # typ
         )  # fmt: skip
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def residual(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-def]
     """Write (l × B)·C, which does not depend on alpha, and its variance, (2, h, w); 0 if not used."""
     for y in range(alpha.shape[0]):
@@ -124,7 +119,7 @@ def residual(C, B, V_C, V_B, l, alpha, use, out):  # type: ignore[no-untyped-def
             out[0, y, x], out[1, y, x] = rest, variance
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
     """Write m·C, m·B, m·V_B m and Var q of each pixel as in `brightness_prior`, (4, h, w)."""
     for y in range(alpha.shape[0]):
@@ -141,7 +136,7 @@ def along(C, B, V_C, V_B, l, alpha, out):  # type: ignore[no-untyped-def]
             out[2, y, x], out[3, y, x] = v * variance * variance, variance
 
 
-@njit(**_COMPILED)
+@njit()
 def pull_of_codes(B, V_C, V_B, N, alpha, mask, color, image, plate):  # type: ignore[no-untyped-def]
     """Convert light per code of red, green and blue into pull per code of luma and chroma.
 
@@ -176,7 +171,7 @@ def pull_of_codes(B, V_C, V_B, N, alpha, mask, color, image, plate):  # type: ig
                     codes[y, x, i] = p * color[0, i] + q * color[1, i] + r * color[2, i]
 
 
-@njit(**_COMPILED)
+@njit()
 def add_rounded(of_image, image, of_plate, plate, mask, off, width, border, out):  # type: ignore[no-untyped-def]
     """Add the pull of rounding errors to cells (n, h, w).
 

@@ -1,15 +1,11 @@
 """The compiled loop of `light_given`; letters as in `object_light`."""
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
     """Lower triangle of the inverse of a symmetric matrix, from its lower triangle."""
     p, q, r = c * f - e * e, d * e - b * f, b * e - c * d
@@ -20,7 +16,7 @@ def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
     )  # fmt: skip
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _solvable(a, b, c, count, rank):  # type: ignore[no-untyped-def]
     """True if so many channels determine the light; a, b, c are the first of MᵀV⁻¹M."""
     if count == 3:
@@ -30,7 +26,7 @@ def _solvable(a, b, c, count, rank):  # type: ignore[no-untyped-def]
     return count == 2 and rank == 2 and a * c - b * b > 1e-9 * (a + c) ** 2
 
 
-@njit(**_COMPILED)
+@njit()
 def light(known, M, rank, found):  # type: ignore[no-untyped-def]
     """Write P, its standard deviation and χ² of every pixel.
 

@@ -16,20 +16,13 @@ A plane has one normal. A second one, zero with variance 1, is added, so that on
 planes.
 """
 
-from typing import Any
-
 import numpy as np
 
-from blurmatte.compiling import njit
+from blurmatte.compiling import FAST_MATH, njit
 from blurmatte.matting.maps import MAX_CHI2, MAX_RANGE_STDS, Quality
 
 # Without "nnan" and "ninf": the error of a pixel without information is infinite and must stay so.
-_FAST = {"nsz", "arcp", "contract", "reassoc", "afn"}
-_COMPILED: dict[str, Any] = {
-    "error_model": "numpy",
-    "fastmath": _FAST,
-    "nogil": True,
-}
+_FAST_MATH = FAST_MATH | {"afn"}
 
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 _INFINITE = np.float32(np.inf)
@@ -40,13 +33,13 @@ _MISFIT, _UNKNOWN = np.uint8(Quality.MISFIT), np.uint8(Quality.SATURATED | Quali
 _MAX_RANGE_STDS, _MAX_CHI2 = np.float32(MAX_RANGE_STDS), np.float32(MAX_CHI2)
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always", fastmath=_FAST_MATH)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
     x = max(light, _ZERO)
     return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always", fastmath=_FAST_MATH)
 def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
     """(α, Var α, χ², P, Var P) of one pixel; C, B, vC, vB are triples, N two normals and the pad."""
     n00, n01, n02, n10, n11, n12, pad = N
@@ -94,7 +87,7 @@ def _solve_pixel(C, B, vC, vB, N):  # type: ignore[no-untyped-def]
     return alpha, variance, chi2, P0, P1, P2, v0, v1, v2
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always", fastmath=_FAST_MATH)
 def _store(i, answer, max_std, maps):  # type: ignore[no-untyped-def]
     alpha, alpha_std, P, P_std, quality = maps
     a, variance, chi2, P0, P1, P2, v0, v1, v2 = answer
@@ -113,7 +106,7 @@ def _store(i, answer, max_std, maps):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(**_COMPILED)
+@njit(fastmath=_FAST_MATH)
 def solve_light(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
     """Solve pixels given as light and write maps: alpha, alpha_std, P, P_std and quality.
 
@@ -131,7 +124,7 @@ def solve_light(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
         _store(i, answer, max_std, maps)
 
 
-@njit(**_COMPILED)
+@njit(fastmath=_FAST_MATH)
 def solve_light_with_variances(C, B, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
     """As `solve_light`, but vC and vB are flat arrays with a variance for each value of C and B."""
     for i in range(maps[0].shape[0]):
@@ -143,13 +136,13 @@ def solve_light_with_variances(C, B, vC, vB, N, max_std, maps):  # type: ignore[
         _store(i, answer, max_std, maps)
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always", fastmath=_FAST_MATH)
 def _look_up(codes, table, light):  # type: ignore[no-untyped-def]
     for i in range(codes.shape[0]):
         light[i] = table[codes[i]]
 
 
-@njit(**_COMPILED)
+@njit(fastmath=_FAST_MATH)
 def solve_codes(codes, tables, vC, vB, N, max_std, maps):  # type: ignore[no-untyped-def]
     """As `solve_light`, but for code values of image and plate, decoded by the tables of both.
 

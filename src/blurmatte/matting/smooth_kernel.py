@@ -7,19 +7,14 @@ definite. Maps have a border of two pixels in which the mask is False, and all h
 computation.
 """
 
-from typing import Any
-
 import numpy as np
 
-from blurmatte.compiling import njit
-
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-_FAST: dict[str, Any] = {**_COMPILED, "fastmath": {"nsz", "arcp", "contract", "reassoc"}}
+from blurmatte.compiling import FAST_MATH, njit
 
 _ROOT2 = np.sqrt(2.0)
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def doubled(values, border, out):  # type: ignore[no-untyped-def]
     """Write a map, without its border, in cells of half the width, interpolated linearly."""
     h, w = out.shape[0] - 2 * border, out.shape[1] - 2 * border
@@ -37,7 +32,7 @@ def doubled(values, border, out):  # type: ignore[no-untyped-def]
             ) / 16
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def forward(x, order, t):  # type: ignore[no-untyped-def]
     """Write the differences D x, (3, h, w)."""
     h, w = x.shape
@@ -56,7 +51,7 @@ def forward(x, order, t):  # type: ignore[no-untyped-def]
             t[2, i, j] = root2 * (x[i, j] - x[i, j + 1] - x[i + 1, j] + x[i + 1, j + 1])
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def backward(t, order, mask, y):  # type: ignore[no-untyped-def]
     """Add Dᵀ t to y, within the mask."""
     h, w = y.shape
@@ -77,7 +72,7 @@ def backward(t, order, mask, y):  # type: ignore[no-untyped-def]
             y[i, j] += change if mask[i, j] else zero
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def weigh(root, order, t):  # type: ignore[no-untyped-def]
     """Multiply each place's differences by its precision, in place."""
     h, w = t.shape[1:]
@@ -100,7 +95,7 @@ def weigh(root, order, t):  # type: ignore[no-untyped-def]
             t[2, i, j] = root[3, i, j] * p + root[4, i, j] * q + root[5, i, j] * r
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def product(x, information, root, order, mask, t, y):  # type: ignore[no-untyped-def]
     """Write (A + DᵀΓD) x within the mask; x is 0 outside. t is scratch for differences, (3, h, w)."""
     h, w = x.shape
@@ -113,7 +108,7 @@ def product(x, information, root, order, mask, t, y):  # type: ignore[no-untyped
     backward(t, order, mask, y)
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def diagonal(information, root, order, mask):  # type: ignore[no-untyped-def]
     """The diagonal of A + DᵀΓD; undefined outside the mask."""
     h, w = mask.shape
@@ -137,7 +132,7 @@ def diagonal(information, root, order, mask):  # type: ignore[no-untyped-def]
     return out
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def outer(t, order, weight, total):  # type: ignore[no-untyped-def]
     """Add the outer products of the differences, times the weight, in float64."""
     h, w = t.shape[1:]
@@ -154,7 +149,7 @@ def outer(t, order, weight, total):  # type: ignore[no-untyped-def]
                 total[5, i, j] += weight * c * c
 
 
-@njit(**_COMPILED)
+@njit()
 def precision(squares, order, least, factor, root):  # type: ignore[no-untyped-def]
     """Write L of Γ = factor (least I + S)⁻¹ = LLᵀ, from S in float64; least is (h, w)."""
     h, w = squares.shape[1:]
@@ -178,7 +173,7 @@ def precision(squares, order, least, factor, root):  # type: ignore[no-untyped-d
                 root[5, i, j] = np.sqrt(max(scale * (a * c - b * b) - l3 * l3 - l4 * l4, 1e-30))
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def spread(root, order, n, t):  # type: ignore[no-untyped-def]
     """Write L n."""
     h, w = t.shape[1:]
@@ -193,7 +188,7 @@ def spread(root, order, n, t):  # type: ignore[no-untyped-def]
                 )  # fmt: skip
 
 
-@njit(**_FAST)
+@njit(fastmath=FAST_MATH)
 def conjugate_gradients(information, root, order, mask, b, x, steps, tolerance):  # type: ignore[no-untyped-def]
     """Solve (A + DᵀΓD) x = b by conjugate gradients, starting at x, in place; the number of steps.
 

@@ -1,15 +1,11 @@
 """Fraction of the exposure in which a shadow was visible, compiled."""
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(**_COMPILED)
+@njit()
 def add_shadow(centers, offset, radius, profile, step, S):  # type: ignore[no-untyped-def]
     """Add to S (h, w) the mean darkness over all centers (T, 2) where the disc does not cover it.
 

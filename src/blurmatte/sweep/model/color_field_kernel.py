@@ -6,16 +6,12 @@ banded matrix is its lower band: band[k, j] is the element (j + k, j). `observed
 (h, w, 3) each. See `color_field` for the rest.
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(**_COMPILED)
+@njit()
 def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
     """Write 0 to the corners of all cells that the object covered."""
     for y in range(alpha.shape[0]):
@@ -25,7 +21,7 @@ def touched(alpha, pitch, number):  # type: ignore[no-untyped-def]
                 number[j : j + 2, i : i + 2] = 0
 
 
-@njit(**_COMPILED)
+@njit()
 def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
     """Write the four nodes around a pixel, and the values of their hats."""
     j, i = int(y / pitch), int(x / pitch)
@@ -36,7 +32,7 @@ def corners(y, x, pitch, number, nodes, hats):  # type: ignore[no-untyped-def]
     hats[2], hats[3] = v * (1 - u), v * u
 
 
-@njit(**_COMPILED)
+@njit()
 def seen(observed, alpha, pitch, number):  # type: ignore[no-untyped-def]
     """Row and column (n, 2), nodes (n, 4) and alpha times their hats (n, 4) of the n covered pixels.
 
@@ -64,7 +60,7 @@ def seen(observed, alpha, pitch, number):  # type: ignore[no-untyped-def]
     return at, nodes, hats, P, sharp
 
 
-@njit(**_COMPILED)
+@njit()
 def _weights_at(at, weight):  # type: ignore[no-untyped-def]
     """Weights (n,) of pixels in rows and columns `at` (n, 2)."""
     found = np.empty(len(at))
@@ -73,7 +69,7 @@ def _weights_at(at, weight):  # type: ignore[no-untyped-def]
     return found
 
 
-@njit(**_COMPILED)
+@njit()
 def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped-def]
     """Add the normal equations of pixels, as `seen` has them, of weight (n,)."""
     for k in range(len(weight)):
@@ -89,14 +85,14 @@ def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped
                         band[c, node - nodes[k, j], nodes[k, j]] += of_node * hats[k, j]
 
 
-@njit(**_COMPILED)
+@njit()
 def equations(observed, alpha, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
     """Add the nodes' normal equations: lower bands (3, width, m) and right sides (3, m)."""
     at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
     _add(nodes, hats, P, sharp, _weights_at(at, weight), band, right)
 
 
-@njit(**_COMPILED)
+@njit()
 def _color(a, nodes, hats, colors, c):  # type: ignore[no-untyped-def]
     k = 0.0
     if a > 0:
@@ -105,7 +101,7 @@ def _color(a, nodes, hats, colors, c):  # type: ignore[no-untyped-def]
     return k
 
 
-@njit(**_COMPILED)
+@njit()
 def residuals(observed, alpha, pitch, number, colors, e):  # type: ignore[no-untyped-def]
     """Write residuals e (3, h, w) of unit variance, one of each channel."""
     C, B, V_C, V_B = observed
@@ -121,7 +117,7 @@ def residuals(observed, alpha, pitch, number, colors, e):  # type: ignore[no-unt
                 e[c, y, x] = (C[y, x, c] - (1 - a) * B[y, x, c] - a * k) / np.sqrt(V)
 
 
-@njit(**_COMPILED)
+@njit()
 def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
     """Write alpha times the color to P (h, w, 3)."""
     nodes, hats = np.empty(4, np.int64), np.empty(4)
@@ -134,7 +130,7 @@ def light(alpha, pitch, number, colors, P):  # type: ignore[no-untyped-def]
                     P[y, x, c] = a * _color(a, nodes, hats, colors, c)
 
 
-@njit(**_COMPILED)
+@njit()
 def _any(J, y, x):  # type: ignore[no-untyped-def]
     """True if a derivative at a pixel is not 0; a loop is much faster than NumPy here."""
     for p in range(J.shape[2]):  # noqa: SIM110  compiled
@@ -143,7 +139,7 @@ def _any(J, y, x):  # type: ignore[no-untyped-def]
     return False
 
 
-@njit(**_COMPILED)
+@njit()
 def by_alpha(J, observed, alpha, weight, pitch, number, colors, e, cross):  # type: ignore[no-untyped-def]
     """Half the curvature (n, n) and gradient (n,) of a sum of squares; J (h, w, n) are derivatives.
 
@@ -184,7 +180,7 @@ def by_alpha(J, observed, alpha, weight, pitch, number, colors, e, cross):  # ty
     return H, g
 
 
-@njit(**_COMPILED)
+@njit()
 def _factor_columns(columns):  # type: ignore[no-untyped-def]
     """Replace the band's transpose (n, width) by that of the Cholesky factor.
 
@@ -203,7 +199,7 @@ def _factor_columns(columns):  # type: ignore[no-untyped-def]
                 columns[j + k, i - k] -= columns[j, i] * by
 
 
-@njit(**_COMPILED)
+@njit()
 def _solve_columns(columns, x):  # type: ignore[no-untyped-def]
     """Replace a right side x (n,) by the solution, given the transpose of the factor's band."""
     n, width = columns.shape
@@ -219,7 +215,7 @@ def _solve_columns(columns, x):  # type: ignore[no-untyped-def]
         x[j] = total / columns[j, 0]
 
 
-@njit(**_COMPILED)
+@njit()
 def factor(band):  # type: ignore[no-untyped-def]
     """Replace a band (width, n) by that of its Cholesky factor."""
     columns = band.T.copy()
@@ -227,7 +223,7 @@ def factor(band):  # type: ignore[no-untyped-def]
     band[:] = columns.T
 
 
-@njit(**_COMPILED)
+@njit()
 def solve(band, x):  # type: ignore[no-untyped-def]
     """Replace right sides x (n, m) by the solutions, given the band of the Cholesky factor."""
     columns = band.T.copy()
@@ -237,7 +233,7 @@ def solve(band, x):  # type: ignore[no-untyped-def]
         x[:, c] = one
 
 
-@njit(**_COMPILED)
+@njit()
 def _prior_of(differences, spread, change, prior):  # type: ignore[no-untyped-def]
     """Write a prior's band (width, n); the sum of the logs of its factor's diagonal."""
     width, n = differences.shape
@@ -254,7 +250,7 @@ def _prior_of(differences, spread, change, prior):  # type: ignore[no-untyped-de
     return np.log(columns[:, 0]).sum()
 
 
-@njit(**_COMPILED)
+@njit()
 def fit_axis(band, right, differences, spread, change, free, prior, colors):  # type: ignore[no-untyped-def]
     """Write the prior's band (width, n) and the mode (n,); returns cost, mean and its deviation.
 
@@ -264,7 +260,7 @@ def fit_axis(band, right, differences, spread, change, free, prior, colors):  # 
     return _mode_of(band, right, spread, free, prior, volume, colors)
 
 
-@njit(**_COMPILED)
+@njit()
 def _mode_of(band, right, spread, free, prior, volume, colors):  # type: ignore[no-untyped-def]
     """As `fit_axis`, given the prior and the sum of the logs of its factor's diagonal."""
     width, n = band.shape
@@ -295,7 +291,7 @@ def _mode_of(band, right, spread, free, prior, volume, colors):  # type: ignore[
     return cost, mean, std
 
 
-@njit(**_COMPILED)
+@njit()
 def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def]
     """Spread and change of the nodes (n,), weighted by the precision of their data."""
     away, sure = 0.0, 1e-9
@@ -314,7 +310,7 @@ def scales(band, prior, colors, mean, neighbors):  # type: ignore[no-untyped-def
     return np.sqrt(away / sure), np.sqrt(steps / both)
 
 
-@njit(**_COMPILED)
+@njit()
 def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings):  # type: ignore[no-untyped-def]
     """Colors (n, 3) and the prior's bands (3, width, n) of a field; mean, its deviation, spread and
     change (3,) of each; the cost, and the residuals (3, h, w).
@@ -376,7 +372,7 @@ def fit(observed, alpha, weight, pitch, number, differences, neighbors, settings
     return colors, prior, mean, std, used, changed, cost, e
 
 
-@njit(**_COMPILED)
+@njit()
 def marginalize(H, cross, observed, alpha, weight, pitch, number, prior, rank):  # type: ignore[no-untyped-def]
     """Subtract from a curvature H (p, p) the part that colors can explain; cross is (3, n, p).
 

@@ -3,17 +3,13 @@
 See `color_field_kernel` for grids and bands, and `lighting` for the model.
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 from blurmatte.sweep.model.color_field_kernel import corners
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(**_COMPILED)
+@njit()
 def equations(C, B, V_C, V_B, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
     """Add the nodes' normal equations: lower band (width, n) and right side (n,)."""
     nodes, hats = np.empty(4, np.int64), np.empty(4)
@@ -35,7 +31,7 @@ def equations(C, B, V_C, V_B, weight, pitch, number, band, right):  # type: igno
                         band[nodes[i] - nodes[j], nodes[j]] += w * s * hats[j]
 
 
-@njit(**_COMPILED)
+@njit()
 def values(pitch, number, at_nodes, out):  # type: ignore[no-untyped-def]
     """Write a field (h, w) of the values of its nodes (n,)."""
     nodes, hats = np.empty(4, np.int64), np.empty(4)
@@ -47,7 +43,7 @@ def values(pitch, number, at_nodes, out):  # type: ignore[no-untyped-def]
                 out[y, x] += hats[i] * at_nodes[nodes[i]]
 
 
-@njit(**_COMPILED)
+@njit()
 def chi2(C, B, V_C, V_B, change, out):  # type: ignore[no-untyped-def]
     """Write the sum of the three squared residuals (h, w), given the change (h, w) of light."""
     for y in range(out.shape[0]):
@@ -58,7 +54,7 @@ def chi2(C, B, V_C, V_B, change, out):  # type: ignore[no-untyped-def]
                 out[y, x] += e * e / (V_C[y, x, c] + V_B[y, x, c])
 
 
-@njit(**_COMPILED)
+@njit()
 def chi2_of_best(C, B, V_C, V_B, out):  # type: ignore[no-untyped-def]
     """As `chi2` for the best change of each pixel: the residual is light of other hues."""
     for y in range(out.shape[0]):

@@ -5,16 +5,12 @@ to 1. A path is its points xy (T, 2), pixels, at times t (T,), and D (T, 2, n)
 their derivatives by p.
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(**_COMPILED)
+@njit()
 def polynomial(p, weights, t):  # type: ignore[no-untyped-def]
     """Sums of points; weights (k, k) are the coefficients of theirs, a row for each power of t."""
     k = len(weights)
@@ -30,7 +26,7 @@ def polynomial(p, weights, t):  # type: ignore[no-untyped-def]
     return xy, D
 
 
-@njit(**_COMPILED)
+@njit()
 def arc(p, t):  # type: ignore[no-untyped-def]
     """A circle through start and end, its middle p[4] off the chord.
 
@@ -67,7 +63,7 @@ def arc(p, t):  # type: ignore[no-untyped-def]
     return xy, D
 
 
-@njit(**_COMPILED)
+@njit()
 def bounce(p, contact, held, t):  # type: ignore[no-untyped-def]
     """Two straight pieces with the contact between; if `held`, its time cannot change."""
     xy, D = np.empty((len(t), 2)), np.zeros((len(t), 2, 7))
@@ -84,7 +80,7 @@ def bounce(p, contact, held, t):  # type: ignore[no-untyped-def]
     return xy, D
 
 
-@njit(**_COMPILED)
+@njit()
 def from_rest(p, departure, held, t):  # type: ignore[no-untyped-def]
     """At rest, then along a line; if `held`, the time of the departure cannot change."""
     xy, D = np.empty((len(t), 2)), np.zeros((len(t), 2, 5))
@@ -99,7 +95,7 @@ def from_rest(p, departure, held, t):  # type: ignore[no-untyped-def]
     return xy, D
 
 
-@njit(**_COMPILED)
+@njit()
 def pieces(xy, extra, step, max_count):  # type: ignore[no-untyped-def]
     """Midpoints of pieces of the exposure and their durations, from points at even times.
 

@@ -13,19 +13,16 @@ path, which is three times as fast as to compute them in every pixel.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-
 PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide, the blur of a sharp rim; pixels²
 _MAX_CURVATURE = 2.0  # per pixel, that a half plane is corrected for
 
 
-@njit(**_COMPILED)
+@njit()
 def star(c, s, coefficients):  # type: ignore[no-untyped-def]
     """R, (log R)′ and (log R)″ at the angle whose cosine and sine are c and s."""
     power, slope, bend = 0.0, 0.0, 0.0
@@ -40,7 +37,7 @@ def star(c, s, coefficients):  # type: ignore[no-untyped-def]
     return np.exp(power), slope, bend
 
 
-@njit(**_COMPILED)
+@njit()
 def rim_at(c, s, A, coefficients):  # type: ignore[no-untyped-def]
     """Of the rim at the angle ψ of cosine c and sine s: R, point, slope by ψ, its length, curvature."""
     R, g, bend = star(c, s, coefficients) if len(coefficients) > 0 else (1.0, 0.0, 0.0)
@@ -53,7 +50,7 @@ def rim_at(c, s, A, coefficients):  # type: ignore[no-untyped-def]
     return R, px, py, tx, ty, long, min(max(curvature, -_MAX_CURVATURE), _MAX_CURVATURE)
 
 
-@njit(**_COMPILED)
+@njit()
 def edge(x, y, c, s, A, coefficients):  # type: ignore[no-untyped-def]
     """Signed distance inside the rim, normal and curvature there, R, the angle's cosine and sine.
 
@@ -75,7 +72,7 @@ def edge(x, y, c, s, A, coefficients):  # type: ignore[no-untyped-def]
     return (px - x) * nx + (py - y) * ny, nx, ny, curvature, R, c, s
 
 
-@njit(**_COMPILED)
+@njit()
 def around(A, coefficients, step):  # type: ignore[no-untyped-def]
     """Points of the rim (k, 6), no two in turn further apart than about `step`.
 
@@ -95,7 +92,7 @@ def around(A, coefficients, step):  # type: ignore[no-untyped-def]
     return points
 
 
-@njit(**_COMPILED)
+@njit()
 def lattice_around(A, coefficients, variance, reach):  # type: ignore[no-untyped-def]
     """Results of `edge` at nodes h apart (rows, columns, 8); x and y of the first, h, and a polygon.
 
@@ -134,7 +131,7 @@ def lattice_around(A, coefficients, variance, reach):  # type: ignore[no-untyped
     return lattice, x0, y0, h, polygon
 
 
-@njit(**_COMPILED)
+@njit()
 def nearest_of(points, x0, y0, h, reach, rows, columns):  # type: ignore[no-untyped-def]
     """Index of the point nearest to each node (rows, columns), −1 if none is within reach."""
     nearest = np.full((rows, columns), -1)

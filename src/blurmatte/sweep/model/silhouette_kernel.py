@@ -13,7 +13,6 @@ subtracted.
 """
 
 import math
-from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -22,13 +21,11 @@ from scipy.special import ndtr
 from blurmatte.compiling import njit
 from blurmatte.sweep.model.rim_kernel import PIXEL_VARIANCE
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-
 _MAX_DISTANCE_STD = 3.0  # from a soft rim: pixels farther away are in or out
 _NODES_PER_STD = 64  # of the tabulated edge: Taylor's polynomials are exact to 1e-7
 
 
-@njit(**_COMPILED)
+@njit()
 def covered(s, nx, ny):  # type: ignore[no-untyped-def]
     """Fraction of a pixel inside a straight edge, and its derivative by the distance s.
 
@@ -69,7 +66,7 @@ def _tabulated() -> npt.NDArray[np.float64]:
 _EDGE = _tabulated()  # evaluated anew, these functions would dominate the time of a sweep
 
 
-@njit(**_COMPILED)
+@njit()
 def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped-def]
     """Fraction of a pixel inside an edge blurred by `soft`, its derivatives by s and by `soft`.
 
@@ -90,19 +87,19 @@ def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped
     return part, gain, -gain * soft * (z * wide + curvature)
 
 
-@njit(**_COMPILED)
+@njit()
 def variance_of(soft):  # type: ignore[no-untyped-def]
     """Variance of the edge profile of a half plane, pixels²."""
     return PIXEL_VARIANCE + soft * soft
 
 
-@njit(**_COMPILED)
+@njit()
 def reach_of(soft):  # type: ignore[no-untyped-def]
     """Largest distance from the rim at which pixels are partly inside; half a diagonal if sharp."""
     return 0.7072 if soft == 0 else _MAX_DISTANCE_STD * np.sqrt(variance_of(soft))
 
 
-@njit(**_COMPILED)
+@njit()
 def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: ignore[no-untyped-def]
     """`sweep` for a disc, several times as fast: add to alpha (h, w) and J (h, w, n + 1).
 
@@ -147,7 +144,7 @@ def disc(xy, D, weights, radius, growth, late, grows, soft, alpha, J):  # type: 
                         J[j, i, of_soft] += weights[k] * by_soft
 
 
-@njit(**_COMPILED)
+@njit()
 def spans(polygon, L, cx, cy, left, right):  # type: ignore[no-untyped-def]
     """First and last column of each row (h,) that a polygon reaches, mapped and moved; and the rows."""
     h = len(left)
@@ -165,7 +162,7 @@ def spans(polygon, L, cx, cy, left, right):  # type: ignore[no-untyped-def]
     return max(math.ceil(top), 0), min(math.floor(bottom), h - 1)
 
 
-@njit(**_COMPILED)
+@njit()
 def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
     """The value k at the fraction u from node i to the next, and v from node j, bilinear."""
     above = (1 - u) * lattice[j, i, k] + u * lattice[j, i + 1, k]
@@ -173,7 +170,7 @@ def between(lattice, i, j, u, v, k):  # type: ignore[no-untyped-def]
     return (1 - v) * above + v * below
 
 
-@njit(**_COMPILED)
+@njit()
 def largest_stretch(L):  # type: ignore[no-untyped-def]
     """The largest singular value of a linear map (2, 2)."""
     square = L[0, 0] ** 2 + L[0, 1] ** 2 + L[1, 0] ** 2 + L[1, 1] ** 2
@@ -181,7 +178,7 @@ def largest_stretch(L):  # type: ignore[no-untyped-def]
     return np.sqrt((square + np.sqrt(max(square * square - 4 * area * area, 0.0))) / 2)
 
 
-@njit(**_COMPILED)
+@njit()
 def stretched(s, curvature, normal, mapped, area, variance):  # type: ignore[no-untyped-def]
     """s, κ, n / N and L⁻ᵀ n / N of a rim mapped by L of determinant `area`.
 
@@ -201,7 +198,7 @@ def stretched(s, curvature, normal, mapped, area, variance):  # type: ignore[no-
     return s, bent, nx / N, ny / N, mx / N, my / N
 
 
-@njit(inline="always", **_COMPILED)  # a call costs 10 % of the time of a sweep
+@njit(inline="always")  # a call costs 10 % of the time of a sweep
 def add_slopes(slopes, g, k, D, by_maps, normal, mapped, at, shape):  # type: ignore[no-untyped-def]
     """Add to a pixel's slopes (n + j + k + l) the derivatives by all parameters; see `sweep`.
 
@@ -232,7 +229,7 @@ def add_slopes(slopes, g, k, D, by_maps, normal, mapped, at, shape):  # type: ig
         slopes[last + p] += mx * qx + my * qy
 
 
-@njit(**_COMPILED)
+@njit()
 def sweep(motion, maps, by_maps, changes, rim, shape, soft, alpha, J):  # type: ignore[no-untyped-def]
     """Add the coverage of a moving shape to alpha (h, w) and J (h, w, n + j + k + l), zeros.
 
