@@ -86,13 +86,6 @@ def _add(nodes, hats, P, sharp, weight, band, right):  # type: ignore[no-untyped
 
 
 @njit()
-def equations(observed, alpha, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
-    """Add the nodes' normal equations: lower bands (3, width, m) and right sides (3, m)."""
-    at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
-    _add(nodes, hats, P, sharp, _weights_at(at, weight), band, right)
-
-
-@njit()
 def _color(a, nodes, hats, colors, c):  # type: ignore[no-untyped-def]
     k = 0.0
     if a > 0:
@@ -181,7 +174,7 @@ def by_alpha(J, observed, alpha, weight, pitch, number, colors, e, cross):  # ty
 
 
 @njit()
-def _factor_columns(columns):  # type: ignore[no-untyped-def]
+def factor(columns):  # type: ignore[no-untyped-def]
     """Replace the band's transpose (n, width) by that of the Cholesky factor.
 
     Elements read in turn are contiguous: several times as fast as in the band itself.
@@ -200,7 +193,7 @@ def _factor_columns(columns):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def _solve_columns(columns, x):  # type: ignore[no-untyped-def]
+def solve(columns, x):  # type: ignore[no-untyped-def]
     """Replace a right side x (n,) by the solution, given the transpose of the factor's band."""
     n, width = columns.shape
     for j in range(n):
@@ -216,37 +209,12 @@ def _solve_columns(columns, x):  # type: ignore[no-untyped-def]
 
 
 @njit()
-def factor(band):  # type: ignore[no-untyped-def]
-    """Replace a band (width, n) by that of its Cholesky factor."""
-    columns = band.T.copy()
-    _factor_columns(columns)
-    band[:] = columns.T
-
-
-@njit()
-def solve(band, x):  # type: ignore[no-untyped-def]
-    """Replace right sides x (n, m) by the solutions, given the band of the Cholesky factor."""
-    columns = band.T.copy()
-    for c in range(x.shape[1]):
-        one = x[:, c].copy()
-        _solve_columns(columns, one)
-        x[:, c] = one
-
-
-@njit()
 def _prior_of(differences, spread, change, prior):  # type: ignore[no-untyped-def]
     """Write a prior's band (width, n); the sum of the logs of its factor's diagonal."""
-    width, n = differences.shape
-    columns = np.empty((n, width))
-    for k in range(width):
-        for j in range(n):
-            prior[k, j] = differences[k, j] / change**2
-    for j in range(n):
-        prior[0, j] += spread**-2
-    for k in range(width):
-        for j in range(n):
-            columns[j, k] = prior[k, j]
-    _factor_columns(columns)
+    prior[:] = differences / change**2
+    prior[0] += spread**-2
+    columns = prior.T.copy()
+    factor(columns)
     return np.log(columns[:, 0]).sum()
 
 
@@ -264,16 +232,13 @@ def fit_axis(band, right, differences, spread, change, free, prior, colors):  # 
 def _mode_of(band, right, spread, free, prior, volume, colors):  # type: ignore[no-untyped-def]
     """As `fit_axis`, given the prior and the sum of the logs of its factor's diagonal."""
     width, n = band.shape
-    posterior = np.empty((n, width))
-    for k in range(width):
-        for j in range(n):
-            posterior[j, k] = band[k, j] + prior[k, j]
-    _factor_columns(posterior)
+    posterior = (band + prior).T.copy()
+    factor(posterior)
     by_light, by_one = right.copy(), np.full(n, spread**-2)
-    _solve_columns(posterior, by_light)
+    solve(posterior, by_light)
     mean, std = 0.0, spread
     if free:
-        _solve_columns(posterior, by_one)
+        solve(posterior, by_one)
         by_zero, by_mean = 0.0, 0.0
         for j in range(n):
             by_zero += by_light[j] * spread**-2
@@ -379,34 +344,36 @@ def marginalize(H, cross, observed, alpha, weight, pitch, number, prior, rank): 
     Along the first `rank` axes the mean color is free, too.
     """
     width, n = prior.shape[1:]
-    band, right = np.zeros((3, width, n)), np.zeros((3, n))
-    equations(observed, alpha, weight, pitch, number, band, right)
+    x, band, right = np.empty((n, H.shape[0])), np.zeros((3, width, n)), np.zeros((3, n))
+    at, nodes, hats, P, sharp = seen(observed, alpha, pitch, number)
+    _add(nodes, hats, P, sharp, _weights_at(at, weight), band, right)
     for c in range(3):
-        posterior, x = band[c] + prior[c], cross[c].copy()
+        posterior = (band[c] + prior[c]).T.copy()
         factor(posterior)
-        solve(posterior, x)
+        for p in range(H.shape[0]):
+            solved = cross[c, :, p].copy()
+            solve(posterior, solved)
+            x[:, p] = solved
         for j in range(n):
             for p in range(H.shape[0]):
                 for q in range(H.shape[1]):
                     H[p, q] -= cross[c, j, p] * x[j, q]
         if c >= rank:
             continue
-        ones = np.empty((n, 1))  # the prior times 1, a row's sum
-        for j in range(n):
-            ones[j, 0] = prior[c, 0, j]
+        ones = prior[c, 0].copy()  # the prior times 1, a row's sum
         for k in range(1, width):
             for j in range(n - k):
-                ones[j, 0] += prior[c, k, j]
-                ones[j + k, 0] += prior[c, k, j]
+                ones[j] += prior[c, k, j]
+                ones[j + k] += prior[c, k, j]
         mean = ones.copy()
         solve(posterior, mean)
         known = 0.0
         for j in range(n):
-            known += ones[j, 0] * (1 - mean[j, 0])
+            known += ones[j] * (1 - mean[j])
         by_mean = np.zeros(H.shape[0])
         for p in range(H.shape[0]):
             for j in range(n):
-                by_mean[p] += cross[c, j, p] * mean[j, 0]
+                by_mean[p] += cross[c, j, p] * mean[j]
         if known > 1e-9:
             for p in range(H.shape[0]):
                 for q in range(H.shape[1]):
