@@ -11,24 +11,15 @@ others are normalized, so that a row sums to the pixel's alpha.
 """
 
 import math
-from typing import Any
 
 import numpy as np
-from numba import njit
 
-from blurmatte.sweep.model.silhouette_kernel import (
-    between,
-    covered_softly,
-    largest_stretch,
-    reach_of,
-    spans,
-    variance_of,
-)
-
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True}
+from blurmatte.compiling import njit
+from blurmatte.sweep.model.rim_kernel import reach_of, variance_of
+from blurmatte.sweep.model.silhouette_kernel import between, covered_softly, largest_stretch, spans
 
 
-@njit(**_COMPILED)
+@njit()
 def coverage(rim, inverse, soft, far, dx, dy):  # type: ignore[no-untyped-def]
     """Fraction of a pixel inside the mapped rim; (dx, dy) from the center, `inverse` of the map.
 
@@ -60,7 +51,7 @@ def coverage(rim, inverse, soft, far, dx, dy):  # type: ignore[no-untyped-def]
     return covered_softly(inside, mx, my, soft, 1 / np.sqrt(variance), bent)[0]
 
 
-@njit(**_COMPILED)
+@njit()
 def covered_moments(xy, maps, rim, soft, shape):  # type: ignore[no-untyped-def]
     """Moments at which pixels are covered: first (pixels + 1,), moment and coverage, in pixel order."""
     height, width = shape
@@ -90,7 +81,7 @@ def covered_moments(xy, maps, rim, soft, shape):  # type: ignore[no-untyped-def]
     return by_pixel(pixel[:count], moment[:count], part[:count], height * width)
 
 
-@njit(**_COMPILED)
+@njit()
 def by_pixel(pixel, moment, part, pixels):  # type: ignore[no-untyped-def]
     """Counting sort by pixel: first (pixels + 1,), and the others in this order."""
     first = np.zeros(pixels + 1, np.int64)
@@ -105,7 +96,7 @@ def by_pixel(pixel, moment, part, pixels):  # type: ignore[no-untyped-def]
     return first, moments, parts
 
 
-@njit(**_COMPILED)
+@njit()
 def interpolation(node, x, y, indices, weights):  # type: ignore[no-untyped-def]
     """Indices and normalized weights (4,) of the nodes around lattice coordinates; count of them.
 
@@ -128,7 +119,7 @@ def interpolation(node, x, y, indices, weights):  # type: ignore[no-untyped-def]
     return count
 
 
-@njit(**_COMPILED)
+@njit()
 def add_to_row(row, column, value, total, stamp, touched, found):  # type: ignore[no-untyped-def]
     """Add an entry to a row of a sparse matrix; the number of columns that the row touches.
 
@@ -142,7 +133,7 @@ def add_to_row(row, column, value, total, stamp, touched, found):  # type: ignor
     return found
 
 
-@njit(**_COMPILED)
+@njit()
 def with_row(columns, values, at, total, touched):  # type: ignore[no-untyped-def]
     """Columns and values with a row from `at` on, in longer arrays if it needs more room."""
     end = at + len(touched)
@@ -155,7 +146,7 @@ def with_row(columns, values, at, total, touched):  # type: ignore[no-untyped-de
     return columns, values
 
 
-@njit(**_COMPILED)
+@njit()
 def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: ignore[no-untyped-def]
     """The operator as compressed sparse rows: first (pixels + 1,), columns, values; columns ascend.
 
@@ -183,7 +174,7 @@ def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: i
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 
-@njit(**_COMPILED)
+@njit()
 def sums_of(durations, xy, to_lattice, corner, node, width, covered, values):  # type: ignore[no-untyped-def]
     """Alpha (pixels,), and the operator times values (n, c) of the nodes (pixels, c).
 

@@ -22,6 +22,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Floats
 from blurmatte.matting.evidence import FirstEstimate
+from blurmatte.matting.evidence_kernel import along
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence, sums_2x2, upsampled
 
@@ -64,8 +65,6 @@ def with_brightness(
 
 def _along_line(first: FirstEstimate) -> tuple[Floats, Floats, Floats, Floats]:
     """(h, w) each: m·C, m·B, m·V_B m and Var q."""
-    from blurmatte.matting.evidence_kernel import along  # numba takes half a second
-
     l = first.pixels.model.basis[:, 0]
     l = l * np.sign(l.sum())
     out = np.empty((4, *first.alpha.shape), first.pixels.image.rgb.dtype)

@@ -11,6 +11,7 @@ import numpy as np
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.color.model import ColorModel
 from blurmatte.matting.clipped import one_clipped
+from blurmatte.matting.evidence_kernel import evidence, evidence_of_matrices
 from blurmatte.matting.maps import MIN_VARIANCE, in_strips
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.radiometry import LinearImage, smooth_variance
@@ -108,8 +109,6 @@ def evidence_of(pixels: Pixels, alpha: Floats) -> tuple[Floats, Floats]:
     if model.rank == 3:
         C, B, V_C, V_B = (np.asarray(a, float) for a in pixels.with_edges)
         return _of_texture(C, B, V_C, V_B, np.asarray(alpha, float), use)
-    from blurmatte.matting.evidence_kernel import evidence  # numba takes half a second
-
     information, pull = np.zeros((2, *use.shape), pixels.image.rgb.dtype)
     N = np.ascontiguousarray(model.normals)
     maps = np.asarray(alpha, information.dtype), use, information, pull
@@ -135,8 +134,6 @@ def _at_edges(
     mixed: MixedPlate, image: LinearImage, plate: LinearImage, model: ColorModel, alpha: Floats
 ) -> tuple[Array, Array]:
     """Information and pull (n,) of the pixels at uncertain edges; for a line or plane of colors."""
-    from blurmatte.matting.evidence_kernel import evidence_of_matrices  # numba takes half a second
-
     at = mixed.edges
     light = (np.asarray(picture.rgb[at], float) for picture in (image, plate))
     noise = (np.asarray(picture.variance[at], float) + MIN_VARIANCE for picture in (image, plate))

@@ -10,6 +10,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.evidence import Pixels, evidence_of
+from blurmatte.matting.evidence_kernel import residual
 from blurmatte.matting.maps import in_strips
 from blurmatte.statistics import (
     block_squares,
@@ -59,8 +60,6 @@ def _within_streak(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
 
     Differences of neighboring blocks are used: they cancel the residual of a slightly wrong color.
     """
-    from blurmatte.matting.evidence_kernel import residual  # numba takes half a second
-
     l, rest = pixels.model.basis[:, 0], np.empty((2, *inside.shape))
 
     def rows(strip: slice) -> None:

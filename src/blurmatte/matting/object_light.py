@@ -13,6 +13,7 @@ import numpy as np
 
 from blurmatte.checks import Array, Floats
 from blurmatte.color.model import ColorModel
+from blurmatte.compiling import njit
 from blurmatte.matting.maps import in_strips
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.silhouette import OPAQUE
@@ -26,8 +27,6 @@ def light_given(
     P is 0 where alpha is 0. Where too many channels are clipped P is 0 with an infinite standard
     deviation. χ² is 1 where no degree of freedom remains.
     """
-    from blurmatte.matting.object_light_kernel import light  # numba takes half a second
-
     M = np.zeros((3, 3))
     M[:, : model.rank] = model.basis
     whole = (image.valid & plate.valid).all()
@@ -43,7 +42,90 @@ def light_given(
 
     def rows(strip: slice) -> None:
         """Fill some rows."""
-        light(tuple(m[strip] for m in known), M, model.rank, tuple(m[strip] for m in found))
+        _light(tuple(m[strip] for m in known), M, model.rank, tuple(m[strip] for m in found))
 
     in_strips(rows, len(alpha))
     return found
+
+
+@njit(inline="always")
+def _inverse(a, b, c, d, e, f):  # type: ignore[no-untyped-def]
+    """Lower triangle of the inverse of a symmetric matrix, from its lower triangle."""
+    p, q, r = c * f - e * e, d * e - b * f, b * e - c * d
+    scale = 1.0 / (a * p + b * q + d * r)
+    return (
+        scale * p, scale * q, scale * (a * f - d * d),
+        scale * r, scale * (b * d - a * e), scale * (a * c - b * b),
+    )  # fmt: skip
+
+
+@njit(inline="always")
+def _solvable(a, b, c, count, rank):  # type: ignore[no-untyped-def]
+    """True if so many channels determine the light; a, b, c are the first of MᵀV⁻¹M."""
+    if count == 3:
+        return True
+    if rank == 1:
+        return count >= 1 and a > 0
+    return count == 2 and rank == 2 and a * c - b * b > 1e-9 * (a + c) ** 2
+
+
+@njit()
+def _light(known, M, rank, found):  # type: ignore[no-untyped-def]
+    """Write P, its standard deviation and χ² of every pixel.
+
+    `known` are C, B, V_C, V_B and usable (h, w, 3), alpha and alpha_std (h, w); `found` are P, P_std
+    (h, w, 3) and chi2 (h, w), written. M is (3, 3), its last columns 0.
+    """
+    C, B, V_C, V_B, usable, alpha, alpha_std = known
+    P, P_std, chi2 = found
+    W, rest, weighed = np.zeros(3), np.zeros(3), np.zeros((3, 3))
+    for y in range(alpha.shape[0]):
+        for x in range(alpha.shape[1]):
+            t, count = 1.0 - alpha[y, x], 0
+            for c in range(3):
+                rest[c] = C[y, x, c] - t * B[y, x, c]
+                W[c] = 0.0
+                if usable[y, x, c]:
+                    W[c] = 1.0 / max(V_C[y, x, c] + t * t * V_B[y, x, c], 1e-14)
+                    count += 1
+                for i in range(3):
+                    weighed[c, i] = W[c] * M[c, i]
+            a, b, c2, d, e, f = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+            for c in range(3):
+                a += M[c, 0] * weighed[c, 0]
+                b += M[c, 1] * weighed[c, 0]
+                c2 += M[c, 1] * weighed[c, 1]
+                d += M[c, 2] * weighed[c, 0]
+                e += M[c, 2] * weighed[c, 1]
+                f += M[c, 2] * weighed[c, 2]
+            solvable = _solvable(a, b, c2, count, rank)
+            if rank < 3:
+                f = 1.0
+            if rank < 2:
+                c2 = 1.0
+            somewhere, squares = alpha[y, x] != 0, 0.0
+            if solvable:
+                i00, i10, i11, i20, i21, i22 = _inverse(a, b, c2, d, e, f)
+            for c in range(3):
+                light, std = 0.0, 0.0
+                if somewhere and not solvable:
+                    std = np.inf
+                elif somewhere:
+                    m0, m1, m2 = M[c, 0], M[c, 1], M[c, 2]
+                    n0 = m0 * i00 + m1 * i10 + m2 * i20
+                    n1 = m0 * i10 + m1 * i11 + m2 * i21
+                    n2 = m0 * i20 + m1 * i21 + m2 * i22
+                    slope = 0.0
+                    for k in range(3):
+                        to = n0 * weighed[k, 0] + n1 * weighed[k, 1] + n2 * weighed[k, 2]
+                        light += to * rest[k]
+                        slope += to * B[y, x, k]
+                    own = n0 * m0 + n1 * m1 + n2 * m2
+                    std = np.sqrt(own + (slope * alpha_std[y, x]) ** 2)
+                P[y, x, c], P_std[y, x, c] = light, std
+                squares += (rest[c] - light) ** 2 * W[c]
+            # Where alpha is 0 no light is fitted; a model of rank 3 leaves no degree of freedom.
+            left = count - rank if somewhere else count
+            chi2[y, x] = squares / max(left, 1)
+            if left <= 0 and not (count == 3 and rank == 3):
+                chi2[y, x] = 1.0

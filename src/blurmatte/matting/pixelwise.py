@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats, check_map
 from blurmatte.color.model import ColorModel
+from blurmatte.matting import pixelwise_kernel as kernel
 from blurmatte.matting.maps import MIN_VARIANCE, PixelMaps, Quality, in_strips
 from blurmatte.radiometry import NoiseModel
 
@@ -101,8 +102,6 @@ def _compiled(
     image: Any, plate: Any, noise: list[NoiseModel | Floats], tables: Any, dtype: np.dtype[Any]
 ) -> tuple[Callable[..., None], tuple[Any, ...]]:
     """The compiled loop for this kind of input, and its arguments from image to noise."""
-    from blurmatte.matting import pixelwise_kernel as kernel  # numba takes half a second to import
-
     C, B = (np.ascontiguousarray(a).reshape(-1) for a in (image, plate))
     if tables is not None:
         light = tuple(np.asarray(table, dtype) for table in tables)

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import Bools, Floats
+from blurmatte.matting.smooth_kernel import doubled
 
 BORDER = 2  # cells around all maps
 
@@ -51,8 +52,6 @@ class CellEvidence:
 
 def upsampled(values: Floats, shape: tuple[int, ...]) -> Floats:
     """A map (h, w) in cells of half the width, interpolated linearly to a shape."""
-    from blurmatte.matting.smooth_kernel import doubled  # numba takes half a second
-
     out = np.zeros(shape, values.dtype)
     doubled(values, BORDER, out)
     return out

@@ -14,6 +14,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Floats
 from blurmatte.matting.evidence import Pixels
+from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes
 from blurmatte.matting.maps import in_strips
 from blurmatte.matting.pyramid import BORDER, CellEvidence
 from blurmatte.radiometry import YCBCR, LinearImage, Transfer
@@ -31,8 +32,6 @@ def rounding_pulls(
     levels: from pixels on, each of twice the width.
     samples: how many maps to draw, with a fixed seed.
     """
-    from blurmatte.matting.evidence_kernel import add_rounded, pull_of_codes  # numba is slow
-
     codes, transfer = pixels.image.meta.levels, pixels.image.meta.transfer
     if codes is None or transfer is None or pixels.model.rank == 3:
         return []

@@ -23,6 +23,16 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools, Floats
 from blurmatte.matting.pyramid import BORDER, CellEvidence, upsampled
+from blurmatte.matting.smooth_kernel import (
+    backward,
+    conjugate_gradients,
+    doubled,
+    forward,
+    outer,
+    precision,
+    spread,
+    weigh,
+)
 
 
 @dataclass(frozen=True)
@@ -175,8 +185,6 @@ def field_changes(
 
 def finer_field(field: Field, shape: tuple[int, ...], order: int) -> Field:
     """The start for the level of half the width."""
-    from blurmatte.matting.smooth_kernel import doubled  # numba takes half a second
-
     squares = np.zeros((len(field.squares), *shape))
     for part, of_level in zip(squares, field.squares / 4**order, strict=True):
         doubled(of_level, BORDER, part)
@@ -212,8 +220,6 @@ def _roughness_factor(
     x: Floats, root: Floats, order: int, parameters: Floats, mask: Bools
 ) -> Floats:
     """Factor (h, w) of the square of the local scale; `parameters` is that of `local_mean`."""
-    from blurmatte.matting.smooth_kernel import forward, weigh  # numba takes half a second
-
     t = np.zeros((3, *x.shape), x.dtype)
     forward(x, order, t)
     weighed = t.copy()
@@ -233,8 +239,6 @@ def _roughness_factor(
 
 def _precision(prior: Prior, field: Field, cells: int) -> Floats:
     """L of Γ, for differences that count for `cells` pixels."""
-    from blurmatte.matting.smooth_kernel import precision  # numba takes half a second
-
     nu = FieldSettings.prior_dof
     root = np.empty(field.squares.shape, field.x.dtype)
     least = nu * prior.scale**2 * field.roughness
@@ -259,7 +263,6 @@ def _solve_all(
     tolerance: float = FieldSettings.tolerance,
 ) -> int:
     """Solve for each (information, right-hand side, solution) in place; steps of the first."""
-    from blurmatte.matting.smooth_kernel import conjugate_gradients  # numba takes half a second
 
     def solve(job: tuple[Floats, Floats, Floats]) -> int:
         """Solve one system in place; the number of steps."""
@@ -272,8 +275,6 @@ def _solve_all(
 
 def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats) -> Floats:
     """A right-hand side whose solution has the covariance H⁻¹."""
-    from blurmatte.matting.smooth_kernel import backward, spread
-
     b: Floats = np.sqrt(A) * normal[0] * mask
     t = np.zeros((3, *mask.shape), b.dtype)
     spread(root, order, normal[1:], t)
@@ -284,8 +285,6 @@ def _disturbed(A: Floats, root: Floats, order: int, mask: Bools, normal: Floats)
 def _squares(x: Floats, samples: list[Floats], order: int) -> Array:
     """E[Dx Dxᵀ] of the mean and samples around it."""
     from scipy.ndimage import uniform_filter
-
-    from blurmatte.matting.smooth_kernel import forward, outer
 
     t, total = np.zeros((3, *x.shape), x.dtype), np.zeros((3 * order, *x.shape))
     for values, weight in ((x, 1.0), *((z, 1 / len(samples)) for z in samples)):

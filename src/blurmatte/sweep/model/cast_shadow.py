@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from blurmatte.checks import Array
+from blurmatte.compiling import njit
 from blurmatte.sweep.model.path import PathFamily
 from blurmatte.sweep.model.pixels import Pixels
 
@@ -47,15 +48,11 @@ class CastShadow:
 
     def missing(self, family: PathFamily, path: Array, radius: float, pixels: Pixels) -> Array:
         """(h, w) S of a disc of a radius (pixels of the picture) that moves along a path."""
-        from blurmatte.sweep.model import (
-            cast_shadow_kernel as cast_kernel,
-        )  # numba takes half a second to import
-
         centers = _centers_of(family, path, pixels)
         offset, radius, scale = self.offset / pixels.scale, radius / pixels.scale, pixels.scale
         profile, step = _profile(radius, self.softness / scale)
         S = np.zeros(pixels.shape)
-        cast_kernel.add_shadow(centers, offset, radius, profile, step, S)
+        _add_shadow(centers, offset, radius, profile, step, S)
         return S
 
     def on(self, B: Array, S: Array, alpha: Array) -> Array:
@@ -84,3 +81,25 @@ def _profile(radius: float, softness: float) -> tuple[Array, float]:
     at = np.linspace(0, radius + 3.5 * softness, 65)
     dark = chndtr((radius / softness) ** 2, 2, (at / softness) ** 2)
     return np.where(np.isfinite(dark), dark, at < radius), float(at[1])
+
+
+@njit()
+def _add_shadow(centers, offset, radius, profile, step, S):  # type: ignore[no-untyped-def]
+    """Add to S (h, w) the mean darkness over all centers (T, 2) where the disc does not cover it.
+
+    The shadow's center is at `offset` from the disc's; `profile` (n,) is its darkness every `step`
+    pixels from its center. Pixels at the rim are covered in part.
+    """
+    h, w = S.shape
+    reach = step * (len(profile) - 1)
+    for i in range(len(centers)):
+        x0, y0 = centers[i, 0] + offset[0], centers[i, 1] + offset[1]
+        for y in range(max(int(np.ceil(y0 - reach)), 0), min(int(y0 + reach) + 1, h)):
+            for x in range(max(int(np.ceil(x0 - reach)), 0), min(int(x0 + reach) + 1, w)):
+                at = np.sqrt((x - x0) ** 2 + (y - y0) ** 2) / step
+                before = int(at)
+                if before >= len(profile) - 1:
+                    continue
+                dark = profile[before] + (at - before) * (profile[before + 1] - profile[before])
+                out = np.sqrt((x - centers[i, 0]) ** 2 + (y - centers[i, 1]) ** 2) - radius
+                S[y, x] += dark * min(max(out + 0.5, 0.0), 1.0) / len(centers)

@@ -23,6 +23,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array
+from blurmatte.sweep.model import color_field_kernel
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.student_t import DEGREES_OF_FREEDOM
 
@@ -53,8 +54,6 @@ class Grid:
     @classmethod
     def over(cls, alpha: Array, pitch: float) -> "Grid":
         """The nodes of all cells where alpha (h, w) is not 0."""
-        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
-
         h, w = alpha.shape
         number = np.full((int(h / pitch) + 2, int(w / pitch) + 2), -1, np.int64)
         color_field_kernel.touched(alpha, pitch, number)
@@ -103,8 +102,6 @@ class ColorField:
 
     def residuals(self, light: Light, alpha: Array) -> Array:
         """(3, h, w) of unit variance."""
-        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
-
         e = np.empty((3, *alpha.shape))
         color_field_kernel.residuals(
             light, alpha, self.grid.pitch, self.grid.number, self.colors, e
@@ -113,8 +110,6 @@ class ColorField:
 
     def light(self, alpha: Array) -> Array:
         """(h, w, 3) of the object: alpha times its color."""
-        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
-
         P = np.zeros((*alpha.shape, 3))
         color_field_kernel.light(alpha, self.grid.pitch, self.grid.number, self.colors, P)
         return P
@@ -126,8 +121,6 @@ class ColorField:
 
         The colors are marginalized. J (h, w, n): derivatives of alpha; e (3, h, w): residuals.
         """
-        from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
-
         pitch, number = self.grid.pitch, self.grid.number
         cross = np.zeros((3, self.grid.size, J.shape[2]))
         H, g = color_field_kernel.by_alpha(
@@ -147,8 +140,6 @@ def fit_field(
     `light` are image, plate, and the variances of both, (h, w, 3), along the axes of `color`; the
     pitch is that of the nodes, pixels.
     """
-    from blurmatte.sweep.model import color_field_kernel  # numba takes half a second to import
-
     grid = Grid.over(alpha, pitch)
     fit = FieldSettings
     settings = np.array(

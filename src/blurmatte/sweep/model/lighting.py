@@ -19,8 +19,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import Array
+from blurmatte.compiling import njit
 from blurmatte.radiometry import LinearImage
 from blurmatte.sweep.model.color_field import Grid
+from blurmatte.sweep.model.color_field_kernel import corners, fit_axis, scales
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.student_t import student_weight
 
@@ -94,11 +96,6 @@ def fit_lighting(observation: Observation) -> Lighting:
     Pixels of another hue than the plate's show the object and have little influence. The
     observation has the plate as it was without the object.
     """
-    from blurmatte.sweep.model import (
-        color_field_kernel,
-        lighting_kernel,
-    )  # numba takes half a second
-
     shape = observation.weight.shape
     settings = LightingSettings
     pitch = settings.pitch * observation.pitch
@@ -108,18 +105,75 @@ def fit_lighting(observation: Observation) -> Lighting:
     prior, nodes = np.empty((grid.width, n)), np.empty(n)
     spread, step, cost = settings.first_spread, settings.first_step, 0.0
     chi2, change, std = np.empty(shape), np.empty(shape), np.empty(shape)
-    lighting_kernel.chi2_of_best(*light, chi2)
+    _chi2_of_best(*light, chi2)
     for _ in range(settings.rounds):
         weight = observation.weight * student_weight(chi2)
         band, right = np.zeros((grid.width, n)), np.zeros(n)
-        lighting_kernel.equations(*light, weight, pitch, grid.number, band, right)
-        cost, _, _ = color_field_kernel.fit_axis(
-            band, right, differences, spread, step, False, prior, nodes
-        )
+        _equations(*light, weight, pitch, grid.number, band, right)
+        cost, _, _ = fit_axis(band, right, differences, spread, step, False, prior, nodes)
         clipped = np.clip(nodes, settings.min_change, settings.max_change)
-        lighting_kernel.values(pitch, grid.number, clipped, change)
-        lighting_kernel.chi2(*light, change, chi2)
-        lighting_kernel.values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
-        away, steps = color_field_kernel.scales(band, prior, nodes, 0.0, grid.neighbors)
+        _values(pitch, grid.number, clipped, change)
+        _chi2(*light, change, chi2)
+        _values(pitch, grid.number, 1 / np.sqrt(band[0] + prior[0]), std)
+        away, steps = scales(band, prior, nodes, 0.0, grid.neighbors)
         spread, step = (max(float(x), settings.min_spread) for x in (away, steps))
     return Lighting(change, std, float(cost), observation.origin, observation.scale)
+
+
+@njit()
+def _equations(C, B, V_C, V_B, weight, pitch, number, band, right):  # type: ignore[no-untyped-def]
+    """Add the nodes' normal equations: lower band (width, n) and right side (n,)."""
+    nodes, hats = np.empty(4, np.int64), np.empty(4)
+    for y in range(weight.shape[0]):
+        for x in range(weight.shape[1]):
+            if weight[y, x] == 0:
+                continue
+            s, t = 0.0, 0.0
+            for c in range(3):
+                V = V_C[y, x, c] + V_B[y, x, c]
+                s += B[y, x, c] ** 2 / V
+                t += B[y, x, c] * (C[y, x, c] - B[y, x, c]) / V
+            corners(y, x, pitch, number, nodes, hats)
+            for i in range(4):
+                w = weight[y, x] * hats[i]
+                right[nodes[i]] += w * t
+                for j in range(4):
+                    if nodes[j] <= nodes[i]:
+                        band[nodes[i] - nodes[j], nodes[j]] += w * s * hats[j]
+
+
+@njit()
+def _values(pitch, number, at_nodes, out):  # type: ignore[no-untyped-def]
+    """Write a field (h, w) of the values of its nodes (n,)."""
+    nodes, hats = np.empty(4, np.int64), np.empty(4)
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            corners(y, x, pitch, number, nodes, hats)
+            out[y, x] = 0.0
+            for i in range(4):
+                out[y, x] += hats[i] * at_nodes[nodes[i]]
+
+
+@njit()
+def _chi2(C, B, V_C, V_B, change, out):  # type: ignore[no-untyped-def]
+    """Write the sum of the three squared residuals (h, w), given the change (h, w) of light."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            out[y, x] = 0.0
+            for c in range(3):
+                e = C[y, x, c] - B[y, x, c] * (1 + change[y, x])
+                out[y, x] += e * e / (V_C[y, x, c] + V_B[y, x, c])
+
+
+@njit()
+def _chi2_of_best(C, B, V_C, V_B, out):  # type: ignore[no-untyped-def]
+    """As `chi2` for the best change of each pixel: the residual is light of other hues."""
+    for y in range(out.shape[0]):
+        for x in range(out.shape[1]):
+            s, t, total = 1e-30, 0.0, 0.0
+            for c in range(3):
+                V, e = V_C[y, x, c] + V_B[y, x, c], C[y, x, c] - B[y, x, c]
+                s += B[y, x, c] ** 2 / V
+                t += B[y, x, c] * e / V
+                total += e * e / V
+            out[y, x] = max(total - t * t / s, 0.0)

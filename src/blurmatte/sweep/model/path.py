@@ -6,6 +6,7 @@ straight line at constant speed, and is started from a curve of points.
 """
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
 from typing import ClassVar
@@ -13,6 +14,116 @@ from typing import ClassVar
 import numpy as np
 
 from blurmatte.checks import Array
+from blurmatte.compiling import njit
+
+
+@njit()
+def _polynomial(p, weights, t):  # type: ignore[no-untyped-def]
+    """Sums of points; weights (k, k) are the coefficients of theirs, a row for each power of t."""
+    k = len(weights)
+    xy, D = np.zeros((len(t), 2)), np.zeros((len(t), 2, 2 * k))
+    for i in range(len(t)):
+        for j in range(k):
+            weight = 0.0
+            for power in range(k - 1, -1, -1):
+                weight = weight * t[i] + weights[power, j]
+            for c in range(2):
+                xy[i, c] += weight * p[2 * j + c]
+                D[i, c, 2 * j + c] = weight
+    return xy, D
+
+
+@njit()
+def _arc(p, t):  # type: ignore[no-untyped-def]
+    """A circle through start and end, its middle p[4] off the chord.
+
+    Half of the arc turns by φ, tan(φ/2) = p[4] / half chord. In units of half the chord a point is at
+    sin(φ s)/sin φ along it and (cos(φ s) − cos φ)/sin φ off it, s from −1 to 1; for small φ these tend
+    to s and a parabola.
+    """
+    xy, D = np.empty((len(t), 2)), np.empty((len(t), 2, 5))
+    half = ((p[2] - p[0]) / 2, (p[3] - p[1]) / 2)
+    normal = (-half[1], half[0])
+    length, off = np.sqrt(half[0] ** 2 + half[1] ** 2 + 1e-30), p[4]
+    phi = 2 * np.arctan(off / length)
+    by_off = 2 * length / (length**2 + off**2)
+    by_length = -2 * off / (length**2 + off**2)
+    for i in range(len(t)):
+        s = 2 * t[i] - 1
+        if abs(phi) < 1e-4:  # radians: a parabola to rounding
+            along, across = s * (1 + phi**2 * (1 - s**2) / 6), phi * (1 - s**2) / 2
+            more_along, more_across = s * phi * (1 - s**2) / 3, (1 - s**2) / 2
+        else:
+            sine, cosine = np.sin(phi), np.cos(phi)
+            along, across = np.sin(phi * s) / sine, (np.cos(phi * s) - cosine) / sine
+            more_along = (s * np.cos(phi * s) - along * cosine) / sine
+            more_across = (sine - s * np.sin(phi * s) - across * cosine) / sine
+        for c in range(2):
+            turned = more_along * half[c] + more_across * normal[c]
+            xy[i, c] = (p[c] + p[2 + c]) / 2 + along * half[c] + across * normal[c]
+            D[i, c, 4] = turned * by_off
+            for d in range(2):
+                lengthened = turned * by_length * half[d] / (2 * length)
+                moved = along / 2 if c == d else (across / 2 if c > d else -across / 2)
+                D[i, c, d] = (0.5 if c == d else 0.0) - moved - lengthened
+                D[i, c, 2 + d] = (0.5 if c == d else 0.0) + moved + lengthened
+    return xy, D
+
+
+@njit()
+def _bounce(p, contact, held, t):  # type: ignore[no-untyped-def]
+    """Two straight pieces with the contact between; if `held`, its time cannot change."""
+    xy, D = np.empty((len(t), 2)), np.zeros((len(t), 2, 7))
+    for i in range(len(t)):
+        first = t[i] < contact
+        start, duration = (0, contact) if first else (2, 1 - contact)
+        u = t[i] / contact if first else (t[i] - contact) / (1 - contact)
+        for c in range(2):
+            chord = p[start + 2 + c] - p[start + c]
+            xy[i, c] = p[start + c] + u * chord
+            D[i, c, start + c], D[i, c, start + 2 + c] = 1 - u, u
+            if not held:
+                D[i, c, 6] = (-u if first else u - 1) / duration * chord
+    return xy, D
+
+
+@njit()
+def _from_rest(p, departure, held, t):  # type: ignore[no-untyped-def]
+    """At rest, then along a line; if `held`, the time of the departure cannot change."""
+    xy, D = np.empty((len(t), 2)), np.zeros((len(t), 2, 5))
+    for i in range(len(t)):
+        u = max((t[i] - departure) / (1 - departure), 0.0)
+        for c in range(2):
+            chord = p[2 + c] - p[c]
+            xy[i, c] = p[c] + u * chord
+            D[i, c, c], D[i, c, 2 + c] = 1 - u, u
+            if not held and t[i] > departure:
+                D[i, c, 4] = (t[i] - 1) / (1 - departure) ** 2 * chord
+    return xy, D
+
+
+@njit()
+def pieces_of(xy, extra, step, max_count):  # type: ignore[no-untyped-def]
+    """Midpoints of pieces of the exposure and their durations, from points at even times.
+
+    The number of pieces between two points is the length of this part or its longer neighbor, plus
+    `extra`, over `step`; at most `max_count`.
+    """
+    parts = len(xy) - 1
+    length, counts, total = np.empty(parts), np.empty(parts, np.int64), 0
+    for i in range(parts):
+        length[i] = np.hypot(xy[i + 1, 0] - xy[i, 0], xy[i + 1, 1] - xy[i, 1]) + extra
+    for i in range(parts):
+        longest = max(length[i], length[max(i - 1, 0)], length[min(i + 1, parts - 1)])
+        counts[i] = max(int(min(np.ceil(longest / step), max_count)), 1)
+        total += counts[i]
+    t, lengths, n = np.empty(total), np.empty(total), 0
+    for i in range(parts):
+        for j in range(counts[i]):
+            t[n] = (i + (j + 0.5) / counts[i]) / parts
+            lengths[n] = 1 / (parts * counts[i])
+            n += 1
+    return t, lengths
 
 
 class PathFamily(ABC):
@@ -65,9 +176,7 @@ class Polynomial(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Sums of the points, weighted by time."""
-        from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
-
-        xy, D = path_kernel.polynomial(p, _lagrange(self.degree), t)
+        xy, D = _polynomial(p, _lagrange(self.degree), t)
         return xy, D
 
     def starts(self, curve: Array) -> list[Array]:
@@ -93,9 +202,7 @@ class Arc(PathFamily):
 
     def at(self, p: Array, t: Array) -> tuple[Array, Array]:
         """Around the circle."""
-        from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
-
-        xy, D = path_kernel.arc(p, t)
+        xy, D = _arc(p, t)
         return xy, D
 
     def starts(self, curve: Array) -> list[Array]:
@@ -112,14 +219,17 @@ class Kinked(PathFamily):
 
     earliest: ClassVar[float] = 0.02
     latest: ClassVar[float] = 0.98
+    _pieces: ClassVar[Callable[..., tuple[Array, Array]]]  # compiled
 
     def kink(self, p: Array) -> float:
         """Time at which the velocity jumps, within its bounds."""
         return float(np.clip(p[-1], self.earliest, self.latest))
 
-    def _is_held(self, p: Array) -> bool:
-        """True if that time is at a bound."""
-        return not self.earliest < self.kink(p) < self.latest
+    def at(self, p: Array, t: Array) -> tuple[Array, Array]:
+        """Along both pieces; the time of a kink at a bound cannot change."""
+        kink = self.kink(p)
+        xy, D = self._pieces(p, kink, not self.earliest < kink < self.latest, t)
+        return xy, D
 
 
 class Bounce(Kinked):
@@ -130,13 +240,7 @@ class Bounce(Kinked):
 
     name = "bounce"
     size = 7
-
-    def at(self, p: Array, t: Array) -> tuple[Array, Array]:
-        """Along the one piece, then the other."""
-        from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
-
-        xy, D = path_kernel.bounce(p, self.kink(p), self._is_held(p), t)
-        return xy, D
+    _pieces = staticmethod(_bounce)
 
     def starts(self, curve: Array) -> list[Array]:
         """The corner is the point farthest from the chord, or at one or two thirds of the curve."""
@@ -157,13 +261,7 @@ class FromRest(Kinked):
     name = "from rest"
     size = 5
     earliest = 0.0
-
-    def at(self, p: Array, t: Array) -> tuple[Array, Array]:
-        """At the start until the departure, then along the line."""
-        from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
-
-        xy, D = path_kernel.from_rest(p, self.kink(p), self._is_held(p), t)
-        return xy, D
+    _pieces = staticmethod(_from_rest)
 
     def starts(self, curve: Array) -> list[Array]:
         """A line from either end of the curve to the other."""

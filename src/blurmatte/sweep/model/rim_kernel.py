@@ -19,7 +19,20 @@ import numpy as np
 from blurmatte.compiling import njit
 
 PIXEL_VARIANCE = 1 / 12  # of a box one pixel wide, the blur of a sharp rim; pixels²
+MAX_DISTANCE_STD = 3.0  # from a soft rim: pixels farther away are in or out
 _MAX_CURVATURE = 2.0  # per pixel, that a half plane is corrected for
+
+
+@njit()
+def variance_of(soft):  # type: ignore[no-untyped-def]
+    """Variance of the edge profile of a half plane, pixels²."""
+    return PIXEL_VARIANCE + soft * soft
+
+
+@njit()
+def reach_of(soft):  # type: ignore[no-untyped-def]
+    """Largest distance from the rim at which pixels are partly inside; half a diagonal if sharp."""
+    return 0.7072 if soft == 0 else MAX_DISTANCE_STD * np.sqrt(variance_of(soft))
 
 
 @njit()

@@ -12,8 +12,9 @@ from typing import NamedTuple
 import numpy as np
 
 from blurmatte.checks import Array
+from blurmatte.sweep.model import rim_kernel
 from blurmatte.sweep.model.linear_maps import changed, exponential, most_shrinking, turned
-from blurmatte.sweep.model.path import LINE, PathFamily
+from blurmatte.sweep.model.path import LINE, PathFamily, pieces_of
 from blurmatte.sweep.model.pixels import Pixels
 
 OPAQUE = 0.999  # alpha from which the plate is invisible
@@ -153,9 +154,7 @@ class Silhouette:
 
         The parameters of path (n,) and shape (m,) are in pixels of the picture.
         """
-        from blurmatte.sweep.model import (
-            silhouette_kernel as kernel,
-        )  # numba takes half a second to import
+        from blurmatte.sweep.model import silhouette_kernel as kernel  # SciPy is slow to import
 
         alpha, scale = np.zeros(pixels.shape), pixels.scale
         J = np.zeros((*alpha.shape, len(path) + self.size))
@@ -180,9 +179,7 @@ class Silhouette:
 
     def _cover(self, motion: "_Motion", shape: Array, scale: float, alpha: Array, J: Array) -> None:
         """Add the coverage of a shape to alpha and J, as `kernel.sweep` does."""
-        from blurmatte.sweep.model import (
-            silhouette_kernel as kernel,
-        )  # numba takes half a second to import
+        from blurmatte.sweep.model import silhouette_kernel as kernel  # SciPy is slow to import
 
         t, weights, xy, D = motion
         A, by_A = (x / scale for x in self._stretch(shape))
@@ -194,14 +191,9 @@ class Silhouette:
 
     def rim(self, shape: Array, scale: float = 1.0) -> tuple[Array, float, float, float, Array]:
         """Distances from the rim on a lattice, in pixels of a width: `rim_kernel.lattice_around`."""
-        from blurmatte.sweep.model import rim_kernel
-        from blurmatte.sweep.model import (
-            silhouette_kernel as kernel,
-        )  # numba takes half a second to import
-
         A, soft = self._stretch(shape)[0] / scale, self.softness(shape) / scale
-        reach = kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
-        variance = kernel.variance_of(soft)
+        reach = rim_kernel.reach_of(soft) * np.exp(most_shrinking(self.rates(shape)))
+        variance = rim_kernel.variance_of(soft)
         rim = rim_kernel.lattice_around(A, self._coefficients(shape), variance, reach)
         return rim  # type: ignore[no-any-return]
 
@@ -359,15 +351,13 @@ def moments(
     rim_motion: distance by which turn and change move the rim, pixels of the picture.
     soft: standard deviation of the rim's blur, in units of `scale`.
     """
-    from blurmatte.sweep.model import path_kernel  # numba takes half a second to import
-
     even = soft > 0 and family.kink(path) is None
     parts = TimeSampling.soft_parts if even else TimeSampling.parts
     step = TimeSampling.max_step_px
     if even:
         step = 2 * max(float(np.sqrt(1 / 12 + soft**2)), step)  # a pixel's variance, and the blur's
     xy, _ = family.at(path, _even(parts))
-    t, lengths = path_kernel.pieces(xy, rim_motion / parts, step * scale, TimeSampling.max_per_part)
+    t, lengths = pieces_of(xy, rim_motion / parts, step * scale, TimeSampling.max_per_part)
     if not even:
         return t, lengths
     pairs = t[:, None] + 1 / np.sqrt(12) * lengths[:, None] * np.array([-1, 1])

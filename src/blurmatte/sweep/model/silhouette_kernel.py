@@ -19,9 +19,8 @@ import numpy.typing as npt
 from scipy.special import ndtr
 
 from blurmatte.compiling import njit
-from blurmatte.sweep.model.rim_kernel import PIXEL_VARIANCE
+from blurmatte.sweep.model.rim_kernel import MAX_DISTANCE_STD, reach_of, variance_of
 
-_MAX_DISTANCE_STD = 3.0  # from a soft rim: pixels farther away are in or out
 _NODES_PER_STD = 64  # of the tabulated edge: Taylor's polynomials are exact to 1e-7
 
 
@@ -55,7 +54,7 @@ def _tabulated() -> npt.NDArray[np.float64]:
     angles = np.arange(1, count + 1) * np.pi / (count + 1)
     weights = 2 / (count + 1) * np.sin(angles) ** 2
     points = 2 * math.sqrt(1 - normal_std**2) * np.cos(angles)
-    last = _MAX_DISTANCE_STD * _NODES_PER_STD
+    last = MAX_DISTANCE_STD * _NODES_PER_STD
     z = np.arange(-last, last + 1) / _NODES_PER_STD
     u = (z[:, None] - points) / normal_std
     density = np.exp(-(u**2) / 2) / (math.sqrt(2 * math.pi) * normal_std)
@@ -77,26 +76,14 @@ def covered_softly(s, nx, ny, soft, wide, curvature):  # type: ignore[no-untyped
         part, gain = covered(s, nx, ny)
         return part, gain, 0.0
     z = s * wide
-    if abs(z) > _MAX_DISTANCE_STD:
+    if abs(z) > MAX_DISTANCE_STD:
         return (1.0 if z > 0 else 0.0), 0.0, 0.0
-    node = int((z + _MAX_DISTANCE_STD) * _NODES_PER_STD + 0.5)
-    at = node * (1 / _NODES_PER_STD) - _MAX_DISTANCE_STD
+    node = int((z + MAX_DISTANCE_STD) * _NODES_PER_STD + 0.5)
+    at = node * (1 / _NODES_PER_STD) - MAX_DISTANCE_STD
     d, density, slope, bend = z - at, _EDGE[node, 1], _EDGE[node, 2], _EDGE[node, 3]
     part = _EDGE[node, 0] + d * (density + d * (slope / 2 + d * bend / 6))
     gain = (density + d * (slope + d * bend / 2)) * wide
     return part, gain, -gain * soft * (z * wide + curvature)
-
-
-@njit()
-def variance_of(soft):  # type: ignore[no-untyped-def]
-    """Variance of the edge profile of a half plane, pixels²."""
-    return PIXEL_VARIANCE + soft * soft
-
-
-@njit()
-def reach_of(soft):  # type: ignore[no-untyped-def]
-    """Largest distance from the rim at which pixels are partly inside; half a diagonal if sharp."""
-    return 0.7072 if soft == 0 else _MAX_DISTANCE_STD * np.sqrt(variance_of(soft))
 
 
 @njit()
