@@ -6,7 +6,6 @@ Multistart fits of discs, outlines and discs with their shadow are hypotheses ab
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -52,7 +51,6 @@ from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.shadow_mask import darkness
 from blurmatte.sweep.sweep import MAX_RESIDUAL_EXCESS, Sweep
 
-_FREE = ColorPrior(np.eye(3))
 Search = Callable[[Streak, LinearImage, LinearImage], Multistart]
 
 
@@ -140,7 +138,7 @@ def likeliest_streak(
     lit = [streak for streak in strong if not may_be_shadow(image, plate, streak)]
     scored: list[tuple[float, Streak]] = []
     for streak in lit or strong:
-        search = _quick_search(streak, image, plate, _prior(model).of_one_paint)
+        search = _quick_search(streak, image, plate, ColorPrior.of(model).of_one_paint)
         explained = explained_fraction(search.quick())
         scored.append((streak.evidence * (2 * explained - 1), streak))
     score, likeliest = max(scored, key=lambda one: one[0])
@@ -160,7 +158,11 @@ def fit_hypotheses(
     Before the plate as it is, or in the light that the object left on it if that is decisively
     likelier.
     """
-    search = partial(_search, model=model, motion=prior)
+
+    def search(streak: Streak, image: LinearImage, plate: LinearImage) -> Multistart:
+        """Fits before a plate."""
+        return Multistart.of(streak, image, plate, ColorPrior.of(model)).with_prior(prior)
+
     found = _fit_before(image, plate, streak, search, start)
     found = _in_likelier_light(found, image, search, start)
     if model is None and not _is_solid(found.best):
@@ -212,14 +214,13 @@ def _fit_before(
     """All hypotheses before one plate."""
     search, one_paint, varied = _discs(search_in(streak, image, plate), start)
     candidates = [Candidate(disc) for disc in (*one_paint, *varied)]
-    is_explained = partial(_is_explained_by, search.observation)
-    if not is_explained(one_paint[0]) and _is_known_disc(search.observation):
+    if not _is_explained_by(one_paint[0]) and _is_known_disc(search.observation):
         shaded = _with_shadow(search, one_paint[0], image, plate, streak)
         candidates += [] if shaded is None else [Candidate(*shaded)]
-    elif not is_explained(one_paint[0]):
+    elif not _is_explained_by(one_paint[0]):
         grown = [fit_growing(discs[0], search.bounds) for discs in (one_paint, varied) if discs]
         candidates += [Candidate(state) for state in grown if state.silhouette.changes]
-        if not is_explained(grown[0]):
+        if not _is_explained_by(grown[0]):
             candidates += _other_shapes(search, one_paint[0], image, plate, streak)
     observation = search.observation
     evidence = [_evidence(observation, c) for c in candidates]
@@ -252,8 +253,8 @@ def _is_known_disc(observation: Observation) -> bool:
     return observation.prior is not None and observation.prior.is_disc
 
 
-def _is_explained_by(observation: Observation, state: State) -> bool:
-    return _is_explained(observation, variance_inflation(state), residual_excess(state))
+def _is_explained_by(state: State) -> bool:
+    return _is_explained(state.observation, variance_inflation(state), residual_excess(state))
 
 
 def fit_stretch(
@@ -268,7 +269,8 @@ def fit_stretch(
 
     The stretch is that of the parameters of `Silhouette`; the noise is known.
     """
-    search, one_paint, _ = _discs(_search(streak, image, plate, model, prior), start)
+    search = Multistart.of(streak, image, plate, ColorPrior.of(model))
+    search, one_paint, _ = _discs(search.with_prior(prior), start)
     disc = one_paint[0]
     ellipse = disc.of_kind(replace(disc.silhouette, order=2))
     ellipse = minimize(ellipse, search.bounds, MultistartSettings.max_steps, ROUGH_TOLERANCE)
@@ -285,7 +287,7 @@ def fit_disc(
     The noise is known. Without a model the object has one paint. The result need not explain the
     streak, see `Sweep.rejection`. Colors that the file blurred are not corrected.
     """
-    color = _prior(model) if model is not None else _FREE.of_one_paint
+    color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
     search = _quick_search(streak, image, plate, color)
     disc = search.soft()
     inflation = noise_inflation(disc)
@@ -400,24 +402,10 @@ def _discs(search: Multistart, start: Sweep | None) -> tuple[Multistart, list[St
     return search, *discs
 
 
-def _search(
-    streak: Streak,
-    image: LinearImage,
-    plate: LinearImage,
-    model: ColorModel | None,
-    motion: MotionPrior | None,
-) -> Multistart:
-    return Multistart.of(streak, image, plate, _prior(model)).with_prior(motion)
-
-
 def _quick_search(
     streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
 ) -> Multistart:
     return Multistart.of(streak, image, plate, color, MultistartSettings.quick_radii)
-
-
-def _prior(model: ColorModel | None) -> ColorPrior:
-    return _FREE if model is None else ColorPrior.of(model)
 
 
 def _evidence(observation: Observation, candidate: Candidate) -> Evidence:

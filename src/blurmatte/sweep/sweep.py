@@ -16,8 +16,7 @@ from blurmatte.sweep.model.chroma_subsampling import (
     image_before,
     light_of_colors,
 )
-from blurmatte.sweep.model.path import PathFamily
-from blurmatte.sweep.model.path_spread import path_spread
+from blurmatte.sweep.model.path import PathFamily, path_spread
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette, Swept
 from blurmatte.trajectory import Trajectory

@@ -1,4 +1,4 @@
-"""ChromaBlur: light before and after the chroma blur of a file."""
+"""Light before and after the chroma blur of a file."""
 
 from functools import cache
 
@@ -11,10 +11,10 @@ from blurmatte.radiometry import REC709, SRGB, LinearImage, NoiseModel
 from blurmatte.rendering import Ball, Camera, Scene, colorful_plate, plain_plate, render
 from blurmatte.sweep.model.chroma_subsampling import (
     Blur,
-    ChromaBlur,
     Compressed,
     file_of,
     image_before,
+    light_before,
     light_of_colors,
 )
 from blurmatte.trajectory import Trajectory
@@ -53,7 +53,7 @@ def test_the_blur_of_chroma_is_inverted(transfer):
     light, alpha, own = truth.image.rgb, truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(light, transfer)
     assert np.abs(seen - light).max() > 0.02
-    back = ChromaBlur(seen, truth.plate.rgb, Blur(BLUR), transfer).before(alpha, own)
+    back = light_before(seen, truth.plate.rgb, alpha, own, Blur(BLUR), transfer)
     assert_allclose(back, light, atol=1e-5)
 
 
@@ -62,7 +62,7 @@ def test_most_of_the_blur_is_inverted_before_tiles():
     truth = rendered_before("tiles")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen, plate = (through_a_file(x.rgb, SRGB) for x in (truth.image, truth.plate))
-    back = ChromaBlur(seen, plate, Blur(BLUR), SRGB).before(alpha, own)
+    back = light_before(seen, plate, alpha, own, Blur(BLUR), SRGB)
     before, after = (
         ((x - (1 - alpha)[..., None] * plate)[alpha > 0]) @ across(truth) for x in (seen, back)
     )
@@ -72,10 +72,10 @@ def test_most_of_the_blur_is_inverted_before_tiles():
 def test_light_is_unchanged_where_nothing_moved():
     """exact"""
     truth, nothing = rendered_before("wall"), np.zeros(SIZE[::-1])
-    before = ChromaBlur(WALL, WALL, Blur(BLUR), SRGB).before(nothing, np.zeros_like(WALL))
+    before = light_before(WALL, WALL, nothing, np.zeros_like(WALL), Blur(BLUR), SRGB)
     assert_allclose(before, WALL, atol=1e-7)
-    chroma = ChromaBlur(truth.image.rgb, WALL, Blur(BLUR), SRGB)
-    back = chroma.before(truth.layer.alpha, truth.layer.premultiplied)
+    alpha, own = truth.layer.alpha, truth.layer.premultiplied
+    back = light_before(truth.image.rgb, WALL, alpha, own, Blur(BLUR), SRGB)
     assert_allclose(back[:12, :12], truth.image.rgb[:12, :12], atol=1e-7)
 
 
@@ -84,9 +84,9 @@ def test_luma_is_unchanged():
     truth = rendered_before("wall")
     alpha, own = truth.layer.alpha, truth.layer.premultiplied
     seen = through_a_file(truth.image.rgb, SRGB)
-    back = ChromaBlur(seen, truth.plate.rgb, Blur(BLUR), SRGB).before(alpha, own)
+    back = light_before(seen, truth.plate.rgb, alpha, own, Blur(BLUR), SRGB)
     assert_allclose(SRGB.encode(back) @ LUMA, SRGB.encode(seen) @ LUMA, atol=1e-5)
-    same = ChromaBlur(seen, truth.plate.rgb, Blur(0), SRGB).before(alpha, own)
+    same = light_before(seen, truth.plate.rgb, alpha, own, Blur(0), SRGB)
     assert_allclose(same, seen, atol=1e-9)
 
 
@@ -101,7 +101,7 @@ def test_compression_is_inverted_on_average(chroma):
     )
     file = Compressed(camera.photograph(seen, rng).meta.compression, 2 / 255)
     alpha = truth.layer.alpha
-    back = ChromaBlur(seen, B, file, SRGB).before(alpha, truth.layer.premultiplied)
+    back = light_before(seen, B, alpha, truth.layer.premultiplied, file, SRGB)
     before, after = (
         np.sqrt(np.mean(((x - (1 - alpha)[..., None] * B)[alpha > 0] @ across(truth)) ** 2))
         for x in (seen, back)

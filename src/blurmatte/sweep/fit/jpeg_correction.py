@@ -11,6 +11,7 @@ from blurmatte.sweep.fit.candidate import Candidate
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.residuals import colors_are_correlated
 from blurmatte.sweep.model.cast_shadow import CastShadow
+from blurmatte.sweep.model.chroma_subsampling import light_before
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.silhouette import ShapeLimits
 from blurmatte.sweep.model.state import State
@@ -54,5 +55,6 @@ def light_before_file(
     """An observation corrected for the file's effect on the light that a state predicts."""
     alpha = state.swept.alpha
     own = state.field.light(alpha) @ state.observation.color.axes.T
-    light = observed.chroma_blur(transfer, blur).before(alpha, own)
+    file = observed.file(transfer, blur)
+    light = light_before(observed.C, observed.B, alpha, own, file, transfer)
     return replace(observed.with_light(light), color=state.observation.color)

@@ -7,6 +7,7 @@ through the streak, and the best few are refined on small pixels.
 from collections.abc import Callable, Iterable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
+from functools import partial
 from os import cpu_count
 from typing import TypeVar
 
@@ -103,7 +104,7 @@ class Multistart:
 
     def with_noise_inflated(self, by: float) -> "Multistart":
         """With the variance of noise multiplied by a factor."""
-        return replace(self, observation=self.observation.raised(by), coarse=self.coarse.raised(by))
+        return self.with_observations(lambda one: one.raised(by))
 
     def with_prior(self, prior: MotionPrior | None) -> "Multistart":
         """With a prior; its radius lies within the bounds."""
@@ -111,17 +112,13 @@ class Multistart:
             return self
         low, high = self.bounds
         bounds = min(low, prior.radius / 2), max(high, 2 * prior.radius)
-        fine, coarse = (
-            replace(one, prior=prior, camera_stretch=prior.camera_stretch)
-            for one in (self.observation, self.coarse)
-        )
-        return replace(self, observation=fine, coarse=coarse, bounds=bounds)
+        known = partial(replace, prior=prior, camera_stretch=prior.camera_stretch)
+        return replace(self.with_observations(known), bounds=bounds)
 
     @property
     def without_prior(self) -> "Multistart":
         """The same without what other frames say."""
-        fine, coarse = (replace(one, prior=None) for one in (self.observation, self.coarse))
-        return replace(self, observation=fine, coarse=coarse)
+        return self.with_observations(partial(replace, prior=None))
 
     def best(self) -> tuple[list[State], list[State]]:
         """The best discs of one paint, and of colors that vary; the best of each comes first.
@@ -138,9 +135,7 @@ class Multistart:
     @property
     def of_one_paint(self) -> "Multistart":
         """For an object of which only the brightness varies."""
-        return replace(
-            self, observation=self.observation.of_one_paint, coarse=self.coarse.of_one_paint
-        )
+        return self.with_observations(lambda one: one.of_one_paint)
 
     def quick(self) -> State:
         """The best of a few fits of parabolas to the first curve: for one of many frames."""
@@ -179,8 +174,8 @@ class Multistart:
         fits = self._fits(state.curve, float(state.shape[0]), FAMILIES)
         return self._best_refined(fits)[0]
 
-    def before(self, changed: Callable[[Observation], Observation]) -> "Multistart":
-        """The same search with another plate in its observations."""
+    def with_observations(self, changed: Callable[[Observation], Observation]) -> "Multistart":
+        """The same search with both observations changed."""
         fine, coarse = changed(self.observation), changed(self.coarse)
         return replace(self, observation=fine, coarse=coarse)
 

@@ -91,7 +91,7 @@ def _restarted(
         observation = replace(observation, color=plain.color)
         return in_shadow(observation, disc.on(observation), cast)
 
-    again = search.before(shaded).again_from(disc)
+    again = search.with_observations(shaded).again_from(disc)
     return _alternated(again.on(plain), cast, search.bounds, ShadowSearch.fine_rounds)
 
 

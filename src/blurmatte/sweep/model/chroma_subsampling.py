@@ -12,7 +12,6 @@ F M is added to the code values. It is 0 where nothing moved.
 """
 
 from dataclasses import dataclass, replace
-from functools import cached_property
 
 import numpy as np
 
@@ -70,45 +69,30 @@ def file_of(image: LinearImage) -> Compressed | None:
     return Compressed.of(compression, image.rgb, image.variance, transfer)
 
 
-@dataclass(frozen=True, eq=False)
-class ChromaBlur:
-    """Image and plate, and the file that blurred the image's colors."""
+def light_before(
+    C: Floats, B: Floats, alpha: Array, own: Array, file: File, transfer: Transfer
+) -> Array:
+    """(h, w, 3) light of the image before its file.
 
-    # (h, w, 3) float: light of image and plate
-    C: Floats
-    B: Floats
-    file: File  # effect on the image's code values
-    transfer: Transfer  # of the file
-
-    @cached_property
-    def _codes(self) -> Array:
-        return np.asarray(self.transfer.encode(np.asarray(self.C, float)))
-
-    @cached_property
-    def _plate(self) -> Array:
-        """(h, w, 3) light of the plate after the image's file."""
-        codes = self.transfer.encode(np.asarray(self.B, float))
-        return np.asarray(self.transfer.decode(self.file.seen(codes)))
-
-    def before(self, alpha: Array, own: Array) -> Array:
-        """(h, w, 3) light of the image before its file; `own` is alpha times the object's color."""
-        through, encode = (1 - alpha)[..., None], self.transfer.encode
-        predicted = np.asarray(encode(np.maximum(through * self.B + own, 0)))
-        with_plate = np.asarray(encode(np.maximum(through * self._plate + own, 0)))
-        return np.asarray(
-            self.transfer.decode(self._codes + with_plate - self.file.seen(predicted))
-        )
+    C, B (h, w, 3): light of image and plate.
+    own (h, w, 3): alpha times the object's color.
+    file: its effect on the image's code values, which `transfer` decodes.
+    """
+    encode, decode = transfer.encode, transfer.decode
+    codes, plate_codes = (np.asarray(encode(np.asarray(light, float))) for light in (C, B))
+    plate, through = np.asarray(decode(file.seen(plate_codes))), (1 - alpha)[..., None]
+    predicted, with_plate = (
+        np.asarray(encode(np.maximum(through * behind + own, 0))) for behind in (B, plate)
+    )
+    return np.asarray(decode(codes + with_plate - file.seen(predicted)))
 
 
 def image_before(
     image: LinearImage, plate: LinearImage, alpha: Array, own: Array, file: File
 ) -> LinearImage:
-    """An image before its file; clipped pixels as they are.
-
-    The parameters are those of `ChromaBlur` and `ChromaBlur.before`.
-    """
+    """An image before its file, by `light_before`; clipped pixels as they are."""
     transfer = image.meta.transfer or SRGB
-    light = ChromaBlur(image.rgb, plate.rgb, file, transfer).before(alpha, own)
+    light = light_before(image.rgb, plate.rgb, alpha, own, file, transfer)
     kept = np.where(image.valid[..., None], light, image.rgb)
     return replace(image, rgb=kept.astype(image.rgb.dtype))
 

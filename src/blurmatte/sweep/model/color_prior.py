@@ -29,9 +29,9 @@ class ColorPrior:
         return replace(self, varied=1)
 
     @classmethod
-    def of(cls, model: ColorModel) -> "ColorPrior":
-        """The prior of a color model."""
-        if model.rank == 3:
+    def of(cls, model: ColorModel | None) -> "ColorPrior":
+        """The prior of a color model; without one, or with one of rank 3, nothing is known."""
+        if model is None or model.rank == 3:
             return cls(np.eye(3))
         axes = np.linalg.svd(model.basis)[0]
         axes[:, 0] *= np.sign(axes[:, 0].sum())

@@ -10,7 +10,7 @@ from blurmatte.radiometry import LUMA_WEIGHTS, Compression, LinearImage, Transfe
 from blurmatte.statistics import block_squares, cell_means
 from blurmatte.streaks.morphology import dilated
 from blurmatte.streaks.streak import Streak
-from blurmatte.sweep.model.chroma_subsampling import Blur, ChromaBlur, Compressed
+from blurmatte.sweep.model.chroma_subsampling import Blur, Compressed, File
 from blurmatte.sweep.model.color_prior import ColorPrior
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.pixels import Pixels
@@ -99,13 +99,12 @@ class Observation:
         color = replace(ColorPrior.along(mean, moments), varied=self.color.varied)
         return replace(self, color=color)
 
-    def chroma_blur(self, transfer: Transfer, blur: float = 0.0) -> ChromaBlur:
-        """The file's effect on colors: its own compression if known, else a blur of so many pixels."""
+    def file(self, transfer: Transfer, blur: float) -> File:
+        """The image's file: its own compression if known, else a blur of so many pixels."""
         if self.compression is None:
-            return ChromaBlur(self.C, self.B, Blur(blur / self.scale), transfer)
+            return Blur(blur / self.scale)
         variance = self.C_variance / self.noise_inflation
-        file = Compressed.of(self.compression, self.C, variance, transfer)
-        return ChromaBlur(self.C, self.B, file, transfer)
+        return Compressed.of(self.compression, self.C, variance, transfer)
 
     def with_light(self, C: Array) -> "Observation":
         """The same with other light of the image."""
