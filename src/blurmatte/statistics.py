@@ -8,7 +8,7 @@ number of pixels if all of them have the same error. It is n / effective n.
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Floats
+from blurmatte.checks import Array, Bools, Floats
 
 # Units of log likelihood, about 150 to 1: decisive on the scale of Kass and Raftery (1995).
 DECISIVE_LOG_BAYES_FACTOR = 5.0
@@ -56,6 +56,13 @@ def cell_means(values: Floats, side: int) -> Floats:
     """(H // side, W // side, ...) means over blocks; an incomplete last row or column is dropped."""
     sums = block_sums(values, side)
     return sums if side == 1 else np.asarray(sums / side**2)
+
+
+def window_sums(values: Floats | Bools, width: int, mode: str = "reflect") -> Array:
+    """(H, W) sums over a window around each pixel; beyond the picture by a mode of SciPy."""
+    from scipy.ndimage import uniform_filter
+
+    return np.asarray(uniform_filter(values.astype(float), width, mode=mode) * width**2)
 
 
 def block_squares(e: Floats, use: Bools, size: int) -> npt.NDArray[np.float64]:

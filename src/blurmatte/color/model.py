@@ -142,7 +142,7 @@ class ColorModel:
         if self.rank == 1:  # colors are not negative
             pole = np.maximum(pole, 0)
             return ColorModel((pole / np.linalg.norm(pole))[:, None], to_srgb=self.to_srgb)
-        basis = _bright(np.linalg.svd(pole[:, None])[0][:, 1:])
+        basis = _bright(perpendicular(pole))
         return ColorModel(basis, to_srgb=self.to_srgb)
 
     @classmethod
@@ -220,7 +220,7 @@ class ColorModel:
         residual = _residual(samples, pole, rank)
         freedom = max(len(residual) - 2, 1)
         scatter = std if std is not None else float(np.sqrt(np.sum(residual**2) / freedom))
-        basis = pole[:, None] if rank == 1 else np.linalg.svd(pole[:, None])[0][:, 1:]
+        basis = pole[:, None] if rank == 1 else perpendicular(pole)
         covariance = _sample_covariance(samples, pole, rank, scatter)
         model = cls(_bright(basis), covariance, {})
         if not model.angle_std < 20 or (rank == 2 and _one_hue(samples, scatter)):
@@ -237,6 +237,11 @@ def _bright(basis: Array) -> Array:
     return np.asarray(basis * np.where(basis.sum(axis=0) < 0, -1, 1))
 
 
+def perpendicular(v: Array) -> Array:
+    """(3, 2) orthonormal vectors perpendicular to a vector."""
+    return np.asarray(np.linalg.svd(v[:, None])[0][:, 1:])
+
+
 def _angle(a: Array, b: Array) -> float:
     """Angle of two vectors, degrees."""
     return float(np.degrees(np.arctan2(np.linalg.norm(np.cross(a, b)), a @ b)))
@@ -250,7 +255,7 @@ def _extremes(n: Array) -> Array:
     inside = (edges.min(axis=1) >= -1e-9) & (length > 1e-9)
     rays = edges[inside] / length[inside, None]
     if len(rays) < 2:  # the plane has no non-negative color but black
-        return np.asarray(np.abs(np.linalg.svd(n[:, None])[0][:, 1:].T))
+        return np.asarray(np.abs(perpendicular(n).T))
     pair = np.unravel_index(np.argmin(rays @ rays.T), (len(rays), len(rays)))
     return np.asarray(rays[list(pair)])
 
@@ -263,7 +268,7 @@ def _pole_of(samples: Array, rank: int) -> Array:
 
 def _residual(samples: Array, pole: Array, rank: int) -> Array:
     """(m,) coordinates of the samples perpendicular to the line (two each) or plane (one)."""
-    normals = np.linalg.svd(pole[:, None])[0][:, 1:] if rank == 1 else pole[:, None]
+    normals = perpendicular(pole) if rank == 1 else pole[:, None]
     return np.asarray((samples @ normals).ravel())
 
 
@@ -283,7 +288,7 @@ def _inliers(samples: Array, rank: int) -> Array:
         if np.linalg.norm(start) < 1e-9:
             continue
         pole = start / np.linalg.norm(start)
-        tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
+        tangent = perpendicular(pole)
 
         def residual(step: Array, pole: Array = pole, tangent: Array = tangent) -> Array:
             """Distances of the samples after a step of the pole."""
@@ -310,7 +315,7 @@ def _one_hue(samples: Array, scatter: float) -> bool:
 
 def _sample_covariance(samples: Array, pole: Array, rank: int, scatter: float) -> Array:
     """Covariance of the pole: scatter² over the samples' second moment, in its tangent plane."""
-    tangent = np.linalg.svd(pole[:, None])[0][:, 1:]
+    tangent = perpendicular(pole)
     if rank == 1:
         moment = np.eye(2) * np.sum((samples @ pole) ** 2)
     else:

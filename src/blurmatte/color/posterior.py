@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import Array, Bools
 from blurmatte.color.evidence import Evidence, Pixels, closed_form, excess_cost, misfit
+from blurmatte.color.model import perpendicular
 
 _END_CHI2 = 9.0  # least at the ends of a grid: the posterior may rise again beyond a lower one
 
@@ -23,7 +24,7 @@ def posterior(evidence: Evidence, pixels: Pixels) -> tuple[Array, Array]:
     """
     best = _best_direction(evidence, pixels)
     phi = misfit(best, pixels)
-    center, axes, half = best, _tangent(best), np.full(2, np.radians(1.0))
+    center, axes, half = best, perpendicular(best), np.full(2, np.radians(1.0))
     widest = best, np.zeros((3, 3))
     for _ in range(60):
         patch, at_end = _patch(center, axes, half)
@@ -76,7 +77,7 @@ def _refined(evidence: Evidence, pixels: Pixels, start: Array, reach: float) -> 
     """A local minimum of the cost near `start`, and its cost; `reach` is the first step, degrees."""
     from scipy.optimize import minimize
 
-    tangent = _tangent(start)
+    tangent = perpendicular(start)
 
     def cost(x: Array) -> float:
         """Negative log likelihood of a direction; infinite for negative light."""
@@ -97,11 +98,6 @@ def _octant(step: float) -> Array:
     nth = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
     phi = (nth + 0.5) * np.pi / 2 / np.repeat(count, count)
     return np.stack([np.sin(t) * np.cos(phi), np.sin(t) * np.sin(phi), np.cos(t)], axis=1)
-
-
-def _tangent(l: Array) -> Array:
-    """(3, 2) orthonormal vectors perpendicular to l."""
-    return np.asarray(np.linalg.svd(l[:, None])[0][:, 1:])
 
 
 def _patch(center: Array, axes: Array, half: Array, count: int = 17) -> tuple[Array, Bools]:

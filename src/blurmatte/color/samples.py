@@ -18,6 +18,7 @@ from blurmatte.calibration import with_noise
 from blurmatte.checks import Array, Bools, check_same_size
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, check_picture
+from blurmatte.statistics import window_sums
 from blurmatte.streaks import Streak, require_streaks
 
 
@@ -110,7 +111,7 @@ def core_colors(image: LinearImage, plate: LinearImage, streak: Streak | None = 
     if streak is None:
         streak = require_streaks(image, plate)[0]
     terms = _terms(image, plate, streak)
-    v, v_std = _share(*terms, _neighborhood)
+    v, v_std = _share(*terms, lambda x: window_sums(x, CoreSettings.window_px, "constant"))
     window = np.ones((CoreSettings.window_px, CoreSettings.window_px), bool)
     known = ndimage.binary_erosion(streak.mask[streak.rows_columns], window)
     known &= v_std < CoreSettings.max_std
@@ -143,14 +144,6 @@ def _terms(image: LinearImage, plate: LinearImage, streak: Streak) -> tuple[Arra
         own[first] += both * np.sum(step_B**2, axis=-1)
         extra[first] += both * (noise[first] + noise[second])
     return shared, own, extra
-
-
-def _neighborhood(terms: Array) -> Array:
-    """Sums over a window around each pixel."""
-    from scipy import ndimage
-
-    size = CoreSettings.window_px
-    return np.asarray(size**2 * ndimage.uniform_filter(terms, size, mode="constant"))
 
 
 def _share(

@@ -15,7 +15,7 @@ import numpy as np
 from blurmatte.checks import Array, Bools
 from blurmatte.errors import ColorModelError
 from blurmatte.radiometry import LinearImage, smooth_variance
-from blurmatte.statistics import block_sums
+from blurmatte.statistics import block_sums, window_sums
 from blurmatte.streaks import Streak, dilated, shift_variance
 
 
@@ -79,17 +79,15 @@ def may_be_shadow(image: LinearImage, plate: LinearImage, streak: Streak) -> boo
 
 def darker_pixels(image: LinearImage, plate: LinearImage) -> Bools:
     """(h, w) True where the image, of known noise, is a darker copy of the plate in a small window."""
-    from scipy.ndimage import uniform_filter
-
     lost, B = _over_noise(image, plate, smooth_variance(image) + smooth_variance(plate))
     size, limit = ShadowSettings.window_px, ShadowSettings.darker_std
     dd, db, bb, count = (
-        np.maximum(uniform_filter(np.asarray(x, float), size) * size**2, 0)
+        np.maximum(window_sums(x, size), 0)
         for x in (
             (lost**2).sum(axis=-1),
             (lost * B).sum(axis=-1),
             (B * B).sum(axis=-1),
-            3 * (image.valid & plate.valid),
+            3.0 * (image.valid & plate.valid),
         )
     )
     part = db / np.maximum(bb, 1e-12)

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from blurmatte.checks import Array, Bools, Floats
+from blurmatte.checks import Bools, Floats
 from blurmatte.matting.evidence import Pixels, evidence_of
 from blurmatte.matting.evidence_kernel import residual
 from blurmatte.matting.maps import in_strips
@@ -17,6 +17,7 @@ from blurmatte.statistics import (
     block_sums,
     core_mean_square,
     significant_inflation,
+    window_sums,
 )
 
 BLOCK_PX = 8  # width of blocks: the correlation length of noise in compressed files
@@ -78,18 +79,14 @@ def _within_streak(pixels: Pixels, alpha: Floats, inside: Bools) -> float:
 
 
 def _of_alpha(information: Floats, pull: Floats, use: Bools) -> float:
-    """Noise inflation from the pixels' own alpha around the streak."""
-    variance, sums, count = (_window_sums(m) for m in (information, pull, use))
+    """Noise inflation from the pixels' own alpha around the streak.
+
+    Over windows around each pixel, independent of the position of a grid of blocks.
+    """
+    variance, sums, count = (window_sums(m, BLOCK_PX, "constant") for m in (information, pull, use))
     full = (count > BLOCK_PX**2 / 2) & (variance > 0)
     squares = sums[full] ** 2 / variance[full]
     return significant_inflation(squares, len(squares) // BLOCK_PX**2)
-
-
-def _window_sums(values: Floats | Bools) -> Array:
-    """Sums over a window around each pixel, independent of the position of a grid of blocks."""
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(values.astype(float), BLOCK_PX, mode="constant") * BLOCK_PX**2)
 
 
 def _fine_structure(information: Floats, pull: Floats) -> float:

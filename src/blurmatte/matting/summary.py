@@ -7,7 +7,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Match, agreement
-from blurmatte.color.model import ColorModel
+from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
@@ -86,7 +86,7 @@ def _scale_std(
 
     def total(pole: npt.NDArray[np.float64]) -> float:
         """Sum of alpha for a pole of the color model."""
-        normals = np.linalg.svd(pole[:, None])[0][:, 1:] if model.rank == 1 else pole[:, None]
+        normals = perpendicular(pole) if model.rank == 1 else pole[:, None]
         b, d = B @ normals, (B - C) @ normals
         return float(np.sum(np.sum(b * d, axis=1) / (np.sum(b * b, axis=1) + 1e-30)))
 

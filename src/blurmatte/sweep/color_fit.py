@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 
 from blurmatte.calibration import with_noise
-from blurmatte.color.model import ColorModel
+from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.color.streak import check_chroma_resolution, check_color_fit, fit_color_from_hues
 from blurmatte.errors import ColorModelError, MotionError
 from blurmatte.radiometry import LinearImage
 from blurmatte.streaks import Streak, require_streaks
-from blurmatte.sweep.color_fusion import fuse_colors
 from blurmatte.sweep.fit_sweep import fit_sweep, likeliest_streak
 from blurmatte.sweep.sweep import Sweep
 
@@ -89,6 +88,30 @@ def _fit_together(
     return fuse_colors(models)
 
 
+def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
+    """The mean of the colors of one object in several frames, weighted by inverse covariance.
+
+    If the lines differ by more than their covariances predict, the result's covariance is inflated.
+    """
+    if len(models) == 1:
+        return models[0]
+    mean = np.mean([model.pole for model in models], axis=0)
+    for _ in range(3):
+        mean /= np.linalg.norm(mean)
+        T = perpendicular(mean)
+        offsets = [T.T @ model.pole / (mean @ model.pole) for model in models]
+        smallest = 1e-5**2 * np.eye(2)  # radians²: no color is known better
+        weights = [np.linalg.inv(T.T @ model.covariance @ T + smallest) for model in models]
+        covariance = np.linalg.inv(sum(weights))
+        step = covariance @ sum(w @ t for w, t in zip(weights, offsets, strict=True))
+        mean = mean + T @ step
+    excess = sum(t @ w @ t for w, t in zip(weights, offsets, strict=True)) / (2 * len(models) - 2)
+    covariance = covariance * max(float(excess), 1.0)
+    std = float(np.degrees(np.sqrt(np.trace(covariance) / 2)))
+    pole = mean / np.linalg.norm(mean)
+    return ColorModel(pole[:, None], T @ covariance @ T.T, {"frames": std}, models[0].to_srgb)
+
+
 def color_of(
     sweep: Sweep,
     image: LinearImage,
@@ -121,7 +144,7 @@ def _hue_std(model: ColorModel, image: LinearImage, plate: LinearImage, streak: 
         for a in (image.rgb, plate.rgb, image.variance, plate.variance)
     )
     l = model.pole
-    T = np.linalg.svd(l[:, None])[0][:, 1:]
+    T = perpendicular(l)
     normal = np.cross(l, B)
     length2 = np.sum(normal**2, axis=1) + 1e-12
     r_variance = np.sum((V_C + V_B) * normal**2, axis=1) / length2 + 1e-14

@@ -12,6 +12,7 @@ import numpy as np
 from blurmatte.checks import Array, Bools
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import window_sums
 from blurmatte.streaks import Streak, dilated, opened
 
 
@@ -140,7 +141,7 @@ def _darker_than(
     """
     settings = ShadowMaskSettings
     p, q, k, a, unit = _of_windows(products, use, window)
-    far = _sums(background, window) > (1 - 1 / window) * window**2
+    far = window_sums(background, window) > (1 - 1 / window) * window**2
     if np.count_nonzero(far) > settings.min_windows:
         *_, a_far, unit_far = _of_windows(products, background, window)
         z2 = a_far[far] ** 2 / np.maximum(unit_far[far], 1e-30)
@@ -160,13 +161,7 @@ def _of_windows(
     products: list[Array], use: Bools, window: int
 ) -> tuple[Array, Array, Array, Array, Array]:
     """B·l, B·B, k and a of windows, and the variance of a for independent noise."""
-    n = np.maximum(_sums(use, window), 1)
-    p, q, u, w, variance = (_sums(np.where(use, x, 0), window) / n for x in products)
+    n = np.maximum(window_sums(use, window), 1)
+    p, q, u, w, variance = (window_sums(np.where(use, x, 0), window) / n for x in products)
     k, a, det = _light_and_loss(p, q, u, w)
     return p, q, k, a, np.maximum(variance / (n * det), 0)
-
-
-def _sums(values: Array | Bools, window: int) -> Array:
-    from scipy.ndimage import uniform_filter
-
-    return np.asarray(uniform_filter(values.astype(float), window)) * window**2

@@ -12,7 +12,7 @@ from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames
 from blurmatte.streaks import Streak, find_streaks
-from blurmatte.sweep.color_fusion import fuse_colors
+from blurmatte.sweep.color_fit import fuse_colors
 from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
 from blurmatte.sweep.sweep import Sweep
 
