@@ -106,10 +106,9 @@ class Case:
         image, plate, model = self.image.crop(box), self.plate.crop(box), self.model
         whole = image.size == self.image.size
         place = rows_columns(box, (0, 0, *self.image.size))
-        near = solver(
-            image.rgb, plate.rgb, model, _noise(image), _noise(plate),
-            flags=flags[place], out=out if whole else None,
-        )  # fmt: skip
+        noise: Any = image.noise, plate.noise  # known
+        direct = out if whole else None
+        near = solver(image.rgb, plate.rgb, model, noise[0], noise[1], flags[place], out=direct)
         solve_clipped(near, image, plate, model, solver.max_alpha_std)
         maps = near if whole else _in_picture(near, box, flags, out)
         around = self.streak.around(MARGIN_PX)
@@ -157,11 +156,6 @@ def _in_picture(
     maps.quality[...] = flags
     maps.write(box, near)
     return maps
-
-
-def _noise(picture: LinearImage) -> Any:
-    """The noise, which is not None after `with_noise`."""
-    return picture.noise
 
 
 def _with_inflated_noise(picture: LinearImage, hypotheses: Hypotheses | None) -> LinearImage:

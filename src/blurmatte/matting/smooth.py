@@ -211,7 +211,8 @@ class Smooth:
             of_each, of_all = _of_rounding(fit)
             shared, of_sum = shared + of_each, of_sum + of_all
         # Cells and pixels weight the evidence differently; the difference of sums is a model error.
-        of_sum += (_total(field) - 4**fit.finest * _total(fit.coarse[-1][1])) ** 2
+        fine, coarse = (float(one.x.sum(dtype=float)) for one in (field, fit.coarse[-1][1]))
+        of_sum += (fine - 4**fit.finest * coarse) ** 2
         lost = (1 - 1 / inflation) * _fine_structure(field.x)
         variance, bias_square = self._variance(levels, fit.prior, field, fit.pixels.model.rank)
         variance = variance * inflation / noise_factor + np.pad(shared, BORDER) + lost
@@ -329,10 +330,6 @@ def _before_file(pixels: Pixels, file: Compressed, field: Field) -> Pixels:
     own = light_of_colors(pixels.image, pixels.plate, alpha, pixels.model.basis, file.std)
     image = image_before(pixels.image, pixels.plate, alpha, own, file)
     return replace(pixels, image=replace(image, rgb=np.ascontiguousarray(image.rgb)))
-
-
-def _total(field: Field) -> float:
-    return float(field.x.sum(dtype=float))
 
 
 def _of_rounding(fit: _Fit) -> tuple[Floats, float]:

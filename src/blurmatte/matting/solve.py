@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from blurmatte.background import Matching, fit_match
+from blurmatte.background import Matching, agreement, fit_match
 from blurmatte.calibration import with_noise
 from blurmatte.checks import Bools, Box, check_kind, check_map, check_same_size
 from blurmatte.color.color_projection import streak_of_color
@@ -23,7 +23,7 @@ from blurmatte.matting.shaded import Shaded
 from blurmatte.matting.shadow import mark_shadow
 from blurmatte.matting.smooth import Smooth
 from blurmatte.matting.solution import Solution
-from blurmatte.matting.summary import match_summary, noise_summary, streak_summary
+from blurmatte.matting.summary import noise_summary, streak_summary
 from blurmatte.matting.swept import Swept
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks import Streak, check_streak, merge_across_occluder, require_streaks
@@ -190,13 +190,14 @@ def _solution(case: Case, others: list[Streak], out: PixelMaps | None) -> Soluti
         shadow_std = mark_shadow(maps, image, plate, streak, case.model, without_sweep, only_lost)
     if not isinstance(case.solver, Pixelwise | Shaded):
         streak = Streak(~has_flag(maps.quality, Quality.OUTSIDE))
+    agrees, at_edges = agreement(image, plate)
     stats = {
         **streak_summary(maps, case.model, image, plate, streak),
         "streak_box": streak.box,
         "other_boxes": tuple(other.box for other in others),
         "image_noise": noise_summary(image),
         "plate_noise": noise_summary(plate),
-        "match": match_summary(case.pictures.match, image, plate),
+        "match": {**case.pictures.match.facts, "agreement": agrees, "edge_agreement": at_edges},
         "may_be_shadow": only_lost,
         "exposure_time": image.meta.exposure_time,
         **numbers,

@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.background import Match, agreement
 from blurmatte.color.model import ColorModel, perpendicular
 from blurmatte.matting.maps import PixelMaps, Quality, has_flag
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -55,12 +54,6 @@ def sweep_summary(sweep: Sweep) -> dict[str, Any]:
             "shadow": None if sweep.cast is None else sweep.cast.numbers,
         },
     }
-
-
-def match_summary(match: Match, image: LinearImage, plate: LinearImage) -> dict[str, Any]:
-    """Changes of the plate to match the image, and the remaining difference."""
-    everywhere, at_edges = agreement(image, plate)
-    return {**match.facts, "agreement": everywhere, "edge_agreement": at_edges}
 
 
 def noise_summary(picture: LinearImage) -> Any:

@@ -150,10 +150,10 @@ def test_alpha_of_a_narrowing_disc_at_rest_decreases_outwards():
 
 
 def test_moments_are_close_where_growth_moves_the_rim():
-    fast = GROWING._motion(LINE, REST, np.array([60.0, 2.0]), canvas())
-    slow = GROWING._motion(LINE, REST, np.array([60.0, 0.1]), canvas())
-    assert len(fast.t) > len(slow.t) == len(moments(LINE, REST, 1.0)[0])
-    assert np.diff(60 * np.exp(2 * (fast.t - 0.5))).max() < 1
+    moves = (GROWING.rim_motion(np.array([60.0, rate])) for rate in (2.0, 0.1))
+    fast, slow = (moments(LINE, REST, 1.0, move)[0] for move in moves)
+    assert len(fast) > len(slow) == len(moments(LINE, REST, 1.0)[0])
+    assert np.diff(60 * np.exp(2 * (fast - 0.5))).max() < 1
 
 
 def test_like_keeps_the_rates():

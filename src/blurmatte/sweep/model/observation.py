@@ -150,25 +150,21 @@ class Observation:
             """Means over coarse pixels."""
             return np.asarray(cell_means(x, by), dtype=float)
 
-        pixels = self.pixels.coarser(by)
-        return Observation(
-            means(self.C),
-            means(self.B),
-            means(self.C_variance) / by**2,
-            means(self.B_variance) / by**2,
-            np.where(means(self.valid.astype(float)) == 1, means(self.weight), 0),
-            means(self.valid.astype(float)) == 1,
-            means(self.streak.astype(float)) > 0,
-            means(self.near.astype(float)) > 0,
-            self.size,
-            pixels.origin,
-            self.color,
-            pixels.scale,
-            self.grain,
-            self.noise_inflation,
-            None if self.chroma_error is None else means(self.chroma_error),
-            prior=self.prior,
-            camera_stretch=self.camera_stretch,
+        pixels, whole = self.pixels.coarser(by), means(self.valid.astype(float)) == 1
+        return replace(
+            self,
+            C=means(self.C),
+            B=means(self.B),
+            C_variance=means(self.C_variance) / by**2,
+            B_variance=means(self.B_variance) / by**2,
+            weight=np.where(whole, means(self.weight), 0),
+            valid=whole,
+            streak=means(self.streak.astype(float)) > 0,
+            near=means(self.near.astype(float)) > 0,
+            origin=pixels.origin,
+            scale=pixels.scale,
+            chroma_error=None if self.chroma_error is None else means(self.chroma_error),
+            compression=None,
         )
 
 

@@ -7,7 +7,6 @@ defines ρ by the parameters.
 
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import NamedTuple
 
 import numpy as np
 
@@ -156,38 +155,24 @@ class Silhouette:
         """
         from blurmatte.sweep.model import silhouette_kernel as kernel  # SciPy is slow to import
 
-        alpha, scale = np.zeros(pixels.shape), pixels.scale
+        scale, soft = pixels.scale, self.softness(shape) / pixels.scale
+        alpha = np.zeros(pixels.shape)
         J = np.zeros((*alpha.shape, len(path) + self.size))
-        motion, soft = self._motion(family, path, shape, pixels), self.softness(shape) / scale
+        t, weights = moments(family, path, scale, self.rim_motion(shape), soft)
+        xy, D = family.at(path, t)
+        xy, D = (xy - pixels.origin) / scale, D / scale
         if self.order == 1 and self.camera_stretch == (0.0, 0.0):
             radius, growth = shape[0] / scale, shape[1] if self.changes else 0.0
-            t, weights, xy, D = motion
             kernel.disc(xy, D, weights, radius, growth, t - 0.5, self.changes, soft, alpha, J)
             J[..., len(path)] /= scale
         else:
-            self._cover(motion, shape, scale, alpha, J)
+            A, by_A = (x / scale for x in self._stretch(shape))
+            outline, rim = (A, by_A, self._coefficients(shape)), self.rim(shape, scale)
+            maps, motion = self._maps(shape, t), (xy, D, weights)
+            kernel.sweep(motion, *maps, self.changes, rim, outline, soft, alpha, J)
         if self.soft:
             J[..., -1] /= scale
         return Swept(alpha, J)
-
-    def _motion(self, family: PathFamily, path: Array, shape: Array, pixels: Pixels) -> "_Motion":
-        """Moments, their weights and the centers."""
-        scale, rim_motion = pixels.scale, self.rim_motion(shape)
-        t, weights = moments(family, path, scale, rim_motion, self.softness(shape) / scale)
-        xy, D = family.at(path, t)
-        return _Motion(t, weights, (xy - pixels.origin) / scale, D / scale)
-
-    def _cover(self, motion: "_Motion", shape: Array, scale: float, alpha: Array, J: Array) -> None:
-        """Add the coverage of a shape to alpha and J, as `kernel.sweep` does."""
-        from blurmatte.sweep.model import silhouette_kernel as kernel  # SciPy is slow to import
-
-        t, weights, xy, D = motion
-        A, by_A = (x / scale for x in self._stretch(shape))
-        coefficients, soft = self._coefficients(shape), self.softness(shape) / scale
-        rim = self.rim(shape, scale)
-        maps, by_maps = self._maps(shape, t)
-        outline = A, by_A, coefficients
-        kernel.sweep((xy, D, weights), maps, by_maps, self.changes, rim, outline, soft, alpha, J)
 
     def rim(self, shape: Array, scale: float = 1.0) -> tuple[Array, float, float, float, Array]:
         """Distances from the rim on a lattice, in pixels of a width: `rim_kernel.lattice_around`."""
@@ -324,15 +309,6 @@ class Silhouette:
         phi = np.arange(3, self.order + 1)[:, None] * _angles(count)
         waves = np.stack([np.cos(phi), np.sin(phi)], axis=1).reshape(-1, count)
         return np.asarray(np.exp(self._coefficients(shape) @ waves))
-
-
-class _Motion(NamedTuple):
-    """Times (T,), fractions of the exposure (T,), centers (T, 2), pixels, and derivatives (T, 2, n)."""
-
-    t: Array
-    weights: Array
-    xy: Array
-    D: Array
 
 
 DISC, ELLIPSE = Silhouette(1), Silhouette(2)

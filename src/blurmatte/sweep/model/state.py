@@ -95,16 +95,10 @@ class State:
 
     def relit(self, observation: Observation) -> "State":
         """The same path and shape in an observation of the same pixels: alpha is not computed again."""
-        field, e, cost = _explained(observation, self.swept.alpha)
-        relit = replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
-        return relit._with_prior()
-
-    def _with_prior(self) -> "State":
-        """The same with the prior's part of the cost."""
-        prior = self.observation.prior
-        if prior is None:
-            return self
-        return replace(self, cost=self.cost + prior.cost(self.family, self.path, self.shape))
+        field, e, cost = _explained(
+            observation, self.swept.alpha, self.family, self.path, self.shape
+        )
+        return replace(self, observation=observation, field=field, e=e, cost=cost, converged=False)
 
 
 def state_at(
@@ -116,14 +110,17 @@ def state_at(
 ) -> State:
     """The state of a path and a shape: alpha, colors, residuals and cost."""
     swept = silhouette.sweep(family, path, shape, observation.pixels)
-    field, e, cost = _explained(observation, swept.alpha)
-    state = State(observation, family, path, silhouette, shape, swept, field, e, cost)
-    return state._with_prior()
+    field, e, cost = _explained(observation, swept.alpha, family, path, shape)
+    return State(observation, family, path, silhouette, shape, swept, field, e, cost)
 
 
-def _explained(observation: Observation, alpha: Array) -> tuple[ColorField, Array, float]:
-    """Field, residuals and cost of a `State` without a prior."""
+def _explained(
+    observation: Observation, alpha: Array, family: PathFamily, path: Array, shape: Array
+) -> tuple[ColorField, Array, float]:
+    """Field, residuals and cost of a `State`."""
     light, weight = observation.light, observation.weight
     field, e = fit_field(light, alpha, weight, observation.pitch, observation.color)
     cost = float(np.sum(weight * loss((e**2).sum(axis=0)))) + field.cost
+    if observation.prior is not None:
+        cost += observation.prior.cost(family, path, shape)
     return field, e, cost
