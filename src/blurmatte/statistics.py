@@ -12,6 +12,7 @@ from blurmatte.checks import Array, Bools, Floats
 
 # Units of log likelihood, about 150 to 1: decisive on the scale of Kass and Raftery (1995).
 DECISIVE_LOG_BAYES_FACTOR = 5.0
+MEDIAN_1 = 0.455  # median of χ² with one degree of freedom
 MEDIAN_3 = 2.366  # median of χ² with three degrees of freedom, one for each channel
 QUANTILE_999_3 = 16.27  # its 99.9 % quantile
 MAD_TO_STD = 1.4826  # 1 / Φ⁻¹(3/4): standard deviation of normal numbers over their median size

@@ -139,7 +139,6 @@ def calibrated(
     return replace(
         average,
         alpha_std=np.where(np.isfinite(average.alpha_std), np.sqrt(variance), np.inf),
-        sum_std=average.sum_std,
         scale_std=float(np.sqrt(scale_square)),
     )
 

@@ -15,7 +15,7 @@ from blurmatte.matting.evidence_kernel import evidence, evidence_of_matrices
 from blurmatte.matting.maps import MIN_VARIANCE, in_strips
 from blurmatte.matting.mixed_plate import MixedPlate
 from blurmatte.radiometry import LinearImage, smooth_variance
-from blurmatte.statistics import BLOCK_SIZES
+from blurmatte.statistics import BLOCK_SIZES, MEDIAN_1
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,9 +176,8 @@ def _of_texture(
 
     information, pull = (gaussian_filter(m, sigma=3.0) for m in sums(0.0))
     t = (1 - np.clip(pull / (information + 1e-9), 0, 1))[..., None]
-    median_chi2 = 0.455  # of one degree of freedom
     excess = [
-        np.median(((c - t * b) ** 2 - v_C - t**2 * v_B)[both[..., 0]]) / median_chi2
+        np.median(((c - t * b) ** 2 - v_C - t**2 * v_B)[both[..., 0]]) / MEDIAN_1
         for both, c, b, v_C, v_B in pairs
         if both.any()
     ]

@@ -86,10 +86,14 @@ class _Hypotheses:
         return cls(sweeps, shapeless, evidence, hypothesis_weights(evidence), box, estimates)
 
     @property
+    def all(self) -> list[Sweep | _Shapeless]:
+        """In the order of the weights."""
+        return [*self.sweeps, *self.shapeless]
+
+    @property
     def best(self) -> Sweep | _Shapeless:
         """The one of the largest weight."""
-        found: list[Sweep | _Shapeless] = [*self.sweeps, *self.shapeless]
-        return found[int(np.argmax(self.weights))]
+        return self.all[int(np.argmax(self.weights))]
 
     def shape_log_odds(self) -> tuple[float, float]:
         """Log odds of the likeliest disc against an outline, and of a shape against none.
@@ -112,12 +116,9 @@ class _Hypotheses:
     @property
     def summaries(self) -> list[HypothesisSummary]:
         """Of all, for the calibration."""
-        models = [one.model for one in self.sweeps] + [one.model for one in self.shapeless]
         return [
-            HypothesisSummary(float(w), model.rank, i < len(self.sweeps), one.inflation)
-            for i, (w, model, one) in enumerate(
-                zip(self.weights, models, self.evidence, strict=True)
-            )
+            HypothesisSummary(float(w), one.model.rank, isinstance(one, Sweep), known.inflation)
+            for w, one, known in zip(self.weights, self.all, self.evidence, strict=True)
         ]
 
 
@@ -163,10 +164,10 @@ def _alternatives(
     found: _Hypotheses, average: AlphaEstimate, pictures: tuple[LinearImage, LinearImage]
 ) -> tuple[dict[str, Any], ...]:
     """The listed hypotheses as plain numbers."""
-    models: list[Sweep | ColorModel] = [*found.sweeps, *(one.model for one in found.shapeless)]
+    kinds = [one if isinstance(one, Sweep) else one.model for one in found.all]
     alternatives = [
-        alternative(one, weight, estimate, average, pictures, found.box)
-        for one, weight, estimate in zip(models, found.weights, found.estimates, strict=True)
+        alternative(kind, weight, estimate, average, pictures, found.box)
+        for kind, weight, estimate in zip(kinds, found.weights, found.estimates, strict=True)
     ]
     return tuple(map(asdict, listed(alternatives, hypothesis_scores(found.evidence))))
 

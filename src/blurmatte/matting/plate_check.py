@@ -9,6 +9,7 @@ import numpy as np
 
 from blurmatte.errors import PlateWarning
 from blurmatte.radiometry import LinearImage
+from blurmatte.statistics import MEDIAN_1
 from blurmatte.streaks import Streak
 
 
@@ -86,8 +87,8 @@ def _brightness_around(
     # Medians are robust to other moving objects near the streak.
     bright = B.mean(axis=0)
     difference = np.median(C - B, axis=0)
-    # The error of a median is 1.253 times that of a mean; 0.455 is the median of χ² of one.
-    std = 1.253 * np.sqrt(np.median((C - B - difference) ** 2, axis=0) / 0.455 / len(B))
+    # The error of a median is 1.253 times that of a mean.
+    std = 1.253 * np.sqrt(np.median((C - B - difference) ** 2, axis=0) / MEDIAN_1 / len(B))
     significant = np.abs(difference) > 5 * std
     return np.asarray(
         np.where(significant & (bright > 0), difference / np.maximum(bright, 1e-6), 0.0)

@@ -14,7 +14,7 @@ from blurmatte.checks import Array, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
 from blurmatte.radiometry import SRGB, LinearImage
-from blurmatte.streaks import Streak, check_streak, require_streaks
+from blurmatte.streaks import Streak, check_streak, find_streaks, require_streaks
 from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.assess.model_selection import (
     Evidence,
@@ -30,11 +30,11 @@ from blurmatte.sweep.fit.multistart import (
     Multistart,
     MultistartSettings,
     fitted_to_hue,
+    half_width_of,
     with_principal_axes,
     with_varied_colors,
 )
 from blurmatte.sweep.fit.outline import fit_growing, fit_outline
-from blurmatte.sweep.fit.relighting import lighting_of
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
     noise_inflation,
@@ -44,6 +44,7 @@ from blurmatte.sweep.fit.residuals import (
 from blurmatte.sweep.fit.shadow import fit_with_shadow, in_shadow
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.color_prior import ColorPrior
+from blurmatte.sweep.model.lighting import Lighting, fit_lighting
 from blurmatte.sweep.model.motion_prior import MotionPrior
 from blurmatte.sweep.model.observation import Observation
 from blurmatte.sweep.model.state import State
@@ -62,6 +63,11 @@ class HypothesisSettings:
     min_evidence_ratio: float = 0.01  # evidence of a streak over that of the strongest
     # Variance inflation of residuals that another shape or light does not reduce
     max_explained_inflation: float = 1.2
+    # Of the plate's light that it loses: less hardly changes alpha, and costs a search
+    min_loss: float = 0.02
+    max_remaining_fraction: float = (
+        0.9  # of a streak in that light: a smaller one justifies a search
+    )
     min_light_weight: float = 0.993  # weight of other light on the plate: 150 to 1
     min_refined_weight: float = 1e-3  # weight of a hypothesis that is refined
     # Relative root mean square difference of alpha of two hypotheses
@@ -184,7 +190,7 @@ def _in_likelier_light(
         return found
     observation = found.observation.raised(1 / found.observation.noise_inflation)
     outside = observation if observation.prior is None else found.outside_of_best(observation)
-    lit = lighting_of(image, found.plate, found.streak, outside)
+    lit = _lighting_of(image, found.plate, found.streak, outside)
     if lit is None:
         return found
     lighting, rest = lit
@@ -202,6 +208,34 @@ def _in_likelier_light(
     if not lighting.is_possible(other.best.alpha):
         return found
     return other if weight(other) > settings.min_light_weight else found
+
+
+def _lighting_of(
+    image: LinearImage, plate: LinearImage, streak: Streak, observation: Observation
+) -> tuple[Lighting, Streak] | None:
+    """The light on the plate, estimated without a model of the object, and the streak in that light.
+
+    None if the plate hardly gets darker, or the streak hardly smaller.
+    """
+    settings, lighting = HypothesisSettings, fit_lighting(observation)
+    if lighting.change.min() > -settings.min_loss:
+        return None
+    rest = _streak_within(streak, image, lighting.on(plate))
+    if rest is None:
+        return None
+    width = half_width_of(rest)
+    finer = replace(observation, grain=observation.grain * width / half_width_of(streak))
+    lighting = fit_lighting(finer)
+    rest = _streak_within(streak, image, lighting.on(plate))
+    if rest is None or rest.mask.sum() > settings.max_remaining_fraction * streak.mask.sum():
+        return None
+    return lighting, rest
+
+
+def _streak_within(streak: Streak, image: LinearImage, plate: LinearImage) -> Streak | None:
+    """The strongest streak before this plate that overlaps a streak."""
+    parts = [part for part in find_streaks(image, plate) if (part.mask & streak.mask).any()]
+    return parts[0] if parts else None
 
 
 def _fit_before(

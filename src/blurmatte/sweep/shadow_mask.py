@@ -12,7 +12,7 @@ import numpy as np
 from blurmatte.checks import Array, Bools
 from blurmatte.color.shadow_test import darker_pixels
 from blurmatte.radiometry import LinearImage
-from blurmatte.statistics import window_sums
+from blurmatte.statistics import MEDIAN_1, window_sums
 from blurmatte.streaks import Streak, dilated, opened
 
 
@@ -145,8 +145,7 @@ def _darker_than(
     if np.count_nonzero(far) > settings.min_windows:
         *_, a_far, unit_far = _of_windows(products, background, window)
         z2 = a_far[far] ** 2 / np.maximum(unit_far[far], 1e-30)
-        median = 0.455  # of χ² with one degree of freedom
-        unit = unit * max(float(np.median(z2)) / median, 1.0)
+        unit = unit * max(float(np.median(z2)) / MEDIAN_1, 1.0)
     lost = (k * p < a * q) & (a > settings.threshold_std * np.sqrt(unit))
 
     def lacking(limit: float) -> Bools:

@@ -41,18 +41,17 @@ def sweep_of(candidate: Candidate, image: LinearImage) -> Sweep:
     area_error = np.sqrt(total @ covariance @ total) / max(float(state.swept.alpha.sum()), 1e-9)
     model = _color_model(state, inflation, float(area_error))
     model = replace(model, to_srgb=image.meta.to_srgb)
-    step = silhouette.radius_slope(shape)
-    radius_std = float(np.sqrt(step @ covariance[len(state.path) :, len(state.path) :] @ step))
+    sweep = Sweep(
+        state.family, state.path, silhouette, shape, model, covariance, image.size,
+        cast=candidate.cast,
+    )  # fmt: skip
     angle = model.angle_std if model.rank < 3 else 0.0
-    diagnostics = diagnosed(candidate, silhouette.radius(shape), radius_std, angle)
+    diagnostics = diagnosed(candidate, sweep.radius, sweep.radius_std, angle)
     if prior is not None:
         alike = prior.weight / inflation * covariance  # as the fit weights picture and prior
         probability = prior.probability(state.family, state.path, shape, alike)
         diagnostics = replace(diagnostics, prior_probability=probability)
-    return Sweep(
-        state.family, state.path, silhouette, shape, model, covariance, image.size, diagnostics,
-        candidate.cast,
-    )  # fmt: skip
+    return replace(sweep, diagnostics=diagnostics)
 
 
 def diagnosed(
