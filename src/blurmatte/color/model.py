@@ -7,7 +7,7 @@ paint. The unit vector l or n that determines them is called the pole.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -230,6 +230,30 @@ class ColorModel:
                 "and no sample may be black"
             )
         return cls(model.basis, covariance, {"samples": model.angle_std})
+
+
+def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
+    """The mean of the colors of one object in several frames, weighted by inverse covariance.
+
+    If the lines differ by more than their covariances predict, the result's covariance is inflated.
+    """
+    if len(models) == 1:
+        return models[0]
+    mean = np.mean([model.pole for model in models], axis=0)
+    for _ in range(3):
+        mean /= np.linalg.norm(mean)
+        T = perpendicular(mean)
+        offsets = [T.T @ model.pole / (mean @ model.pole) for model in models]
+        smallest = 1e-5**2 * np.eye(2)  # radians²: no color is known better
+        weights = [np.linalg.inv(T.T @ model.covariance @ T + smallest) for model in models]
+        covariance = np.linalg.inv(sum(weights))
+        step = covariance @ sum(w @ t for w, t in zip(weights, offsets, strict=True))
+        mean = mean + T @ step
+    excess = sum(t @ w @ t for w, t in zip(weights, offsets, strict=True)) / (2 * len(models) - 2)
+    covariance = covariance * max(float(excess), 1.0)
+    std = float(np.degrees(np.sqrt(np.trace(covariance) / 2)))
+    pole = mean / np.linalg.norm(mean)
+    return ColorModel(pole[:, None], T @ covariance @ T.T, {"frames": std}, models[0].to_srgb)
 
 
 def _bright(basis: Array) -> Array:

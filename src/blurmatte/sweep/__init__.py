@@ -1,7 +1,7 @@
 """Path, silhouette and color of a streak in one fit."""
 
+from blurmatte.color.model import fuse_colors as fuse_colors
 from blurmatte.sweep.color_fit import fit_color as fit_color
-from blurmatte.sweep.color_fit import fuse_colors as fuse_colors
 from blurmatte.sweep.fit_sweep import fit_disc as fit_disc
 from blurmatte.sweep.fit_sweep import fit_hypotheses as fit_hypotheses
 from blurmatte.sweep.fit_sweep import fit_sweep as fit_sweep

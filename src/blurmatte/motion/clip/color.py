@@ -5,14 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.color.model import ColorModel
+from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames
 from blurmatte.streaks import Streak, find_streaks
-from blurmatte.sweep.color_fit import fuse_colors
 from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
 from blurmatte.sweep.sweep import Sweep
 
