@@ -59,9 +59,12 @@ def test_a_ball_that_comes_nearer_grows(scene, family):
 
 @pytest.mark.parametrize("family", [LINE, ARC, PARABOLA, CUBIC, BOUNCE], ids=lambda f: f.name)
 @pytest.mark.parametrize("scenes", [FLAT, FLAT_BEFORE_TILES], ids=["wall", "tiles"])
-def test_a_ball_that_keeps_its_size_does_not_grow(scenes, family):
+@pytest.mark.parametrize(
+    "seeds", [range(1), pytest.param(range(1, 3), marks=pytest.mark.battery)], ids=["one", "more"]
+)
+def test_a_ball_that_keeps_its_size_does_not_grow(scenes, family, seeds):
     """honest: neither noise nor a path of varying speed gives growth."""
-    for seed in range(3):
+    for seed in seeds:
         disc = disc_of(scenes[family], family, seed)
         assert fit_growing(disc, BOUNDS) is disc
 

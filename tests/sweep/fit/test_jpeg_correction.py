@@ -107,10 +107,13 @@ def test_candidates_without_chroma_subsampling_are_unchanged():
 
 
 @pytest.mark.parametrize("quality", [90, 95])
-def test_errors_from_jpegs_are_honest(quality):
-    """honest: from the truth, 24 draws of noise, path and radius."""
+@pytest.mark.parametrize(
+    "draws", [12, pytest.param(24, marks=pytest.mark.battery)], ids=["few", "many"]
+)
+def test_errors_from_jpegs_are_honest(quality, draws):
+    """honest: from the truth, draws of noise, path and radius."""
     camera, z = Camera(code_std=1.5 / 255, jpeg_quality=quality, chroma="4:2:0"), []
-    for seed in range(24):
+    for seed in range(draws):
         candidate = candidate_before_file(fitted.__wrapped__(SCENE, seed, camera), SRGB)
         sweep = sweep_of(candidate, photographed(SCENE, seed, camera)[0])
         off = np.concatenate([sweep.path, sweep.shape[:1]]) - [

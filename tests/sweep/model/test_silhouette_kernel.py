@@ -44,8 +44,10 @@ def inside(A, center, turn):
     away = np.stack(np.meshgrid(x - center[0], y - center[1])).reshape(2, -1)
     c, s = np.cos(turn), np.sin(turn)
     u, v = np.linalg.solve(A, np.array([[c, s], [-s, c]]) @ away)
+    near = np.hypot(u, v) < 2  # the outline is nearer to its center
+    u, v, within = u[near], v[near], near.copy()
     k = np.arange(3, 3 + len(COEFFICIENTS) // 2)[:, None]
     waves = np.stack([np.cos(k * np.arctan2(v, u)), np.sin(k * np.arctan2(v, u))], axis=1)
     log_R = np.einsum("kin,ki->n", waves, np.reshape(COEFFICIENTS, (-1, 2)))
-    within = np.hypot(u, v) < np.exp(log_R)
+    within[near] = np.hypot(u, v) < np.exp(log_R)
     return within.reshape(H, PARTS, W, PARTS).mean(axis=(1, 3))
