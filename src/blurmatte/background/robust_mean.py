@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.background.samples import Band, Samples, fit_gain, gain_grid, size_error
 from blurmatte.checks import Floats
 from blurmatte.radiometry import LinearImage
@@ -53,8 +54,6 @@ def find_restlessness(samples: Samples) -> Floats:
     a block, until it is quantized anew.
     """
     from scipy.ndimage import uniform_filter
-
-    from blurmatte.background import robust_mean_kernel as kernel
 
     width, height = samples.light.size
     restless, noise = np.empty((height, width), np.float32), _coefficients(samples)
@@ -108,8 +107,6 @@ def _find_modes(
     flat: Floats, samples: Samples, restless: Floats, results: tuple[npt.NDArray[Any], ...]
 ) -> None:
     """Write mode, rival and number of samples near the mode of (frames, pixels, 3) light."""
-    from blurmatte.background import robust_mean_kernel as kernel
-
     ratio = np.float32(MeanSettings.min_rival_ratio)
     kernel.find_modes(flat, _coefficients(samples), restless, ratio, *results)
 
@@ -166,8 +163,6 @@ class Sums:
 
     def close_batch(self) -> None:
         """End the current batch and begin another."""
-        from blurmatte.background import robust_mean_kernel as kernel
-
         kernel.close_batch(
             *(a.reshape(-1, a.shape[-1]) for a in (self.batch, self.counts, self.total)),
             *(a.reshape(-1, 3) for a in (self.batch_squares, self.batch_products)),
@@ -226,8 +221,6 @@ def _add(
     sums: Sums, frame: LinearImage | Band, modes: Modes, precision: Floats, pool: ThreadPoolExecutor
 ) -> None:
     """Add a frame at the pixels that agree with the mode and are not in the rim of a moving object."""
-    from blurmatte.background import robust_mean_kernel as kernel
-
     gain, light = sums.gain[-1].astype(np.float32), np.asarray(frame.rgb, np.float32)
     off, near = np.empty((2, *frame.valid.shape), np.uint8)
 

@@ -12,6 +12,7 @@ from itertools import islice, pairwise
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.background import robust_mean_kernel as kernel
 from blurmatte.calibration import fit_noise
 from blurmatte.checks import Bools, Box, Floats
 from blurmatte.errors import PlateError
@@ -93,16 +94,12 @@ class SampledLight:
         if not self.codes:
             np.divide(self.rows(k, rows).rgb, gain, out=out)
             return
-        from blurmatte.background import robust_mean_kernel as kernel
-
         one = self.codes[k]
         codes = np.ascontiguousarray(one.codes[rows])
         kernel.look_up(codes, one.table / gain[:, None], out)
 
     def _decoded(self, k: int, rows: slice) -> Band:
         """Some rows of a sample of codes."""
-        from blurmatte.background import robust_mean_kernel as kernel
-
         codes = np.ascontiguousarray(self.codes[k].codes[rows])
         band = Band(np.empty(codes.shape, np.float32), np.empty(codes.shape[:2], bool))
         self.write(k, rows, np.ones(3, np.float32), band.rgb)
