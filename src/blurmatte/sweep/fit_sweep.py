@@ -65,9 +65,8 @@ class HypothesisSettings:
     max_explained_inflation: float = 1.2
     # Of the plate's light that it loses: less hardly changes alpha, and costs a search
     min_loss: float = 0.02
-    max_remaining_fraction: float = (
-        0.9  # of a streak in that light: a smaller one justifies a search
-    )
+    # Of a streak in that light: a smaller one justifies a search
+    max_remaining_fraction: float = 0.9
     min_light_weight: float = 0.993  # weight of other light on the plate: 150 to 1
     min_refined_weight: float = 1e-3  # weight of a hypothesis that is refined
     # Relative root mean square difference of alpha of two hypotheses
