@@ -3,16 +3,12 @@
 All channels of a point are interpolated in one pass, which is four times as fast as one by one.
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(**_COMPILED)
+@njit()
 def _cubic(u, weights):  # type: ignore[no-untyped-def]
     """Write the weights (4,) of a cubic B-spline at the fraction u between two nodes."""
     t = 1 - u
@@ -22,14 +18,14 @@ def _cubic(u, weights):  # type: ignore[no-untyped-def]
     weights[3] = u * u * u / 6
 
 
-@njit(**_COMPILED)
+@njit()
 def _bilinear(values, j, i, v, u, c):  # type: ignore[no-untyped-def]
     above = (1 - u) * values[j, i, c] + u * values[j, i + 1, c]
     below = (1 - u) * values[j + 1, i, c] + u * values[j + 1, i + 1, c]
     return (1 - v) * above + v * below
 
 
-@njit(**_COMPILED)
+@njit()
 def compare(plate, points, match, free, rows, residuals, slopes):  # type: ignore[no-untyped-def]
     """Write residuals (n, 3) in standard deviations, NaN outside the plate, and derivatives `slopes`.
 

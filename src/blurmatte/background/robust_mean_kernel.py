@@ -6,23 +6,16 @@ distance of two lights is D = Σ (difference)² / variance over the channels: χ
 freedom if only noise is between them.
 """
 
-from typing import Any
-
 import numpy as np
 
-from blurmatte.compiling import njit
+from blurmatte.compiling import FAST_MATH, njit
 
-_COMPILED: dict[str, Any] = {
-    "error_model": "numpy",
-    "fastmath": {"nsz", "arcp", "contract", "reassoc"},
-    "nogil": True,
-}
 _NEAR = np.float32(16)  # D of agreeing lights; noise exceeds it once in 900 times
 _CLOSE = np.float32(4)  # D of the densest samples: slowly moving light has fewer of them
 _ZERO, _ONE, _TWO = np.float32(0), np.float32(1), np.float32(2)
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def look_up(codes, tables, out):  # type: ignore[no-untyped-def]
     """Write the light (h, w, 3) of codes from tables (3, n), one of each channel."""
     for y in range(codes.shape[0]):
@@ -31,7 +24,7 @@ def look_up(codes, tables, out):  # type: ignore[no-untyped-def]
                 out[y, x, c] = tables[c, codes[y, x, c]]
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def find_unclipped(codes, white, valid):  # type: ignore[no-untyped-def]
     """Write where all channels of codes (h, w, 3) are below white."""
     for y in range(codes.shape[0]):
@@ -40,18 +33,18 @@ def find_unclipped(codes, white, valid):  # type: ignore[no-untyped-def]
             valid[y, x] = below and codes[y, x, 2] < white
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always", fastmath=FAST_MATH)
 def _variance(light, noise, channel):  # type: ignore[no-untyped-def]
     x = max(light, _ZERO)
     return noise[3 * channel] + x * (noise[3 * channel + 1] + x * noise[3 * channel + 2])
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always", fastmath=FAST_MATH)
 def _precision(light, noise, channel, spread):  # type: ignore[no-untyped-def]
     return _ONE / (spread * _variance(light, noise, channel))
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def _smallest(values, rank):  # type: ignore[no-untyped-def]
     """The value of a rank, from 0; the values are overwritten."""
     for k in range(1, values.shape[0]):
@@ -65,7 +58,7 @@ def _smallest(values, rank):  # type: ignore[no-untyped-def]
     return values[rank]
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
     """Write λ: the lower 20 % quantile of D between consecutive samples over that of χ².
 
@@ -83,7 +76,7 @@ def find_restlessness(samples, noise, out):  # type: ignore[no-untyped-def]
         out[i] = _smallest(D, low) / np.float32(1.005)
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def _best(x, y, z, count, noise, restless):  # type: ignore[no-untyped-def]
     """Index of the sample with the most others close to it."""
     best, most = 0, 0
@@ -103,7 +96,7 @@ def _best(x, y, z, count, noise, restless):  # type: ignore[no-untyped-def]
     return best
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untyped-def]
     """Mean of the samples near sample `at`, their number, and the number of the others.
 
@@ -131,7 +124,7 @@ def _settle(x, y, z, count, noise, restless, at, far):  # type: ignore[no-untype
     return a, b, c, near, left
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  # type: ignore[no-untyped-def]
     """Write the mean of the densest samples of each pixel, and of the densest of the others.
 
@@ -154,7 +147,7 @@ def find_modes(samples, noise, restless, min_rival_ratio, mode, rival, near):  #
             rival[i, 0], rival[i, 1], rival[i, 2] = a, b, c
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
     """Mark the pixels of a frame that disagree with the mode; light (n, 3), off (n,) uint8."""
     g, h, k = _ONE / gain[0], _ONE / gain[1], _ONE / gain[2]
@@ -167,7 +160,7 @@ def mark_off(light, gain, mode, precision, off):  # type: ignore[no-untyped-def]
         off[i] = d > _NEAR
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
     """Mark pixels at most `reach` from one whose 3 x 3 neighborhood mostly disagrees with the mode.
 
@@ -189,7 +182,7 @@ def mark_rims(off, reach, near):  # type: ignore[no-untyped-def]
                         near[j, i] = 1
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # type: ignore[no-untyped-def]
     """Add a frame at its free pixels: those of the mode, outside rims.
 
@@ -223,7 +216,7 @@ def gather(light, gain, usable, modes, off, near, sums, squares, counts):  # typ
         counts[i, 3] += d0 * precision[i, 0] + d1 * precision[i, 1] + d2 * precision[i, 2] <= _CLOSE
 
 
-@njit(**_COMPILED)
+@njit(fastmath=FAST_MATH)
 def close_batch(sums, counts, total, batch_squares, batch_products, batch_counts):  # type: ignore[no-untyped-def]
     """Add the sums S of a batch of n frames to Σ S, Σ S², Σ S n and Σ n², and reset them."""
     for i in range(sums.shape[0]):

@@ -4,14 +4,10 @@ In this file a symmetric matrix S of n rows and b bands below the diagonal is st
 band[i, k] = S[i + k, i]; as (b + 1, n) in Fortran's order this is the lower form of LAPACK.
 """
 
-from typing import Any
-
-from numba import njit
-
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "cache": True, "nogil": True, "fastmath": True}
+from blurmatte.compiling import njit
 
 
-@njit(**_COMPILED)
+@njit(fastmath=True)
 def width_of(first, columns):  # type: ignore[no-untyped-def]
     """Bands of Aᵀ A, from the ascending columns of the rows of A."""
     width = 0
@@ -21,7 +17,7 @@ def width_of(first, columns):  # type: ignore[no-untyped-def]
     return width
 
 
-@njit(**_COMPILED)
+@njit(fastmath=True)
 def add_normal(first, columns, values, weights, bands):  # type: ignore[no-untyped-def]
     """Add Aᵀ W A of three channels to bands (3, n, b + 1); weights (pixels, 3)."""
     for p in range(len(first) - 1):
@@ -40,7 +36,7 @@ def add_normal(first, columns, values, weights, bands):  # type: ignore[no-untyp
                 row2[k] += s2 * values[r]
 
 
-@njit(**_COMPILED)
+@njit(fastmath=True)
 def add_normal_of_one(first, columns, values, weights, bands):  # type: ignore[no-untyped-def]
     """Add Aᵀ W A to bands (1, n, b + 1), for weights (pixels, 1) that all channels have."""
     for p in range(len(first) - 1):

@@ -8,18 +8,16 @@ pixel is
 """
 
 import math
-from typing import Any
 
 import numpy as np
 
 from blurmatte.compiling import njit
 from blurmatte.deblurring.operator_kernel import add_to_row, with_row
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 _STEEPEST = 0.9999  # distance from the center of a visible point, of the radius
 
 
-@njit(**_COMPILED)
+@njit()
 def normals_of(covered, xy, to_disc, width):  # type: ignore[no-untyped-def]
     """Unit normals (m, 3) at the covered moments of pixels; to_disc (T, 2, 2): pixels → unit disc.
 
@@ -44,7 +42,7 @@ def normals_of(covered, xy, to_disc, width):  # type: ignore[no-untyped-def]
     return normal
 
 
-@njit(**_COMPILED)
+@njit()
 def cell_of(cells, x, y, z):  # type: ignore[no-untyped-def]
     """Face, row, column and fractions (u, v) inside it of the cell around a point of the sphere."""
     ax, ay, az = abs(x), abs(y), abs(z)
@@ -60,7 +58,7 @@ def cell_of(cells, x, y, z):  # type: ignore[no-untyped-def]
     return face, i, j, u - i, v - j
 
 
-@njit(**_COMPILED)
+@njit()
 def seen(rotations, k, normal, q, point):  # type: ignore[no-untyped-def]
     """The point (x, y, z) of the body that is seen with a normal at a moment."""
     nx, ny, nz = normal[q, point, 0], normal[q, point, 1], normal[q, point, 2]
@@ -70,7 +68,7 @@ def seen(rotations, k, normal, q, point):  # type: ignore[no-untyped-def]
     return x, y, z
 
 
-@njit(**_COMPILED)
+@njit()
 def projected(entries, rotations, node, factors, color, spread):  # type: ignore[no-untyped-def]
     """Light (pixels, 3, k) of a color (n, 3) by `rows_of`, for factors (m, k) of the weights.
 
@@ -102,7 +100,7 @@ def projected(entries, rotations, node, factors, color, spread):  # type: ignore
     return light, total
 
 
-@njit(**_COMPILED)
+@njit()
 def turned(entries, rotations, jacobians, node, color):  # type: ignore[no-untyped-def]
     """Derivatives (pixels, 3, 3) by the rotation vector of the light of a color (n, 3), see `rows_of`.
 
@@ -142,7 +140,7 @@ def turned(entries, rotations, jacobians, node, color):  # type: ignore[no-untyp
     return light
 
 
-@njit(**_COMPILED)
+@njit()
 def gradient(cells, face, x, y, z, slope):  # type: ignore[no-untyped-def]
     """Set slope (3, 2) to the derivatives of the fractions (u, v) of `cell_of` by the point."""
     axis = face // 2
@@ -156,7 +154,7 @@ def gradient(cells, face, x, y, z, slope):  # type: ignore[no-untyped-def]
     slope[first, 1], slope[second, 1], slope[axis, 1] = 0.0, by_b, -sign * b * by_b
 
 
-@njit(**_COMPILED)
+@njit()
 def accumulate(entries, rotations, node, p, total, stamp, touched):  # type: ignore[no-untyped-def]
     """Sum the row of the pixel p into total, and return the number of its columns, in touched.
 
@@ -176,7 +174,7 @@ def accumulate(entries, rotations, node, p, total, stamp, touched):  # type: ign
     return found
 
 
-@njit(**_COMPILED)
+@njit()
 def rows_of(first, moment, weight, normal, rotations, node, size):  # type: ignore[no-untyped-def]
     """The operator as compressed sparse rows: first (pixels + 1,), columns, values; columns ascend.
 
@@ -194,7 +192,7 @@ def rows_of(first, moment, weight, normal, rotations, node, size):  # type: igno
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 
-@njit(**_COMPILED)
+@njit()
 def add_equations(entries, rotations, node, weights, light, N, right):  # type: ignore[no-untyped-def]
     """Add the upper triangle of Aᵀ W A to N (n, n), and Aᵀ light to right (n, k), see `rows_of`.
 

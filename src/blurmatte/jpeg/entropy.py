@@ -6,13 +6,9 @@ coded unit of a scan (an MCU, or one block), and `slots` (n,) the component of e
 takes less than `PADDING_BYTES`, so one check of `at` after each block keeps all reads in bounds.
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
-
-_COMPILED: dict[str, Any] = {"nogil": True}
 
 PADDING_BYTES = 1024  # at least 64 codes of 16 bits with 16 additional bits each: 256 bytes
 TRUNCATED, BAD_RESTART = -1, -2
@@ -21,7 +17,7 @@ _MAX_DC = 1 << 14  # keeps DC differences within 15 bits; 8-bit pixels need 11
 _RUN = 4  # index in `state` of the remaining end-of-band run, after the DC values of four slots
 
 
-@njit(**_COMPILED)
+@njit()
 def unstuff(data, start, bits, bounds):  # type: ignore[no-untyped-def]
     """Copy the data of a scan to `bits` without stuffing; return the offset of the next marker.
 
@@ -58,21 +54,21 @@ def unstuff(data, start, bits, bounds):  # type: ignore[no-untyped-def]
     return TRUNCATED
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _next16(bits, at):  # type: ignore[no-untyped-def]
     i = at >> 3
     window = (np.int64(bits[i]) << 16) | (np.int64(bits[i + 1]) << 8) | np.int64(bits[i + 2])
     return (window >> (8 - (at & 7))) & 0xFFFF
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _number(bits, at, size):  # type: ignore[no-untyped-def]
     """The signed value of the next `size` bits [T.81 F.2.2.1]."""
     value = _next16(bits, at) >> (16 - size)
     return value if size == 0 or value >> (size - 1) else value - (1 << size) + 1
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _difference(bits, at, table, state, slot):  # type: ignore[no-untyped-def]
     """Decode a DC difference and add it to the DC value of the component."""
     entry = np.int64(table[_next16(bits, at)])
@@ -84,7 +80,7 @@ def _difference(bits, at, table, state, slot):  # type: ignore[no-untyped-def]
     return at + size if abs(state[slot]) < _MAX_DC else np.int64(-1)
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _ac_first(bits, at, table, block, state, first, last, low):  # type: ignore[no-untyped-def]
     """Decode coefficients first…last of a block, first pass; `low` is 0 in sequential scans."""
     if state[_RUN] > 0:
@@ -111,7 +107,7 @@ def _ac_first(bits, at, table, block, state, first, last, low):  # type: ignore[
     return at
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _refine(bits, at, block, k, bit):  # type: ignore[no-untyped-def]
     """Decode one correction bit of a nonzero coefficient."""
     if _next16(bits, at) >> 15:
@@ -119,7 +115,7 @@ def _refine(bits, at, block, k, bit):  # type: ignore[no-untyped-def]
     return at + 1
 
 
-@njit(**_COMPILED)
+@njit()
 def _ac_refined(bits, at, table, block, state, first, last, low):  # type: ignore[no-untyped-def]
     """Decode one more bit of the coefficients first…last of a block [T.81 G.1.2.3]."""
     bit = 1 << low
@@ -160,7 +156,7 @@ def _ac_refined(bits, at, table, block, state, first, last, low):  # type: ignor
     return at
 
 
-@njit(**_COMPILED)
+@njit()
 def _block(bits, at, mode, dc, ac, block, state, slot, band):  # type: ignore[no-untyped-def]
     first, last, low = band
     if mode == SEQUENTIAL:
@@ -185,7 +181,7 @@ def _block(bits, at, mode, dc, ac, block, state, slot, band):  # type: ignore[no
     return _ac_refined(bits, at, ac, block, state, first, last, low)
 
 
-@njit(**_COMPILED)
+@njit()
 def decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, band, out):  # type: ignore[no-untyped-def]
     """Decode a scan into the blocks `out` (n, 64); return False if the data are invalid.
 
@@ -205,7 +201,7 @@ def decode_scan(bits, bounds, interval, order, slots, mode, dc, ac, band, out): 
     return True
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _size(value):  # type: ignore[no-untyped-def]
     """Number of bits of a coefficient's magnitude."""
     size, rest = 0, abs(value)
@@ -215,7 +211,7 @@ def _size(value):  # type: ignore[no-untyped-def]
     return size
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _token(table, symbol, value, size, counts):  # type: ignore[no-untyped-def]
     """Pack table, symbol and additional bits into one number; count the symbol."""
     counts[table, symbol] += 1
@@ -223,7 +219,7 @@ def _token(table, symbol, value, size, counts):  # type: ignore[no-untyped-def]
     return np.uint32((table << 24) | (symbol << 16) | more)
 
 
-@njit(**_COMPILED)
+@njit()
 def tokenize(blocks, order, slots, tokens, counts):  # type: ignore[no-untyped-def]
     """Write the tokens of a sequential scan and count its symbols; return the number of tokens.
 
@@ -263,7 +259,7 @@ def tokenize(blocks, order, slots, tokens, counts):  # type: ignore[no-untyped-d
     return n
 
 
-@njit(**_COMPILED)
+@njit()
 def pack(tokens, codes, lengths, out):  # type: ignore[no-untyped-def]
     """Write the tokens' Huffman codes and additional bits to `out`; return the number of bytes.
 

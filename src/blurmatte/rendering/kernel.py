@@ -4,18 +4,14 @@ In this file `x` (w + 1,) and `y` (h + 1,) are increasing cell edges, in pixels 
 the body; maps are indexed [row j, column i]. Output arguments come last.
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-
 _ROUNDING = 1e-14  # areas below this part of the whole are floating-point errors of zero
 
 
-@njit(**_COMPILED)
+@njit()
 def disc(x, y, S, S_c, c, radius, area):  # type: ignore[no-untyped-def]
     """Area of a disc in each cell, by the formula of `disc_coverage`.
 
@@ -32,14 +28,14 @@ def disc(x, y, S, S_c, c, radius, area):  # type: ignore[no-untyped-def]
             before = after
 
 
-@njit(**_COMPILED)
+@njit()
 def _left_of(x, y, S, S_c, c):  # type: ignore[no-untyped-def]
     """F(x, y), the area of the unit disc left of x and above y."""
     upper = min(max(S, -S_c), S_c) + S_c - abs(y) * (min(max(x, -c), c) + c)
     return 2 * S + np.pi / 2 - upper if y > 0 else upper
 
 
-@njit(**_COMPILED)
+@njit()
 def polygon(x, y, vertices, area):  # type: ignore[no-untyped-def]
     """Add the area of a polygon in each cell to `area`, which is zero on entry.
 
@@ -66,7 +62,7 @@ def polygon(x, y, vertices, area):  # type: ignore[no-untyped-def]
             area[j, i] = covered if covered > least else 0.0
 
 
-@njit(**_COMPILED)
+@njit()
 def _add_edge(x, y, xa, ya, xb, yb, sign, full, area):  # type: ignore[no-untyped-def]
     """Add one edge from (xa, ya) down to (xb, yb), row by row."""
     top, bottom = max(ya, y[0]), min(yb, y[-1])
@@ -81,7 +77,7 @@ def _add_edge(x, y, xa, ya, xb, yb, sign, full, area):  # type: ignore[no-untype
         top, j = below, j + 1
 
 
-@njit(**_COMPILED)
+@njit()
 def _add_piece(x, left, right, dy, full, area):  # type: ignore[no-untyped-def]
     """Add the part of an edge within one row, cell by cell from left to right; `dy` is the rest."""
     if right <= x[0]:
@@ -104,7 +100,7 @@ def _add_piece(x, left, right, dy, full, area):  # type: ignore[no-untyped-def]
         full[i + 1] += dy
 
 
-@njit(**_COMPILED)
+@njit()
 def shade(sphere, area, x, y, smooth, coverage, light):  # type: ignore[no-untyped-def]
     """Fill `coverage` (h, w) and add the light of a sphere to `light` (h, w, 3).
 
@@ -131,13 +127,13 @@ def shade(sphere, area, x, y, smooth, coverage, light):  # type: ignore[no-untyp
                             _add_light(sphere, px, py, area[k, m], j, i, light)
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _off_axis(T, px, py):  # type: ignore[no-untyped-def]
     ux, uy = T[0, 0] * px + T[0, 1] * py, T[1, 0] * px + T[1, 1] * py
     return np.sqrt(ux * ux + uy * uy)
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-def]
     """Add `weight` times the light at one image point; a point beyond the rim takes the rim's."""
     beyond = max(_off_axis(sphere.to_ball, px, py), 1.0)
@@ -160,7 +156,7 @@ def _add_light(sphere, px, py, weight, j, i, light):  # type: ignore[no-untyped-
     light[j, i, 2] += weight * (paint[2] * c + f)
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _normal(sphere, px, py, beyond):  # type: ignore[no-untyped-def]
     """Unit normal at an image point, and the slopes of its ray; slopes (0, 0) are the optical axis.
 
@@ -184,7 +180,7 @@ def _normal(sphere, px, py, beyond):  # type: ignore[no-untyped-def]
     return (ex + farther * dx) / R, (ey + farther * dy) / R, -farther / R, dx, dy
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _facing_halfway(sphere, k, nx, ny, nz, vx, vy):  # type: ignore[no-untyped-def]
     """Cosine between the normal and the half vector of lamp k and camera, clipped at 0."""
     if not sphere.pinhole:
@@ -196,12 +192,12 @@ def _facing_halfway(sphere, k, nx, ny, nz, vx, vy):  # type: ignore[no-untyped-d
     return max(nx * hx + ny * hy + nz * hz, 0.0) / norm if norm > 1e-9 else 0.0
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _dot(vectors, k, nx, ny, nz):  # type: ignore[no-untyped-def]
     return vectors[k, 0] * nx + vectors[k, 1] * ny + vectors[k, 2] * nz
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _paint_at(sphere, nx, ny, nz):  # type: ignore[no-untyped-def]
     """Paint at the surface point with normal (nx, ny, nz) in space."""
     if sphere.texture.shape[0] == 0:
@@ -215,7 +211,7 @@ def _paint_at(sphere, nx, ny, nz):  # type: ignore[no-untyped-def]
     return r * sphere.paints[0, 0], g * sphere.paints[0, 1], b * sphere.paints[0, 2]
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _texel(texture, longitude, colatitude):  # type: ignore[no-untyped-def]
     """Bilinear texture lookup: longitude −π…π wraps around; colatitude 0…π spans the rows."""
     h, w = texture.shape[:2]
@@ -233,7 +229,7 @@ def _texel(texture, longitude, colatitude):  # type: ignore[no-untyped-def]
     )
 
 
-@njit(**_COMPILED)
+@njit()
 def resample(sprite, to_sprite, x, y, across, down, coverage, light):  # type: ignore[no-untyped-def]
     """Fill `coverage` (h, w) and `light` (h, w, 3) with means over across × down points per pixel.
 
@@ -259,7 +255,7 @@ def resample(sprite, to_sprite, x, y, across, down, coverage, light):  # type: i
             light[j, i, 0], light[j, i, 1], light[j, i, 2] = red / n, green / n, blue / n
 
 
-@njit(inline="always", **_COMPILED)
+@njit(inline="always")
 def _bilinear(sprite, column, row, c):  # type: ignore[no-untyped-def]
     left, top = int(column), int(row)
     u, v = column - left, row - top

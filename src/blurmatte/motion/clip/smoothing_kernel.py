@@ -1,15 +1,11 @@
 """The recursion of `smoothing` from one time to the next, compiled; symbols are those of that file."""
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
 
-
-@njit(**_COMPILED)
+@njit()
 def carry(L, v, intensity, inverses, diffusions, carried_L, carried_v):  # type: ignore[no-untyped-def]
     """Information (n, s, s), (n, s) at each time from the measurements before it.
 
@@ -48,7 +44,7 @@ def carry(L, v, intensity, inverses, diffusions, carried_L, carried_v):  # type:
                 carried_L[k, i, j] = (rows[i, s + j] + rows[j, s + i]) / 2
 
 
-@njit(**_COMPILED)
+@njit()
 def _eliminate(rows):  # type: ignore[no-untyped-def]
     """Solve linear equations by Gauss–Jordan elimination with partial pivoting.
 

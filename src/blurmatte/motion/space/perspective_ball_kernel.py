@@ -7,19 +7,15 @@ outline, with ψ the angle between x and d and ∇ψ its change from pixel to pi
     ds/dX = ((x − d cos ψ)/(|X| sin ψ) − d tan ρ/|X|) / |∇ψ| .
 """
 
-from typing import Any
-
 import numpy as np
 
 from blurmatte.compiling import njit
 from blurmatte.sweep.model.silhouette_kernel import covered
 
-_COMPILED: dict[str, Any] = {"error_model": "numpy", "nogil": True}
-
 _REACH = 0.7072  # pixels: half the diagonal of a pixel; beyond, a pixel is inside or outside
 
 
-@njit(**_COMPILED)
+@njit()
 def flight(X, D, weights, boxes, rays, slopes, alpha, J):  # type: ignore[no-untyped-def]
     """Add the coverage by a moving ball to alpha (h, w), and its derivatives to J (h, w, n).
 
