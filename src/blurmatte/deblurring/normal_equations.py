@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.deblurring import banded_kernel as kernel
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.operator import Sparse
 from blurmatte.deblurring.sphere import Sphere
@@ -51,8 +52,6 @@ class NormalEquations:
 
         A weight (pixels, 1) is that of all channels.
         """
-        from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
-
         band = np.zeros((weight.shape[1], lattice.size, bandwidth(A, lattice) + 1))
         add = kernel.add_normal if len(band) == 3 else kernel.add_normal_of_one
         add(A.indptr, A.indices, A.data, np.ascontiguousarray(weight), band)
@@ -83,8 +82,6 @@ class NormalEquations:
 
 def bandwidth(A: Sparse, lattice: Lattice | Sphere) -> int:
     """Bands below the diagonal of the normal equations of an operator and of the prior."""
-    from blurmatte.deblurring import banded_kernel as kernel  # numba takes half a second
-
     edges = lattice.edges
     apart = int((edges[:, 1] - edges[:, 0]).max())
     return max(int(kernel.width_of(A.indptr, A.indices)), apart)

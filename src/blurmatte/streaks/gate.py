@@ -16,6 +16,7 @@ import numpy.typing as npt
 from blurmatte.checks import Bools, Box, check_same_size
 from blurmatte.radiometry.coded import CodedFrame, Planes
 from blurmatte.statistics import MAD_TO_STD
+from blurmatte.streaks.gate_kernel import count_changes, sum_pairs
 
 Map = npt.NDArray[np.float32]
 CELL = 2  # pixels: half resolution
@@ -102,8 +103,6 @@ class Gate:
 
     def changes(self, frame: CodedFrame) -> Change:
         """What moved in a frame; raises ValueError if it has another size."""
-        from blurmatte.streaks.gate_kernel import count_changes  # numba takes half a second
-
         check_same_size("a frame", frame.size, "plate", self.size)
         planes, block = _padded(frame.planes), GateSettings.block_cells
         gain = _gain(_few_cells(planes[0], self.zero[0]), self.cells[0])
@@ -140,8 +139,6 @@ def _padded(planes: Planes) -> Planes:
 
 def _summed(plane: npt.NDArray[np.generic], shape: tuple[int, ...], zero: float) -> Map:
     """Sums of a padded plane minus its zero over cells."""
-    from blurmatte.streaks.gate_kernel import sum_pairs  # numba takes half a second
-
     if plane.shape == shape:
         summed = plane.astype(np.float32)
     else:

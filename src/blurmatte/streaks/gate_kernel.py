@@ -1,10 +1,11 @@
 """Compiled loops of the gate: sums of codes over cells, and comparison with a table."""
 
 import numpy as np
-from numba import njit
+
+from blurmatte.compiling import njit
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def sum_pairs(plane, out):  # type: ignore[no-untyped-def]
     """Sums of a plane (H, W) over squares of two values; `out` is (H // 2, W // 2) float32."""
     for y in range(out.shape[0]):
@@ -16,7 +17,7 @@ def sum_pairs(plane, out):  # type: ignore[no-untyped-def]
             row[x] = total
 
 
-@njit(cache=True, nogil=True)
+@njit()
 def count_changes(plane, zero, gain, expected, reach, block, counts, sums):  # type: ignore[no-untyped-def]
     """Count the cells of each block that differ from the plate, and sum their differences.
 
