@@ -11,14 +11,15 @@ plate blurred again, and the code values of C are changed by those of M' − M, 
 
     H = Jᵀ w J / max(1, s) + Q,   1 / w = q² / 12 + variance of the noise of P, in codes,
 
-is the inverse covariance of the color under a quadratic prior Q. Steps of Gauss and Newton are solved
+is the inverse covariance of the color under a quadratic prior Q, with the premultiplied light
+P = C − (1 − α) B and the step q of a coefficient's rounding. Steps of Gauss and Newton are solved
 by conjugate gradients, with the factors of the equations of independent noise as preconditioner. H⁻¹ is
 sampled: x = H⁻¹ (Jᵀ √w e + Dᵀ √(weights of Q) e') has this covariance for independent e, e'
 [Papandreou & Yuille 2010].
 
-1. The strengths of the prior of first and second differences start from those of independent noise,
-   which takes noise of the file for texture: λₖ = γₖ / |Dₖ o|², where γₖ = λₖ (3 tr P⁺ Qₖ − E|Dₖ x|²)
-   parameters are determined by the data [MacKay 1992].
+1. The prior Q = Σ λₖ Qₖ, Qₖ = Dₖᵀ Dₖ of first and second differences, see `differences`. The strengths
+   λₖ of independent noise take noise of the file for texture. They are therefore fitted again: λₖ =
+   γₖ / |Dₖ o|², where the data determine γₖ = λₖ (3 tr Q⁺ Qₖ − E|Dₖ x|²) parameters [MacKay 1992].
 2. The prior of edges, see `sparse_prior`. E|d|² has the variance of independent noise, scaled to that
    of the samples.
 3. The covariance is that of independent noise under the last prior, scaled to the samples.
