@@ -1,6 +1,8 @@
 """Output that cannot be written is rejected before anything is read."""
 
 import os
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +11,7 @@ from typer.testing import CliRunner
 
 import blurmatte as bm
 from blurmatte.cli import app
+from blurmatte.cli.output_checks import check_ending
 
 # Of files that are not there: only what is looked at first can be complained of.
 SOLVE = "a.png", "--plate", "b.png"
@@ -133,3 +136,10 @@ def test_a_named_scene_may_be_rendered_into_a_folder_of_its_name(tmp_path, monke
         result = CliRunner().invoke(app, ("render", "easy", "--out", "easy"))
         assert (result.exit_code, result.stderr) == (0, "")
     assert (tmp_path / "easy" / "image.png").exists()
+
+
+def test_missing_video_library_is_reported_before_the_work(monkeypatch):
+    monkeypatch.setitem(sys.modules, "av", None)
+    with pytest.raises(bm.FileError, match=r"blurmatte\[video\]"):
+        check_ending(Path("ball.mov"), "a clip", ".mov", ".gif")
+    check_ending(Path("ball.gif"), "a clip", ".mov", ".gif")

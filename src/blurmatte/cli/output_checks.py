@@ -13,6 +13,7 @@ import blurmatte as bm
 
 SHEET = ".png", ".jpg"
 PICTURE = ".png", ".tif", ".jpg", ".exr"
+VIDEO = ".mov", ".mp4"  # an extra writes them
 OUTPUTS = "out", "overlay", "sheet", "preview", "plot"  # the options that name files to write
 
 # What the command reads: from identities of files to their names.
@@ -35,13 +36,18 @@ def check_file(path: Path | None, what: str, *endings: str) -> None:
 
 
 def check_ending(path: Path, what: str, *endings: str) -> None:
-    """Check that a name ends with one of these; raises FileError."""
+    """Check that a name ends with one of these, and can be written; raises FileError."""
     from blurmatte.files.atomic import extension_of
 
-    if extension_of(path) not in endings:
+    ending = extension_of(path)
+    if ending not in endings:
         raise bm.FileError(
             f"{path}: {what} is written as {' or '.join(endings)}; change the ending"
         )
+    if ending in VIDEO:
+        from blurmatte.files.clip_decoding import video_library
+
+        video_library(path)
 
 
 def check_folder(path: Path) -> None:

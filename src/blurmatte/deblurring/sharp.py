@@ -270,8 +270,7 @@ def _warn_if_doubtful(sharp: Sharp) -> None:
         if sweep.rejection and sharp.spin is None  # a texture that turns leaves residuals
     ]
     if sharp.misfit > MAX_MISFIT:
-        spin = ", or a ball may spin: try spin=blurmatte.fit_spin(image, plate, sweep)"
-        spin = spin if sharp.spin is None else ""
+        spin = "" if sharp.spin else ", or a ball may spin: give spin=fit_spin (--spin)"
         reasons.append(
             f"the motion does not explain the light: residuals have {sharp.misfit:.1f} times the "
             f"variance of the noise. The path may be wrong, a shadow may touch the object{spin}. "
