@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from blurmatte.checks import Array, Bools
 from blurmatte.matting.averaging import AlphaEstimate
 from blurmatte.matting.maps import Grade
 from blurmatte.sweep.assess.calibration import (
@@ -135,12 +136,36 @@ def calibrated(
         _S.rim_share * slope**2 / slope_square + _S.constant_share * anywhere
     )
     variance += (_S.min_rim_error_px * slope) ** 2
+    variance[~use] = np.maximum(variance, _variance_outside(alpha, variance, slope, use))[~use]
     scale_square = beyond * (1 - _S.rim_share - _S.constant_share) / alpha_square
     return replace(
         average,
         alpha_std=np.where(np.isfinite(average.alpha_std), np.sqrt(variance), np.inf),
         scale_std=float(np.sqrt(scale_square)),
     )
+
+
+def _variance_outside(alpha: Array, variance: Array, slope: Array, use: Bools) -> Array:
+    """Variance (h, w) of alpha that is 0 because the rim is at some distance.
+
+    The rim's position has the variance that explains that of alpha by its slope, fitted to the streak
+    `use`. If it is normally distributed, alpha beyond the rim is 0 for two of the three nodes of Gauss
+    and Hermite's rule. The third is √3 standard deviations outside, and its weight is 1/6. The rim
+    moves by at most the radius of a disc of the same sum of alpha.
+    """
+    from scipy.ndimage import maximum_filter
+
+    rim = use & np.isfinite(variance) & (slope > 0)
+    if not rim.any():
+        return np.zeros(alpha.shape)
+    by_position = slope[rim] ** 2
+    position_std = np.sqrt(float(variance[rim] @ by_position / (by_position @ by_position)))
+    distance = min(np.sqrt(3) * position_std, np.sqrt(alpha[use].sum() / np.pi))
+    whole = int(distance)
+    x = np.arange(-whole - 1, whole + 2)
+    d = np.hypot(x, x[:, None])
+    nearer, farther = (maximum_filter(alpha, footprint=d <= n) for n in (whole, whole + 1))
+    return np.asarray((nearer + (distance - whole) * (farther - nearer)) ** 2 / 6)
 
 
 def graded(estimate: AlphaEstimate) -> dict[str, Any]:
