@@ -26,6 +26,7 @@ from blurmatte.cli.old_spellings import modern
         ),
         ("measure a.mp4 --several", "track a.mp4 --several"),
         ("measure 'f*.png' --start 2.5s --step 2", "track 'f*.png' --frames 2.5s::2"),
+        ("track a.mp4 --resume", "track a.mp4"),
         ("measure --several a.mp4 --stop=4", "track --several a.mp4 --frames :4"),
         ("plate a.mp4 --start 1 --stop 9 --out p.exr", "plate a.mp4 --out p.exr --frames 1:9"),
         (

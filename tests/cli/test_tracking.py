@@ -123,19 +123,14 @@ def test_resumes_interrupted_run(track, tmp_path, monkeypatch):
     monkeypatch.setattr(measure, "sightings_in_scene", interrupted)
     stopped = track("--out", out)
     assert (stopped.exit_code, stopped.stderr.count("\n")) == (130, 1)
-    assert f"{begun}: keeps the finished frames; add --resume to continue" in stopped.stderr
+    assert f"{begun}: keeps the finished frames; run the same again" in stopped.stderr
     assert not out.exists()
     begun.write_text(begun.read_text() + '{"frame": 2, "ti')
-    refused = track("--out", out)
-    assert (refused.exit_code, refused.stderr.count("\n")) == (2, 1)
-    assert "add --resume to continue the interrupted run, or delete it" in refused.stderr
-    other = track("--out", out, "--resume", "--frames", "::2")
-    assert "was begun with other options" in other.stderr
     skipped = []
     monkeypatch.setattr(
         measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
-    assert track("--out", out, "--resume").exit_code == 0
+    assert track("--out", out).exit_code == 0
     assert skipped == [2]
     assert out.read_bytes() == whole
     assert not begun.exists()
@@ -172,8 +167,7 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     monkeypatch.setattr(
         measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
     )
-    resume = ("--resume",) if first_new else ()
-    assert track("--out", out, *resume).exit_code == 0
+    assert track("--out", out).exit_code == 0
     assert skipped == [first_new]
     assert out.read_bytes() == whole
     assert not begun.exists()
@@ -189,8 +183,20 @@ def test_impossible_values_of_a_journal_are_damage(track, finished, tmp_path, ke
     lines[2], count = re.subn(f'"{key}": [^,]*', f'"{key}": {value}', lines[2], count=1)
     assert count == 1
     begun.write_text("".join(lines))
-    assert track("--out", out, "--resume").exit_code == 0
+    assert track("--out", out).exit_code == 0
     assert out.read_bytes() == whole
+
+
+def test_other_options_begin_anew(track, finished, tmp_path, monkeypatch):
+    out, begun, whole = journal(finished, tmp_path)
+    real, skipped = measure.sightings_in_scene, []
+    monkeypatch.setattr(
+        measure, "sightings_in_scene", lambda *a, **o: skipped.append(o["skip"]) or real(*a, **o)
+    )
+    assert track("--out", out, "--frames", "::2").exit_code == 0
+    assert skipped == [0]
+    assert out.read_bytes() != whole
+    assert not begun.exists()
 
 
 def test_failed_run_without_finished_frames_leaves_no_journal(track, tmp_path, monkeypatch):
@@ -261,7 +267,6 @@ def test_gravity_gives_scale(track, tmp_path):
         (("--out", "t.txt"), "a table is written as .csv or .json or .parquet"),
         (("--least", 2), "--least needs --several"),
         (("--several", "--least", 0), "--least must be at least 1, got 0"),
-        (("--resume",), "--resume needs --out"),
         (("--going", "up"), "No such option: --going"),
         (("--line-time", "fast"), "--line-time must be a time like"),
         (("--line-time", "15ms", "--rate", 25), "give --line-time with its unit, like 15us"),

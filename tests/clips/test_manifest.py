@@ -1,36 +1,65 @@
 """The append-only record of a run."""
 
+from dataclasses import replace
+
 import pytest
 
-from blurmatte.clips.manifest import NAME, key_of, opened_manifest
+from blurmatte.clips.manifest import Finished, key_of, opened_manifest
+from blurmatte.clips.table import FrameRecord
+from blurmatte.errors import FileError
+from blurmatte.motion import FrameSightings
+
+SEEN = Finished(1, seen=FrameSightings(1, 0.04, (), "nothing moved"))
+LAYER = Finished(1, layer=FrameRecord(1, 0.04, 1, 1, x=3.5, box=(1, 2, 3, 4), layer="layer.exr"))
 
 
-def test_lines_are_read_again_and_a_cut_off_one_is_not(tmp_path):
-    with opened_manifest(tmp_path, "a") as manifest:
-        manifest.append("seen", {"frame": 1, "x": 0.1})
-        manifest.append("layer", {"frame": 1})
-    with (tmp_path / NAME).open("a") as file:
-        file.write('{"layer": {"fra')
-    with opened_manifest(tmp_path, "a") as manifest:
-        assert list(manifest.of_kind("seen")) == [{"frame": 1, "x": 0.1}]
-        assert list(manifest.of_kind("layer")) == [{"frame": 1}]
-        manifest.append("layer", {"frame": 2})
-    with opened_manifest(tmp_path, "a") as manifest:
-        assert [one["frame"] for one in manifest.of_kind("layer")] == [1, 2]
+@pytest.fixture
+def path(tmp_path):
+    return tmp_path / "folder" / "manifest.jsonl"
 
 
-def test_other_inputs_begin_anew(tmp_path):
-    with opened_manifest(tmp_path, "a") as manifest:
-        manifest.append("layer", {"frame": 1})
-    with opened_manifest(tmp_path, "b") as manifest:
-        assert manifest.lines == []
+def test_lines_are_read_again_and_a_cut_off_one_is_not(path):
+    with opened_manifest(path, "a") as manifest:
+        manifest.append(SEEN)
+        manifest.append(LAYER)
+    with path.open("a") as file:
+        file.write('{"shot": 1, "la')
+    second = replace(SEEN, shot=2)
+    with opened_manifest(path, "a") as manifest:
+        assert manifest.finished == [SEEN, LAYER]
+        manifest.append(second)
+    with opened_manifest(path, "a") as manifest:
+        assert manifest.finished == [SEEN, LAYER, second]
 
 
-@pytest.mark.parametrize("text", ["", "no JSON\n", '{"key": "a"'])
-def test_damaged_manifest_begins_anew(tmp_path, text):
-    (tmp_path / NAME).write_text(text)
-    with opened_manifest(tmp_path, "a") as manifest:
-        assert manifest.lines == []
+def test_other_inputs_begin_anew(path):
+    with opened_manifest(path, "a") as manifest:
+        manifest.append(SEEN)
+    with opened_manifest(path, "b") as manifest:
+        assert manifest.finished == []
+
+
+@pytest.mark.parametrize("text", ["", "no JSON\n", '{"key": "a"', '{"key": "a"}\n{"shot": 1.5}\n'])
+def test_damaged_manifest_begins_anew(path, text):
+    path.parent.mkdir()
+    path.write_text(text)
+    with opened_manifest(path, "a") as manifest:
+        assert manifest.finished == []
+
+
+def test_manifest_without_finished_frames_is_removed(path):
+    with pytest.raises(KeyError), opened_manifest(path, "a"):
+        raise KeyError
+    assert not path.exists()
+
+
+def test_manifest_that_cannot_be_written_is_refused(tmp_path):
+    (tmp_path / "file").write_text("")
+    with (
+        pytest.raises(FileError, match="check the folder"),
+        opened_manifest(tmp_path / "file/manifest.jsonl", "a"),
+    ):
+        pass
 
 
 def test_key_depends_on_contents_and_settings(tmp_path):

@@ -80,7 +80,7 @@ COMMANDS = {
     ),
     "scene.toml": ("render FILE --out OUT/scene", "info FILE"),
     "journal.csv": (
-        f"track frames {_PLATE} --rate 30 --color {COLOR} --workers 1 --resume --out OUT/t.csv",
+        f"track frames {_PLATE} --rate 30 --color {COLOR} --workers 1 --out OUT/t.csv",
     ),
 }
-JOURNAL = "t.csv.unfinished"  # the name in OUT under which `track --resume` finds its journal
+JOURNAL = "t.csv.unfinished"  # the name in OUT under which `track` finds its journal

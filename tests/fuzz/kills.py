@@ -233,8 +233,6 @@ def killed(name: str, folder: Path, every: int, replaced: bool) -> tuple[int, li
         code, _ = run(words(False), out, stop)
         found = list(faults(name, old, new, contents(out)))
         again = words(False)
-        if any(out.glob("*.unfinished")):
-            again.append("--resume")
         if code != KILLED or run(again, out)[0]:
             found.append("the run was not killed, or fails afterwards")
         if contents(out) != new:

@@ -28,7 +28,7 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.quantities import frame_range
-from blurmatte.cli.rows import PICTURES, expanded
+from blurmatte.cli.rows import PICTURES, given_files
 from blurmatte.cli.selection import (
     CameraReading,
     ColorOptions,
@@ -120,7 +120,7 @@ def solve_clip(
     with about(Path(images[0])):
         frames = reading.frames(images, options.frames)
         run = bm.ClipRun(
-            tuple(_inputs(images, plate.plate, occluder, colors)),
+            given_files(images, plate.plate, occluder, *(colors.color or ())),
             frames,
             None if plate.plate is None else reading.read(plate.plate),
             _model(colors),
@@ -138,15 +138,6 @@ def solve_clip(
         os.replace(folder / "layers.mov", out)
     _answer(report, folder, out, as_json)
     _check_grades(report, required)
-
-
-def _inputs(
-    images: list[str], plate: Path | None, occluder: Path | None, colors: ColorOptions
-) -> Iterator[Path]:
-    """The files that were given, each once."""
-    others = [path for path in (plate, occluder) if path is not None]
-    paths = [*expanded(images), *others, *map(Path, colors.color or ())]
-    yield from dict.fromkeys(path for path in paths if path.is_file())
 
 
 def _extension(out: Path, options: ClipOptions) -> str:

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-import json
 import math
 import os
-from collections.abc import Iterator, Sequence
-from contextlib import suppress
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import blurmatte as bm
-from blurmatte.cli.console import NamedError, about, complain, waiting, with_progress
+from blurmatte.cli.console import about, complain, waiting, with_progress
 
 Places: TypeAlias = "Sequence[bm.BallPlace | None]"
+Record: TypeAlias = "Callable[[bm.FrameSightings], None]"
 
 _MIN_FRAMES_TO_PARALLELIZE = 16  # below, starting processes takes longer than they save
 
@@ -66,8 +66,8 @@ class ClipTask:
     rate: float | None  # frames per second, if the clip does not say
     workers: int | None  # number of processes; None: one for each core
     out: Path | None  # the table; finished frames are kept next to it
-    resume: bool  # whether an interrupted run is continued
-    same: dict[str, Any]  # settings that must be equal to resume
+    inputs: tuple[Path, ...]  # files whose contents must be equal to resume
+    settings: dict[str, Any]  # of the reading, which must be equal too
     ball: KnownBall | None = None
 
     @property
@@ -75,11 +75,23 @@ class ClipTask:
         """Where finished frames are kept until the table is whole."""
         return None if self.out is None else self.out.with_name(f"{self.out.name}.unfinished")
 
-    @property
-    def head(self) -> dict[str, Any]:
-        """First line of that file."""
-        kept = {"blurmatte": bm.__version__, "clip": str(self.source), "color": self.color}
-        return {**kept, "several": self.several, **self.same}
+    @contextmanager
+    def recorded(self) -> Iterator[tuple[list[bm.FrameSightings], Record]]:
+        """What an interrupted run with the same inputs and settings has measured; what records more."""
+        from blurmatte.clips.manifest import Finished, Manifest, key_of, opened_manifest
+
+        opened: AbstractContextManager[Manifest] = nullcontext(Manifest())
+        if self.unfinished is not None:
+            same = {"color": self.color, "several": self.several, "rate": self.rate}
+            opened = opened_manifest(self.unfinished, key_of(self.inputs, same | self.settings))
+        with opened as manifest:
+            seen = [one.seen for one in manifest.finished if one.seen is not None]
+            try:
+                yield seen, lambda frame: manifest.append(Finished(1, seen=frame))
+            except BaseException:
+                if manifest.finished and self.unfinished is not None:
+                    complain(f"{self.unfinished}: keeps the finished frames; run the same again")
+                raise
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,13 +117,16 @@ def measure_frames(
     from blurmatte.motion.clip.scene import clip_plate
     from blurmatte.motion.clip.workers import return_freed_memory
 
-    model, journal = _given_color(task.color), _journal(task)
-    count = task.workers
+    model, count = _given_color(task.color), task.workers
     if count is None:
         count = 1 if len(frames) < _MIN_FRAMES_TO_PARALLELIZE else os.cpu_count() or 1
     return_freed_memory()
     # Processes start while the plate is made.
-    with about(task.source), bm.Workers(max(min(count, len(frames)), 1)) as workers:
+    with (
+        task.recorded() as (old, record),
+        about(task.source),
+        bm.Workers(max(min(count, len(frames)), 1)) as workers,
+    ):
         frames = frames.for_plate(plate)
         if plate is None:
             with waiting("making the plate"):
@@ -128,10 +143,10 @@ def measure_frames(
             several=task.several,
             numbers=frames.frame_numbers,
             rate=task.rate,
-            skip=len(journal.frames),
+            skip=len(old),
         )
-        new = with_progress(seen, "measuring", len(frames) - len(journal.frames))
-        kept = _kept(task, journal, new)
+        new = with_progress(seen, "measuring", len(frames) - len(old))
+        kept = _kept(old, new, record)
         rows = bm.link_objects(kept, task.min_frames) if task.several else bm.link_sightings(kept)
         places = None
         if task.ball is not None:
@@ -156,79 +171,11 @@ def _given_color(text: str | None) -> bm.ColorModel | None:
     return bm.ColorModel.from_hex(text)
 
 
-@dataclass(frozen=True)
-class _Journal:
-    """What an interrupted run left: finished frames, and how many bytes of its file hold them."""
-
-    frames: Sequence[bm.FrameSightings] = ()
-    size: int = 0
-
-
-def _journal(task: ClipTask) -> _Journal:
-    """The frames of an interrupted run, up to the first line that is damaged or was cut off."""
-    path = task.unfinished
-    if path is None or not path.exists():
-        return _Journal()
-    try:
-        lines = path.read_bytes().splitlines(keepends=True)
-    except OSError as error:
-        raise NamedError(f"{path}: delete it, for it cannot be read ({error.strerror})") from error
-    heads, frames, size = list[Any](), list[bm.FrameSightings](), 0
-    with suppress(AttributeError, KeyError, RecursionError, TypeError, ValueError):
-        for line in lines:
-            if not line.endswith(b"\n"):
-                break
-            if heads:
-                frames.append(_frame(line.decode()))
-            else:
-                heads.append(json.loads(line))
-            size += len(line)
-    if not frames:
-        return _Journal()  # it holds nothing to continue with
-    if not task.resume:
-        raise NamedError(f"{path}: add --resume to continue the interrupted run, or delete it")
-    if heads != [json.loads(json.dumps(task.head))]:
-        raise NamedError(f"{path}: was begun with other options; give the same, or delete it")
-    return _Journal(frames, size)
-
-
-def _frame(line: str) -> bm.FrameSightings:
-    """A frame of a journal; ValueError for another content."""
-    from blurmatte.files.documents import parse_json
-
-    frame: bm.FrameSightings = parse_json(line, bm.FrameSightings)
-    for one in frame.found:
-        if not abs(one.xy_covariance) <= 1.001 * one.x_std * one.y_std:
-            raise ValueError("a covariance must not exceed the standard deviations")
-    return frame
-
-
 def _kept(
-    task: ClipTask, old: _Journal, new: Iterator[bm.FrameSightings]
+    old: Sequence[bm.FrameSightings], new: Iterator[bm.FrameSightings], record: Record
 ) -> Iterator[bm.FrameSightings]:
-    """All frames; each new one is appended to the file of unfinished runs at once."""
-    path = task.unfinished
-    yield from old.frames
-    if path is None:
-        yield from new
-        return
-    count = 0
-    try:
-        for count, frame in enumerate(new, 1):
-            _append(path, frame, task.head, old.size if count == 1 else None)
-            yield frame
-    except BaseException:
-        if count or old.frames:
-            complain(f"{path}: keeps the finished frames; add --resume to continue")
-        raise
-
-
-def _append(path: Path, frame: bm.FrameSightings, head: Any, size: int | None) -> None:
-    """Append a line; before the first of a run, the file is cut to `size`, or begun if that is 0."""
-    lines = [json.dumps(asdict(frame))]
-    if size == 0:
-        lines.insert(0, json.dumps(head))
-    with path.open("ab", buffering=0) as file:
-        if size is not None:
-            file.truncate(size)
-        file.write("".join(f"{line}\n" for line in lines).encode())
+    """All frames; each new one is recorded at once."""
+    yield from old
+    for frame in new:
+        record(frame)
+        yield frame

@@ -49,12 +49,16 @@ def _measure(command: str, args: Args) -> Args:
     path = Path(source)
     is_row = any(mark in path.name for mark in _ROW_MARKS) and not path.is_file()
     if is_row or not (path.suffix.lower() in _PICTURES or (path / "layer.exr").is_file()):
-        return ["track", *_with_frames(args)]
+        return _track("track", _with_frames(args))
     if not any(_has(args, name) for name in _IN_SPACE):
         return [command, *args]
     for name in _NOT_IN_SPACE:
         _take(args, name)
     return ["locate", *(arg for arg in args if arg != "--rotation")]
+
+
+def _track(command: str, args: Args) -> Args:
+    return [command, *(arg for arg in args if arg != "--resume")]
 
 
 def _edit(command: str, args: Args) -> Args:
@@ -84,6 +88,7 @@ _RULES: dict[str, Callable[[str, Args], Args]] = {
     "solve": _solve,
     "color": _solve,
     "measure": _measure,
+    "track": _track,
     "edit": _edit,
     "plate": lambda command, args: [command, *_with_frames(args)],
 }

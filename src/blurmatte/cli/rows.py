@@ -56,6 +56,12 @@ def _expanded(text: str) -> list[Path]:
     return sorted(found, key=lambda p: [(int(n or 0), t) for n, t in _PARTS.findall(str(p))])
 
 
+def given_files(images: Iterable[str], *others: str | Path | None) -> tuple[Path, ...]:
+    """The files of images and options, each once; options may be values of other kinds."""
+    paths = [*expanded(images), *(Path(one) for one in others if one is not None)]
+    return tuple(dict.fromkeys(path for path in paths if path.is_file()))
+
+
 def is_row(source: Path) -> bool:
     """Whether a clip or a row of files is meant, and not one picture or layer."""
     several = source.is_dir() or (_is_pattern(source) and not source.is_file())

@@ -14,6 +14,7 @@ from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, r
 from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
 from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
+from blurmatte.cli.rows import given_files
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
 from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
 
@@ -58,7 +59,6 @@ class Chosen:
 class Run:
     """How the frames are processed."""
 
-    resume: Annotated[bool, flag("--resume", "Continue an interrupted run.", RUN)] = False
     workers: Annotated[int | None, option("N", "Processes; one for each core.", RUN)] = None
 
     def __post_init__(self) -> None:
@@ -152,8 +152,6 @@ def track(
     """Track the object through CLIP: place, speed and size per frame."""
     check_file(out, "a table", *_TABLES)
     check_file(overlay, "a sheet", *SHEET)
-    if run.resume and out is None:
-        raise ValueError("--resume needs --out, the table of the interrupted run")
     source, ball = Path(clip[0]), physics.ball
     task = ClipTask(
         source,
@@ -163,13 +161,8 @@ def track(
         chosen.rate,
         run.workers,
         out,
-        run.resume,
-        {
-            "clip": list(clip),
-            "plate": None if plate is None else str(plate),
-            "frames": [chosen.frames, chosen.rate],
-            "transfer": reading.transfer,
-        },
+        given_files(clip, plate, followed.color, reading.transfer),
+        {"frames": chosen.frames, "transfer": reading.transfer},
         ball,
     )
     check_outputs(out, overlay, task.unfinished)

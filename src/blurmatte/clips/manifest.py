@@ -1,95 +1,155 @@
 """Manifest: an append-only record of the finished frames of a clip, from which a run is resumed.
 
-Each line is a JSON object. The first has the hash of inputs and settings; a line that was cut off when
-a run was killed is ignored, and its frame done again.
+Each line is a JSON object. The first has the hash of inputs and settings. A line that is damaged, or
+was cut off when a run was killed, is removed with all after it, and their frames are done again.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-import os
 from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager, suppress
+from dataclasses import asdict, dataclass, field
+from importlib.metadata import version
+from io import FileIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import Any
 
+from blurmatte.clips.table import FrameRecord
 from blurmatte.errors import FileError
+from blurmatte.files.documents import parse_json
+from blurmatte.motion import FrameSightings
 
 NAME = "manifest.jsonl"
 _HASHED_BYTES = 1 << 20  # of the beginning and of the end of a file
 
 
-@dataclass(frozen=True, eq=False)
-class Manifest:
-    """Lines of finished work, and the open file to which new ones are appended.
+@dataclass(frozen=True)
+class Finished:
+    """A line: a frame that is measured, or the record of a layer.
 
     Parameters
     ----------
-    lines : list of dict
-        Those of interrupted runs with the same hash.
-    file : text file
+    shot : int
+        Its number, from 1.
+    seen : FrameSightings, optional
+    layer : FrameRecord, optional
     """
 
-    lines: list[dict[str, Any]]
-    file: TextIO
+    shot: int
+    seen: FrameSightings | None = None
+    layer: FrameRecord | None = None
 
-    def of_kind(self, kind: str) -> Iterator[dict[str, Any]]:
-        """The values of the lines of one kind, in order."""
-        return (line[kind] for line in self.lines if kind in line)
 
-    def append(self, kind: str, value: Mapping[str, Any]) -> None:
-        """Write one line at once."""
-        self.file.write(json.dumps({kind: value}, ensure_ascii=False) + "\n")
-        self.file.flush()
+@dataclass(frozen=True, eq=False)
+class Manifest:
+    """Finished work, and the open file to which more is appended.
+
+    Parameters
+    ----------
+    finished : list of Finished
+        Of interrupted runs with the same hash, and of this one.
+    path : Path, optional
+        For messages.
+    file : FileIO, optional
+        If there is none, nothing is written.
+    """
+
+    finished: list[Finished] = field(default_factory=list)
+    path: Path | None = None
+    file: FileIO | None = None
+
+    def append(self, one: Finished) -> None:
+        """Write one line at once.
+
+        Raises
+        ------
+        FileError
+            If the disk is full.
+        """
+        self.finished.append(one)
+        if self.file is not None and self.path is not None:
+            with _reported(self.path):
+                self.file.write(f"{json.dumps(asdict(one), ensure_ascii=False)}\n".encode())
 
 
 @contextmanager
-def opened_manifest(folder: Path, key: str) -> Iterator[Manifest]:
-    """The manifest of a folder; begun anew if it is of other inputs or settings.
+def opened_manifest(path: Path, key: str) -> Iterator[Manifest]:
+    """The manifest of this file; begun anew if it is of other inputs or settings.
+
+    A file without a finished frame is removed at the end.
 
     Raises
     ------
     FileError
-        If it cannot be written.
+        If it cannot be read or written.
     """
-    path = folder / NAME
+    with _reported(path):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        finished, size = _read(path, key)
+        file = path.open("ab", buffering=0)
+    with file:
+        with _reported(path):
+            file.truncate(size)
+            if size == 0:
+                file.write(_head(key))
+        manifest = Manifest(finished, path, file)
+        try:
+            yield manifest
+        finally:
+            if not manifest.finished:
+                path.unlink()
+
+
+def _head(key: str) -> bytes:
+    """The first line."""
+    return f"{json.dumps({'key': key})}\n".encode()
+
+
+def _read(path: Path, key: str) -> tuple[list[Finished], int]:
+    """The whole lines of a manifest with this key, and their size in bytes; 0 if there is none."""
+    finished = list[Finished]()
+    if not path.exists():
+        return finished, 0
+    head, *lines = path.read_bytes().splitlines(keepends=True) or [b""]
+    if head != _head(key):
+        return finished, 0
+    size = len(head)
+    with suppress(ValueError):
+        for line in lines:
+            finished.append(_parsed(line))
+            size += len(line)
+    return finished, size
+
+
+def _parsed(line: bytes) -> Finished:
+    """The content of a line; ValueError if it was cut off, or cannot be right."""
+    if not line.endswith(b"\n"):
+        raise ValueError("the line was cut off")
+    one: Finished = parse_json(line.decode(), Finished)
+    for seen in one.seen.found if one.seen is not None else ():
+        if not abs(seen.xy_covariance) <= 1.001 * seen.x_std * seen.y_std:
+            raise ValueError("a covariance must not exceed the standard deviations")
+    return one
+
+
+@contextmanager
+def _reported(path: Path) -> Iterator[None]:
+    """An OSError becomes a FileError that says what to do."""
     try:
-        folder.mkdir(parents=True, exist_ok=True)
-        lines = _read(path, key)
-        if lines is None:
-            path.write_text(json.dumps({"key": key}) + "\n", encoding="utf-8")
-            lines = []
-        else:  # without a line that was cut off
-            whole = "".join(json.dumps(line, ensure_ascii=False) + "\n" for line in lines)
-            temporary = path.with_suffix(".new")
-            temporary.write_text(json.dumps({"key": key}) + "\n" + whole, encoding="utf-8")
-            os.replace(temporary, path)
-        with path.open("a", encoding="utf-8", newline="\n") as file:
-            yield Manifest(lines, file)
+        yield
     except OSError as error:
         raise FileError(
-            f"{path}: check the folder and the free disk space; it cannot be written "
+            f"{path}: check the folder and the free disk space; it cannot be read or written "
             f"({error.strerror})"
         ) from error
 
 
-def _read(path: Path, key: str) -> list[dict[str, Any]] | None:
-    """The whole lines of a manifest with this key; None if there is none."""
-    if not path.exists():
-        return None
-    text = path.read_text(encoding="utf-8").rpartition("\n")[0]
-    try:
-        head, *lines = (json.loads(line) for line in text.splitlines())
-    except ValueError:
-        return None
-    return lines if head == {"key": key} else None
-
-
 def key_of(paths: Iterable[Path], settings: Mapping[str, Any]) -> str:
     """Hash of input files and settings: their sizes, and what they begin and end with."""
-    digest = hashlib.sha256(json.dumps(settings, sort_keys=True, default=str).encode())
+    known = json.dumps([version("blurmatte"), settings], sort_keys=True, default=str)
+    digest = hashlib.sha256(known.encode())
     for path in paths:
         size = path.stat().st_size
         digest.update(f"{path.name}:{size};".encode())

@@ -12,7 +12,7 @@ from typing import Any
 from blurmatte.background import Shot
 from blurmatte.checks import Bools, check_kind
 from blurmatte.clips.layers import LAYER_EXTENSIONS, LayerWriter, write_movie
-from blurmatte.clips.manifest import Manifest, key_of, opened_manifest
+from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
 from blurmatte.clips.shots import SolvableShot, prepared, shots_of
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
@@ -20,7 +20,7 @@ from blurmatte.errors import BlurmatteError, MotionError
 from blurmatte.figures import draw_clip
 from blurmatte.files import Frames, require_parquet, write
 from blurmatte.matting import Grade
-from blurmatte.motion import FrameMotion, FrameSightings, Sighting, Workers
+from blurmatte.motion import FrameMotion, FrameSightings, Workers
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
@@ -197,7 +197,7 @@ def save_clip(
     """
     folder, begun = Path(folder), time.monotonic()
     run = replace(run, frames=run.frames.for_plate(run.plate))
-    with opened_manifest(folder, run.key) as manifest:
+    with opened_manifest(folder / NAME, run.key) as manifest:
         work = _Work(manifest)
         shots = shots_of(run.frames, workers)
         for number, shot in enumerate(shots, 1):
@@ -222,11 +222,8 @@ def _shot(
     """Measure and solve the frames of a shot that are not done."""
     if shot.moving:
         raise MotionError("give a part in which the camera stands still, or stabilize the clip")
-    seen = [
-        _sightings(saved["found"])
-        for saved in work.manifest.of_kind("seen")
-        if saved["shot"] == number
-    ]
+    finished = [one for one in work.manifest.finished if one.shot == number]
+    seen = [one.seen for one in finished if one.seen is not None]
     given = run.plate, run.model, run.several, run.occluder
     steps = prepared(number, shot, run.frames, *given, seen, workers)
     ready: SolvableShot | None = None
@@ -234,7 +231,7 @@ def _shot(
         if isinstance(step, SolvableShot):
             ready = step
         else:
-            work.manifest.append("seen", {"shot": number, "found": asdict(step)})
+            work.manifest.append(Finished(number, seen=step))
             yield step
     assert ready is not None
     work.rows += ready.rows
@@ -248,8 +245,9 @@ def _solved(
     """Records of the frames of a shot, in order; those that are not done are solved."""
     done = {
         (record.frame, record.object): record
-        for saved in work.manifest.of_kind("layer")
-        if (record := FrameRecord.loaded(saved)).shot == shot.number
+        for record in (one.layer for one in work.manifest.finished)
+        if record is not None
+        and record.shot == shot.number
         and (not record.layer or (folder / record.layer).exists())
     }
     rest = [one for one in shot.wanted if (one.row.frame, one.row.object or 1) not in done]
@@ -266,16 +264,11 @@ def _solved(
         if isinstance(outcome, Failure):
             work.problems.append(f"frame {one.row.frame}: {outcome.error}")
             continue
-        work.manifest.append("layer", asdict(outcome))
+        work.manifest.append(Finished(shot.number, layer=outcome))
         done[outcome.frame, outcome.object] = outcome
         work.new += 1
         yield outcome
     work.records += [done[key] for key in sorted(done)]
-
-
-def _sightings(saved: dict[str, Any]) -> FrameSightings:
-    found = tuple(Sighting(**one) for one in saved["found"])
-    return FrameSightings(**{**saved, "found": found})
 
 
 def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:

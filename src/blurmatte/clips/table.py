@@ -85,12 +85,6 @@ class FrameRecord:
             layer=layer,
         )
 
-    @classmethod
-    def loaded(cls, saved: dict[str, Any]) -> FrameRecord:
-        """The record of a line of a manifest."""
-        box = saved["box"]
-        return cls(**{**saved, "box": None if box is None else tuple(box)})
-
     def numbers(self) -> dict[str, Any]:
         """All by name, flat, for a row of a table."""
         row = asdict(self)
