@@ -2,7 +2,6 @@
 
 import csv
 import json
-import re
 from dataclasses import replace
 from functools import partial
 
@@ -171,20 +170,6 @@ def test_damaged_journal_costs_the_frames_after_the_damage(
     assert skipped == [first_new]
     assert out.read_bytes() == whole
     assert not begun.exists()
-
-
-@pytest.mark.parametrize(
-    ("key", "value"), [("xy_covariance", "2.0"), ("x", '"3"'), ("x_std", "-1"), ("moved", "[[]]")]
-)
-def test_impossible_values_of_a_journal_are_damage(track, finished, tmp_path, key, value):
-    """Exact: the frame of such a line, and those after it, are measured again."""
-    out, begun, whole = journal(finished, tmp_path)
-    lines = begun.read_text().splitlines(keepends=True)
-    lines[2], count = re.subn(f'"{key}": [^,]*', f'"{key}": {value}', lines[2], count=1)
-    assert count == 1
-    begun.write_text("".join(lines))
-    assert track("--out", out).exit_code == 0
-    assert out.read_bytes() == whole
 
 
 def test_other_options_begin_anew(track, finished, tmp_path, monkeypatch):

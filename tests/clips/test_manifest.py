@@ -23,7 +23,7 @@ def test_lines_are_read_again_and_a_cut_off_one_is_not(path):
         manifest.append(SEEN)
         manifest.append(LAYER)
     with path.open("a") as file:
-        file.write('{"shot": 1, "la')
+        file.write('00000000 {"shot": 1, "la')
     second = replace(SEEN, shot=2)
     with opened_manifest(path, "a") as manifest:
         assert manifest.finished == [SEEN, LAYER]
@@ -45,6 +45,15 @@ def test_damaged_manifest_begins_anew(path, text):
     path.write_text(text)
     with opened_manifest(path, "a") as manifest:
         assert manifest.finished == []
+
+
+def test_changed_values_are_damage(path):
+    with opened_manifest(path, "a") as manifest:
+        manifest.append(SEEN)
+        manifest.append(LAYER)
+    path.write_text(path.read_text().replace("3.5", "9.5"))
+    with opened_manifest(path, "a") as manifest:
+        assert manifest.finished == [SEEN]
 
 
 def test_manifest_without_finished_frames_is_removed(path):

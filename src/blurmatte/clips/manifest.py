@@ -1,7 +1,8 @@
 """Manifest: an append-only record of the finished frames of a clip, from which a run is resumed.
 
-Each line is a JSON object. The first has the hash of inputs and settings. A line that is damaged, or
-was cut off when a run was killed, is removed with all after it, and their frames are done again.
+The first line has the hash of inputs and settings. Each other line is a checksum and a JSON object. A
+line that is damaged, or was cut off when a run was killed, is removed with all after it, and their
+frames are done again.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from importlib.metadata import version
 from io import FileIO
 from pathlib import Path
 from typing import Any
+from zlib import crc32
 
 from blurmatte.clips.table import FrameRecord
 from blurmatte.errors import FileError
@@ -71,7 +73,8 @@ class Manifest:
         self.finished.append(one)
         if self.file is not None and self.path is not None:
             with _reported(self.path):
-                self.file.write(f"{json.dumps(asdict(one), ensure_ascii=False)}\n".encode())
+                text = json.dumps(asdict(one), ensure_ascii=False).encode()
+                self.file.write(_checksum(text) + text + b"\n")
 
 
 @contextmanager
@@ -124,14 +127,18 @@ def _read(path: Path, key: str) -> tuple[list[Finished], int]:
 
 
 def _parsed(line: bytes) -> Finished:
-    """The content of a line; ValueError if it was cut off, or cannot be right."""
-    if not line.endswith(b"\n"):
-        raise ValueError("the line was cut off")
-    one: Finished = parse_json(line.decode(), Finished)
-    for seen in one.seen.found if one.seen is not None else ():
-        if not abs(seen.xy_covariance) <= 1.001 * seen.x_std * seen.y_std:
-            raise ValueError("a covariance must not exceed the standard deviations")
+    """The content of a line; ValueError if it was cut off, or is not what was written."""
+    size = len(_checksum(b""))
+    begin, text, end = line[:size], line[size:-1], line[-1:]
+    if end != b"\n" or begin != _checksum(text):
+        raise ValueError("the line is damaged")
+    one: Finished = parse_json(text.decode(), Finished)
     return one
+
+
+def _checksum(text: bytes) -> bytes:
+    """Of a line, in hexadecimal digits, and a space."""
+    return b"%08x " % crc32(text)
 
 
 @contextmanager
