@@ -152,6 +152,16 @@ def test_animations(tmp_path, name):
     assert np.abs(off).mean() < 6
 
 
+def test_gif_keeps_the_colors_of_a_small_object(tmp_path):
+    """Also if 256 colors of a textured background are more frequent."""
+    codes = np.random.default_rng(0).integers(40, 216, (256, 256, 3)).astype(np.uint8)
+    codes[120:128, 120:128] = 250, 120, 10
+    write_frames(tmp_path / "a.gif", 2 * [codes])
+    with Image.open(tmp_path / "a.gif") as file:
+        seen = np.asarray(file.convert("RGB"))[120:128, 120:128].astype(int)
+    assert np.abs(seen.mean(axis=(0, 1)) - (250, 120, 10)).max() < 12  # code values
+
+
 def test_colors_reach_beyond_the_object(tmp_path):
     """Scaled by a program that does not multiply first, the rim does not become dark."""
     alpha = np.zeros((48, 64), np.float32)

@@ -60,6 +60,10 @@ def save_animation(path: Path, pictures: Iterable[LinearImage | Any], rate: floa
     from PIL import Image
 
     frames = (Image.fromarray(_srgb(picture)) for picture in pictures)
+    if path.suffix.lower() == ".gif":
+        # An octree keeps the colors of a small object; Pillow's median cut gives them to the scene.
+        octree = Image.Quantize.FASTOCTREE
+        frames = (frame.quantize(palette=frame.quantize(256, octree)) for frame in frames)
     first = next(frames)
     first.save(path, save_all=True, append_images=frames, duration=1000 / rate, loop=0, quality=90)
 
