@@ -205,6 +205,10 @@ def test_writes_sheets_and_previews(scene, own, tmp_path):
         "edit", scene / "layer.exr", "--fade", 2, "--preview", preview, "--out", tmp_path / "c.exr"
     )
     assert "--preview needs a background" in complaint(none)
+    good("remove", scene / "layer.exr", *own, "--preview", preview, "--out", tmp_path / "r.png")
+    with Image.open(preview) as moving:
+        first, middle = (frame(moving, n) for n in (0, moving.n_frames // 2))
+    assert np.abs(first - middle).max() > 30  # removed, and as it was
     assert not (tmp_path / "c.exr").exists()
 
 
@@ -313,6 +317,7 @@ def test_edit_refuses_in_one_line(scene, tmp_path, options, words):
         ("remove", (), "Missing option '--image'"),
         ("remove", ("--image", "image.png"), "Missing option '--plate'"),
         ("remove", ("--image", "image.png", "--plate", "beach.png"), "150x100"),
+        ("remove", ("--image", "beach.png", "--plate", "beach.png"), "the layer is"),
     ],
 )
 def test_compose_and_remove_refuse_in_one_line(scene, tmp_path, command, options, words):

@@ -13,6 +13,7 @@ from typing import Annotated, Any
 import typer
 
 import blurmatte as bm
+from blurmatte.checks import check_same_size
 from blurmatte.cli.app import ORDER, command
 from blurmatte.cli.changes import (
     Behind,
@@ -133,6 +134,7 @@ def remove(
         matched = _matched(plate.plate, plate.match, read)
         assert matched is not None
         with about(layer):
+            check_same_size("the layer", before.size, "the image", read[0].size)
             result, touched = bm.remove(read[0], matched, streak, grow)
         done = _Edit(before, before.fade(0), read[0], result, matched)
         _write_in_place(out, image, done, touched, reading)
@@ -298,15 +300,16 @@ def _write_preview(path: Path, done: _Edit, longest: int = 640, rim: float = 0.3
     """
     assert done.picture is not None
     assert done.result is not None
-    without = done.picture
-    if done.plate is not None:
+    without, shown, layer = done.picture, done.result, done.after
+    if layer.empty:  # it was removed
+        without, shown, layer = done.result, done.picture, done.before
+    elif done.plate is not None:
         without, _ = bm.retouch(done.picture, done.before, done.before.fade(0), done.plate)
-    shown = done.before if done.after.empty else done.after
-    x0, y0, x1, y1 = shown.box
+    x0, y0, x1, y1 = layer.box
     edge = int(rim * max(x1 - x0, y1 - y0))
-    width, height = shown.size
+    width, height = layer.size
     box = max(x0 - edge, 0), max(y0 - edge, 0), min(x1 + edge, width), min(y1 + edge, height)
-    first, second = without.crop(box), done.result.crop(box)
+    first, second = without.crop(box), shown.crop(box)
     scale = min(1.0, longest / max(first.size))
     size = max(1, round(scale * first.size[0])), max(1, round(scale * first.size[1]))
     frames = bm.fade_between(bm.cover(first, size), bm.cover(second, size))
