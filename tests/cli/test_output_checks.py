@@ -22,6 +22,9 @@ SOLVE = "a.png", "--plate", "b.png"
     [
         (("solve", *SOLVE, "--out", "mine"), "mine: mine is a file; give the name of a folder"),
         (("solve", *SOLVE, "--out", "mine/x/y"), "mine/x/y: mine is a file"),
+        (("solve", *SOLVE, "--out", "o.png"), "whose name does not end with .png"),
+        (("solve", "a.mp4", "--out", "o.mp4"), "whose name does not end with .mp4"),
+        (("sharpen", "a.exr", "--frames", "2", "--out", "no/a.mov"), "no folder no; make it"),
         (("render", "easy", "--out", "mine"), "mine is a file"),
         (("color", *SOLVE, "--out", "c.txt"), "c.txt: a color model is written as .json"),
         (("color", *SOLVE, "--out", "folder.json"), "folder.json: is a folder"),

@@ -27,6 +27,7 @@ from blurmatte.cli.console import (
     waiting,
     warn,
 )
+from blurmatte.cli.output_checks import check_folder
 from blurmatte.cli.quantities import frame_range
 from blurmatte.cli.rows import PICTURES, given_files
 from blurmatte.cli.selection import (
@@ -116,6 +117,8 @@ def solve_clip(
 
     if options.scheduler is not None:  # its workers run in other folders
         images = [str(Path(image).absolute()) for image in images]
+    folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
+    check_folder(folder)
     return_freed_memory()
     with about(Path(images[0])):
         frames = reading.frames(images, options.frames)
@@ -131,7 +134,6 @@ def solve_clip(
             shlex.join(["blurmatte", *sys.argv[1:]]),
             options.layers == "solution",
         )
-        folder = out.with_suffix("") if out.suffix.lower() == ".mov" else out
         with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
             report = _followed(bm.save_clip(run, folder, workers), len(frames))
     if out.suffix.lower() == ".mov" and (folder / "layers.mov").exists():

@@ -14,6 +14,7 @@ import blurmatte as bm
 SHEET = ".png", ".jpg"
 PICTURE = ".png", ".tif", ".jpg", ".exr"
 VIDEO = ".mov", ".mp4"  # an extra writes them
+FILE_ENDINGS = *PICTURE, *VIDEO, ".gif", ".webp", ".csv", ".json"
 OUTPUTS = "out", "overlay", "sheet", "preview", "plot"  # the options that name files to write
 
 # What the command reads: from identities of files to their names.
@@ -51,7 +52,9 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
 
 
 def check_folder(path: Path) -> None:
-    """Raise FileError if a folder or one above it is a file, or may not be written to."""
+    """Raise FileError if a folder is named like a file, or it or one above it is one or read-only."""
+    if path.suffix.lower() in FILE_ENDINGS and not path.exists():
+        raise bm.FileError(f"{path}: give a folder, whose name does not end with {path.suffix}")
     there = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not there.is_dir():
         raise bm.FileError(f"{path}: {there.name} is a file; give the name of a folder")

@@ -71,6 +71,8 @@ def sharpen(
         raise ValueError(f"--image and --sheet are for one layer; {layer} are {len(files)}")
     single = frames * len(files) == 1
     check_ending(out, "a sharp object", *(_STILL if single else (*_STILL, *_CLIP)))
+    if single or out.suffix.lower() in _CLIP:
+        check_file(out, "a sharp object", out.suffix.lower())
     if out.suffix.lower() in _OVER_PLATE and pictures.plate is None:
         raise ValueError(f"{out.suffix} has no alpha: add --plate, or write .mov or .exr")
     answers: list[dict[str, Any]] = []
