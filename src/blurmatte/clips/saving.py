@@ -166,7 +166,7 @@ def save_clip(
     =================  ===============================================================
     layer.000123.exr   the object in frame 123, in the whole window
     frames.csv         a row for each of them: time, place, radius, grade, box; or frames.parquet
-    overview.png       the paths over the plate (needs matplotlib)
+    overview.png       the paths over the plate; its charts need matplotlib
     report.json        shots, grades, problems, speed
     plate.exr          if it was made; plate2.exr of the second shot, and so on
     manifest.jsonl     what is done
@@ -234,7 +234,8 @@ def _shot(
             work.manifest.append(Finished(number, seen=step))
             yield step
     assert ready is not None
-    work.rows += ready.rows
+    before = max((row.track or 0 for row in work.rows), default=0)
+    work.rows += [replace(row, track=row.track and row.track + before) for row in ready.rows]
     work.plates.append(ready.plate)
     yield from _solved(run, folder, ready, work, workers)
 
@@ -300,6 +301,8 @@ def _words(work: _Work, shots: Sequence[Shot]) -> list[str]:
     said = [f"{len(layers)} layers: {graded}." if layers else "No layers."]
     if len(shots) > 1:
         said.append(f"{len(shots)} shots: {'; '.join(map(str, shots))}.")
+    if len(work.plates) > 1:
+        said.append("The background is the plate of the first shot.")
     return said + work.problems[:3]
 
 

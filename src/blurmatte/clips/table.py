@@ -40,6 +40,8 @@ class FrameRecord:
         Name of its file, in the folder of results.
     reason : str
         Why there is no layer.
+    doubts : str
+        Why its first measurement, which the sheet shows, may be wrong.
     """
 
     frame: int
@@ -59,6 +61,7 @@ class FrameRecord:
     box: Box | None = None
     layer: str = ""
     reason: str = ""
+    doubts: str = ""
 
     @classmethod
     def of(cls, row: FrameMotion, shot: int, solution: Solution, layer: str) -> FrameRecord:
@@ -83,6 +86,7 @@ class FrameRecord:
             alpha_error=float(solution.stats["alpha_error"]),
             box=None if whole.empty else whole.box,
             layer=layer,
+            doubts="" if row.sighting is None else row.sighting.doubts,
         )
 
     def numbers(self) -> dict[str, Any]:
