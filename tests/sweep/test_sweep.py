@@ -170,8 +170,9 @@ def test_geometric_properties_are_consistent():
         ({"converged": False}, "did not converge"),
         ({"radius_error": 0.4}, "determines the radius only to 40%"),
         ({"residual_excess": 2.5}, "leaves residuals 2.5 times as correlated as noise"),
+        ({"residual_excess": 1.21}, "leaves residuals 1.21 times as correlated as noise"),
     ],
-    ids=["right", "impossible", "not converged", "unknown radius", "correlated residuals"],
+    ids=["right", "impossible", "not converged", "unknown radius", "correlated", "rounded"],
 )
 def test_rejection_says_why_a_sweep_does_not_explain_the_streak(change, words):
     sweep = swept(FLAT[LINE])

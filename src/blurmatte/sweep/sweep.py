@@ -134,7 +134,7 @@ class Sweep:
             return f"determines the radius only to {d.radius_error:.0%}"
         if d.residual_excess > MAX_RESIDUAL_EXCESS:
             return (
-                f"leaves residuals {d.residual_excess:.1f} times as correlated as noise, at most "
+                f"leaves residuals {d.residual_excess:.3g} times as correlated as noise, at most "
                 f"{MAX_RESIDUAL_EXCESS:g} are allowed"
             )
         return ""

@@ -186,7 +186,7 @@ def test_invalid_input_is_rejected():
     for diagnostics, said in (
         (
             Diagnostics(residual_excess=3.0),
-            "does not explain the streak: the fit leaves residuals 3.0 times as correlated",
+            "does not explain the streak: the fit leaves residuals 3 times as correlated",
         ),
         (Diagnostics("leaves the streak"), "streak: the fit leaves the streak; give a ball"),
         (Diagnostics(converged=False), "streak: the fit did not converge"),
