@@ -204,8 +204,9 @@ def wanted_channels(
         missing = [name for name in names if name not in present]
         if missing:
             raise FileError(
-                f"{path}: give the layer.exr of blurmatte solve, or an EXR that blurmatte.write made "
-                f"of a Solution; this file holds no Solution (no channel {missing[0]}, but {listed})"
+                f"{path}: give the layer.exr of blurmatte solve (of a clip with --layers solution), or "
+                "an EXR that blurmatte.write made of a Solution; this file holds no Solution (no "
+                f"channel {missing[0]}, but {listed})"
             )
         return tuple(name for name in present if name in names)
     colors = next((p for p in ({"R", "G", "B"}, {"Y"}) if p <= set(present)), None)
