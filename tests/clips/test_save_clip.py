@@ -64,8 +64,10 @@ def test_layer_over_plate_is_the_frame(once, pictures):
         assert np.sqrt(np.mean(d**2)) < 0.0115  # of which the noise is 0.01
 
 
-def test_rerun_does_nothing_and_changes_no_byte(shot, once):
+def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
+    """Exact: nor is the color found again."""
     folder, _ = once
+    monkeypatch.setattr("blurmatte.clips.shots.color_in_scene", None)
     before = contents(folder)
     assert saved(shot, folder).new == 0
     assert contents(folder) == before

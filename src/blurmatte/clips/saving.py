@@ -224,8 +224,13 @@ def _shot(
         raise MotionError("give a part in which the camera stands still, or stabilize the clip")
     finished = [one for one in work.manifest.finished if one.shot == number]
     seen = [one.seen for one in finished if one.seen is not None]
+    done = {
+        (record.frame, record.object): record
+        for record in (one.layer for one in finished)
+        if record is not None and (not record.layer or (folder / record.layer).exists())
+    }
     given = run.plate, run.model, run.several, run.occluder
-    steps = prepared(number, shot, run.frames, *given, seen, workers)
+    steps = prepared(number, shot, run.frames, *given, seen, done, workers)
     ready: SolvableShot | None = None
     for step in steps:
         if isinstance(step, SolvableShot):
@@ -237,28 +242,27 @@ def _shot(
     before = max((row.track or 0 for row in work.rows), default=0)
     work.rows += [replace(row, track=row.track and row.track + before) for row in ready.rows]
     work.plates.append(ready.plate)
-    yield from _solved(run, folder, ready, work, workers)
+    if ready.solver is not None:
+        writer = LayerWriter(
+            *(ready.solver, folder.absolute(), number),
+            *(run.file_extension, run.several, run.complete),
+        )
+        yield from _solved(writer, ready, done, work, workers)
+    work.records += [done[key] for key in sorted(done)]
 
 
 def _solved(
-    run: ClipRun, folder: Path, shot: SolvableShot, work: _Work, workers: Workers
+    writer: LayerWriter,
+    shot: SolvableShot,
+    done: dict[tuple[int, int], FrameRecord],
+    work: _Work,
+    workers: Workers,
 ) -> Iterator[FrameRecord]:
-    """Records of the frames of a shot, in order; those that are not done are solved."""
-    done = {
-        (record.frame, record.object): record
-        for record in (one.layer for one in work.manifest.finished)
-        if record is not None
-        and record.shot == shot.number
-        and (not record.layer or (folder / record.layer).exists())
-    }
+    """Records of the frames of a shot that are not done, in order; they are added to `done`."""
     rest = [one for one in shot.wanted if (one.row.frame, one.row.object or 1) not in done]
-    writer = LayerWriter(
-        *(shot.solver, folder.absolute(), shot.number),
-        *(run.file_extension, run.several, run.complete),
-    )
-    if run.several:
+    if writer.several:
         for number in {one.row.object or 1 for one in rest}:
-            (folder / f"object{number}").mkdir(exist_ok=True)
+            (writer.folder / f"object{number}").mkdir(exist_ok=True)
     parts = ((slice(one.index, one.index + 1), one) for one in rest)
     outcomes = workers.over(shot.frames, writer, parts)
     for one, outcome in zip(rest, outcomes, strict=True):
@@ -269,7 +273,6 @@ def _solved(
         done[outcome.frame, outcome.object] = outcome
         work.new += 1
         yield outcome
-    work.records += [done[key] for key in sorted(done)]
 
 
 def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from dataclasses import dataclass
 
 from blurmatte.background import Shot, find_shots, thumbnail
@@ -37,7 +37,8 @@ class SolvableShot:
     frames : Frames
         Of the shot.
     plate : LinearImage
-    solver : FrameSolver
+    solver : FrameSolver or None
+        None if nothing is wanted.
     rows : tuple of FrameMotion
         Where the object is in each frame.
     wanted : tuple of Wanted
@@ -48,7 +49,7 @@ class SolvableShot:
     shot: Shot
     frames: Frames[LinearImage]
     plate: LinearImage
-    solver: FrameSolver
+    solver: FrameSolver | None
     rows: tuple[FrameMotion, ...]
     wanted: tuple[Wanted, ...]
 
@@ -73,9 +74,13 @@ def prepared(
     several: bool,
     hidden: Bools | None,
     finished: Sequence[FrameSightings],
+    solved: Container[tuple[int, int]],
     workers: Workers,
 ) -> Iterator[FrameSightings | SolvableShot]:
     """Detections in each frame of a shot that are not finished, then the shot.
+
+    `solved` are the numbers of frame and object of the layers that are written. If those are all, the
+    color and what frames share is not found again.
 
     Raises
     ------
@@ -84,9 +89,15 @@ def prepared(
     """
     part = frames[shot.start : shot.stop]
     plate = clip_plate(part) if plate is None else plate
+    link = link_objects if several else link_sightings
+    seen = list(finished)
+    if len(seen) == len(part):
+        rows = link(seen)
+        if all((row.frame, row.object or 1) in solved for row in rows if row.sighting):
+            yield SolvableShot(number, shot, part, plate, None, tuple(rows), ())
+            return
     scene = scene_of(part, plate, model, hidden)
     model = color_in_scene(part, scene, workers) if model is None else model
-    seen = list(finished)
     numbers = part.frame_numbers
     new = sightings_in_scene(
         part, scene, model, workers, several=several, numbers=numbers, skip=len(seen)
@@ -94,7 +105,7 @@ def prepared(
     for one in new:
         seen.append(one)
         yield one
-    rows = link_objects(seen) if several else link_sightings(seen)
+    rows = link(seen)
     solver = FrameSolver.of(part, scene, model)
     wanted = wanted_frames(part, rows, solver, numbers, workers)
     yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))
