@@ -78,6 +78,12 @@ class _OpenClip:
         """Whether some packets are references that are not shown."""
         return bool(self.stream.codec.name == "vp8")
 
+    @property
+    def decodes_all(self) -> bool:
+        """Whether no frames can be left out: libraries outside FFmpeg (AV1) choose which ones once."""
+        library = str(self.stream.codec_context.codec.name).startswith("lib")
+        return bool(self.decoder) or self.hides_frames or library
+
     def frame(self, number: int, timing: Timing) -> Any | None:
         """The frame of a number; None if it cannot be decoded."""
         if self.before < number < self.at:
@@ -86,7 +92,7 @@ class _OpenClip:
         if number < self.at or key > self.at + 1:
             self._seek(key, timing)
         is_far = number - self.at >= _MIN_DISTANCE and len(timing.stamps) > 0
-        if skips := is_far and not (self.decoder or self.hides_frames):
+        if skips := is_far and not self.decodes_all:
             self.first, self.counts = int(timing.stamps[number]), False
         while self.at < number:
             self._read(timing)
