@@ -290,7 +290,6 @@ def test_a_wrong_color_is_solved_as_assumed(wall, solver):
 
 
 @pytest.mark.battery
-@pytest.mark.xfail(strict=True, reason="a shadow that touches the disc makes it 5 % smaller")
 def test_alpha_of_a_shadow_next_to_the_object_is_zero():
     """The pixels are flagged; the closed form alone takes them for the object."""
     scene = replace(SCENE, shadow=Shadow((4, 20)))

@@ -141,6 +141,11 @@ class RobustCurve:
         return student_cost(chi2, logs, self.measured[known].sum(axis=1))
 
     @property
+    def as_stated(self) -> Self:
+        """The same curve if no errors were added."""
+        return replace(self, added=tuple(0.0 for _ in self.added))
+
+    @property
     def predicting(self) -> Measurements:
         """The measurements that predict others, with their weights."""
         found = self._with_added(self.used, self.added)

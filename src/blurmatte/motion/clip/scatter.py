@@ -22,7 +22,8 @@ class Scatter:
     Parameters
     ----------
     place, radius : float
-        Root of the reduced χ² of frames, each predicted from the others: 1 if errors are as stated.
+        Root of the reduced χ² of frames, each predicted from the others by stated errors: 1 if they are
+        right, and the factor of all errors if they have one in common.
     count : int
         Number of frames that were compared: those that a disc explains, without doubts.
     unsteady : float
@@ -48,7 +49,7 @@ class Scatter:
 
 def scatter_of(rows: Sequence[FrameMotion]) -> Scatter | None:
     """The scatter of the rows of one object; None for too few frames that predict one another."""
-    path, size = ClipPath.of(rows), ClipRadius.of(rows)
+    path, size = ClipPath.of(rows).as_stated, ClipRadius.of(rows).as_stated
     places, radii = path.chi2[path.used, 0], size.chi2[size.used, 0]
     places, radii = places[np.isfinite(places)], radii[np.isfinite(radii)]
     if min(len(places), len(radii)) < _MIN_FRAMES:
