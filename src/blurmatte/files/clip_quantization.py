@@ -28,6 +28,7 @@ Array = npt.NDArray[np.float64]
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
 _FRAMES_IN_MEMORY = 4
 _MACROBLOCK = 16  # pixels
+_WHITE = 219  # code values of luma above black, as most clips have
 # By number of FFmpeg's AVVideoEncParamsType: steps of an orthonormal transform, from the numbers of
 # quantizers. H.264: 0.625 at 0, doubled by 6 more [ITU-T H.264, 8.5.9]. MPEG: twice the number.
 _STEPS: dict[int, Callable[[Array], Array]] = {
@@ -37,7 +38,7 @@ _STEPS: dict[int, Callable[[Array], Array]] = {
 
 
 # Of clips in use, by the key frames of their groups
-_found: WeakKeyDictionary[Timing, dict[int, Array | None]] = WeakKeyDictionary()
+_found: WeakKeyDictionary[Timing, dict[int, tuple[Array, float] | None]] = WeakKeyDictionary()
 
 
 def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
@@ -56,7 +57,7 @@ def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
         if key not in found:
             found[key] = _of_group(clip, key)
     groups = [found[key] for key in keys]
-    known = [blocks for blocks in groups if blocks is not None]
+    known = [group for group in groups if group is not None]
     if not known:
         return None
     still, moving = (
@@ -65,16 +66,16 @@ def coding_errors(clip: Clip, numbers: Sequence[int]) -> CodingErrors | None:
             clip.size,
             clip.encoding.curves[0],
         )
-        for blocks in np.median(known, axis=0)
+        for blocks in np.median([blocks for blocks, _ in known], axis=0)
     )
-    return CodingErrors(still, moving)
+    return CodingErrors(still, moving, float(np.median([step for _, step in known])))
 
 
-def _of_group(clip: Clip, key: int) -> Array | None:
+def _of_group(clip: Clip, key: int) -> tuple[Array, float] | None:
     """(2, h, w, 3) variances of R'G'B' codes, white is 1, in some frames from a key frame on.
 
     The first is that of the finest frame: those after it repeat its blocks or refine them, and coarser
-    quantizers do not. The second is for the mean squared step of the frames.
+    quantizers do not. The second is for the mean squared step of the frames, whose root follows.
     """
     found: tuple[Any, Array] | None = None
     squares = list[Array]()
@@ -91,12 +92,13 @@ def _of_group(clip: Clip, key: int) -> Array | None:
                 squares.append(step**2)
                 if found is None or np.mean(step**2) < np.mean(found[1] ** 2):
                     found = frame, step
-    variances = None
+    group = None
     gc.collect()
     if found is not None:
         steps = found[1], np.sqrt(np.mean(squares, axis=0))
         variances = np.stack([_variance(clip, found[0], step) for step in steps])
-    return variances
+        group = variances, float(np.mean(squares) ** 0.5) * 2.0 ** (8 - clip.bits) / _WHITE
+    return group
 
 
 def _steps(frame: Any) -> Array | None:

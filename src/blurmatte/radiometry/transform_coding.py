@@ -34,6 +34,7 @@ class TransformSettings:
     """Blocks and frequencies over which E l² is averaged, and the rounding of encoders."""
 
     rounding: float = 1 / 3  # l = floor(|c| + this)
+    rounding_of_moving: float = 1 / 6  # the same in reference encoders between key frames
     group: int = 2  # frequencies, in both directions, of one σ
     window_blocks: int = 9
     # Coefficients that are not zero, at a frequency in all windows where all are zero: a bound of σ
@@ -79,10 +80,13 @@ class CodingErrors:
         Where nothing moves: that of the finest quantizers, which all frames share.
     moving : CodingError
         Where something moves, and blocks are quantized anew in each frame.
+    moving_step : float
+        Root mean squared step of those blocks, code values of which white is 1.
     """
 
     still: CodingError
     moving: CodingError
+    moving_step: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -113,6 +117,18 @@ class FrameCoding:
         for c in range(3):
             variance[..., c] = errors.moving.variance(light[..., c], c, y, x)
         return variance
+
+
+def lost_change(change: npt.NDArray[np.floating], step: float) -> Array:
+    """(h, w) what moving blocks lose of a change (h, w) of code values; h and w in whole blocks."""
+    from scipy.fft import dctn, idctn
+
+    h, w = change.shape
+    blocks = change.reshape(h // BLOCK, BLOCK, w // BLOCK, BLOCK).transpose(0, 2, 1, 3)
+    c = dctn(blocks, axes=(2, 3), norm="ortho") / step
+    c -= np.copysign(np.floor(np.abs(c) + TransformSettings.rounding_of_moving), c)
+    lost = idctn(c * step, axes=(2, 3), norm="ortho")
+    return np.asarray(lost.transpose(0, 2, 1, 3).reshape(h, w))
 
 
 def quantization_variance(plane: npt.NDArray[np.generic], step: Floats) -> Array:

@@ -24,6 +24,7 @@ from blurmatte.sweep.assess.model_selection import (
     hypothesis_weights,
 )
 from blurmatte.sweep.fit.candidate import Candidate
+from blurmatte.sweep.fit.codec_loss import before_loss
 from blurmatte.sweep.fit.jpeg_correction import candidate_before_file
 from blurmatte.sweep.fit.levenberg_marquardt import ROUGH_TOLERANCE, minimize
 from blurmatte.sweep.fit.multistart import (
@@ -318,7 +319,8 @@ def fit_disc(
     """A disc on a parabola: the quick part of `fit_sweep`, for the frames of a clip.
 
     The noise is known. Without a model the object has one paint. The result need not explain the
-    streak, see `Sweep.rejection`. Colors that the file blurred are not corrected.
+    streak, see `Sweep.rejection`. Colors that the file blurred are not corrected; what the quantizer of a
+    clip's codec removed is (`codec_loss`).
     """
     color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
     search = _quick_search(streak, image, plate, color)
@@ -327,7 +329,7 @@ def fit_disc(
     if inflation > 1:
         disc = search.with_noise_inflated(inflation).soft()
     by_hue = fitted_to_hue(disc, search.bounds)
-    sweep = sweep_of(Candidate(by_hue), image)
+    sweep = before_loss(sweep_of(Candidate(by_hue), image), by_hue, image)
     if image.meta.sharing is not None or by_hue is disc:
         return sweep
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.

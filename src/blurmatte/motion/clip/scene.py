@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -15,13 +16,13 @@ from blurmatte.motion.clip.frames import Noise, gain_of, noise_of, times_gain
 from blurmatte.motion.clip.workers import Workers, parts_of, successes, trim_memory
 from blurmatte.radiometry import (
     CodedFrame,
-    CodingError,
     LinearImage,
     NoiseModel,
     coded_frames,
     in_codes_of,
 )
 from blurmatte.radiometry.coded import CodedSequence
+from blurmatte.radiometry.transform_coding import CodingErrors, FrameCoding
 from blurmatte.streaks import Change, Gate
 
 PLATE_FRAMES = 60  # from which the plate of a clip is made at most
@@ -61,7 +62,7 @@ class StaticScene:
     gate : Gate
     hidden : (H, W) bool, optional
         Where something is in front of the scene.
-    coding : CodingError, optional
+    coding : CodingErrors, optional
         Of blocks that a codec quantizes anew, as where something moves. Elsewhere frames repeat the
         blocks of the plate, so that the measured noise is less.
     """
@@ -71,7 +72,7 @@ class StaticScene:
     noise: Noise
     gate: Gate
     hidden: Bools | None = None
-    coding: CodingError | None = None
+    coding: CodingErrors | None = None
 
     @classmethod
     def of(
@@ -91,8 +92,7 @@ class StaticScene:
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        errors = frames.coding_errors() if isinstance(frames, CodedSequence) else None
-        coding = None if errors is None else errors.moving
+        coding = frames.coding_errors() if isinstance(frames, CodedSequence) else None
         return cls(plate, few, noise_of(first), gate, hidden, coding)
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
@@ -101,6 +101,8 @@ class StaticScene:
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
             image = self.with_noise(image, box)
+            coding = FrameCoding(partial(_known, self.coding), box[:2])
+            image = replace(image, meta=replace(image.meta, coding=coding))
             yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
 
     def hidden_in(self, box: Box) -> Bools | None:
@@ -127,8 +129,12 @@ class StaticScene:
         else:
             variance = np.array(noise, np.float32)
         for c in range(3):
-            variance[..., c] += self.coding.variance(plate[..., c], c, y0, x0)
+            variance[..., c] += self.coding.moving.variance(plate[..., c], c, y0, x0)
         return image.with_noise(variance)
+
+
+def _known(errors: CodingErrors | None) -> CodingErrors | None:
+    return errors
 
 
 def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:

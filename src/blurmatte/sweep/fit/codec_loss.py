@@ -1,0 +1,92 @@
+"""Correction of a disc for what a clip's codec removed of its change.
+
+The blocks of a moving object are new in each frame, and their small coefficients are coded as zero: a
+rim that motion made faint is lost, and the disc seems smaller. In this file L is the light that the
+quantizer removes of the change C − B that a fit predicts if blocks are predicted from the plate.
+Encoders may do better, so that the image before the codec is C + φ L with 0 ≤ φ ≤ 1. φ is fitted along
+with path, shape and colors; to first order these move by φ d,
+
+    d = −H⁻¹ (g(1) − g(0)),
+
+with the curvature H and the gradients g of the cost before and after. The part of the loss that path
+and shape imitate does not determine φ: there its mean is the fitted φ, and its variance the prior one.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from blurmatte.checks import Array
+from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.radiometry.color_space import LUMA_WEIGHTS_709, ycbcr_matrix
+from blurmatte.radiometry.compression import BLOCK
+from blurmatte.radiometry.transform_coding import lost_change
+from blurmatte.statistics import cell_means
+from blurmatte.sweep.fit.residuals import variance_inflation
+from blurmatte.sweep.model.state import State
+from blurmatte.sweep.model.student_t import VARIANCE
+from blurmatte.sweep.sweep import Sweep
+
+_MACROBLOCK = 2 * BLOCK  # pixels: one block of chroma
+
+
+@dataclass(frozen=True)
+class LossPrior:
+    """Uniform distribution of φ."""
+
+    mean: float = 1 / 2
+    variance: float = 1 / 12
+
+
+def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
+    """The sweep of a state of an image before its codec; the same if its quantizers are not known."""
+    coding = image.meta.coding
+    errors = None if coding is None else coding.errors()
+    if coding is None or errors is None:
+        return sweep
+    observation = state.observation
+    lost = _lost_light(state, image, errors.moving_step, coding.origin)
+    after = state.relit(observation.with_light(observation.C + lost))
+    H, g = after.information()
+    change = g - state.information()[1]
+    d = -np.linalg.pinv(H, hermitian=True) @ change
+    inflation = variance_inflation(state) * VARIANCE
+    before, then = (_slope(one, lost) for one in (state, after))
+    known = max(then - before + change @ d, 0) / inflation
+    score = (before + state.information()[1] @ d) / inflation
+    prior = 1 / LossPrior.variance
+    fraction = np.clip((prior * LossPrior.mean - score) / (prior + known), 0, 1)
+    step = fraction * d
+    n, r = len(sweep.path), sweep.shape[0]
+    shape = sweep.silhouette.possible(sweep.shape + step[n:], (r / 2, 2 * r))
+    covariance = sweep.covariance + LossPrior.variance * np.outer(d, d)
+    return replace(sweep, path=sweep.path + step[:n], shape=shape, covariance=covariance)
+
+
+def _slope(state: State, lost: Array) -> float:
+    """Of the cost by φ; colors are those of the least cost."""
+    observation, alpha = state.observation, state.swept.alpha[..., None]
+    _, _, V_C, V_B = observation.light
+    along = lost @ observation.color.axes / np.sqrt(V_C + (1 - alpha) ** 2 * V_B)
+    return float(np.einsum("yx,cyx,yxc->", state.weights, state.e, along))
+
+
+def _lost_light(state: State, image: LinearImage, step: float, corner: tuple[int, int]) -> Array:
+    """L, (h, w, 3); `corner` is where the image lies in the frame, whose corner is that of a block."""
+    observation, alpha = state.observation, state.swept.alpha
+    transfer, side = image.meta.transfer or SRGB, int(observation.scale)
+    own = state.field.light(alpha) @ observation.color.axes.T
+    light = np.maximum((1 - alpha)[..., None] * observation.B + own, 0)
+    codes, plate = (np.asarray(transfer.encode(x)) for x in (light, observation.B))
+    first = [int(at - (side - 1) / 2) + c for at, c in zip(observation.origin, corner, strict=True)]
+    left, top = (at % _MACROBLOCK for at in first)
+    fine = np.kron(codes - plate, np.ones((side, side, 1)))
+    h, w = fine.shape[:2]
+    more = (top, -(top + h) % _MACROBLOCK), (left, -(left + w) % _MACROBLOCK), (0, 0)
+    matrix = ycbcr_matrix(LUMA_WEIGHTS_709)
+    planes = np.pad(fine, more) @ matrix.T
+    planes[..., 0] = lost_change(planes[..., 0], step)
+    for c in (1, 2):
+        planes[..., c] = np.kron(lost_change(cell_means(planes[..., c], 2), step), np.ones((2, 2)))
+    lost = cell_means((planes @ np.linalg.inv(matrix).T)[top : top + h, left : left + w], side)
+    return np.asarray(light - transfer.decode(np.maximum(codes - lost, 0)))
