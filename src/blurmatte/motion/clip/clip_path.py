@@ -21,6 +21,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.checks import Bools
 from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals, parts_of_tracks
 from blurmatte.motion.clip.robust_curve import RobustCurve, whole_rows
 from blurmatte.motion.clip.smoothing import (
@@ -58,8 +59,8 @@ class ClipPath(RobustCurve):
     move_weights: Array = field(default_factory=lambda: np.zeros((0, 2, 2)))
 
     @classmethod
-    def of(cls, frames: Sequence[FrameMotion]) -> ClipPath:
-        """The path of the rows of one object, in order of time."""
+    def of(cls, frames: Sequence[FrameMotion], used: Bools | None = None) -> ClipPath:
+        """The path of the rows of one object, in order of time; if not given, whole discs predict."""
         n, least = len(frames), SmoothingSettings.min_std_px**2 * np.eye(2)
         y, H = np.zeros((n, 4)), np.tile(np.eye(4, 6), (n, 1, 1))
         W, move_weights = np.zeros((n, 4, 4)), np.zeros((n, 2, 2))
@@ -70,7 +71,7 @@ class ClipPath(RobustCurve):
                 if one.moved:
                     move_weights[k] = np.linalg.inv(_displacement_covariance(one) + least)
         rows = Measurements(np.array(in_intervals(frames), float), H, y, W, _AXES)
-        part, used = parts_of_tracks(frames), whole_rows(frames)
+        part, used = parts_of_tracks(frames), whole_rows(frames) if used is None else used
         curve = cls(tuple(frames), rows, part, used, (0.0, 0.0), move_weights=move_weights)
         return curve.fitted()
 

@@ -14,6 +14,7 @@ from blurmatte.motion.clip.detections import (
     Sighting,
     check_rows,
 )
+from blurmatte.motion.clip.robust_curve import comparable_rows
 from blurmatte.motion.clip.scatter import Scatter, scatter_of
 from blurmatte.motion.clip.tracks import Track, in_time, tracks_of
 
@@ -144,7 +145,8 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     compared = list(rows)
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
-        path = ClipPath.of([compared[k] for k in of])
+        mine = [compared[k] for k in of]
+        path = ClipPath.of(mine, comparable_rows(mine))
         _doubt(compared, of, {k: path.doubt(k) for k in np.flatnonzero(path.contradicts).tolist()})
         size = ClipRadius.of([compared[k] for k in of])
         _doubt(compared, of, {k: size.doubt(k) for k in np.flatnonzero(size.contradicts).tolist()})

@@ -21,7 +21,7 @@ from typing import Self
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.motion.clip.detections import FrameMotion, Sighting
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, parts_of_tracks
 from blurmatte.motion.clip.smoothing import (
     Estimate,
     Measurements,
@@ -276,6 +276,15 @@ def whole_rows(frames: Sequence[FrameMotion]) -> Bools:
     """(n,) rows that a whole disc explains, without doubts."""
     seen = [row.sighting for row in frames]
     return np.array([one is not None and one.is_whole for one in seen], bool)
+
+
+def comparable_rows(frames: Sequence[FrameMotion]) -> Bools:
+    """(n,) whole rows; all sound ones if no track has enough of those to compare any."""
+    whole, part = whole_rows(frames), parts_of_tracks(frames)
+    if np.bincount(part, weights=whole, minlength=1).max() >= _MIN_FRAMES:
+        return whole
+    seen = [row.sighting for row in frames]
+    return np.array([one is not None and one.is_sound for one in seen], bool)
 
 
 def _mean_ratio(z2: Array, variance: Array, added: float) -> float:
