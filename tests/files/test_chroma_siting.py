@@ -5,6 +5,7 @@ from blurmatte.errors import BlurmatteWarning
 from blurmatte.files import read_frames
 from blurmatte.files.chroma_siting import filter_graph, siting_of
 from blurmatte.radiometry import REC709, LinearImage
+from blurmatte.rendering import textured_plate
 
 av = pytest.importorskip("av")
 
@@ -62,6 +63,16 @@ def test_edges_show_it_in_ten_bits_and_4_2_2(siting):
     # oracle
     assert siting_of(sited(edges(), siting, "yuv420p10le")) == siting
     assert siting_of(sited(edges(), siting, "yuv422p")) == siting
+
+
+@pytest.mark.parametrize("siting", ["left", "center"])
+def test_textures_of_independent_colors_do_not_favor_one_position(siting):
+    # oracle: windows whose chroma follows luma by chance must not be chosen by that at one position
+    for seed in (1, 2):
+        light = textured_plate((960, 540), seed)
+        assert (
+            siting_of(sited(np.rint(255 * REC709.encode(light)).astype(np.uint8), siting)) == siting
+        )
 
 
 def test_nothing_is_claimed_without_edges_or_sharing():

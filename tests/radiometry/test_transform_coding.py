@@ -3,7 +3,7 @@ import pytest
 from scipy.fft import dctn, idctn
 
 from blurmatte.radiometry import SRGB, CodingError
-from blurmatte.radiometry.transform_coding import quantization_variance
+from blurmatte.radiometry.transform_coding import lost_change, quantization_variance
 
 BLOCKS = (24, 20)
 
@@ -64,3 +64,9 @@ def test_rows_of_light_have_the_variance_of_their_blocks():
     np.testing.assert_array_equal(error.variance(light[5:9], 1, 5), whole[5:9])
     slope = SRGB.slope(light[13, 29])
     assert whole[13, 29] == pytest.approx(blocks[1, 3, 1] * slope**2)
+
+
+def test_coefficients_below_five_sixths_of_a_step_are_lost():
+    # exact: a constant block has one coefficient, 8 times its value
+    assert lost_change(np.full((8, 16), 0.8 / 8), 1.0) == pytest.approx(0.1 * np.ones((8, 16)))
+    assert lost_change(np.full((8, 16), -0.9 / 8), 1.0) == pytest.approx(0.1 / 8 * np.ones((8, 16)))

@@ -47,7 +47,7 @@ class SitingTest:
     """How certain the position of chroma must be."""
 
     window: int = 6  # samples: two materials in most
-    min_r2: float = 0.8  # of chroma as a linear function of luma, in a window
+    min_r2: float = 0.8  # of chroma as a linear function of luma and its slope, in a window
     code_std: float = 0.3  # of rounding, added to the residuals of windows
     min_windows: float = 10.0  # effective number
     min_deviation: float = 4.0  # standard deviations off the other position
@@ -129,7 +129,7 @@ def _window_sums(luma: Sequence[Array], chroma: Sequence[Array], axis: int, pixe
         rest = C - b * L
         left = _dot(rest, rest) - _dot(rest, D) ** 2 / np.maximum(_dot(D, D), 1e-9)
         weight = 1 / (SitingTest.code_std**2 + np.maximum(left, 0) / L.shape[1])
-        weight = weight * (b**2 * square > SitingTest.min_r2 * _dot(C, C))
+        weight = weight * (left < (1 - SitingTest.min_r2) * _dot(C, C))
         sums.append(np.hstack([weight * b * _dot(rest, D), weight * b**2 * _dot(D, D)]))
     return np.asarray(sum(sums))
 

@@ -319,8 +319,8 @@ def fit_disc(
     """A disc on a parabola: the quick part of `fit_sweep`, for the frames of a clip.
 
     The noise is known. Without a model the object has one paint. The result need not explain the
-    streak, see `Sweep.rejection`. Colors that the file blurred are not corrected; what the quantizer of a
-    clip's codec removed is (`codec_loss`).
+    streak, see `Sweep.rejection`. It is corrected for what a clip's codec removed of its change
+    (`codec_loss`), not for colors that the file blurred.
     """
     color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
     search = _quick_search(streak, image, plate, color)

@@ -52,7 +52,7 @@ def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     d = -np.linalg.pinv(H, hermitian=True) @ change
     inflation = variance_inflation(state) * VARIANCE
     before, then = (_slope(one, lost) for one in (state, after))
-    known = max(then - before + change @ d, 0) / inflation
+    known = max(float(then - before + change @ d), 0.0) / inflation
     score = (before + state.information()[1] @ d) / inflation
     prior = 1 / LossPrior.variance
     fraction = np.clip((prior * LossPrior.mean - score) / (prior + known), 0, 1)
