@@ -3,7 +3,13 @@
 import numpy as np
 from numpy.testing import assert_allclose
 
-from blurmatte.color import ColorModel, projected_energy, projection_vectors, streak_of_color
+from blurmatte.color import (
+    ColorModel,
+    projected_energy,
+    projection_vectors,
+    projection_weights,
+    streak_of_color,
+)
 from blurmatte.radiometry import LinearImage, NoiseModel
 from blurmatte.streaks import Streak
 
@@ -26,7 +32,7 @@ def test_projected_light_does_not_depend_on_alpha():
     plate = plate_of(rng)
     alpha, light = rng.uniform(0, 1, (2, 20, 60))
     image = before(plate, alpha, light)
-    m, _ = projection_vectors(image, plate, MODEL)
+    m = projection_vectors(plate, MODEL)
     assert_allclose(np.einsum("hwc,hwc->hw", m, image.rgb), light, rtol=0, atol=2e-5)
 
 
@@ -34,7 +40,8 @@ def test_variance_of_projected_light_is_that_of_noise():
     rng = np.random.default_rng(1)
     plate = plate_of(rng, (100, 100))
     image = before(plate, np.zeros((100, 100)), np.zeros((100, 100)))
-    m, weight = projection_vectors(image, plate, MODEL)
+    m = projection_vectors(plate, MODEL)
+    weight = projection_weights(image, plate, m)
     noise = rng.normal(0, 0.01 * np.sqrt(2), image.rgb.shape)
     z = np.einsum("hwc,hwc->hw", m, noise) * np.sqrt(weight)
     assert_allclose(z.std(), 1, atol=0.03)

@@ -2,6 +2,7 @@
 
 from blurmatte.color.color_projection import projected_energy as projected_energy
 from blurmatte.color.color_projection import projection_vectors as projection_vectors
+from blurmatte.color.color_projection import projection_weights as projection_weights
 from blurmatte.color.color_projection import streak_of_color as streak_of_color
 from blurmatte.color.model import ColorModel as ColorModel
 from blurmatte.color.published import published_color_line as published_color_line

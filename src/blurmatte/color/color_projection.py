@@ -22,34 +22,22 @@ from blurmatte.streaks import Streak
 Floats = npt.NDArray[np.float32]
 
 _VARIANCE_FLOOR = 1e-14  # light²: guards a division
-_STRIP_ROWS = 256  # at a time: saves memory
 
 
-def projection_vectors(
-    image: LinearImage, plate: LinearImage, model: ColorModel
-) -> tuple[Floats, Floats]:
-    """The vectors m (H, W, 3) that project an image on a color, p = m·C, and weights (H, W) of p.
+def projection_vectors(plate: LinearImage, model: ColorModel) -> Floats:
+    """The vectors m (H, W, 3) that project an image on a color, p = m·C; the model has rank 1."""
+    l, B = model.basis[:, 0].astype(np.float32), np.asarray(plate.rgb, np.float32)
+    b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
+    along = b @ l
+    across2 = np.maximum(1 - along**2, 1e-4)  # the plate may have the object's color
+    return np.asarray((l - along[..., None] * b) / across2[..., None], np.float32)
 
-    The weight is 1 / Var p, 0 where the plate is not valid. The noise is known, the model of rank 1.
-    """
-    l, (width, height) = model.basis[:, 0].astype(np.float32), image.size
-    vectors, weights = (
-        np.empty((height, width, 3), np.float32),
-        np.empty((height, width), np.float32),
-    )
-    for top in range(0, height, _STRIP_ROWS):
-        box = 0, top, width, min(top + _STRIP_ROWS, height)
-        part = plate.crop(box)
-        B = np.asarray(part.rgb, np.float32)
-        b = B / np.maximum(np.linalg.norm(B, axis=-1, keepdims=True), 1e-6)
-        along = b @ l
-        across2 = np.maximum(1 - along**2, 1e-4)  # the plate may have the object's color
-        m = (l - along[..., None] * b) / across2[..., None]
-        noise = np.asarray(image.crop(box).variance + part.variance, np.float32)
-        precision = 1 / np.maximum((m**2 * noise).sum(axis=-1), _VARIANCE_FLOOR)
-        vectors[box[1] : box[3]] = m
-        weights[box[1] : box[3]] = np.where(part.valid, precision, 0)
-    return vectors, weights
+
+def projection_weights(image: LinearImage, plate: LinearImage, m: Floats) -> Floats:
+    """Weights (H, W) of p: 1 / Var p, 0 where the plate is not valid. The noise is known."""
+    noise = np.asarray(image.variance + plate.variance, np.float32)
+    precision = 1 / np.maximum((m**2 * noise).sum(axis=-1), _VARIANCE_FLOOR)
+    return np.where(plate.valid, precision, np.float32(0))
 
 
 def projected_energy(p: Floats, weight: Floats, mask: Bools) -> float:
@@ -72,7 +60,8 @@ def streak_of_color(
     """
     if len(streaks) == 1 or model.rank > 1:
         return streaks[0]
-    m, weight = projection_vectors(image, plate, model)
+    m = projection_vectors(plate, model)
+    weight = projection_weights(image, plate, m)
     n = np.cross(model.basis[:, 0], plate.rgb)
     n /= np.maximum(np.linalg.norm(n, axis=-1, keepdims=True), 1e-6)
     p, r = (np.einsum("hwc,hwc->hw", a, image.rgb) for a in (m, n))

@@ -7,7 +7,7 @@ frame's gain, and σ its standard deviation without motion, measured from the di
 frames. Both are in sums of code values.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ class GateSettings:
     """Thresholds of the differences, and the boxes around what moved."""
 
     block_cells: int = 4
+    strip_cells: int = 256  # rows that are compared at a time: whole blocks
     max_std: float = 5.0  # of d without motion
     min_cell_codes: float = 3.0  # |d|: video rounds a block up or down by a few codes
     min_block_codes: float = 1.5  # the same of a mean over a block
@@ -84,13 +85,18 @@ class Gate:
             raise ValueError("samples must hold one frame or more, got none")
         reach, of_blocks = [], []
         for c, cells in enumerate(expected):  # one at a time saves memory
-            d = np.empty((len(few), *cells.shape), np.float32)
-            for to, (planes, gain) in zip(d, few, strict=True):
-                np.subtract(_summed(planes[c], cells.shape, plate.zero[c]), gain * cells, out=to)
-            over_blocks = np.stack([_block_sums(one, block) for one in d])
+            stds: tuple[list[Map], list[Map]] = [], []
+            side = len(padded[c]) // len(cells)
+            for rows in _strips(len(cells), len(few)):
+                own, part = slice(side * rows.start, side * rows.stop), cells[rows]
+                shown = ((_summed(p[c][own], part.shape, plate.zero[c]), gain) for p, gain in few)
+                d = np.stack([summed - gain * part for summed, gain in shown])
+                stds[1].append(_std(np.stack([_block_sums(one, block) for one in d])))
+                stds[0].append(_std(d))
+            of_cells, over_blocks = map(np.concatenate, stds)
             in_cell = CELL**2 if plate.planes[c].shape == plate.planes[0].shape else 1
             codes = in_cell * max(plate.step, 0.0)
-            reach.append(_reach(d, settings.min_cell_codes * codes))
+            reach.append(_reach(of_cells, settings.min_cell_codes * codes))
             of_blocks.append(_reach(over_blocks, settings.min_block_codes * codes * block**2))
         if hidden is not None:
             ignored = _padded((hidden, hidden, hidden))[0]
@@ -170,21 +176,26 @@ def _block_sums(cells: Map, block: int) -> Map:
     return np.asarray(cells.reshape(h, block, w, block).sum(axis=(1, 3)))
 
 
-def _reach(differences: Map, least: float) -> Map:
-    """Largest |d| without motion, from a low quantile of |d| over frames.
+def _strips(height: int, samples: int) -> Iterator[slice]:
+    """Rows that are compared at a time: few frames share one median of the whole picture."""
+    rows = height if samples < GateSettings.min_samples else GateSettings.strip_cells
+    return (slice(top, min(top + rows, height)) for top in range(0, height, rows))
 
-    An object may cover a place in half of them. Few frames share one median of the whole picture.
-    The differences are overwritten.
-    """
-    from scipy.ndimage import uniform_filter
 
+def _std(differences: Map) -> Map:
+    """From a low quantile of |d| over frames: an object may cover half of them. Overwrites d."""
     sizes = np.abs(differences, out=differences)
     if len(sizes) < GateSettings.min_samples:
-        std = np.full(sizes[0].shape, MAD_TO_STD * np.median(sizes))
-    else:
-        rank = int(GateSettings.quantile * len(sizes))
-        sizes.partition(rank, axis=0)
-        std = sizes[rank] / GateSettings.quantile_stds
+        return np.full(sizes[0].shape, MAD_TO_STD * np.median(sizes))
+    rank = int(GateSettings.quantile * len(sizes))
+    sizes.partition(rank, axis=0)
+    return np.asarray(sizes[rank] / GateSettings.quantile_stds)
+
+
+def _reach(std: Map, least: float) -> Map:
+    """Largest |d| without motion, from its standard deviations."""
+    from scipy.ndimage import uniform_filter
+
     variance = uniform_filter(std**2, GateSettings.std_window_cells, mode="nearest")
     std = np.sqrt(np.maximum(variance, std**2))  # of edges, which restless places are next to
     return np.asarray(np.maximum(GateSettings.max_std * std, max(least, 1e-9)), np.float32)

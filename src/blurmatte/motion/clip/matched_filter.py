@@ -1,12 +1,17 @@
 """Detection of an object of known color in a frame: a matched filter for its light (`color.light`)."""
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Bools, Box
-from blurmatte.color.color_projection import projected_energy, projection_vectors
+from blurmatte.color.color_projection import (
+    projected_energy,
+    projection_vectors,
+    projection_weights,
+)
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
 from blurmatte.radiometry import LinearImage
@@ -14,6 +19,9 @@ from blurmatte.streaks import Streak, dilated, find_streaks, opened
 
 Array = npt.NDArray[np.floating]
 Place = tuple[slice, ...]
+
+_STRIP_ROWS = 256  # a multiple of 4, the grid of the noise
+_TRUNCATION = 4.0  # standard deviations at which SciPy truncates a Gaussian
 
 
 @dataclass(frozen=True)
@@ -38,45 +46,62 @@ class MatchedFilter:
 
     Parameters
     ----------
-    m : (H, W, 3) float32
+    plate : LinearImage
+    model : ColorModel
+        Of rank 1.
     weight : (H, W) float32
-        As in `color.light`.
+        As in `color.color_projection`.
     std : (H, W) float32
         Of the weighted mean of p over neighbors, times the sum of the weights.
     inflation : float
         Ratio of the error of sums over neighbors to that of white noise, at least 1.
     """
 
-    m: npt.NDArray[np.float32]
+    plate: LinearImage
+    model: ColorModel
     weight: npt.NDArray[np.float32]
     std: npt.NDArray[np.float32]
     inflation: float = 1.0
 
     @classmethod
-    def of(cls, plate: LinearImage, image: LinearImage, model: ColorModel) -> "MatchedFilter":
-        """For frames with the noise of this image, and a color model of rank 1."""
+    def of(
+        cls, plate: LinearImage, image_in: Callable[[Box], LinearImage], model: ColorModel
+    ) -> "MatchedFilter":
+        """For frames with the noise of an image, which is given in boxes; strips save memory."""
         from scipy.ndimage import gaussian_filter
 
-        m, weight = projection_vectors(image, plate, model)
+        weight = np.empty(plate.valid.shape, np.float32)
+        for rows, box, _ in _strips(plate.size, 0):
+            part = plate.crop(box)
+            weight[rows] = projection_weights(image_in(box), part, projection_vectors(part, model))
         # The sum of squared Gaussian weights is that of a Gaussian of 1/√2 the scale.
         scale = DetectionSettings.smoothing_px
-        squares = gaussian_filter(weight, scale / np.sqrt(2)) / (4 * np.pi * scale**2)
-        std = np.where(squares > 0, np.sqrt(squares), np.inf)  # infinite far from known pixels
-        white = cls(m, weight, std.astype(np.float32))
-        strength = white._strength(white._light(image))
+        std = gaussian_filter(weight, scale / np.sqrt(2))
+        std /= 4 * np.pi * scale**2
+        np.sqrt(std, out=std)
+        std[std == 0] = np.inf  # far from known pixels
+        white = cls(plate, model, weight, std)
+        strengths = []
+        for _, box, inner in _strips(plate.size, int(_TRUNCATION * scale + 0.5)):
+            there = white.within(box)
+            strength = there._strength(there._light(image_in(box)))
+            strengths.append(np.abs(strength[inner][::4, ::4]))
         # 0.6745 is the median of |x| for standard normal x; noise of video is correlated.
-        inflation = max(float(np.median(np.abs(strength[::4, ::4]))) / 0.6745, 1.0)
+        inflation = max(float(np.median(np.concatenate(strengths))) / 0.6745, 1.0)
         return replace(white, inflation=inflation)
 
     def within(self, box: Box) -> "MatchedFilter":
         """The filter in a box (x0, y0, x1, y1) of the picture; views."""
         x0, y0, x1, y1 = box
         place = np.s_[y0:y1, x0:x1]
-        return replace(self, m=self.m[place], weight=self.weight[place], std=self.std[place])
+        return replace(
+            self, plate=self.plate.crop(box), weight=self.weight[place], std=self.std[place]
+        )
 
     def _light(self, image: LinearImage) -> npt.NDArray[np.float32]:
         """(H, W) p."""
-        p = np.where(image.valid, np.einsum("hwc,hwc->hw", self.m, image.rgb), 0)
+        m = projection_vectors(self.plate, self.model)
+        p = np.where(image.valid, np.einsum("hwc,hwc->hw", m, image.rgb), 0)
         return p.astype(np.float32)
 
     def _strength(self, p: npt.NDArray[np.float32]) -> npt.NDArray[np.float32]:
@@ -109,6 +134,15 @@ class MatchedFilter:
                 place, mask = _within(p.shape, place, mask)
                 parts.append((projected_energy(p[place], self.weight[place], mask), place, mask))
         return [_streak(p.shape, *part) for part in parts]
+
+
+def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, slice]]:
+    """Strips of rows, boxes with a margin of rows around them, and the strips' rows in the boxes."""
+    width, height = size
+    for top in range(0, height, _STRIP_ROWS):
+        end, first = min(top + _STRIP_ROWS, height), max(top - margin, 0)
+        inner = slice(top - first, end - first)
+        yield slice(top, end), (0, first, width, min(end + margin, height)), inner
 
 
 def max_parts(several: bool) -> int:

@@ -13,7 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.background import Matching
-from blurmatte.checks import Bools, check_kind, check_same_size
+from blurmatte.checks import Bools, Box, check_kind, check_same_size
 from blurmatte.color.model import ColorModel
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
@@ -179,21 +179,26 @@ def sightings_in_scene(
     skip: int = 0,
 ) -> Iterator[FrameSightings]:
     """As `sightings`."""
-    model, color = _in_colors_of(frames[0], scene, model)
+    model, color = in_colors_of(frames, scene, model)
     where = numbers if numbers is None or isinstance(numbers, range) else tuple(numbers)
     detect = _Detector(scene, model, color, where, rate, several)
     for found in successes(workers.over(frames, detect, parts_of(frames, workers, skip))):
         yield from found
 
 
-def _in_colors_of(
-    first: LinearImage, scene: StaticScene, model: ColorModel
+def in_colors_of(
+    frames: Sequence[LinearImage], scene: StaticScene, model: ColorModel
 ) -> tuple[ColorModel, MatchedFilter | None]:
-    """The model in the colors of a frame, and the filter for its light if it is of one paint."""
-    model = replace(model, to_srgb=first.meta.to_srgb)
+    """The model in the colors of the frames, and the filter for its light if it is of one paint."""
+    (first,) = coded_frames(frames, slice(0, 1))
+    model = replace(model, to_srgb=first.light((0, 0, 1, 1)).meta.to_srgb)
     if model.rank > 1:
         return model, None
-    noisy = scene.with_noise(first, (0, 0, *first.size))
+
+    def noisy(box: Box) -> LinearImage:
+        """The first frame in a box, its noise known."""
+        return scene.with_noise(first.light(box), box)
+
     return model, MatchedFilter.of(scene.plate, noisy, model)
 
 

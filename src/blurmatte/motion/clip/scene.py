@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
@@ -88,11 +87,11 @@ class StaticScene:
         first = frames[0]
         first = replace(first, meta=replace(first.meta, coding=None))  # crops have it by `coding`
         first, plate = with_noise(first, plate)
+        coding = frames.coding_errors() if isinstance(frames, CodedSequence) else None
         samples = coded_frames(frames, slice(None, None, max(1, len(frames) // GATE_SAMPLES)))
         gate = Gate.of(in_codes_of(frames, plate), samples, hidden)
         grid = np.s_[::GAIN_EVERY, ::GAIN_EVERY]
         few = LinearImage(plate.rgb[grid], valid=plate.valid[grid])
-        coding = frames.coding_errors() if isinstance(frames, CodedSequence) else None
         return cls(plate, few, noise_of(first), gate, hidden, coding)
 
     def crops(self, frame: CodedFrame, boxes: Sequence[Box]) -> Iterator[Crop]:
@@ -101,7 +100,7 @@ class StaticScene:
         for box in boxes:
             image, plate = frame.light(box), self.plate.crop(box)
             image = self.with_noise(image, box)
-            coding = FrameCoding(partial(_known, self.coding), box[:2])
+            coding = FrameCoding(lambda: self.coding, box[:2])
             image = replace(image, meta=replace(image.meta, coding=coding))
             yield Crop(box, image, plate if gain is None else times_gain(plate, gain))
 
@@ -131,10 +130,6 @@ class StaticScene:
         for c in range(3):
             variance[..., c] += self.coding.moving.variance(plate[..., c], c, y0, x0)
         return image.with_noise(variance)
-
-
-def _known(errors: CodingErrors | None) -> CodingErrors | None:
-    return errors
 
 
 def clip_plate(frames: Sequence[LinearImage]) -> LinearImage:

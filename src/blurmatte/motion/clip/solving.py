@@ -25,7 +25,7 @@ from blurmatte.motion.clip.detections import FrameMotion, Sighting
 from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
-from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
+from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
 from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
@@ -110,12 +110,7 @@ class FrameSolver:
         cls, frames: Sequence[LinearImage], scene: StaticScene, model: ColorModel
     ) -> FrameSolver:
         """For a clip, its scene and the color of its object."""
-        first, color = frames[0], None
-        model = replace(model, to_srgb=first.meta.to_srgb)
-        if model.rank == 1:
-            color = MatchedFilter.of(
-                scene.plate, scene.with_noise(first, (0, 0, *first.size)), model
-            )
+        model, color = in_colors_of(frames, scene, model)
         return cls(scene, model, color, _MIN_PROBABILITY / len(frames))
 
     def __call__(self, frames: Sequence[LinearImage], wanted: Wanted) -> Solution | str:
