@@ -20,9 +20,6 @@ from blurmatte.streaks import Streak, dilated, find_streaks, opened
 Array = npt.NDArray[np.floating]
 Place = tuple[slice, ...]
 
-_STRIP_ROWS = 256  # a multiple of 4, the grid of the noise
-_TRUNCATION = 4.0  # standard deviations at which SciPy truncates a Gaussian
-
 
 @dataclass(frozen=True)
 class DetectionSettings:
@@ -38,6 +35,8 @@ class DetectionSettings:
     max_parts_of_several: int = 16  # the same for several objects
     closing_px: int = 3  # gaps where the plate has the object's own color
     margin_px: int = 4  # where the edge fades below the noise
+    strip_rows: int = 256  # that are filtered at a time: a multiple of 4, the grid of the noise
+    truncation_std: float = 4.0  # standard deviations at which SciPy truncates a Gaussian
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +81,9 @@ class MatchedFilter:
         std[std == 0] = np.inf  # far from known pixels
         white = cls(plate, model, weight, std)
         strengths = []
-        for _, box, inner in _strips(plate.size, int(_TRUNCATION * scale + 0.5)):
+        for _, box, inner in _strips(
+            plate.size, int(DetectionSettings.truncation_std * scale + 0.5)
+        ):
             there = white.within(box)
             strength = there._strength(there._light(image_in(box)))
             strengths.append(np.abs(strength[inner][::4, ::4]))
@@ -138,9 +139,9 @@ class MatchedFilter:
 
 def _strips(size: tuple[int, int], margin: int) -> Iterator[tuple[slice, Box, slice]]:
     """Strips of rows, boxes with a margin of rows around them, and the strips' rows in the boxes."""
-    width, height = size
-    for top in range(0, height, _STRIP_ROWS):
-        end, first = min(top + _STRIP_ROWS, height), max(top - margin, 0)
+    (width, height), rows = size, DetectionSettings.strip_rows
+    for top in range(0, height, rows):
+        end, first = min(top + rows, height), max(top - margin, 0)
         inner = slice(top - first, end - first)
         yield slice(top, end), (0, first, width, min(end + margin, height)), inner
 

@@ -32,7 +32,7 @@ _MACROBLOCK = 2 * BLOCK  # pixels: one block of chroma
 
 @dataclass(frozen=True)
 class LossPrior:
-    """Uniform distribution of φ."""
+    """Uniform distribution of φ from 0 to 1."""
 
     mean: float = 1 / 2
     variance: float = 1 / 12
@@ -48,12 +48,12 @@ def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     lost = _lost_light(state, image, errors.moving_step, coding.origin)
     after = state.relit(observation.with_light(observation.C + lost))
     H, g = after.information()
-    change = g - state.information()[1]
-    d = -np.linalg.pinv(H, hermitian=True) @ change
+    g_before = state.information()[1]
+    d = -np.linalg.pinv(H, hermitian=True) @ (g - g_before)
     inflation = variance_inflation(state) * VARIANCE
     before, then = (_slope(one, lost) for one in (state, after))
-    known = max(float(then - before + change @ d), 0.0) / inflation
-    score = (before + state.information()[1] @ d) / inflation
+    known = max(float(then - before + (g - g_before) @ d), 0.0) / inflation
+    score = (before + g_before @ d) / inflation
     prior = 1 / LossPrior.variance
     fraction = np.clip((prior * LossPrior.mean - score) / (prior + known), 0, 1)
     step = fraction * d
