@@ -4,6 +4,8 @@ In this file a symmetric matrix S of n rows and b bands below the diagonal is st
 band[i, k] = S[i + k, i]; as (b + 1, n) in Fortran's order this is the lower form of LAPACK.
 """
 
+import numpy as np
+
 from blurmatte.compiling import njit
 
 
@@ -18,32 +20,29 @@ def width_of(first, columns):  # type: ignore[no-untyped-def]
 
 
 @njit(fastmath=True)
-def add_normal(first, columns, values, weights, bands):  # type: ignore[no-untyped-def]
-    """Add Aᵀ W A of three channels to bands (3, n, b + 1); weights (pixels, 3)."""
+def add_normal(first, columns, values, weights, band):  # type: ignore[no-untyped-def]
+    """Add Aᵀ W A to a band (n, b + 1), for weights (pixels,)."""
+    row = np.zeros(band.shape[1])
     for p in range(len(first) - 1):
-        w0, w1, w2 = weights[p, 0], weights[p, 1], weights[p, 2]
-        if w0 == 0 and w1 == 0 and w2 == 0:
+        begin, end = first[p], first[p + 1]
+        if begin == end or weights[p] == 0:
             continue
-        end = first[p + 1]
-        for q in range(first[p], end):
-            i, value = columns[q], values[q]
-            s0, s1, s2 = w0 * value, w1 * value, w2 * value
-            row0, row1, row2 = bands[0, i], bands[1, i], bands[2, i]
-            for r in range(q, end):
-                k = columns[r] - i
-                row0[k] += s0 * values[r]
-                row1[k] += s1 * values[r]
-                row2[k] += s2 * values[r]
+        left, last = columns[begin], columns[end - 1]
+        for r in range(begin, end):
+            row[columns[r] - left] = values[r]
+        for q in range(begin, end):
+            i, scaled = columns[q], weights[p] * values[q]
+            sums, later = band[i], row[i - left :]
+            for k in range(last - i + 1):  # zeros, too: a loop without gaps is vectorized
+                sums[k] += scaled * later[k]
+        row[: last - left + 1] = 0
 
 
-@njit(fastmath=True)
-def add_normal_of_one(first, columns, values, weights, bands):  # type: ignore[no-untyped-def]
-    """Add Aᵀ W A to bands (1, n, b + 1), for weights (pixels, 1) that all channels have."""
-    for p in range(len(first) - 1):
-        weight, end = weights[p, 0], first[p + 1]
-        if weight == 0:
-            continue
-        for q in range(first[p], end):
-            i, scaled = columns[q], weight * values[q]
-            for r in range(q, end):
-                bands[0, i, columns[r] - i] += scaled * values[r]
+@njit()
+def block(band, top, bottom, left, right):  # type: ignore[no-untyped-def]
+    """Rows and columns of the lower triangular matrix of a band."""
+    found = np.zeros((bottom - top, right - left))
+    for i in range(left, right):
+        for j in range(max(top, i), min(bottom, i + band.shape[1])):
+            found[j - top, i - left] = band[i, j - i]
+    return found

@@ -53,8 +53,8 @@ class NormalEquations:
         A weight (pixels, 1) is that of all channels.
         """
         band = np.zeros((weight.shape[1], lattice.size, bandwidth(A, lattice) + 1))
-        add = kernel.add_normal if len(band) == 3 else kernel.add_normal_of_one
-        add(A.indptr, A.indices, A.data, np.ascontiguousarray(weight), band)
+        for own, total in zip(np.ascontiguousarray(weight.T), band, strict=True):
+            kernel.add_normal(A.indptr, A.indices, A.data, own, total)
         right = np.asarray(A.T @ (weight * light)).T
         return cls(
             band, right, (weight * light**2).sum(axis=0), int((weight > 0).all(axis=1).sum())
@@ -132,7 +132,7 @@ class Normal:
         from scipy.linalg.lapack import dpotri
 
         n = len(self.factors[0])
-        lower, _ = dpotri(_block(self.factors[0], 0, n, 0, n), lower=1)
+        lower, _ = dpotri(kernel.block(self.factors[0], 0, n, 0, n), lower=1)
         return np.asarray(np.tril(lower) + np.tril(lower, -1).T)
 
     def variances(self) -> Array:
@@ -159,26 +159,14 @@ def inverse_band(factor: Array) -> Array:
     band, later = np.zeros_like(factor), np.zeros((0, 0))
     for begin in range((n - 1) // width * width, -1, -width):
         end, last = min(begin + width, n), min(begin + 2 * width, n)
-        inverse, _ = dtrtri(_block(factor, begin, end, begin, end), lower=1)
-        G = _block(factor, end, last, begin, end) @ inverse
+        inverse, _ = dtrtri(kernel.block(factor, begin, end, begin, end), lower=1)
+        G = kernel.block(factor, end, last, begin, end) @ inverse
         below = -later @ G
         later = inverse.T @ inverse - G.T @ below
         rows = np.concatenate([later, below, np.zeros((2 * width - (last - begin), end - begin))])
         column = np.arange(end - begin)[:, None]
         band[begin:end] = rows[column + np.arange(width), column]
     return band
-
-
-def _block(factor: Array, top: int, bottom: int, left: int, right: int) -> Array:
-    """Rows and columns of the lower triangular matrix of a band."""
-    block, width = np.zeros((bottom - top, right - left)), factor.shape[1]
-    for column in range(left, right):
-        first, end = max(top, column), min(bottom, column + width)
-        if first < end:
-            block[first - top : end - top, column - left] = factor[
-                column, first - column : end - column
-            ]
-    return block
 
 
 def cholesky_of(band: Array) -> Array:
