@@ -10,6 +10,7 @@ from PIL import Image
 from blurmatte.deblurring.jpeg_coefficients import Coefficients
 from blurmatte.jpeg.coefficients import ZIGZAG
 from blurmatte.jpeg.reading import compression_of, read_jpeg
+from blurmatte.radiometry import YCBCR
 
 SAMPLINGS = "4:4:4", "4:2:2", "4:2:0"
 
@@ -28,6 +29,17 @@ def stored(codes, sampling, quality=95):
     picture = Image.fromarray(np.rint(codes).clip(0, 255).astype(np.uint8))
     picture.save(file, "JPEG", quality=quality, subsampling=sampling)
     return file.getvalue(), np.array(Image.open(file), float)
+
+
+def test_multiples_of_luma_and_chroma_have_the_same_noise():
+    """Rounding of 2 x 2 pixels that share a chroma sample, and of one that has its own luma."""
+    data, _ = stored(smooth((48, 64)), "4:2:0")
+    z = Coefficients(compression_of(data, 1), (48, 64))
+    T = z.equally_noisy
+    assert np.linalg.norm(T) == pytest.approx(np.sqrt(3))
+    variances = [np.mean(q) for q in z.step_variances] * np.array([1, 4, 4])
+    noise = T @ np.linalg.inv(YCBCR) @ np.diag(variances) @ np.linalg.inv(YCBCR).T @ T.T
+    assert_allclose(noise, noise[0, 0] * np.eye(3), atol=1e-9)
 
 
 @pytest.mark.parametrize("sampling", SAMPLINGS)

@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from blurmatte.deblurring.lattice import Lattice
-from blurmatte.deblurring.operator import blur_operator, blurred, poses_of
+from blurmatte.deblurring.operator import blur_operator, blurred, poses_of, seen_moments
 from blurmatte.sweep.model.pixels import Pixels
 from blurmatte.sweep.model.silhouette import Silhouette
 
@@ -24,6 +24,21 @@ def test_blurred_values_are_the_product(ball):
     alpha, sums = blurred(values, ball.sweep, lattice, pixels, poses)
     assert_allclose(alpha, np.asarray(A.sum(axis=1)).ravel(), atol=1e-12)
     assert_allclose(sums, A @ values, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "change", [[0, 0, 0, 0.01, 0], [0.01, -0.01, 0.01, 0, 0], [0, 0, 0, 0, 0.01]]
+)
+def test_the_moments_of_a_motion_serve_a_near_one(ball, change):
+    sweep, lattice, pixels = ball.sweep, Lattice.of(ball.sweep), Pixels.of_box(ball.sweep.box)
+    values = np.random.default_rng(0).uniform(size=(lattice.size, 2))
+    seen = seen_moments(sweep, pixels, poses_of(sweep, count=30))
+    moved = replace(sweep, path=sweep.path + change[:4], shape=sweep.shape + change[4])
+    arguments = values, moved, lattice, pixels, poses_of(moved, count=30)
+    start = blurred(values, sweep, lattice, pixels, poses_of(sweep, count=30))
+    parts = zip(start, blurred(*arguments, seen), blurred(*arguments), strict=True)
+    for before, near, exact in parts:
+        assert np.linalg.norm(near - exact) < 0.05 * np.linalg.norm(exact - before)
 
 
 def test_rows_sum_to_alpha(ball):

@@ -80,7 +80,7 @@ def posteriors(found, lattice, differences, color):
     equations = NormalEquations.of(blur.A, light, weight, lattice).widened(differences.width)
     start = fit_gaussian(equations, lattice)
     smooth, strengths = fit_smooth(equations, differences, start)
-    return start, smooth, fit_sparse(equations, differences, smooth, strengths)
+    return start, smooth, fit_sparse([equations], differences, smooth, strengths)
 
 
 def test_errors_of_a_smooth_color_are_smaller_and_honest(ball, lattice, differences):

@@ -13,7 +13,8 @@ plate blurred again, and the code values of C are changed by those of M' − M, 
 
 is the inverse covariance of the color under a quadratic prior Q, with the premultiplied light
 P = C − (1 − α) B and the step q of a coefficient's rounding. Steps of Gauss and Newton are solved
-by conjugate gradients, with the factors of the equations of independent noise as preconditioner. H⁻¹ is
+by conjugate gradients, with the factors of the equations of independent noise as preconditioner, for
+the steps along the axes of color that the file knows with different precision. H⁻¹ is
 sampled: x = H⁻¹ (Jᵀ √w e + Dᵀ √(weights of Q) e') has this covariance for independent e, e'
 [Papandreou & Yuille 2010].
 
@@ -31,7 +32,7 @@ As q and the noise are known, the scale in H is at least 1.
 """
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -39,7 +40,7 @@ import numpy.typing as npt
 
 from blurmatte.deblurring.differences import Differences
 from blurmatte.deblurring.gaussian import GaussianFit
-from blurmatte.deblurring.normal_equations import NormalEquations, posterior
+from blurmatte.deblurring.normal_equations import Normal, NormalEquations, posterior
 from blurmatte.deblurring.operator import Blur
 from blurmatte.deblurring.refine import Explained
 from blurmatte.deblurring.sparse_prior import Bound, traces
@@ -115,6 +116,7 @@ class _Data:
 def compressed_color(
     state: Explained,
     equations: NormalEquations,
+    of_channels: NormalEquations,
     differences: Differences,
     smooth: GaussianFit,
     strengths: Array,
@@ -138,7 +140,8 @@ def compressed_color(
         bound = bound or Bound.of(differences, square, strengths)
         solver.step(bound.weights(square))
     samples = solver.sampled()
-    scaled = solver.normal.variances()
+    band = differences.band(solver.weights[:, 0], of_channels.width)
+    scaled = posterior(of_channels, solver.independent_scale * band).variances()
     ratio = np.mean(np.square(samples), axis=0).sum(axis=0) / scaled.sum(axis=0)
     return Compressed(solver.color, ratio * scaled, solver.misfit)
 
@@ -157,16 +160,22 @@ class _Solver:
         self.color, self.normal = smooth.normal.mean, smooth.normal
         self.independent_scale, self.misfit = smooth.noise_scale, 1.0
         self.rng = np.random.default_rng(0)
+        T = next(one.stored.coefficients.equally_noisy for one in state.views if one.stored)
+        precisions, self.axes = np.linalg.eigh(T.T @ T)  # of the colors of a pixel in a file
+        bands = precisions[:, None, None] * equations.band.mean(axis=0)
+        self.rotated = replace(equations, band=bands)
 
     def step(self, weights: Array) -> None:
         """A step of Gauss and Newton under the prior with weights (m,) of its differences."""
         band = self.differences.band(weights, self.equations.width)
         self.normal = posterior(self.equations, self.independent_scale * band)
         self.weights, D = weights[:, None], self.differences.matrix
+        self.prior = (D.T @ D.multiply(self.weights)).tocsr()
         parts = zip(self.state.views, self.state.blurs, self.state.weights, strict=True)
         self.data = [linearized(*part, self.color, self.independent_scale) for part in parts]
-        gradient = sum(self._scaled(_Data.gradient)) - D.T @ (self.weights * (D @ self.color))
-        self.color = self.color + self._solved(gradient, _TOLERANCE)
+        gradient = sum(self._scaled(_Data.gradient)) - self.prior @ self.color
+        rotated = posterior(self.rotated, self.independent_scale * band)
+        self.color = self.color + self._solved(gradient, _TOLERANCE, rotated, self.axes)
 
     def sampled(self) -> list[Array]:
         """Samples of the error of the color; the scale of the noise is estimated again."""
@@ -174,7 +183,8 @@ class _Solver:
         for _ in range(_SAMPLES):
             noise = sum(self._scaled(lambda one, s: one.noise(s, self.rng)))
             prior = np.sqrt(self.weights) * self.rng.normal(size=(len(self.weights), 3))
-            samples.append(self._solved(noise + D.T @ prior, _TOLERANCE_OF_SAMPLES))
+            right = noise + D.T @ prior
+            samples.append(self._solved(right, _TOLERANCE_OF_SAMPLES, self.normal, np.eye(3)))
         misfits = [one.misfit(samples) for one in self.data if one.touched is not None]
         self.misfit = float(np.mean(misfits))
         return samples
@@ -184,22 +194,22 @@ class _Solver:
         s = max(1.0, self.misfit)
         return (function(one, 1.0 if one.touched is None else s) for one in self.data)
 
-    def _solved(self, right: Array, tolerance: float) -> Array:
-        """H⁻¹ times a vector (n, 3)."""
+    def _solved(self, right: Array, tolerance: float, normal: Normal, axes: Array) -> Array:
+        """H⁻¹ times a vector (n, 3), about the covariance along axes (3, 3) of color."""
         from scipy.sparse.linalg import LinearOperator, cg
 
-        shape, D = self.color.shape, self.differences.matrix
+        shape = self.color.shape
 
         def product(x: Array) -> Array:
             """H x."""
             x = x.reshape(shape)
             data = sum(self._scaled(lambda one, s: one.curvature(x, s)))
-            return np.asarray(data + D.T @ (self.weights * (D @ x))).ravel()
+            return np.asarray(data + self.prior @ x).ravel()
 
         def inverse(x: Array) -> Array:
             """The covariance under independent noise times a vector."""
-            columns = self.normal.solve(x.reshape(shape).T[..., None])
-            return np.asarray(self.independent_scale * columns[..., 0].T).ravel()
+            columns = normal.solve((x.reshape(shape) @ axes).T[..., None])
+            return np.asarray(self.independent_scale * columns[..., 0].T @ axes.T).ravel()
 
         size = self.color.size, self.color.size
         solution, _ = cg(
@@ -227,6 +237,7 @@ def linearized(view: View, blur: Blur, weight: Array, color: Array, scale: float
 
 def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Data:
     z, shape, (A, alpha) = stored.coefficients, (*view.pixels.shape, 3), blur
+    transposed = A.T
     through, own = (1 - alpha)[:, None], A @ color
     light = own + through * view.B
     predicted = stored.codes_of(light).reshape(shape)
@@ -240,7 +251,7 @@ def _of_file(view: View, stored: StoredCodes, blur: Blur, color: Array) -> _Data
         r,
         [1 / (q + v) for q, v in zip(z.step_variances, variance, strict=True)],
         lambda x: z.of((slope * (A @ x)).reshape(shape)),
-        lambda y: np.asarray(A.T @ (slope * z.adjoint(y).reshape(-1, 3))),
+        lambda y: np.asarray(transposed @ (slope * z.adjoint(y).reshape(-1, 3))),
         [one > 0 for one in z.variances(streak)],
     )
 

@@ -139,9 +139,24 @@ class Coefficients:
             for q, (R, C) in zip(tables, self._pairs, strict=True)
         )
 
+    @cached_property
+    def _transposed(self) -> list[tuple[Matrix, Matrix]]:
+        return [(R.T.tocsr(), C.T.tocsr()) for R, C in self._pairs]
+
+    @property
+    def equally_noisy(self) -> Array:
+        """(3, 3) from R, G, B to multiples of Y, Cb, Cr that a file rounds equally, of norm √3.
+
+        A pixel of n that share a chroma sample has n times its variance.
+        """
+        shared = np.prod(self.compression.shared) ** np.array([0, 1, 1])
+        variance = shared * [np.mean(one) for one in self.step_variances]
+        T = YCBCR / np.sqrt(variance)[:, None]
+        return np.asarray(T * np.sqrt(3) / np.linalg.norm(T))
+
     def of(self, codes: Array) -> list[Array]:
         """Coefficients of differences of code values (h, w, 3), 0 beyond the edges, before a file."""
-        components = np.moveaxis(codes @ YCBCR.T, -1, 0)
+        components = np.tensordot(YCBCR, codes, (1, 2))
         pairs = zip(components, self._pairs, strict=True)
         return [np.asarray((C @ (R @ x).T).T) for x, (R, C) in pairs]
 
@@ -154,8 +169,8 @@ class Coefficients:
 
     def adjoint(self, coefficients: list[Array]) -> Array:
         """(h, w, 3) the adjoint of `of`."""
-        pairs = zip(coefficients, self._pairs, strict=True)
-        return np.asarray(np.stack([(C.T @ (R.T @ x).T).T for x, (R, C) in pairs], axis=-1) @ YCBCR)
+        pairs = zip(coefficients, self._transposed, strict=True)
+        return np.asarray(np.stack([(C @ (R @ x).T).T for x, (R, C) in pairs], axis=-1) @ YCBCR)
 
     def variances(self, codes: Array) -> list[Array]:
         """Variances of the coefficients from those of independent code values (h, w, 3)."""

@@ -110,12 +110,17 @@ def blur_operator(
 
 
 def blurred(
-    values: Array, sweep: Sweep, lattice: Lattice, pixels: Pixels, poses: Poses
+    values: Array,
+    sweep: Sweep,
+    lattice: Lattice,
+    pixels: Pixels,
+    poses: Poses,
+    near: "Seen | None" = None,
 ) -> tuple[Array, Array]:
     """Alpha (h w,), and the operator times values of the nodes (n, c): (h w, c)."""
     from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
 
-    moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses))
+    moments = _on_lattice(sweep, lattice, poses, seen_moments(sweep, pixels, poses, near))
     alpha, sums = operator_kernel.sums_of(*moments, np.ascontiguousarray(values))
     return np.asarray(alpha), np.asarray(sums)
 
@@ -131,12 +136,15 @@ class Seen(NamedTuple):
     """When the pixels of a box, `width` wide, see the object: covered moments in their order.
 
     In these pixels xy (T, 2) are the centers, and to_disc (T, 2, 2) maps the picture to the unit disc.
+    The rim is that of a shape.
     """
 
     covered: tuple[npt.NDArray[np.int64], npt.NDArray[np.int32], Array]
     xy: Array
     to_disc: Array
     width: int
+    shape: Array
+    rim: tuple[Any, ...]
 
     @property
     def normals(self) -> Array:
@@ -154,15 +162,20 @@ class Seen(NamedTuple):
         return np.asarray(alpha, float)
 
 
-def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses) -> Seen:
-    """The moments at which pixels, or blocks of them, see the object."""
+def seen_moments(sweep: Sweep, pixels: Pixels, poses: Poses, near: Seen | None = None) -> Seen:
+    """The moments at which pixels, or blocks of them, see the object: those of a near motion."""
     from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
 
     xy, soft = (poses.xy - np.array(pixels.origin)) / pixels.scale, sweep.softness / pixels.scale
-    rim = sweep.silhouette.rim(sweep.shape, pixels.scale)
-    covered = operator_kernel.covered_moments(xy, poses.maps, rim, soft, pixels.shape)
+    same = near is not None and np.array_equal(near.shape, sweep.shape)
+    rim = near.rim if near and same else sweep.silhouette.rim(sweep.shape, pixels.scale)
+    motion = xy, poses.maps, rim, soft, pixels.shape
+    if near is None:
+        covered = operator_kernel.covered_moments(*motion)
+    else:
+        covered = operator_kernel.covered_again(*motion, *near.covered)
     to_disc = np.linalg.inv(poses.maps) * (pixels.scale / sweep.radius)
-    return Seen(covered, xy, np.asarray(to_disc, float), pixels.shape[1])
+    return Seen(covered, xy, np.asarray(to_disc, float), pixels.shape[1], sweep.shape, rim)
 
 
 def projected(

@@ -82,6 +82,22 @@ def covered_moments(xy, maps, rim, soft, shape):  # type: ignore[no-untyped-def]
 
 
 @njit()
+def covered_again(xy, maps, rim, soft, shape, first, moment, part):  # type: ignore[no-untyped-def]
+    """The same moments as for a near motion, with coverage where it was partial."""
+    inverse, again = np.empty_like(maps), part.copy()
+    for k in range(len(maps)):
+        inverse[k] = np.linalg.inv(maps[k])
+    for p in range(len(first) - 1):
+        j, i = divmod(p, shape[1])
+        for q in range(first[p], first[p + 1]):
+            if part[q] < 1:
+                k = moment[q]
+                far = reach_of(soft) * largest_stretch(inverse[k])
+                again[q] = coverage(rim, inverse[k], soft, far, i - xy[k, 0], j - xy[k, 1])
+    return first, moment, again
+
+
+@njit()
 def by_pixel(pixel, moment, part, pixels):  # type: ignore[no-untyped-def]
     """Counting sort by pixel: first (pixels + 1,), and the others in this order."""
     first = np.zeros(pixels + 1, np.int64)
@@ -135,14 +151,13 @@ def add_to_row(row, column, value, total, stamp, touched, found):  # type: ignor
 
 @njit()
 def with_row(columns, values, at, total, touched):  # type: ignore[no-untyped-def]
-    """Columns and values with a row from `at` on, in longer arrays if it needs more room."""
+    """Columns and values with a row of ascending columns from `at` on, in longer arrays if need be."""
     end = at + len(touched)
     if end > len(columns):
         columns = np.concatenate((columns, np.empty(2 * end - len(columns), np.int32)))
         values = np.concatenate((values, np.empty(2 * end - len(values))))
-    ordered = np.sort(touched)
-    for r in range(len(ordered)):
-        columns[at + r], values[at + r] = ordered[r], total[ordered[r]]
+    for r in range(len(touched)):
+        columns[at + r], values[at + r] = touched[r], total[touched[r]]
     return columns, values
 
 
@@ -155,22 +170,24 @@ def rows_of(durations, xy, to_lattice, corner, node, width, covered):  # type: i
     first, moment, part = covered
     count = len(first) - 1
     size = node.max() + 1
-    total, stamp, touched = np.zeros(size), np.full(size, -1), np.empty(size, np.int32)
+    total = np.zeros(size)
     indices, weights = np.empty(4, np.int32), np.empty(4)
     begin = np.zeros(count + 1, np.int64)
     columns, values = np.empty(16 * count, np.int32), np.empty(16 * count)
     for p in range(count):
-        i, j, found = p % width, p // width, 0
+        i, j, low, high = p % width, p // width, size, 0
         for q in range(first[p], first[p + 1]):
             k = moment[q]
             dx, dy, M = i - xy[k, 0], j - xy[k, 1], to_lattice[k]
             x = M[0, 0] * dx + M[0, 1] * dy - corner[0]
             y = M[1, 0] * dx + M[1, 1] * dy - corner[1]
             for r in range(interpolation(node, x, y, indices, weights)):
-                value = durations[k] * part[q] * weights[r]
-                found = add_to_row(p, indices[r], value, total, stamp, touched, found)
-        begin[p + 1] = begin[p] + found
-        columns, values = with_row(columns, values, begin[p], total, touched[:found])
+                total[indices[r]] += durations[k] * part[q] * weights[r]
+                low, high = min(low, indices[r]), max(high, indices[r] + 1)
+        touched = low + np.flatnonzero(total[low:high])
+        begin[p + 1] = begin[p] + len(touched)
+        columns, values = with_row(columns, values, begin[p], total, touched)
+        total[low:high] = 0
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 

@@ -13,7 +13,8 @@ The color is marginalized: with the weights W, B = Aᵀ W J and S = (N + μ Q)�
 with the residuals r. The second term, summed over channels, is the change of the volume of colors that
 explain the light. On a flat lattice, where it is small, it is omitted. Steps of Gauss and Newton are
 accepted if they increase the objective log Z(θ) − (θ − θ₀)ᵀ Σ⁻¹ (θ − θ₀) / 2. s is the variance scale
-of the residuals, so that an error of the model does not count as evidence.
+of the residuals, so that an error of the model does not count as evidence. On a flat lattice one W
+serves all channels, and the steps start from the maximum in pictures of blocks of pixels.
 """
 
 from collections.abc import Sequence
@@ -30,7 +31,7 @@ from blurmatte.deblurring.gaussian import (
 )
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
-from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of
+from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
 from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import HARMONICS
 from blurmatte.deblurring.view import View
@@ -40,7 +41,8 @@ Secant = tuple[Array, Array]  # a step, and the decrease of the gradient over it
 
 LEAST_GAIN = 0.5  # expected increase of the log evidence by a step
 MAX_STEPS = 8
-_DERIVATIVE_STEP_PX = 1.0  # motion between two moments: derivatives only direct the steps
+_DERIVATIVE_STEP_PX = 1.0  # on a sphere: motion between two moments
+_LEAST_RADIUS = 8.0  # of an object in coarse pictures, nodes
 
 
 @dataclass(frozen=True)
@@ -78,6 +80,13 @@ class Explained:
     weights: tuple[Array, ...]
     equations: NormalEquations
     fit: GaussianFit
+
+    def of_channels(self, lattice: Lattice | Sphere) -> NormalEquations:
+        """The equations with the weights of each channel."""
+        views = [replace(view, shared_weight=False) for view in self.views]
+        pairs = zip(views, self.blurs, strict=True)
+        weights = [view.weight(blur.alpha) for view, blur in pairs]
+        return _equations(views, self.blurs, weights, lattice)
 
 
 def explained(
@@ -127,17 +136,45 @@ def refined(
     """The views with the likeliest paths, shapes and spins, and their covariance, by some steps.
 
     They end where a step is expected to increase the log evidence by less than the least gain. Without
-    weights they are those of the first motion, then, for a flat object, of the refined one.
+    weights they are those of the first motion, then, for a flat object, of the refined one; and the
+    steps start from the likeliest motions in pictures of blocks of pixels.
     """
-    first = state = explained(views, lattice, weights)
+    known, start = views, _parameters(views)
+    if weights is None and isinstance(lattice, Lattice):
+        known = [view.for_path() for view in views]
+        for by in (4, 2):
+            if lattice.radius / (by * lattice.pitch) >= _LEAST_RADIUS:
+                nodes = Lattice.of(views[0].sweep, by * lattice.pitch)
+                coarse = _likeliest([view.coarser(by) for view in known], start, nodes)
+                start = _parameters(coarse[0].views)
+    state, information = _likeliest(known, start, lattice, weights, steps, least_gain)
+    covariance = np.asarray(np.linalg.inv(information), float)
+    state = replace(state, views=tuple(_at(views, _parameters(state.views), covariance)))
+    if weights is None and isinstance(lattice, Lattice):
+        state = _within_streak(state, lattice)
+    Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
+    return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
+
+
+def _likeliest(
+    known: Sequence[View],
+    start: Array,
+    lattice: Lattice | Sphere,
+    weights: Sequence[Array] | None = None,
+    steps: int = MAX_STEPS,
+    least_gain: float = LEAST_GAIN,
+) -> tuple[Explained, Array]:
+    """The views with the likeliest parameters, from a start, and the information about them."""
+    state = explained(_at(known, start), lattice, weights)
+    first = replace(state, views=tuple(known))
     secants, before = list[Secant](), None
     for _ in range(steps):
         information, gradient = information_of(state, first, lattice)
         if before is not None and isinstance(lattice, Sphere):
-            last = _parameters(state) - before[0]
+            last = _parameters(state.views) - before[0]
             if last @ information @ last < SecantLimits.longest_std**2:
                 secants.append((last, before[1] - gradient))
-        before = _parameters(state), gradient
+        before = _parameters(state.views), gradient
         information = with_curvature(information, secants)
         step = np.asarray(np.linalg.solve(information, gradient), float)
         if gradient @ step / 2 < least_gain:
@@ -146,26 +183,21 @@ def refined(
         if better is None:
             break
         state = better
-    covariance = np.asarray(np.linalg.inv(information), float)
-    state = replace(state, views=tuple(_with_covariance(state.views, covariance)))
-    if weights is None and isinstance(lattice, Lattice):
-        state = _within_streak(state, lattice)
-    Q = gradient_prior(lattice, np.ones(len(lattice.edges)), state.equations.band.shape[2])
-    return replace(state, fit=refit_strength(state.equations, Q, state.fit.strength))
+    return state, information
 
 
 def _within_streak(state: Explained, lattice: Lattice | Sphere) -> Explained:
     """The equations of the pixels that see the object, with the refined error of alpha."""
-    views = tuple(view.with_error_of_alpha() for view in state.views)
+    views = tuple(replace(v.with_error_of_alpha(), shared_weight=True) for v in state.views)
     pairs = zip(views, state.blurs, strict=True)
     weights = tuple(view.weight(blur.alpha) for view, blur in pairs)
     equations = _equations(views, state.blurs, weights, lattice)
     return replace(state, views=views, weights=weights, equations=equations)
 
 
-def _parameters(state: Explained) -> Array:
+def _parameters(views: Sequence[View]) -> Array:
     """(k,) of all views."""
-    return np.concatenate([view.parameters for view in state.views])
+    return np.concatenate([view.parameters for view in views])
 
 
 def with_curvature(information: Array, secants: Sequence[Secant]) -> Array:
@@ -188,15 +220,10 @@ def with_curvature(information: Array, secants: Sequence[Secant]) -> Array:
 def _along(
     state: Explained, step: Array, first: Explained, lattice: Lattice | Sphere
 ) -> Explained | None:
-    """The state after a step, a half or a quarter of it; None if none is better."""
-    before = objective(state, first)
-    for part in (1.0, 0.5, 0.25):
-        ends = np.cumsum([len(view.parameters) for view in state.views])[:-1]
-        moved = [
-            view.moved(view.parameters + part * own)
-            for view, own in zip(state.views, np.split(step, ends), strict=True)
-        ]
-        after = _moved(moved, first, lattice)
+    """The state after a step or a part of it; None if none is better."""
+    before, at = objective(state, first), _parameters(state.views)
+    for part in (1.0, 0.4):
+        after = _moved(_at(state.views, at + part * step), first, lattice)
         if objective(after, first) > before:
             return after
     return None
@@ -247,11 +274,12 @@ def information_of(
 
 def _derivatives(view: View, color: Array, lattice: Lattice) -> Array:
     """J (pixels, 3, k) by differences over a small step of each parameter."""
-    count = view.moment_count(_DERIVATIVE_STEP_PX)
+    count, pixels = view.moment_count(), view.pixels
+    near = seen_moments(view.sweep, pixels, poses_of(view.sweep, count=count))
 
     def model(moved: View) -> Array:
         poses = poses_of(moved.sweep, count=count)
-        alpha, light = blurred(color, moved.sweep, lattice, view.pixels, poses)
+        alpha, light = blurred(color, moved.sweep, lattice, pixels, poses, near)
         return light - alpha[:, None] * view.B
 
     at, start, steps = view.parameters, model(view), view.steps
@@ -297,11 +325,12 @@ def _stepped(values: Array, steps: Array, k: int) -> Array:
     return moved
 
 
-def _with_covariance(views: Sequence[View], covariance: Array) -> list[View]:
-    """The views with the blocks of the joint covariance of their parameters."""
+def _at(views: Sequence[View], parameters: Array, covariance: Array | None = None) -> list[View]:
+    """The views with parts of all parameters, and the blocks of their joint covariance."""
     found, at = [], 0
     for view in views:
-        end = at + len(view.parameters)
-        found.append(view.moved(view.parameters, covariance[at:end, at:end]))
-        at = end
+        own = slice(at, at + len(view.parameters))
+        block = None if covariance is None else covariance[own, own]
+        found.append(view.moved(parameters[own], block))
+        at = own.stop
     return found

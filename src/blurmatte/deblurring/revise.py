@@ -93,7 +93,7 @@ class _Motion:
 
 def revised(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Sweep:
     """The sweep, or another one that the light prefers decisively; the noise of pictures is known."""
-    view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius)))
+    view = View.of(image, plate, sweep, margin=int(np.ceil(sweep.radius))).for_path()
     coarse, fine = (
         _Level.of(view, max(1, round(sweep.radius / radius))) for radius in RevisionSettings.radii
     )

@@ -246,11 +246,12 @@ def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
     equations = state.equations.widened(differences.width)
     smooth, strengths = fit_smooth(equations, differences, state.fit)
     inflation = color_variance_inflation(state, smooth)
+    of_channels = state.of_channels(lattice).widened(differences.width)
     if any(view.stored is not None for view in views):
-        found = compressed_color(state, equations, differences, smooth, strengths)
+        found = compressed_color(state, equations, of_channels, differences, smooth, strengths)
         color, variances, misfit = found
     else:
-        fit = fit_sparse(equations, differences, smooth, strengths)
+        fit = fit_sparse([equations, of_channels], differences, smooth, strengths)
         color, misfit = fit.normal.mean, fit.noise_scale
         variances = inflation * misfit * fit.normal.variances()
     std = np.sqrt(variances)

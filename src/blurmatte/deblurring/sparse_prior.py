@@ -16,6 +16,8 @@ whose mean logarithm is largest for ν = 3 (n − 1) / (p U). κ gives both orde
 weights.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -57,16 +59,22 @@ def fit_smooth(
 
 
 def fit_sparse(
-    equations: NormalEquations, differences: Differences, smooth: GaussianFit, strengths: Array
+    equations: Sequence[NormalEquations],
+    differences: Differences,
+    smooth: GaussianFit,
+    strengths: Array,
 ) -> GaussianFit:
-    """The posterior under the prior of edges, from that under the Gaussian prior."""
+    """The posterior under the prior of edges, from that under the Gaussian prior.
+
+    The first equations may have one weight of all channels; those of the posterior are the last.
+    """
     fit, bound = smooth, None
-    for _ in range(_ITERATIONS):
+    for data in [equations[0]] * (_ITERATIONS - 1) + [equations[-1]]:
         band = fit.noise_scale * fit.normal.covariance_band().sum(axis=0)
         square = differences.squares(fit.normal.mean) + differences.variances(band)
         bound = bound or Bound.of(differences, square, strengths)
-        Q = differences.band(bound.weights(square), equations.width)
-        fit = fit_strength(equations, Q, smooth.noise_scale)
+        Q = differences.band(bound.weights(square), data.width)
+        fit = fit_strength(data, Q, smooth.noise_scale)
     return fit
 
 

@@ -188,7 +188,7 @@ def rows_of(first, moment, weight, normal, rotations, node, size):  # type: igno
     for p in range(count):
         found = accumulate(entries, rotations, node, p, total, stamp, touched)
         begin[p + 1] = begin[p] + found
-        columns, values = with_row(columns, values, begin[p], total, touched[:found])
+        columns, values = with_row(columns, values, begin[p], total, np.sort(touched[:found]))
     return begin, columns[: begin[-1]].copy(), values[: begin[-1]].copy()
 
 

@@ -34,6 +34,7 @@ from blurmatte.sweep.sweep import Sweep
 Array = npt.NDArray[np.float64]
 
 MODEL_STD = 0.003  # δ, linear light
+_LONG_PX = 128.0  # paths with moments a pixel apart
 _LARGEST_STEP = 0.02  # for derivatives: pixels, radians, fractions
 
 
@@ -91,6 +92,8 @@ class View:
         The image as its JPEG file stores it, if the file's compression is known.
     spin : Spin, optional
         Of a ball that turns in space.
+    shared_weight : bool
+        One weight of all channels: a third of the work, and enough for a path.
     """
 
     sweep: Sweep
@@ -103,6 +106,7 @@ class View:
     alpha_std: Array
     stored: StoredCodes | None = None
     spin: Spin | None = None
+    shared_weight: bool = False
 
     @classmethod
     def of(
@@ -154,6 +158,13 @@ class View:
             alpha_std=means(self.alpha_std)[:, 0],
         )
 
+    def for_path(self) -> "View":
+        """The view with one weight of all channels, in a file of its components."""
+        T = np.eye(3) if self.stored is None else self.stored.coefficients.equally_noisy.T
+        C, B, C_variance = self.C @ T, self.B @ T, self.C_variance @ T**2
+        light = replace(self, C=C, B=B, C_variance=C_variance, B_variance=self.B_variance @ T**2)
+        return replace(light, shared_weight=True)
+
     @property
     def parameters(self) -> Array:
         """(k,) of path and shape, and of the spin."""
@@ -191,8 +202,11 @@ class View:
         box = int(x), int(y), int(x) + w, int(y) + h
         return replace(self, alpha_std=self.sweep.within(box)[1].ravel())
 
-    def moment_count(self, step: float = MAX_STEP_PX) -> int:
-        """Number of moments, at most `step` pixels of the view apart."""
+    def moment_count(self, step: float | None = None) -> int:
+        """Number of moments at most `step` pixels apart: by default half a one, one on long paths."""
+        if step is None:  # the error of alpha is in proportion to step² / length
+            length = 0.0 if self.spin else self.sweep.length / self.pixels.scale
+            step = float(np.clip(np.sqrt(length / _LONG_PX), MAX_STEP_PX, 1.0))
         return moment_count(self.sweep, step=step * self.pixels.scale, spin=self.spin)
 
     def blur(self, lattice: Lattice | Sphere, count: int | None = None) -> Blur:
@@ -219,12 +233,12 @@ class View:
         return np.asarray(self.C_variance + through * self.B_variance + error**2 + MODEL_STD**2)
 
     def weight(self, alpha: Array, around: bool = False) -> Array:
-        """(h w, 3) inverse variance of P; (h w, 1), of the mean, for a spin.
+        """(h w, 3) inverse variance of P; (h w, 1), of the mean, if it is shared or for a spin.
 
         0 outside the streak, unless the pixels around it are data of its motion.
         """
         variance = self.variance(alpha)
-        if self.spin is not None:  # one factor instead of three: they are not banded
+        if self.shared_weight or self.spin is not None:  # one factor instead of three
             variance = variance.mean(axis=1, keepdims=True)
         return np.where((self.valid & (around | (alpha > 0)))[:, None], 1 / variance, 0)
 
