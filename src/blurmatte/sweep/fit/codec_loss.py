@@ -12,7 +12,7 @@ with the curvature H and the gradients g of the cost before and after. The part 
 and shape imitate does not determine φ: there its mean is the fitted φ, and its variance the prior one.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -28,14 +28,6 @@ from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 
 _MACROBLOCK = 2 * BLOCK  # pixels: one block of chroma
-
-
-@dataclass(frozen=True)
-class LossPrior:
-    """Uniform distribution of φ from 0 to 1."""
-
-    mean: float = 1 / 2
-    variance: float = 1 / 12
 
 
 def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
@@ -54,12 +46,12 @@ def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     before, then = (_slope(one, lost) for one in (state, after))
     known = max(float(then - before + (g - g_before) @ d), 0.0) / inflation
     score = (before + g_before @ d) / inflation
-    prior = 1 / LossPrior.variance
-    fraction = np.clip((prior * LossPrior.mean - score) / (prior + known), 0, 1)
+    mean, variance = 1 / 2, 1 / 12  # of φ before the fit: uniform from 0 to 1
+    fraction = np.clip((mean / variance - score) / (1 / variance + known), 0, 1)
     step = fraction * d
     n, r = len(sweep.path), sweep.shape[0]
     shape = sweep.silhouette.possible(sweep.shape + step[n:], (r / 2, 2 * r))
-    covariance = sweep.covariance + LossPrior.variance * np.outer(d, d)
+    covariance = sweep.covariance + variance * np.outer(d, d)
     return replace(sweep, path=sweep.path + step[:n], shape=shape, covariance=covariance)
 
 
