@@ -30,7 +30,7 @@ def shot(tmp_path_factory):
         light = plate if k == 0 else light
         return bm.LinearImage((light + rng.normal(0, 0.01, light.shape)).astype(np.float32))
 
-    bm.write_frames(folder / "f.####.exr", map(picture, range(5)), start=0)
+    bm.write_frames(folder / "f.####.exr", map(picture, range(5)), start=1001)
     known = bm.LinearImage(plate, bm.NoiseModel(read_std=1e-4))
     bm.write(folder / "plate.exr", known)
     return folder
@@ -42,18 +42,19 @@ def test_numbered_pictures_become_layers_and_are_solved_once(shot, tmp_path):
     graphics[40:, :10] = 255
     bm.write(tmp_path / "graphics.png", graphics)
     words += ("--color", "#e9b45e", "--workers", "1", "--table", "parquet")
-    words += ("--occluder", tmp_path / "graphics.png")
+    words += ("--occluder", tmp_path / "graphics.png", "--rate", 50, "--frames", "1001:1006")
     first = run(*words)
     assert first.exit_code == 0, first.stderr
     assert "4 layers" in first.stdout
     assert "frames.parquet" in first.stdout
     assert sorted(p.name for p in (tmp_path / "o").glob("layer.*")) == [
-        f"layer.{k:06d}.exr" for k in range(1, 5)
+        f"layer.{k:06d}.exr" for k in range(1002, 1006)
     ]
     again = run(*words, "--json")
     assert again.exit_code == 0
     answer = json.loads(again.stdout)
-    assert [row["frame"] for row in answer["frames"]] == [1, 2, 3, 4]
+    numbers = [(row["frame"], row["time"]) for row in answer["frames"]]
+    assert numbers == [(k, k / 50) for k in range(1002, 1006)]
     assert sum(answer["grades"].values()) == 4
 
 
@@ -81,7 +82,7 @@ def test_what_is_a_clip(images, out, plate, alone, clip):
         (("--color", "12,12"), "give --color as hex or a model file"),
         (("--layers", "gif"), "--layers must be exr, png, tif, mov"),
         (("--table", "xlsx"), "--table must be csv or parquet"),
-        (("--frames", "7:9"), "selects no frame"),
+        (("--frames", "7:9"), "they are numbered 1001 to 1005"),
         (("--workers", "2", "--scheduler", "tcp://host:8786"), "give --workers or --scheduler"),
     ],
 )
@@ -100,7 +101,7 @@ def test_pictures_need_a_plate(shot, tmp_path):
 
 def test_row_of_images_is_the_same_in_several_processes(shot, tmp_path):
     """Invariant: the same answers in the same order, and a refusal of one image alone."""
-    images = [shot / f"f.{k:04d}.exr" for k in (1, 0, 2)]
+    images = [shot / f"f.{k:04d}.exr" for k in (1002, 1001, 1003)]
     options = ("--plate", shot / "plate.exr", "--solver", "pixelwise", "--color", "#e9b45e", "-q")
     results = [
         run("solve", *images, *options, "--workers", n, "-o", tmp_path / f"o{n}") for n in (1, 2)
@@ -110,6 +111,6 @@ def test_row_of_images_is_the_same_in_several_processes(shot, tmp_path):
         result.stdout.replace(f"o{n}", "o") for n, result in zip((1, 2), results, strict=True)
     )
     assert one == two
-    assert [(tmp_path / "o2" / f"f.{k:04d}" / "layer.exr").exists() for k in range(3)] == [
+    assert [(tmp_path / "o2" / f"f.{k:04d}" / "layer.exr").exists() for k in range(1001, 1004)] == [
         False, True, True,
     ]  # fmt: skip

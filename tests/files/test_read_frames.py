@@ -355,8 +355,8 @@ def test_missing_pictures_are_warned_of_before_measuring(tmp_path):
     for number in (3, 4, 7, 9):
         write(tmp_path / f"f{number}.exr", LinearImage(np.zeros((4, 5, 3), np.float32)))
     frames = read_frames(tmp_path)
-    assert frames[1:].frame_numbers == [1, 4, 6]
-    with pytest.warns(BlurmatteWarning, match="counted from the first, 2, 3, 5 of 7 are missing"):
+    assert frames[1:].frame_numbers == [4, 7, 9]
+    with pytest.warns(BlurmatteWarning, match="have them: 5, 6, 8 of 3 to 9 are missing"):
         frames.for_plate(None)
 
 

@@ -3,7 +3,12 @@ from pathlib import Path
 import pytest
 
 from blurmatte.errors import FileError
-from blurmatte.files.sequences import numbered_places, numbering, source_paths
+from blurmatte.files.sequences import (
+    missing_numbers,
+    numbering,
+    picture_numbers,
+    source_paths,
+)
 
 
 @pytest.mark.parametrize(
@@ -49,21 +54,23 @@ def test_names_without_a_number():
 
 
 @pytest.mark.parametrize(
-    ("names", "places"),
+    ("names", "numbers", "missing"),
     [
-        (["f0000.jpg", "f0001.jpg", "f0004.jpg", "f0005.jpg"], (0, 1, 4, 5)),
-        (["f7.jpg", "f9.jpg", "f13.jpg"], (0, 1, 3)),  # every second one was kept
-        (["take2_98.exr", "take2_99.exr", "take2_101.exr"], (0, 1, 3)),
-        (["f0000.jpg", "f0002.jpg", "f0004.jpg"], None),
-        (["f1.jpg", "f2.jpg"], None),
-        (["f3.jpg", "f1.jpg", "f2.jpg"], None),  # another order than that of their numbers
-        (["a1_1.jpg", "a1_2.jpg", "a2_4.jpg"], None),  # two numbers
-        (["a.jpg", "b.jpg", "d.jpg"], None),
+        (["f0000.jpg", "f0001.jpg", "f0004.jpg", "f0005.jpg"], (0, 1, 4, 5), [2, 3]),
+        (["f7.jpg", "f9.jpg", "f13.jpg"], (7, 9, 13), [11]),  # every second one was kept
+        (["take2_98.exr", "take2_99.exr", "take2_101.exr"], (98, 99, 101), [100]),
+        (["f0000.jpg", "f0002.jpg", "f0004.jpg"], (0, 2, 4), []),
+        (["f1.jpg", "f2.jpg"], (1, 2), []),
+        (["take2.0012.exr"], (12,), []),  # of one the last number
+        (["f3.jpg", "f1.jpg", "f2.jpg"], None, []),  # another order than that of their numbers
+        (["a1_1.jpg", "a1_2.jpg", "a2_4.jpg"], None, []),  # two numbers
+        (["a.jpg", "b.jpg", "d.jpg"], None, []),
     ],
 )
-def test_places_count_missing_numbers(names, places):
+def test_pictures_have_the_numbers_in_their_names(names, numbers, missing):
     # exact
-    assert numbered_places([Path("in") / name for name in names]) == places
+    assert picture_numbers([Path("in") / name for name in names]) == numbers
+    assert list(missing_numbers(numbers or (0,))) == missing
 
 
 def test_hidden_files_are_no_pictures(tmp_path):

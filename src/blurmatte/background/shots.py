@@ -5,7 +5,7 @@ only the thumbnails' noise and what moves differ; a cut changes most of the pict
 on doing so.
 """
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -50,6 +50,10 @@ class Shot:
 
     def __len__(self) -> int:
         return self.stop - self.start
+
+    def numbered(self, numbers: Sequence[int]) -> "Shot":
+        """The same in the numbers of the frames instead of their indices."""
+        return replace(self, start=numbers[self.start], stop=numbers[self.stop - 1] + 1)
 
     def __str__(self) -> str:
         reason = {"start": "", "cut": ", after a cut", "light": ", after a change of light"}

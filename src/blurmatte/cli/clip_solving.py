@@ -28,12 +28,11 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.output_checks import check_folder
-from blurmatte.cli.quantities import frame_range
 from blurmatte.cli.rows import PICTURES, given_files
 from blurmatte.cli.selection import (
     CameraReading,
+    Chosen,
     ColorOptions,
-    FrameRange,
     matching_of,
 )
 
@@ -56,10 +55,9 @@ class MaybePlate:
 
 
 @dataclass(frozen=True)
-class ClipOptions:
+class ClipOptions(Chosen):
     """How a clip is solved and written."""
 
-    frames: FrameRange = None
     layers: Annotated[
         str | None,
         option("KIND", "exr, png, tif, mov, or solution: EXRs with all numbers.", CLIP),
@@ -72,7 +70,7 @@ class ClipOptions:
     ] = None
 
     def __post_init__(self) -> None:
-        frame_range("--frames", self.frames)
+        super().__post_init__()
         if self.layers is not None and self.layers not in _LAYERS:
             raise ValueError(f"--layers must be {', '.join(_LAYERS)}, got {self.layers!r}")
         if self.table not in (None, "csv", "parquet"):
@@ -89,8 +87,8 @@ class ClipOptions:
 
         Numbered pictures are, unless an option is given that only pictures have: `each_alone`.
         """
-        asked = self.layers or self.several or self.table or self.frames or self.scheduler
-        if asked or out.suffix.lower() == ".mov":
+        asked = self.layers or self.several or self.table or self.frames or self.rate
+        if asked or self.scheduler or out.suffix.lower() == ".mov":
             return True
         if len(images) > 1:
             return False
@@ -133,6 +131,7 @@ def solve_clip(
             f".{options.table or 'csv'}",
             shlex.join(["blurmatte", *sys.argv[1:]]),
             options.layers == "solution",
+            options.rate,
         )
         with _workers(options, folder, len(frames)) as workers, waiting("reading the clip"):
             report = _followed(bm.save_clip(run, folder, workers), len(frames))

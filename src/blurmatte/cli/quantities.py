@@ -47,13 +47,13 @@ def frame_range(
     name: str,
     text: str | None,
     times: Sequence[float] | None = (),
-    places: Sequence[int] | None = None,
+    known: Sequence[int] | None = None,
 ) -> slice:
     """Frames from START to STOP (excluded), every STEP-th: numbers, or seconds like 2.5s.
 
     text: START:STOP or START:STOP:STEP; parts may be left out.
     times: of all frames, seconds, in order.
-    places: numbers of all frames, in order; None for 0, 1, …
+    known: numbers of all frames, in order; None for 0, 1, …
     """
     if text is None:
         return slice(None)
@@ -65,12 +65,12 @@ def frame_range(
         )
     if step and int(step) < 1:
         raise ValueError(f"{name} must have a step of at least 1, got {text!r}")
-    first, last = (_frame(name, part, times, places) for part in (start, stop))
+    first, last = (_frame(name, part, times, known) for part in (start, stop))
     return slice(first, last, int(step) if step else None)
 
 
 def _frame(
-    name: str, text: str, times: Sequence[float] | None, places: Sequence[int] | None
+    name: str, text: str, times: Sequence[float] | None, known: Sequence[int] | None
 ) -> int | None:
     """Index of the first frame at or after a number or, with an s behind it, a time in seconds."""
     if not re.fullmatch(_FRAME, text):
@@ -79,7 +79,7 @@ def _frame(
         )
     if not text.endswith("s"):
         number = int(text) if text else None
-        return number if number is None or places is None else bisect_left(places, number)
+        return number if number is None or known is None else bisect_left(known, number)
     if times is None:
         raise ValueError(f"{name} must be frame numbers, for pictures have no times, got {text!r}")
     return bisect_left(times, float(text[:-1]) - _ROUNDING_S)

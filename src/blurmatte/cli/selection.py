@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import warnings
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -21,7 +22,7 @@ Layer = Annotated[Path, argument("LAYER", "The layer.exr that solve wrote.")]
 Clip = Annotated[list[str], argument("CLIP", f"A clip, or pictures: {ROWS}.")]
 FrameRange = Annotated[
     str | None,
-    option("START:STOP[:STEP]", "Frames from 0, or seconds: 40:52, 2.5s:4s.", None, "--frames"),
+    option("START:STOP[:STEP]", "Their numbers, or seconds: 40:52, 2.5s:4s.", None, "--frames"),
 ]
 Region = Annotated[
     str | None,
@@ -102,6 +103,19 @@ class CameraReading(Reading):
     def camera_noise(self) -> bm.NoiseModel | None:
         """The noise in the file that was named."""
         return None if self.noise is None else bm.read_noise(self.noise)
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """Which frames of a clip or of a row of pictures are used, and when they were taken."""
+
+    frames: FrameRange = None
+    rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None
+
+    def __post_init__(self) -> None:
+        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
+            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+        frame_range("--frames", self.frames)
 
 
 @dataclass(frozen=True)
@@ -281,10 +295,12 @@ def matching_of(name: str) -> bm.Matching | None:
 
 def chosen_frames(frames: bm.Frames[bm.LinearImage], text: str | None) -> bm.Frames[bm.LinearImage]:
     """The frames of --frames; ValueError if there are none."""
-    chosen = frames[frame_range("--frames", text, frames.times, frames.places)]
+    known = frames.picture_numbers
+    chosen = frames[frame_range("--frames", text, frames.times, known)]
     first, last = (frames.times or (0.0, 0.0))[0], (frames.times or (0.0, 0.0))[-1]
     if len(chosen) == 0:
         span = "" if frames.times is None else f"; they are from {first:.4g} s to {last:.4g} s"
+        span = span if known is None else f"; they are numbered {known[0]} to {known[-1]}"
         raise ValueError(f"--frames selects no frame{span}; check its numbers")
     if "s" in (text or "") and first * (frames.rate or 0) > 1:
         warnings.warn(

@@ -73,7 +73,7 @@ class _Task:
 
 @command(
     "solve throw.png --plate empty_room.png -o out/",
-    'solve "throws/*.png" --plate empty_room.png -o out/ --color "#d8ff3c" --json',
+    'solve "throws/*.png" --plate empty_room.png -o out/ --json',
     "solve rally.mp4 -o out/",
 )
 def solve(
@@ -96,7 +96,7 @@ def solve(
     """Separate the moving object in each IMAGE from its background.
 
     Writes layer.exr, alpha.png, overview.png, report.json and more; of several images, each into a
-    folder; of a clip, a layer for each frame and frames.csv.
+    folder; of a clip, frames.csv and layers.
     """
     from blurmatte.results import RESULT_FILES
 

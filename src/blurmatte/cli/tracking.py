@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,10 +12,10 @@ from blurmatte.cli.clip_table import Gravity, Known, drawn, summaries, table, wo
 from blurmatte.cli.clips import ClipTask, KnownBall, Measured, measure_frames, remove_unfinished
 from blurmatte.cli.console import about, answer, flag, in_degrees, option, output, waiting
 from blurmatte.cli.output_checks import SHEET, check_file, check_outputs
-from blurmatte.cli.quantities import acceleration, frame_range, time_of_exposure, time_of_line
+from blurmatte.cli.quantities import acceleration, time_of_exposure, time_of_line
 from blurmatte.cli.rows import given_files
 from blurmatte.cli.scales import SIZE, ScaleOptions, check_camera
-from blurmatte.cli.selection import OBJECT, Clip, FrameRange, Reading
+from blurmatte.cli.selection import OBJECT, Chosen, Clip, Reading
 
 RUN = "The run"
 
@@ -40,19 +39,6 @@ class Followed:
             raise ValueError("--least needs --several: it is for several objects")
         if self.least is not None and self.least < 1:
             raise ValueError(f"--least must be at least 1, got {self.least}")
-
-
-@dataclass(frozen=True)
-class Chosen:
-    """Which frames are measured, and when they were taken."""
-
-    frames: FrameRange = None
-    rate: Annotated[float | None, option("R", "Frames per second, for pictures.")] = None
-
-    def __post_init__(self) -> None:
-        if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
-            raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
-        frame_range("--frames", self.frames)
 
 
 @dataclass(frozen=True)

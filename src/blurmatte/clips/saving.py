@@ -13,7 +13,7 @@ from blurmatte.background import Shot
 from blurmatte.checks import Bools, check_kind
 from blurmatte.clips.layers import LAYER_EXTENSIONS, LayerWriter, write_movie
 from blurmatte.clips.manifest import NAME, Finished, Manifest, key_of, opened_manifest
-from blurmatte.clips.shots import SolvableShot, prepared, shots_of
+from blurmatte.clips.shots import Given, SolvableShot, prepared, shots_of
 from blurmatte.clips.table import FrameRecord
 from blurmatte.color import ColorModel
 from blurmatte.errors import BlurmatteError, MotionError
@@ -57,6 +57,8 @@ class ClipRun:
     complete : bool
         Write all numbers of each solution into its EXR, which `read_solution` reads; it has more
         channels than RGBA.
+    rate : float, optional
+        Frames per second; replaces the times of the frames: each is its number over the rate.
 
     Raises
     ------
@@ -76,6 +78,7 @@ class ClipRun:
     table: str = ".csv"
     command: str = ""
     complete: bool = False
+    rate: float | None = None
 
     def __post_init__(self) -> None:
         check_kind("frames", self.frames, Frames, "use blurmatte.read_frames(path)")
@@ -95,8 +98,8 @@ class ClipRun:
         """Hash of inputs and settings."""
         color = None if self.model is None else self.model.basis.tolist()
         settings = {
-            "frames": str(self.frames.numbers),
-            "rate": self.frames.rate,
+            "frames": str(self.frames.frame_numbers),
+            "rate": self.rate or self.frames.rate,
             "color": color,
             "several": self.several,
             "layers": self.file_extension,
@@ -119,6 +122,7 @@ class ClipReport:
     records : tuple of FrameRecord
         Of all frames with an object, in order.
     shots : tuple of Shot
+        In numbers of frames, as in the records.
     problems : tuple of str
         Shots without a result, and frames that failed, each with its reason.
     files : tuple of Path
@@ -199,12 +203,13 @@ def save_clip(
     run = replace(run, frames=run.frames.for_plate(run.plate))
     with opened_manifest(folder / NAME, run.key) as manifest:
         work = _Work(manifest)
-        shots = shots_of(run.frames, workers)
-        for number, shot in enumerate(shots, 1):
+        found, numbers = shots_of(run.frames, workers), run.frames.frame_numbers
+        shots = [shot.numbered(numbers) for shot in found]
+        for number, shot in enumerate(found, 1):
             try:
                 yield from _shot(run, folder, number, shot, work, workers)
             except BlurmatteError as error:
-                work.problems.append(f"{shot}: {error}")
+                work.problems.append(f"{shots[number - 1]}: {error}")
         if not work.rows:
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
         files = _written(run, folder, work, shots)
@@ -229,8 +234,8 @@ def _shot(
         for record in (one.layer for one in finished)
         if record is not None and (not record.layer or (folder / record.layer).exists())
     }
-    given = run.plate, run.model, run.several, run.occluder
-    steps = prepared(number, shot, run.frames, *given, seen, done, workers)
+    given = Given(run.plate, run.model, run.several, run.occluder, run.rate)
+    steps = prepared(number, shot, run.frames, given, seen, done, workers)
     ready: SolvableShot | None = None
     for step in steps:
         if isinstance(step, SolvableShot):
@@ -290,7 +295,7 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
         for number in numbers:
             name = f"layers{number}.mov" if run.several else "layers.mov"
             mine = [record for record in work.records if record.object == number]
-            rate = run.frames.rate or DEFAULT_RATE
+            rate = run.rate or run.frames.rate or DEFAULT_RATE
             write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
             files.append(folder / name)
     return tuple(files)
@@ -315,7 +320,7 @@ def _numbers(run: ClipRun, report: ClipReport) -> dict[str, Any]:
         "command": run.command,
         "inputs": [str(path) for path in run.inputs],
         "frames": len(run.frames),
-        "rate": run.frames.rate,
+        "rate": run.rate or run.frames.rate,
         "size": run.frames.size,
         "layers": len(layers),
         "grades": report.grades,

@@ -65,14 +65,22 @@ def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail]:
     return [thumbnail(frame) for frame in coded_frames(frames, slice(None))]
 
 
+@dataclass(frozen=True, eq=False)
+class Given:
+    """What is given for all shots, as in `ClipRun`."""
+
+    plate: LinearImage | None
+    model: ColorModel | None
+    several: bool
+    hidden: Bools | None
+    rate: float | None
+
+
 def prepared(
     number: int,
     shot: Shot,
     frames: Frames[LinearImage],
-    plate: LinearImage | None,
-    model: ColorModel | None,
-    several: bool,
-    hidden: Bools | None,
+    given: Given,
     finished: Sequence[FrameSightings],
     solved: Container[tuple[int, int]],
     workers: Workers,
@@ -88,19 +96,23 @@ def prepared(
         If there is no plate, or no color.
     """
     part = frames[shot.start : shot.stop]
-    plate = clip_plate(part) if plate is None else plate
-    link = link_objects if several else link_sightings
+    plate = clip_plate(part) if given.plate is None else given.plate
+    link = link_objects if given.several else link_sightings
     seen = list(finished)
     if len(seen) == len(part):
         rows = link(seen)
         if all((row.frame, row.object or 1) in solved for row in rows if row.sighting):
             yield SolvableShot(number, shot, part, plate, None, tuple(rows), ())
             return
-    scene = scene_of(part, plate, model, hidden)
-    model = color_in_scene(part, scene, workers) if model is None else model
+    scene = scene_of(part, plate, given.model, given.hidden)
+    model = color_in_scene(part, scene, workers) if given.model is None else given.model
     numbers = part.frame_numbers
     new = sightings_in_scene(
-        part, scene, model, workers, several=several, numbers=numbers, skip=len(seen)
+        *(part, scene, model, workers),
+        several=given.several,
+        numbers=numbers,
+        rate=given.rate,
+        skip=len(seen),
     )
     for one in new:
         seen.append(one)

@@ -17,7 +17,7 @@ class FrameRecord:
     Parameters
     ----------
     frame : int
-        Its number in the clip, from 0.
+        Its number: in the name of a picture, in a clip from 0.
     time : float or None
         Presentation time, seconds.
     object : int

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
+from itertools import chain, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
@@ -30,7 +30,13 @@ from blurmatte.files.clip_reading import (
 from blurmatte.files.clip_writing import save_animation, save_h264, save_prores
 from blurmatte.files.errors import EXTENSIONS
 from blurmatte.files.reading import read, read_layer
-from blurmatte.files.sequences import Source, numbered_places, numbering, source_paths
+from blurmatte.files.sequences import (
+    Source,
+    missing_numbers,
+    numbering,
+    picture_numbers,
+    source_paths,
+)
 from blurmatte.files.writing import write
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
@@ -71,9 +77,8 @@ class Frames(Sequence[Frame]):
         Reads the frames of a range of indices, in order.
     clip : Clip, optional
         The clip, if they are frames of one.
-    places : tuple of int, optional
-        Of all pictures of a sequence in which numbers are missing: the numbers in their names, from 0
-        at the first, in units of the usual step.
+    picture_numbers : tuple of int, optional
+        Of all pictures of a sequence: the rising numbers in which alone their names differ.
     """
 
     numbers: range
@@ -81,7 +86,7 @@ class Frames(Sequence[Frame]):
     rate: float | None
     load: Callable[[range], Iterator[Frame]] = field(repr=False)
     clip: Clip | None = field(default=None, repr=False)
-    places: tuple[int, ...] | None = field(default=None, repr=False)
+    picture_numbers: tuple[int, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         if self.numbers.step < 1:
@@ -108,12 +113,12 @@ class Frames(Sequence[Frame]):
         BlurmatteWarning
             If nothing shows where chroma lies, or the numbers of pictures show that some are missing.
         """
-        if self.places is not None:
-            missing = sorted(set(range(self.places[-1])) - set(self.places))
+        known = self.picture_numbers or (0,)
+        if missing := list(islice(missing_numbers(known), 6)):
             listed = ", ".join(map(str, missing[:5])) + (" …" if len(missing) > 5 else "")
             warnings.warn(
-                f"add the missing pictures if you have them: counted from the first, {listed} of "
-                f"{self.places[-1] + 1} are missing, and times follow the numbers in the names",
+                f"add the missing pictures if you have them: {listed} of {known[0]} to {known[-1]} are "
+                "missing, and times follow the numbers in the names",
                 BlurmatteWarning,
                 stacklevel=2,
             )
@@ -124,8 +129,9 @@ class Frames(Sequence[Frame]):
 
     @property
     def frame_numbers(self) -> Sequence[int]:
-        """Number of each frame; missing pictures are counted."""
-        return self.numbers if self.places is None else [self.places[n] for n in self.numbers]
+        """Number of each frame: of pictures that in the name, of clips the index in the source."""
+        known = self.picture_numbers
+        return self.numbers if known is None else [known[n] for n in self.numbers]
 
     def __len__(self) -> int:
         return len(self.numbers)
@@ -334,7 +340,7 @@ def _frames(
     warned: list[Warning | str] = []
     size = _read(read_one, paths[0], transfer, max_pixels, warned).size
     load = _Pictures(tuple(paths), size, partial(_read, read_one), transfer, max_pixels, warned)
-    return Frames(range(len(paths)), size, None, load, places=numbered_places(paths))
+    return Frames(range(len(paths)), size, None, load, picture_numbers=picture_numbers(paths))
 
 
 @dataclass(frozen=True)

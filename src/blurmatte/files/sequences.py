@@ -5,7 +5,7 @@ have one without leading zeros.
 """
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from glob import glob, has_magic
 from itertools import pairwise
@@ -87,26 +87,27 @@ def is_visible(path: Path) -> bool:
     return not path.name.startswith(".")
 
 
-def numbered_places(paths: Sequence[Path]) -> tuple[int, ...] | None:
-    """Places of the pictures of a sequence by the numbers in their names, in units of their step.
+def picture_numbers(paths: Sequence[Path]) -> tuple[int, ...] | None:
+    """Numbers of the pictures of a sequence: those in which alone their names differ.
 
-    None if no number is missing, or names do not differ in one rising number alone.
+    Of one picture the last number in its name. None if there is none, or it does not rise.
     """
+    if len(paths) == 1:
+        return tuple(int(text) for text in re.findall(r"\d+", paths[0].stem)[-1:]) or None
     names = [re.split(r"(\d+)", path.name) for path in paths]
-    if (
-        len(names) < 3
-        or len({(path.parent, len(n)) for path, n in zip(paths, names, strict=True)}) > 1
-    ):
+    if len({(path.parent, len(n)) for path, n in zip(paths, names, strict=True)}) > 1:
         return None
     differing = [k for k, parts in enumerate(zip(*names, strict=True)) if len(set(parts)) > 1]
     if len(differing) != 1 or differing[0] % 2 == 0:
         return None
-    numbers = [int(parts[differing[0]]) for parts in names]
-    steps = [b - a for a, b in pairwise(numbers)]
-    step = gcd(*steps)
-    if min(steps) < 1 or max(steps) == step:
-        return None
-    return tuple((number - numbers[0]) // step for number in numbers)
+    numbers = tuple(int(parts[differing[0]]) for parts in names)
+    return numbers if all(a < b for a, b in pairwise(numbers)) else None
+
+
+def missing_numbers(numbers: Sequence[int]) -> Iterator[int]:
+    """Numbers that are missing between those of a sequence, in units of their usual step."""
+    known, step = set(numbers), gcd(*(b - a for a, b in pairwise(numbers)))
+    return (n for n in range(numbers[0], numbers[-1], max(step, 1)) if n not in known)
 
 
 def _natural_order(path: Path) -> list[tuple[int, str]]:
