@@ -233,6 +233,46 @@ def test_edits_rows_of_layers(scene, tmp_path):
     assert len(bm.read_frames(tmp_path / "out.mp4", bm.REC709)) == 3
     single = run("edit", row, "--fade", 0.5, "--out", tmp_path / "x.exr")
     assert "x.####.exr" in complaint(single)
+    (tmp_path / "in.0002.exr").unlink()
+    good("edit", row, "--fade", 0.5, "--out", tmp_path / "kept.####.exr")
+    assert sorted(p.name for p in tmp_path.glob("kept*")) == ["kept.0001.exr", "kept.0003.exr"]
+
+
+@pytest.fixture
+def shot(scene, tmp_path):
+    """Three numbered pictures, the second with the object and its layer, and the options."""
+    for number, name in ((1001, "plate.png"), (1002, "image.png"), (1003, "plate.png")):
+        (tmp_path / f"shot.{number}.png").write_bytes((scene / name).read_bytes())
+    (tmp_path / "layer.001002.exr").write_bytes((scene / "solved.exr").read_bytes())
+    (tmp_path / "layer.009000.exr").write_bytes((scene / "layer.exr").read_bytes())
+    row = tmp_path / "layer.######.exr"
+    return row, ("--image", tmp_path / "shot.####.png", "--plate", scene / "plate.png")
+
+
+def test_remove_and_edit_rows_by_the_numbers_of_their_frames(scene, shot, tmp_path):
+    """Exact: each frame is what the command makes of it alone; others keep their codes."""
+    row, own = shot
+    one = scene / "solved.exr", "--image", scene / "image.png", *own[2:], "--match", "none"
+    for command, *options in (("remove",), ("edit", "--fade", 0.5)):
+        out = tmp_path / f"{command}.####.png"
+        good(command, row, *own, *options, "--match", "none", "--out", out)
+        assert len(list(tmp_path.glob(f"{command}.*.png"))) == 3
+        good(command, *one, *options, "--out", tmp_path / "one.png")
+        for number, same in ((1001, scene / "plate.png"), (1002, tmp_path / "one.png")):
+            assert_array_equal(codes_of(tmp_path / f"{command}.{number}.png"), codes_of(same))
+
+
+def test_remove_writes_clips_and_refuses_rows_that_do_not_fit(scene, shot, tmp_path):
+    row, own = shot
+    good("remove", row, *own, "--out", tmp_path / "gone.mov")
+    gone, plate = bm.read_frames(tmp_path / "gone.mov", bm.REC709), bm.read(scene / "plate.png")
+    assert all(np.abs(frame.rgb - plate.rgb).max() < 0.1 for frame in gone)
+    again = "--image", tmp_path / "gone.mov", *own[2:], "--out", tmp_path / "x.####.png"
+    assert "numbered 1002 to 9000, pictures 0 to 2" in complaint(run("remove", row, *again))
+    over = "--image", own[1], *own[2:], "--out", own[1]
+    assert "would be replaced" in complaint(run("remove", row, *over))
+    sheet = "--sheet", tmp_path / "s.png", "--out", tmp_path / "x.mov"
+    assert "need one layer" in complaint(run("remove", row, *own, *sheet))
 
 
 def test_stacks_layers(scene, tmp_path):
@@ -349,4 +389,4 @@ def test_edit_refuses_what_is_no_layer(scene, tmp_path):
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *out))
     own = "--image", scene / "image.png"
     assert "no such file" in complaint(run("edit", scene / "nothing.exr", *own, *out))
-    assert "not a sequence" in complaint(run("edit", scene / "n.####.exr", *own, *out))
+    assert "no file matches" in complaint(run("edit", scene / "n.####.exr", *own, *out))

@@ -7,7 +7,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, TypeAlias
+from typing import Annotated, Any, TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -83,11 +83,15 @@ class RowOptions:
     """How a row of layers is written."""
 
     rate: Annotated[float | None, option("R", "Frames per second of a clip.", ROW)] = None
-    first: Annotated[int, option("N", "First number of its files; 1.", ROW)] = 1
+    first: Annotated[int | None, option("N", "First number; else those read.", ROW)] = None
 
     def __post_init__(self) -> None:
         if self.rate is not None and not (math.isfinite(self.rate) and self.rate > 0):
             raise ValueError(f"--rate must be frames per second, above 0, got {self.rate:g}")
+
+    def start(self, row: bm.Frames[Any]) -> int | Sequence[int]:
+        """The first number of the files, or the numbers of all, those of the frames read."""
+        return row.frame_numbers if self.first is None else self.first
 
 
 @dataclass(frozen=True)

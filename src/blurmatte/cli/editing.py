@@ -17,7 +17,6 @@ from blurmatte.checks import check_same_size
 from blurmatte.cli.app import ORDER, command
 from blurmatte.cli.changes import (
     Behind,
-    Change,
     Changes,
     LayerOrRow,
     Looks,
@@ -26,8 +25,9 @@ from blurmatte.cli.changes import (
     change_of,
     changed,
 )
-from blurmatte.cli.console import about, argument, option, waiting, with_progress
-from blurmatte.cli.output_checks import PICTURE, check_file, check_outputs
+from blurmatte.cli.console import about, option, waiting
+from blurmatte.cli.output_checks import PICTURE, check_file
+from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch_row
 from blurmatte.cli.rows import is_row
 from blurmatte.cli.selection import Out, PlateOptions, Reading, matching_of
 
@@ -83,9 +83,19 @@ def edit(
     if not asked:
         raise ValueError("give a change: --fade, --amplify, --recolor, --expose or --gain")
     wanted = [change_of(name, text) for name, text in asked]
-    if is_row(Path(layer)):
-        _check_one_layer(layer, own.image, looks)
-        _edit_row(reading, layer, out, wanted, None, row)
+    if is_row(Path(layer)) or (own.image is not None and is_row(own.image)):
+        _check_one_layer(layer, looks)
+        if own.image is None:
+            edit_row(reading, layer, out, lambda one: changed(one, wanted), row)
+            return
+        plate = None if own.plate is None else reading.read(own.plate)
+
+        def retouched(picture: bm.LinearImage, one: bm.Layer, _: Any) -> Shown:
+            """The picture with the changed layer."""
+            behind = _matched(own.plate, own.match, [picture, *filter(None, [plate])])
+            return bm.retouch(picture, one, changed(one, wanted), behind)
+
+        retouch_row(reading, layer, own.image, out, retouched, row)
         return
     if own.image is None and looks.preview is not None:
         raise ValueError("--preview needs a background: --image, or compose --over")
@@ -114,26 +124,43 @@ def edit(
 @command(
     "remove out/layer.exr --image throw.jpg --plate empty_room.jpg -o gone.jpg",
     "remove out/layer.exr --image throw.jpg --plate empty_room.jpg --grow 3 -o gone.jpg",
+    "remove 'out/layer.####.exr' --image rally.mp4 --plate out/plate.exr -o gone.mp4",
 )
 def remove(
-    layer: Annotated[Path, argument("LAYER", "The layer.exr that solve wrote, or a layer.")],
-    image: Annotated[Path, option("FILE", "The picture that LAYER is from.")],
+    layer: LayerOrRow,
+    image: Annotated[
+        Path, option("FILE", "The picture that LAYER is from; of a row a clip or row.")
+    ],
     plate: PlateOptions,
     looks: Looks,
+    row: RowOptions,
     reading: Reading,
     out: Out,
     grow: Annotated[int, option("N", "N pixels more on every side.")] = 0,
 ) -> None:
-    """Remove an object from its picture, by the plate in its place."""
-    if is_row(layer):
-        raise ValueError(f"{layer}: give one layer, not a sequence")
+    """Remove an object from its picture, by the plate in its place.
+
+    Of a row of layers, from those frames of a clip or of a row of pictures that have its number.
+    """
+    source = Path(layer)
+    if is_row(source) or is_row(image):
+        _check_one_layer(layer, looks)
+        scene = reading.read(plate.plate)
+
+        def removed(picture: bm.LinearImage, _: bm.Layer, streak: Any) -> Shown:
+            """The picture without its streak."""
+            behind = bm.match_plate(scene, picture, matching_of(plate.match))
+            return bm.remove(picture, behind, streak, grow)
+
+        retouch_row(reading, layer, image, out, removed, row)
+        return
     with waiting("removing"):
         (before, streak), read = _read(
-            reading, lambda: _layer_and_streak(layer, reading), layer, [image, plate.plate]
+            reading, lambda: layer_and_streak(source, reading), source, [image, plate.plate]
         )
         matched = _matched(plate.plate, plate.match, read)
         assert matched is not None
-        with about(layer):
+        with about(source):
             check_same_size("the layer", before.size, "the image", read[0].size)
             result, touched = bm.remove(read[0], matched, streak, grow)
         done = _Edit(before, before.fade(0), read[0], result, matched)
@@ -160,8 +187,15 @@ def compose(
     asked = changes.in_order(ctx.meta[ORDER])
     wanted = [change_of(name, text) for name, text in asked]
     if is_row(Path(layer)):
-        _check_one_layer(layer, None, looks)
-        _edit_row(reading, layer, out, wanted, _behind(reading, over, placement), row)
+        _check_one_layer(layer, looks)
+        ground = _behind(reading, over, placement)
+
+        def composed(one: bm.Layer) -> bm.LinearImage:
+            """The changed layer over the picture."""
+            above, below = ground.under(changed(one, wanted))
+            return above.over(below)
+
+        edit_row(reading, layer, out, composed, row)
         return
     check_file(out, "a picture", *PICTURE)
     with waiting("composing"):
@@ -178,9 +212,9 @@ def compose(
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
 
 
-def _check_one_layer(layer: str, image: Path | None, looks: Looks) -> None:
-    if image or looks.sheet or looks.preview:
-        raise ValueError(f"{layer}: --image, --sheet and --preview need one layer, not a sequence")
+def _check_one_layer(layer: str, looks: Looks) -> None:
+    if looks.sheet or looks.preview:
+        raise ValueError(f"{layer}: --sheet and --preview need one layer, not a sequence")
 
 
 def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
@@ -191,36 +225,6 @@ def _behind(reading: Reading, over: Path, placement: Placement) -> Behind:
     plate = reading.read(placement.match_light)
     with about(placement.match_light):
         return Behind(over, picture, placement, bm.light_gain(picture, plate))
-
-
-def _edit_row(
-    reading: Reading,
-    source: str,
-    out: Path,
-    changes: Sequence[Change],
-    behind: Behind | None,
-    options: RowOptions,
-) -> None:
-    """Change layers one after another; only one of them is in memory at a time."""
-    from blurmatte.files.sequences import numbering
-
-    numbers = numbering(out)
-    check_outputs(*(numbers.files() if numbers else ()))
-    with about(Path(source)):
-        row = bm.read_layers(source, max_pixels=reading.max_pixels)
-    seconds = options.rate or row.rate or 25.0
-
-    def edited() -> Iterator[bm.Layer]:
-        """The changed layers, one at a time."""
-        for layer in with_progress(row, "editing"):
-            yield changed(layer, changes)
-
-    with about(out):
-        if behind is None:
-            bm.write_frames(out, edited(), seconds, options.first)
-            return
-        pictures = (above.over(below) for above, below in map(behind.under, edited()))
-        bm.write_frames(out, pictures, seconds, options.first)
 
 
 def _layer(layer: str, reading: Reading) -> bm.Layer:
@@ -249,19 +253,6 @@ def _needed(pictures: Sequence[Path]) -> Iterator[str]:
         yield "numba"  # for its blocks
     if len(pictures) > 1:
         yield "scipy.optimize"  # to match them
-
-
-def _layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Any]:
-    """The layer, and (H, W) bool: the pixels to remove.
-
-    That is where the solution says that something moved, or of a mere layer where it is.
-    """
-    try:
-        solution = bm.read_solution(path, reading.max_pixels)
-    except bm.FileError:  # no solution: a layer, or reading it as one says what is wrong
-        layer = bm.read_layer(path, max_pixels=reading.max_pixels)
-        return layer, layer.alpha > 0
-    return solution.layer, solution.streak
 
 
 def _matched(

@@ -7,7 +7,7 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain, islice
+from itertools import chain, count, islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Generic, TypeVar, overload
 
@@ -263,7 +263,7 @@ def write_frames(
     path: str | Path,
     things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes],
     rate: float = 25.0,
-    start: int = 1,
+    start: int | Sequence[int] = 1,
 ) -> list[Path]:
     """Write layers or pictures as a sequence of files or as a clip, by the extension.
 
@@ -292,8 +292,8 @@ def write_frames(
         time is needed, so a generator is enough.
     rate : float
         Frames per second of a clip.
-    start : int
-        The number of the first file.
+    start : int or sequence of int
+        The number of the first file, or those of all.
 
     Returns
     -------
@@ -311,11 +311,13 @@ def write_frames(
     target = Path(path)
     if not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be a positive number of frames per second, got {rate}")
-    if start < 0:
+    if isinstance(start, int) and start < 0:
         raise ValueError(f"start must be 0 or more, got {start}")
     if target.suffix.lower() in _CLIP_WRITERS:
         return _write_clip(target, _checked(things), rate)
-    return _write_sequence(target, _checked(things), start)
+    return _write_sequence(
+        target, _checked(things), count(start) if isinstance(start, int) else start
+    )
 
 
 def _frames(
@@ -398,22 +400,24 @@ def _write_clip(target: Path, frames: Iterator[Thing], rate: float) -> list[Path
     return [target]
 
 
-def _write_sequence(target: Path, frames: Iterator[Thing], start: int) -> list[Path]:
-    numbers = numbering(target)
+def _write_sequence(target: Path, frames: Iterator[Thing], numbers: Iterable[int]) -> list[Path]:
+    names_of = numbering(target)
     if target.suffix.lower() not in EXTENSIONS:
         raise FileError(
             f"{target}: change the extension; frames are written as {', '.join(_CLIP_WRITERS)}, or as "
             f"numbered {', '.join(EXTENSIONS)}"
         )
-    if numbers is None:
+    if names_of is None:
         raise FileError(
             f"{target}: name it like {target.stem}.####{target.suffix}, or write .mov; "
             "the name has no frame number"
         )
     with moved_together(target.parent) as (temporary, names):
-        for number, thing in enumerate(frames, start):
-            names.append(numbers.name(number))
+        for number, thing in zip(numbers, frames, strict=False):
+            names.append(names_of.name(number))
             write(temporary / names[-1], thing)
+        if next(frames, None) is not None:
+            raise ValueError(f"start must have a number for each of the things, got {len(names)}")
     return [target.parent / name for name in names]
 
 
