@@ -43,6 +43,17 @@ def test_objects_have_different_colors(count):
         assert rows_with(sheet, BLUE).max() < rows_with(sheet, ORANGE).min()
 
 
+def test_sheet_has_one_ground_a_name_and_a_legend():
+    """Exact: charts are not white, the name is in the title alone, below the picture is a legend."""
+    rows = [row(k, 1, 45.0) for k in range(5)]
+    sheet, named = draw_clip(PLATE, rows), draw_clip(PLATE, rows, name="rally.mp4")
+    assert not (sheet == 255).all(axis=-1).any()
+    assert (sheet == Palette.ground).all(axis=-1)[1405:].mean() > 0.8
+    assert np.flatnonzero((sheet != named).any(axis=(1, 2))).max() < 80
+    swatches = [(sheet[1405:1460] == c).all(axis=-1).sum() for c in (Palette.other, Palette.streak)]
+    assert swatches == [14**2, 14**2]
+
+
 def test_doubted_frames_are_dashed():
     """Exact: doubtful frames have neither bright lines nor crosses."""
     sure, doubted = ([row(k, 1, 45.0, doubts) for k in range(5)] for doubts in ("", "Hidden."))

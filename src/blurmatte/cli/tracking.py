@@ -213,7 +213,8 @@ def _answer(
         bm.write(task.out, lines)
     if overlay is not None:
         with waiting("drawing the paths"):
-            bm.write(overlay, bm.draw_clip(measured.plate, rows, said, drawn(lines, found, places)))
+            physical, name = drawn(lines, found, places), task.source.name
+            bm.write(overlay, bm.draw_clip(measured.plate, rows, said, physical, name))
     remove_unfinished(task)
     falls = [None if one.fall is None else one.fall.numbers() for one in found]
     of_falls: dict[str, Any] = {"falls": falls} if task.several else {"fall": falls[0]}

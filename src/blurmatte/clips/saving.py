@@ -108,6 +108,13 @@ class ClipRun:
         return key_of(self.inputs, settings)
 
     @property
+    def name(self) -> str:
+        """Of the clip, or of the first of its pictures, for people."""
+        if self.frames.clip is not None:
+            return self.frames.clip.path.name
+        return f"{self.inputs[0].name} …" if self.inputs else "clip"
+
+    @property
     def file_extension(self) -> str:
         """Of the file of one frame; a movie is made of EXRs."""
         return ".exr" if self.extension == ".mov" else self.extension
@@ -289,7 +296,7 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
             write(files[-1], plate)
     files.append(folder / "overview.png")
-    write(files[-1], draw_clip(work.plates[0], work.rows, _words(work, shots)))
+    write(files[-1], draw_clip(work.plates[0], work.rows, _words(work, shots), name=run.name))
     if run.extension == ".mov":
         numbers = sorted({record.object for record in work.records if record.layer})
         for number in numbers:

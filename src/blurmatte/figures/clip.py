@@ -21,6 +21,7 @@ from blurmatte.figures.drawing import (
     fitted,
     new_figure,
     principal_axes,
+    sheet_style,
 )
 from blurmatte.figures.sheet import Page, Sheet
 from blurmatte.motion.clip.detections import FrameMotion, Sighting
@@ -65,15 +66,17 @@ def draw_clip(
     rows: Sequence[FrameMotion],
     words: Sequence[str] = (),
     physics: ClipPhysics | None = None,
+    name: str = "clip",
 ) -> Pixels:
     """Draw the paths of objects through a clip over its plate; place, speed and radius over time.
 
     The path within each exposure is bright, that between frames is blue. Several objects have a color
-    and a number each. Frames with doubtful numbers have a dashed, unconnected path and hollow points.
-    Crosses show the principal standard deviations of the centers, enlarged for visibility by a factor
-    that the sheet states. With a scale, the charts are in meters, and a fall is drawn as a curve
-    through the positions; with positions in space, depth is shown too. The charts need matplotlib
-    (`pip install "blurmatte[plot]"`); without it the sheet has none and says so.
+    and a number each; a legend names the colors. Frames with doubtful numbers have a dashed,
+    unconnected path and hollow points. Crosses show the principal standard deviations of the centers,
+    enlarged for visibility by a factor that the sheet states. With a scale, the charts are in meters,
+    and a fall is drawn as a curve through the positions; with positions in space, depth is shown too.
+    The charts need matplotlib (`pip install "blurmatte[plot]"`); without it the sheet has none and
+    says so.
 
     Parameters
     ----------
@@ -85,6 +88,8 @@ def draw_clip(
         Sentences to show on the sheet.
     physics : ClipPhysics, optional
         What is known in meters and seconds; without it the charts are in pixels.
+    name : str
+        Of the clip, the title.
 
     Returns
     -------
@@ -97,18 +102,17 @@ def draw_clip(
     frames, of = len({row.frame for row in found}), len({row.frame for row in rows})
     sheet, count = Sheet(), len(_objects(found))
     several = f"{count} objects, " if count > 1 else ""
-    sheet.title("clip", f"{several}found in {frames} of {of} frames")
-    notes = [f"Crosses: standard deviations of the centers, {enlarged:g} times enlarged."]
-    if any(not fall.rejection for fall in physics.falls.values()):
-        notes.append("Gray curve: the parabola of the fall.")
-    parts = [picture]
+    sheet.title(name, f"{several}found in {frames} of {of} frames")
+    notes, parts = list[str](), [picture]
     if found:
         try:
             parts = _with_charts(picture, charts_of(rows, physics))
         except BlurmatteError as error:
             notes.append(f"No charts: {error}.")
     for part in parts:
-        sheet.picture(part)
+        sheet.picture(part, _legend(_objects(found), enlarged) if part is parts[0] else ())
+    if any(not fall.rejection for fall in physics.falls.values()):
+        notes.append("Gray curve in the charts: the parabola of the fall.")
     if doubted := sum(map(_doubted, found)):
         notes.append(
             f"Dashed and hollow: {doubted} of {len(found)}, whose numbers are in doubt; the table says "
@@ -116,6 +120,17 @@ def draw_clip(
         )
     sheet.sentences([*words, *notes])
     return sheet.pixels()
+
+
+def _legend(objects: Mapping[int, object], enlarged: float) -> list[tuple[Color, str]]:
+    """What the colors of the paths mean."""
+    crosses = f"standard deviations of the centers, {enlarged:g} times enlarged"
+    within = (Palette.bright, "path within an exposure")
+    if len(objects) < 2:
+        between = (Palette.other, "path between frames")
+        return [within, between, (Palette.streak, f"crosses: {crosses}")]
+    first, *others = ((_color(number), f"object {number}") for number in objects)
+    return [within, (first[0], f"{first[1]}: path between frames; crosses: {crosses}"), *others]
 
 
 def _paths(
@@ -366,6 +381,13 @@ def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Pixels:
     """Draw the charts in columns on (width, height) pixels."""
     dpi = 100
     figure = new_figure((size[0] / dpi, size[1] / dpi), dpi)
+    with sheet_style(figure):
+        _draw_axes(figure, charts, columns)
+        return figure_pixels(figure)
+
+
+def _draw_axes(figure: Any, charts: _Charts, columns: int) -> None:
+    """Draw each chart in its place."""
     lines = -(-len(charts.charts) // columns)
     numbers = sorted({row.object or 1 for row in charts.rows if row.sighting is not None})
     for n, chart in enumerate(charts.charts):
@@ -385,10 +407,9 @@ def _drawn(charts: _Charts, size: tuple[int, int], columns: int) -> Pixels:
             axes.set_ylim(0, 1.3 * highest + 1e-6)
         if chart.downward:
             axes.invert_yaxis()
-        axes.grid(alpha=0.3)
+        axes.grid()
         if len(by_object) > 1:
             axes.legend(title="object", fontsize="small")
-    return figure_pixels(figure)
 
 
 def _draw_fall(
@@ -404,7 +425,7 @@ def _draw_fall(
     t = np.linspace(series.t[0], series.t[-1], 200)
     since = (t - fall.time)[:, None]
     at = fall.place + fall.velocity * since + 0.5 * fall.acceleration * since**2
-    axes.plot(t, coordinate(number, at), color="0.5", lw=1, zorder=1)
+    axes.plot(t, coordinate(number, at), color="0.6", lw=1, zorder=1)
 
 
 def _draw_series(axes: Any, series: _Series, number: int) -> None:

@@ -133,6 +133,24 @@ def new_figure(size: tuple[float, float], dpi: int) -> Any:
     return Figure(size, dpi, layout="constrained")
 
 
+def sheet_style(figure: Any) -> Any:
+    """Context in which a figure and its axes, until they are pixels, look like a sheet."""
+    from matplotlib import rc_context
+
+    ground, text, line = (
+        "#{:02x}{:02x}{:02x}".format(*color)
+        for color in (Palette.ground, Palette.bright, Palette.neutral)
+    )
+    figure.set_facecolor(ground)
+    style: Any = (
+        {"axes.facecolor": ground}
+        | dict.fromkeys(("text.color", "axes.labelcolor"), text)
+        | dict.fromkeys(("xtick.color", "ytick.color", "axes.edgecolor", "grid.color"), line)
+        | dict.fromkeys(("xtick.labelcolor", "ytick.labelcolor"), text)
+    )
+    return rc_context(style)
+
+
 def figure_pixels(figure: Any) -> Pixels:
     """(H, W, 3) sRGB of a figure of matplotlib."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg

@@ -112,10 +112,11 @@ class Sheet:
         self.text(Page.margin + pad, self.y + pad, width - 2 * pad, text, size, Palette.ground)
         self.y = bottom + Page.gap // 2
 
-    def picture(self, pixels: Pixels) -> None:
-        """Add a picture of at most the whole width."""
+    def picture(self, pixels: Pixels, legend: Sequence[tuple[Color, str]] = ()) -> None:
+        """Add a picture of at most the whole width, and a legend of its colors."""
         self.paste(pixels, Page.margin, self.y)
-        self.y += pixels.shape[0] + Page.gap
+        width, bottom = Page.width - 2 * Page.margin, self.y + pixels.shape[0] + 8
+        self.y = self._legend(Page.margin, bottom, width, legend) + Page.gap - 8
 
     def sentences(self, lines: Sequence[str]) -> None:
         """Add sentences over the whole width, each on a new line."""
