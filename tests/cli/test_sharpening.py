@@ -74,6 +74,16 @@ def test_frames_are_a_clip_of_layers(folder, tmp_path):
     assert len(list(bm.read_layers(tmp_path / "ball.mov"))) == 3
 
 
+def test_layer_alone_states_no_misfit_and_its_sheet_is_no_strip(folder, tmp_path):
+    """Exact: the noise of a layer is not known; the page is 1800 wide and near 16:10."""
+    sheet = "--sheet", tmp_path / "sheet.png", "-o", tmp_path / "ball.exr"
+    assert "misfit" not in good("sharpen", folder / "layer.exr", *sheet).output
+    answer = good("sharpen", folder / "layer.exr", "-o", tmp_path / "ball.exr", "--json").output
+    assert json.loads(answer)["misfit"] is None
+    with Image.open(tmp_path / "sheet.png") as page:
+        assert 1000 < page.height < 1500
+
+
 def test_several_layers_are_one_clip(folder, tmp_path):
     for name in ("a", "b"):
         (tmp_path / name).mkdir()

@@ -83,10 +83,12 @@ def sharpen(
     lines = []
     for one in answers:
         _add_time(one, image)
-        lines.append(
-            "{frames} sharp, color ± {color_std:.3f} of white, misfit {misfit:.2f} (1 is noise), "
-            "path {path_length_px:.1f} px".format(**one)
-        )
+        line = "{frames} sharp, color ± {color_std:.3f} of white, path {path_length_px:.1f} px"
+        if image is None:  # the noise of a layer is not known
+            one["misfit"] = None
+        else:
+            line += ", misfit {misfit:.2f} (1 is noise)"
+        lines.append(line.format(**one))
         if "spin" in one:
             lines.append(_text_of(one["spin"]))
     if image is None:
@@ -127,7 +129,7 @@ def _sharpened(
                 sharp = bm.deblur(image, plate, solution.sweep, spin=spin)
         if sheet is not None:
             with about(sheet):
-                bm.write(sheet, bm.draw_sharp(sharp, solution.layer))
+                bm.write(sheet, bm.draw_sharp(sharp, solution.layer, image is not None))
         yield sharp
 
 

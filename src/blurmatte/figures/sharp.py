@@ -5,13 +5,16 @@ import numpy as np
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.deblurring.sharp import Sharp
 from blurmatte.figures.drawing import Pixels, gray_codes, over_checkerboard, round_up, srgb_codes
-from blurmatte.figures.sheet import Layout, Panel, Sheet, size_text
+from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 
 _STRIP = 8  # sub-frames
+_GRID_HEIGHT = (
+    Page.width * 10 // 16 // 3
+)  # of the panels of each grid, so that the page is near 16:10
 
 
-def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
+def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Pixels:
     """Draw an object sharp at moments of the exposure, and its error.
 
     Parameters
@@ -19,6 +22,8 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
     sharp : Sharp
     blurred : Layer
         The same object as the picture shows it.
+    noise_known : bool
+        False for an object of a layer alone, as from `deblur_solution`: its misfit is not stated.
 
     Returns
     -------
@@ -38,7 +43,10 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
     if box is None:
         raise ValueError("the object is outside the picture: there is nothing to show")
     sheet, size = Sheet(), (box[2] - box[0], box[3] - box[1])
-    sheet.title("sharp", f"{size_text(sharp.size)} px, {sharp!r}")
+    facts = [f"radius {sharp.sweeps[0].radius:.1f} px", f"{len(sharp.color)} points"]
+    facts.append(f"color ± {np.sqrt(np.mean(sharp.node_std**2)):.3f} of white")
+    facts += [f"misfit {sharp.misfit:.2f} (1 is noise)"] if noise_known else []
+    sheet.title("sharp", f"{size_text(sharp.size)} px; {', '.join(facts)}")
     names = ("when the shutter opens", "in the middle", "when it closes")
     panels = [Panel(over_checkerboard(blurred.crop(box)), "blurred", "over a checkerboard")]
     panels += [
@@ -56,7 +64,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
             Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
             Panel(gray_codes(std, peak), "error of the color", f"white = {peak:g}"),
         ],
-        Layout.best(part.size, 2),
+        Layout.best(part.size, 2, 2, _GRID_HEIGHT),
         "the color and its standard deviation",
     )
     frames = [Panel(over_checkerboard(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
@@ -65,6 +73,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer) -> Pixels:
 
 
 def _row(size: tuple[int, int], count: int) -> Layout:
-    """Panels in one row, or in two or more if that shows them larger."""
-    layouts = [Layout.best(size, count, columns) for columns in (count, count // 2, 2)]
+    """The panels in the number of columns that shows them largest on a part of the page."""
+    numbers = [columns for columns in range(count, 0, -1) if count % columns == 0]
+    layouts = [Layout.best(size, count, columns, _GRID_HEIGHT) for columns in numbers]
     return max(layouts, key=lambda layout: layout.scale)

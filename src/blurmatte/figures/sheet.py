@@ -46,7 +46,13 @@ class Layout:
     scale: int
 
     @classmethod
-    def best(cls, size: tuple[int, int], count: int, columns: int | None = None) -> "Layout":
+    def best(
+        cls,
+        size: tuple[int, int],
+        count: int,
+        columns: int | None = None,
+        grid_height: int = Page.grid_height,
+    ) -> "Layout":
         """The layout that shows `count` panels of `size` (width, height) largest.
 
         Three columns are preferred unless another number shows them 1.5 times as large; `columns`
@@ -56,7 +62,7 @@ class Layout:
         options = ((3, 1.0), (2, 1.5), (6, 1.5), (1, 1.5)) if columns is None else ((columns, 1.0),)
         for number, handicap in options:
             width = column_width(number)
-            height = Page.grid_height // -(-count // number)
+            height = grid_height // -(-count // number)
             fit = min(width / size[0], height / size[1], 24)
             scale = int(fit) if fit >= 1 else -int(np.ceil(1 / fit))
             relative = (scale if scale > 0 else -1 / scale) / handicap
