@@ -85,7 +85,7 @@ def _draw_curves(axes: Any, curves: list[Curve]) -> None:
 
 
 def _label(axes: Any, table: Table, title: str, x: Iterable[Cell]) -> None:
-    axes.set(title=title, xlabel=table.x)
+    axes.set(title=title, xlabel=", ".join(filter(None, (table.x, table.x_unit))))
     axes.grid(alpha=0.3)
     if table.log:
         axes.set_yscale("log")
@@ -100,9 +100,12 @@ def _label(axes: Any, table: Table, title: str, x: Iterable[Cell]) -> None:
 
 
 def _name_curves(figure: Figure, every: Sequence[Any], title: str) -> None:
-    """One legend for all panels: within the first if there is room, else right of the last."""
+    """One legend for all panels: within the only one, below several, or of many right of the last."""
     lines = {line.get_label(): line for axes in every for line in axes.get_lines()}
-    if len(lines) <= _FEW:
+    if len(lines) <= _FEW and len(every) == 1:
         every[0].legend(lines.values(), lines.keys(), fontsize="small", title=title)
+    elif len(lines) <= _FEW:
+        below = {"loc": "outside lower center", "ncols": _FEW, "title": title}
+        figure.legend(lines.values(), lines.keys(), fontsize="small", **below)
     else:
         figure.legend(lines.values(), lines.keys(), loc="outside right upper", title=title)

@@ -51,6 +51,8 @@ class Table:
         Column for each of whose values there is a panel of its own; empty: one panel.
     log_x : bool
         Draw x on a logarithmic axis.
+    x_unit : str
+        Of x, on its axis; empty for ratios.
 
     Raises
     ------
@@ -69,6 +71,7 @@ class Table:
     log: bool = False
     panels: str = ""
     log_x: bool = False
+    x_unit: str = ""
 
     def __post_init__(self) -> None:
         for row in self.rows:

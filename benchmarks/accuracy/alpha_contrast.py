@@ -61,6 +61,7 @@ def tables(quick: bool = False) -> list[Table]:
             ("towards", "noise", "contrast", *COLUMNS),
             rows,
             x="contrast",
+            x_unit="degrees",
             lines=("towards", "noise"),
             y="alpha RMSE",
             log=True,

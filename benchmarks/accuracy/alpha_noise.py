@@ -45,6 +45,7 @@ def tables(quick: bool = False) -> list[Table]:
             ("plate", "noise", "depth", "color", *COLUMNS),
             rows,
             x="noise",
+            x_unit="code values of 255",
             lines=("color", "depth"),
             y="alpha RMSE",
             log=True,

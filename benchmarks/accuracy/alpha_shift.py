@@ -45,6 +45,7 @@ def tables(quick: bool = False) -> list[Table]:
             ("plate", "color", "shift", *COLUMNS),
             rows,
             x="shift",
+            x_unit="pixels",
             lines="color",
             y="alpha RMSE",
             panels="plate",

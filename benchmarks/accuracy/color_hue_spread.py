@@ -63,6 +63,7 @@ def tables(quick: bool = False) -> list[Table]:
             ("noise", "hue spread", "refused", "units", "degrees", "published degrees", "spread"),
             [(*setting, *cells(group)) for setting, group in zip(settings, groups, strict=True)],
             x="hue spread",
+            x_unit="degrees",
             lines="noise",
             y="degrees",
             log=True,
