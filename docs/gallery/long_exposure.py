@@ -46,7 +46,7 @@ save(
     [
         ("one frame", shown(photographed[4][0].rgb)),
         ("all frames: stack(layers)", shown(together.over(plate).rgb)),
-        ("long_exposure(layers)", shown(long.over(plate).rgb)),
+        ("long_exposure(layers): 1/8 as opaque", shown(long.over(plate).rgb)),
         ("its layer made plain: amplify(8)", shown(long.amplify(8).over(plate).rgb)),
     ],
     columns=2,

@@ -53,7 +53,7 @@ for seed, (body, change, (start, end), paints) in enumerate(objects):
     print(f"{model}: alpha off by {error:.3f} RMS")
     pictures += [
         ("the picture", shown(image.rgb)),
-        ("alpha", gray(solution.layer.alpha, 1)),
-        ("color", color_of(solution)),
+        ("alpha, white is 1", gray(solution.layer.alpha, 1)),
+        ("color, if within 0.1 of white", color_of(solution, 0.1)),
     ]
 save(__file__, pictures, columns=3)
