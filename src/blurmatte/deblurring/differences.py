@@ -35,7 +35,7 @@ class Differences:
     Parameters
     ----------
     size : int
-        Number of nodes.
+        Number of unknowns: nodes, and of a ball the coefficients of colored light.
     stencils : tuple of Stencil
         The first has the first order, others the second.
     """
@@ -48,20 +48,25 @@ class Differences:
         """Those of a lattice; of first order only on a sphere, whose cells are not square."""
         first = Stencil(lattice.edges, np.array([1.0, -1.0]))
         if isinstance(lattice, Sphere):
-            return cls(lattice.size, (first,))
+            return cls(lattice.unknowns, (first,))
         node = lattice.node
         rows = node[:, :-2], node[:, 1:-1], node[:, 2:]
         columns = node[:-2], node[1:-1], node[2:]
         square = node[:-1, :-1], node[:-1, 1:], node[1:, :-1], node[1:, 1:]
         line = np.concatenate([_inside(*rows), _inside(*columns)])
         mixed = Stencil(_inside(*square), np.sqrt(2) * np.array([1.0, -1.0, -1.0, 1.0]))
-        return cls(lattice.size, (first, Stencil(line, np.array([1.0, -2.0, 1.0])), mixed))
+        return cls(lattice.unknowns, (first, Stencil(line, np.array([1.0, -2.0, 1.0])), mixed))
 
     @property
     def orders(self) -> list[slice]:
         """The differences of each order."""
         first, total = len(self.stencils[0].nodes), sum(len(one.nodes) for one in self.stencils)
         return [slice(0, first), slice(first, total)][: min(len(self.stencils), 2)]
+
+    @property
+    def rank(self) -> int:
+        """Of Q: all nodes but one, for a constant color is not penalized."""
+        return int(self.stencils[0].nodes.max())
 
     @cached_property
     def width(self) -> int:

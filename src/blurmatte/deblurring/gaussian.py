@@ -76,7 +76,7 @@ def fit_strength(equations: NormalEquations, Q: Array, strength: float) -> Gauss
     """The posterior for a strength μ of the prior with the band Q (n, b + 1)."""
     normal = posterior(equations, strength * Q)
     misfit = equations.misfit(normal)
-    freedom, nodes = 3 * (equations.count - 1), 3 * (equations.size - 1)
+    freedom, nodes = 3 * (equations.count - 1), 3 * (np.count_nonzero(Q[:, 0]) - 1)
     likelihood = nodes * np.log(strength) - freedom * np.log(misfit) - normal.log_determinant
     return GaussianFit(normal, strength, misfit / freedom, float(likelihood / 2))
 

@@ -65,6 +65,11 @@ class Lattice:
         """Number of nodes."""
         return int(self.node.max()) + 1
 
+    @property
+    def unknowns(self) -> int:
+        """Number of nodes: the light on a flat object is part of its color."""
+        return self.size
+
     @cached_property
     def edges(self) -> npt.NDArray[np.intp]:
         """(m, 2) indices of neighbors in rows and columns, the smaller first."""

@@ -6,7 +6,8 @@ c is normal, with mean and covariance
 
     ô = (N + λ Q)⁻¹ b,   (N + λ Q)⁻¹,   N = Aᵀ W_c A,   b = Aᵀ W_c P.
 
-The nodes are ordered so that N is banded, and a Cholesky factor costs n b² operations.
+The nodes are ordered so that N is banded, and a Cholesky factor costs n b² operations. On a ball the
+unknowns are the nodes and the coefficients of colored light, whose independent prior is part of N.
 """
 
 from collections.abc import Sequence
@@ -18,7 +19,7 @@ import numpy.typing as npt
 from blurmatte.deblurring import banded_kernel as kernel
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.operator import Sparse
-from blurmatte.deblurring.sphere import Sphere
+from blurmatte.deblurring.sphere import FIELD_STD, Sphere
 
 Array = npt.NDArray[np.float64]
 
@@ -52,7 +53,8 @@ class NormalEquations:
 
         A weight (pixels, 1) is that of all channels.
         """
-        band = np.zeros((weight.shape[1], lattice.size, bandwidth(A, lattice) + 1))
+        band = np.zeros((weight.shape[1], lattice.unknowns, bandwidth(A, lattice) + 1))
+        band[:, lattice.size :, 0] = FIELD_STD**-2
         for own, total in zip(np.ascontiguousarray(weight.T), band, strict=True):
             kernel.add_normal(A.indptr, A.indices, A.data, own, total)
         right = np.asarray(A.T @ (weight * light)).T
@@ -62,7 +64,7 @@ class NormalEquations:
 
     @property
     def size(self) -> int:
-        """Number of nodes."""
+        """Number of unknowns."""
         return int(self.band.shape[1])
 
     @property
@@ -189,8 +191,8 @@ def posterior(equations: NormalEquations, prior: Array) -> Normal:
 
 def gradient_prior(lattice: Lattice | Sphere, weight: Array, width: int) -> Array:
     """The band (n, width) of Q: oᵀ Q o = Σ weight (oᵢ − oⱼ)² over the edges of a lattice."""
-    band, (i, j) = np.zeros((lattice.size, width)), lattice.edges.T
+    band, (i, j) = np.zeros((lattice.unknowns, width)), lattice.edges.T
     for node in (i, j):
-        band[:, 0] += np.bincount(node, weight, lattice.size)
+        band[:, 0] += np.bincount(node, weight, lattice.unknowns)
     band[i, j - i] = -weight
     return band

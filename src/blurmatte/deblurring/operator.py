@@ -9,7 +9,8 @@ exact at every moment; only o is interpolated. To interpolate the product χ o i
 and make alpha wrong by several percent. Rows of A sum to alpha.
 
 The nodes are those of a flat lattice, or those of a `Sphere` for a ball that spins: then the poses turn
-the ball as well, and its light on the silhouette is a factor, see `spin`.
+the ball as well, and its light on the silhouette is a factor, see `spin`. Further columns are the
+harmonics of colored light, which does not turn.
 """
 
 from dataclasses import dataclass
@@ -91,22 +92,23 @@ def poses_of(
 def blur_operator(
     sweep: Sweep, lattice: Lattice | Sphere, pixels: Pixels, poses: Poses | None = None
 ) -> Blur:
-    """A (h w, n) of the pixels of a box: nodes of the straight color → premultiplied light; and alpha.
+    """A (h w, n) of the pixels of a box: straight color → premultiplied light; and alpha.
 
-    The nodes are those of a sphere if the poses have a spin, else those of a flat lattice.
+    Columns are the unknowns of a lattice, or of a sphere if the poses have a spin.
     """
-    from scipy.sparse import csr_matrix
+    from scipy.sparse import csr_matrix, hstack
 
     poses = poses_of(sweep) if poses is None else poses
-    seen = seen_moments(sweep, pixels, poses)
+    seen, field = seen_moments(sweep, pixels, poses), None
     if isinstance(lattice, Sphere):
-        first, columns, values = _rows_on_sphere(lattice, poses, seen)
+        (first, columns, values), field = _rows_on_sphere(lattice, poses, seen)
     else:
         from blurmatte.deblurring import operator_kernel  # numba takes half a second to import
 
         first, columns, values = operator_kernel.rows_of(*_on_lattice(sweep, lattice, poses, seen))
-    shape = (pixels.shape[0] * pixels.shape[1], lattice.size)
-    return Blur(csr_matrix((values, columns, first), shape=shape), seen.alpha(poses.durations))
+    A = csr_matrix((values, columns, first), shape=(len(first) - 1, lattice.size))
+    A = A if field is None else hstack([A, csr_matrix(field)], format="csr")
+    return Blur(A, seen.alpha(poses.durations))
 
 
 def blurred(
@@ -197,18 +199,31 @@ def projected(
     light, total = sphere_kernel.projected(
         entries, spin.turns(poses.t), sphere.node, factors, color, spread
     )
+    field = row_sums(first, entries[2], factors[:, 1:])
+    light[..., 0] += field @ color[sphere.size :]
+    total[:, 0] += (field * spread[:, sphere.size :]).sum(axis=1)
     return seen.alpha(poses.durations), light, total
 
 
-def _rows_on_sphere(sphere: Sphere, poses: Poses, seen: Seen) -> tuple[Array, Array, Array]:
-    """Compressed sparse rows of a ball that spins."""
+def row_sums(first: npt.NDArray[np.int64], weight: Array, values: Array) -> Array:
+    """(pixels, k) weighted sums of values (m, k) over the entries of each pixel."""
+    own = np.repeat(np.arange(len(first) - 1), np.diff(first))
+    sums = [np.bincount(own, weight * value, len(first) - 1) for value in values.T]
+    return np.stack(sums, axis=1)
+
+
+def _rows_on_sphere(
+    sphere: Sphere, poses: Poses, seen: Seen
+) -> tuple[tuple[Array, Array, Array], Array]:
+    """Compressed sparse rows of a ball that spins, and the columns of its colored light."""
     from blurmatte.deblurring import sphere_kernel  # numba takes half a second to import
 
     spin = Spin(np.zeros(3)) if poses.spin is None else poses.spin
     first, moment, part = seen.covered
     normal = seen.normals
-    weight = poses.durations[moment] * part * spin.light(normal.mean(axis=1))
+    weight, middle = poses.durations[moment] * part, normal.mean(axis=1)
     rows: tuple[Array, Array, Array] = sphere_kernel.rows_of(
-        first, moment, weight, normal, spin.turns(poses.t), sphere.node, sphere.size
+        *(first, moment, weight * spin.light(middle), normal),
+        *(spin.turns(poses.t), sphere.node, sphere.size),
     )
-    return rows
+    return rows, row_sums(first, weight, harmonics(middle))

@@ -2,7 +2,7 @@
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -57,6 +57,8 @@ class Sharp:
         are scaled by that of the pixels, and by the correlation of the residuals.
     spin : Spin, optional
         Of a ball that turns in space, refined.
+    tint : (8, 3) float
+        With a spin: coefficients of the harmonics of colored light, see `spin`, linear light; else (0, 3).
     """
 
     sweeps: tuple[Sweep, ...]
@@ -65,6 +67,7 @@ class Sharp:
     node_std: Array
     misfit: float
     spin: Spin | None = None
+    tint: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
     def __repr__(self) -> str:
         sweep = self.sweeps[0]
@@ -131,18 +134,19 @@ class Sharp:
         if not 0 <= picture < len(self.sweeps):
             raise ValueError(f"picture must be from 0 to {len(self.sweeps) - 1}, got {picture}")
         sweep = self.sweeps[picture]
-        alpha, light = self._seen(sweep, self._poses(sweep, start, end), self.color)
+        color = np.concatenate([self.color, self.tint])
+        alpha, light = self._seen(sweep, self._poses(sweep, start, end), color)
         return Layer(self._placed(alpha[..., 0], sweep), self._placed(light, sweep))
 
     def _poses(self, sweep: Sweep, start: float, end: float) -> Poses:
         return poses_of(sweep, start, end, self.spin)
 
     def _seen(self, sweep: Sweep, poses: Poses, values: Array) -> tuple[Array, Array]:
-        """Alpha (h, w, 1) in the sweep's box, and values of the nodes (n, c) times alpha (h, w, c)."""
+        """Alpha (h, w, 1) in the sweep's box, and values of the unknowns (n, c) times alpha (h, w, c)."""
         pixels = Pixels.of_box(sweep.box)
         if isinstance(self.lattice, Sphere):
             A, alpha = blur_operator(sweep, self.lattice, pixels, poses)
-            sums = np.asarray(A @ values)
+            sums = np.asarray(A[:, : len(values)] @ values)
         else:
             alpha, sums = blurred(values, sweep, self.lattice, pixels, poses)
         return alpha.reshape(*pixels.shape, 1), sums.reshape(*pixels.shape, -1)
@@ -254,11 +258,11 @@ def _explained_by(views: Sequence[View], refine: bool) -> Sharp:
         fit = fit_sparse([equations, of_channels], differences, smooth, strengths)
         color, misfit = fit.normal.mean, fit.noise_scale
         variances = inflation * misfit * fit.normal.variances()
-    std = np.sqrt(variances)
+    n, std = lattice.size, np.sqrt(variances)
     sweeps = tuple(
         replace(view.sweep, covariance=inflation * view.sweep.covariance) for view in state.views
     )
-    sharp = Sharp(sweeps, lattice, color, std, misfit, views[0].spin)
+    sharp = Sharp(sweeps, lattice, color[:n], std[:n], misfit, views[0].spin, color[n:])
     _warn_if_doubtful(sharp)
     return sharp
 

@@ -44,11 +44,11 @@ def fit_smooth(
     orders = np.eye(len(differences.orders))
     bands = [differences.band(differences.weights(k), equations.width) for k in orders]
     best, ratio, strength = start, 0.0, start.strength
-    evidence = start.log_evidence + 1.5 * _log_determinant(bands[0])
+    evidence = start.log_evidence + 1.5 * _log_determinant(bands[0], differences)
     for tau in _RATIOS if len(bands) > 1 else ():
         Q = bands[0] + tau * bands[1]
         fit = refit_strength(equations, Q, strength * (1.0 if tau == _RATIOS[0] else _DECREASE))
-        own = fit.log_evidence + 1.5 * _log_determinant(Q)
+        own = fit.log_evidence + 1.5 * _log_determinant(Q, differences)
         if own < evidence and ratio > 0:
             break
         strength = fit.strength
@@ -105,7 +105,7 @@ class Bound:
         """(m,) weights of the quadratic prior."""
         square = square + _SMALLEST_EDGE**2
         energy = np.sum(self.factors * square ** (_EXPONENT / 2))
-        precision = 3 * (self.differences.size - 1) / (_EXPONENT * energy)
+        precision = 3 * self.differences.rank / (_EXPONENT * energy)
         return np.asarray(
             _EXPONENT * precision * self.factors * square ** (_EXPONENT / 2 - 1), float
         )
@@ -116,11 +116,13 @@ def traces(differences: Differences, strengths: Array) -> Array:
     orders = np.eye(len(strengths))
     bands = [differences.band(differences.weights(k), differences.width) for k in orders]
     P = np.tensordot(strengths, bands, 1)
-    inverse = inverse_band(cholesky_of(P[1:]))
+    nodes = slice(1, differences.rank + 1)
+    inverse = inverse_band(cholesky_of(P[nodes]))
     twice = np.r_[1.0, np.full(P.shape[1] - 1, 2.0)]
-    return np.array([np.sum(twice * inverse * band[1:]) for band in bands])
+    return np.array([np.sum(twice * inverse * band[nodes]) for band in bands])
 
 
-def _log_determinant(Q: Array) -> float:
+def _log_determinant(Q: Array, differences: Differences) -> float:
     """Of a prior's band without its first node: up to a constant the product of its eigenvalues."""
-    return float(2 * np.log(cholesky_of(Q[1:].copy())[:, 0]).sum())
+    nodes = slice(1, differences.rank + 1)
+    return float(2 * np.log(cholesky_of(Q[nodes].copy())[:, 0]).sum())

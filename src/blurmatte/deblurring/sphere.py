@@ -19,6 +19,8 @@ Ints = npt.NDArray[np.int32]
 
 _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that is inclined
 MAX_NODES = 1500  # of a Cholesky factor that is not banded
+HARMONICS = 8  # of the light on a ball: those of orders 1 and 2
+FIELD_STD = 0.2  # of the coefficients of colored light, linear light
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,6 +64,11 @@ class Sphere:
     def size(self) -> int:
         """Number of nodes."""
         return len(self.points)
+
+    @property
+    def unknowns(self) -> int:
+        """Number of nodes, and of harmonics of colored light on the ball."""
+        return self.size + HARMONICS
 
     @cached_property
     def edges(self) -> npt.NDArray[np.intp]:

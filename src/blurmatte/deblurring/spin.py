@@ -8,7 +8,8 @@ it. It is a factor of the color,
     f(n) = 1 + Σₖ bₖ Yₖ(n),
 
 with the spherical harmonics of orders 1 and 2, less their means over the disc. They contain 99 % of
-the energy of a matte surface under any distant light [Ramamoorthi & Hanrahan 2001].
+the energy of a matte surface under any distant light [Ramamoorthi & Hanrahan 2001]. Lamps of different
+hues add Σₖ βₖ Yₖ(n), with coefficients βₖ of each channel, for a color near the ball's mean.
 """
 
 from dataclasses import dataclass, field
@@ -16,11 +17,11 @@ from dataclasses import dataclass, field
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.deblurring.sphere import HARMONICS
 from blurmatte.sweep.sweep import Sweep
 
 Array = npt.NDArray[np.float64]
 
-HARMONICS = 8  # of orders 1 and 2
 AMBIGUITY = "the direction of time is unknown: reversing path and spin gives the same picture"
 
 
