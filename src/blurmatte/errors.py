@@ -19,6 +19,8 @@ Wrong arguments (a bad shape, a negative gain) raise ValueError or TypeError.
 Bad *pixels* never raise; they are marked in `Solution.quality`.
 """
 
+from typing import Any
+
 
 class BlurmatteError(Exception):
     """The data do not determine a result."""
@@ -49,7 +51,9 @@ class MotionError(BlurmatteError):
 
 
 class SpinError(BlurmatteError):
-    """The picture does not determine how a ball spins."""
+    """The picture does not determine how a ball spins. `likeliest` is a `Spin` that is not certain."""
+
+    likeliest: Any = None
 
 
 class BlurmatteWarning(UserWarning):

@@ -170,7 +170,7 @@ def test_patterns_of_pictures_are_equal_in_every_command(folder, tmp_path):
         ("pass transfer=SRGB (--transfer srgb) to", "pass --transfer srgb to"),
         ("the limit with max_pixels= (--max-pixels)", "the limit with --max-pixels"),
         ("allow any (--rank 3, ColorModel.any())", "allow any (--rank 3)"),
-        ("may spin: give spin=fit_spin (--spin). Do", "may spin: give --spin. Do"),
+        ('may spin: give spin="auto" (--spin auto). Do', "may spin: give --spin auto. Do"),
         ("give exposure_times (--exposures 1/60), one", "give --exposures 1/60, one"),
         ("line_time needs exposure_time, for", "--line-time needs --exposure, for"),
     ],

@@ -154,7 +154,7 @@ def test_spin_is_measured_and_used(folder, tmp_path):
     bm.write(spinning / "image.png", truth.image)
     bm.write(spinning / "plate.png", truth.plate)
     pictures = ("--image", spinning / "image.png", "--plate", spinning / "plate.png")
-    call = ("sharpen", spinning / "layer.exr", *pictures, "--match", "none", "--spin")
+    call = ("sharpen", spinning / "layer.exr", *pictures, "--match", "none", "--spin", "measure")
     answer = json.loads(good(*call, "-o", tmp_path / "ball.exr", "--json").output)
     turned = answer["spin"]["rate_deg_per_exposure"] * np.array(answer["spin"]["axis"])
     assert np.linalg.norm(turned - np.degrees([0.0, 0.9, 0.3])) < 5
@@ -175,7 +175,12 @@ def test_a_spin_in_words():
 
 def test_a_spin_needs_pictures(folder, tmp_path):
     out = ("-o", tmp_path / "ball.exr")
-    assert "--spin needs --image" in refused("sharpen", folder / "layer.exr", "--spin", *out)
+    assert "--spin needs --image" in refused(
+        "sharpen", folder / "layer.exr", "--spin", "auto", *out
+    )
+    assert "must be none, auto, measure" in refused(
+        "sharpen", folder / "layer.exr", "--spin", "maybe", *out
+    )
     assert not (tmp_path / "ball.exr").exists()
 
 
@@ -183,6 +188,7 @@ def test_a_spin_needs_pictures(folder, tmp_path):
 def test_a_spin_needs_texture(folder, tmp_path):
     out = ("-o", tmp_path / "ball.exr")
     pictures = ("--image", folder / "plate.png", "--plate", folder / "plate.png")
-    said = refused("sharpen", folder / "layer.exr", *pictures, "--match", "none", "--spin", *out)
+    out = ("--spin", "measure", *out)
+    said = refused("sharpen", folder / "layer.exr", *pictures, "--match", "none", *out)
     assert len(said.splitlines()) <= 3
     assert not (tmp_path / "ball.exr").exists()

@@ -10,7 +10,7 @@ from scipy.linalg import block_diag
 from scipy.spatial.transform import Rotation
 
 import blurmatte as bm
-from blurmatte.deblurring import sphere_kernel
+from blurmatte.deblurring import sphere_kernel, spin_choice
 from blurmatte.deblurring.gaussian import fit_strength
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import gradient_prior
@@ -41,11 +41,13 @@ class Spinning(NamedTuple):
     sweep: Sweep
 
 
-def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0) -> Spinning:
+LAMP = Lamp((0.4, -0.6, 0.7))
+
+
+def spinning(spin=SPIN, seed=0, ambient=1.0, plain=False, highlight=0.0, lamps=(LAMP,)) -> Spinning:
     """A ball of radius 8 that moves 31 pixels, its noisy pictures, and its sweep with errors."""
-    lamp = Lamp((0.4, -0.6, 0.7))
     look = {"color": np.array([0.6, 0.4, 0.2])} if plain else {"texture": patches(seed)}
-    ball = bm.Ball(8.0, ambient=ambient, lamps=(lamp,), highlight=highlight, **look)
+    ball = bm.Ball(8.0, ambient=ambient, lamps=lamps, highlight=highlight, **look)
     start, end = (18.2, 16.4), (47.7, 26.1)
     path = bm.Trajectory.line(start, end)
     scene = bm.Scene(textured_plate((66, 44), seed), path, ball, Change(spin=tuple(spin)))
@@ -112,14 +114,18 @@ def test_points_of_the_body_turn_as_scipy_turns_them(ball):
     A, _ = blur_operator(ball.sweep, sphere, pixels, poses)
     row = int(np.argmax(np.asarray(A.sum(axis=1)).ravel()))
     x, y = row % pixels.shape[1] + pixels.origin[0], row // pixels.shape[1] + pixels.origin[1]
-    expected = 0.0
+    expected, of_field = 0.0, np.zeros(8)
     for t, center in zip(poses.t, poses.xy, strict=True):
         u, v = (np.array([x, y]) - center) / 8
         if np.hypot(u, v) < 1:
             n = np.array([u, v, np.sqrt(1 - u**2 - v**2)])
             body = Rotation.from_rotvec((t - 0.5) * SPIN).inv().apply(n)
             expected += pattern @ body / len(poses.t)
-    assert float((A[:, : sphere.size] @ (sphere.points @ pattern))[row]) == pytest.approx(expected, abs=0.02)
+            of_field += harmonics(n[None])[0] / len(poses.t)
+    assert float((A[:, : sphere.size] @ (sphere.points @ pattern))[row]) == pytest.approx(
+        expected, abs=0.02
+    )
+    assert_allclose(A[row, sphere.size :].toarray()[0], of_field, atol=0.03)
 
 
 def test_jacobians_turn_the_body_as_scipy_turns_it():
@@ -261,6 +267,67 @@ def test_subframes_of_a_spinning_ball_are_closer_to_the_truth(ball, spin):
     assert psnr(sharp, ball.truth) > psnr(without, ball.truth) + 3
     assert_allclose(sharp.spin.rotation, spin.rotation)
     assert (sharp.color_std[sharp.layer.alpha > 0] > 0).all()
+
+
+def test_light_of_two_hues_does_not_turn_with_the_ball():
+    """Two lamps: their hues are in the tint, and what the ball shows has its stated error."""
+    lamps = (Lamp((-0.8, -0.3, 0.5), (0.9, 0.6, 0.3)), Lamp((0.8, -0.3, 0.5), (0.3, 0.5, 0.9)))
+    case = spinning(ambient=0.1, lamps=lamps)
+    path = case.truth.trajectory.at(np.array([0.0, 1.0])).ravel()
+    prior = bm.Spin(SPIN, covariance=np.diag([1e-4**2] * 3 + [0.3**2] * 8))
+    sweep = replace(case.sweep, path=path, covariance=0.01**2 * np.eye(5))
+    sharp = bm.deblur(case.image, case.plate, sweep, spin=prior)
+    assert sharp.misfit < 1.2
+    warm_to_cool = sharp.tint[0]  # along x
+    assert warm_to_cool[0] < -0.02 < 0.02 < warm_to_cool[2]
+    true = case.truth.subframes(3)[1]
+    inside = (true.alpha > 0.999) & (sharp.layer.alpha > 0.999)
+    z = ((sharp.layer.straight() - true.straight()) / np.maximum(sharp.color_std, 1e-9))[inside]
+    assert 0.4 < np.sqrt(np.mean(z**2)) < 1.5
+
+
+def test_a_spin_is_chosen_by_its_evidence(ball, spin, monkeypatch):
+    def chosen(answer):
+        """Deblurred with this answer of the search for a spin."""
+
+        def search(image, plate, sweep):
+            """The answer."""
+            if isinstance(answer, bm.Spin):
+                return answer
+            raise answer
+
+        monkeypatch.setattr(spin_choice, "fit_spin", search)
+        return bm.deblur(ball.image, ball.plate, ball.sweep, spin="auto")
+
+    assert_allclose(chosen(spin).spin.rotation, spin.rotation)
+    error = bm.SpinError("two spins")
+    error.likeliest = spin
+    with pytest.warns(bm.BlurmatteWarning, match="not certain: two spins"):
+        assert chosen(error).spin is not None
+    refuted = pytest.warns(bm.BlurmatteWarning, match="does not explain the light")
+    with refuted, pytest.warns(bm.BlurmatteWarning, match="not certain: too weak"):
+        assert chosen(bm.SpinError("too weak")).spin is None
+    with pytest.raises(ValueError, match="auto"):
+        bm.deblur(ball.image, ball.plate, ball.sweep, spin="maybe")
+
+
+def test_a_wrong_spin_has_less_evidence_than_the_right_one(ball, spin):
+    flat, lattice = ball.sweep, Lattice.of(ball.sweep)
+    wrong = replace(spin, rotation=-spin.rotation)
+    right, other = (
+        spin_choice.log_bayes_factor(ball.image, ball.plate, one, flat, lattice)
+        for one in (spin, wrong)
+    )
+    assert right > 100
+    assert right > other + 100
+
+
+@pytest.mark.battery
+def test_a_ball_that_does_not_turn_has_no_certain_spin():
+    case = spinning(spin=np.zeros(3), seed=3)
+    found = bm.deblur(case.image, case.plate, case.sweep, spin="auto").spin
+    if found is not None:
+        assert found.rotation @ np.linalg.inv(found.rotation_covariance) @ found.rotation < 16
 
 
 def test_a_plain_ball_is_refused():

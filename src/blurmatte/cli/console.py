@@ -34,7 +34,7 @@ T = TypeVar("T")
 GENERAL = "General"  # the group of options that all commands have
 
 _IN_OPTIONS = (  # Python's names in messages of the library, and what the command line calls them
-    (r"\w+=\w* \((--[^)]*)\)", r"\1"),
+    (r'\w+="?\w*"? \((--[^)]*)\)', r"\1"),
     (r"\b[a-z]+_[a-z_]+ \((--[^)]*)\)", r"\1"),
     (r", (\w+=|ColorModel\.any\(\))", ""),
     (r"\bexposure_times\b", "--exposures"),

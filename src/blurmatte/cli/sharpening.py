@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
-from blurmatte.cli.console import about, answer, argument, flag, option, waiting
+from blurmatte.cli.console import about, answer, argument, option, waiting
 from blurmatte.cli.output_checks import SHEET, check_ending, check_file
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Out, Reading, matching_of
@@ -19,6 +19,7 @@ PICTURES = "Its pictures"
 _CLIP = ".mov", ".mp4", ".gif", ".webp"
 _OVER_PLATE = ".mp4", ".gif", ".webp"  # formats without alpha
 _STILL = ".exr", ".png", ".tif"
+_SPINS = "none", "auto", "measure"
 
 
 @dataclass(frozen=True)
@@ -30,11 +31,15 @@ class Blurred:
     match: Annotated[
         str, option("MODE", "How it may be changed: auto, none, exposure, shift, full.", PICTURES)
     ] = "auto"
-    spin: Annotated[bool, flag("--spin", "Measure how a ball spins, and use it.", PICTURES)] = False
+    spin: Annotated[
+        str, option("MODE", "Of a ball: none; measure; auto, used if it is likelier.", PICTURES)
+    ] = "none"
 
     def __post_init__(self) -> None:
         matching_of(self.match)
-        if self.spin and self.image is None:
+        if self.spin not in _SPINS:
+            raise ValueError(f"--spin must be {', '.join(_SPINS)}, got {self.spin!r}")
+        if self.spin != "none" and self.image is None:
             raise ValueError(
                 "--spin needs --image and --plate, the pictures with the ball and without"
             )
@@ -45,7 +50,7 @@ class Blurred:
 @command(
     "sharpen out/layer.exr --frames 8 -o ball.mov",
     "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --frames 8 -o ball.mp4",
-    "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --spin --frames 8 -o ball.mov",
+    "sharpen out/layer.exr --image throw.jpg --plate empty_room.jpg --spin auto --frames 8 -o ball.mov",
     "sharpen 'out/*/layer.exr' --frames 4 -o slow.mov",
 )
 def sharpen(
@@ -116,7 +121,7 @@ def _sharpened(
     plate: bm.LinearImage | None,
     reading: Reading,
     sheet: Path | None,
-    with_spin: bool,
+    spin: str,
 ) -> Iterator[bm.Sharp]:
     """The sharp object of each layer; only one of them is in memory at a time."""
     for file in files:
@@ -125,8 +130,10 @@ def _sharpened(
             if image is None or plate is None or solution.sweep is None:
                 sharp = bm.deblur_solution(solution)  # refuses if there is no path
             else:
-                spin = bm.fit_spin(image, plate, solution.sweep) if with_spin else None
-                sharp = bm.deblur(image, plate, solution.sweep, spin=spin)
+                found: bm.Spin | Literal["auto"] | None = "auto" if spin == "auto" else None
+                if spin == "measure":
+                    found = bm.fit_spin(image, plate, solution.sweep)
+                sharp = bm.deblur(image, plate, solution.sweep, spin=found)
         if sheet is not None:
             with about(sheet):
                 bm.write(sheet, bm.draw_sharp(sharp, solution.layer, image is not None))

@@ -32,8 +32,7 @@ from blurmatte.deblurring.gaussian import (
 from blurmatte.deblurring.lattice import Lattice
 from blurmatte.deblurring.normal_equations import NormalEquations, gradient_prior, summed
 from blurmatte.deblurring.operator import Blur, Sparse, blurred, poses_of, seen_moments
-from blurmatte.deblurring.sphere import Sphere
-from blurmatte.deblurring.spin import HARMONICS
+from blurmatte.deblurring.sphere import HARMONICS, Sphere
 from blurmatte.deblurring.view import View
 
 Array = npt.NDArray[np.float64]

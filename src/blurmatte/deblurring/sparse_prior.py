@@ -44,11 +44,11 @@ def fit_smooth(
     orders = np.eye(len(differences.orders))
     bands = [differences.band(differences.weights(k), equations.width) for k in orders]
     best, ratio, strength = start, 0.0, start.strength
-    evidence = start.log_evidence + 1.5 * _log_determinant(bands[0], differences)
+    evidence = start.log_evidence + 1.5 * log_determinant(bands[0], differences)
     for tau in _RATIOS if len(bands) > 1 else ():
         Q = bands[0] + tau * bands[1]
         fit = refit_strength(equations, Q, strength * (1.0 if tau == _RATIOS[0] else _DECREASE))
-        own = fit.log_evidence + 1.5 * _log_determinant(Q, differences)
+        own = fit.log_evidence + 1.5 * log_determinant(Q, differences)
         if own < evidence and ratio > 0:
             break
         strength = fit.strength
@@ -122,7 +122,7 @@ def traces(differences: Differences, strengths: Array) -> Array:
     return np.array([np.sum(twice * inverse * band[nodes]) for band in bands])
 
 
-def _log_determinant(Q: Array, differences: Differences) -> float:
+def log_determinant(Q: Array, differences: Differences) -> float:
     """Of a prior's band without its first node: up to a constant the product of its eigenvalues."""
     nodes = slice(1, differences.rank + 1)
     return float(2 * np.log(cholesky_of(Q[nodes].copy())[:, 0]).sum())

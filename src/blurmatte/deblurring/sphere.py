@@ -20,7 +20,7 @@ Ints = npt.NDArray[np.int32]
 _FINEST_PITCH_PX = 1.5  # a pixel of the picture covers more of a surface that is inclined
 MAX_NODES = 1500  # of a Cholesky factor that is not banded
 HARMONICS = 8  # of the light on a ball: those of orders 1 and 2
-FIELD_STD = 0.2  # of the coefficients of colored light, linear light
+FIELD_STD = 0.05  # of colored light: half of a factor's on gray paint, to which white light belongs
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,8 +20,8 @@ from threadpoolctl import threadpool_limits
 from blurmatte.calibration import with_noise
 from blurmatte.checks import check_kind, check_same_size
 from blurmatte.deblurring.refine import Explained, explained, refined, scores
-from blurmatte.deblurring.sphere import MAX_NODES, Sphere
-from blurmatte.deblurring.spin import HARMONICS, Spin
+from blurmatte.deblurring.sphere import HARMONICS, MAX_NODES, Sphere
+from blurmatte.deblurring.spin import Spin
 from blurmatte.deblurring.spin_search import (
     Mode,
     Search,
@@ -90,7 +90,8 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
     image, plate = with_noise(image, plate)
     prior = _widened(sweep)
     with threadpool_limits(1):  # most matrices are small: threads wait longer than they work
-        view = View.of(image, plate, prior, Spin(np.zeros(3), covariance=PRIOR))
+        view = View.of(image, plate, sweep, Spin(np.zeros(3), covariance=PRIOR))
+        view = replace(view, sweep=prior)
         by = max(1, round(sweep.radius / _COARSE_PIXELS_PER_RADIUS))
         coarse = _candidates(view.coarser(by))
         found = coarse[0].views[0]
@@ -98,10 +99,19 @@ def fit_spin(image: LinearImage, plate: LinearImage, sweep: Sweep) -> Spin:
         states = _refined_on_fine(fine, _likely(coarse), view.covariance)
         covariance = _strip_covariance(states[0], Sphere.within(fine.sweep.radius, MAX_NODES))
     _check_path(prior, states[0].views[0].sweep)
-    inflation = _inflation(states[0].views[0], covariance)
-    margin = min(_margin(one, inflation) for one in (states, coarse[:1] + _unlikely(coarse)))
-    _check_highlights(coarse)
-    return _checked(states[0], margin, covariance)
+    (view,) = states[0].views
+    found = view.moved(view.parameters, covariance)
+    spin = replace(_spin_of(found), sweep=found.sweep)
+    _check_turning(states[0], spin)
+    try:
+        inflation = _inflation(view, covariance)
+        margin = min(_margin(one, inflation) for one in (states, coarse[:1] + _unlikely(coarse)))
+        _check_highlights(coarse)
+        _check_misfit(states[0])
+    except SpinError as error:
+        error.likeliest = spin
+        raise
+    return replace(spin, log_evidence_margin=margin)
 
 
 def _strip_covariance(state: Explained, sphere: Sphere) -> Array:
@@ -136,9 +146,13 @@ def _check_ball(sweep: Sweep) -> None:
 
 
 def _widened(sweep: Sweep) -> Sweep:
-    """The sweep with a covariance that allows for the texture's effect on the path."""
+    """The sweep with a covariance that allows for the texture's effect on the path.
+
+    The path of a fit that did not converge is known to a radius.
+    """
     n, variances = len(sweep.path), np.zeros(len(sweep.covariance))
-    variances[:n], variances[n] = PATH_PRIOR_PX**2, RADIUS_PRIOR_PX**2
+    variances[:n] = PATH_PRIOR_PX**2 if sweep.diagnostics.converged else sweep.radius**2
+    variances[n] = RADIUS_PRIOR_PX**2
     variances[n + 1 :] = 2 * (RADIUS_PRIOR_PX / sweep.radius) ** 2  # growth: a ratio of radii
     return replace(sweep, covariance=sweep.covariance + np.diag(variances))
 
@@ -317,18 +331,13 @@ def _margin(states: Sequence[Explained], inflation: float) -> float:
     return float(margin)
 
 
-def _checked(state: Explained, margin: float, covariance: Array) -> Spin:
-    """The spin of a refined state, unless its residuals are too large."""
+def _check_misfit(state: Explained) -> None:
+    """Raise SpinError if the residuals are too large."""
     if state.fit.noise_scale > MAX_MISFIT:
         raise SpinError(
             f"no spin explains the picture: the residuals are {state.fit.noise_scale:.1f} times the "
             f"noise, at most {MAX_MISFIT:g} are allowed; path or silhouette may be wrong"
         )
-    (view,) = state.views
-    found = view.moved(view.parameters, covariance)
-    spin = replace(_spin_of(found), log_evidence_margin=margin, sweep=found.sweep)
-    _check_turning(state, spin)
-    return spin
 
 
 def _check_turning(state: Explained, spin: Spin) -> None:

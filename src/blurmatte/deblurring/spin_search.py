@@ -22,7 +22,7 @@ import numpy.typing as npt
 
 from blurmatte.deblurring.normal_equations import gradient_prior
 from blurmatte.deblurring.operator import Seen, Sparse, poses_of, row_sums, seen_moments
-from blurmatte.deblurring.sphere import FIELD_STD, Sphere
+from blurmatte.deblurring.sphere import Sphere
 from blurmatte.deblurring.spin import Spin, harmonics
 from blurmatte.deblurring.view import View
 
@@ -46,6 +46,7 @@ class SpinSearchSettings:
     max_modes: int = 2  # of each contrast
     gloss_cells: int = 5  # of the lattice of highlights, 18° each
     gloss_std: float = 0.1  # of highlights at a node, linear light
+    field_std: float = 0.2  # of the coefficients of shading, linear light
     contrasts: tuple[float, ...] = (
         0.4,
         0.15,
@@ -213,7 +214,7 @@ class Search:
         right = solve_triangular(factor, right, lower=True, check_finite=False)
         coupling, texture = right[:, :k], right[:, k:]
         schur = (
-            self.C.T @ field + np.eye(k) / FIELD_STD**2 - coupling.T @ coupling
+            self.C.T @ field + np.eye(k) / SpinSearchSettings.field_std**2 - coupling.T @ coupling
         )
         of_field = self.C.T @ light - coupling.T @ texture
         beta = np.asarray(np.linalg.solve(schur, of_field), float)
