@@ -358,8 +358,9 @@ def _check_turning(state: Explained, spin: Spin) -> None:
     else:
         square, count = (P**2).sum(axis=1) - (P @ white) ** 2, 2
     energy = float((weight[:, 0] * square).sum()) / state.fit.noise_scale
-    gain = (energy - count * int((weight > 0).sum())) / 2 / VARIANCE_INFLATION
-    if gain < DECISIVE_LOG_BAYES_FACTOR:
+    freedom = count * int((weight > 0).sum())
+    of_noise = SIGNIFICANT * np.sqrt(2 * freedom)  # fluctuation of its χ²
+    if energy - freedom < max(of_noise, 2 * VARIANCE_INFLATION * DECISIVE_LOG_BAYES_FACTOR):
         raise SpinError(
             "the pattern on the ball does not turn and has the ball's color: it may be light on a ball "
             "without texture, which may spin"
