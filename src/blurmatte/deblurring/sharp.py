@@ -36,9 +36,6 @@ Array = npt.NDArray[np.float64]
 
 
 _MAX_WORK = 4e8  # operations of a Cholesky factor: a disc of 40 pixels on a line
-# Of a lamp's light max(cos, 0) on a ball, with 99.2 % of its energy 1 / 6 in harmonics up to order 2:
-# RMS error √(0.008 / 6) over the standard deviation √(0.992 / 6 - 1 / 16) of these harmonics.
-_LIGHT_ERROR = 0.11
 MAX_MISFIT = 2.0  # of light that a motion explains: twice the variance of the noise
 _COARSE_STEP_PX = 2.0  # of motion between two moments, to estimate a bandwidth
 
@@ -102,8 +99,10 @@ class Sharp:
         variance, light = seen[..., :3], seen[..., 3:]
         variance = np.maximum(variance * light, 0) / np.maximum(alpha, 1e-12) ** 2
         if self.spin is not None:
+            # A lamp's max(cos, 0) has 99.2 % of its energy 1 / 6 in harmonics up to order 2.
+            truncated = np.sqrt(0.008 / 6 / (0.992 / 6 - 1 / 16))
             contrast = float(np.std(light[alpha > OPAQUE] / alpha[alpha > OPAQUE]))
-            error = _LIGHT_ERROR * contrast * self.color.mean(axis=0)
+            error = truncated * contrast * self.color.mean(axis=0)
             variance = np.where(alpha > 0, variance + error**2, 0)
         return self._placed(np.sqrt(variance), sweep)
 
