@@ -322,7 +322,8 @@ def test_refusal_names_its_streak(here, tmp_path):
 )
 @pytest.mark.parametrize("command", ["solve", "color"])
 def test_refuses_contradictory_options_before_reading(tmp_path, command, options, said):
-    files = (tmp_path / "a.png", "--plate", tmp_path / "b.png", "--out", tmp_path / "o.json")
+    out = tmp_path / ("o" if command == "solve" else "o.json")
+    files = (tmp_path / "a.png", "--plate", tmp_path / "b.png", "--out", out)
     assert complaint(run(command, *files, *options)).startswith(said)
 
 

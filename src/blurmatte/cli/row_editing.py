@@ -16,8 +16,6 @@ from blurmatte.cli.console import about, with_progress
 from blurmatte.cli.output_checks import check_outputs
 from blurmatte.cli.rows import pictures_of
 from blurmatte.cli.selection import Reading
-from blurmatte.files.atomic import moved_together
-from blurmatte.files.sequences import Numbering, numbering, source_paths
 
 Shown: TypeAlias = "tuple[bm.LinearImage, Bools]"
 # The picture with another object, and the pixels that changed; of picture, layer and streak.
@@ -42,6 +40,9 @@ def retouch_row(
     reading: Reading, source: str, image: Path, out: Path, retouch: Retouch, options: RowOptions
 ) -> None:
     """Write all frames of a clip or of a row of pictures, those with a layer retouched."""
+    from blurmatte.files.atomic import moved_together
+    from blurmatte.files.sequences import source_paths
+
     target = _checked_target(out, source, str(image))
     with about(image):
         frames = reading.frames([str(image)], None)
@@ -56,7 +57,7 @@ def retouch_row(
             bm.write_frames(out, (picture for picture, _ in shown), rate, start)
             return
         numbers = range(start, start + len(frames)) if isinstance(start, int) else start
-        files = [target.name(number) for number in numbers]
+        files = [target(number) for number in numbers]
         with moved_together(out.parent) as (temporary, names), warnings.catch_warnings():
             warnings.simplefilter("ignore", bm.TransferWarning)  # given when they were read
             for name, original, one in zip(files, originals, shown, strict=True):
@@ -78,11 +79,13 @@ def layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Bools]:
     return solution.layer, solution.streak
 
 
-def _checked_target(out: Path, *sources: str) -> Numbering | None:
-    """The numbering of files to write, none of which may be read."""
+def _checked_target(out: Path, *sources: str) -> Callable[[int], str] | None:
+    """The names of numbered files to write, none of which may be read; None for one file."""
+    from blurmatte.files.sequences import numbering
+
     numbers = numbering(out)
     check_outputs(*(numbers.files() if numbers else ()), inputs=pictures_of(sources))
-    return numbers
+    return numbers.name if numbers else None
 
 
 def _layers_of(
@@ -92,6 +95,8 @@ def _layers_of(
 
     Raises ValueError if no layer has the number of a frame, or sizes differ.
     """
+    from blurmatte.files.sequences import source_paths
+
     row = bm.read_layers(source, max_pixels=reading.max_pixels)
     check_same_size("the layer", row.size, "the image", frames.size)
     mine, known = row.frame_numbers, frames.frame_numbers
