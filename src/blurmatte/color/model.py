@@ -235,15 +235,18 @@ class ColorModel:
 def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
     """The mean of the colors of one object in several frames, weighted by inverse covariance.
 
-    If the lines differ by more than their covariances predict, the result's covariance is inflated.
+    All are lines, or all are planes. If they differ by more than their covariances predict, the
+    result's covariance is inflated.
     """
     if len(models) == 1:
         return models[0]
-    mean = np.mean([model.pole for model in models], axis=0)
+    first = models[0].pole
+    poles = [model.pole if model.pole @ first > 0 else -model.pole for model in models]
+    mean = np.mean(poles, axis=0)
     for _ in range(3):
         mean /= np.linalg.norm(mean)
         T = perpendicular(mean)
-        offsets = [T.T @ model.pole / (mean @ model.pole) for model in models]
+        offsets = [T.T @ pole / (mean @ pole) for pole in poles]
         smallest = 1e-5**2 * np.eye(2)  # radians²: no color is known better
         weights = [np.linalg.inv(T.T @ model.covariance @ T + smallest) for model in models]
         covariance = np.linalg.inv(sum(weights))
@@ -253,7 +256,8 @@ def fuse_colors(models: Sequence[ColorModel]) -> ColorModel:
     covariance = covariance * max(float(excess), 1.0)
     std = float(np.degrees(np.sqrt(np.trace(covariance) / 2)))
     pole = mean / np.linalg.norm(mean)
-    return ColorModel(pole[:, None], T @ covariance @ T.T, {"frames": std}, models[0].to_srgb)
+    basis = pole[:, None] if models[0].rank == 1 else _bright(perpendicular(pole))
+    return ColorModel(basis, T @ covariance @ T.T, {"frames": std}, models[0].to_srgb)
 
 
 def _bright(basis: Array) -> Array:

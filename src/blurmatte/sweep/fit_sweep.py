@@ -14,6 +14,7 @@ from blurmatte.checks import Array, check_kind
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import check_no_shadow, may_be_shadow
 from blurmatte.radiometry import SRGB, LinearImage
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak, check_streak, find_streaks, require_streaks
 from blurmatte.sweep.assess.diagnostics import sweep_of
 from blurmatte.sweep.assess.model_selection import (
@@ -38,6 +39,7 @@ from blurmatte.sweep.fit.multistart import (
 from blurmatte.sweep.fit.outline import fit_growing, fit_outline
 from blurmatte.sweep.fit.residuals import (
     explained_fraction,
+    hue_inflation,
     noise_inflation,
     residual_excess,
     variance_inflation,
@@ -73,6 +75,30 @@ class HypothesisSettings:
     # Relative root mean square difference of alpha of two hypotheses
     min_alpha_difference: float = 0.01
     max_solid_blur: float = 0.1  # blur of the rim over the radius; shadows are softer
+
+
+@dataclass(frozen=True, eq=False)
+class DiscColors:
+    """A disc in a frame of a clip, and what the frame says of its colors."""
+
+    sweep: Sweep
+    mean: ColorModel  # the line of the mean color
+    axes: Array  # (3, 3) float: columns along the mean color, the largest spread, and the smallest
+    # Log Bayes factors of two paints against one, and of any colors against two
+    log_odds: tuple[float, float]
+
+    @property
+    def plane(self) -> ColorModel:
+        """The plane of two paints.
+
+        The information on its angle about the mean color is about twice the log Bayes factor: squared
+        spreads over their variance.
+        """
+        mean, second, _ = self.axes.T
+        about_mean = 1 / (2 * max(self.log_odds[0], 0.5))  # radians²; a line has any angle
+        covariance = about_mean * np.outer(second, second)
+        covariance += np.radians(self.mean.angle_std) ** 2 * np.outer(mean, mean)
+        return ColorModel(self.axes[:, :2], covariance, to_srgb=self.mean.to_srgb)
 
 
 def fit_sweep(
@@ -323,11 +349,48 @@ def fit_disc(
     (`codec_loss`), not for colors that the file blurred.
     """
     color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
+    return _disc_sweep(*_quick_disc(streak, image, plate, color), image)
+
+
+def fit_disc_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> DiscColors:
+    """As `fit_disc` without a model, or a disc of varied colors if that is decisively likelier.
+
+    Correlated noise looks like a field of colors. Costs are compared with the noise raised to that
+    which varied colors leave in the hue of blocks, so that a field that is no stronger gains nothing.
+    """
+    disc, search = _quick_disc(streak, image, plate, ColorPrior.of(None).of_one_paint)
+    varied = with_varied_colors(disc)
+    for _ in range(2):  # the second time with axes along the colors of the first
+        varied = minimize(with_principal_axes(varied), search.bounds, MultistartSettings.max_steps)
+    noisy = varied.observation.raised(hue_inflation(varied))
+
+    def cost(state: State, paints: int) -> float:
+        """Of a shape whose colors vary along so many axes, in that noise."""
+        color = replace(noisy.color, varied=paints)
+        return with_principal_axes(state.relit(replace(noisy, color=color))).cost
+
+    two, axes = cost(varied, 2), varied.observation.color.axes
+    odds = cost(disc, 1) - two, two - cost(varied, 3)
+    sweep = _disc_sweep(disc, search, image)
+    if odds[0] <= DECISIVE_LOG_BAYES_FACTOR:
+        return DiscColors(sweep, sweep.model, axes, odds)
+    mean = varied.relit(varied.observation.of_one_paint)
+    mean_color = sweep_of(Candidate(mean), image).model
+    return DiscColors(sweep_of(Candidate(varied), image), mean_color, axes, odds)
+
+
+def _quick_disc(
+    streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
+) -> tuple[State, Multistart]:
+    """The best disc of a quick search, with the noise that it estimates."""
     search = _quick_search(streak, image, plate, color)
     disc = search.soft()
     inflation = noise_inflation(disc)
-    if inflation > 1:
-        disc = search.with_noise_inflated(inflation).soft()
+    return (search.with_noise_inflated(inflation).soft() if inflation > 1 else disc), search
+
+
+def _disc_sweep(disc: State, search: Multistart, image: LinearImage) -> Sweep:
+    """The sweep of a disc, fitted to hue if it is of one paint."""
     by_hue = fitted_to_hue(disc, search.bounds)
     sweep = before_loss(sweep_of(Candidate(by_hue), image), by_hue, image)
     if image.meta.sharing is not None or by_hue is disc:

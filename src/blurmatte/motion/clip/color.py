@@ -1,21 +1,23 @@
 """clip_color: the color of the moving object in a clip, fused from some of its frames."""
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
+from blurmatte.motion.clip.pooling import pooled_log_odds
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
 from blurmatte.streaks import Streak, find_streaks
-from blurmatte.sweep.fit_sweep import fit_disc, fit_sweep
-from blurmatte.sweep.sweep import Sweep
+from blurmatte.sweep.fit_sweep import DiscColors, fit_disc_colors, fit_sweep
 
-Vote = tuple[ColorModel, float, int]  # a color, its weight, and the number of the frame
+Vote = tuple[DiscColors, float, int]  # colors, their weight, and the number of the frame
 
 
 @dataclass(frozen=True)
@@ -31,10 +33,27 @@ class ColorSettings:
     relative_radius_std: float = 0.05  # at which the weight of a vote is halved
 
 
+def _sweep_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> DiscColors:
+    """The colors of the likeliest sweep, whose rank is decisive in its frame."""
+    sweep = fit_sweep(image, plate, streak)
+    if sweep.model.rank == 3:
+        raise ColorModelError("a sweep of any colors has no mean color")
+    certain = 2 * DECISIVE_LOG_BAYES_FACTOR
+    axes = np.linalg.svd(sweep.model.basis)[0]
+    axes[:, : sweep.model.rank] = sweep.model.basis
+    mean = replace(sweep.model, basis=axes[:, :1])
+    return DiscColors(sweep, mean, axes, (certain if sweep.model.rank == 2 else -certain, 0.0))
+
+
 # Fits in the order in which they are tried until a color is found, each with True for streaks that
 # do not reach the border of the picture, and the number of rounds: arms enter from outside, and a hand
 # is in many frames clearer than the ball.
-_TRIALS = (fit_disc, True, 4), (fit_disc, False, 1), (fit_sweep, True, 1), (fit_sweep, False, 1)
+_TRIALS = (
+    (fit_disc_colors, True, 4),
+    (fit_disc_colors, False, 1),
+    (_sweep_colors, True, 1),
+    (_sweep_colors, False, 1),
+)
 
 
 def clip_color(
@@ -46,7 +65,8 @@ def clip_color(
     clip, until enough frames agree. The weight of a vote is the evidence of the streak times the square
     of its length in radii: a fist that holds a string may be as bright as the ball on it, but hardly
     moves. The largest sum of similar colors wins. Streaks at the border of the picture vote only if no
-    other streak is explained.
+    other streak is explained. The log Bayes factors of these votes for more than one paint are added;
+    any of them may mislead, as often as votes are for other colors.
 
     Parameters
     ----------
@@ -59,7 +79,7 @@ def clip_color(
     Returns
     -------
     ColorModel
-        Of one paint if any frame shows one.
+        Of one paint, unless all votes together are decisive for two, or for any colors.
 
     Raises
     ------
@@ -83,18 +103,21 @@ def color_in_scene(
         parts = ((slice(k, k + 1),) for k in _spread(busy, rounds))
         found = successes(workers.over(frames, voter, parts, 1))
         for number, colors in enumerate(found):
-            votes += [(model, weight, number) for model, weight in colors]
+            votes += [(one, weight, number) for one, weight in colors]
             if _decided(votes):
                 break
         if votes:
             break
-    votes = [vote for vote in votes if vote[0].rank == 1] or votes[:1]
     if not votes:
         raise ColorModelError(
             f"no color was found in {ColorSettings.frames_per_round} or more frames: no shape on a "
             "path explains their streaks; give the color (--color, model=)"
         )
-    return fuse_colors([model for model, _, _ in _largest_group(votes)])
+    group = _largest_group(votes)
+    two, more = _log_odds(votes, group) > DECISIVE_LOG_BAYES_FACTOR
+    if two and more:
+        return ColorModel.any()
+    return fuse_colors([colors.plane if two else colors.mean for colors, _, _ in group])
 
 
 def _spread(numbers: Sequence[int], rounds: int) -> Iterator[int]:
@@ -111,17 +134,31 @@ def _largest_group(votes: Sequence[Vote]) -> list[Vote]:
     return max(groups, key=lambda group: sum(weight for _, weight, _ in group))
 
 
+def _log_odds(votes: Sequence[Vote], group: Sequence[Vote]) -> Array:
+    """(2,) sums of the log Bayes factors of a group, as `DiscColors` has them."""
+    mistakes = (len(votes) - len(group) + 1) / (len(votes) + 2)  # rule of succession
+    return pooled_log_odds([colors.log_odds for colors, _, _ in group], mistakes)
+
+
 def _decided(votes: Sequence[Vote]) -> bool:
-    """True if more frames are unlikely to change the color."""
-    single = [vote for vote in votes if vote[0].rank == 1]
-    best = _largest_group(single) if single else []
-    weight, total = (sum(weight for _, weight, _ in some) for some in (best, single))
+    """True if more frames are unlikely to change the color.
+
+    More frames are asked if any is decisive for two paints and their sum is not.
+    """
+    best = _largest_group(votes) if votes else []
+    weight, total = (sum(weight for _, weight, _ in some) for some in (best, votes))
     enough = len({number for _, _, number in best}) >= ColorSettings.min_agreeing_frames
-    return enough and weight >= ColorSettings.min_lead * (total - weight)
+    if not enough or weight < ColorSettings.min_lead * (total - weight):
+        return False
+    most = max(colors.log_odds[0] for colors, _, _ in best)
+    return (
+        most <= DECISIVE_LOG_BAYES_FACTOR or _log_odds(votes, best)[0] >= DECISIVE_LOG_BAYES_FACTOR
+    )
 
 
-def _angle(a: ColorModel, b: ColorModel) -> float:
-    return float(np.arccos(np.clip(abs(a.pole @ b.pole), 0, 1)))
+def _angle(a: DiscColors, b: DiscColors) -> float:
+    """Between mean colors, radians."""
+    return float(np.arccos(np.clip(abs(a.mean.pole @ b.mean.pole), 0, 1)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -133,10 +170,10 @@ class _Voter:
     """
 
     scene: StaticScene
-    fit: Callable[..., Sweep]
+    fit: Callable[..., DiscColors]
     inside: bool
 
-    def __call__(self, frames: Sequence[LinearImage]) -> list[tuple[ColorModel, float]]:
+    def __call__(self, frames: Sequence[LinearImage]) -> list[tuple[DiscColors, float]]:
         (frame,) = coded_frames(frames, slice(None))
         boxes = self.scene.gate.changes(frame).boxes
         found = [
@@ -148,21 +185,22 @@ class _Voter:
 
     def _vote(
         self, streak: Streak, crop: Crop, size: tuple[int, int]
-    ) -> tuple[ColorModel, float] | None:
-        """Color and weight of a streak in a picture of a size; None if no sweep explains it."""
+    ) -> tuple[DiscColors, float] | None:
+        """Colors and weight of a streak in a picture of a size; None if no sweep explains it."""
         x, y = crop.box[:2]
         x0, y0, x1, y1 = streak.box
         if self.inside != (min(x + x0, y + y0, size[0] - x - x1, size[1] - y - y1) > 0):
             return None
         try:
-            sweep = self.fit(crop.image, crop.plate, streak)
+            colors = self.fit(crop.image, crop.plate, streak)
         except (ColorModelError, MotionError):
             return None
+        sweep = colors.sweep
         if sweep.rejection:
             return None
         uncertainty = sweep.radius_std / (ColorSettings.relative_radius_std * sweep.radius)
         moved = streak.evidence * (sweep.length / sweep.radius) ** 2
-        return sweep.model, moved / (1 + uncertainty**2)
+        return colors, moved / (1 + uncertainty**2)
 
 
 def _streaks(crop: Crop) -> list[Streak]:

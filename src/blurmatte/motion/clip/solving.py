@@ -26,7 +26,7 @@ from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
-from blurmatte.motion.clip.pooling import ClipObject
+from blurmatte.motion.clip.pooling import ClipObject, pooled_log_odds
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
 from blurmatte.motion.clip.workers import Workers, shared, successes
@@ -392,19 +392,11 @@ def _decided(
         batch = parts_to_solve(known[first::step])
         found = successes(workers.over(frames, solver.silhouette_odds, batch))
         odds += [one for one in found if one is not None]
-        total = _total_odds(odds, mistake_probability)
+        total = pooled_log_odds(odds, mistake_probability)
         if np.all(np.abs(total) > DECISIVE_LOG_BAYES_FACTOR):
             break
     disc, shape = (total > DECISIVE_LOG_BAYES_FACTOR).tolist()
     return disc, shape
-
-
-def _total_odds(odds: Sequence[tuple[float, float]], mistake_probability: float) -> Array:
-    """Sums of log Bayes factors of frames, each of which may mislead."""
-    each = np.array(odds, float).reshape(-1, 2)
-    mistake, right = np.log(mistake_probability), np.log1p(-mistake_probability)
-    bounded = np.logaddexp(right + each, mistake) - np.logaddexp(right, mistake + each)
-    return np.asarray(bounded.sum(axis=0))
 
 
 def _box_of(sighting: Sighting, boxes: Sequence[Box], size: tuple[int, int]) -> Box:

@@ -10,6 +10,7 @@ from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
 _MAX_REPEATED_CHI2 = 0.3  # median outside the streak of codecs that repeat static parts
+_CHROMA_PX = 16  # width of a block whose mean chroma codecs quantize, for 4:2:0
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
 
 
@@ -21,6 +22,14 @@ def variance_inflation(state: State) -> float:
     inside, _ = _places(state)
     e = _weighted(state)
     return max(1.0, *(_of_blocks(e, inside, 0.0, size) for size in BlockStatistics.sizes_px))
+
+
+def hue_inflation(state: State) -> float:
+    """As `variance_inflation`, the larger of both axes of hue, and over blocks of chroma as well."""
+    inside, _ = _places(state)
+    e = _weighted(state)[..., 1:]
+    squares = (block_squares(e, inside, size) for size in (*BlockStatistics.sizes_px, _CHROMA_PX))
+    return max(1.0, *(float(s.mean(axis=0).max()) for s in squares if len(s)), 1.0)
 
 
 def residual_excess(state: State) -> float:
