@@ -8,9 +8,9 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
-from blurmatte.motion.clip.pooling import ClipObject
+from blurmatte.motion.clip.pooling import ClipObject, pooled_log_odds
 from blurmatte.motion.clip.scene import StaticScene
-from blurmatte.motion.clip.solving import FrameSolver, _total_odds, wanted_frames
+from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.workers import shared
 
 COLOR_MODEL = bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR))
@@ -56,10 +56,10 @@ def test_sweep_lies_in_the_whole_picture(solved, truth):
 
 def test_frames_that_mislead_are_outvoted():
     """Log odds of a frame say at most how rarely frames mislead."""
-    total = _total_odds([(8.0, 300.0)] * 7 + [(-5000.0, 300.0)], 0.1)
+    total = pooled_log_odds([(8.0, 300.0)] * 7 + [(-5000.0, 300.0)], 0.1)
     assert total[0] == pytest.approx(6 * np.log(9), abs=0.1)
-    assert _total_odds([(-20.0, 1.0)] * 8, 0.1)[0] == pytest.approx(-8 * np.log(9), abs=0.01)
-    assert _total_odds([], 0.1).tolist() == [0.0, 0.0]
+    assert pooled_log_odds([(-20.0, 1.0)] * 8, 0.1)[0] == pytest.approx(-8 * np.log(9), abs=0.01)
+    assert pooled_log_odds([], 0.1).tolist() == [0.0, 0.0]
 
 
 def test_multiplied_errors_have_their_grade(pictures):

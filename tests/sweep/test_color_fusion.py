@@ -1,5 +1,7 @@
 """fuse_colors: colors of several frames as one."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
@@ -28,6 +30,18 @@ def test_the_mean_is_weighted_by_information():
     fused = fuse_colors([model((0.01, 0.0), (0.01, 0.02)), model((0.0, 0.012), (0.02, 0.01))])
     offset = T.T @ fused.pole / (POLE @ fused.pole)
     assert_allclose(offset, [0.01 * 4 / 5, 0.012 * 4 / 5], rtol=1e-2)
+
+
+def test_planes_have_a_mean_plane():
+    """Exact: the sign of a normal has no meaning."""
+    lines = [model((0.01, 0.0), (0.01, 0.02)), model((0.0, 0.012), (0.02, 0.01))]
+    bases = [np.linalg.svd(line.basis)[0][:, 1:] for line in lines]
+    planes = [ColorModel(b, m.covariance) for b, m in zip(bases, lines, strict=True)]
+    turned = replace(planes[1], basis=planes[1].basis[:, ::-1])
+    for pair in (planes, [planes[0], turned]):
+        fused = fuse_colors(pair)
+        assert fused.rank == 2
+        assert_allclose(abs(fused.pole @ fuse_colors(lines).pole), 1, rtol=1e-9)
 
 
 def test_the_error_shrinks_with_the_number_of_frames():

@@ -88,6 +88,12 @@ class DiscColors:
     log_odds: tuple[float, float]
 
     @property
+    def normals(self) -> Array:
+        """(3, n) perpendicular to the line or plane of colors that this frame decides for alone."""
+        two, more = (odds > DECISIVE_LOG_BAYES_FACTOR for odds in self.log_odds)
+        return self.axes[:, 3 if more else 2 :] if two else self.mean.normals
+
+    @property
     def plane(self) -> ColorModel:
         """The plane of two paints.
 

@@ -9,9 +9,18 @@ import pytest
 
 from blurmatte.color import ColorModel
 from blurmatte.motion import Workers
-from blurmatte.motion.clip.color import _decided, _largest_group, _spread
+from blurmatte.motion.clip.color import _decided, _largest_group, _log_odds, _spread
+from blurmatte.sweep.fit_sweep import DiscColors
 
-GREEN, SKIN = ColorModel.from_hex("#a0ff50"), ColorModel.from_hex("#ffd0b0")
+
+def colors(mean, second="#2040ff", odds=(0.0, 0.0)):
+    """What a frame says of the colors of an object, without the fit."""
+    plane = np.linalg.qr(np.column_stack([ColorModel.from_hex(c).pole for c in (mean, second)]))[0]
+    axes = np.column_stack([plane, np.cross(*plane.T)])
+    return DiscColors(None, ColorModel.from_hex(mean), axes, odds)
+
+
+GREEN, SKIN = colors("#a0ff50"), colors("#ffd0b0")
 
 
 def test_pool_runs_several_works_in_order():
@@ -70,3 +79,26 @@ def test_four_frames_decide_the_color():
     assert _decided([*votes, (GREEN, 1.0, 3)])
     assert not _decided([*votes, (GREEN, 1.0, 3), (SKIN, 2.0, 4)])
     assert {model for model, _, _ in _largest_group(votes)} == {GREEN}
+
+
+def test_frames_decide_the_number_of_paints_together():
+    """Exact: evidence of frames adds, and none of four or more decides alone."""
+    some = [(colors("#a0ff50", odds=(2.0, 0.0)), 1.0, k) for k in range(6)]
+    assert not any(_log_odds(some[:n], some[:n])[0] > 5 for n in (1, 4))
+    assert _log_odds(some, some)[0] > 5
+    one = [
+        (colors("#a0ff50", odds=(9000.0, 9000.0)), 1.0, 0),
+        *((GREEN, 1.0, k) for k in (1, 2, 3)),
+    ]
+    assert max(_log_odds(one, one)) < 5
+    assert not _decided(one)
+    assert min(_log_odds(one[:1], one[:1])) > 5
+
+
+def test_mean_colors_of_two_paints_may_differ():
+    """Exact: votes agree if their mean colors lie in the planes of each other."""
+    more, less = (
+        colors(*pair, odds=(50.0, 0.0)) for pair in (("#c04010", "#10c040"), ("#10c040", "#c04010"))
+    )
+    assert len(_largest_group([(more, 1.0, 0), (less, 1.0, 1)])) == 2
+    assert len(_largest_group([(more, 1.0, 0), (SKIN, 1.0, 1)])) == 1

@@ -135,8 +135,13 @@ def _largest_group(votes: Sequence[Vote]) -> list[Vote]:
 
 
 def _log_odds(votes: Sequence[Vote], group: Sequence[Vote]) -> Array:
-    """(2,) sums of the log Bayes factors of a group, as `DiscColors` has them."""
+    """(2,) sums of the log Bayes factors of a group, as `DiscColors` has them.
+
+    Few frames do not say how often votes mislead; any of them may be decisive then.
+    """
     mistakes = (len(votes) - len(group) + 1) / (len(votes) + 2)  # rule of succession
+    if len(votes) < ColorSettings.min_agreeing_frames:
+        mistakes = float(np.exp(-2 * DECISIVE_LOG_BAYES_FACTOR))
     return pooled_log_odds([colors.log_odds for colors, _, _ in group], mistakes)
 
 
@@ -157,8 +162,12 @@ def _decided(votes: Sequence[Vote]) -> bool:
 
 
 def _angle(a: DiscColors, b: DiscColors) -> float:
-    """Between mean colors, radians."""
-    return float(np.arccos(np.clip(abs(a.mean.pole @ b.mean.pole), 0, 1)))
+    """Largest angle of the mean color of one with the possible colors of the other, radians.
+
+    Of several paints another one may be in front in each frame.
+    """
+    away = [float(np.linalg.norm(x.mean.pole @ y.normals)) for x, y in ((a, b), (b, a))]
+    return float(np.arcsin(min(max(away), 1.0)))
 
 
 @dataclass(frozen=True, eq=False)
