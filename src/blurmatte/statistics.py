@@ -5,6 +5,8 @@ inflation of a block is the variance of its sum over that of independent pixels:
 number of pixels if all of them have the same error. It is n / effective n.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 import numpy.typing as npt
 
@@ -119,3 +121,11 @@ def significant_inflation(squares: Floats, independent: int, significance: float
         return 1.0
     factor = core_mean_square(squares)
     return factor if factor > 1 + significance * np.sqrt(2 / independent) else 1.0
+
+
+def pooled_log_odds(odds: Sequence[tuple[float, float]], mistake_probability: float) -> Array:
+    """(2,) sums of log Bayes factors of frames, each of which may mislead: that bounds what it says."""
+    each = np.array(odds, float).reshape(-1, 2)
+    mistake, right = np.log(mistake_probability), np.log1p(-mistake_probability)
+    bounded = np.logaddexp(right + each, mistake) - np.logaddexp(right, mistake + each)
+    return np.asarray(bounded.sum(axis=0))

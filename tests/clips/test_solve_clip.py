@@ -8,10 +8,11 @@ import pytest
 from tests.clips.conftest import COLOR, FIRST, LAST, NOISE, RADIUS, path_of
 
 import blurmatte as bm
-from blurmatte.motion.clip.pooling import ClipObject, pooled_log_odds
+from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.scene import StaticScene
 from blurmatte.motion.clip.solving import FrameSolver, wanted_frames
 from blurmatte.motion.clip.workers import shared
+from blurmatte.statistics import pooled_log_odds
 
 COLOR_MODEL = bm.ColorModel(COLOR[:, None] / np.linalg.norm(COLOR))
 

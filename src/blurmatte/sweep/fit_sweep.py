@@ -95,11 +95,7 @@ class DiscColors:
 
     @property
     def plane(self) -> ColorModel:
-        """The plane of two paints.
-
-        The information on its angle about the mean color is about twice the log Bayes factor: squared
-        spreads over their variance.
-        """
+        """Of two paints: the information on its turn about the mean is twice the log Bayes factor."""
         mean, second, _ = self.axes.T
         about_mean = 1 / (2 * max(self.log_odds[0], 0.5))  # radians²; a line has any angle
         covariance = about_mean * np.outer(second, second)
@@ -354,8 +350,7 @@ def fit_disc(
     streak, see `Sweep.rejection`. It is corrected for what a clip's codec removed of its change
     (`codec_loss`), not for colors that the file blurred.
     """
-    color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
-    return _disc_sweep(*_quick_disc(streak, image, plate, color), image)
+    return _quick_disc(image, plate, streak, model)[2]
 
 
 def fit_disc_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> DiscColors:
@@ -364,7 +359,7 @@ def fit_disc_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> D
     Correlated noise looks like a field of colors. Costs are compared with the noise raised to that
     which varied colors leave in the hue of blocks, so that a field that is no stronger gains nothing.
     """
-    disc, search = _quick_disc(streak, image, plate, ColorPrior.of(None).of_one_paint)
+    disc, search, sweep = _quick_disc(image, plate, streak)
     varied = with_varied_colors(disc)
     for _ in range(2):  # the second time with axes along the colors of the first
         varied = minimize(with_principal_axes(varied), search.bounds, MultistartSettings.max_steps)
@@ -375,34 +370,31 @@ def fit_disc_colors(image: LinearImage, plate: LinearImage, streak: Streak) -> D
         color = replace(noisy.color, varied=paints)
         return with_principal_axes(state.relit(replace(noisy, color=color))).cost
 
-    two, axes = cost(varied, 2), varied.observation.color.axes
+    two, mean = cost(varied, 2), sweep.model
     odds = cost(disc, 1) - two, two - cost(varied, 3)
-    sweep = _disc_sweep(disc, search, image)
-    if odds[0] <= DECISIVE_LOG_BAYES_FACTOR:
-        return DiscColors(sweep, sweep.model, axes, odds)
-    mean = varied.relit(varied.observation.of_one_paint)
-    mean_color = sweep_of(Candidate(mean), image).model
-    return DiscColors(sweep_of(Candidate(varied), image), mean_color, axes, odds)
+    if odds[0] > DECISIVE_LOG_BAYES_FACTOR:
+        mean = sweep_of(Candidate(varied.relit(varied.observation.of_one_paint)), image).model
+        sweep = sweep_of(Candidate(varied), image)
+    return DiscColors(sweep, mean, varied.observation.color.axes, odds)
 
 
 def _quick_disc(
-    streak: Streak, image: LinearImage, plate: LinearImage, color: ColorPrior
-) -> tuple[State, Multistart]:
-    """The best disc of a quick search, with the noise that it estimates."""
+    image: LinearImage, plate: LinearImage, streak: Streak, model: ColorModel | None = None
+) -> tuple[State, Multistart, Sweep]:
+    """The disc of a quick search with the noise that it estimates, the search, and the sweep."""
+    color = ColorPrior.of(model) if model is not None else ColorPrior.of(None).of_one_paint
     search = _quick_search(streak, image, plate, color)
     disc = search.soft()
     inflation = noise_inflation(disc)
-    return (search.with_noise_inflated(inflation).soft() if inflation > 1 else disc), search
-
-
-def _disc_sweep(disc: State, search: Multistart, image: LinearImage) -> Sweep:
-    """The sweep of a disc, fitted to hue if it is of one paint."""
+    if inflation > 1:
+        disc = search.with_noise_inflated(inflation).soft()
     by_hue = fitted_to_hue(disc, search.bounds)
     sweep = before_loss(sweep_of(Candidate(by_hue), image), by_hue, image)
     if image.meta.sharing is not None or by_hue is disc:
-        return sweep
+        return disc, search, sweep
     # Codecs of clips quantize chroma where something moves: residuals of hue alone correlate then.
-    return replace(sweep, diagnostics=sweep_of(Candidate(disc), image).diagnostics)
+    known = sweep_of(Candidate(disc), image).diagnostics
+    return disc, search, replace(sweep, diagnostics=known)
 
 
 def _refined(

@@ -9,11 +9,10 @@ from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
-from blurmatte.motion.clip.pooling import pooled_log_odds
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames
-from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, find_streaks
 from blurmatte.sweep.fit_sweep import DiscColors, fit_disc_colors, fit_sweep
 
@@ -155,10 +154,8 @@ def _decided(votes: Sequence[Vote]) -> bool:
     enough = len({number for _, _, number in best}) >= ColorSettings.min_agreeing_frames
     if not enough or weight < ColorSettings.min_lead * (total - weight):
         return False
-    most = max(colors.log_odds[0] for colors, _, _ in best)
-    return (
-        most <= DECISIVE_LOG_BAYES_FACTOR or _log_odds(votes, best)[0] >= DECISIVE_LOG_BAYES_FACTOR
-    )
+    most, decisive = max(colors.log_odds[0] for colors, _, _ in best), DECISIVE_LOG_BAYES_FACTOR
+    return most <= decisive or bool(_log_odds(votes, best)[0] > decisive)
 
 
 def _angle(a: DiscColors, b: DiscColors) -> float:

@@ -9,9 +9,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
-from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel
 from blurmatte.motion.clip.clip_path import ClipPath
 from blurmatte.motion.clip.clip_radius import ClipRadius
@@ -60,14 +57,3 @@ class ClipObject:
         seen = [one for row in self.rows if (one := row.sighting) is not None]
         discs = [one for one in seen if one.source == "sweep" and not one.at_border]
         return (sum(bool(one.doubts) for one in discs) + 1) / (len(discs) + 2)
-
-
-def pooled_log_odds(odds: Sequence[tuple[float, float]], mistake_probability: float) -> Array:
-    """(2,) sums of log Bayes factors of frames, each of which may mislead with a probability.
-
-    That bounds what one frame can say.
-    """
-    each = np.array(odds, float).reshape(-1, 2)
-    mistake, right = np.log(mistake_probability), np.log1p(-mistake_probability)
-    bounded = np.logaddexp(right + each, mistake) - np.logaddexp(right, mistake + each)
-    return np.asarray(bounded.sum(axis=0))

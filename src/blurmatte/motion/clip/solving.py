@@ -26,12 +26,12 @@ from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import MatchedFilter, moving_parts
 from blurmatte.motion.clip.measure import in_colors_of, scene_of, sightings_in_scene
-from blurmatte.motion.clip.pooling import ClipObject, pooled_log_odds
+from blurmatte.motion.clip.pooling import ClipObject
 from blurmatte.motion.clip.rolling_shutter import RollingShutter, Stretch
 from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import CodedFrame, LinearImage, coded_frames
-from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR, pooled_log_odds
 from blurmatte.streaks import Streak, dilated
 from blurmatte.sweep import MotionPrior, Sweep
 from blurmatte.sweep.fit_sweep import fit_stretch

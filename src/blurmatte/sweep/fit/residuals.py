@@ -10,7 +10,6 @@ from blurmatte.sweep.model.silhouette import OPAQUE
 from blurmatte.sweep.model.state import State
 
 _MAX_REPEATED_CHI2 = 0.3  # median outside the streak of codecs that repeat static parts
-_CHROMA_PX = 16  # width of a block whose mean chroma codecs quantize, for 4:2:0
 _MAX_NOISE_RATIO = 0.3  # standard deviation of noise over the rms change of a pixel
 
 
@@ -28,7 +27,8 @@ def hue_inflation(state: State) -> float:
     """As `variance_inflation`, the larger of both axes of hue, and over blocks of chroma as well."""
     inside, _ = _places(state)
     e = _weighted(state)[..., 1:]
-    squares = (block_squares(e, inside, size) for size in (*BlockStatistics.sizes_px, _CHROMA_PX))
+    sizes = *BlockStatistics.sizes_px, BlockStatistics.chroma_px
+    squares = (block_squares(e, inside, size) for size in sizes)
     return max(1.0, *(float(s.mean(axis=0).max()) for s in squares if len(s)), 1.0)
 
 

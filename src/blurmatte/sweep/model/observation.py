@@ -22,6 +22,7 @@ class BlockStatistics:
 
     # Widths: the noise of files and the residuals of wrong shapes correlate over such distances
     sizes_px: tuple[int, ...] = (4, 8)
+    chroma_px: int = 16  # of the largest blocks whose mean chroma codecs quantize, for 4:2:0
     margin_px: int = 3  # around a streak, where pixels do not count as background
     # Fraction of the blocks of a sweep that is dropped: tolerates occluders and holes
     trimmed_inside: float = 0.1
