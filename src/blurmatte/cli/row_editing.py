@@ -21,8 +21,6 @@ Shown: TypeAlias = "tuple[bm.LinearImage, Bools]"
 # The picture with another object, and the pixels that changed; of picture, layer and streak.
 Retouch: TypeAlias = "Callable[[bm.LinearImage, bm.Layer, Bools], Shown]"
 
-_RATE = 25.0  # frames per second of pictures without times
-
 
 def edit_row(
     reading: Reading, source: str, out: Path, edit: Callable[[bm.Layer], Any], options: RowOptions
@@ -33,7 +31,7 @@ def edit_row(
         row = bm.read_layers(source, max_pixels=reading.max_pixels)
     with about(out):
         edited: Any = map(edit, with_progress(row, "editing"))
-        bm.write_frames(out, edited, options.rate or row.rate or _RATE, options.start(row))
+        bm.write_frames(out, edited, options.rate or row.rate, options.start(row))
 
 
 def retouch_row(
@@ -53,7 +51,7 @@ def retouch_row(
     start = options.start(frames)
     with about(out):
         if target is None or originals is None:
-            rate = options.rate or frames.rate or _RATE
+            rate = options.rate or frames.rate
             bm.write_frames(out, (picture for picture, _ in shown), rate, start)
             return
         numbers = range(start, start + len(frames)) if isinstance(start, int) else start

@@ -61,7 +61,11 @@ def layer_name(frame: int, number: int, extension: str, several: bool) -> str:
 
 
 def write_movie(
-    path: Path, folder: Path, records: Sequence[FrameRecord], frames: Sequence[int], rate: float
+    path: Path,
+    folder: Path,
+    records: Sequence[FrameRecord],
+    frames: Sequence[int],
+    rate: float | None,
 ) -> None:
     """Write the layers of one object as a ProRes 4444 with alpha, as long as the clip."""
     named = {record.frame: record for record in records if record.layer}

@@ -25,7 +25,6 @@ from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
 TABLE_EXTENSIONS = ".csv", ".parquet"
-DEFAULT_RATE = 25.0  # frames per second of a movie of pictures without times
 
 
 @dataclass(frozen=True, eq=False)
@@ -302,7 +301,7 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
         for number in numbers:
             name = f"layers{number}.mov" if run.several else "layers.mov"
             mine = [record for record in work.records if record.object == number]
-            rate = run.rate or run.frames.rate or DEFAULT_RATE
+            rate = run.rate or run.frames.rate
             write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
             files.append(folder / name)
     return tuple(files)

@@ -1,5 +1,7 @@
 """Sheet of a deblurred object: blurred, sharp at three moments, its error, and sub-frames."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from blurmatte.checks import check_kind, check_same_size
@@ -9,9 +11,6 @@ from blurmatte.figures.sheet import Layout, Page, Panel, Sheet, size_text
 from blurmatte.layer import Layer, box_around, check_layer
 
 _STRIP = 8  # sub-frames
-_GRID_HEIGHT = (
-    Page.width * 10 // 16 // 3
-)  # of the panels of each grid, so that the page is near 16:10
 
 
 def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Pixels:
@@ -53,7 +52,7 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Pixels
         Panel(over_checkerboard(one.crop(box)), name)
         for one, name in zip(moments, names, strict=True)
     ]
-    sheet.grid(panels, _row(size, len(panels)), "the object")
+    sheet.grid(panels, _layout(size, len(panels)), "the object")
     close = box_around(moments[1]) or box
     part = moments[1].crop(close)
     x0, y0, x1, y1 = close
@@ -64,16 +63,20 @@ def draw_sharp(sharp: Sharp, blurred: Layer, noise_known: bool = True) -> Pixels
             Panel(srgb_codes(part.straight()), "color", "in the middle of the exposure"),
             Panel(gray_codes(std, peak), "error of the color", f"white = {peak:g}"),
         ],
-        Layout.best(part.size, 2, 2, _GRID_HEIGHT),
+        _layout(part.size, 2, [2]),
         "the color and its standard deviation",
     )
     frames = [Panel(over_checkerboard(one.crop(box)), "") for one in sharp.subframes(_STRIP)]
-    sheet.grid(frames, _row(size, len(frames)), "sub-frames; the direction of time is unknown")
+    sheet.grid(frames, _layout(size, len(frames)), "sub-frames; the direction of time is unknown")
     return sheet.pixels()
 
 
-def _row(size: tuple[int, int], count: int) -> Layout:
-    """The panels in the number of columns that shows them largest on a part of the page."""
-    numbers = [columns for columns in range(count, 0, -1) if count % columns == 0]
-    layouts = [Layout.best(size, count, columns, _GRID_HEIGHT) for columns in numbers]
+def _layout(size: tuple[int, int], count: int, columns: Sequence[int] = ()) -> Layout:
+    """The panels of one of three grids that make a page near 16:10, as large as possible.
+
+    columns: their numbers that may be chosen; if none are given, those that fill all rows.
+    """
+    height = Page.width * 10 // 16 // 3
+    numbers = columns or [n for n in range(count, 0, -1) if count % n == 0]
+    layouts = [Layout.best(size, count, n, height) for n in numbers]
     return max(layouts, key=lambda layout: layout.scale)

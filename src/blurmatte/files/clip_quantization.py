@@ -28,7 +28,6 @@ Array = npt.NDArray[np.float64]
 _FRAMES_OF_GROUP = 12  # from a key frame on, of which one has the finest quantizers
 _FRAMES_IN_MEMORY = 4
 _MACROBLOCK = 16  # pixels
-_WHITE = 219  # code values of luma above black, as most clips have
 # By number of FFmpeg's AVVideoEncParamsType: steps of an orthonormal transform, from the numbers of
 # quantizers. H.264: 0.625 at 0, doubled by 6 more [ITU-T H.264, 8.5.9]. MPEG: twice the number.
 _STEPS: dict[int, Callable[[Array], Array]] = {
@@ -97,7 +96,8 @@ def _of_group(clip: Clip, key: int) -> tuple[Array, float] | None:
     if found is not None:
         steps = found[1], np.sqrt(np.mean(squares, axis=0))
         variances = np.stack([_variance(clip, found[0], step) for step in steps])
-        group = variances, float(np.mean(squares) ** 0.5) * 2.0 ** (8 - clip.bits) / _WHITE
+        mean_step = float(np.mean(squares) ** 0.5) * 2.0 ** (8 - clip.bits)
+        group = variances, mean_step / 219  # of white above black, as in most clips
     return group
 
 

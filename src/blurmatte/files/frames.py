@@ -262,7 +262,7 @@ def read_layers(
 def write_frames(
     path: str | Path,
     things: Iterable[Layer] | Iterable[LinearImage] | Iterable[Codes],
-    rate: float = 25.0,
+    rate: float | None = None,
     start: int | Sequence[int] = 1,
 ) -> list[Path]:
     """Write layers or pictures as a sequence of files or as a clip, by the extension.
@@ -290,8 +290,8 @@ def write_frames(
     things : iterable
         Layers, LinearImages, or (H, W, 3) uint8 arrays of sRGB; all of one kind and size. One at a
         time is needed, so a generator is enough.
-    rate : float
-        Frames per second of a clip.
+    rate : float, optional
+        Frames per second of a clip; 25 if not given.
     start : int or sequence of int
         The number of the first file, or those of all.
 
@@ -309,6 +309,7 @@ def write_frames(
         If there are no frames, they differ in kind or size, or an argument is invalid.
     """
     target = Path(path)
+    rate = 25.0 if rate is None else rate
     if not (np.isfinite(rate) and rate > 0):
         raise ValueError(f"rate must be a positive number of frames per second, got {rate}")
     if isinstance(start, int) and start < 0:

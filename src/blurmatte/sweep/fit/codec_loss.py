@@ -27,8 +27,6 @@ from blurmatte.sweep.model.state import State
 from blurmatte.sweep.model.student_t import VARIANCE
 from blurmatte.sweep.sweep import Sweep
 
-_MACROBLOCK = 2 * BLOCK  # pixels: one block of chroma
-
 
 def before_loss(sweep: Sweep, state: State, image: LinearImage) -> Sweep:
     """The sweep of a state of an image before its codec; the same if its quantizers are not known."""
@@ -71,10 +69,11 @@ def _lost_light(state: State, image: LinearImage, step: float, corner: tuple[int
     light = np.maximum((1 - alpha)[..., None] * observation.B + own, 0)
     codes, plate = (np.asarray(transfer.encode(x)) for x in (light, observation.B))
     first = [int(at - (side - 1) / 2) + c for at, c in zip(observation.origin, corner, strict=True)]
-    left, top = (at % _MACROBLOCK for at in first)
+    macroblock = 2 * BLOCK  # of which chroma is one block
+    left, top = (at % macroblock for at in first)
     fine = np.kron(codes - plate, np.ones((side, side, 1)))
     h, w = fine.shape[:2]
-    more = (top, -(top + h) % _MACROBLOCK), (left, -(left + w) % _MACROBLOCK), (0, 0)
+    more = (top, -(top + h) % macroblock), (left, -(left + w) % macroblock), (0, 0)
     matrix = ycbcr_matrix(LUMA_WEIGHTS_709)
     planes = np.pad(fine, more) @ matrix.T
     planes[..., 0] = lost_change(planes[..., 0], step)
