@@ -22,14 +22,15 @@ def gray(values: np.ndarray, white: float) -> np.ndarray:
     return codes[..., None].repeat(3, axis=-1)
 
 
-def color_of(solution: bm.Solution, max_std: float = np.inf) -> np.ndarray:
+def color_of(solution: bm.Solution, max_std: float | None = None) -> np.ndarray:
     """The color map where alpha exceeds three standard errors; [GC07]: "meaningless outside".
 
     `max_std`: largest standard error of a color that is shown, white is 1.
     """
     alpha = solution.layer.alpha
     sure = alpha > 3 * solution.alpha_std
-    sure &= solution.premultiplied_std.max(axis=-1) < max_std * alpha
+    if max_std is not None:
+        sure &= solution.premultiplied_std.max(axis=-1) < max_std * alpha
     return np.where(sure[..., None], shown(solution.layer.straight()), np.uint8(128))
 
 
