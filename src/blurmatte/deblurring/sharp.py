@@ -99,7 +99,9 @@ class Sharp:
         variance, light = seen[..., :3], seen[..., 3:]
         variance = np.maximum(variance * light, 0) / np.maximum(alpha, 1e-12) ** 2
         if self.spin is not None:
-            # A lamp's max(cos, 0) has 99.2 % of its energy 1 / 6 in harmonics up to order 2.
+            # The light of a lamp, max(cos, 0), has the mean 1 / 4 and the mean square 1 / 6 over a
+            # sphere. Harmonics up to order 2, all that the model has, hold 99.2 % of the latter. The
+            # error is the rest, in proportion to the standard deviation of the fitted light.
             truncated = np.sqrt(0.008 / 6 / (0.992 / 6 - 1 / 16))
             contrast = float(np.std(light[alpha > OPAQUE] / alpha[alpha > OPAQUE]))
             error = truncated * contrast * self.color.mean(axis=0)

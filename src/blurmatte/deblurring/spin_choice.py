@@ -1,7 +1,9 @@
 """The choice between a ball that shows one side and one that spins, by their evidence.
 
-Both explain the same pixels under the same weights. With log Z of `gaussian`, the prior Q of the nodes
-but the first, and the covariance C of the other parameters under their prior Σ, the log evidence is
+Both explain the same pixels under the same weights. Let Z be the evidence of the color in `gaussian`, Q
+the inverse covariance (n, n) of the color of n nodes before the light is seen, without its constant,
+and C and Σ the (k, k) covariances of the k parameters of motion and shape after and before. Then the
+log evidence is
 
     log Z + (3/2) log |Q| + (1/2) log (|C| / |Σ|).
 
