@@ -92,17 +92,17 @@ def opened_manifest(path: Path, key: str) -> Iterator[Manifest]:
         path.parent.mkdir(parents=True, exist_ok=True)
         finished, size = _read(path, key)
         file = path.open("ab", buffering=0)
-    with file:
-        with _reported(path):
-            file.truncate(size)
-            if size == 0:
-                file.write(_head(key))
-        manifest = Manifest(finished, path, file)
-        try:
+    manifest = Manifest(finished, path, file)
+    try:
+        with file:
+            with _reported(path):
+                file.truncate(size)
+                if size == 0:
+                    file.write(_head(key))
             yield manifest
-        finally:
-            if not manifest.finished:
-                path.unlink()
+    finally:
+        if not manifest.finished:
+            path.unlink(missing_ok=True)
 
 
 def _head(key: str) -> bytes:
