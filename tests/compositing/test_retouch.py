@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from blurmatte.background import Match
 from blurmatte.compositing import remove, retouch
 from blurmatte.matting import Pixelwise, solve
 from blurmatte.radiometry import LinearImage, NoiseModel
@@ -69,6 +70,23 @@ def test_removal_gives_the_plate_inside_and_the_image_outside(rendering):
     assert_array_equal(changed, streak)
     assert_array_equal(picture.rgb[streak], rendering.plate.rgb[streak])
     assert_array_equal(picture.rgb[~streak], rendering.image.rgb[~streak])
+
+
+def test_highlights_of_a_shifted_plate_replace_every_pixel_of_the_streak():
+    """Clipped pixels and their neighbors in the interpolation are replaced as all others are."""
+    rng = np.random.default_rng(5)
+    rgb = rng.uniform(0.2, 0.9, (40, 60, 3))
+    bright = rng.random((40, 60)) < 0.05
+    rgb[bright] = 1.0
+    plate = LinearImage(rgb, valid=~bright)
+    image = replace(plate, rgb=np.zeros_like(rgb), valid=np.ones_like(bright))
+    streak = np.zeros_like(bright)
+    streak[8:32, 10:50] = True
+    h = np.array([0, 0, 0.5 / 30, 0, 0, 0, 0, 0])  # half a pixel
+    darker = replace(Match.nothing((60, 40)), h=h, light=0.98 * Match.nothing((60, 40)).light)
+    picture, changed = remove(image, plate, streak, match=darker)
+    assert_array_equal(changed, streak)
+    assert_array_equal(picture.rgb.any(axis=-1), streak)
 
 
 def test_pixels_unknown_in_the_plate_are_not_removed(paint):

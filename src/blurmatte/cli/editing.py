@@ -149,8 +149,8 @@ def remove(
 
         def removed(picture: bm.LinearImage, _: bm.Layer, streak: Any) -> Shown:
             """The picture without its streak."""
-            behind = bm.match_plate(scene, picture, matching_of(plate.match))
-            return bm.remove(picture, behind, streak, grow)
+            match = bm.fit_match(picture, scene, matching_of(plate.match))
+            return bm.remove(picture, scene, streak, grow, match)
 
         retouch_row(reading, layer, image, out, removed, row)
         return
@@ -158,12 +158,13 @@ def remove(
         (before, streak), read = _read(
             reading, lambda: layer_and_streak(source, reading), source, [image, plate.plate]
         )
-        matched = _matched(plate.plate, plate.match, read)
-        assert matched is not None
+        picture, scene = read
+        with about(plate.plate):
+            match = bm.fit_match(picture, scene, matching_of(plate.match))
         with about(source):
-            check_same_size("the layer", before.size, "the image", read[0].size)
-            result, touched = bm.remove(read[0], matched, streak, grow)
-        done = _Edit(before, before.fade(0), read[0], result, matched)
+            check_same_size("the layer", before.size, "the image", picture.size)
+            result, touched = bm.remove(picture, scene, streak, grow, match)
+        done = _Edit(before, before.fade(0), picture, result)
         _write_in_place(out, image, done, touched, reading)
         _write_looks(looks, done, "remove")
 

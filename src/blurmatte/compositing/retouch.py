@@ -13,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from blurmatte.background import Match
 from blurmatte.checks import Bools, check_map, check_same_size
 from blurmatte.layer import Layer, box_around, check_layer
 from blurmatte.radiometry import LinearImage, check_picture
@@ -70,18 +71,27 @@ def retouch(
 
 
 def remove(
-    image: LinearImage, plate: LinearImage, streak: Bools, grow: int = 0
+    image: LinearImage,
+    plate: LinearImage,
+    streak: Bools,
+    grow: int = 0,
+    match: Match | None = None,
 ) -> tuple[LinearImage, Bools]:
     """Replace the streak, with the object and its shadow, by the plate.
+
+    The clipped light of the plate is used as it was recorded, so that no pixel of the object is kept
+    in a highlight.
 
     Parameters
     ----------
     image, plate : LinearImage
-        The picture, and the plate matched to it.
+        The picture, and the scene without the object.
     streak : (H, W) bool
         Pixels to replace, e.g. `solution.streak`.
     grow : int
         Pixels by which the streak is dilated on every side.
+    match : Match, optional
+        From `fit_match`; applied to the plate. By default the plate matches already.
 
     Returns
     -------
@@ -105,7 +115,11 @@ def remove(
         from scipy.ndimage import maximum_filter
 
         streak = maximum_filter(streak, 2 * grow + 1)
-    changed = np.asarray(streak & (plate.valid | plate.clipped.any(axis=-1)))
+    # Interpolation spreads `valid` but not `clipped`: declare what was recorded valid before it.
+    plate = replace(plate, valid=plate.valid | plate.clipped.any(axis=-1))
+    if match is not None:
+        plate = match.apply(plate)
+    changed = np.asarray(streak & plate.valid)
     image, behind = image.in_srgb(), plate.in_srgb()
     rgb = np.where(changed[..., None], behind.rgb, image.rgb).astype(image.rgb.dtype)
     return replace(image, rgb=rgb, noise=None), changed
