@@ -10,6 +10,7 @@ from blurmatte.checks import Bools, Floats, check_kind, check_same_size
 from blurmatte.errors import MotionError, PlateError
 from blurmatte.radiometry import LinearImage, check_same_colors
 from blurmatte.streaks.evidence import StreakSettings, evidence
+from blurmatte.streaks.in_line import join_in_line
 from blurmatte.streaks.morphology import cells_to_pixels, dilated, opened
 from blurmatte.streaks.streak import Streak
 
@@ -48,12 +49,17 @@ def find_streaks(image: LinearImage, plate: LinearImage) -> list[Streak]:
     T = evidence(image, plate, cell)
     moved = opened(StreakSettings.possible < T)  # thin: a shifted edge of the plate
     labels, _ = ndimage.label(dilated(moved, StreakSettings.closing), np.ones((3, 3)))
-    streaks = []
+    parts = []
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         near = np.where((labels[place] == number) & moved[place], T[place], 0)
         for part in _strong_parts(near) if near.max() > StreakSettings.sure else ():
-            mask = _to_pixels(part, place, cell, image.valid.shape)
-            streaks.append(Streak(mask, evidence=float(T[place][part].sum()), cell=cell))
+            cells = np.zeros(T.shape, bool)
+            cells[place] = part
+            parts.append(cells)
+    streaks = [
+        Streak(_to_pixels(part, cell, image.valid.shape), evidence=float(T[part].sum()), cell=cell)
+        for part in join_in_line(parts, T)
+    ]
     return sorted(streaks, key=lambda streak: -streak.evidence)
 
 
@@ -126,14 +132,15 @@ def _strong_parts(T: Floats) -> list[Bools]:
     ]
 
 
-def _to_pixels(part: Bools, place: tuple[slice, ...], cell: int, shape: tuple[int, ...]) -> Bools:
+def _to_pixels(part: Bools, cell: int, shape: tuple[int, ...]) -> Bools:
     """Mask of pixels of a part of the cells: closed, filled, and with its faint rim."""
     from scipy import ndimage
 
     rim, closing = StreakSettings.rim, StreakSettings.closing
-    joined = dilated(np.pad(part, rim), closing)
+    (place,) = ndimage.find_objects(part.astype(np.int8))
+    joined = dilated(np.pad(part[place], rim), closing)
     grown = dilated(ndimage.binary_fill_holes(joined), rim - closing)
-    cells = np.zeros([-(-side // cell) + 2 * rim for side in shape], bool)
+    cells = np.zeros([side + 2 * rim for side in part.shape], bool)
     cells[tuple(slice(s.start, s.stop + 2 * rim) for s in place)] = grown
     return cells_to_pixels(cells[rim:-rim, rim:-rim], cell, shape)
 
