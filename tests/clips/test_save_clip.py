@@ -67,7 +67,7 @@ def test_layer_over_plate_is_the_frame(once, pictures):
 def test_rerun_does_nothing_and_changes_no_byte(shot, once, monkeypatch):
     """Exact: nor is the color found again."""
     folder, _ = once
-    monkeypatch.setattr("blurmatte.clips.shots.color_in_scene", None)
+    monkeypatch.setattr("blurmatte.clips.shots.color_or_any", None)
     before = contents(folder)
     assert saved(shot, folder).new == 0
     assert contents(folder) == before
@@ -102,7 +102,7 @@ def test_movie_is_as_long_as_the_clip_and_table_may_be_parquet(shot, once, tmp_p
 def test_clip_in_which_nothing_moves_is_refused(shot, tmp_path):
     run = run_of(shot)
     run = bm.ClipRun(run.inputs, run.frames[:3], run.plate)
-    with pytest.raises(bm.MotionError, match=r"frames 0 to 2: .*color"):
+    with pytest.raises(bm.MotionError, match=r"frames 0 to 2: nothing moved"):
         list(bm.save_clip(run, tmp_path, bm.Workers(1)))
 
 
@@ -263,3 +263,36 @@ def test_cluster_that_loses_a_worker_writes_the_same_bytes(shot, once, tmp_path)
                 victim = 0
     for name in (*NAMES, "frames.csv", "report.json"):
         assert (tmp_path / name).read_bytes() == (once[0] / name).read_bytes()
+
+
+@pytest.mark.battery
+def test_frames_of_a_thing_without_a_path_have_a_layer_each_or_a_reason(tmp_path):
+    """A stick of two paints turns about one end; no disc on a path explains it."""
+    y, x = np.indices((120, 160))
+    rng = np.random.default_rng(4)
+    ground = 0.4 + 0.1 * np.sin(x / 9)[..., None] * [1, 0.5, -1] + 0 * y[..., None]
+    covered, noise = [], bm.NoiseModel(read_std=0.003)
+    for k in range(8):
+        light, whole = np.zeros((120, 160, 3)), np.zeros((120, 160))
+        for turn in np.linspace(0.5 * k, 0.5 * k + 0.4, 40):
+            u = (x - 80) * np.cos(turn) + (y - 60) * np.sin(turn)
+            v = (y - 60) * np.cos(turn) - (x - 80) * np.sin(turn)
+            inside = (u > 0) & (u < 50) & (np.abs(v) < 6)
+            whole += inside / 40
+            light += (inside / 40)[..., None] * np.where(
+                (u > 30)[..., None], [0.7, 0.05, 0.05], 0.02
+            )
+        picture = light + (1 - whole[..., None]) * ground
+        covered.append(whole.sum())
+        frame = bm.LinearImage(picture + rng.normal(0, 0.003, picture.shape)).with_noise(noise)
+        bm.write(tmp_path / f"stick.{k:04d}.exr", frame)
+    frames = bm.read_frames(tmp_path / "stick.####.exr")
+    plate = bm.LinearImage(ground).with_noise(bm.NoiseModel(read_std=1e-4))
+    run = bm.ClipRun((), frames, plate)
+    *_, report = bm.save_clip(run, tmp_path / "out", bm.Workers(1))
+    assert [record.frame for record in report.records] == list(range(8))
+    assert all(record.layer or record.reason for record in report.records)
+    layers = [record for record in report.records if record.layer]
+    assert len(layers) >= 6
+    for record in layers:
+        assert abs(record.sum_alpha - covered[record.frame]) < 3 * record.sum_alpha_std

@@ -259,7 +259,12 @@ def _shot(
             *(run.file_extension, run.several, run.complete),
         )
         yield from _solved(writer, ready, done, work, workers)
-    work.records += [done[key] for key in sorted(done)]
+    empty = [
+        FrameRecord(row.frame, row.time, 1, number, reason=row.reason)
+        for row in ready.rows
+        if row.sighting is None and row.something_moved and (row.frame, 1) not in done
+    ]
+    work.records += sorted([*done.values(), *empty], key=lambda one: (one.frame, one.object))
 
 
 def _solved(

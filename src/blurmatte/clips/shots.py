@@ -17,10 +17,15 @@ from blurmatte.motion import (
     link_objects,
     link_sightings,
 )
-from blurmatte.motion.clip.color import color_in_scene
 from blurmatte.motion.clip.measure import scene_of, sightings_in_scene
 from blurmatte.motion.clip.scene import clip_plate
-from blurmatte.motion.clip.solving import FrameSolver, Wanted, wanted_frames
+from blurmatte.motion.clip.solving import (
+    FrameSolver,
+    Wanted,
+    color_or_any,
+    frames_alone,
+    wanted_frames,
+)
 from blurmatte.motion.clip.workers import parts_of, successes
 from blurmatte.radiometry import LinearImage, coded_frames
 
@@ -101,11 +106,17 @@ def prepared(
     seen = list(finished)
     if len(seen) == len(part):
         rows = link(seen)
-        if all((row.frame, row.object or 1) in solved for row in rows if row.sighting):
+        alone = (
+            []
+            if given.model is not None
+            else [w.row for w in frames_alone(rows, part.frame_numbers)]
+        )
+        mine = [*(row for row in rows if row.sighting), *alone]
+        if all((row.frame, row.object or 1) in solved for row in mine):
             yield SolvableShot(number, shot, part, plate, None, tuple(rows), ())
             return
     scene = scene_of(part, plate, given.model, given.hidden)
-    model = color_in_scene(part, scene, workers) if given.model is None else given.model
+    model = color_or_any(part, scene, workers) if given.model is None else given.model
     numbers = part.frame_numbers
     new = sightings_in_scene(
         *(part, scene, model, workers),
@@ -120,4 +131,6 @@ def prepared(
     rows = link(seen)
     solver = FrameSolver.of(part, scene, model)
     wanted = wanted_frames(part, rows, solver, numbers, workers)
+    if given.model is None:
+        wanted = sorted([*wanted, *frames_alone(rows, numbers)], key=lambda one: one.index)
     yield SolvableShot(number, shot, part, plate, solver, tuple(rows), tuple(wanted))

@@ -9,6 +9,7 @@ from blurmatte.checks import Array
 from blurmatte.color.model import ColorModel, fuse_colors
 from blurmatte.color.streak import check_not_gray
 from blurmatte.errors import BlurmatteError, ColorModelError, MotionError
+from blurmatte.motion.clip.detections import NOTHING_MOVED
 from blurmatte.motion.clip.scene import Crop, StaticScene, survey
 from blurmatte.motion.clip.workers import Workers, shared, successes
 from blurmatte.radiometry import LinearImage, coded_frames
@@ -97,6 +98,8 @@ def color_in_scene(
     """As `clip_color`."""
     votes: list[Vote] = []
     busy = [change.number for change in survey(frames, scene, workers) if change.boxes]
+    if not busy:
+        raise MotionError(f"{NOTHING_MOVED}: all frames agree with the plate; choose other frames")
     for fit, inside, rounds in _TRIALS:
         voter = _Voter(scene, fit, inside)
         parts = ((slice(k, k + 1),) for k in _spread(busy, rounds))

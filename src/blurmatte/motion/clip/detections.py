@@ -13,6 +13,8 @@ from blurmatte.checks import check_kind
 
 Array = npt.NDArray[np.float64]
 
+NOTHING_MOVED = "nothing moved"  # reason of a frame that agrees with the plate
+
 
 @dataclass(frozen=True)
 class Sighting:
@@ -199,6 +201,11 @@ class FrameMotion:
     place_scatter: float = 1.0
     path_scatter: float = 1.0
     radius_scatter: float = 1.0
+
+    @property
+    def something_moved(self) -> bool:
+        """Whether the frame differs from the plate, by the object or by anything else."""
+        return self.sighting is not None or self.reason != NOTHING_MOVED
 
     @property
     def stated(self) -> Sighting | None:

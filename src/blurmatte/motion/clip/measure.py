@@ -20,7 +20,12 @@ from blurmatte.errors import BlurmatteError, BlurmatteWarning, MotionError
 from blurmatte.matting.pixelwise import Pixelwise
 from blurmatte.matting.solve import solve
 from blurmatte.motion.clip.color import clip_color
-from blurmatte.motion.clip.detections import FrameMotion, FrameSightings, Sighting
+from blurmatte.motion.clip.detections import (
+    NOTHING_MOVED,
+    FrameMotion,
+    FrameSightings,
+    Sighting,
+)
 from blurmatte.motion.clip.frames import ClipFrames
 from blurmatte.motion.clip.linking import link_objects, link_sightings
 from blurmatte.motion.clip.matched_filter import (
@@ -260,7 +265,7 @@ class _Detector:
             if single and found and found[-1].source == "sweep":
                 break
         if not parts:
-            reasons = ["nothing moved" if self.color is None or not crops else _NO_COLOR]
+            reasons = [NOTHING_MOVED if self.color is None or not crops else _NO_COLOR]
         return FrameSightings(number, time, tuple(found), "; ".join(reasons), len(rest))
 
     def _parts(self, crops: Sequence[Crop]) -> list[tuple[Crop, Streak]]:

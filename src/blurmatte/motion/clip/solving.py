@@ -16,7 +16,7 @@ import numpy.typing as npt
 from blurmatte.background import Matching
 from blurmatte.checks import Bools, Box, check_kind
 from blurmatte.color.model import ColorModel
-from blurmatte.errors import BlurmatteError, BlurmatteWarning
+from blurmatte.errors import BlurmatteError, BlurmatteWarning, ColorModelError
 from blurmatte.matting.solution import Solution
 from blurmatte.matting.solve import solve
 from blurmatte.matting.swept import Swept
@@ -137,6 +137,8 @@ class FrameSolver:
         BlurmatteError
             If the object cannot be separated.
         """
+        if wanted.row.sighting is None:
+            return self._solved_alone(frame)
         crop, streak, start, prior = self._prepared(frame, wanted)
         solver = Swept() if wanted.has_shape else None
         if prior is None:
@@ -151,6 +153,14 @@ class FrameSolver:
         alone = self._solution(crop, streak, None, silhouette, solver)
         reasons = [_CONTRADICTS, *alone.stats.get("grade_reasons", ())]
         return crop, replace(alone, stats={**alone.stats, "grade_reasons": reasons})
+
+    def _solved_alone(self, frame: CodedFrame) -> tuple[Crop, Solution]:
+        """The crop around all that moved, and the solution of its likeliest streak."""
+        boxes = np.array(self.scene.gate.changes(frame).boxes)
+        x0, y0 = boxes[:, :2].min(axis=0).tolist()
+        x1, y1 = boxes[:, 2:].max(axis=0).tolist()
+        (crop,) = self.scene.crops(frame, [(x0, y0, x1, y1)])
+        return crop, self._solution(crop, None, None, any_color=True)
 
     def _prepared(
         self, frame: CodedFrame, wanted: Wanted
@@ -184,14 +194,15 @@ class FrameSolver:
         start: Sweep | None,
         prior: MotionPrior | None = None,
         solver: Swept | None = None,
+        any_color: bool = False,
     ) -> Solution:
-        """The solution with a prior, or of the crop alone."""
+        """The solution with a prior, or of the crop alone; of the clip's color, or of its own."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", BlurmatteWarning)
             return solve(
                 crop.image,
                 crop.plate,
-                self.model if self.model.rank < 3 else None,
+                None if any_color or self.model.rank == 3 else self.model,
                 solver,
                 streak=streak,
                 matching=Matching.NONE,
@@ -283,15 +294,46 @@ def solve_clip(
     plate = clip_plate(frames) if plate is None else plate
     with shared(workers) as processes:
         scene, numbers = scene_of(frames, plate, model, occluder), range(len(frames))
-        model = color_in_scene(frames, scene, processes) if model is None else model
-        seen = sightings_in_scene(frames, scene, model, processes, several=several, numbers=numbers)
+        known = color_or_any(frames, scene, processes) if model is None else model
+        seen = sightings_in_scene(frames, scene, known, processes, several=several, numbers=numbers)
         rows = link_objects(seen) if several else link_sightings(seen)
-        solver = FrameSolver.of(frames, scene, model)
+        solver = FrameSolver.of(frames, scene, known)
         found = wanted_frames(frames, rows, solver, numbers, processes)
+        if model is None:
+            found = sorted([*found, *frames_alone(rows, numbers)], key=lambda one: one.index)
         solutions = successes(processes.over(frames, solver, parts_to_solve(found)))
         for one, solution in zip(found, solutions, strict=True):
             if isinstance(solution, Solution):
                 yield one.index, solution
+
+
+def color_or_any(frames: Sequence[LinearImage], scene: StaticScene, workers: Workers) -> ColorModel:
+    """The color of a clip's object; any, if no shape on a path explains enough of its streaks."""
+    try:
+        return color_in_scene(frames, scene, workers)
+    except ColorModelError:
+        return ColorModel.any()
+
+
+def frames_alone(rows: Sequence[FrameMotion], numbers: Sequence[int]) -> list[Wanted]:
+    """Frames to solve as single pictures: something moved there, but no object was measured.
+
+    Where an object is measured in most of the frames in which anything moved, whatever else moves is
+    not the object, and there are none.
+
+    Parameters
+    ----------
+    rows : sequence of FrameMotion
+        The table of a clip whose color was not given.
+    numbers : sequence of int
+        Of all frames of the clip, as in the table.
+    """
+    moved = {row.frame for row in rows if row.something_moved}
+    rest = [row for row in rows if row.something_moved and row.sighting is None]
+    index_of = {number: index for index, number in enumerate(numbers)}
+    if 2 * len(rest) <= len(moved):
+        return []
+    return [Wanted(index_of[row.frame], row, None) for row in rest]
 
 
 def parts_to_solve(wanted: Iterable[Wanted]) -> Iterator[tuple[slice, Wanted]]:
