@@ -13,6 +13,7 @@ from blurmatte.files.models import read_color_model as read_color_model
 from blurmatte.files.models import read_path as read_path
 from blurmatte.files.reading import read as read
 from blurmatte.files.reading import read_layer as read_layer
+from blurmatte.files.reading import read_mask as read_mask
 from blurmatte.files.solutions import read_solution as read_solution
 from blurmatte.files.writing import require_parquet as require_parquet
 from blurmatte.files.writing import write as write
