@@ -20,6 +20,8 @@ def test_intrinsics_round_trip(tmp_path):
     assert np.array_equal(again.covariance, lens.covariance)
     assert again.fisheye
     assert again.size == (640, 480)
+    bm.write(tmp_path / "cam.json", bm.Intrinsics(801.25, 799.1, 320, 240))
+    assert bm.read_intrinsics(tmp_path / "cam.json").size is None
 
 
 def test_std_alone_gives_a_diagonal_covariance(tmp_path):

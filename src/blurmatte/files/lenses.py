@@ -196,7 +196,7 @@ class _LensFields:
     covariance: Annotated[Array, covariance_matrix(MAX_PX**2, None, None)] | None = None
     std: Annotated[Array, numbers(0, MAX_PX, None)] | None = None
     size: Annotated[
-        Array | None, numbers(1, MAX_PX, 2, whole=True), _also("size", "resolution")
+        Annotated[Array, numbers(1, MAX_PX, 2, whole=True)] | None, _also("size", "resolution")
     ] = None
     matrix: Annotated[
         Array | None,
