@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import blurmatte as bm
 from blurmatte.checks import (
     check_box,
     check_finite,
@@ -12,6 +13,8 @@ from blurmatte.checks import (
     check_points,
     check_same_size,
 )
+from blurmatte.rendering import Ball, Scene, colorful_plate, render
+from blurmatte.trajectory import Trajectory
 
 
 def test_valid_values_pass():
@@ -85,3 +88,90 @@ def test_light_beyond_what_32_bits_can_square_is_rejected(value):
 def test_rejects_different_sizes():
     with pytest.raises(ValueError, match="image is 3x2 pixels and plate 2x3; they must show"):
         check_same_size("image", (3, 2), "plate", (2, 3))
+
+
+LIGHT = np.random.default_rng(0).uniform(0.1, 0.9, (6, 7, 3))
+
+
+class Labeled:
+    """An array of another library, such as a tensor or a labeled array."""
+
+    def __init__(self, values):
+        self.values = values
+
+    def __array__(self, dtype=None, copy=None):
+        return np.asarray(self.values, dtype)
+
+
+@pytest.mark.parametrize(
+    ("given", "dtype", "tolerance"),
+    [
+        (LIGHT.astype(">f4"), np.float32, 1e-7),
+        (LIGHT.astype(">f8"), np.float64, 0),
+        (LIGHT.astype(np.float16), np.float32, 1e-3),
+        (LIGHT.astype(np.longdouble), np.float64, 0),
+        (Labeled(LIGHT), np.float64, 0),
+        (Labeled(LIGHT.astype(">f4")), np.float32, 1e-7),
+        (np.asfortranarray(LIGHT), np.float64, 0),
+        (LIGHT[::-1, ::-1][::-1, ::-1], np.float64, 0),
+        (np.ma.masked_array(LIGHT), np.float64, 0),
+    ],
+    ids=["big-endian", "FITS", "half", "long", "tensor", "big tensor", "Fortran", "view", "no mask"],
+)  # fmt: skip
+def test_light_of_every_kind_of_array_is_taken(given, dtype, tolerance):
+    """exact: 32 or 64-bit floats of this processor's byte order; solve accepts them."""
+    picture = bm.LinearImage(given)
+    assert picture.rgb.dtype == dtype
+    assert picture.rgb.dtype.isnative
+    assert type(picture.rgb) is np.ndarray
+    np.testing.assert_allclose(picture.rgb, LIGHT, atol=tolerance, rtol=0)
+    assert picture.valid.all()
+
+
+def test_masked_pixels_are_not_valid():
+    """exact: where any channel is masked, or `valid` is False; NaN below a mask is no error."""
+    masked, valid = np.zeros(LIGHT.shape, bool), np.ones(LIGHT.shape[:2], bool)
+    masked[1, 2, 0], valid[3, 4] = True, False
+    light = np.where(masked, np.nan, LIGHT)
+    picture = bm.LinearImage(np.ma.masked_array(light, masked), valid=valid)
+    valid[1, 2] = False
+    assert np.array_equal(picture.valid, valid)
+    assert np.isfinite(picture.rgb).all()
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: bm.LinearImage(LIGHT.astype(object)), "rgb must be an array of numbers"),
+        (lambda: bm.LinearImage(LIGHT.tolist()), "rgb must be a NumPy array .* got list"),
+        (lambda: bm.LinearImage((255 * LIGHT).astype(int)), "rgb must hold linear light as floats"),
+        (lambda: bm.LinearImage(LIGHT, np.ma.masked_array(LIGHT)), "noise must be an array without"),
+        (lambda: bm.Layer(np.ma.masked_array(LIGHT[..., 0]), LIGHT), "alpha must be an array without"),
+        (lambda: bm.Streak(np.ma.masked_array(LIGHT[..., 0] > 0)), "mask must be an array without"),
+        (lambda: bm.Streak([[True]]), "mask must be a NumPy array, got list"),
+    ],
+)  # fmt: skip
+def test_arrays_that_cannot_be_taken_are_refused_by_name(make, says):
+    """door."""
+    with pytest.raises(TypeError, match=says):
+        make()
+
+
+def test_solve_takes_big_endian_and_read_only_arrays():
+    """exact: the same answer as of native arrays."""
+    plate = colorful_plate((64, 48), rng=1, tile=9)
+    scene = Scene(plate, Trajectory.line((18, 20), (44, 26)), Ball(6, np.array([0.9, 0.5, 0.05])))
+    noisy = [
+        x + np.random.default_rng(k).normal(0, 1e-3, x.shape)
+        for k, x in enumerate((render(scene).image.rgb, plate))
+    ]
+    model = bm.ColorModel.from_hex("#f3be40")
+    native, big = (
+        bm.solve(*(bm.LinearImage(x.astype(form)) for x in noisy), model, bm.Pixelwise())
+        for form in ("<f8", ">f8")
+    )
+    assert np.array_equal(native.alpha, big.alpha, equal_nan=True)
+    for x in noisy:
+        x.flags.writeable = False
+    again = bm.solve(*map(bm.LinearImage, noisy), model, bm.Pixelwise())
+    assert np.array_equal(native.alpha, again.alpha, equal_nan=True)

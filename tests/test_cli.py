@@ -715,7 +715,7 @@ def test_accepts_any_file_name(here, tmp_path):
         (["--solver", "smooth:0"], "must have a number F above 0, got '0'"),
         (["--require", "assumed"], "--require must be confirmed or plausible, got 'assumed'"),
         (["--region", "BLACK"], "has no white pixel"),
-        (["--occluder", "WHITE", "--color", "#ff0000"], "has no black pixel"),
+        (["--occluder", "WHITE", "--color", "#ff0000"], "marks all pixels"),
         (["--max-pixels", "100"], "more than the limit of 100"),
     ],
 )

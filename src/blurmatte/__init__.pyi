@@ -54,6 +54,7 @@ from blurmatte.files import read_frames as read_frames
 from blurmatte.files import read_intrinsics as read_intrinsics
 from blurmatte.files import read_layer as read_layer
 from blurmatte.files import read_layers as read_layers
+from blurmatte.files import read_mask as read_mask
 from blurmatte.files import read_noise as read_noise
 from blurmatte.files import read_solution as read_solution
 from blurmatte.files import read_transfer as read_transfer

@@ -18,6 +18,35 @@ MAX_PIXELS = 200_000_000  # default limit of pictures that are read
 MAX_LIGHT = 1e6  # 1 is white; its sixth power occurs in errors, and float32 holds 3e38
 
 
+def as_array(name: str, value: object) -> Any:
+    """An array as NumPy's compiled loops take it: this processor's byte order, 32 or 64-bit floats.
+
+    Objects with `__array__`, such as tensors and labeled arrays, are converted; half floats become
+    32-bit, and long doubles 64-bit floats. What is no array, such as a list, is returned as it is.
+
+    Raises
+    ------
+    TypeError
+        For masked arrays, whose mask would be lost, and arrays of objects.
+    """
+    if isinstance(value, np.ma.MaskedArray):
+        raise TypeError(
+            f"{name} must be an array without a mask; give {name}.filled(0), and "
+            f"valid=~np.ma.getmaskarray({name}).any(axis=-1) to LinearImage"
+        )
+    if not isinstance(value, np.ndarray):
+        if not hasattr(value, "__array__") or isinstance(value, np.generic):
+            return value
+        value = np.asarray(value)
+    if value.dtype.kind == "O":
+        raise TypeError(f"{name} must be an array of numbers, got an array of objects")
+    if value.dtype.kind == "f" and value.dtype.itemsize not in (4, 8):
+        return value.astype(np.float32 if value.dtype.itemsize < 4 else np.float64)
+    if type(value) is not np.ndarray:  # a subclass has operators of its own
+        value = np.asarray(value)
+    return value if value.dtype.isnative else value.astype(value.dtype.newbyteorder("="))
+
+
 def check_kind(name: str, value: object, kinds: type | UnionType, hint: str) -> None:
     """Raise TypeError unless `value` is of one of the types; the hint names its constructor."""
     if not isinstance(value, kinds):

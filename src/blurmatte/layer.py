@@ -16,6 +16,7 @@ from blurmatte.checks import (
     MAX_PIXELS,
     Box,
     Floats,
+    as_array,
     check_box,
     check_kind,
     check_light,
@@ -48,6 +49,8 @@ class Layer:
     premultiplied: Floats
 
     def __post_init__(self) -> None:
+        for name in ("alpha", "premultiplied"):
+            object.__setattr__(self, name, as_array(name, getattr(self, name)))
         check_light("premultiplied", self.premultiplied)
         check_map("alpha", self.alpha, self.premultiplied.shape[:2])
 

@@ -2,7 +2,9 @@
 
 import json
 import logging
+import sys
 
+import numpy as np
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -10,6 +12,8 @@ from typer.testing import CliRunner
 import blurmatte as bm
 from blurmatte.cli import app
 from blurmatte.cli.console import ExitCode, in_options
+from blurmatte.files.png import png_chunks, save_chunks
+from blurmatte.radiometry.named_transfers import log_curve
 from blurmatte.rendering import colorful_plate
 
 SCREEN, COLUMNS = 45, 80
@@ -177,3 +181,83 @@ def test_patterns_of_pictures_are_equal_in_every_command(folder, tmp_path):
 )
 def test_messages_name_options(python, shell):
     assert in_options(python) == shell
+
+
+@pytest.mark.parametrize("place", ["before", "between", "behind"])
+@pytest.mark.parametrize("name", ["-v", "--quiet"])
+def test_options_of_all_commands_may_stand_anywhere(tmp_path, place, name):
+    """exact: before the command, between a group and its command, behind."""
+    words = ["calibrate", "noise", str(tmp_path / "none.png")]
+    at = {"before": 0, "between": 1, "behind": 3}[place]
+    result = CliRunner().invoke(app, [*words[:at], name, *words[at:]])
+    assert result.exit_code == 2
+    assert "No such option" not in result.stderr
+    assert ("Traceback" in result.stderr) == (name == "-v")
+
+
+def test_other_options_before_the_command_are_refused_with_their_place():
+    """door."""
+    result = CliRunner().invoke(app, ["--plate", "a.png", "solve", "b.png"])
+    assert result.exit_code == 2
+    assert "--plate goes behind the command" in result.stderr
+    assert "COMMAND --plate" in result.stderr
+
+
+def test_encoding_that_is_assumed_is_warned_of_once(tmp_path):
+    """exact: fact before remedy, of the first file alone."""
+    for name in ("a.png", "b.png"):
+        bm.write(tmp_path / name, bm.LinearImage(np.full((9, 9, 3), 0.2)))
+        chunks = png_chunks(tmp_path / name)
+        save_chunks(tmp_path / name, [c for c in chunks if c[0] in (b"IHDR", b"IDAT", b"IEND")])
+    result = CliRunner().invoke(
+        app,
+        [
+            "solve",
+            str(tmp_path / "a.png"),
+            "--plate",
+            str(tmp_path / "b.png"),
+            "--out",
+            str(tmp_path / "o"),
+        ],
+    )
+    assert result.stderr.count("--transfer srgb") == 1
+    line = next(line for line in result.stderr.splitlines() if "--transfer srgb" in line)
+    assert line.index("taken as sRGB") < line.index("--transfer srgb")
+
+
+def test_single_picture_without_plate_is_refused_with_what_to_do(tmp_path):
+    """door."""
+    result = CliRunner().invoke(
+        app, ["solve", str(tmp_path / "a.png"), "--out", str(tmp_path / "o")]
+    )
+    assert result.exit_code == 2
+    for remedy in ("--plate", "photograph it", "tripod", "clip", "solve 'throws/*.jpg'"):
+        assert remedy in result.stderr
+
+
+@pytest.mark.parametrize(
+    ("extra", "arguments"),
+    [
+        ("photos", ["render", "--all", "--out", "OUT"]),
+        ("video", ["solve", "rally.mp4", "--out", "OUT"]),
+        ("video", ["track", "rally.mp4", "--color", "#d8ff3c", "--out", "OUT.csv"]),
+        ("raw", ["info", "a.dng"]),
+        ("ocio", ["info", "a.png", "--transfer", "slog3"]),
+    ],
+)
+def test_missing_extra_is_named_in_one_line(tmp_path, monkeypatch, extra, arguments):
+    """door: of the documented commands that need one; no defect, no traceback."""
+    packages = {"photos": "skimage", "video": "av", "raw": "rawpy", "ocio": "PyOpenColorIO"}
+    for package in packages.values():
+        for name in [n for n in sys.modules if n.split(".")[0] == package]:
+            monkeypatch.delitem(sys.modules, name)
+        monkeypatch.setitem(sys.modules, package, None)
+    log_curve.cache_clear()
+    monkeypatch.chdir(tmp_path)
+    for name in ("rally.mp4", "a.dng"):
+        (tmp_path / name).write_bytes(b"II*\0" + bytes(99))
+    bm.write("a.png", bm.LinearImage(np.full((9, 9, 3), 0.2)))
+    result = CliRunner().invoke(app, arguments)
+    assert result.exit_code == 2, result.stderr
+    assert f"blurmatte[{extra}]" in result.stderr
+    assert len(result.stderr.splitlines()) == 1

@@ -147,7 +147,7 @@ def test_refuses_camera_of_other_size(track, folder):
         (("--radius", "2cm", "--gravity", "-9.81"), "--gravity must be above 0, or a vector"),
         (("--radius", "2cm", "--gravity", "0,0,0"), "--gravity must be above 0, or a vector"),
         (("--radius", "2cm", "--speed", "3"), "No such option: --speed"),
-        (("--radius", "2cm", "--line-time", "fast"), "--line-time must be a time like"),
+        (("--radius", "2cm", "--line-time", "fast"), "--line-time must be a time with its unit"),
     ],
 )
 def test_track_refuses_in_one_line(track, options, complaint):

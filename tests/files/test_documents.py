@@ -9,6 +9,7 @@ import pytest
 import blurmatte as bm
 from blurmatte.files import read_path
 from blurmatte.files.documents import parse_toml
+from blurmatte.files.solutions import _read_stats
 from blurmatte.scenes import read_shots
 
 HUGE = "1" + "0" * 400
@@ -39,8 +40,64 @@ def refused(reader, path):
 @pytest.mark.parametrize(("reader", "fields"), READERS)
 def test_valid_documents_are_read(tmp_path, reader, fields):
     """exact: each of the documents that the tests below change."""
-    (tmp_path / "a.json").write_text(json.dumps({**fields, "unknown": [1, None]}))
+    (tmp_path / "a.json").write_text(json.dumps(fields))
     reader(tmp_path / "a.json")
+
+
+@pytest.mark.parametrize(("reader", "fields"), READERS)
+def test_unknown_keys_are_refused_by_every_reader(tmp_path, reader, fields):
+    """door: the key, the file, and what is allowed, in at most 3 lines of 100 letters."""
+    (tmp_path / "a.json").write_text(json.dumps({**fields, "unknown": [1, None]}))
+    said = refused(reader, tmp_path / "a.json")
+    assert said.startswith("FILE: rename or remove the unknown key 'unknown'; allowed are ")
+    assert all(key in said for key in fields)
+    assert len(said) < 300
+
+
+@pytest.mark.parametrize(("reader", "fields"), READERS)
+def test_misspelled_keys_are_refused_with_the_right_spelling(tmp_path, reader, fields):
+    """door: each key of each document, its last two letters exchanged or one appended."""
+    for key in fields:
+        wrong = f"{key}s" if len(key) < 4 else f"{key[:-2]}{key[-1]}{key[-2]}"
+        fields_now = {wrong if k == key else k: value for k, value in fields.items()}
+        (tmp_path / "a.json").write_text(json.dumps({**fields, **fields_now}))
+        said = refused(reader, tmp_path / "a.json")
+        assert repr(wrong) in said
+        assert len(key) < 3 or f"did you mean {key}" in said
+
+
+def test_what_fits_wrote_stays_readable(tmp_path):
+    """exact: files of a noise fit, and of a color model, have keys that only people read."""
+    rank_and_hex = {**MODEL, "rank": 1, "hex": ["#ff0000"]}
+    (tmp_path / "model.json").write_text(json.dumps(rank_and_hex))
+    assert bm.read_color_model(tmp_path / "model.json").rank == 1
+    fitted = {
+        "sensor": {"gain": [1]},
+        "rounding": {},
+        "scale": [1.0],
+        "coherence": {},
+        "changed": 0.1,
+    }
+    (tmp_path / "noise.json").write_text(json.dumps({**NOISE, **fitted}))
+    assert bm.read_noise(tmp_path / "noise.json").gain[0] == 0.1
+    keys = "exposure_times noise agreement seen channel_difference channels_agree residuals std"
+    (tmp_path / "curve.json").write_text(json.dumps({**CURVE, **dict.fromkeys(keys.split(), 1.0)}))
+    assert bm.read_transfer(tmp_path / "curve.json").name == "mine"
+
+
+@pytest.mark.parametrize("value", [HUGE, f"-{HUGE}", "NaN", "Infinity"])
+def test_evidence_of_a_color_model_is_finite(tmp_path, value):
+    """door: an integer beyond the range of floats, and what is no number."""
+    text = json.dumps({**MODEL, "evidence": {"hue": "@"}}).replace('"@"', value)
+    (tmp_path / "a.json").write_text(text)
+    said = refused(bm.read_color_model, tmp_path / "a.json")
+    assert "evidence.hue must be a number from 0 to 1.79769e+308" in said
+
+
+def test_statistics_of_a_solution_are_within_the_range_of_floats():
+    """door: of an EXR's header, also those that no part of the package uses."""
+    with pytest.raises(ValueError, match=r"other\.0 must be a number from"):
+        _read_stats(f'{{"other": [{HUGE}]}}')
 
 
 @pytest.mark.parametrize(("reader", "fields"), READERS)

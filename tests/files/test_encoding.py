@@ -13,6 +13,7 @@ from blurmatte.errors import FileError, TransferWarning
 from blurmatte.files import read, read_layer, write, write_changed
 from blurmatte.files.exif import EXIF_MARK, Tag, TiffTag, shorts, tags_block
 from blurmatte.radiometry import LINEAR, REC709, SRGB, gamma
+from blurmatte.radiometry.transfer import HLG, PQ
 
 SRGB_PROFILE = ImageCms.ImageCmsProfile(ImageCms.createProfile("sRGB")).tobytes()
 
@@ -61,10 +62,18 @@ def test_a_layer_warns_at_its_caller(tmp_path, ramp, make_png):
         ({b"sRGB": b"\0", b"gAMA": struct.pack(">I", 100_000)}, SRGB),
         ({b"cICP": bytes([1, 8, 0, 1])}, LINEAR),
         ({b"cICP": bytes([1, 1, 0, 1])}, REC709),
+        ({b"cICP": bytes([9, 16, 0, 1])}, PQ),
+        ({b"cICP": bytes([9, 18, 0, 1])}, HLG),
     ],
 )
 def test_png_chunks_state_the_curve(save, chunks, transfer):
     assert read(save(chunks)).meta.transfer is transfer
+
+
+def test_hlg_of_a_png_is_light_of_the_scene(save, ramp):
+    """exact: 1 at the top."""
+    image = read(save({b"cICP": bytes([1, 18, 0, 1])}))
+    assert_allclose(image.rgb, HLG.decode(ramp / 255), atol=1e-3)
 
 
 def test_gamma_chunk_is_the_exponent_of_encoding(save, ramp):
@@ -75,8 +84,6 @@ def test_gamma_chunk_is_the_exponent_of_encoding(save, ramp):
 @pytest.mark.parametrize(
     ("cicp", "says"),
     [
-        ((9, 16, 0, 1), r"its cICP chunk states PQ \(16 of H\.273\)"),
-        ((9, 18, 0, 1), "HLG"),
         ((3, 13, 0, 1), "primaries 3 and curve 13"),
         ((1, 9, 0, 1), "primaries 1 and curve 9"),
         ((1, 13, 0, 0), "video range"),

@@ -2,6 +2,7 @@
 
 import io
 import struct
+import warnings
 from dataclasses import replace
 
 import cv2
@@ -14,7 +15,7 @@ from PIL import ExifTags, Image, ImageCms, ImageOps
 from PIL.PngImagePlugin import PngInfo
 from PIL.TiffImagePlugin import IFDRational
 
-from blurmatte.errors import FileError, TransferWarning
+from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files import read, write, write_changed
 from blurmatte.radiometry import LINEAR, SRGB, LinearImage, gamma
 
@@ -443,11 +444,93 @@ def test_multi_picture_index_is_removed(tmp_path):
     index = b"\xff\xe2\x00\x0aMPF\0\1\2\3\4"
     original = tmp_path / "o.jpg"
     original.write_bytes(data[:2] + index + b"\xff\xfe\x00\x06note" + data[2:] + data)
-    write_changed(tmp_path / "n.jpg", original, *edited(original))
+    with pytest.warns(BlurmatteWarning, match=r"n\.jpg: without the further pictures of o\.jpg"):
+        write_changed(tmp_path / "n.jpg", original, *edited(original))
     content = (tmp_path / "n.jpg").read_bytes()
     assert b"MPF\0" not in content
     assert b"\xff\xfe\x00\x06note" in content
     assert content.count(b"\xff\xd9") == 1
+
+
+GAIN_MAP_XMP = (
+    b'<rdf:Description xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/" hdrgm:Version="1.0"\n'
+    b' xmlns:C="http://ns.google.com/photos/1.0/container/" dc:creator="me"'
+    b' xmlns:Item="http://ns.google.com/photos/1.0/container/item/"><C:Directory><rdf:Seq><rdf:li>'
+    b'<C:Item Item:Semantic="GainMap" Item:Length="9"/></rdf:li></rdf:Seq></C:Directory>'
+    b"</rdf:Description>"
+)
+CLIP_XMP = (
+    b"<rdf:Description xmlns:GCamera='http://ns.google.com/photos/1.0/camera/' dc:creator=\"me\""
+    b" GCamera:MotionPhoto='1' GCamera:MicroVideoOffset='99' GCamera:burst='7'>"
+    b"<GCamera:MotionPhotoVersion>1</GCamera:MotionPhotoVersion></rdf:Description>"
+)
+PREVIEW_XMP = (
+    b'<rdf:Description xmlns:xmp="http://ns.adobe.com/xap/1.0/" dc:creator="me" xmp:Rating="3">'
+    b"<xmp:Thumbnails><rdf:Alt>old</rdf:Alt></xmp:Thumbnails></rdf:Description>"
+)
+
+
+def with_segments(path, *bodies, behind=b""):
+    """A JPEG with these segments, (marker, body), and bytes behind the picture."""
+    data = make(path).read_bytes()
+    parts = (
+        b"\xff" + bytes([marker]) + struct.pack(">H", len(body) + 2) + body
+        for marker, body in bodies
+    )
+    at = data.index(b"\xff\xdb\0")  # behind the segments of `make`
+    path.write_bytes(data[:at] + b"".join(parts) + data[at:] + behind)
+    return path
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+@pytest.mark.parametrize(
+    ("xmp", "kept", "gone", "says"),
+    [
+        (GAIN_MAP_XMP, b"", (b"hdrgm:Version", b"Semantic", b"Directory"), "HDR gain map"),
+        (CLIP_XMP, b"GCamera:burst", (b"MotionPhoto", b"MicroVideo"), "clip"),
+        (PREVIEW_XMP, b'xmp:Rating="3"', (b"Thumbnails", b"old"), ""),
+    ],
+    ids=["gain map", "clip", "preview"],
+)
+@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+def test_statements_about_further_pictures_go_with_them(
+    tmp_path, recwarn, extension, xmp, kept, gone, says
+):
+    """Exact: no XMP about a gain map, a clip or a preview that is not written; one line says so."""
+    packet = b"http://ns.adobe.com/xap/1.0/\0" + xmp
+    original = with_segments(tmp_path / "o.jpg", (0xE1, packet), behind=b"further")
+    path = tmp_path / f"n.{extension}"
+    warnings.simplefilter("always")
+    write_changed(path, original, *edited(original))
+    content = path.read_bytes()
+    assert b'dc:creator="me"' in content
+    assert kept in content
+    assert not any(part in content for part in gone)
+    assert b"further" not in content
+    found = [str(one.message) for one in recwarn if "without the" in str(one.message)]
+    assert found == (
+        [f"{path}: without the {says} of o.jpg, which would show the old picture"] if says else []
+    )
+
+
+@pytest.mark.filterwarnings("ignore::blurmatte.BlurmatteWarning")
+def test_gain_map_of_iso_and_small_copies_of_photoshop_are_removed(tmp_path):
+    """Exact: the segment of ISO 21496-1 and two resources; the others are kept byte by byte."""
+
+    def resource(number, data):
+        return b"8BIM" + struct.pack(">HHL", number, 0, len(data)) + data + b"\0" * (len(data) % 2)
+
+    caption = resource(1028, b"caption"), resource(1037, b"hint")
+    resources = caption[0] + resource(1036, b"small copy!") + resource(1033, b"older") + caption[1]
+    original = with_segments(
+        tmp_path / "o.jpg",
+        (0xE2, b"urn:iso:std:iso:ts:21496:-1\0\0\0"),
+        (0xED, b"Photoshop 3.0\0" + resources),
+    )
+    write_changed(tmp_path / "n.jpg", original, *edited(original))
+    content = (tmp_path / "n.jpg").read_bytes()
+    assert b"21496" not in content
+    assert b"Photoshop 3.0\0" + b"".join(caption) in content
 
 
 @pytest.mark.parametrize("source", EXTENSIONS)

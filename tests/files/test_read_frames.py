@@ -8,6 +8,7 @@ from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
 from blurmatte.files import read_frames, read_layers, write
 from blurmatte.layer import Layer
 from blurmatte.radiometry import REC709, SRGB, LinearImage, gamma
+from blurmatte.radiometry.transfer import HLG, PQ
 
 av = pytest.importorskip("av")
 
@@ -193,11 +194,18 @@ def test_primaries_become_those_of_srgb(tmp_path):
     assert_allclose(read_frames(path)[0].rgb, light @ np.transpose(matrix), atol=2e-4)
 
 
-@pytest.mark.parametrize("number", [16, 18])
-def test_hdr_clip_is_rejected_without_transfer(tmp_path, number):
-    # door
+@pytest.mark.parametrize(("number", "curve"), [(16, PQ), (18, HLG)])
+def test_hdr_clip_is_decoded_by_its_curve(tmp_path, number, curve):
+    """exact: as if the curve were given."""
     path = save_clip(tmp_path / "a.mkv", pictures(1), curve=number)
-    with pytest.raises(FileError, match=f"pass transfer=.*number {number} of H.273"):
+    assert read_frames(path)[0].meta.transfer is curve
+    assert_allclose(read_frames(path)[0].rgb, read_frames(path, curve)[0].rgb)
+
+
+def test_clip_of_another_curve_is_refused_with_the_remedy(tmp_path):
+    """door: 9 is logarithmic; the fact precedes the remedy."""
+    path = save_clip(tmp_path / "a.mkv", pictures(1), curve=9)
+    with pytest.raises(FileError, match=r"number 9 of H.273.*transfer= .* such as slog3"):
         read_frames(path)
     assert len(read_frames(path, REC709)) == 1
 
@@ -231,7 +239,7 @@ def test_assumed_curve_of_later_pictures_is_warned_of(tmp_path, make_png):
         (tmp_path / f"{name}.png").write_bytes(make_png(np.zeros((4, 5, 3), np.uint8)))
     frames = read_frames(tmp_path)
     with pytest.warns(
-        TransferWarning, match=r"b\.png: pass transfer=SRGB .*has no color profile"
+        TransferWarning, match=r"b\.png: the file has no color profile.*, pass transfer=SRGB"
     ) as caught:
         assert len([*frames, *frames, frames[2]]) == 7
     assert len(caught) == 1

@@ -8,6 +8,7 @@ import tifffile
 from numpy.testing import assert_allclose
 from PIL import Image, ImageOps
 
+import blurmatte as bm
 from blurmatte.errors import FileError
 from blurmatte.files import read, read_layer
 from blurmatte.files.raster import as_stored, save_pixels
@@ -265,3 +266,47 @@ def test_light_beyond_a_million_is_counted(tmp_path):
     save_pixels(tmp_path / "a.exr", [light], "RGB", {})
     with pytest.raises(FileError, match=r"2 of 64 pixels are NaN, infinite, or beyond 1e\+06"):
         read(tmp_path / "a.exr")
+
+
+SHAPE = np.zeros((6, 8), bool)
+SHAPE[1:4, 2:7] = True
+
+
+@pytest.mark.parametrize("color", ["white", "black", "photograph"])
+@pytest.mark.parametrize("extension", ["png", "tif"])
+def test_mask_is_the_shape_in_alpha(tmp_path, color, extension):
+    """exact: whatever colors a paint program leaves there, with soft rims."""
+    light = np.random.default_rng(0).integers(0, 256, (6, 8, 3), dtype=np.uint8)
+    light = {"white": np.full_like(light, 255), "black": np.zeros_like(light)}.get(color, light)
+    alpha = np.where(SHAPE, 255, 0).astype(np.uint8)
+    alpha[0], alpha[4, 2:7] = 127, 128
+    path = tmp_path / f"mask.{extension}"
+    Image.fromarray(np.dstack([light, alpha])).save(path)
+    right = SHAPE.copy()
+    right[4, 2:7] = True
+    assert np.array_equal(bm.read_mask(path), right)
+
+
+@pytest.mark.parametrize("form", ["L", "RGB", "RGBA", "LA"])
+def test_mask_without_transparent_pixels_is_where_it_is_white(tmp_path, form):
+    """exact: gray, color, with an opaque alpha."""
+    picture = Image.fromarray(np.where(SHAPE, 128, 127).astype(np.uint8))
+    picture.convert(form).save(tmp_path / "mask.png")
+    assert np.array_equal(bm.read_mask(tmp_path / "mask.png"), SHAPE)
+
+
+def test_mask_of_a_layer_is_its_alpha(tmp_path):
+    """exact: premultiplied light is no shape."""
+    alpha = np.where(SHAPE, 0.7, 0.2).astype(np.float32)
+    bm.write(tmp_path / "layer.exr", bm.Layer(alpha, 0.1 * alpha[..., None].repeat(3, axis=-1)))
+    assert np.array_equal(bm.read_mask(tmp_path / "layer.exr"), SHAPE)
+
+
+def test_mask_with_two_shapes_is_refused(tmp_path):
+    """door: black and white below an alpha with another shape."""
+    codes = np.where(SHAPE, 255, 0).astype(np.uint8)
+    alpha = np.full_like(codes, 255)
+    alpha[:, :3] = 0
+    Image.fromarray(np.dstack([codes, codes, codes, alpha])).save(tmp_path / "mask.png")
+    with pytest.raises(bm.FileError, match="its opaque pixels are both black and white"):
+        bm.read_mask(tmp_path / "mask.png")

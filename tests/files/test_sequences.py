@@ -79,3 +79,11 @@ def test_hidden_files_are_no_pictures(tmp_path):
         (tmp_path / name).write_bytes(b"x")
     for source in (tmp_path, str(tmp_path / "*.jpg"), tmp_path / "f#.jpg"):
         assert [path.name for path in source_paths(source)] == ["f0.jpg", "f1.jpg"]
+
+
+def test_numbers_with_more_digits_than_the_pattern_are_found(tmp_path):
+    """exact: #### also means layer.000123.exr, as solve names it; the exact width goes first."""
+    for name in ("layer.000123.exr", "layer.000124.exr", "layer.0124.exr", "layer.12.exr"):
+        (tmp_path / name).write_bytes(b"x")
+    names = [path.name for path in source_paths(tmp_path / "layer.####.exr")]
+    assert names == ["layer.000123.exr", "layer.0124.exr"]

@@ -10,7 +10,7 @@ from tests.fuzz.mutations import damaged
 from tests.fuzz.sandbox import Case
 
 MAX_SCENE_PIXELS = 100_000  # larger scenes take longer than the limit, as they should
-_TEXT = ".json", ".toml", ".csv"
+_TEXT = ".json", ".toml", ".csv", ".yaml"
 _SIZE = re.compile(rb"size = \[(\d{1,20}), (\d{1,20})\]")
 
 

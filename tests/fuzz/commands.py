@@ -78,6 +78,11 @@ COMMANDS = {
         f"track frames {_PLATE} --rate 30 --color {COLOR} --camera FILE --diameter 4cm --workers 1 "
         "--out OUT/t.csv",
     ),
+    "lens.yaml": ("locate swept.exr --camera FILE --diameter 4cm --exposure 1/60 --out OUT/m.csv",),
+    "mask.png": (
+        f"{_SOLVED_WITH} --color {COLOR} --region FILE",
+        f"{_SOLVED_WITH} --color {COLOR} --occluder FILE",
+    ),
     "scene.toml": ("render FILE --out OUT/scene", "info FILE"),
     "journal.csv": (
         f"track frames {_PLATE} --rate 30 --color {COLOR} --workers 1 --out OUT/t.csv",

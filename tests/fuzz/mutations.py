@@ -38,6 +38,7 @@ VALUES = (
 )
 # A number, a word, or a text; of JSON and TOML.
 _TOKEN = re.compile(rb'-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?|true|false|null|"[^"\\]*"')
+_KEY = re.compile(rb'(?m)"?\b(\w+)"?\s*[:=]')
 _NUMBER = re.compile(rb"-?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 NUMBERS = (0, -1, 1, 2, 0.5, 1e-320, 1e-9, 1e-3, 100, 1000, 1e5, 1e6, -1e6, 1e9, 1e12, 1e38, 2**63)
 _EXR_TEXT = re.compile(rb"(blurmatte:\w+|chromaticities)\0(string|chromaticities)\0")
@@ -48,7 +49,7 @@ def damaged(content: bytes, is_text: bool) -> st.SearchStrategy[bytes]:
     """The content with one to MAX_CHANGES changes, and the sums of a PNG corrected in most cases."""
     changes = [_flip, _replace, _cut, _remove, _repeat, _insert]
     if is_text:  # most damage leaves a document whose syntax is valid
-        changes = [_token, _token, _line, *changes]
+        changes = [_token, _token, _key, _line, *changes]
         likely = [_number]
     elif _EXR_TEXT.search(content):
         changes, likely = [_exr_text, *changes, _integer], [_exr_number, _exr_number, _exr_text]
@@ -136,6 +137,16 @@ def _token(draw: Callable, content: bytes) -> bytes:
     token = draw(st.sampled_from(tokens))
     value = draw(st.one_of(st.sampled_from(VALUES), st.text(max_size=8), st.floats().map(repr)))
     return content[: token.start()] + value.encode("utf-8", "replace") + content[token.end() :]
+
+
+def _key(draw: Callable, content: bytes) -> bytes:
+    """A key misspelled, or another one."""
+    keys = list(_KEY.finditer(content))
+    if not keys:
+        return content
+    key = draw(st.sampled_from(keys))
+    new = draw(st.sampled_from((key[1] + b"s", key[1][:-1], b"fisheye_model", b"dist", b"D", b"x")))
+    return content[: key.start(1)] + new + content[key.end(1) :]
 
 
 def _number(draw: Callable, content: bytes) -> bytes:

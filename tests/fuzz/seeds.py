@@ -4,6 +4,7 @@
 """
 
 import io
+import struct
 from contextlib import redirect_stdout
 from pathlib import Path
 from unittest.mock import patch
@@ -46,6 +47,19 @@ offset = [3, 2]
 shift = [0.1, 0.0]
 gain = [1.0, 1.0, 1.0]
 """
+RESOURCE = b"8BIM\4\x0c\0\0\0\0\0\4data"
+CAMCHAIN = """cam0:
+  camera_model: pinhole
+  distortion_coeffs: [-0.02, 0.01, 0.0, 0.0]
+  distortion_model: equidistant
+  intrinsics: [60.0, 60.0, 24.0, 18.0]
+  resolution: [48, 36]
+  T_cam_imu:
+  - [1.0, 0.0, 0.0, 0.1]
+"""
+XMP = b"""http://ns.adobe.com/xap/1.0/\0<rdf:Description xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/"
+ hdrgm:Version="1.0" xmlns:C="http://ns.google.com/photos/1.0/container/"><C:Directory><C:Item/>
+</C:Directory></rdf:Description>"""
 CLIPS = {"clip.mp4": "mpeg4", "clip.mov": "mpeg4", "clip.mkv": "mpeg4"}
 
 
@@ -89,6 +103,10 @@ def _write_pictures(folder, name, picture):
     exif[0x0112] = 1
     exif[0x829A] = 1 / 60
     Image.fromarray(codes).save(folder / f"{name}.jpg", quality=95, subsampling=0, exif=exif)
+    jpeg = (folder / f"{name}.jpg").read_bytes()
+    segments = (0xE1, XMP), (0xE2, b"MPF\0MM\0*"), (0xED, b"Photoshop 3.0\0" + 2 * RESOURCE)
+    further = (bytes([255, mark]) + struct.pack(">H", len(x) + 2) + x for mark, x in segments)
+    (folder / f"{name}.jpg").write_bytes(jpeg[:2] + b"".join(further) + jpeg[2:] + jpeg)
     tifffile.imwrite(folder / f"{name}.tif", codes, photometric="rgb")
     tifffile.imwrite(
         folder / f"{name}16.tif",
@@ -119,6 +137,10 @@ def _write_documents(folder):
     lens = bm.Intrinsics(60, 60, 24, 18, [0.01, 0, 0, 0], size=SIZE)
     bm.write(folder / "lens.json", lens)
     (folder / "scene.toml").write_text(SCENE)
+    (folder / "lens.yaml").write_text(CAMCHAIN)
+    mask = np.zeros((SIZE[1], SIZE[0], 4), np.uint8)
+    mask[8:28, 6:40, 3] = 255
+    Image.fromarray(mask).save(folder / "mask.png")
 
 
 def _write_results(folder):

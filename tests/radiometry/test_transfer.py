@@ -174,3 +174,44 @@ def test_nearest_curve_returns_its_distance():
     nearest, off = nearest_transfer(bent)
     assert 0 < off <= 0.02 + 1e-9
     assert nearest.name in {"srgb", "gamma2.0", "gamma2.1", "gamma2.2"}
+
+
+def scalar_hlg_encode(light):
+    """The OETF of ITU-R BT.2100 table 5 as it is printed."""
+    a, b, c = 0.17883277, 0.28466892, 0.55991073
+    return (3 * light) ** 0.5 if light <= 1 / 12 else a * np.log(12 * light - b) + c
+
+
+def scalar_pq_encode(nits):
+    """The inverse EOTF of ITU-R BT.2100 table 4 as it is printed."""
+    m1, m2, c1, c2, c3 = 0.1593017578125, 78.84375, 0.8359375, 18.8515625, 18.6875
+    y = (nits / 10000) ** m1
+    return ((c1 + c2 * y) / (1 + c3 * y)) ** m2
+
+
+def test_hlg_is_the_standard():
+    """oracle: light of the scene; 75 % is the white of graphics [BT.2408]."""
+    light = np.linspace(0, 1, 257)
+    hlg = named_transfer("hlg")
+    assert_allclose(hlg.encode(light), [scalar_hlg_encode(x) for x in light], atol=1e-7)
+    assert_allclose(hlg.decode([0.5, 0.75, 1]), [1 / 12, 0.265, 1], rtol=1e-3)
+
+
+def test_pq_is_the_standard():
+    """oracle: 1 is the white of graphics, 203 cd/m², which is code value 58 % [BT.2408]."""
+    nits = np.linspace(0, 10000, 257)
+    pq = named_transfer("pq")
+    assert_allclose(pq.encode(nits / 203), [scalar_pq_encode(x) for x in nits], atol=1e-12)
+    assert_allclose(pq.decode([0.58, 1]), [1, 10000 / 203], rtol=0.01)
+
+
+@pytest.mark.parametrize("name", ["hlg", "pq"])
+def test_hdr_curves_increase_are_odd_and_are_inverted_by_encode(name):
+    """exact: of every 12-bit code value; also in float32, and slightly above the top."""
+    curve, v = named_transfer(name), np.linspace(-1, 1, 8191)
+    assert np.all(np.diff(curve.decode(v)) > 0)
+    assert_allclose(curve.encode(curve.decode(v)), v, atol=1e-6)
+    assert_allclose(curve.decode(-v), -curve.decode(v))
+    assert curve.decode(v.astype(np.float32)).dtype == np.float32
+    assert np.all(np.isfinite(curve.decode(np.array([1.1, 1.5]))))
+    assert np.all(curve.slope(np.array([0, 0.1, 1.0])) > 0)

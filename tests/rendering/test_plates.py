@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.radiometry import SRGB, LinearImage
 from blurmatte.rendering import (
     PHOTOS,
@@ -158,7 +159,7 @@ def test_photographs_need_scikit_image(monkeypatch):
         return real(name, *arguments, **named)
 
     monkeypatch.setattr(builtins, "__import__", without)
-    with pytest.raises(ImportError, match=r"pip install 'blurmatte\[photos\]'"):
+    with pytest.raises(BlurmatteError, match=r"pip install 'blurmatte\[photos\]'"):
         photo_plate("coffee", (10, 10))
 
 

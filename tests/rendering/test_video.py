@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.radiometry import NoiseModel
 from blurmatte.rendering import Camera, colorful_plate, through_h264
 
@@ -81,5 +82,5 @@ def test_rejects_wrong_arguments(pictures):
 
 def test_without_the_package_the_error_names_the_extra(pictures, monkeypatch):
     monkeypatch.setitem(sys.modules, "av", None)
-    with pytest.raises(ImportError, match=r"pip install 'blurmatte\[video\]'"):
+    with pytest.raises(BlurmatteError, match=r"pip install 'blurmatte\[video\]'"):
         through_h264(pictures, 23)

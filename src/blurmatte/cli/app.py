@@ -90,6 +90,15 @@ def _format_examples(lines: str, formatter: Any) -> None:
     formatter.write("\n")
 
 
+_COMMON = ("--quiet", "-q", "--verbose", "-v")  # options of all commands
+
+
+def command_first(args: list[str]) -> list[str]:
+    """The same with options of all commands, as in `-v solve …`, behind the command."""
+    count = next((k for k, word in enumerate(args) if word not in _COMMON), len(args))
+    return [*args[count : count + 1], *args[:count], *args[count + 1 :]]
+
+
 class _Group(TyperGroup):
     """Prints what is wrong with the options as one line, and lists commands in sections."""
 
@@ -100,7 +109,17 @@ class _Group(TyperGroup):
         with _usage_in_one_line():
             if "" in args:
                 raise typer.BadParameter("an argument is empty; check the variables of the shell")
+            args = command_first(args)
+            if args[:1] and args[0].startswith("-") and args[0] not in self._options():
+                raise typer.BadParameter(
+                    f"{args[0]} goes behind the command: {info_name} COMMAND {args[0]}"
+                )
             return super().make_context(info_name, args, *more, **kwargs)
+
+    def _options(self) -> set[str]:
+        """The options of the group itself."""
+        own = {name for one in self.params for name in one.opts}
+        return own | {"--", *self.context_settings.get("help_option_names", ())}
 
     def invoke(self, ctx: Any) -> Any:
         """Run the command that was named."""
@@ -134,7 +153,7 @@ class _Program(_Group):
         self, info_name: str | None, args: list[str], *more: Any, **kwargs: Any
     ) -> Any:
         """Parse the arguments in today's spelling."""
-        today, changed = modern(args)
+        today, changed = modern(command_first(args))
         if changed and "-q" not in args and "--quiet" not in args:
             typed = shlex.join(["blurmatte", *today])
             warn(f"old spelling, rejected by the next version; write: {typed}")

@@ -88,12 +88,14 @@ class Verbosity:
 
 
 _verbosity: ContextVar[Verbosity] = ContextVar("verbosity", default=Verbosity())  # noqa: B039
+# What this command said of the encoding of a file, without its name.
+_facts: ContextVar[set[str]] = ContextVar("facts", default=set())  # noqa: B039
 
 
 @contextmanager
 def printing(verbosity: Verbosity) -> Iterator[None]:
     """Print that much within this context, and show warnings, and stages that the library logs."""
-    token = _verbosity.set(verbosity)
+    token, facts = _verbosity.set(verbosity), _facts.set(set())
     logger, stages = logging.getLogger("blurmatte"), _Stages()
     level = logger.level
     logger.addHandler(stages)
@@ -115,6 +117,7 @@ def printing(verbosity: Verbosity) -> Iterator[None]:
         logger.removeHandler(stages)
         logger.setLevel(level)
         _verbosity.reset(token)
+        _facts.reset(facts)
 
 
 class _Stages(logging.Handler):
@@ -146,7 +149,8 @@ def say(text: str) -> None:
 
 def say_json(value: Any, indent: int | None = 2) -> None:
     """Print an answer as JSON; null stands for what is not finite."""
-    say(json.dumps(_plain(value), indent=indent, ensure_ascii=False))
+    whole = (sys.stdout.encoding or "").lower().startswith("utf")  # else letters are escaped
+    say(json.dumps(_plain(value), indent=indent, ensure_ascii=not whole))
 
 
 def answer(as_json: bool, numbers: Any, lines: Iterable[object]) -> None:
@@ -246,6 +250,14 @@ def _write(text: str, stream: TextIO) -> None:
     typer.echo(text, file=stream if stream.isatty() else None, err=stream is sys.stderr)
 
 
+def _was_said(line: str) -> bool:
+    """Whether a command said this of another file before."""
+    fact = line.partition(": ")[2]
+    known = fact in _facts.get()
+    _facts.get().add(fact)
+    return known
+
+
 class NamedError(bm.BlurmatteError):
     """Its message begins with the name of the file, as that of every FileError does."""
 
@@ -266,7 +278,8 @@ def about(path: Path) -> Iterator[list[str]]:
             line = in_options(str(message) if named else f"{path}: {message}")
             if line not in said:
                 said.append(line)
-                warn(line)
+                if not (issubclass(category, bm.TransferWarning) and _was_said(line)):
+                    warn(line)
 
         warnings.simplefilter("always", bm.BlurmatteWarning)
         warnings.showwarning = show  # type: ignore[assignment]

@@ -25,7 +25,7 @@ from blurmatte.cli.changes import (
     change_of,
     changed,
 )
-from blurmatte.cli.console import about, option, waiting
+from blurmatte.cli.console import about, option, say, waiting
 from blurmatte.cli.output_checks import PICTURE, check_file
 from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch_row
 from blurmatte.cli.rows import is_row
@@ -107,6 +107,7 @@ def edit(
                 done = _Edit(before, changed(before, wanted))
             with about(out):
                 bm.write(out, done.after)
+            say(str(out))
         else:
             pictures = [own.image, *filter(None, [own.plate])]
             reader = partial(bm.read_layer, layer, max_pixels=reading.max_pixels)
@@ -210,6 +211,7 @@ def compose(
         done = _Edit(before, after, before.over(picture), result, picture)
         with about(out):
             bm.write(out, result)
+        say(str(out))
         _write_looks(looks, done, ", ".join(f"{name[2:]} {text}" for name, text in asked))
 
 
@@ -272,6 +274,7 @@ def _write_in_place(out: Path, image: Path, done: _Edit, touched: Any, reading: 
     with about(out):
         curve = reading.curve_of(image)
         bm.write_changed(out, image, done.result, touched, curve, reading.max_pixels)
+    say(str(out))
 
 
 def _write_looks(looks: Looks, done: _Edit, names: str) -> None:

@@ -16,8 +16,8 @@ _UNITS = {
     "speed": {"": 1.0, "m/s": 1.0, "km/h": 1 / 3.6, "mph": 0.44704},  # meters per second
     "acceleration": {"": 1.0, "m/s2": 1.0, "m/s²": 1.0},
 }
-_LENGTH = "a length like 0.02, 2cm or 2cm±0.1mm"
-_TIME = "a time like 1/60, 0.004, 4ms or 15us"
+_LENGTH = "a length with its unit, like 4cm or 4cm±0.1mm"
+_TIME = "a time with its unit or a fraction of a second, like 1/60, 4ms or 15us"
 _NUMBER = r"([+-]?[\d.]+(?:e[+-]?\d+)?(?:/[\d.]+)?)\s*((?:[a-zµ][a-zµ/2²]*)?)"
 
 
@@ -96,7 +96,7 @@ def number(text: str) -> float:
 
 def meters(name: str, text: str) -> tuple[float, float]:
     """A place along an axis and its error, meters."""
-    return _with_error(name, text, "length", _LENGTH)
+    return _with_error(name, text, "length", "meters like 0.02, 2cm or 2cm±0.1mm", bare=True)
 
 
 def length(name: str, text: str) -> tuple[float, float]:
@@ -119,30 +119,39 @@ def time_of_line(name: str, text: str) -> float:
 
 def meters_per_second(name: str, text: str) -> tuple[float, float]:
     """A speed and its error, m/s."""
-    what = "a speed like 12, 12m/s, 43km/h or 12±0.2m/s"
+    what = "a speed with its unit, like 12m/s, 43km/h or 12m/s±0.2m/s"
     return _above_zero(name, text, _with_error(name, text, "speed", what))
 
 
 def acceleration(name: str, text: str) -> tuple[list[float], float]:
     """A vector of one to three numbers, m/s², and the error of its size."""
     what = "9.81, x,y or x,y,z in m/s², like 9.81±0.01 or 0,9.7,1.2"
-    parts = [_with_error(name, part, "acceleration", what) for part in text.split(",")]
+    parts = [_with_error(name, part, "acceleration", what, bare=True) for part in text.split(",")]
     if len(parts) > 3:
         raise ValueError(f"{name} must be {what}, got {text!r}")
     return [value for value, _ in parts], parts[-1][1]
 
 
-def _with_error(name: str, text: str, kind: str, what: str) -> tuple[float, float]:
-    """Value and error, each a number or fraction with a unit."""
+def _with_error(
+    name: str, text: str, kind: str, what: str, bare: bool = False
+) -> tuple[float, float]:
+    """Value and error, each a number or fraction with a unit.
+
+    Only 0, a fraction of a second and, if `bare`, any number need no unit.
+    """
     units, values = _UNITS[kind], []
     for part in text.replace("+-", "±").split("±"):
         found = re.fullmatch(_NUMBER, part.strip())
         if found is None or found[2] not in units:
             raise ValueError(f"{name} must be {what}, got {text!r}")
         try:
-            values.append(units[found[2]] * number(found[1]))
+            value = number(found[1])
         except ValueError:
             raise ValueError(f"{name} must be {what}, got {text!r}") from None
+        fraction = kind == "time" and "/" in found[1]
+        if not (found[2] or bare or fraction or value == 0):
+            raise ValueError(f"{name} must be {what}; {part.strip()!r} has no unit")
+        values.append(units[found[2]] * value)
     if len(values) > 2:
         raise ValueError(f"{name} must be {what}, got {text!r}")
     if len(values) == 2 and values[1] < 0:

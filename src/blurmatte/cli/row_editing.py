@@ -12,7 +12,7 @@ import numpy as np
 import blurmatte as bm
 from blurmatte.checks import Bools, check_same_size
 from blurmatte.cli.changes import RowOptions
-from blurmatte.cli.console import about, with_progress
+from blurmatte.cli.console import about, say, with_progress
 from blurmatte.cli.output_checks import check_outputs
 from blurmatte.cli.rows import pictures_of
 from blurmatte.cli.selection import Reading
@@ -32,6 +32,7 @@ def edit_row(
     with about(out):
         edited: Any = map(edit, with_progress(row, "editing"))
         bm.write_frames(out, edited, options.rate or row.rate, options.start(row))
+    say(str(out))
 
 
 def retouch_row(
@@ -53,6 +54,7 @@ def retouch_row(
         if target is None or originals is None:
             rate = options.rate or frames.rate
             bm.write_frames(out, (picture for picture, _ in shown), rate, start)
+            say(str(out))
             return
         numbers = range(start, start + len(frames)) if isinstance(start, int) else start
         files = [target(number) for number in numbers]
@@ -62,6 +64,7 @@ def retouch_row(
                 curve = reading.curve_of(original)
                 bm.write_changed(temporary / name, original, *one, curve, reading.max_pixels)
                 names.append(name)
+    say(str(out))
 
 
 def layer_and_streak(path: Path, reading: Reading) -> tuple[bm.Layer, Bools]:

@@ -80,15 +80,15 @@ class Reading:
         return chosen_frames(bm.read_frames(source, self.curve, self.max_pixels), chosen)
 
     def mask(self, name: str, path: Path, size: tuple[int, int]) -> Any:
-        """(H, W) bool: where a picture of a size is more than half white."""
-        picture = bm.read(path, bm.LINEAR, self.max_pixels)
-        if picture.size != size:
+        """(H, W) bool: where a picture of a size is opaque or, without alpha, white."""
+        inside = bm.read_mask(path, self.max_pixels)
+        if inside.shape[::-1] != size:
             raise ValueError(
                 "the {} {} must have the size of the image; it is {}x{}, the image {}x{}".format(
-                    name, path, *picture.size, *size
+                    name, path, *inside.shape[::-1], *size
                 )
             )
-        return np.asarray(picture.rgb.max(axis=-1) > 0.5)
+        return inside
 
 
 @dataclass(frozen=True)
@@ -206,7 +206,8 @@ class Selection:
             inside = self.reading.mask("mask", Path(self.region), image.size)
             if not inside.any():
                 raise ValueError(
-                    f"the mask {self.region} has no white pixel; mark where the object moved"
+                    f"the mask {self.region} has no white pixel, or no opaque one if it has alpha; "
+                    "mark where the object moved"
                 )
             return bm.Streak(inside)
         within = bm.Streak.from_box(box("--region", self.region), image.size)
@@ -223,7 +224,7 @@ class Selection:
         """(H, W) bool: where something still is in front."""
         white = self.reading.mask("occluder", path, image.size)
         if white.all():
-            raise ValueError(f"the occluder {path} has no black pixel; mark only what is in front")
+            raise ValueError(f"the occluder {path} marks all pixels; mark only what is in front")
         return white
 
     def model(

@@ -108,7 +108,10 @@ def solve(
         solve_clip(images, plate, out, colors, reading, clip, occluder, required, as_json)
         return
     if plate.plate is None:
-        raise ValueError("Missing option '--plate'; see blurmatte solve --help")
+        raise ValueError(
+            "a single picture needs --plate, the same scene without the object: photograph it, or take "
+            "several pictures from a tripod or a clip, of which it is made (solve 'throws/*.jpg')"
+        )
     method = _solver(solver, colors)
     check_folder(out)
     pairs = with_folders(expanded(images), out)

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.motion import Workers
 
 RETRIES = 2  # of a task whose worker is lost
@@ -25,7 +26,7 @@ def cluster_workers(scheduler: Any, folder: str | Path) -> Iterator[Workers]:
 
     Raises
     ------
-    ImportError
+    BlurmatteError
         If `distributed` is not installed.
     ValueError
         If the cluster has no workers.
@@ -33,7 +34,7 @@ def cluster_workers(scheduler: Any, folder: str | Path) -> Iterator[Workers]:
     try:
         from distributed import Client
     except ImportError as error:
-        raise ImportError("a cluster needs: pip install 'blurmatte[cluster]'") from error
+        raise BlurmatteError("a cluster needs: pip install 'blurmatte[cluster]'") from error
     client = scheduler if isinstance(scheduler, Client) else Client(scheduler)
     try:
         threads = sum(client.nthreads().values())

@@ -418,12 +418,12 @@ def _curve(path: Path, frame: Any, transfer: Transfer | None, stacklevel: int) -
         return CICP_CURVES[stated]
     if stated not in (0, H273.UNSPECIFIED):
         raise FileError(
-            f"{path}: pass transfer= (--transfer) or convert the clip to BT.709; "
-            f"its HDR or log curve (number {stated} of H.273) is not supported"
+            f"{path}: its curve (number {stated} of H.273) is not supported; name that of the camera "
+            "with transfer= (--transfer), such as slog3, or convert the clip to BT.709"
         )
     warnings.warn(
-        f"{path}: pass transfer=REC709 (--transfer rec709) if that is right; "
-        "the clip does not state how its code values encode light, and they are taken as Rec. 709",
+        f"{path}: the clip does not state how its code values encode light, and they are taken as "
+        "Rec. 709; if that is right, pass transfer=REC709 (--transfer rec709)",
         TransferWarning,
         stacklevel=stacklevel + 1,
     )

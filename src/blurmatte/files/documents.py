@@ -1,23 +1,33 @@
 """Documents: JSON, TOML and EXR headers, checked against a schema before any of their values is used.
 
 A schema is a dataclass whose fields are annotated with `numbers` and `covariance_matrix`, or are of
-types that pydantic checks; other keys of a document are ignored.
+types that pydantic checks. A document that people write is a `@document`: other keys are refused, since
+a misspelled one would be ignored otherwise. Of texts that only this package writes, such as EXR
+headers, other keys are ignored.
 """
 
 import math
 import reprlib
+import sys
 import tomllib
+from dataclasses import dataclass, fields, is_dataclass
+from difflib import get_close_matches
 from functools import cache
+from itertools import chain
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar, dataclass_transform, get_args
 
 import numpy as np
 import numpy.typing as npt
-from pydantic import PlainValidator, TypeAdapter, ValidationError
+from pydantic import AliasChoices, ConfigDict, PlainValidator, TypeAdapter, ValidationError
+from pydantic.fields import FieldInfo
 
 from blurmatte.errors import FileError
 from blurmatte.files.errors import check_exists, unreadable
 
+T = TypeVar("T")
+
+MAX_FLOAT = sys.float_info.max  # of numbers without a bound of their own
 MAX_NUMBER = 1e5  # in a TOML document, absolute; seeds are larger
 MAX_BYTES = 1 << 26  # of a document; those of this package have less than 1 << 20
 _KEYS = {  # that only this kind of JSON file has
@@ -32,6 +42,13 @@ _KEYS = {  # that only this kind of JSON file has
 
 class DocumentError(FileError):
     """A document does not agree with its schema."""
+
+
+@dataclass_transform()
+def document(schema: type[T]) -> type[T]:
+    """Make a class a dataclass that refuses keys other than its fields when a document is read."""
+    schema.__pydantic_config__ = ConfigDict(extra="forbid")  # type: ignore[attr-defined]
+    return dataclass(schema)
 
 
 def read_document(path: str | Path, hint: str) -> str:
@@ -56,12 +73,18 @@ def read_json(path: str | Path, schema: Any, hint: str, what: str) -> Any:
     Raises FileError if the file does not hold `what`; the message begins with `hint`, and names the
     key and the allowed range.
     """
-    text = read_document(path, hint)
+    return checked_json(path, read_document(path, hint), schema, hint, what)
+
+
+def checked_json(path: str | Path, text: str, schema: Any, hint: str, what: str) -> Any:
+    """As `read_json`, of the text of a file."""
     try:
         return parse_json(text, schema)
     except ValueError as error:
         found = json_kind(text)
         reason = str(error) if found in what else f"it holds a {found}"
+        if _KEY_REFUSED in reason:  # it lists what is allowed, as the hint does
+            raise DocumentError(f"{path}: {reason}") from error
         raise DocumentError(f"{path}: {hint}; the file holds no {what} ({reason})") from error
 
 
@@ -70,7 +93,13 @@ def parse_json(text: str, schema: Any) -> Any:
     try:
         return _adapter(schema).validate_json(text, strict=True)
     except ValidationError as error:
-        raise ValueError(_reason(error)) from error
+        raise ValueError(_reason(error, schema)) from error
+
+
+def bounded(value: Any) -> Any:
+    """A value of parsed JSON; ValueError if an integer in it is beyond the range of floats."""
+    _check_numbers("", value, MAX_FLOAT, finite=False)
+    return value
 
 
 def json_kind(text: str) -> str:
@@ -89,7 +118,7 @@ def parse_toml(text: str) -> dict[str, Any]:
     """
     try:
         tables = tomllib.loads(text)
-        _check_numbers("", tables)
+        _check_numbers("", tables, MAX_NUMBER)
     except RecursionError as error:
         raise ValueError("tables and lists must not nest as deeply as here") from error
     return tables
@@ -105,6 +134,7 @@ def numbers(low: float, high: float, *shape: int | None, whole: bool = False) ->
     count = " x ".join("n" if n is None else str(n) for n in shape)
     must = f"must be {count} {kind}s" if shape else f"must be a {kind}"
     kinds = (int,) if whole else (int, float)
+    low, high = max(low, -MAX_FLOAT), min(high, MAX_FLOAT)
 
     def check(value: Any) -> Any:
         """The numbers; ValueError if they are others."""
@@ -144,11 +174,35 @@ def _adapter(schema: Any) -> TypeAdapter[Any]:
     return TypeAdapter(schema)
 
 
-def _reason(error: ValidationError) -> str:
+_KEY_REFUSED = "rename or remove the unknown key"
+
+
+def _keys(schema: Any) -> list[list[str]]:
+    """The names of each key that a schema reads, in order; none if it is no dataclass."""
+    schema = (get_args(schema) or (schema,))[0]
+    found = []
+    for field in fields(schema) if is_dataclass(schema) else ():
+        notes = getattr(field.type, "__metadata__", ())
+        several = [
+            note.validation_alias.choices
+            for note in notes
+            if isinstance(note, FieldInfo) and isinstance(note.validation_alias, AliasChoices)
+        ]
+        found.append([*map(str, several[0])] if several else [field.name])
+    return found
+
+
+def _reason(error: ValidationError, schema: Any) -> str:
     """One clause about the first disagreement: the key, what its value must be, and what it is."""
     first = error.errors(include_url=False)[0]
     key = ".".join(map(str, first["loc"]))
     match first["type"]:
+        case "unexpected_keyword_argument":
+            known = _keys(schema) if len(first["loc"]) == 1 else []
+            near = get_close_matches(key, chain.from_iterable(known), 1)
+            also = f" (did you mean {near[0]}?)" if near else ""
+            only = f"; allowed are {', '.join(names[0] for names in known)}" if known else ""
+            return f"{_KEY_REFUSED} {reprlib.repr(key)}{also}{only}"
         case "json_invalid":
             return f"{key or 'the text'} is no JSON: {first['ctx']['error']}"
         case "missing":
@@ -163,13 +217,16 @@ def _reason(error: ValidationError) -> str:
     return f"{key}{'' if said.startswith('must') else ':'} {said}" if key else said
 
 
-def _check_numbers(name: str, value: Any) -> None:
+def _check_numbers(name: str, value: Any, most: float, finite: bool = True) -> None:
+    """Raise ValueError if a number in nested tables and lists exceeds `most`, or is not finite."""
     if isinstance(value, dict | list):
         parts = value.items() if isinstance(value, dict) else enumerate(value)
         for key, part in parts:
-            _check_numbers(f"{name}.{key}".lstrip("."), part)
+            _check_numbers(f"{name}.{key}".lstrip("."), part, most, finite)
     elif isinstance(value, int | float) and not isinstance(value, bool):
-        limit = 2**63 if name == "seed" else MAX_NUMBER
+        limit = 2**63 if name == "seed" else most
+        if isinstance(value, float) and not math.isfinite(value) and not finite:
+            return
         if not -limit <= value <= limit or not math.isfinite(value):
             raise ValueError(
                 f"{name} must be a number from {-limit:g} to {limit:g}, got {reprlib.repr(value)}"

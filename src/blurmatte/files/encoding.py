@@ -26,7 +26,7 @@ from blurmatte.files.primaries import (
     matrix_to_srgb,
 )
 from blurmatte.files.raster import DCF, IS_SRGB, PRIMARIES, Raster
-from blurmatte.radiometry.transfer import LINEAR, REC709, SRGB, Transfer, gamma
+from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma
 
 
 class H273(IntEnum):
@@ -44,9 +44,10 @@ CICP_CURVES = {
     5: gamma(2.8),
     8: LINEAR,
     13: SRGB,
+    16: PQ,
+    18: HLG,
 }
 
-_HDR = {16: "PQ", 18: "HLG"}
 _INTEROP_CURVES = {
     **{"lin": LINEAR, "srgb": SRGB},
     **{f"g{tenths}": gamma(tenths / 10) for tenths in (18, 22, 24, 26)},
@@ -67,8 +68,8 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
 
     A `transfer` from the caller replaces the curves that the file states, not its primaries.
 
-    Raises FileError if the file states an encoding that is not supported: look-up tables, HDR
-    curves. Warns TransferWarning if the file states no encoding and its integers are taken as sRGB.
+    Raises FileError if the file states an encoding that is not supported: look-up
+    tables. Warns TransferWarning if the file states no encoding and its integers are taken as sRGB.
     """
     given = None if transfer is None else (transfer,) * 3
     found = _stated(raster, given)
@@ -79,8 +80,8 @@ def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> P
         return None if matrix is None else Profile((LINEAR,) * 3, matrix)
     if given is None and raster.tags.get("Exif:ColorSpace") != IS_SRGB:
         warnings.warn(
-            f"{raster.path}: pass transfer=SRGB (--transfer srgb) if that is right; "
-            "the file has no color profile and its code values are taken as sRGB",
+            f"{raster.path}: the file has no color profile, and its code values are taken as sRGB; "
+            "if that is right, pass transfer=SRGB (--transfer srgb)",
             TransferWarning,
             stacklevel=stacklevel + 1,
         )
@@ -203,8 +204,6 @@ def _or_eye(matrix: Matrix | None) -> Matrix:
 def _from_cicp(path: Path, cicp: tuple[int, ...], given: Curves | None) -> Profile:
     primaries, curve, matrix, full_range = cicp
     advice = f"{path}: convert the picture to sRGB; its cICP chunk states"
-    if curve in _HDR and not given:
-        raise FileError(f"{advice} {_HDR[curve]} ({curve} of H.273), a curve for HDR screens")
     if primaries not in CICP_PRIMARIES or not (given or curve in CICP_CURVES):
         raise FileError(
             f"{advice} primaries {primaries} and curve {curve} of H.273, which are not supported"

@@ -5,6 +5,7 @@ In a JPEG all code values would change with each compression, so its unchanged b
 coefficients instead.
 """
 
+import warnings
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -13,10 +14,11 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import MAX_PIXELS, Bools, check_map, check_same_size
-from blurmatte.errors import FileError
+from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
 from blurmatte.files.errors import RAW, kind_of
+from blurmatte.files.further_pictures import further_pictures
 from blurmatte.files.metadata import (
     current_segments,
     raster_colors,
@@ -27,7 +29,7 @@ from blurmatte.files.metadata import (
 from blurmatte.files.raster import Raster, as_stored, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
-from blurmatte.jpeg import JpegError, jpeg_bytes, read_jpeg, replace_blocks
+from blurmatte.jpeg import JpegError, jpeg_bytes, metadata_segments, read_jpeg, replace_blocks
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
 
@@ -53,9 +55,10 @@ def write_changed(
     .exr          The light of the whole picture, as written by `write`.
     ============  ============================================================================
 
-    The EXIF thumbnail, further pictures, pages and channels, and Photoshop's layers are removed, as
-    they would show the old picture; previews in maker notes, in XMP and in Photoshop's additions to a
-    JPEG are kept. A progressive JPEG becomes sequential. Light that the file cannot hold is clipped.
+    Thumbnails in EXIF, XMP and Photoshop's resources, further pictures (HDR gain map, clip of a motion
+    photo), pages and channels, and Photoshop's layers are removed, as they would show the old picture;
+    previews in maker notes are kept. A progressive JPEG becomes sequential. Light that the file
+    cannot hold is clipped.
 
     Parameters
     ----------
@@ -79,6 +82,8 @@ def write_changed(
     -----
     TransferWarning
         If the original does not state how its code values encode light.
+    BlurmatteWarning
+        If it has a gain map, a clip or further pictures, which are not copied.
     """
     target, source = Path(path), Path(original)
     _check_formats(target, source)
@@ -90,7 +95,22 @@ def write_changed(
         write(target, _light(raster, picture, changed, transfer))
     else:
         _check_holds(raster, extension_of(target))
+        others = _further_pictures(source)  # before the file is replaced, if it is the target
         _save_pixels(target, raster, _pixels(raster, picture, changed, transfer), changed)
+        if others:
+            warnings.warn(
+                f"{target}: without the {' and the '.join(others)} of {source.name}, which would show "
+                "the old picture",
+                BlurmatteWarning,
+                stacklevel=2,
+            )
+
+
+def _further_pictures(source: Path) -> list[str]:
+    """What a JPEG has besides its picture, in words."""
+    if kind_of(source) != "JPEG":
+        return []
+    return further_pictures(metadata_segments(source.read_bytes()))
 
 
 def _check_formats(target: Path, source: Path) -> None:

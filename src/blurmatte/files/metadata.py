@@ -29,6 +29,12 @@ from blurmatte.files.exif import (
     tags_block,
     without_thumbnail,
 )
+from blurmatte.files.further_pictures import (
+    PHOTOSHOP_MARK,
+    is_about_further_pictures,
+    without_small_copies,
+    xmp_of_one_picture,
+)
 from blurmatte.files.png import png_chunks, save_chunks
 from blurmatte.files.raster import IS_SRGB, Raster, save_pixels
 from blurmatte.jpeg import metadata_segments
@@ -69,14 +75,18 @@ def read_metadata(raster: Raster) -> Metadata:
 
 
 def current_segments(segments: tuple[bytes, ...]) -> tuple[bytes, ...]:
-    """The metadata segments of a JPEG without thumbnails and the index of further pictures."""
+    """The metadata segments of a JPEG without thumbnails and statements about further pictures."""
     current = []
     for segment in segments:
-        head, body = segment[:4], segment[4:]
+        head, body = segment[:2], segment[4:]
         if head[1] == 0xE1 and body.startswith(EXIF_MARK):
-            segment = head + EXIF_MARK + without_thumbnail(body[len(EXIF_MARK) :])
-        if not (head[1] == 0xE2 and body.startswith(b"MPF\0")):
-            current.append(segment)
+            body = EXIF_MARK + without_thumbnail(body[len(EXIF_MARK) :])
+        elif head[1] == 0xE1 and body.startswith(_XMP_MARK):
+            body = _XMP_MARK + xmp_of_one_picture(body[len(_XMP_MARK) :])
+        elif head[1] == 0xED and body.startswith(PHOTOSHOP_MARK):
+            body = PHOTOSHOP_MARK + without_small_copies(body[len(PHOTOSHOP_MARK) :])
+        if not (head[1] == 0xE2 and is_about_further_pictures(body)):
+            current.append(head + struct.pack(">H", len(body) + 2) + body)
     return tuple(current)
 
 
@@ -198,7 +208,7 @@ def _read_jpeg(raster: Raster) -> Metadata:
         if kind == 0xE1 and body.startswith(EXIF_MARK) and not exif:
             exif = without_thumbnail(body[len(EXIF_MARK) :])
         elif kind == 0xE1 and body.startswith(_XMP_MARK):
-            xmp = body[len(_XMP_MARK) :]
+            xmp = xmp_of_one_picture(body[len(_XMP_MARK) :])
         elif kind == 0xE0 and body.startswith(b"JFIF\0") and body[7:8] in (b"\1", b"\2"):
             x, y = struct.unpack(">2H", body[8:12])
             unit = 1 if body[7] == 1 else 2.54
@@ -213,6 +223,10 @@ def _read_tiff(raster: Raster) -> Metadata:
         raise damaged(raster.path, "TIFF", [f"its tags: {error}"]) from error
     xmp = tags.get(TiffTag.XMP)
     kept = {name: tag for name, tag in tags.items() if name not in _NOT_COPIED}
+    resources = kept.get(TiffTag.PHOTOSHOP)
+    if isinstance(resources, Tag):
+        data = without_small_copies(resources.data)
+        kept[TiffTag.PHOTOSHOP] = Tag(resources.form, len(data), data)
     exif = tags_block(kept) if kept else b""
     return Metadata(
         icc_profile(raster), exif, xmp.data if isinstance(xmp, Tag) else b"", _dpi(kept)

@@ -12,7 +12,14 @@ from pydantic import AfterValidator, Json
 
 from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
-from blurmatte.files.documents import covariance_matrix, numbers, parse_json, read_json
+from blurmatte.files.documents import (
+    MAX_FLOAT,
+    covariance_matrix,
+    document,
+    numbers,
+    parse_json,
+    read_json,
+)
 from blurmatte.sweep.model.cast_shadow import CastShadow
 from blurmatte.sweep.model.path import path_family
 from blurmatte.sweep.model.silhouette import Silhouette
@@ -105,12 +112,15 @@ def sweep_from_json(text: str) -> Sweep:
     return sweep
 
 
-@dataclass
+@document
 class _ModelFields:
     basis: Annotated[Array, numbers(-MAX_UNIT, MAX_UNIT, 3, None)]
     covariance: Annotated[Array, covariance_matrix(MAX_ANGLE_VARIANCE, 3, 3)]
-    evidence: dict[str, Annotated[float, numbers(0, math.inf)] | None]
+    evidence: dict[str, Annotated[float, numbers(0, MAX_FLOAT)] | None]
     to_srgb: Annotated[Array, numbers(-MAX_GAIN, MAX_GAIN, 3, 3)] | None = None
+    # They follow from the basis; for people.
+    rank: Any = None
+    hex: Any = None
 
 
 def _model(fields: _ModelFields) -> ColorModel:
@@ -123,7 +133,7 @@ def _model(fields: _ModelFields) -> ColorModel:
 MODEL = Annotated[_ModelFields, AfterValidator(_model)]
 
 
-@dataclass
+@document
 class _PathFields:
     xy: Annotated[Array, numbers(-MAX_PX, MAX_PX, None, 2)]
     t: Annotated[Array, numbers(0, 1, None)]

@@ -121,6 +121,48 @@ def read_layer(
     return Layer(alpha, light)
 
 
+def read_mask(path: str | Path, max_pixels: int = MAX_PIXELS) -> Bools:
+    """Read a mask: where a picture is opaque or, without transparent pixels, where it is white.
+
+    Paint programs and background removers put the shape into alpha, and any color below it.
+
+    Parameters
+    ----------
+    path : str or Path
+        A PNG, JPEG, TIFF or OpenEXR.
+    max_pixels : int
+        Larger pictures are rejected before memory is allocated.
+
+    Returns
+    -------
+    (H, W) bool
+        True where alpha exceeds one half; if it does everywhere, or there is no alpha, where the
+        largest channel exceeds half of white, as stored.
+
+    Raises
+    ------
+    FileError
+        If the file cannot be read, or its alpha and its black and white state different shapes.
+    """
+    raster = load(Path(path), max_pixels)
+    _check_finite(raster.path, raster.colors)
+    white = np.asarray(raster.colors.max(axis=-1) > ((raster.levels or 2) - 1) / 2)
+    if raster.alpha is None:
+        return white
+    opaque = np.asarray(raster.alpha > 0.5)
+    if opaque.all():
+        return white
+    drawn = raster.colors[opaque]
+    extreme = drawn.min(axis=-1) == drawn.max(axis=-1)
+    extreme &= (drawn[:, 0] == 0) | (drawn[:, 0] == (raster.levels or 2) - 1)
+    if white[opaque].any() and not white[opaque].all() and extreme.all():
+        raise FileError(
+            f"{path}: export the mask without alpha, or white with the shape in alpha; its opaque "
+            "pixels are both black and white"
+        )
+    return opaque
+
+
 def _decoded(raster: Raster, encoding: Profile | None) -> LinearImage:
     """Light of code values by table, of floats by formula; `valid` where not saturated."""
     colors = raster.colors

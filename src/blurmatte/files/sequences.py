@@ -1,7 +1,7 @@
 """Names of image sequences: files with a number in their names, folders and patterns.
 
 layer.####.exr and layer.%04d.exr have a number of at least four digits; layer.#.exr and layer.%d.exr
-have one without leading zeros.
+are written without leading zeros. Files that are read may have more leading zeros.
 """
 
 import re
@@ -34,12 +34,18 @@ class Numbering:
         return f"{self.before}{number:0{self.digits}d}{self.after}"
 
     def files(self) -> list[Path]:
-        """The existing files, sorted by number."""
-        pattern = re.compile(rf"{re.escape(self.before)}(\d+){re.escape(self.after)}")
-        inside = self.folder.iterdir() if self.folder.is_dir() else ()
-        numbers = (int(found[1]) for path in inside if (found := pattern.fullmatch(path.name)))
-        paths = (self.folder / self.name(number) for number in sorted(set(numbers)))
-        return [path for path in paths if path.is_file()]
+        """The existing files, sorted by number; it may have more digits, as layer.000123.exr."""
+        pattern = re.compile(
+            rf"{re.escape(self.before)}(\d{{{self.digits},}}){re.escape(self.after)}"
+        )
+        inside = sorted(self.folder.iterdir()) if self.folder.is_dir() else []
+        found: dict[int, Path] = {}
+        for path in inside:
+            match = pattern.fullmatch(path.name)
+            if match is not None and path.is_file():
+                exact = path.name == self.name(int(match[1]))
+                found[int(match[1])] = path if exact else found.get(int(match[1]), path)
+        return [found[number] for number in sorted(found)]
 
 
 def numbering(path: Path) -> Numbering | None:

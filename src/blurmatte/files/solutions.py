@@ -16,10 +16,10 @@ import numpy.typing as npt
 
 from blurmatte.checks import MAX_PIXELS
 from blurmatte.errors import FileError
-from blurmatte.files.calibration import MAX_PX, NOISE
-from blurmatte.files.documents import numbers, parse_json
+from blurmatte.files.calibration import NOISE
+from blurmatte.files.documents import bounded, numbers, parse_json
 from blurmatte.files.exr import changed_header
-from blurmatte.files.models import MODEL, model_to_json, sweep_from_json, sweep_to_json
+from blurmatte.files.models import MAX_PX, MODEL, model_to_json, sweep_from_json, sweep_to_json
 from blurmatte.files.raster import Raster, load
 from blurmatte.matting.alternatives import Alternative
 from blurmatte.matting.maps import Grade
@@ -179,7 +179,7 @@ class _Stats:
 
 def _read_stats(text: str) -> dict[str, Any]:
     parse_json(text, _Stats)
-    stats: dict[str, Any] = _frozen(parse_json(text, dict[str, Any]))
+    stats: dict[str, Any] = _frozen(bounded(parse_json(text, dict[str, Any])))
     return stats
 
 

@@ -16,12 +16,12 @@ from blurmatte.color.model import ColorModel
 from blurmatte.errors import FileError
 from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.calibration import (
-    intrinsics_to_mapping,
     noise_to_mapping,
     transfer_to_mapping,
 )
 from blurmatte.files.exr import exr_parts
 from blurmatte.files.json_text import flat_rows, mapping_to_json, rows_to_csv, rows_to_json
+from blurmatte.files.lenses import intrinsics_to_mapping
 from blurmatte.files.models import model_to_json
 from blurmatte.files.raster import save_jpeg, save_pixels
 from blurmatte.files.solutions import CHANNELS, solution_header, solution_parts

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from blurmatte.checks import Bools, Box, Floats, check_kind, check_light, check_map
+from blurmatte.checks import Bools, Box, Floats, as_array, check_kind, check_light, check_map
 from blurmatte.color.model import ColorModel
 from blurmatte.layer import Layer
 from blurmatte.matting.calibration import grade_of
@@ -56,6 +56,8 @@ class Solution:
     sweep: Sweep | None = None
 
     def __post_init__(self) -> None:
+        for name in ("alpha", "alpha_std", "premultiplied", "premultiplied_std", "quality"):
+            object.__setattr__(self, name, as_array(name, getattr(self, name)))
         check_light("premultiplied", self.premultiplied)
         shape = self.premultiplied.shape[:2]
         check_map("alpha", self.alpha, shape)

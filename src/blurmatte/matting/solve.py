@@ -8,7 +8,7 @@ import numpy as np
 
 from blurmatte.background import Matching, agreement, fit_match
 from blurmatte.calibration import with_noise
-from blurmatte.checks import Bools, Box, check_kind, check_map, check_same_size
+from blurmatte.checks import Bools, Box, as_array, check_kind, check_map, check_same_size
 from blurmatte.color.color_projection import streak_of_color
 from blurmatte.color.model import ColorModel
 from blurmatte.color.shadow_test import may_be_shadow
@@ -122,7 +122,9 @@ def _matched(
     """Match the plate to the image, measure unknown noise, and exclude occluded pixels."""
     match = fit_match(image, plate, matching)
     image, plate = with_noise(image, match.apply(plate))
-    hidden = np.zeros(image.valid.shape, bool) if occluder is None else occluder
+    hidden = (
+        np.zeros(image.valid.shape, bool) if occluder is None else as_array("occluder", occluder)
+    )
     check_map("occluder", hidden, image.valid.shape, kinds="b")
     if hidden.any():
         # Clipped light is set to 0 there: no channel of an occluded pixel has information.

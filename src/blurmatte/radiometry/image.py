@@ -9,6 +9,7 @@ from blurmatte.checks import (
     MAX_LIGHT,
     Bools,
     Floats,
+    as_array,
     check_box,
     check_finite,
     check_kind,
@@ -102,6 +103,9 @@ class LinearImage:
     meta : Meta
         Metadata of the file.
 
+    Pixels that are masked in a masked array are not valid. Floats of another size or byte order and
+    objects with `__array__` are converted.
+
     Raises
     ------
     TypeError, ValueError
@@ -115,6 +119,10 @@ class LinearImage:
     meta: Meta = Meta()
 
     def __post_init__(self) -> None:
+        if isinstance(self.rgb, np.ma.MaskedArray):
+            self._take_mask(self.rgb)
+        for name in ("rgb", "noise", "valid"):
+            object.__setattr__(self, name, as_array(name, getattr(self, name)))
         check_light("rgb", self.rgb)
         check_finite("rgb", self.rgb)
         if self.valid is None:
@@ -125,6 +133,14 @@ class LinearImage:
             check_finite("noise", self.noise, MAX_LIGHT**2)
             if np.min(self.noise) < 0:
                 raise ValueError(f"noise holds variances, got {np.min(self.noise):g}")
+
+    def _take_mask(self, rgb: np.ma.MaskedArray) -> None:
+        """Masked pixels become invalid ones of light 0."""
+        masked = np.ma.getmaskarray(rgb)
+        seen = ~masked.any(axis=-1) if masked.ndim == 3 else ~masked
+        valid = seen if self.valid is None else seen & np.asarray(self.valid)
+        object.__setattr__(self, "rgb", rgb.filled(0))
+        object.__setattr__(self, "valid", valid)
 
     def __repr__(self) -> str:
         width, height = self.size

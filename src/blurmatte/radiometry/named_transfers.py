@@ -12,7 +12,7 @@ import numpy as np
 
 from blurmatte.checks import check_kind
 from blurmatte.errors import BlurmatteError
-from blurmatte.radiometry.transfer import LINEAR, REC709, SRGB, TABLE, Transfer, gamma
+from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, TABLE, Transfer, gamma
 
 # Our names, and those of OpenColorIO's transforms: curves without a change of primaries.
 LOG_CURVES = {
@@ -55,9 +55,10 @@ def log_curve(name: str) -> Transfer:
 def named_transfer(name: str) -> Transfer:
     """The transfer curve of a name.
 
-    srgb, rec709, linear; gamma2.2 with any exponent; or a camera maker's logarithmic curve, whose
-    light is scene-linear with 0.18 for middle gray: slog3, logc3 (EI 800), logc4, vlog, clog2, clog3,
-    log3g10, davinci, dlog, bmdfilm5, applelog. The logarithmic curves need the `ocio` extra.
+    srgb, rec709, linear; gamma2.2 with any exponent; hlg, whose light is that of the scene, and pq,
+    that of the screen, 1 at 203 cd/m² [ITU-R BT.2100, BT.2408]; or a camera maker's logarithmic curve,
+    whose light is scene-linear with 0.18 for middle gray: slog3, logc3 (EI 800), logc4, vlog, clog2,
+    clog3, log3g10, davinci, dlog, bmdfilm5, applelog. The logarithmic curves need the `ocio` extra.
 
     Raises
     ------
@@ -67,7 +68,7 @@ def named_transfer(name: str) -> Transfer:
         If OpenColorIO is needed and not installed.
     """
     check_kind("name", name, str, 'such as "srgb"')
-    known = {curve.name: curve for curve in (SRGB, REC709, LINEAR)}
+    known = {curve.name: curve for curve in (SRGB, REC709, LINEAR, HLG, PQ)}
     if name in known:
         return known[name]
     if name in LOG_CURVES:

@@ -4,6 +4,7 @@ In this file `v` is a code value scaled to 0…1 (255 or 65535 is 1) and `light`
 Every curve is odd, so that noise below black survives a round trip.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -158,6 +159,44 @@ def _rec709_encode(light: Floats) -> Floats:
 SRGB = Transfer("srgb", _Odd(_srgb_decode), _Odd(_srgb_encode))  # IEC 61966-2-1:1999
 REC709 = Transfer("rec709", _Odd(_rec709_decode), _Odd(_rec709_encode))  # ITU-R BT.709-6 §1.2
 LINEAR = Transfer("linear", _same, _same)
+
+
+_HLG_A = 0.17883277
+_HLG_B, _HLG_C = 1 - 4 * _HLG_A, 0.5 - _HLG_A * math.log(4 * _HLG_A)
+
+
+def _hlg_decode(v: Floats) -> Floats:
+    """Inverse OETF, extrapolated above 1."""
+    return np.where(v <= 0.5, v**2 / 3, (np.exp((v - _HLG_C) / _HLG_A) + _HLG_B) / 12)
+
+
+def _hlg_encode(light: Floats) -> Floats:
+    upper = np.maximum(12 * light - _HLG_B, 1 - _HLG_B)  # its branch begins at 1/12
+    return np.where(light <= 1 / 12, np.sqrt(3 * light), _HLG_A * np.log(upper) + _HLG_C)
+
+
+_PQ_M1, _PQ_M2 = 2610 / 16384, 2523 / 4096 * 128
+_PQ_C1, _PQ_C2, _PQ_C3 = 3424 / 4096, 2413 / 4096 * 32, 2392 / 4096 * 32
+_PQ_TOP = 1.01  # code value above which light is constant; the curve's pole is at 1.18
+_PQ_WHITE = 203 / 10000  # of the peak: the white of graphics [ITU-R BT.2408]
+
+
+def _pq_decode(v: Floats) -> Floats:
+    """EOTF; 1 is 203 cd/m²."""
+    power = np.minimum(v, _PQ_TOP) ** (1 / _PQ_M2)
+    peak = np.maximum(power - _PQ_C1, 0) / (_PQ_C2 - _PQ_C3 * power)
+    return peak ** (1 / _PQ_M1) / _PQ_WHITE
+
+
+def _pq_encode(light: Floats) -> Floats:
+    power = (light * _PQ_WHITE) ** _PQ_M1
+    return ((_PQ_C1 + _PQ_C2 * power) / (1 + _PQ_C3 * power)) ** _PQ_M2
+
+
+# ITU-R BT.2100-3: HLG by its inverse OETF, light of the scene; PQ by its EOTF, light of the display,
+# which is that of the scene up to the rendering of the camera.
+HLG = Transfer("hlg", _Odd(_hlg_decode), _Odd(_hlg_encode))
+PQ = Transfer("pq", _Odd(_pq_decode), _Odd(_pq_encode))
 
 
 def gamma(exponent: float) -> Transfer:

@@ -10,6 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.checks import Array
+from blurmatte.errors import BlurmatteError
 from blurmatte.layer import Layer
 from blurmatte.radiometry import SRGB
 from blurmatte.rendering.lighting import check_color
@@ -130,7 +131,7 @@ def photo_plate(name: str, size: tuple[int, int]) -> Array:
 
     Raises
     ------
-    ImportError
+    BlurmatteError
         If scikit-image is missing.
     ValueError
         If the photograph is unknown or smaller than `size`.
@@ -193,7 +194,7 @@ def _load_photo(name: str) -> npt.NDArray[np.uint8]:
     try:
         from skimage import data
     except ImportError as error:
-        raise ImportError("photographs need: pip install 'blurmatte[photos]'") from error
+        raise BlurmatteError("photographs need: pip install 'blurmatte[photos]'") from error
     pictures = getattr(data, name)()
     return np.asarray(pictures[0] if isinstance(pictures, tuple) else pictures)  # left, right, ...
 

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from blurmatte.errors import BlurmatteError
 from blurmatte.rendering.codes import check_8_bit_codes
 
 Codes8 = npt.NDArray[np.uint8]
@@ -24,7 +25,7 @@ def through_h264(pictures: Sequence[Codes8], crf: float) -> list[Codes8]:
 
     Odd sizes are padded by repeating the last row or column. The result is deterministic. `crf` is the
     constant rate factor of x264, 0…51: 17 is almost invisible, 23 the default, 35 coarse. Raises
-    ImportError if PyAV is missing.
+    BlurmatteError if PyAV is missing.
     """
     if not pictures:
         raise ValueError("pictures must be one or more, got none")
@@ -109,7 +110,7 @@ def _video_library() -> Any:
     try:
         import av
     except ImportError as error:
-        raise ImportError(
+        raise BlurmatteError(
             "H.264 needs one package more: pip install 'blurmatte[video]'; or take a JPEG"
         ) from error
     return av

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from blurmatte.checks import Bools, Box, check_kind, check_map
+from blurmatte.checks import Bools, Box, as_array, check_kind, check_map
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +35,7 @@ class Streak:
     cell: int = 1
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "mask", as_array("mask", self.mask))
         shape = self.mask.shape[:2] if isinstance(self.mask, np.ndarray) else ()
         check_map("mask", self.mask, shape, kinds="b")
         rows, columns = (np.flatnonzero(np.any(self.mask, axis=axis)) for axis in (1, 0))
