@@ -56,7 +56,10 @@ class Meta:
     time : float or None
         Presentation time in a clip, seconds.
     compression : Compression or None
-        The file's JPEG compression; None if it has none or is unknown.
+        The file's compression, of code values with the primaries of the light; None if it has none
+        or is unknown.
+    subsampled : bool
+        True if the file is compressed with subsampled chroma.
     coding : FrameCoding or None
         Errors of a frame of a clip by the quantizers of its codec; None if it is none.
     """
@@ -74,6 +77,7 @@ class Meta:
     to_srgb: Matrix3 | None = field(default=None, repr=False)
     time: float | None = None
     compression: Compression | None = field(default=None, repr=False)
+    subsampled: bool = False
     coding: FrameCoding | None = field(default=None, repr=False, compare=False)
 
     @property
