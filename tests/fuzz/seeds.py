@@ -10,6 +10,7 @@ from unittest.mock import patch
 
 import av
 import numpy as np
+import pillow_heif
 import tifffile
 from PIL import Image
 from tests.files.conftest import write_dng
@@ -89,6 +90,9 @@ def _write_pictures(folder, name, picture):
     exif[0x0112] = 1
     exif[0x829A] = 1 / 60
     Image.fromarray(codes).save(folder / f"{name}.jpg", quality=95, subsampling=0, exif=exif)
+    for form in ("webp", "avif", "bmp"):
+        Image.fromarray(codes).save(folder / f"{name}.{form}")
+    pillow_heif.from_bytes("RGB", SIZE, codes.tobytes()).save(folder / f"{name}.heic", quality=90)
     tifffile.imwrite(folder / f"{name}.tif", codes, photometric="rgb")
     tifffile.imwrite(
         folder / f"{name}16.tif",

@@ -1,5 +1,6 @@
 """The errors for files that hold no usable picture."""
 
+import os
 import re
 import stat
 from collections.abc import Iterator, Mapping
@@ -16,7 +17,7 @@ from blurmatte.errors import FileError
 from blurmatte.formats import HEAD_BYTES, JPEG, Format, Holds, recognized
 
 VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # extra channels of an EXR
-_PATTERN = re.compile(r"%\d*d|[*?{\[]")  # which FFmpeg and OpenImageIO take for several names
+_PATTERN = re.compile(r"%\d*d|[*?{\[]")
 _MAX_UNPROVEN = 50_000_000  # pixels: they need 2 GB at most
 _PIXELS_PER_BYTE = 32  # of a larger picture; no camera's has more, a flat one in a PNG has 340
 _BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
@@ -67,9 +68,14 @@ def not_read(path: Path, form: Format) -> FileError:
 
 @contextmanager
 def plain_name(path: Path, form: Format | None) -> Iterator[str]:
-    """A name by which a library may open a file: that of a link if its own is no text, or a pattern."""
-    name = str(path)
-    if name.isprintable() and not _PATTERN.search(name):
+    """A name by which a library opens or writes a file: of a link if its own is no text, or misleads.
+
+    FFmpeg takes a name that is a pattern and ends like a picture for a sequence of pictures.
+    """
+    name, misnamed = str(path), form is not None and path.suffix.lower() not in form.extensions
+    if os.fsencode(name).decode("utf-8", "replace") == name and not (
+        misnamed and _PATTERN.search(name)
+    ):
         yield name
         return
     suffix = path.suffix if form is None else form.extensions[0]
@@ -150,6 +156,8 @@ def check_format(path: Path, kind: Format, spec: Any, tags: Mapping[str, Any]) -
     # TIFF: gray, inverted gray, RGB, or YCbCr, which libtiff converts to RGB.
     if tags.get("tiff:PhotometricInterpretation", 2) not in (0, 1, 2, 6):
         raise FileError(f"{path}: convert it to RGB; its colors are {color or 'not supported'}")
+    if tags.get("bmp:bitsperpixel", 24) < 24 and spec.nchannels > 1:
+        raise FileError(f"{path}: export it as RGB; a palette rounds the colors of a BMP")
     if spec.deep:
         raise FileError(f"{path}: flatten it; a deep EXR has several values per pixel")
     form = str(spec.format)

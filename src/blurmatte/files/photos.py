@@ -19,7 +19,6 @@ from blurmatte.files.exif import EXIF_MARK
 from blurmatte.formats import AVIF, HEIC, Format
 
 _UNSPECIFIED = 2  # of H.273
-_SUBSAMPLED = {420: (2, 2), 422: (2, 1)}
 _DAMAGE = OSError, SyntaxError, ValueError, EOFError, RuntimeError, TypeError, struct.error
 
 
@@ -30,7 +29,7 @@ class Photo:
     pixels: npt.NDArray[Any]  # (H, W, n) uint8, or uint16 with all of its range
     names: tuple[str, ...]  # of the channels; alpha is straight
     bits: int  # per code value
-    shared: tuple[int, int]  # horizontal and vertical chroma subsampling
+    subsampled: bool  # whether pixels share chroma
     profile: bytes  # ICC; this and the blocks below are empty if there is none
     exif: bytes
     xmp: bytes
@@ -62,7 +61,7 @@ def decoded(path: Path, form: Format, max_pixels: int) -> Photo:
         pixels,
         {1: ("Y",), 2: ("Y", "A"), 3: tuple("RGB"), 4: tuple("RGBA")}[pixels.shape[2]],
         bits,
-        _sharing(form, content, info),
+        _shares_chroma(form, content, info),
         info.get("icc_profile") or b"",
         (info.get("exif") or b"").removeprefix(EXIF_MARK),
         info.get("xmp") or b"",
@@ -112,14 +111,13 @@ def _pixels(source: Any) -> npt.NDArray[Any]:
     return pixels if pixels.ndim == 3 else pixels[..., None]
 
 
-def _sharing(form: Format, content: bytes, info: dict[str, Any]) -> tuple[int, int]:
+def _shares_chroma(form: Format, content: bytes, info: dict[str, Any]) -> bool:
     if form is HEIC:
-        return _SUBSAMPLED.get(info.get("chroma", 0), (1, 1))
+        return info.get("chroma") in (420, 422)
     if form is AVIF:
         at = content.find(b"av1C") + 6  # flags of the configuration [AV1-ISOBMFF 2.3.3]
-        flags = content[at] if 6 <= at < len(content) else 0
-        return 1 + (flags >> 3 & 1), 1 + (flags >> 2 & 1)
-    return (2, 2) if b"VP8 " in content else (1, 1)  # VP8L is lossless
+        return 6 <= at < len(content) and content[at] & 0b1100 > 0
+    return b"VP8 " in content  # VP8L is lossless
 
 
 def _cicp(content: bytes) -> tuple[int, ...]:

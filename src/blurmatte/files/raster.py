@@ -42,6 +42,7 @@ _TAGS = (
         "oiio:ColorSpace",
         "chromaticities",
         "tiff:subfiletype",
+        "bmp:bitsperpixel",
     ),
     *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
@@ -72,9 +73,8 @@ class Raster:
     png: PngHeader | None  # the header of a PNG
     page: int = 0  # of a TIFF, the first that is no thumbnail
     bits: int = 0  # of a code value, if fewer than its type has; they span its whole range
-    # Horizontal and vertical chroma subsampling of WebP, AVIF and HEIC, whose quantization is not known
-    shared: tuple[int, int] = (1, 1)
-    exif: bytes = b""  # blocks of these
+    subsampled: bool = False  # true if a WebP, AVIF or HEIC has subsampled chroma
+    exif: bytes = b""  # of these; the blocks are as stored
     xmp: bytes = b""
 
     @property
@@ -161,13 +161,11 @@ def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
     tags |= {"ICCProfile": photo.profile} if photo.profile else {}
     tags |= {CICP: photo.cicp} if photo.cicp else {}
     tags |= _colors_of_exif(photo.exif, 0) | _numbers_of_exif(photo.exif)
-    turn = tags.get("Orientation", 1)
-    pixels = upright(photo.pixels, turn)
+    pixels = upright(photo.pixels, tags.get("Orientation", 1))
     inside = np.ones(pixels.shape[:2], bool)
-    shared = photo.shared[::-1] if turn >= 5 else photo.shared
     return Raster(
         *(path, form, pixels, photo.names, inside, tags, None, 0),
-        *(photo.bits, shared, photo.exif, photo.xmp),
+        *(photo.bits, photo.subsampled, photo.exif, photo.xmp),
     )
 
 
@@ -204,6 +202,8 @@ def _stored(
         tags = {name: value for name, value in found.items() if value is not None}
         check_format(path, form, spec, tags)
         kept = wanted_channels(path, tuple(spec.channelnames), names)
+        if form is BMP:  # most programs leave its fourth byte 0
+            kept = tuple(name for name in kept if name != "A")
         pixels = _pixels(path, form, source, spec, kept)
         if tags.get("tiff:PhotometricInterpretation") == 0:
             pixels = _white_is_top(path, pixels, kept, tags)
@@ -389,13 +389,14 @@ def save_pixels(
         spec["DateTime"] = "1970:01:01 00:00:00"  # the same picture gives the same bytes
     for name, value in tags.items():
         spec[name] = value
-    target = oiio.ImageOutput.create(str(path))
-    if target is None:
-        raise OSError(_first_line(oiio.geterror()))
-    written = target.open(str(path), spec) and _write_strips(target, parts, dtype)
-    complaint = target.geterror()  # PNG reports a full disk only here
-    closed = target.close()
-    complaint += target.geterror()
+    with plain_name(path, None) as name:
+        target = oiio.ImageOutput.create(name)
+        if target is None:
+            raise OSError(_first_line(oiio.geterror()))
+        written = target.open(name, spec) and _write_strips(target, parts, dtype)
+        complaint = target.geterror()  # PNG reports a full disk only here
+        closed = target.close()
+        complaint += target.geterror()
     if complaint or not (written and closed):
         raise OSError(_first_line(complaint))
 

@@ -21,11 +21,9 @@ from blurmatte.files.raw import read_raw
 from blurmatte.formats import JPEG, RAW
 from blurmatte.jpeg import compression_of
 from blurmatte.layer import Layer
-from blurmatte.radiometry.compression import BLOCK, Compression
+from blurmatte.radiometry.compression import Compression
 from blurmatte.radiometry.image import LinearImage, Meta, decode
 from blurmatte.radiometry.transfer import LINEAR, Transfer
-
-_FINEST = ((1,) * BLOCK,) * BLOCK  # steps of quantization
 
 
 def read(
@@ -191,12 +189,12 @@ def _meta(raster: Raster, encoding: Profile | None) -> Meta:
         color_space="sRGB",
         converted=encoding is not None and encoding.matrix is not None,
         compression=compression if same_primaries else None,
-        subsampled=compression is not None and compression.shared != (1, 1),
+        subsampled=raster.subsampled or (compression is not None and max(compression.shared) > 1),
     )
 
 
 def _compression(raster: Raster) -> Compression | None:
-    """The compression of a JPEG; of other lossy files that of their chroma, with the finest steps."""
-    if raster.format is JPEG:
-        return compression_of(raster.path.read_bytes(), raster.orientation)
-    return None if raster.shared == (1, 1) else Compression(_FINEST, _FINEST, raster.shared)
+    """The compression of a JPEG; that of other files is not known."""
+    if raster.format is not JPEG:
+        return None
+    return compression_of(raster.path.read_bytes(), raster.orientation)

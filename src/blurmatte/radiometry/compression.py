@@ -24,7 +24,7 @@ _SAMPLINGS = {(1, 1): "4:4:4", (2, 1): "4:2:2", (2, 2): "4:2:0"}
 
 @dataclass(frozen=True)
 class Compression:
-    """Quantization and chroma subsampling of a file, as a JPEG has them.
+    """Quantization and chroma subsampling of a JPEG file.
 
     Parameters
     ----------
