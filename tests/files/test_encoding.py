@@ -75,7 +75,7 @@ def test_gamma_chunk_is_the_exponent_of_encoding(save, ramp):
 @pytest.mark.parametrize(
     ("cicp", "says"),
     [
-        ((9, 16, 0, 1), r"its cICP chunk states PQ \(16 of H\.273\)"),
+        ((9, 16, 0, 1), r"its code points \(CICP\) state PQ \(16 of H\.273\)"),
         ((9, 18, 0, 1), "HLG"),
         ((3, 13, 0, 1), "primaries 3 and curve 13"),
         ((1, 9, 0, 1), "primaries 1 and curve 9"),
