@@ -19,7 +19,7 @@ from blurmatte.files.exif import EXIF_MARK
 from blurmatte.formats import AVIF, HEIC, Format
 
 _UNSPECIFIED = 2  # of H.273
-_DAMAGE = OSError, SyntaxError, ValueError, EOFError, RuntimeError, TypeError, struct.error
+_DAMAGE = OSError, SyntaxError, ValueError, LookupError, EOFError, RuntimeError, TypeError
 
 
 @dataclass(frozen=True, eq=False)
