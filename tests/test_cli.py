@@ -790,7 +790,7 @@ def test_help_loads_nothing_heavy():
     loaded = {tuple(name.split(".")[:2]) for name in done.stdout.split()}
     assert not {"numba", "scipy", "PIL", "rich"} & {package for package, *_ in loaded}
     ours = {room for package, *rooms in loaded if package == "blurmatte" for room in rooms}
-    assert ours == {"checks", "cli", "errors", "interrupts"}
+    assert ours == {"checks", "cli", "errors", "formats", "interrupts"}
 
 
 def test_program_ends_with_one_line(tmp_path):

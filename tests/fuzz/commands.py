@@ -57,7 +57,8 @@ COMMANDS = {
     **dict.fromkeys(
         ("image.png", "image8.png", "image.jpg", "image.tif", "image16.tif", "image.exr"), PICTURE
     ),
-    "image.dng": PICTURE[:5],
+    **dict.fromkeys(("image.dng", "image.bmp"), PICTURE[:5]),
+    **dict.fromkeys(("image.webp", "image.avif", "image.heic"), PICTURE[:5] + PICTURE[-5:-3]),
     **dict.fromkeys(("pixelwise.exr", "swept.exr", "swept.png"), LAYER),
     **dict.fromkeys(("clip.mp4", "clip.mov", "clip.mkv"), CLIP),
     "model.json": (

@@ -64,5 +64,5 @@ def _part(seeds: Path, count: int, seed: int, keep: Path | None, pattern: str) -
 def _keep(folder: Path, name: str, case: Case, fault: str) -> None:
     place = folder / name
     place.mkdir(parents=True, exist_ok=True)
-    (place / case.seed).write_bytes(case.content)
+    (place / (case.name or case.seed)).write_bytes(case.content)
     (place / "fault.txt").write_text(f"{case.command}\n{fault}\n")

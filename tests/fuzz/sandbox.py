@@ -34,6 +34,7 @@ class Case:
     seed: str  # name of the seed
     command: str
     content: bytes = field(repr=False)
+    name: str = ""  # of the file; that of the seed if empty
 
 
 class Sandbox:
@@ -66,7 +67,7 @@ class Sandbox:
 
     def fault(self, case: Case) -> str:
         """What is wrong with how the command took the file; empty if nothing is."""
-        file, out = self.folder / "in" / case.seed, self.folder / "out"
+        file, out = self.folder / "in" / (case.name or case.seed), self.folder / "out"
         for place in (file.parent, out):
             shutil.rmtree(place, ignore_errors=True)
             place.mkdir()

@@ -11,6 +11,7 @@ from unittest.mock import patch
 
 import av
 import numpy as np
+import pillow_heif
 import tifffile
 from PIL import Image
 from tests.files.conftest import write_dng
@@ -107,6 +108,9 @@ def _write_pictures(folder, name, picture):
     segments = (0xE1, XMP), (0xE2, b"MPF\0MM\0*"), (0xED, b"Photoshop 3.0\0" + 2 * RESOURCE)
     further = (bytes([255, mark]) + struct.pack(">H", len(x) + 2) + x for mark, x in segments)
     (folder / f"{name}.jpg").write_bytes(jpeg[:2] + b"".join(further) + jpeg[2:] + jpeg)
+    for form in ("webp", "avif", "bmp"):
+        Image.fromarray(codes).save(folder / f"{name}.{form}")
+    pillow_heif.from_bytes("RGB", SIZE, codes.tobytes()).save(folder / f"{name}.heic", quality=90)
     tifffile.imwrite(folder / f"{name}.tif", codes, photometric="rgb")
     tifffile.imwrite(
         folder / f"{name}16.tif",

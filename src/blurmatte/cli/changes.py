@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 import blurmatte as bm
 from blurmatte.cli.console import about, argument, option
-from blurmatte.cli.output_checks import SHEET, check_file
+from blurmatte.cli.output_checks import CLIPS, SHEET, check_file
 from blurmatte.cli.quantities import numbers
 
 CHANGES = "Changes, made in the order given"
@@ -23,7 +23,6 @@ LOOKS = "To look at"
 ROW = "Rows of layers"
 
 _HEX = "#?[0-9a-fA-F]{6}"
-_PREVIEWS = ".webp", ".gif", ".mp4", ".mov"
 
 Change: TypeAlias = "Callable[[bm.Layer], bm.Layer]"
 
@@ -75,7 +74,7 @@ class Looks:
 
     def __post_init__(self) -> None:
         check_file(self.sheet, "a sheet", *SHEET)
-        check_file(self.preview, "a preview", *_PREVIEWS)
+        check_file(self.preview, "a preview", *CLIPS)
 
 
 @dataclass(frozen=True)

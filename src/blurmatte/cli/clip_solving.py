@@ -28,17 +28,18 @@ from blurmatte.cli.console import (
     warn,
 )
 from blurmatte.cli.output_checks import check_folder
-from blurmatte.cli.rows import PICTURES, given_files
+from blurmatte.cli.rows import given_files
 from blurmatte.cli.selection import (
     CameraReading,
     Chosen,
     ColorOptions,
     matching_of,
 )
+from blurmatte.formats import Writes, is_clip, written
 
 CLIP = "A clip, or a row of images"
 _NUMBERED = "#", "%"
-_LAYERS = "exr", "png", "tif", "mov", "solution"
+_LAYERS = *(name[1:] for name in written(Writes.LAYER, Writes.LAYERS)), "solution"
 
 
 @dataclass(frozen=True)
@@ -96,7 +97,7 @@ class ClipOptions(Chosen):
         numbered = any(mark in path.name for mark in _NUMBERED) and not path.exists()
         if numbered or path.is_dir() or "*" in images[0]:
             return (numbered and not each_alone) or plate is None
-        return path.suffix.lower() not in PICTURES
+        return is_clip(path)
 
 
 def solve_clip(

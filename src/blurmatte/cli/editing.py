@@ -30,6 +30,7 @@ from blurmatte.cli.output_checks import PICTURE, check_file
 from blurmatte.cli.row_editing import Shown, edit_row, layer_and_streak, retouch_row
 from blurmatte.cli.rows import is_row
 from blurmatte.cli.selection import Out, PlateOptions, Reading, matching_of
+from blurmatte.formats import JPEG, format_at
 
 OWN = "In its own picture"
 
@@ -252,7 +253,7 @@ def _read(
 
 def _needed(pictures: Sequence[Path]) -> Iterator[str]:
     """Import the modules that are needed later while files are read."""
-    if pictures and pictures[0].suffix.lower() in (".jpg", ".jpeg"):
+    if pictures and format_at(pictures[0]) is JPEG:
         yield "numba"  # for its blocks
     if len(pictures) > 1:
         yield "scipy.optimize"  # to match them

@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from blurmatte.formats import is_clip
+
 Args = list[str]
 _ROW_MARKS = "#*?[%"
-_PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 _IN_SPACE = "--camera", "--on-plane", "--speed", "--height", "--plate"
 _NOT_IN_SPACE = "--scale", "--points", "--line-time", "--going", "--overlay"
 _OVER = "--over", "--fit", "--place", "--scale", "--match-light"
@@ -48,7 +49,7 @@ def _measure(command: str, args: Args) -> Args:
         return [command, *args]
     path = Path(source)
     is_row = any(mark in path.name for mark in _ROW_MARKS) and not path.is_file()
-    if is_row or not (path.suffix.lower() in _PICTURES or (path / "layer.exr").is_file()):
+    if is_row or (is_clip(path) and not (path / "layer.exr").is_file()):
         return _track("track", _with_frames(args))
     if not any(_has(args, name) for name in _IN_SPACE):
         return [command, *args]

@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import blurmatte as bm
+from blurmatte.formats import MOV, MP4, Writes, written
 
-SHEET = ".png", ".jpg"
-PICTURE = ".png", ".tif", ".jpg", ".exr"
-VIDEO = ".mov", ".mp4"  # an extra writes them
-FILE_ENDINGS = *PICTURE, *VIDEO, ".gif", ".webp", ".csv", ".json"
+SHEET, PICTURE = written(Writes.SHEET), written(Writes.PICTURE)
+STILL, CLIPS = written(Writes.LAYER), written(Writes.CLIP)  # of layers, and of pictures
+CLIPS_OF_LAYERS = written(Writes.LAYERS)
+_FILES = *PICTURE, *CLIPS, ".csv", ".json"
 OUTPUTS = "out", "overlay", "sheet", "preview", "plot"  # the options that name files to write
 
 # What the command reads: from identities of files to their names.
@@ -45,7 +46,7 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
         raise bm.FileError(
             f"{path}: {what} is written as {' or '.join(endings)}; change the ending"
         )
-    if ending in VIDEO:
+    if ending in (MOV.extensions[0], MP4.extensions[0]):  # an extra writes them
         from blurmatte.files.clip_decoding import video_library
 
         video_library(path)
@@ -53,7 +54,7 @@ def check_ending(path: Path, what: str, *endings: str) -> None:
 
 def check_folder(path: Path) -> None:
     """Raise FileError if a folder is named like a file, or it or one above it is one or read-only."""
-    if path.suffix.lower() in FILE_ENDINGS and not path.exists():
+    if path.suffix.lower() in _FILES and not path.exists():
         raise bm.FileError(f"{path}: give a folder, whose name does not end with {path.suffix}")
     there = next(p for p in (path, *path.absolute().parents) if p.exists())
     if not there.is_dir():

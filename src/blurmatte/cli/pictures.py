@@ -30,6 +30,7 @@ from blurmatte.cli.console import (
 )
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.selection import Reading
+from blurmatte.formats import EXR, format_at
 
 
 @command("show out/layer.exr", "show throw.tif --transfer linear -o look.png")
@@ -155,7 +156,7 @@ def _short(value: Any) -> str:
 
 def _solution(path: Path, max_pixels: int) -> bm.Solution | None:
     """The Solution in an EXR, if it is one."""
-    if path.suffix.lower() != ".exr":
+    if format_at(path) is not EXR:
         return None
     from blurmatte.files.documents import DocumentError
 
@@ -179,7 +180,7 @@ def _layer(path: Path, reading: Reading) -> bm.Layer | None:
 
 
 def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: bool) -> Answer:
-    from blurmatte.files.errors import kind_of
+    from blurmatte.files.errors import format_of
     from blurmatte.files.raster import load
 
     meta, layer = picture.meta, _layer(path, reading)
@@ -190,7 +191,7 @@ def _of_picture(path: Path, picture: bm.LinearImage, reading: Reading, guessed: 
         source = "its ICC profile says" if meta.icc_profile else "its tags or its kind say"
     numbers = {
         "kind": "picture" if layer is None else "layer",
-        "format": kind_of(path),
+        "format": format_of(path).name,
         "size": picture.size,
         "bits": "float" if bits is None else bits,
         "gray": meta.gray,

@@ -10,7 +10,7 @@ from pathlib import Path
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, by, with_progress
-from blurmatte.cli.output_checks import check_ending, check_folder, check_outputs
+from blurmatte.cli.output_checks import PICTURE, check_ending, check_folder, check_outputs
 from blurmatte.cli.quantities import frame_range
 from blurmatte.cli.selection import Clip, FrameRange, Out, Reading
 
@@ -34,7 +34,7 @@ def plate(
 
     frame_range("--frames", frames)
     reading.curve  # noqa: B018  # refuses an unknown name
-    check_ending(out, "a plate", ".exr", ".png", ".tif", ".jpg")
+    check_ending(out, "a plate", *PICTURE)
     check_folder(out.parent)
     check_outputs(*plate_files(out))
     with about(Path(source[0])):

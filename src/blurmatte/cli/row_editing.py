@@ -44,7 +44,7 @@ def retouch_row(
 
     target = _checked_target(out, source, str(image))
     with about(image):
-        frames = reading.frames([str(image)], None)
+        frames = bm.read_frames(image, reading.curve, reading.max_pixels)
         originals = None if frames.clip is not None else source_paths(image)
     with about(Path(source)):
         layers = _layers_of(source, reading, frames)

@@ -9,9 +9,9 @@ from glob import glob
 from pathlib import Path
 
 import blurmatte as bm
+from blurmatte.formats import is_clip, pictures_in
 
 ROWS = "folder, ####, %04d, '*'"
-PICTURES = ".exr", ".png", ".tif", ".tiff", ".jpg", ".jpeg"
 
 _PARTS = re.compile(r"(\d+)|(\D+)")  # 10 is sorted after 9
 
@@ -44,8 +44,7 @@ def expanded(texts: Iterable[str]) -> list[Path]:
 def _expanded(text: str) -> list[Path]:
     path = Path(text)
     if path.is_dir():
-        inside = path.glob("[!.]*")  # no temporary files
-        found = [p for p in inside if p.suffix.lower() in PICTURES]
+        found = pictures_in(path)
     elif path.exists() or not _is_pattern(path):
         return [path]
     else:
@@ -65,7 +64,7 @@ def given_files(images: Iterable[str], *others: str | Path | None) -> tuple[Path
 def is_row(source: Path) -> bool:
     """Whether a clip or a row of files is meant, and not one picture or layer."""
     several = source.is_dir() or (_is_pattern(source) and not source.is_file())
-    return several or source.suffix.lower() not in PICTURES
+    return several or is_clip(source)
 
 
 def _is_pattern(path: Path) -> bool:

@@ -13,7 +13,8 @@ import numpy as np
 import blurmatte as bm
 from blurmatte.cli.console import GENERAL, about, argument, option, output
 from blurmatte.cli.quantities import box, frame_range, is_box, numbers
-from blurmatte.cli.rows import PICTURES, ROWS
+from blurmatte.cli.rows import ROWS
+from blurmatte.formats import EXR, format_at, named
 
 OBJECT = "The object"
 Out = Annotated[Path, output("Where to write.")]
@@ -61,7 +62,7 @@ class Reading:
 
     def curve_of(self, path: Path | str) -> bm.Transfer | None:
         """The curve of one file; an EXR holds linear light whatever was asked for."""
-        return None if str(path).lower().endswith(".exr") else self.curve
+        return None if format_at(path) is EXR else self.curve
 
     def read(self, path: Path, said: list[str] | None = None) -> bm.LinearImage:
         """The picture; its warnings are also added to `said`."""
@@ -77,6 +78,11 @@ class Reading:
     def frames(self, clip: list[str], chosen: str | None) -> bm.Frames[bm.LinearImage]:
         """The chosen frames of a clip, or of a row of pictures."""
         source = clip[0] if len(clip) == 1 else clip
+        form = format_at(source) if isinstance(source, str) and Path(source).is_file() else None
+        if form is not None and form.one_picture:
+            raise bm.FileError(
+                f"{source}: give a clip, or several pictures; it is one picture ({form})"
+            )
         return chosen_frames(bm.read_frames(source, self.curve, self.max_pixels), chosen)
 
     def mask(self, name: str, path: Path, size: tuple[int, int]) -> Any:
@@ -281,9 +287,7 @@ def kind_of_color(color: str) -> str:
 
 def is_mask(region: str) -> bool:
     """Whether a value of --region names a picture."""
-    return not is_box(region) and (
-        Path(region).suffix.lower() in PICTURES or Path(region).is_file()
-    )
+    return not is_box(region) and (named(region) is not None or Path(region).is_file())
 
 
 def matching_of(name: str) -> bm.Matching | None:

@@ -11,14 +11,19 @@ from typing import Annotated, Any, Literal
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
 from blurmatte.cli.console import about, answer, argument, option, waiting
-from blurmatte.cli.output_checks import SHEET, check_ending, check_file
+from blurmatte.cli.output_checks import (
+    CLIPS,
+    CLIPS_OF_LAYERS,
+    SHEET,
+    STILL,
+    check_ending,
+    check_file,
+)
 from blurmatte.cli.rows import ROWS, expanded
 from blurmatte.cli.selection import Out, Reading, matching_of
 
 PICTURES = "Its pictures"
-_CLIP = ".mov", ".mp4", ".gif", ".webp"
-_OVER_PLATE = ".mp4", ".gif", ".webp"  # formats without alpha
-_STILL = ".exr", ".png", ".tif"
+_OVER_PLATE = tuple(name for name in CLIPS if name not in CLIPS_OF_LAYERS)  # have no alpha
 _SPINS = "none", "auto", "measure"
 
 
@@ -75,8 +80,8 @@ def sharpen(
     if len(files) > 1 and (sheet is not None or pictures.image is not None):
         raise ValueError(f"--image and --sheet are for one layer; {layer} are {len(files)}")
     single = frames * len(files) == 1
-    check_ending(out, "a sharp object", *(_STILL if single else (*_STILL, *_CLIP)))
-    if single or out.suffix.lower() in _CLIP:
+    check_ending(out, "a sharp object", *(STILL if single else (*STILL, *CLIPS)))
+    if single or out.suffix.lower() in CLIPS:
         check_file(out, "a sharp object", out.suffix.lower())
     if out.suffix.lower() in _OVER_PLATE and pictures.plate is None:
         raise ValueError(f"{out.suffix} has no alpha: add --plate, or write .mov or .exr")

@@ -10,11 +10,12 @@ import numpy as np
 
 from blurmatte.clips.table import FrameRecord
 from blurmatte.files import read_layer, write, write_frames
+from blurmatte.formats import Writes, written
 from blurmatte.layer import Layer
 from blurmatte.motion.clip.solving import FrameSolver, Wanted
 from blurmatte.radiometry import LinearImage
 
-LAYER_EXTENSIONS = (".exr", ".png", ".tif")
+LAYER_EXTENSIONS = written(Writes.LAYER)
 
 
 @dataclass(frozen=True, eq=False)

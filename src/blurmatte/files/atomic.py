@@ -18,9 +18,9 @@ from itertools import count
 from pathlib import Path
 
 from blurmatte.errors import FileError
+from blurmatte.formats import Writes, named
 
 INCOMPLETE = ".incomplete"  # added to the name of the last file of a set while it is moved
-_ALIASES = {".jpeg": ".jpg", ".tiff": ".tif"}
 _HOST = f"{zlib.crc32(platform.node().encode()):08x}"
 _SESSION = secrets.token_hex(4)  # of this process: another one may get its number later
 _COUNTER = count()
@@ -30,7 +30,9 @@ _NOTE = "blurmatte was stopped while it replaced these files; run the same comma
 
 def extension_of(path: Path) -> str:
     """The extension of a file name in its canonical form: .png, .tif, .jpg, .exr …"""
-    return _ALIASES.get(path.suffix.lower(), path.suffix.lower())
+    form = named(path)
+    picture = form is not None and Writes.PICTURE in form.writes
+    return form.extensions[0] if form is not None and picture else path.suffix.lower()
 
 
 @contextmanager

@@ -1,8 +1,8 @@
 """How the code values of a picture file encode light, by its caller, its profile or its tags.
 
 The first source that states it wins: PNG's cICP chunk, the ICC profile, PNG's sRGB, gAMA and cHRM
-chunks, the attributes of an EXR, EXIF. The caller's `transfer` replaces the curves. Otherwise floats
-are linear, and integers are taken as sRGB with a warning.
+chunks, the color box of AVIF and HEIC, the attributes of an EXR, EXIF. The caller's `transfer` replaces
+the curves. Otherwise floats are linear, and integers are taken as sRGB with a warning.
 """
 
 import warnings
@@ -16,7 +16,6 @@ import numpy.typing as npt
 
 from blurmatte.checks import Floats
 from blurmatte.errors import FileError, TransferWarning
-from blurmatte.files.errors import kind_of
 from blurmatte.files.icc import Matrix, Profile, ProfileError, parse_profile
 from blurmatte.files.png import PngHeader
 from blurmatte.files.primaries import (
@@ -25,7 +24,8 @@ from blurmatte.files.primaries import (
     INTEROP_PRIMARIES,
     matrix_to_srgb,
 )
-from blurmatte.files.raster import DCF, IS_SRGB, PRIMARIES, Raster
+from blurmatte.files.raster import CICP, DCF, IS_SRGB, PRIMARIES, Raster
+from blurmatte.formats import EXR
 from blurmatte.radiometry.transfer import HLG, LINEAR, PQ, REC709, SRGB, Transfer, gamma
 
 
@@ -60,7 +60,9 @@ Curves = tuple[Transfer, Transfer, Transfer]
 def icc_profile(raster: Raster) -> bytes | None:
     """The ICC profile of a file, if it has one."""
     profile = raster.tags.get("ICCProfile")
-    return None if profile is None else np.asarray(profile, dtype=np.uint8).tobytes()
+    if profile is None or isinstance(profile, bytes):
+        return profile
+    return np.asarray(profile, dtype=np.uint8).tobytes()
 
 
 def encoding_of(raster: Raster, transfer: Transfer | None, stacklevel: int) -> Profile | None:
@@ -96,7 +98,9 @@ def _stated(raster: Raster, given: Curves | None) -> Profile | None:
         return _from_profile(raster, data, given)
     if chunks is not None:
         return chunks
-    if kind_of(raster.path) == "EXR":
+    if CICP in raster.tags:
+        return _from_cicp(raster.path, raster.tags[CICP], given)
+    if raster.format is EXR:
         return _from_exr(raster, given)
     if raster.tags.get("Exif:ColorSpace") == _IS_ADOBE or raster.tags.get(DCF) == b"R03":
         return Profile(given or (gamma(563 / 256),) * 3, matrix_to_srgb(ADOBE_RGB))
@@ -203,7 +207,7 @@ def _or_eye(matrix: Matrix | None) -> Matrix:
 
 def _from_cicp(path: Path, cicp: tuple[int, ...], given: Curves | None) -> Profile:
     primaries, curve, matrix, full_range = cicp
-    advice = f"{path}: convert the picture to sRGB; its cICP chunk states"
+    advice = f"{path}: convert the picture to sRGB; its code points (CICP) state"
     if primaries not in CICP_PRIMARIES or not (given or curve in CICP_CURVES):
         raise FileError(
             f"{advice} primaries {primaries} and curve {curve} of H.273, which are not supported"

@@ -1,36 +1,23 @@
-"""Kinds of picture files, and the errors for files that hold no usable picture."""
+"""The errors for files that hold no usable picture."""
 
+import os
+import re
 import stat
-from collections.abc import Mapping
-from contextlib import suppress
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
 
 from blurmatte.checks import MAX_PIXELS, Floats
 from blurmatte.errors import FileError
+from blurmatte.formats import HEAD_BYTES, JPEG, Format, Holds, recognized
 
-EXTENSIONS = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".exr")
-RAW = "camera RAW"
-_RAW_NAMES = (
-    "3fr arw cr2 cr3 crw dcr dng erf fff iiq k25 kdc mef mos mrw nef nrw orf pef raf raw rw2 rwl sr2 "
-    "srf srw x3f"
-)
-RAW_EXTENSIONS = tuple(f".{name}" for name in _RAW_NAMES.split())
-_CLIPS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mts")
 VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # extra channels of an EXR
-PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
-_SIGNATURES = {
-    PNG_SIGNATURE: "PNG",
-    b"\xff\xd8\xff": "JPEG",
-    b"II*\0": "TIFF",
-    b"MM\0*": "TIFF",
-    b"II+\0": "TIFF",  # BigTIFF
-    b"MM\0+": "TIFF",
-    b"\x76\x2f\x31\x01": "EXR",
-}
+_PATTERN = re.compile(r"%\d*d|[*?{\[]")
 _MAX_UNPROVEN = 50_000_000  # pixels: they need 2 GB at most
 _PIXELS_PER_BYTE = 32  # of a larger picture; no camera's has more, a flat one in a PNG has 340
 _BITS = {"uint8": 8, "uint16": 16, "half": 16, "float": 32, "double": 64}
@@ -48,38 +35,57 @@ class StraightColorTest:
     min_pixels: int = 32
 
 
-def kind_of(path: Path) -> str:
-    """PNG, JPEG, TIFF, EXR or camera RAW, by the first bytes of the file.
+def format_of(path: Path) -> Format:
+    """The format of a picture file, by its content, see `recognized`.
 
-    Most RAW files begin like a TIFF, so for them the extension decides.
-
-    Raises FileError if the file cannot be read or is none of these.
+    Raises FileError if the file cannot be read or holds no picture that can be.
     """
     check_exists(path, "give a picture file")
     try:
         with path.open("rb") as file:
-            start = file.read(8)
+            form = recognized(file.read(HEAD_BYTES), path)
     except OSError as error:
         raise unreadable(path, error) from error
-    named_raw = path.suffix.lower() in RAW_EXTENSIONS
-    if path.suffix.lower() in _CLIPS:
+    if form is None:
         raise FileError(
-            f"{path}: extract one frame of the clip, because one picture is needed; or use "
+            f"{path}: export it again as PNG, JPEG, TIFF or OpenEXR; the file holds no picture of a "
+            "known kind"
+        )
+    if form.holds is Holds.CLIP:
+        raise FileError(
+            f"{path}: extract one frame of the clip ({form}), because one picture is needed; or use "
             "blurmatte track or blurmatte solve (read_frames), which read clips"
         )
-    if path.suffix.lower() not in EXTENSIONS and not named_raw:
-        raise FileError(
-            f"{path}: convert it to {', '.join(EXTENSIONS)}, or a camera RAW to .dng; "
-            "this kind of file is not supported"
-        )
-    for signature, kind in _SIGNATURES.items():
-        if start.startswith(signature) and not (named_raw and kind == "TIFF"):
-            return kind
-    if named_raw:
-        return RAW
-    raise FileError(
-        f"{path}: export it again; the file holds no PNG, JPEG, TIFF or OpenEXR picture"
-    )
+    if form.holds is Holds.OTHER:
+        raise not_read(path, form)
+    return form
+
+
+def not_read(path: Path, form: Format) -> FileError:
+    """The error for a format that is known, and not read."""
+    return FileError(f"{path}: {form.remedy}; this kind of file ({form}) is not read")
+
+
+@contextmanager
+def plain_name(path: Path, form: Format | None) -> Iterator[str]:
+    """A name by which a library opens or writes a file: of a link if its own is no text, or misleads.
+
+    FFmpeg takes a name that is a pattern and ends like a picture for a sequence of pictures.
+    """
+    name, misnamed = str(path), form is not None and path.suffix.lower() not in form.extensions
+    if os.fsencode(name).decode("utf-8", "replace") == name and not (
+        misnamed and _PATTERN.search(name)
+    ):
+        yield name
+        return
+    suffix = path.suffix if form is None else form.extensions[0]
+    with TemporaryDirectory(prefix="blurmatte-") as folder:
+        link = Path(folder, f"file{suffix}")
+        try:
+            link.symlink_to(path.absolute())
+        except OSError as error:
+            raise FileError(f"{path}: rename it; its name cannot be read ({error})") from error
+        yield str(link)
 
 
 def check_exists(path: Path, instead_of_folder: str) -> None:
@@ -109,7 +115,7 @@ def unreadable(path: str | Path, error: OSError) -> FileError:
     return FileError(f"{path}: check the path; the file cannot be read ({error.strerror})")
 
 
-def damaged(path: Path, kind: str, complaints: list[str]) -> FileError:
+def damaged(path: Path, kind: Format | str, complaints: list[str]) -> FileError:
     """The error for a file that a library could not decode, with the library's first complaint."""
     line = next((text.strip() for text in complaints if text.strip()), "")
     for name in (f' ("{path}")', f"({path})", f"{path}: "):
@@ -139,24 +145,26 @@ def check_size(path: Path, size: tuple[int, int], max_pixels: int) -> None:
         )
 
 
-def check_format(path: Path, kind: str, spec: Any, tags: Mapping[str, Any]) -> None:
+def check_format(path: Path, kind: Format, spec: Any, tags: Mapping[str, Any]) -> None:
     """Raise FileError for CMYK, palettes, Lab, deep pictures and unsupported bit depths.
 
     `spec` is the ImageSpec of OpenImageIO.
     """
-    color = str(tags.get(f"{kind.lower()}:ColorSpace", ""))
+    color = str(tags.get(f"{kind.name.lower()}:ColorSpace", ""))
     if color in ("CMYK", "YCbCrK") or color.startswith("YCCK"):
         raise FileError(f"{path}: convert it to sRGB; the {kind} has CMYK colors for printing")
     # TIFF: gray, inverted gray, RGB, or YCbCr, which libtiff converts to RGB.
     if tags.get("tiff:PhotometricInterpretation", 2) not in (0, 1, 2, 6):
         raise FileError(f"{path}: convert it to RGB; its colors are {color or 'not supported'}")
+    if tags.get("bmp:bitsperpixel", 24) < 24 and spec.nchannels > 1:
+        raise FileError(f"{path}: export it as RGB; a palette rounds the colors of a BMP")
     if spec.deep:
         raise FileError(f"{path}: flatten it; a deep EXR has several values per pixel")
     form = str(spec.format)
     if form == "double" and spec.tile_width:  # OpenImageIO reads them as black
         raise FileError(f"{path}: export 32-bit floats; 64-bit floats in tiles cannot be read")
     bits = int(tags.get("oiio:BitsPerSample", _BITS.get(form, 0)))
-    if bits != _BITS.get(form) or (kind == "JPEG" and form != "uint8"):
+    if bits != _BITS.get(form) or (kind is JPEG and form != "uint8"):
         raise FileError(
             f"{path}: export 8 or 16 bits, or float; {bits or ''} bits per channel ({form}) "
             "are not supported"

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from blurmatte.checks import MAX_PIXELS, check_kind
 from blurmatte.errors import BlurmatteWarning, FileError, TransferWarning
-from blurmatte.files.atomic import moved_together, replacing
+from blurmatte.files.atomic import extension_of, moved_together, replacing
 from blurmatte.files.clip_quantization import coding_errors
 from blurmatte.files.clip_reading import (
     Clip,
@@ -28,7 +28,6 @@ from blurmatte.files.clip_reading import (
     sited_by,
 )
 from blurmatte.files.clip_writing import save_animation, save_h264, save_prores
-from blurmatte.files.errors import EXTENSIONS
 from blurmatte.files.reading import read, read_layer
 from blurmatte.files.sequences import (
     Source,
@@ -38,6 +37,7 @@ from blurmatte.files.sequences import (
     source_paths,
 )
 from blurmatte.files.writing import write
+from blurmatte.formats import EXR, Writes, format_at, is_clip, written
 from blurmatte.layer import Layer
 from blurmatte.radiometry.coded import CodedFrame, coded
 from blurmatte.radiometry.image import LinearImage
@@ -329,7 +329,7 @@ def _frames(
     decode: Callable[[Clip, range], Iterator[Frame]],
 ) -> Frames[Frame]:
     check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
-    if len(paths) == 1 and paths[0].suffix.lower() not in EXTENSIONS:
+    if len(paths) == 1 and is_clip(paths[0]):
         clip = open_clip(paths[0], transfer, max_pixels, stacklevel=3)
         if decode is decode_layers and not clip.alpha:
             raise FileError(
@@ -377,7 +377,7 @@ def _read(
     warned: list[Warning | str],
 ) -> Frame:
     """One picture of a sequence; an assumed curve is warned of once, then `warned` is not empty."""
-    curve = None if path.suffix.lower() == ".exr" else transfer  # EXRs hold light
+    curve = None if format_at(path) is EXR else transfer  # EXRs hold light
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
         frame = read_one(path, curve, max_pixels)
@@ -403,10 +403,11 @@ def _write_clip(target: Path, frames: Iterator[Thing], rate: float) -> list[Path
 
 def _write_sequence(target: Path, frames: Iterator[Thing], numbers: Iterable[int]) -> list[Path]:
     names_of = numbering(target)
-    if target.suffix.lower() not in EXTENSIONS:
+    endings = written(Writes.PICTURE)
+    if extension_of(target) not in endings:
         raise FileError(
             f"{target}: change the extension; frames are written as {', '.join(_CLIP_WRITERS)}, or as "
-            f"numbered {', '.join(EXTENSIONS)}"
+            f"numbered {', '.join(endings)}"
         )
     if names_of is None:
         raise FileError(

@@ -17,7 +17,7 @@ from blurmatte.checks import MAX_PIXELS, Bools, check_map, check_same_size
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.atomic import extension_of, replacing
 from blurmatte.files.encoding import encoding_of, from_light
-from blurmatte.files.errors import RAW, kind_of
+from blurmatte.files.errors import format_of
 from blurmatte.files.further_pictures import further_pictures
 from blurmatte.files.metadata import (
     current_segments,
@@ -29,6 +29,7 @@ from blurmatte.files.metadata import (
 from blurmatte.files.raster import Raster, as_stored, load
 from blurmatte.files.reading import light_of
 from blurmatte.files.writing import write
+from blurmatte.formats import EXR, JPEG, RAW, Writes, written
 from blurmatte.jpeg import JpegError, jpeg_bytes, metadata_segments, read_jpeg, replace_blocks
 from blurmatte.radiometry.image import LinearImage
 from blurmatte.radiometry.transfer import Transfer
@@ -108,17 +109,17 @@ def write_changed(
 
 def _further_pictures(source: Path) -> list[str]:
     """What a JPEG has besides its picture, in words."""
-    if kind_of(source) != "JPEG":
+    if format_of(source) != JPEG:
         return []
     return further_pictures(metadata_segments(source.read_bytes()))
 
 
 def _check_formats(target: Path, source: Path) -> None:
-    if extension_of(target) not in (".png", ".tif", ".jpg", ".exr"):
+    if extension_of(target) not in written(Writes.PICTURE):
         raise FileError(
             f"{target}: change the extension; a picture is written as .png, .tif, .jpg or .exr"
         )
-    if kind_of(source) == RAW:
+    if format_of(source) is RAW:
         raise FileError(
             f"{source}: give a developed picture as the original, or none and write .exr or .tif; "
             "a camera RAW cannot be edited in place"
@@ -126,7 +127,7 @@ def _check_formats(target: Path, source: Path) -> None:
 
 
 def _check_holds(raster: Raster, extension: str) -> None:
-    if kind_of(raster.path) == "EXR":
+    if raster.format is EXR:
         raise FileError(f"{raster.path}: write .exr; the file holds light, not code values")
     if raster.levels is None and extension != ".tif":
         raise FileError(f"{raster.path}: write .tif or .exr; a {extension} file holds no floats")
@@ -139,7 +140,7 @@ def _save_pixels(target: Path, raster: Raster, upright: npt.NDArray[Any], change
             save_png(temporary, raster, pixels)
         elif extension == ".tif":
             save_tiff(temporary, raster, pixels)
-        elif kind_of(raster.path) == "JPEG":
+        elif raster.format is JPEG:
             _save_same_jpeg(temporary, raster, pixels, as_stored(changed, raster.orientation))
         else:
             save_new_jpeg(temporary, raster, pixels)

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import icc_profile, png_encoding, primaries_alone
-from blurmatte.files.errors import damaged, kind_of
+from blurmatte.files.errors import damaged
 from blurmatte.files.exif import (
     EXIF_MARK,
     Tag,
@@ -37,6 +37,7 @@ from blurmatte.files.further_pictures import (
 )
 from blurmatte.files.png import png_chunks, save_chunks
 from blurmatte.files.raster import IS_SRGB, Raster, save_pixels
+from blurmatte.formats import JPEG, PNG, TIFF
 from blurmatte.jpeg import metadata_segments
 from blurmatte.radiometry.transfer import SRGB
 
@@ -69,9 +70,9 @@ class Metadata:
 
 
 def read_metadata(raster: Raster) -> Metadata:
-    """The metadata of the PNG, JPEG or TIFF file of a raster."""
-    readers = {"PNG": _read_png, "JPEG": _read_jpeg, "TIFF": _read_tiff}
-    return readers[kind_of(raster.path)](raster)
+    """The metadata of the file of a raster."""
+    readers = {PNG: _read_png, JPEG: _read_jpeg, TIFF: _read_tiff}
+    return readers.get(raster.format, _read_others)(raster)
 
 
 def current_segments(segments: tuple[bytes, ...]) -> tuple[bytes, ...]:
@@ -233,6 +234,10 @@ def _read_tiff(raster: Raster) -> Metadata:
     )
 
 
+def _read_others(raster: Raster) -> Metadata:
+    return Metadata(icc_profile(raster), without_thumbnail(raster.exif), raster.xmp, None)
+
+
 def _dpi(tags: Tags) -> tuple[float, float] | None:
     (unit,) = numbers(tags.get(TiffTag.RESOLUTION_UNIT, shorts(_INCH)))[:1] or [_INCH]
     x, y = (
@@ -262,7 +267,7 @@ def _with_srgb(tags: dict[int, Any]) -> dict[int, Any]:
 def _exif_with_color_space(metadata: Metadata, raster: Raster) -> bytes:
     """The EXIF for a PNG or JPEG; it states sRGB where the chunks of a PNG did."""
     stated = raster.tags.get("Exif:ColorSpace") == IS_SRGB or not _png_states_srgb(raster)
-    if kind_of(raster.path) != "TIFF" and stated:
+    if raster.format is not TIFF and stated:
         return metadata.exif
     tags = _tags_of(metadata, (TiffTag.IPTC, TiffTag.PHOTOSHOP))  # which only a TIFF may hold
     tags = tags if stated else _with_srgb(tags)

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blurmatte.errors import FileError
-from blurmatte.files.errors import PNG_SIGNATURE, damaged
+from blurmatte.files.errors import damaged
+from blurmatte.formats import PNG_SIGNATURE
 
 Pass = tuple[int, int, int, int]  # first x and y, steps of x and y
 

@@ -19,15 +19,17 @@ import numpy.typing as npt
 from blurmatte.checks import MAX_PIXELS, Bools
 from blurmatte.errors import BlurmatteWarning, FileError
 from blurmatte.files.errors import (
-    RAW,
     check_format,
     check_size,
     damaged,
-    kind_of,
+    format_of,
+    plain_name,
     wanted_channels,
 )
-from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, parse_tags
+from blurmatte.files.exif import EXIF_MARK, Tag, Tags, TiffTag, fractions, numbers, parse_tags
+from blurmatte.files.photos import decoded
 from blurmatte.files.png import PngHeader, check_png, inspect_png
+from blurmatte.formats import BMP, EXR, JPEG, PNG, RAW, TIFF, Format
 from blurmatte.jpeg import metadata_segments
 
 # Other attributes are not read: they may hold text in an unknown encoding.
@@ -40,6 +42,7 @@ _TAGS = (
         "oiio:ColorSpace",
         "chromaticities",
         "tiff:subfiletype",
+        "bmp:bitsperpixel",
     ),
     *("blurmatte:model", "blurmatte:solver", "blurmatte:stats", "blurmatte:sweep"),
     *("blurmatte:camera", "blurmatte:light"),
@@ -51,6 +54,7 @@ _UNREADABLE = re.compile(r"([\w ]+) compression support is not|Compression schem
 _METHODS = {"34712": "JPEG 2000", "50002": "JPEG XL", "52546": "JPEG XL"}
 IS_SRGB = 1  # value of the EXIF tag ColorSpace
 DCF, PRIMARIES = "DCF", "primaries"  # our names of tags of EXIF that OpenImageIO does not give
+CICP = "CICP"  # and of the primaries, curve, matrix and range of AVIF and HEIC, by ITU-T H.273
 _REDUCED_OR_MASK = 1 | 4  # bits of tiff:subfiletype: a smaller copy of another page, or its mask
 
 
@@ -59,6 +63,7 @@ class Raster:
     """The numbers of a picture file, upright."""
 
     path: Path  # the file
+    format: Format
     pixels: npt.NDArray[Any]  # (H, W, n) uint8, uint16 or float32: as stored
     names: tuple[str, ...]  # names of the channels
     # (H, W) bool: false where the file holds no pixels: the data window of an EXR may be smaller
@@ -67,6 +72,10 @@ class Raster:
     tags: Mapping[str, Any]  # attributes of the file, by OpenImageIO's names
     png: PngHeader | None  # the header of a PNG
     page: int = 0  # of a TIFF, the first that is no thumbnail
+    bits: int = 0  # of a code value, if fewer than its type has; they span its whole range
+    subsampled: bool = False  # true if a WebP, AVIF or HEIC has subsampled chroma
+    exif: bytes = b""  # of these; the blocks are as stored
+    xmp: bytes = b""
 
     @property
     def levels(self) -> int | None:
@@ -117,50 +126,85 @@ class Raster:
 
 
 def load(path: Path, max_pixels: int = MAX_PIXELS, names: tuple[str, ...] | None = None) -> Raster:
-    """Read the numbers of a PNG, JPEG, TIFF or OpenEXR.
+    """Read the numbers of a picture file.
 
     max_pixels: larger pictures are rejected before memory is allocated.
     names: the channels to read; by default those of the picture, see `wanted_channels`.
 
     Raises FileError if the file is missing, damaged, or of an unsupported kind.
     """
-    kind = kind_of(path)
-    if kind == RAW:
+    form = format_of(path)
+    if form is RAW:
         raise FileError(f"{path}: give an EXR, PNG or TIFF with alpha; a camera RAW holds no layer")
-    png = inspect_png(path) if kind == "PNG" else None
+    if form.reader != "OpenImageIO":
+        return _photo(path, form, max_pixels)
+    png = inspect_png(path) if form is PNG else None
     if png is not None:
         check_size(path, png.size, max_pixels)
         check_png(path, png)
     try:
-        page, pixels, kept, tags, spec = _stored(path, kind, max_pixels, names)
+        page, pixels, kept, tags, spec = _stored(path, form, max_pixels, names)
     except UnicodeDecodeError as error:
-        raise damaged(path, kind, ["a name is not text"]) from error
-    if kind != "EXR":
-        tags |= _colors_of_exif(_exif_block(path, kind, png), page)
+        raise damaged(path, form, ["a name is not text"]) from error
+    if form is not EXR:
+        tags |= _colors_of_exif(_exif_block(path, form, png), page)
     pixels, inside = _full_picture(pixels, spec)
     orientation = int(tags.get("Orientation", 1))
     pixels, inside = upright(pixels, orientation), upright(inside, orientation)
-    return Raster(path, pixels, kept, inside, tags, png, page)
+    return Raster(path, form, pixels, kept, inside, tags, png, page)
+
+
+def _photo(path: Path, form: Format, max_pixels: int) -> Raster:
+    """A WebP, AVIF or HEIC."""
+    photo = decoded(path, form, max_pixels)
+    tags: dict[str, Any] = {"oiio:UnassociatedAlpha": 1}
+    tags |= {"ICCProfile": photo.profile} if photo.profile else {}
+    tags |= {CICP: photo.cicp} if photo.cicp else {}
+    tags |= _colors_of_exif(photo.exif, 0) | _numbers_of_exif(photo.exif)
+    pixels = upright(photo.pixels, tags.get("Orientation", 1))
+    inside = np.ones(pixels.shape[:2], bool)
+    return Raster(
+        *(path, form, pixels, photo.names, inside, tags, None, 0),
+        *(photo.bits, photo.subsampled, photo.exif, photo.xmp),
+    )
+
+
+def _numbers_of_exif(block: bytes) -> dict[str, Any]:
+    """Orientation, exposure time and color space, by OpenImageIO's names, where EXIF states them."""
+    try:
+        tags = parse_tags(block)
+    except ValueError:
+        return {}
+    inner = tags.get(TiffTag.EXIF, {})
+    inner = {} if isinstance(inner, Tag) else inner
+    found: dict[str, Sequence[float]] = {
+        "Orientation": numbers(tags.get(TiffTag.ORIENTATION, {})),
+        "ExposureTime": fractions(inner.get(TiffTag.EXPOSURE_TIME, {})),
+        "Exif:ColorSpace": numbers(inner.get(TiffTag.COLOR_SPACE, {})),
+    }
+    return {name: values[0] for name, values in found.items() if values}
 
 
 def _stored(
-    path: Path, kind: str, max_pixels: int, names: tuple[str, ...] | None
+    path: Path, form: Format, max_pixels: int, names: tuple[str, ...] | None
 ) -> tuple[int, npt.NDArray[Any], tuple[str, ...], dict[str, Any], Any]:
     """Page, pixels, channel names, tags, and OpenImageIO's ImageSpec."""
-    source, spec = _open(path, kind, max_pixels)
+    source, spec = _open(path, form, max_pixels)
     try:
-        page = _main_page(path, source) if kind == "TIFF" else 0
+        page = _main_page(path, source) if form is TIFF else 0
         spec = source.spec()
-        if kind != "EXR":  # in other formats an offset is a position on a page
+        if form is not EXR:  # in other formats an offset is a position on a page
             spec.x, spec.y, spec.full_x, spec.full_y = 0, 0, 0, 0
             spec.full_width, spec.full_height = spec.width, spec.height
         for size in ((spec.width, spec.height), (spec.full_width, spec.full_height)):
             check_size(path, size, max_pixels)
         found = {name: spec.getattribute(name) for name in _TAGS}
         tags = {name: value for name, value in found.items() if value is not None}
-        check_format(path, kind, spec, tags)
+        check_format(path, form, spec, tags)
         kept = wanted_channels(path, tuple(spec.channelnames), names)
-        pixels = _pixels(path, kind, source, spec, kept)
+        if form is BMP:  # most programs leave its fourth byte 0
+            kept = tuple(name for name in kept if name != "A")
+        pixels = _pixels(path, form, source, spec, kept)
         if tags.get("tiff:PhotometricInterpretation") == 0:
             pixels = _white_is_top(path, pixels, kept, tags)
         return page, pixels, kept, tags, spec
@@ -213,11 +257,13 @@ def _white_is_top(
     return pixels
 
 
-def _exif_block(path: Path, kind: str, png: PngHeader | None) -> bytes | mmap.mmap:
+def _exif_block(path: Path, form: Format, png: PngHeader | None) -> bytes | mmap.mmap:
     """EXIF of a PNG or JPEG; a TIFF is such a block itself."""
     if png is not None:
         return png.exif.removeprefix(EXIF_MARK)
-    if kind == "JPEG":
+    if form is BMP:
+        return b""
+    if form is JPEG:
         bodies = (segment[4:] for segment in metadata_segments(path.read_bytes()))
         return next((b.removeprefix(EXIF_MARK) for b in bodies if b.startswith(EXIF_MARK)), b"")
     with path.open("rb") as file:
@@ -245,38 +291,39 @@ def _colors_of_exif(block: bytes | mmap.mmap, page: int) -> dict[str, Any]:
     return found
 
 
-def _open(path: Path, kind: str, max_pixels: int) -> tuple[Any, Any]:
+def _open(path: Path, form: Format, max_pixels: int) -> tuple[Any, Any]:
     """OpenImageIO's ImageInput and ImageSpec."""
     import OpenImageIO as oiio
 
     wish = oiio.ImageSpec()
     wish["oiio:UnassociatedAlpha"] = 1  # else straight code values are multiplied by alpha
-    source = oiio.ImageInput.open(str(path), wish)
-    if source is not None:
-        return source, source.spec()
-    reason = oiio.geterror()
+    with plain_name(path, form) as name:
+        source = oiio.ImageInput.open(name, wish)
+        if source is not None:
+            return source, source.spec()
+        reason = oiio.geterror().replace(name, str(path))
     claim = re.search(r"claimed to be (\d+)x(\d+)", reason)
     if claim:
         check_size(path, (int(claim[1]), int(claim[2])), max_pixels)
-    raise damaged(path, kind, reason.splitlines())
+    raise damaged(path, form, reason.splitlines())
 
 
 def _pixels(
-    path: Path, kind: str, source: Any, spec: Any, names: tuple[str, ...]
+    path: Path, form: Format, source: Any, spec: Any, names: tuple[str, ...]
 ) -> npt.NDArray[Any]:
     at = [spec.channelnames.index(name) for name in names]
-    form = str(spec.format) if str(spec.format).startswith("uint") else "float"
-    pixels = source.read_image(source.current_subimage(), 0, min(at), max(at) + 1, form)
+    dtype = str(spec.format) if str(spec.format).startswith("uint") else "float"
+    pixels = source.read_image(source.current_subimage(), 0, min(at), max(at) + 1, dtype)
     complaints = [line for line in source.geterror().splitlines() if not _HARMLESS.search(line)]
     method = _UNREADABLE.search(" ".join(complaints))
     if method:
         name = method[1] or _METHODS.get(method[2], f"method {method[2]}")
         raise FileError(
-            f"{path}: save it without compression, or with ZIP (Deflate) or LZW; the {kind} is "
+            f"{path}: save it without compression, or with ZIP (Deflate) or LZW; the {form} is "
             f"compressed by {name}, which cannot be read"
         )
     if pixels is None or complaints:
-        raise damaged(path, kind, complaints)
+        raise damaged(path, form, complaints)
     if at != list(range(min(at), max(at) + 1)):
         pixels = pixels[..., [i - min(at) for i in at]]
     return np.asarray(pixels)
@@ -342,13 +389,14 @@ def save_pixels(
         spec["DateTime"] = "1970:01:01 00:00:00"  # the same picture gives the same bytes
     for name, value in tags.items():
         spec[name] = value
-    target = oiio.ImageOutput.create(str(path))
-    if target is None:
-        raise OSError(_first_line(oiio.geterror()))
-    written = target.open(str(path), spec) and _write_strips(target, parts, dtype)
-    complaint = target.geterror()  # PNG reports a full disk only here
-    closed = target.close()
-    complaint += target.geterror()
+    with plain_name(path, None) as name:
+        target = oiio.ImageOutput.create(name)
+        if target is None:
+            raise OSError(_first_line(oiio.geterror()))
+        written = target.open(name, spec) and _write_strips(target, parts, dtype)
+        complaint = target.geterror()  # PNG reports a full disk only here
+        closed = target.close()
+        complaint += target.geterror()
     if complaint or not (written and closed):
         raise OSError(_first_line(complaint))
 

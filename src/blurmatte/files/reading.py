@@ -13,11 +13,12 @@ import numpy as np
 from blurmatte.checks import MAX_LIGHT, MAX_PIXELS, Bools, Floats, check_kind
 from blurmatte.errors import FileError
 from blurmatte.files.encoding import encoding_of, icc_profile, to_light, to_srgb_primaries
-from blurmatte.files.errors import RAW, check_premultiplied, kind_of
+from blurmatte.files.errors import check_premultiplied, format_of
 from blurmatte.files.exr import with_exr_parts
 from blurmatte.files.icc import Profile
 from blurmatte.files.raster import Raster, load
 from blurmatte.files.raw import read_raw
+from blurmatte.formats import JPEG, RAW
 from blurmatte.jpeg import compression_of
 from blurmatte.layer import Layer
 from blurmatte.radiometry.compression import Compression
@@ -30,8 +31,9 @@ def read(
 ) -> LinearImage:
     """Read a picture as linear light.
 
-    PNG, JPEG, TIFF (8 and 16 bit, float) and OpenEXR, with the primaries of sRGB. ICC profile and
-    EXIF orientation are applied; EXR and float TIFF are linear unless a profile states otherwise. The
+    PNG, JPEG, TIFF (8 and 16 bit, float), OpenEXR, BMP, WebP, AVIF, and HEIC (the extra `heic`), with
+    the primaries of sRGB; the content of a file decides, not its extension. ICC profile and EXIF
+    orientation are applied; EXR and float TIFF are linear unless a profile states otherwise. The
     variance and the valid pixels that `write` stores in an EXR are restored.
     Camera RAW (DNG, CR2, CR3, NEF, ARW, RAF, ORF, RW2, PEF …), in the colors of the camera, needs the
     extra `raw`.
@@ -65,7 +67,7 @@ def read(
     """
     path = Path(path)
     check_kind("transfer", transfer, Transfer | None, "use blurmatte.named_transfer(name)")
-    if kind_of(path) == RAW:
+    if format_of(path) is RAW:
         if transfer not in (None, LINEAR):
             raise FileError(
                 f"{path}: omit transfer= (--transfer); the light of a camera RAW is linear, "
@@ -217,21 +219,24 @@ def _check_finite(path: Path, light: Floats, alpha: Floats | None = None) -> Non
 def _meta(raster: Raster, encoding: Profile | None) -> Meta:
     stated = raster.tags.get("ExposureTime", 0)
     seconds = float(stated) if isinstance(stated, int | float) else 0.0  # some programs write pairs
+    compression = _compression(raster)
+    same_primaries = encoding is not None and encoding.matrix is None
     return Meta(
         source=raster.path.name,
         transfer=encoding.curves[1] if encoding else None,
-        levels=raster.levels,
+        levels=1 << raster.bits if raster.bits else raster.levels,
         exposure_time=seconds if math.isfinite(seconds) and seconds > 0 else None,
         icc_profile=icc_profile(raster),
         gray=raster.gray,
         color_space="sRGB",
         converted=encoding is not None and encoding.matrix is not None,
-        compression=_compression(raster, encoding),
+        compression=compression if same_primaries else None,
+        subsampled=raster.subsampled or (compression is not None and max(compression.shared) > 1),
     )
 
 
-def _compression(raster: Raster, encoding: Profile | None) -> Compression | None:
-    """The compression of a JPEG, if its light has the primaries of its code values."""
-    if kind_of(raster.path) != "JPEG" or encoding is None or encoding.matrix is not None:
+def _compression(raster: Raster) -> Compression | None:
+    """The compression of a JPEG; that of other files is not known."""
+    if raster.format is not JPEG:
         return None
     return compression_of(raster.path.read_bytes(), raster.orientation)

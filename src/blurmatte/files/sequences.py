@@ -13,7 +13,7 @@ from math import gcd
 from pathlib import Path
 
 from blurmatte.errors import FileError
-from blurmatte.files.errors import EXTENSIONS
+from blurmatte.formats import pictures_in
 
 Source = str | Path | Sequence[str | Path]
 _NUMBER = re.compile(r"#+|%(?:0(\d))?d")
@@ -74,11 +74,9 @@ def source_paths(source: Source) -> list[Path]:
     if numbers is not None:
         found = numbers.files()
     elif path.is_dir():
-        found = [p for p in path.iterdir() if is_visible(p) and p.suffix.lower() in EXTENSIONS]
+        found = pictures_in(path)
         if not found:
-            raise FileError(
-                f"{path}: name a clip or pictures; the folder holds no {', '.join(EXTENSIONS)}"
-            )
+            raise FileError(f"{path}: name a clip or pictures; the folder holds no pictures")
     elif has_magic(str(source)) and not path.exists():
         found = [p for p in map(Path, glob(str(source))) if is_visible(p)]
     else:

@@ -133,7 +133,8 @@ def average_hypotheses(case: Case, out: PixelMaps | None) -> tuple[Case, PixelMa
     average = averaged(found.estimates, found.weights)
     diagnostics = found.sweeps[0].diagnostics
     terms = error_terms(average, found.estimates, found.summaries, diagnostics)
-    claim, compressed = claimed_error(average), case.image.meta.sharing is not None
+    meta = case.image.meta
+    claim, compressed = claimed_error(average), meta.sharing is not None or meta.subsampled
     average = calibrated(average, found.estimates, terms, compressed)
     maps = case.closed_form(box, out)
     C, B, mixed = case.within(box)

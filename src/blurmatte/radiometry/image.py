@@ -57,7 +57,10 @@ class Meta:
     time : float or None
         Presentation time in a clip, seconds.
     compression : Compression or None
-        The file's JPEG compression; None if it has none or is unknown.
+        The file's JPEG compression; None if it has none, is unknown, or the light was converted to
+        other primaries.
+    subsampled : bool
+        True if the file is compressed with subsampled chroma, also if the rest is not known.
     coding : FrameCoding or None
         Errors of a frame of a clip by the quantizers of its codec; None if it is none.
     """
@@ -75,6 +78,7 @@ class Meta:
     to_srgb: Matrix3 | None = field(default=None, repr=False)
     time: float | None = None
     compression: Compression | None = field(default=None, repr=False)
+    subsampled: bool = False
     coding: FrameCoding | None = field(default=None, repr=False, compare=False)
 
     @property
