@@ -1,5 +1,6 @@
 """save_clip: files of a clip, their rerun, processes that die, and a cluster."""
 
+import json
 import os
 import signal
 import subprocess
@@ -263,3 +264,16 @@ def test_cluster_that_loses_a_worker_writes_the_same_bytes(shot, once, tmp_path)
                 victim = 0
     for name in (*NAMES, "frames.csv", "report.json"):
         assert (tmp_path / name).read_bytes() == (once[0] / name).read_bytes()
+
+
+def test_clip_without_a_layer_ends_with_a_report_and_one_reason(shot, tmp_path):
+    """Exact: of any color, where nothing moves; a table of an older run is no result of this one."""
+    run = run_of(shot)
+    run = bm.ClipRun(run.inputs, run.frames[:3], run.plate, bm.ColorModel.any())
+    (tmp_path / "frames.csv").write_text("old")
+    report = list(bm.save_clip(run, tmp_path, bm.Workers(1)))[-1]
+    assert report.problems == ("3 of 3 frames have no layer: nothing moved",)
+    assert report.records == ()
+    assert json.loads((tmp_path / "report.json").read_text())["problems"] == list(report.problems)
+    assert (tmp_path / "overview.png").exists()
+    assert not (tmp_path / "frames.csv").exists()

@@ -46,7 +46,7 @@ offset = [3, 2]
 shift = [0.1, 0.0]
 gain = [1.0, 1.0, 1.0]
 """
-CLIPS = {"clip.mp4": "mpeg4", "clip.mov": "mpeg4", "clip.mkv": "mpeg4"}
+CLIPS = {"clip.mp4": "mpeg4", "clip.mov": "mpeg4", "clip.mkv": "mpeg4", "clip.ts": "mpeg2video"}
 
 
 def make_seeds(folder: Path) -> None:
@@ -67,6 +67,7 @@ def make_seeds(folder: Path) -> None:
     codes = [_codes(frame) for frame in frames]
     for name, codec in CLIPS.items():
         _write_clip(folder / name, codec, codes)
+    _write_joined(folder)
     (folder / "frames").mkdir()
     for number, frame in enumerate(codes):
         Image.fromarray(frame).save(folder / "frames" / f"f{number}.png")
@@ -108,6 +109,29 @@ def _write_clip(path, codec, frames):
                 file.mux(packet)
         for packet in stream.encode():
             file.mux(packet)
+
+
+def _write_joined(folder):
+    """Clips whose time stamps go back, repeat, or whose first key frame is missing."""
+    stream = (folder / "clip.ts").read_bytes()
+    (folder / "joined.ts").write_bytes(stream + stream)
+    packets = []
+    with av.open(str(folder / "clip.mkv")) as clip:
+        (video,) = clip.streams.video
+        packets = [packet for packet in clip.demux(video) if packet.size]
+        with av.open(str(folder / "same.mkv"), "w") as out:
+            target = out.add_stream_from_template(video)
+            for packet in packets:
+                packet.stream = target
+                packet.pts = packet.dts = packet.pts - packet.pts % (2 * packet.duration)
+                out.mux(packet)
+    with av.open(str(folder / "clip.mkv")) as clip:
+        (video,) = clip.streams.video
+        with av.open(str(folder / "cut.mkv"), "w") as out:
+            target = out.add_stream_from_template(video)
+            for packet in [packet for packet in clip.demux(video) if packet.size][1:]:
+                packet.stream = target
+                out.mux(packet)
 
 
 def _write_documents(folder):

@@ -51,6 +51,8 @@ class Clip:
     timing: Timing  # number and times of the frames
     orientation: Orientation  # of the stored frames
     rotation: int  # the same as FFmpeg states it, degrees
+    codec: str  # in FFmpeg's words, as the next
+    pixel_format: str
     decoder: str  # name of FFmpeg's decoder; "" for the usual one
     # Where its chroma lies, in FFmpeg's words; "" if not known, None if it is not subsampled
     siting: str | None
@@ -104,6 +106,8 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             timing=timing,
             orientation=orientation,
             rotation=first.rotation,
+            codec=stream.codec.name,
+            pixel_format=first.format.name,
             decoder=decoder,
             siting=siting_of(first),
             encoding=encoding,

@@ -42,6 +42,7 @@ class Timing:
     stamps: npt.NDArray[np.int64]
     seconds: npt.NDArray[np.float64]  # (n,): the times of the frames; empty if they are not stated
     keys: npt.NDArray[np.int64]  # (m,): numbers of key frames, at which decoding can begin
+    lost: int = 0  # number of frames that cannot be decoded, as far as the packets show
 
     @property
     def times(self) -> tuple[float, ...] | None:
@@ -95,22 +96,25 @@ def timing_of(
     starts_late = np.any(stamps != _NO_STAMP) and first.pts != stamps.min()
     if starts_late or not packets.agree:
         stamps = _stamps_of_frames(decoded())
-        if not packets.hidden:
-            _warn_of_lost(path, packets, stamps, float(stream.time_base), stacklevel + 1)
+        if len(packets.keys) and np.all(np.diff(stamps) > 0):
+            # Some decoders invent what the frames before a key frame refer to.
+            stamps = stamps[stamps >= packets.keys[0]]
+        _warn_of_lost(path, packets, stamps, float(stream.time_base), stacklevel + 1)
+    lost = 0 if packets.hidden else packets.count - len(stamps)
     count, stamps = len(stamps), stamps[stamps != _NO_STAMP]
     none = np.empty(0, np.int64)
     if len(stamps) < count or not count:
-        return Timing(count or packets.count, rate, rate, none, none.astype(float), none)
+        return Timing(count or packets.count, rate, rate, none, none.astype(float), none, lost)
     if packets.agree:
         stamps = np.sort(stamps)
     if np.all(np.diff(stamps) > 0):
         seconds, constant = _on_grid(stamps, stream)
         keys = np.flatnonzero(np.isin(stamps, packets.keys))
-        timing = Timing(count, rate, rate, stamps, seconds, keys)
+        timing = Timing(count, rate, rate, stamps, seconds, keys, lost)
     else:
         _warn_of_order(path, stamps, stacklevel + 1)
         seconds, constant = _on_grid(_continued(stamps), stream)
-        timing = Timing(count, rate, rate, none, seconds, none)
+        timing = Timing(count, rate, rate, none, seconds, none, lost)
     return _as_captured(path, timing, _capture_rate(container, stream), constant, stacklevel + 1)
 
 
@@ -216,7 +220,7 @@ def _warn_of_lost(
 ) -> None:
     """Warn of packets whose frames cannot be decoded."""
     lost = packets.count - len(stamps)
-    if lost <= 0:
+    if lost <= 0 or packets.hidden:
         return
     at = np.setdiff1d(packets.stamps, stamps) * tick
     span = f" ({at[0]:.4g} s to {at[-1]:.4g} s)" if len(at) == lost else ""

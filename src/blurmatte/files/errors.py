@@ -19,7 +19,8 @@ _RAW_NAMES = (
     "srf srw x3f"
 )
 RAW_EXTENSIONS = tuple(f".{name}" for name in _RAW_NAMES.split())
-_CLIPS = (".mp4", ".mov", ".avi", ".mkv", ".webm", ".m4v", ".mpg", ".mts")
+_CLIP_NAMES = "mp4 mov avi mkv webm m4v mpg mpeg mts m2ts ts 3gp wmv mxf"
+CLIP_EXTENSIONS = tuple(f".{name}" for name in _CLIP_NAMES.split())
 VARIANCE, VALID = ("variance.R", "variance.G", "variance.B"), "valid"  # extra channels of an EXR
 PNG_SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SIGNATURES = {
@@ -62,7 +63,7 @@ def kind_of(path: Path) -> str:
     except OSError as error:
         raise unreadable(path, error) from error
     named_raw = path.suffix.lower() in RAW_EXTENSIONS
-    if path.suffix.lower() in _CLIPS:
+    if path.suffix.lower() in CLIP_EXTENSIONS:
         raise FileError(
             f"{path}: extract one frame of the clip, because one picture is needed; or use "
             "blurmatte track or blurmatte solve (read_frames), which read clips"
