@@ -114,3 +114,19 @@ def test_row_of_images_is_the_same_in_several_processes(shot, tmp_path):
     assert [(tmp_path / "o2" / f"f.{k:04d}" / "layer.exr").exists() for k in range(1001, 1004)] == [
         False, True, True,
     ]  # fmt: skip
+
+
+def test_info_describes_a_clip_in_four_lines(shot, tmp_path):
+    """Exact: H.264 of five frames."""
+    path = tmp_path / "a.mp4"
+    bm.write_frames(path, bm.read_frames(shot / "f.####.exr"), rate=24)
+    said = run("info", path)
+    assert said.exit_code == 0, said.output
+    assert said.stdout.splitlines() == [
+        f"{path}: a clip of 5 frames, 72x48 pixels",
+        "time: 0.2083 s from 0 s on, 24 frames a second",
+        "codec: h264, yuv420p, 8 bit",
+        "transfer: rec709",
+    ]
+    numbers = json.loads(run("info", path, "--json").stdout)
+    assert (numbers["frames"], numbers["undecodable_frames"], numbers["rate"]) == (5, 0, 24)

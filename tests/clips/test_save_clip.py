@@ -1,5 +1,6 @@
 """save_clip: files of a clip, their rerun, processes that die, and a cluster."""
 
+import json
 import os
 import signal
 import subprocess
@@ -296,3 +297,16 @@ def test_frames_of_a_thing_without_a_path_have_a_layer_each_or_a_reason(tmp_path
     assert len(layers) >= 6
     for record in layers:
         assert abs(record.sum_alpha - covered[record.frame]) < 3 * record.sum_alpha_std
+
+
+def test_clip_without_a_layer_ends_with_a_report_and_one_reason(shot, tmp_path):
+    """Exact: of any color, where nothing moves; a table of an older run is no result of this one."""
+    run = run_of(shot)
+    run = bm.ClipRun(run.inputs, run.frames[:3], run.plate, bm.ColorModel.any())
+    (tmp_path / "frames.csv").write_text("old")
+    report = list(bm.save_clip(run, tmp_path, bm.Workers(1)))[-1]
+    assert report.problems == ("3 of 3 frames have no layer: nothing moved",)
+    assert report.records == ()
+    assert json.loads((tmp_path / "report.json").read_text())["problems"] == list(report.problems)
+    assert (tmp_path / "overview.png").exists()
+    assert not (tmp_path / "frames.csv").exists()

@@ -44,6 +44,7 @@ LAYER = (
     "score FILE --truth truth --out OUT/scores.csv",
 )
 CLIP = (
+    "info FILE",
     "plate FILE --out OUT/p.exr",
     f"track FILE {_PLATE} --color {COLOR} --workers 1 --out OUT/t.csv",
     f"track FILE {_PLATE} --color {COLOR} --workers 1 --frames 0.05s:0.1s --out OUT/t.json",
@@ -60,7 +61,9 @@ COMMANDS = {
     **dict.fromkeys(("image.dng", "image.bmp"), PICTURE[:5]),
     **dict.fromkeys(("image.webp", "image.avif", "image.heic"), PICTURE[:5] + PICTURE[-5:-3]),
     **dict.fromkeys(("pixelwise.exr", "swept.exr", "swept.png"), LAYER),
-    **dict.fromkeys(("clip.mp4", "clip.mov", "clip.mkv"), CLIP),
+    **dict.fromkeys(
+        ("clip.mp4", "clip.mov", "clip.mkv", "clip.ts", "joined.ts", "same.mkv", "cut.mkv"), CLIP
+    ),
     "model.json": (
         "info FILE",
         f"{_SOLVED_WITH} --color FILE",

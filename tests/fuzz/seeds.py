@@ -61,7 +61,7 @@ CAMCHAIN = """cam0:
 XMP = b"""http://ns.adobe.com/xap/1.0/\0<rdf:Description xmlns:hdrgm="http://ns.adobe.com/hdr-gain-map/1.0/"
  hdrgm:Version="1.0" xmlns:C="http://ns.google.com/photos/1.0/container/"><C:Directory><C:Item/>
 </C:Directory></rdf:Description>"""
-CLIPS = {"clip.mp4": "mpeg4", "clip.mov": "mpeg4", "clip.mkv": "mpeg4"}
+CLIPS = {"clip.mp4": "mpeg4", "clip.mov": "mpeg4", "clip.mkv": "mpeg4", "clip.ts": "mpeg2video"}
 
 
 def make_seeds(folder: Path) -> None:
@@ -82,6 +82,7 @@ def make_seeds(folder: Path) -> None:
     codes = [_codes(frame) for frame in frames]
     for name, codec in CLIPS.items():
         _write_clip(folder / name, codec, codes)
+    _write_joined(folder)
     (folder / "frames").mkdir()
     for number, frame in enumerate(codes):
         Image.fromarray(frame).save(folder / "frames" / f"f{number}.png")
@@ -130,6 +131,29 @@ def _write_clip(path, codec, frames):
                 file.mux(packet)
         for packet in stream.encode():
             file.mux(packet)
+
+
+def _write_joined(folder):
+    """Clips whose time stamps go back, repeat, or whose first key frame is missing."""
+    stream = (folder / "clip.ts").read_bytes()
+    (folder / "joined.ts").write_bytes(stream + stream)
+    packets = []
+    with av.open(str(folder / "clip.mkv")) as clip:
+        (video,) = clip.streams.video
+        packets = [packet for packet in clip.demux(video) if packet.size]
+        with av.open(str(folder / "same.mkv"), "w") as out:
+            target = out.add_stream_from_template(video)
+            for packet in packets:
+                packet.stream = target
+                packet.pts = packet.dts = packet.pts - packet.pts % (2 * packet.duration)
+                out.mux(packet)
+    with av.open(str(folder / "clip.mkv")) as clip:
+        (video,) = clip.streams.video
+        with av.open(str(folder / "cut.mkv"), "w") as out:
+            target = out.add_stream_from_template(video)
+            for packet in [packet for packet in clip.demux(video) if packet.size][1:]:
+                packet.stream = target
+                out.mux(packet)
 
 
 def _write_documents(folder):

@@ -71,13 +71,13 @@ def thumbnail(frame: CodedFrame) -> Thumbnail:
     return np.asarray(means - np.float32(frame.zero[0]))
 
 
-def find_shots(thumbnails: Iterable[Thumbnail], step: float) -> list[Shot]:
+def find_shots(thumbnails: Iterable[Thumbnail | None], step: float) -> list[Shot]:
     """The shots of a clip, in order; together they are all frames.
 
     Parameters
     ----------
     thumbnails : iterable of (h, w) float
-        Of each frame, from `thumbnail`.
+        Of each frame, from `thumbnail`; None for one that cannot be decoded.
     step : float
         Difference of two code values; 0 for light, in which white is 1.
     """
@@ -88,8 +88,8 @@ def find_shots(thumbnails: Iterable[Thumbnail], step: float) -> list[Shot]:
     reason, first, before = "start", None, None
     index = -1
     for index, now in enumerate(thumbnails):
-        if first is None or before is None:
-            first = before = now
+        if now is None or first is None or before is None:
+            first = before = now if before is None else before
             changes.append(0.0)
             continue
         changed = _changed(before, now, least)

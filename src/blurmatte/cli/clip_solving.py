@@ -212,9 +212,6 @@ def _answer(report: bm.ClipReport, folder: Path, out: Path, as_json: bool) -> No
     lines = [f"{len(layers)} layers: {graded or 'none'}{speed}"]
     if len(report.shots) > 1:
         lines += [str(shot) for shot in report.shots]
-    failed = [record for record in report.records if record.reason]
-    if failed:
-        lines.append(f"{len(failed)} frames without a layer: {failed[0].reason}")
     lines.append(str(out if out.suffix.lower() == ".mov" else report.files[0]))
     say("\n".join(lines))
 

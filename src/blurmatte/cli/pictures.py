@@ -16,6 +16,7 @@ import typer
 
 import blurmatte as bm
 from blurmatte.cli.app import AsJson, command
+from blurmatte.cli.clip_description import of_clip
 from blurmatte.cli.console import (
     about,
     answer,
@@ -30,7 +31,7 @@ from blurmatte.cli.console import (
 )
 from blurmatte.cli.output_checks import SHEET, check_file
 from blurmatte.cli.selection import Reading
-from blurmatte.formats import EXR, format_at
+from blurmatte.formats import EXR, Holds, format_at
 
 
 @command("show out/layer.exr", "show throw.tif --transfer linear -o look.png")
@@ -61,18 +62,20 @@ def show(
 @command("info throw.png", "info out/layer.exr --json")
 def info(
     file: Annotated[
-        Path, argument("FILE", "A picture, a layer, a solution, a model, noise or a curve.")
+        Path, argument("FILE", "A picture, a clip, a layer, a solution, a model, noise or a curve.")
     ],
     reading: Reading,
     as_json: AsJson = False,
 ) -> None:
     """Describe the contents of FILE.
 
-    A picture, a layer, a solution, a color model, a report, noise or a transfer curve.
+    A picture, a clip, a layer, a solution, a color model, a report, noise or a transfer curve.
     """
     with about(file) as said:
         if file.suffix.lower() == ".json":
             lines, numbers = _of_json(file)
+        elif (form := format_at(file)) is not None and form.holds is Holds.CLIP:
+            lines, numbers = of_clip(file, reading)
         elif (solution := _solution(file, reading.max_pixels)) is not None:
             lines, numbers = _of_solution(solution)
         else:

@@ -194,6 +194,8 @@ def _answer(
     task: ClipTask, measured: Measured, physics: Physics, overlay: Path | None, as_json: bool
 ) -> None:
     """Write the table and the sheet, and print their contents."""
+    from blurmatte.motion.clip.cadence import Cadence
+
     rows, places = measured.rows, measured.places
     known = Known(
         physics.of_radius,
@@ -207,6 +209,7 @@ def _answer(
     with about(task.source):
         found = summaries(rows, places, task.several, known)
     said = words(rows, in_degrees(measured.model), task.several)
+    said += Cadence.stated(rows).words
     said += [word for one in found for word in one.words]
     lines = table(rows, places, found, known)
     if task.out is not None:

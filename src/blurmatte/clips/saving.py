@@ -21,6 +21,7 @@ from blurmatte.figures import draw_clip
 from blurmatte.files import Frames, require_parquet, write
 from blurmatte.matting import Grade
 from blurmatte.motion import FrameMotion, FrameSightings, Workers
+from blurmatte.motion.clip.cadence import Cadence
 from blurmatte.motion.clip.workers import Failure
 from blurmatte.radiometry import LinearImage
 
@@ -130,7 +131,8 @@ class ClipReport:
     shots : tuple of Shot
         In numbers of frames, as in the records.
     problems : tuple of str
-        Shots without a result, and frames that failed, each with its reason.
+        Shots without a result, and frames that failed, each with its reason; how many frames have no
+        layer.
     files : tuple of Path
         Written besides the layers.
     seconds : float
@@ -218,6 +220,7 @@ def save_clip(
                 work.problems.append(f"{shots[number - 1]}: {error}")
         if not work.rows:
             raise MotionError("; ".join(work.problems) or "the clip has no frames")
+        work.problems += [*Cadence.stated(work.rows).words, *_without_layer(work)]
         files = _written(run, folder, work, shots)
         seconds = time.monotonic() - begun
         report = ClipReport(
@@ -292,9 +295,13 @@ def _solved(
 
 
 def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> tuple[Path, ...]:
-    """Write table, plates, sheet and movie; their paths."""
-    files = [folder / f"frames{run.table}"]
-    write(files[0], [record.numbers() for record in work.records])
+    """Write table, plates, sheet and movie; their paths. Without a record there is no table."""
+    table, files = folder / f"frames{run.table}", list[Path]()
+    if work.records:
+        files.append(table)
+        write(table, [record.numbers() for record in work.records])
+    else:
+        table.unlink(missing_ok=True)  # of an older run
     if run.plate is None:
         for number, plate in enumerate(work.plates, 1):
             files.append(folder / f"plate{number if number > 1 else ''}.exr")
@@ -310,6 +317,25 @@ def _written(run: ClipRun, folder: Path, work: _Work, shots: Sequence[Shot]) -> 
             write_movie(folder / name, folder, mine, run.frames.frame_numbers, rate)
             files.append(folder / name)
     return tuple(files)
+
+
+def _without_layer(work: _Work) -> list[str]:
+    """How many frames have no layer though something moved, and the reason of most of them.
+
+    Without any layer, all frames count.
+    """
+    done = {record.frame for record in work.records if record.layer}
+    frames = {row.frame for row in work.rows}
+    reasons = {row.frame: row.reason for row in work.rows if not row.sighting}
+    reasons |= {record.frame: record.reason for record in work.records if record.reason}
+    without = [reasons.get(frame, "") for frame in sorted(frames - done)]
+    if done:
+        without = [reason for reason in without if not reason.startswith("nothing ")]
+    if not without:
+        return []
+    (reason, count), *_ = Counter(without).most_common(1)
+    why = f"{reason}{f' ({count} of them)' if count < len(without) else ''}" or "see above"
+    return [f"{len(without)} of {len(frames)} frames have no layer: {why}"]
 
 
 def _words(work: _Work, shots: Sequence[Shot]) -> list[str]:

@@ -27,7 +27,7 @@ from blurmatte.motion.clip.solving import (
     wanted_frames,
 )
 from blurmatte.motion.clip.workers import parts_of, successes
-from blurmatte.radiometry import LinearImage, coded_frames
+from blurmatte.radiometry import LinearImage, coded_frames, each_coded
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,8 +66,8 @@ def shots_of(frames: Frames[LinearImage], workers: Workers) -> list[Shot]:
     return find_shots((one for part in parts for one in part), step)
 
 
-def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail]:
-    return [thumbnail(frame) for frame in coded_frames(frames, slice(None))]
+def _thumbnails(frames: Sequence[LinearImage], _first: int) -> list[Thumbnail | None]:
+    return [None if one is None else thumbnail(one) for one in each_coded(frames)]
 
 
 @dataclass(frozen=True, eq=False)

@@ -6,7 +6,7 @@ A clip may stay open between calls, so that frames that follow are decoded witho
 import sys
 import threading
 import weakref
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
@@ -51,9 +51,7 @@ def decoded(
     try:
         with naming_errors(path):
             for number in numbers:
-                frame = clip.frame(number, timing)
-                if frame is not None or not clip.hides_frames:
-                    yield number, frame
+                yield number, clip.frame(number, timing)
         intact = True
     except GeneratorExit:
         intact = True
@@ -71,21 +69,16 @@ class _OpenClip:
     def __init__(self, path: Path, decoder: str, parallel: bool) -> None:
         self.path, self.decoder, self.parallel = path, decoder, parallel
         self.file = _identity(path)
-        self.counts, self.before, self.at = True, -1, -1
+        self.before, self.at = -1, -1
         self.last: Any = None
         self.first: int | None = None  # time stamp of the first frame that is wanted
         self._begin()
 
     @property
-    def hides_frames(self) -> bool:
-        """Whether some packets are references that are not shown."""
-        return bool(self.stream.codec.name == "vp8")
-
-    @property
     def decodes_all(self) -> bool:
         """Whether no frames can be left out: libraries outside FFmpeg (AV1) choose which ones once."""
-        library = str(self.stream.codec_context.codec.name).startswith("lib")
-        return bool(self.decoder) or self.hides_frames or library
+        name = str(self.stream.codec_context.codec.name)
+        return bool(self.decoder) or name == "vp8" or name.startswith("lib")
 
     def frame(self, number: int, timing: Timing) -> Any | None:
         """The frame of a number; None if it cannot be decoded."""
@@ -96,7 +89,7 @@ class _OpenClip:
             self._seek(key, timing)
         is_far = number - self.at >= _MIN_DISTANCE and len(timing.stamps) > 0
         if skips := is_far and not self.decodes_all:
-            self.first, self.counts = int(timing.stamps[number]), False
+            self.first = int(timing.stamps[number])
         while self.at < number:
             self._read(timing)
         if skips:
@@ -109,7 +102,7 @@ class _OpenClip:
         self.stack.close()
 
     def _begin(self) -> None:
-        """Open the file; frames are counted from its beginning."""
+        """Open the file."""
         self.stack = ExitStack()
         self.container, self.stream = self.stack.enter_context(opened(self.path))
         _set_threads(self.stream, self.parallel)
@@ -117,25 +110,29 @@ class _OpenClip:
         self.stack.callback(self.frames.close)
         # Python's exit would close the file after FFmpeg's modules are gone.
         weakref.finalize(self, self.stack.close)
-        self.counts, self.before, self.at, self.last, self.first = True, -1, -1, None, None
+        self.before, self.at, self.last, self.first = -1, -1, None, None
 
     def _frames(self) -> Generator[Any]:
         """The `VideoFrame`s from here on; before the first one that is wanted, those of use for it."""
         if self.decoder:
             yield from decoded_packets(self.container, self.stream, self.decoder)
             return
+        yield from _frames_of(self._packets(), self.stream.codec_context)
+
+    def _packets(self) -> Iterator[Any]:
+        """The packets from here on; the decoder leaves out what no wanted frame needs."""
         for packet in self.container.demux(self.stream):
             unwanted = None not in (self.first, packet.pts) and packet.pts < self.first
             self.stream.codec_context.skip_frame = "NONREF" if unwanted else "DEFAULT"
-            yield from packet.decode()
+            yield packet
 
     def _seek(self, key: int, timing: Timing) -> None:
-        """Go on at a key frame; frames are known by their time stamps then."""
+        """Go on at a key frame; at the first frame, the file is opened again."""
         if key > 0:
             self.frames.close()
             self.container.seek(int(timing.stamps[key]), stream=self.stream)
             self.frames = self._frames()
-            self.counts, self.before, self.at, self.first = False, -1, -1, None
+            self.before, self.at, self.first = -1, -1, None
             self._read(timing)
             self.before = self.at - 1  # frames before it are not missing
             if self.at <= key:
@@ -147,7 +144,7 @@ class _OpenClip:
         """Decode the next frame; after the last one there is none."""
         self.before = self.at
         for frame in self.frames:
-            at = self.at + 1 if self.counts else timing.index_of(frame.pts)
+            at = timing.number_after(self.at, frame)
             if at is not None and at > self.at:
                 self.at, self.last = at, frame
                 return
@@ -189,7 +186,8 @@ def opened(path: Path) -> Iterator[tuple[Any, Any]]:
             raise FileError(
                 f"{path}: give a clip with pictures; the file holds no video, or none of known size"
             )
-        yield container, videos[0]
+        best = container.streams.best("video")
+        yield container, best if best in videos else videos[0]
 
 
 @contextmanager
@@ -205,25 +203,47 @@ def naming_errors(path: Path) -> Iterator[None]:
 
 
 def videos_of(container: Any) -> list[Any]:
-    """The video streams that are no cover pictures and have a known size."""
+    """The video streams of known size, without pictures if there are others: covers may be unmarked."""
     from av.stream import Disposition
 
     still = Disposition.attached_pic | Disposition.timed_thumbnails
-    videos = (stream for stream in container.streams.video if not stream.disposition & still)
-    return [one for one in videos if one.codec_context is not None and one.width and one.height]
+    videos = [
+        stream
+        for stream in container.streams.video
+        if not stream.disposition & still
+        and stream.codec_context is not None
+        and stream.width
+        and stream.height
+    ]
+    return [stream for stream in videos if stream.frames != 1] or videos  # 0 is not known
 
 
 def decoded_packets(container: Any, stream: Any, decoder: str) -> Generator[Any]:
     """The `VideoFrame`s of a stream, decoded by as many threads as there are cores."""
-    if not decoder:
-        _set_threads(stream, parallel=True)
-        yield from container.decode(stream)
-        return
     from av import VideoCodecContext
 
-    context: Any = VideoCodecContext.create(decoder, "r")
-    for packet in container.demux(stream):
-        yield from context.decode(packet)
+    context: Any = stream.codec_context
+    if decoder:
+        context = VideoCodecContext.create(decoder, "r")
+    else:
+        _set_threads(stream, parallel=True)
+    yield from _frames_of(container.demux(stream), context)
+
+
+def _frames_of(packets: Iterable[Any], context: Any) -> Generator[Any]:
+    """The `VideoFrame`s of packets. Those before the first key frame may be invalid: they have none."""
+    from av import InvalidDataError
+
+    begun = False
+    for packet in packets:
+        try:
+            frames = context.decode(packet)
+        except InvalidDataError:
+            if begun:
+                raise
+            continue
+        begun = begun or bool(frames)
+        yield from frames
 
 
 def _set_threads(stream: Any, parallel: bool) -> None:

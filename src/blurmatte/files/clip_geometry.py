@@ -39,6 +39,28 @@ class Orientation:
         return np.swapaxes(codes, 0, 1) if self.transposed else codes
 
 
+def side_data_of(frame: Any, name: str) -> Any | None:
+    """Side data of a `VideoFrame`, by PyAV's name of its type; None if it has none.
+
+    PyAV reads all of a frame and raises ValueError for a type of FFmpeg that it does not know, such as
+    EXIF: these types become known, without a name.
+    """
+    from av.sidedata import sidedata
+
+    types: Any = sidedata.Type
+    types._missing_ = classmethod(_unnamed)
+    return frame.side_data.get(name)
+
+
+def _unnamed(kind: Any, value: object) -> Any | None:
+    """A member of an enumeration for a number that it does not have; None for other values."""
+    if not isinstance(value, int):
+        return None
+    member = object.__new__(kind)
+    member._name_, member._value_ = f"UNKNOWN_{value}", value
+    return member
+
+
 def orientation_of(path: Path, frame: Any) -> Orientation:
     """The orientation that the display matrix of a `VideoFrame` states.
 
@@ -47,7 +69,7 @@ def orientation_of(path: Path, frame: Any) -> Orientation:
 
     Raises FileError if it turns by another angle than a multiple of 90°, shears or distorts.
     """
-    stated = frame.side_data.get("DISPLAYMATRIX")
+    stated = side_data_of(frame, "DISPLAYMATRIX")
     if stated is None:
         return Orientation()
     a, b, u, c, d, v, *_ = struct.unpack("9i", bytes(stated)[:36])

@@ -13,6 +13,7 @@ import numpy as np
 import numpy.typing as npt
 
 from blurmatte.files.clip_decoding import opened
+from blurmatte.files.clip_geometry import side_data_of
 from blurmatte.files.clip_reading import Clip, luma_weights, planar, planes_of, zero_of
 from blurmatte.files.clip_times import Timing
 from blurmatte.radiometry.color_space import ycbcr_matrix
@@ -106,7 +107,7 @@ def _steps(frame: Any) -> Array | None:
 
     A damaged file may state quantizers of 0.
     """
-    stated = frame.side_data.get("VIDEO_ENC_PARAMS")
+    stated = side_data_of(frame, "VIDEO_ENC_PARAMS")
     if stated is None or not stated.nb_blocks or int(stated.codec_type) not in _STEPS:
         return None
     steps = _STEPS[int(stated.codec_type)](np.array(stated.qp_map(), float))

@@ -51,6 +51,8 @@ class Clip:
     timing: Timing  # number and times of the frames
     orientation: Orientation  # of the stored frames
     rotation: int  # the same as FFmpeg states it, degrees
+    codec: str  # in FFmpeg's words, as the next
+    pixel_format: str
     decoder: str  # name of FFmpeg's decoder; "" for the usual one
     # Where its chroma lies, in FFmpeg's words; "" if not known, None if it is not subsampled
     siting: str | None
@@ -78,20 +80,20 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
         size = stream.width, stream.height
         check_size(path, size, max_pixels)
         check_square_pixels(path, size, stream.sample_aspect_ratio)
-        videos = len(videos_of(container))
-        if videos > 1:
+        videos = videos_of(container)
+        if len(videos) > 1:
             warnings.warn(
-                f"{path}: extract another one if that is meant; it holds {videos} videos, and the "
-                "first is read",
+                f"{path}: extract another one if that is meant; it holds {len(videos)} videos, and "
+                f"number {videos.index(stream) + 1} is read",
                 BlurmatteWarning,
                 stacklevel=stacklevel + 1,
             )
-        timing = timing_of(path, container, stream, stacklevel + 1)
         decoder = _decoder_with_alpha(path, stream)
+        timing = timing_of(
+            path, container, stream, partial(_all_decoded, path, decoder), stacklevel + 1
+        )
     with opened(path) as (container, stream):
-        first = next(decoded_packets(container, stream, decoder), None)
-        if first is None:
-            raise FileError(f"{path}: copy or export it again; no frame can be decoded")
+        first = next(decoded_packets(container, stream, decoder))
         check_progressive(path, first, stream.codec_context.field_order)
         orientation = orientation_of(path, first)
         encoding = Profile(
@@ -104,6 +106,8 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             timing=timing,
             orientation=orientation,
             rotation=first.rotation,
+            codec=stream.codec.name,
+            pixel_format=first.format.name,
             decoder=decoder,
             siting=siting_of(first),
             encoding=encoding,
@@ -111,6 +115,12 @@ def open_clip(path: Path, transfer: Transfer | None, max_pixels: int, stacklevel
             white=_white(first, bits),
             alpha=any(part.is_alpha for part in first.format.components),
         )
+
+
+def _all_decoded(path: Path, decoder: str) -> Iterator[Any]:
+    """The `VideoFrame`s of a clip from its beginning."""
+    with opened(path) as (container, stream):
+        yield from decoded_packets(container, stream, decoder)
 
 
 def _decoder_with_alpha(path: Path, stream: Any) -> str:
@@ -142,7 +152,9 @@ def decode_frames(
         coding = None
         if coding_errors is not None:
             coding = FrameCoding(partial(coding_errors, clip, (number,)))
-        yield _light(clip, table, _codes(clip, frame), number, clip.timing.of(frame), coding)
+        yield _light(
+            clip, table, _codes(clip, frame), number, clip.timing.time_of(number, frame), coding
+        )
 
 
 def _light(
@@ -242,7 +254,7 @@ def coded_picture(clip: Clip, picture: LinearImage) -> CodedFrame:
 def _coded(clip: Clip, table: npt.NDArray[np.float32], number: int, frame: Any) -> CodedFrame:
     """A `VideoFrame` as code values; its light is converted when it is first asked for."""
     same = planar(frame)
-    time, size = clip.timing.of(frame), 3 if clip.bits <= 8 else 6
+    time, size = clip.timing.time_of(number, frame), 3 if clip.bits <= 8 else 6
     luma, blue, red = (
         np.ascontiguousarray(clip.orientation.upright(plane)) for plane in planes_of(same)
     )

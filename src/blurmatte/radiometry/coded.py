@@ -86,6 +86,16 @@ def coded(number: int, image: LinearImage) -> CodedFrame:
 class CodedSequence(Protocol):
     """Frames of a file or of several, which can be read as code values in parts."""
 
+    @property
+    def numbers(self) -> range:
+        """Numbers of the frames in the source."""
+        ...
+
+    @property
+    def times(self) -> tuple[float, ...] | None:
+        """Of all frames of the source, seconds; None if they are not known."""
+        ...
+
     def coded(self, which: slice) -> Iterator[CodedFrame]:
         """Some of the frames."""
         ...
@@ -110,6 +120,17 @@ def coded_frames(frames: Sequence[LinearImage], which: slice) -> Iterator[CodedF
         return
     for number in range(len(frames))[which]:
         yield coded(number, frames[number])
+
+
+def each_coded(frames: Sequence[LinearImage]) -> Iterator[CodedFrame | None]:
+    """Code values of each of the frames, in order; None for one that cannot be decoded."""
+    place, numbers = 0, frames.numbers if isinstance(frames, CodedSequence) else range(len(frames))
+    for frame in coded_frames(frames, slice(None)):
+        at = numbers.index(frame.number)
+        yield from [None] * (at - place)
+        yield frame
+        place = at + 1
+    yield from [None] * (len(numbers) - place)
 
 
 def in_codes_of(frames: Sequence[LinearImage], picture: LinearImage) -> CodedFrame:

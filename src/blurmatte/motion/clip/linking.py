@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from blurmatte.checks import check_kind
+from blurmatte.motion.clip.cadence import doubting_repeats, is_repeat
 from blurmatte.motion.clip.clip_path import ClipPath
 from blurmatte.motion.clip.clip_radius import ClipRadius
 from blurmatte.motion.clip.detections import (
@@ -145,7 +146,9 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
     compared = list(rows)
     for number in {row.object for row in rows}:
         of = [k for k, row in enumerate(rows) if row.object == number and row.sighting]
-        mine = [compared[k] for k in of]
+        mine = doubting_repeats([compared[k] for k in of])
+        for k, row in zip(of, mine, strict=True):
+            compared[k] = row
         path = ClipPath.of(mine, comparable_rows(mine))
         _doubt(compared, of, {k: path.doubt(k) for k in np.flatnonzero(path.contradicts).tolist()})
         size = ClipRadius.of([compared[k] for k in of])
@@ -165,10 +168,12 @@ def _compared(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
 
 
 def _doubt(rows: list[FrameMotion], of: Sequence[int], doubts: Mapping[int, str]) -> None:
-    """Give some of the rows of an object doubts, by their number among these."""
+    """Give some of the rows of an object doubts, by their number among these; repeats keep theirs."""
     for k, doubt in doubts.items():
         sighting = rows[of[k]].sighting
         assert sighting is not None
+        if is_repeat(sighting):
+            continue
         rows[of[k]] = replace(rows[of[k]], sighting=replace(sighting, doubts=doubt))
 
 

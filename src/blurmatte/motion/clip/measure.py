@@ -38,7 +38,14 @@ from blurmatte.motion.clip.scene import Crop, StaticScene, clip_plate
 from blurmatte.motion.clip.workers import Workers, parts_of, shared, successes
 from blurmatte.motion.picture.measure import motion_of_alpha, motion_of_sweep
 from blurmatte.motion.picture.motion import Motion
-from blurmatte.radiometry import CodedFrame, LinearImage, check_picture, coded_frames
+from blurmatte.radiometry import (
+    CodedFrame,
+    CodedSequence,
+    LinearImage,
+    check_picture,
+    coded_frames,
+    each_coded,
+)
 from blurmatte.streaks import Streak
 from blurmatte.sweep.fit_sweep import fit_disc
 from blurmatte.sweep.shadow_mask import shadow_around
@@ -244,12 +251,18 @@ class _Detector:
     several: bool
 
     def __call__(self, frames: Sequence[LinearImage], first: int) -> list[FrameSightings]:
-        found = enumerate(coded_frames(frames, slice(None)), first)
-        return [self._detected(index, frame) for index, frame in found]
+        found = []
+        for index, frame in enumerate(each_coded(frames), first):
+            number = index if self.numbers is None else self.numbers[index]
+            time = _time_in(frames, index - first) if frame is None else frame.time
+            time = time if self.rate is None else number / self.rate
+            if frame is None:
+                found.append(FrameSightings(number, time, (), "it cannot be decoded"))
+            else:
+                found.append(self._detected(number, time, frame))
+        return found
 
-    def _detected(self, index: int, frame: CodedFrame) -> FrameSightings:
-        number = index if self.numbers is None else self.numbers[index]
-        time = frame.time if self.rate is None else number / self.rate
+    def _detected(self, number: int, time: float | None, frame: CodedFrame) -> FrameSightings:
         crops = list(self.scene.crops(frame, self.scene.gate.changes(frame).boxes))
         parts = self._parts(crops)
         found, reasons, rest = [], [], deque(parts)
@@ -279,6 +292,13 @@ class _Detector:
             least = min_energy(max((one.evidence for _, one in parts), default=0.0))
         parts = [part for part in parts if part[1].evidence > least]
         return sorted(parts, key=lambda part: -part[1].evidence)[: max_parts(self.several)]
+
+
+def _time_in(frames: Sequence[LinearImage], at: int) -> float | None:
+    """The time that the file states for one of the frames, seconds."""
+    if not isinstance(frames, CodedSequence) or frames.times is None:
+        return None
+    return frames.times[frames.numbers[at]]
 
 
 def _measured(

@@ -18,6 +18,7 @@ from blurmatte.radiometry import (
     LinearImage,
     NoiseModel,
     coded_frames,
+    each_coded,
     in_codes_of,
 )
 from blurmatte.radiometry.coded import CodedSequence
@@ -158,5 +159,8 @@ class _Survey:
     gate: Gate
 
     def __call__(self, frames: Sequence[LinearImage], first: int) -> list[Change]:
-        changes = map(self.gate.changes, coded_frames(frames, slice(None)))
-        return [replace(change, number=k) for k, change in enumerate(changes, first)]
+        return [
+            replace(self.gate.changes(frame), number=k)
+            for k, frame in enumerate(each_coded(frames), first)
+            if frame is not None
+        ]

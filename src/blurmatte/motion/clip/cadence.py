@@ -1,0 +1,168 @@
+"""Cadence: frames of a clip that repeat the one before, and places where frames may be missing.
+
+A clip that was converted to another rate, or whose recording skipped, shows an object at rest from one
+frame to the next, or that it moved several times as far, while its motion before and after is steady.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+import numpy.typing as npt
+
+from blurmatte.motion.clip.detections import FrameMotion, Sighting, in_intervals
+from blurmatte.statistics import DECISIVE_LOG_BAYES_FACTOR
+
+Array = npt.NDArray[np.float64]
+
+_REPEATS = "It repeats the frame before."
+_NEIGHBORS = 4  # rows before and after a step, from which it is predicted
+_MIN_STEP_STD = 0.25  # of the predicted step, relative: its speed changes
+_MIN_STEPS = 3.0  # the predicted step over its error: less is no steady motion
+_MAX_FACTOR = 6  # of a step to its prediction: of larger ones the track is lost
+_MAX_LISTED = 3  # frames in a sentence
+_FACTORS = {2: "twice", 3: "three times", 4: "four times", 5: "five times", 6: "six times"}
+
+
+@dataclass(frozen=True)
+class Cadence:
+    """Repeated and missing frames of a clip.
+
+    Parameters
+    ----------
+    repeated : tuple of int
+        Frames that repeat the one before.
+    jumps : tuple of (int, int, int)
+        Two frames in succession, and how many times as far as the others predict it moved.
+    """
+
+    repeated: tuple[int, ...]
+    jumps: tuple[tuple[int, int, int], ...]
+
+    @classmethod
+    def of(cls, rows: Sequence[FrameMotion]) -> Cadence:
+        """Of the rows of one object, in order."""
+        tracks: dict[int | None, list[int]] = {}
+        for k, row in enumerate(rows):
+            if row.sighting is not None:
+                tracks.setdefault(row.track, []).append(k)
+        times, repeated, jumps = in_intervals(rows), [], []
+        for of in tracks.values():
+            mine = [rows[k] for k in of]
+            steps = _steps(mine, np.array([times[k] for k in of]))
+            for (before, after), factor in zip(pairwise(mine), steps, strict=True):
+                if factor == 0:
+                    repeated.append(after.frame)
+                elif factor > 1:
+                    jumps.append((before.frame, after.frame, factor))
+        return cls(tuple(sorted(repeated)), tuple(sorted(jumps)))
+
+    @classmethod
+    def stated(cls, rows: Iterable[FrameMotion]) -> Cadence:
+        """As the rows from `link_sightings` or `link_objects` say: repeated frames have a doubt."""
+        found = [row for row in rows if row.sighting is not None]
+        by_object: dict[int | None, list[FrameMotion]] = {}
+        for row in found:
+            by_object.setdefault(row.object, []).append(row)
+        parts = [cls.of(mine) for mine in by_object.values()]
+        repeated = {row.frame for row in found if row.sighting and is_repeat(row.sighting)}
+        jumps = {jump for part in parts for jump in part.jumps}
+        return cls(tuple(sorted(repeated)), tuple(sorted(jumps)))
+
+    @property
+    def words(self) -> list[str]:
+        """Sentences."""
+        said = []
+        if self.repeated:
+            frames, verb = ("Frame", "repeats") if len(self.repeated) == 1 else ("Frames", "repeat")
+            said.append(
+                f"{frames} {_listed(self.repeated)} {verb} the one before ({len(self.repeated)} in "
+                "all): not used for the motion."
+            )
+        for before, after, factor in self.jumps[:_MAX_LISTED]:
+            said.append(
+                f"From {before} to {after} it moved {_FACTORS[factor]} as far: frames may be missing."
+            )
+        return said
+
+
+def is_repeat(sighting: Sighting) -> bool:
+    """Whether a detection is that of a frame that repeats the one before."""
+    return _REPEATS in sighting.doubts
+
+
+def doubting_repeats(rows: Sequence[FrameMotion]) -> list[FrameMotion]:
+    """The rows of one object, with a doubt for those that repeat the frame before."""
+    repeated = set(Cadence.of(rows).repeated)
+    return [
+        row
+        if row.frame not in repeated or row.sighting is None
+        else replace(
+            row, sighting=replace(row.sighting, doubts=f"{row.sighting.doubts} {_REPEATS}".strip())
+        )
+        for row in rows
+    ]
+
+
+def _steps(rows: Sequence[FrameMotion], times: Array) -> list[int]:
+    """From each row to the next: how many times the predicted step it is; 1 if that is not decided."""
+    seen = [row.stated for row in rows]
+    places = np.array([one.place for one in seen if one is not None]).reshape(-1, 2)
+    errors = [one.covariance for one in seen if one is not None]
+    found = []
+    for k in range(1, len(rows)):
+        before, after = slice(max(k - _NEIGHBORS, 0), k), slice(k, k + _NEIGHBORS)
+        predicted = _predicted(places, times, before, after)
+        factor = 1
+        if predicted is not None:
+            step, std = predicted
+            span = times[k] - times[k - 1]
+            S = errors[k] + errors[k - 1]
+            factor = _factor(places[k] - places[k - 1], S, span * step, span * std)
+        found.append(factor)
+    return found
+
+
+def _predicted(
+    places: Array, times: Array, before: slice, after: slice
+) -> tuple[Array, float] | None:
+    """Velocity at a step from the rows on both sides, per interval, and its error in each axis."""
+    sides = []
+    for side in (before, after):
+        some, when = places[side], times[side]
+        if len(some) > 1:
+            # The median of the steps: one of them may be a repeat or a jump.
+            sides.append(np.median(np.diff(some, axis=0) / np.diff(when)[:, None], axis=0))
+    if not sides:
+        return None
+    velocity = (sides[0] + sides[-1]) / 2
+    half = float(np.linalg.norm(sides[-1] - sides[0])) / 2
+    return velocity, float(np.hypot(half, _MIN_STEP_STD * np.linalg.norm(velocity)))
+
+
+def _factor(moved: Array, S: Array, step: Array, std: float) -> int:
+    """The number of steps that is decisively likelier than one, else 1; S is the error of `moved`."""
+    size = float(np.linalg.norm(step))
+    if not size > _MIN_STEPS * std:
+        return 1
+    factor = round(float(moved @ step) / size**2)
+    if not (0 <= factor <= _MAX_FACTOR) or factor == 1:
+        return 1
+    one = _log_density(moved - step, S + std**2 * np.eye(2))
+    several = _log_density(moved - factor * step, S + factor**2 * std**2 * np.eye(2))
+    return factor if several - one > DECISIVE_LOG_BAYES_FACTOR else 1
+
+
+def _log_density(x: Array, V: Array) -> float:
+    """Of a normal distribution in the plane."""
+    return -float(x @ np.linalg.solve(V, x)) / 2 - float(
+        np.log(2 * np.pi * np.linalg.det(V) ** 0.5)
+    )
+
+
+def _listed(frames: Sequence[int]) -> str:
+    """The first frames, and … if there are more."""
+    return ", ".join(map(str, frames[:_MAX_LISTED])) + (" …" if len(frames) > _MAX_LISTED else "")
